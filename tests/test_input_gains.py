@@ -18,9 +18,9 @@ from scipy.linalg import expm
 import hgogen as hg
 from hgogen.certificates.certificate import certificate
 from hgogen.check import Verdict
-from hgogen.guarantees.bounded_real import Driven, _verified
 from hgogen.guarantees.inclusion import Uncertain
-from hgogen.guarantees.quadratic import identity, rational
+from hgogen.guarantees.quadratic import identity, rational, verified
+from hgogen.guarantees.questions import Driven
 from hgogen.model import load
 from hgogen.reading.given import BadGain
 from hgogen.reading.named import BadNames
@@ -79,7 +79,7 @@ def test_a_bound_is_that_of_what_is_counted() -> None:
         driven = Driven(e, counted * one)
         for share, proved in ((Fraction(3, 4), False), (Fraction(101, 100) ** 2, True)):
             weights = rational([[Fraction(P)]]), rational([share * enough])
-            assert _verified([driven], [driven.form()], *weights, None) is proved
+            assert verified([driven.form], *weights) is proved
 
 
 def test_of_a_gain_that_moves_one_v_is_within_three_of_the_largest() -> None:

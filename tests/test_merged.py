@@ -3,9 +3,8 @@
 import numpy as np
 import pytest
 
-from hgogen.guarantees.merged import merged
 from hgogen.guarantees.quadratic import Quadratic
-from hgogen.guarantees.semidefinite import margin
+from hgogen.guarantees.semidefinite import margin, merged
 
 Array = np.ndarray
 
@@ -26,22 +25,21 @@ def test_the_form_that_is_left_is_the_largest_of_the_whole(seed: int) -> None:
     """Of all p that add to the same u; what is alone stays as it is."""
     rng, weights = np.random.default_rng(seed), np.array([2.0, -0.5, 1.0])
     form = pushed(weights, rng)
-    less = merged(form)
-    (group,) = less.groups
-    assert less.form.size == form.size - 2
+    (less,), (group,) = merged(form)
+    assert less.size == form.size - 2
     assert sorted(group.places) == [0, 1, 2]
     assert group.weights[0] == 1
     assert np.array(group.weights) * 2 == pytest.approx(weights[list(group.places)])
     P, S = np.eye(3), rng.uniform(0.5, 2, len(form.Q))
     T = 1 / (np.array(group.weights) ** 2 / S[list(group.places)]).sum()
-    whole, left = form.value(P, S), less.form.value(P, S)
+    whole, left = form.value(P, S), less.value(P, S)
     left[group.column, group.column] -= T
     for _ in range(20):
-        v = rng.standard_normal(less.form.size)
+        v = rng.standard_normal(less.size)
         p = T * v[group.column] * np.array(group.weights) / S[list(group.places)]  # the least that adds to u
         full = np.zeros(form.size)
         full[:3], full[3 + np.array(group.places)] = v[:3], p
-        full[6:] = [v[column] for place in (3, 4) for column in range(3, less.form.size) if less.form.Z[place, column]]
+        full[6:] = [v[column] for place in (3, 4) for column in range(3, less.size) if less.Z[place, column]]
         assert full @ whole @ full == pytest.approx(v @ left @ v)
         others = rng.standard_normal(3)
         others -= others @ group.weights / (np.array(group.weights) @ group.weights) * np.array(group.weights)
@@ -64,4 +62,4 @@ def test_columns_that_push_alike_and_read_otherwise_are_two() -> None:
     form = pushed(np.array([1.0, 1.0]), np.random.default_rng(0))
     reads = form.Q.copy()
     reads[:, 3] = 1.0  # what the first p brings into what others read
-    assert not merged(Quadratic(form.pairs, reads, form.Z)).groups
+    assert not merged(Quadratic(form.pairs, reads, form.Z))[1]

@@ -19,7 +19,7 @@ from hgogen.call import CallableStep
 from hgogen.certificates import contraction
 from hgogen.commands.checked import checked
 from hgogen.emit.promised import promised
-from hgogen.guarantees import under_inputs
+from hgogen.guarantees import questions
 from hgogen.guarantees.signed import Signed
 from hgogen.intervals.digits import up
 from hgogen.model import load
@@ -168,7 +168,7 @@ def test_what_is_not_proved_is_said_not_to_be(sizes: dict[str, Any]) -> None:
 @pytest.mark.full
 def test_digits_that_a_solver_leaves_open_are_not_printed(monkeypatch: pytest.MonkeyPatch) -> None:
     """Weights that are off by a millionth are as good to it."""
-    before, solved, random = header(hg.signed(step_of(), **INPUTS)), under_inputs.settled, np.random.default_rng(1)
+    before, solved, random = header(hg.signed(step_of(), **INPUTS)), questions.settled, np.random.default_rng(1)
     bounds = hg.error_bound(step_of(), **INPUTS).bounds
 
     def otherwise(*arguments: Any) -> Any:
@@ -178,7 +178,7 @@ def test_digits_that_a_solver_leaves_open_are_not_printed(monkeypatch: pytest.Mo
         off = 1 + 1e-6 * random.random(known[0].shape)
         return known[0] * (off + off.T) / 2, known[1] * (1 + 1e-6 * random.random(known[1].shape))
 
-    monkeypatch.setattr(under_inputs, "settled", otherwise)
+    monkeypatch.setattr(questions, "settled", otherwise)
     assert hg.error_bound(step_of(), **INPUTS).bounds != bounds
     assert header(hg.signed(step_of(), **INPUTS)) == before
 

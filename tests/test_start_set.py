@@ -15,8 +15,8 @@ from plants import MODELS, model
 import hgogen as hg
 from hgogen.certificates.contraction import contraction
 from hgogen.certificates.start_set import Start, start_of
-from hgogen.guarantees.confined import reached
 from hgogen.guarantees.quadratic import rational
+from hgogen.guarantees.questions import reached
 from hgogen.model import load
 from hgogen.program import Place
 from hgogen.recheck.verification import recheck

@@ -20,14 +20,13 @@ from hgogen.certificates.undisturbed import patient, room
 from hgogen.check import Check, ClaimId, Verdict
 from hgogen.form import Form
 from hgogen.guarantees.bounded_theta import Nothing
-from hgogen.guarantees.confined import confined, reached
 from hgogen.guarantees.contracting import Contracts, Steps
 from hgogen.guarantees.entering import Entering, Heads, Share, Sizes, heads_of
 from hgogen.guarantees.inclusion import NO_SCALES, of_state
 from hgogen.guarantees.plant_step import PlantStep, Unbounded, times
 from hgogen.guarantees.quadratic import rational
+from hgogen.guarantees.questions import InputBound, confined, of_step, reached
 from hgogen.guarantees.signed import Signed
-from hgogen.guarantees.under_inputs import InputBound, of_step
 from hgogen.intervals.computed import REALS, Real
 from hgogen.intervals.digits import Down, Up
 from hgogen.intervals.outward import number

@@ -18,12 +18,12 @@ from hgogen.algebra.points import exact
 from hgogen.certificates.contraction import claimed, theta_of
 from hgogen.check import Check, ClaimId, Verdict
 from hgogen.form import Form
-from hgogen.guarantees.bounded_real import Driven, l2_bound
 from hgogen.guarantees.bounded_theta import Nothing
 from hgogen.guarantees.common_norm import Falls, Flow
 from hgogen.guarantees.inclusion import NO_SCALES, Inclusion, Uncertain, of_state
+from hgogen.guarantees.inequality import pushed
 from hgogen.guarantees.quadratic import floats, inverse_root, rational, stacked
-from hgogen.guarantees.under_inputs import input_bound
+from hgogen.guarantees.questions import Driven, input_bound, l2_bound
 from hgogen.intervals.digits import Up
 from hgogen.intervals.outward import number
 from hgogen.observer import Observer, asks_an_observer
@@ -98,10 +98,10 @@ def iss_gain(observer: Observer, *, noise: Each = None, disturbance: Each = None
     known = _known(observer, noise, disturbance)
     if isinstance(known, Reason):
         return IssGain({}, _unknown(observer, "iss_gain", claim, known))
-    driven = Driven(known.driven, known.driven.H[:0])
     W, fields = inverse_root(floats(rational(known.falls.weights.P))), known.error.layout.picks
     q, fastest = known.driven.B.shape[1], known.falls.alpha
-    each = [input_bound(lambda alpha: (driven.form(alpha),), W, q, of_state(known.scales, k), fastest) for k in fields]
+    rows = (of_state(known.scales, k) for k in fields)
+    each = [input_bound(lambda alpha: (pushed(known.driven, alpha),), W, q, c, fastest) for c in rows]
     bounds = [one for one in each if one]
     if len(bounds) < len(each):
         return IssGain(

@@ -11,7 +11,7 @@ from hgogen.guarantees.bounded_theta import Nothing
 from hgogen.guarantees.contracting import Contracts, Steps
 from hgogen.guarantees.inclusion import NO_SCALES, of_state
 from hgogen.guarantees.inequality import Inputs
-from hgogen.guarantees.under_inputs import InputBound, of_step
+from hgogen.guarantees.questions import InputBound, of_step
 from hgogen.intervals.digits import Up
 from hgogen.intervals.outward import number
 from hgogen.observer import Observer

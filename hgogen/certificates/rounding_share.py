@@ -25,13 +25,12 @@ from hgogen.certificates.listed_program import listed
 from hgogen.certificates.one_call import rounding_errors
 from hgogen.certificates.start_set import Start
 from hgogen.evidence.grounds import Evidence
-from hgogen.guarantees.confined import reached
 from hgogen.guarantees.contracting import Contracts, Steps
 from hgogen.guarantees.entering import Heads, Share, Sizes
 from hgogen.guarantees.inclusion import of_state
 from hgogen.guarantees.plant_step import SUMMED, PlantStep, Unbounded
 from hgogen.guarantees.quadratic import extent, rational
-from hgogen.guarantees.under_inputs import InputBound, of_step
+from hgogen.guarantees.questions import InputBound, of_step, reached
 from hgogen.intervals.bounds import bound
 from hgogen.intervals.box import box
 from hgogen.intervals.computed import Real, Unsure

@@ -16,10 +16,10 @@ from hgogen.certificates.contraction import claimed, contraction, running
 from hgogen.check import Check
 from hgogen.graph import Graph
 from hgogen.guarantees.bounded_theta import Nothing
-from hgogen.guarantees.confined import confined
 from hgogen.guarantees.contracting import Contracts, Steps
 from hgogen.guarantees.inclusion import NO_SCALES, Inclusion, of_state
 from hgogen.guarantees.quadratic import Array, rational
+from hgogen.guarantees.questions import confined
 from hgogen.intervals.digits import Down, Up
 from hgogen.intervals.outward import number
 from hgogen.observer import Observer

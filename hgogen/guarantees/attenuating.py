@@ -17,10 +17,10 @@ from itertools import product
 import numpy as np
 
 from hgogen.algebra.definite import Matrix, number
-from hgogen.guarantees.bounded_real import Driven, L2Bound, l2_bound
 from hgogen.guarantees.inclusion import Inclusion
 from hgogen.guarantees.lmi import NoSolver
 from hgogen.guarantees.quadratic import Array, floats, identity, inverse_root, rational
+from hgogen.guarantees.questions import Driven, L2Bound, l2_bound
 
 
 @dataclass(frozen=True, eq=False)

@@ -20,7 +20,7 @@ from hgogen.form import Form
 from hgogen.guarantees.inclusion import Inclusion
 from hgogen.guarantees.inequality import Inequality, Inputs
 from hgogen.guarantees.quadratic import identity, rational
-from hgogen.guarantees.under_inputs import InputBound
+from hgogen.guarantees.questions import InputBound
 from hgogen.structure.polytope import fixed
 from hgogen.structure.spare import heads
 

@@ -5,7 +5,8 @@
     minimise t:   V' <= -2 rate V where v = 0,   V' <= -alpha V + sum_j lambda_j v_j^2,   sum_j lambda_j <= alpha,
                   c P^-1 c' <= t for every c,   K'P K <= fastest^2 I
 
-for all d at the corners, or by multipliers where these are many; all of it is linear in P, Y, the multipliers and t.
+for all d at the corners, or by multipliers where these are many; all of it is linear in P, Y, the multipliers and t:
+P (M - K C) is [P, Y] times the rows of M and -C, so that the forms are those of `inequality`, with [P, Y] for P.
 The last row asks that noise alone moves e by at most `fastest`, per unit of time, in the norm in which e is at most 1:
 without it the gain of a single state, for one, would have no end. Source: Boyd, El Ghaoui, Feron, Balakrishnan, "Linear
 Matrix Inequalities in System and Control Theory", SIAM (1994), 6.1.3, 7.1.
@@ -14,14 +15,13 @@ Matrix Inequalities in System and Control Theory", SIAM (1994), 6.1.3, 7.1.
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from itertools import product
 
 import numpy as np
 
 from hgogen.guarantees.inclusion import Uncertain
-from hgogen.guarantees.inequality import one_by_one
-from hgogen.guarantees.quadratic import Array
-from hgogen.guarantees.semidefinite import CLOSER, Rows, definite, solved
+from hgogen.guarantees.inequality import ends, flow, one_by_one, pushed
+from hgogen.guarantees.quadratic import Array, Quadratic
+from hgogen.guarantees.semidefinite import CLOSER, Rows, basis, definite, entries, reaching, solved
 
 _WHAT = "the design of a gain"
 _LESS = 1 - 1e-6  # of alpha for the lambda
@@ -43,6 +43,13 @@ class Open:
     B: Array
     E: Array
     chain: tuple[int, ...]
+
+    @property
+    def with_gain(self) -> Uncertain:
+        """What the error obeys, below which stands what a gain multiplies (n + p, ..)."""
+        M, G = np.vstack([self.M, -self.C]), np.vstack([self.G, -self.D])
+        B = np.vstack([self.B, np.eye(len(self.C))])
+        return Uncertain(M, G, self.H, B, self.E, M, B)
 
     def seen(self, T: Array, pace: float) -> "Open":
         """The same of e = diag(T) x, in a time that runs `pace` times as fast, each slope as strong where it enters as
@@ -103,9 +110,8 @@ class Task:
 
 @dataclass(frozen=True, eq=False)
 class _Program:
-    """The program in the scale of the chain. Its variables are the entries of P and Y, the multipliers of slopes for
-    the rate, and with noise, and the lambda; t is the last. Each matrix is linear in them, and is made for the unit
-    vectors of all at once, (N, ..)."""
+    """The program in the scale of the chain. Its variables (N) are the entries of P and Y, the multipliers of slopes
+    for the rate, and with noise, and the lambda; t is the last."""
 
     open: Open
     rate: float
@@ -113,118 +119,59 @@ class _Program:
 
     def gain(self, rows: Array, fastest: float) -> Array | None:
         """K (n, p)."""
-        cones = [*self._falling(), *map(self._reach, rows), self._limited(fastest), self._signs()]
+        reach = (reaching(c, self._size) for c in rows)
+        cones = [*self._falling(), *reach, self._limited(fastest), self._signs()]
         solution = solved(np.append(np.zeros(self._size), 1.0), cones, CLOSER, _WHAT)
         if solution is None:
             return None
-        P, Y = (np.einsum("k,kij->ij", solution[0][:-1], each) for each in (self._P, self._Y))
+        (p, n), (of_P, of_Y, _) = self.open.C.shape, self._sizes
+        P = np.einsum("k,kij->ij", solution[0][:of_P], basis(n))
+        Y = solution[0][of_P : of_P + of_Y].reshape(n, p)
         return np.linalg.solve(P, Y) if np.linalg.eigvalsh(P).min() > 0 else None
 
     @cached_property
-    def _of_P(self) -> list[tuple[int, int]]:
-        return [(i, j) for j in range(len(self.open.chain)) for i in range(j + 1)]
-
-    @cached_property
-    def _multipliers(self) -> int:
-        """Of slopes; none where corners are taken one by one."""
+    def _sizes(self) -> tuple[int, int, int]:
+        """How many entries P and Y have, and how many slopes have multipliers: none at corners one by one."""
         n, m = self.open.G.shape
-        return 0 if one_by_one(n, m) else m
+        return n * (n + 1) // 2, self.open.C.size, 0 if one_by_one(n, m) else m
 
     @cached_property
     def _size(self) -> int:
         """N."""
-        return len(self._of_P) + self.open.C.size + 2 * self._multipliers + len(self.open.C)
-
-    @cached_property
-    def _P(self) -> Array:
-        n = len(self.open.chain)
-        P = np.zeros((self._size, n, n))
-        for k, (i, j) in enumerate(self._of_P):
-            P[k, i, j] = P[k, j, i] = 1.0
-        return P
-
-    @cached_property
-    def _Y(self) -> Array:
-        (p, n), first = self.open.C.shape, len(self._of_P)
-        Y = np.zeros((self._size, n, p))
-        Y[first : first + n * p] = np.eye(n * p).reshape(n * p, n, p)
-        return Y
-
-    def _diagonal(self, first: int, count: int) -> Array:
-        """The diagonal matrix of so many variables, from this one on, as counted from the last."""
-        diagonal = np.zeros((self._size, count, count))
-        for i in range(count):
-            diagonal[self._size - first + i, i, i] = 1.0
-        return diagonal
+        of_P, of_Y, k = self._sizes
+        return of_P + of_Y + 2 * k + len(self.open.C)
 
     def _falling(self) -> Iterator[Rows]:
         """The forms of the rate, and with noise, at each corner or with multipliers."""
-        k, p = self._multipliers, len(self.open.C)
-        first = p + 2 * k
-        powers = self._diagonal(p, p)
-        corners = [None] if k else map(np.array, product((-1.0, 1.0), repeat=self.open.G.shape[1]))
-        for d in corners:
-            yield _negative(self._form(d, 2 * self.rate, self._diagonal(first, k)))
-            S = self._diagonal(first - k, k)
-            yield _negative(self._driven(d, self._form(d, self.alpha, S), S, powers))
+        of_P, of_Y, k = self._sizes
+        for e in ends(self.open.with_gain):
+            yield self._negative(flow(e).falls(2 * self.rate), of_P + of_Y)
+            yield self._negative(pushed(e, self.alpha), of_P + of_Y + k)
 
-    def _form(self, d: Array | None, alpha: float, S: Array) -> Array:
-        """That of V' + alpha V."""
-        o, P, Y, slopes = self.open, self._P, self._Y, self._slopes
-        flow = P @ o.M - Y @ o.C + alpha / 2 * P
-        if d is not None:
-            flow = flow + (slopes * d) @ o.H
-        whole = flow + flow.transpose(0, 2, 1)
-        return whole if d is not None else _bordered(whole + o.H.T @ S @ o.H, slopes, -S)
-
-    def _driven(self, d: Array | None, form: Array, S: Array, powers: Array) -> Array:
-        """The form with errors of the samples, whose `powers` are theirs."""
-        o, rates = self.open, self._P @ self.open.B + self._Y
-        if d is not None:
-            return _bordered(form, rates + (self._slopes * d) @ o.E, -powers)
-        beside = np.concatenate([rates + o.H.T @ S @ o.E, 0 * S @ o.E], axis=1)
-        return _bordered(form, beside, o.E.T @ S @ o.E - powers)
-
-    @cached_property
-    def _slopes(self) -> Array:
-        """P (G - K D)."""
-        return np.asarray(self._P @ self.open.G - self._Y @ self.open.D)
-
-    def _reach(self, c: Array) -> Rows:
-        """[t, c; c', P] >= 0."""
-        n = len(c)
-        beside, last, whole = np.zeros((n + 1, n + 1)), np.zeros((n + 1, n + 1)), np.zeros((self._size, n + 1, n + 1))
-        beside[0, 1:] = beside[1:, 0] = c
-        last[0, 0], whole[:, 1:, 1:] = -1.0, -self._P
-        return definite(whole, last[None], beside)
+    def _negative(self, form: Quadratic, first: int) -> Rows:
+        """That a form is negative, its multipliers from the `first` variable on."""
+        brings, shared = entries(form), sum(self._sizes[:2])
+        whole = np.zeros((self._size, form.size, form.size))
+        whole[:shared], whole[first : first + len(form.Q)] = brings[:shared], brings[shared:]
+        return definite(whole, np.zeros((1, form.size, form.size)), -_BY * np.eye(form.size))
 
     def _limited(self, fastest: float) -> Rows:
         """[fastest^2 I, Y'; Y, P] >= 0."""
-        n, p = self._Y.shape[1:]
-        end = np.zeros((n + p, n + p))
+        (p, n), of_P = self.open.C.shape, self._sizes[0]
+        end, whole = np.zeros((n + p, n + p)), np.zeros((self._size, n + p, n + p))
         end[n:, n:] = fastest**2 * np.eye(p)
-        whole = -_bordered(self._P, self._Y, np.zeros((self._size, p, p)))
+        whole[:of_P, :n, :n] = -basis(n)
+        for k, (i, j) in enumerate(np.ndindex(n, p), of_P):
+            whole[k, i, n + j] = whole[k, n + j, i] = -1.0
         return definite(whole, 0 * end[None], end)
 
     def _signs(self) -> Rows:
         """Multipliers at least 0, the lambda together at most alpha."""
-        p = len(self.open.C)
-        others = 2 * self._multipliers + p
+        p, others = len(self.open.C), self._size - sum(self._sizes[:2])
         A = np.zeros((1 + others, self._size + 1))
         A[0, self._size - p : self._size] = 1.0
         A[1:, self._size - others : self._size] = -np.eye(others)
         return A, np.append([_LESS * self.alpha], np.zeros(others)), False
-
-
-def _negative(forms: Array) -> Rows:
-    """That a matrix of the variables but t is negative."""
-    size = forms.shape[-1]
-    return definite(forms, np.zeros((1, size, size)), -_BY * np.eye(size))
-
-
-def _bordered(inner: Array, beside: Array, corner: Array) -> Array:
-    """[inner, beside; beside', corner], each (N, ..)."""
-    return np.block([[inner, beside], [beside.transpose(0, 2, 1), corner]])
 
 
 def opened(without: Uncertain, ones: Uncertain, *, heads: Sequence[int], chain: Sequence[int]) -> Open:

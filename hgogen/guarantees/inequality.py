@@ -94,9 +94,12 @@ class Inequality:
 
     def falls(self, alpha: Any) -> Quadratic:
         """The form that is negative where |e+|_P^2 <= (1 - alpha h) |e|_P^2, in the arithmetic of D."""
-        n, size = self.D.shape
+        size = self.rows
+        n = size - len(self.Q)
         one, half = _one(self.D, size), (float if self.D.dtype == float else number)(alpha) / 2
-        pairs: Pairs = ((one[:n], self.D + one[:n] * half),)
+        rates = self.D.copy()
+        rates[:n] += one[:n] * half
+        pairs: Pairs = ((one[:n], rates),)
         if self.h:
             pairs += ((self.D * (number(self.h) / 2), self.D),)
         return Quadratic(pairs, self.Q, one[n:])
@@ -104,7 +107,7 @@ class Inequality:
     def driven(self, alpha: Any, inputs: Inputs) -> Quadratic:
         """The form that is negative where |e+|_P^2 <= (1 - alpha h) |e|_P^2 + h sum_k lambda_k v_k^2, v the inputs (q);
         the lambda_k are the last q multipliers."""
-        onto: Pairs = ((0 * inputs.D, inputs.D),)
+        onto: Pairs = ((0 * inputs.D[: self.rows - len(self.Q)], inputs.D),)
         if self.h:
             onto += ((inputs.D * (number(self.h) / 2), inputs.D),)
         return self.falls(alpha).driven(onto, inputs.Q)
@@ -160,7 +163,7 @@ def one_by_one(n: int, m: int) -> bool:
 
 def ends(e: Uncertain, hull: Sequence[Sequence[Fraction]] = ()) -> tuple[Uncertain, ...]:
     """e with its slopes held at each corner of their ranges, or of a hull; e itself where these are too many."""
-    n, m = len(e.M), len(e.H)
+    m, n = e.H.shape
     if not (hull or one_by_one(n, m)):
         return (e,)
     places: Sequence[Sequence[Any]] = hull or tuple(product((-1, 1), repeat=m))
@@ -176,7 +179,12 @@ def falling(e: Uncertain, alpha: Any, hull: Sequence[Sequence[Fraction]] = ()) -
 def driven(e: Uncertain, alpha: Any, hull: Sequence[Sequence[Fraction]] = ()) -> tuple[Quadratic, ...]:
     """Those where V' <= -alpha V + sum_k lambda_k v_k^2, v all inputs (q) of e; the lambda_k are the last q
     multipliers."""
-    return tuple(flow(each).driven(alpha, Inputs(each.B, each.E)) for each in ends(e, hull))
+    return tuple(pushed(each, alpha) for each in ends(e, hull))
+
+
+def pushed(e: Uncertain, alpha: Any) -> Quadratic:
+    """That of slopes each with a multiplier."""
+    return flow(e).driven(alpha, Inputs(e.B, e.E))
 
 
 def stagewise(tableau: Tableau, h: Fraction, e: Uncertain) -> Inequality:

@@ -20,7 +20,7 @@ from hgogen.guarantees.common_norm import Falls, Flow
 from hgogen.guarantees.inclusion import NO_SCALES, Inclusion, Uncertain, of_state
 from hgogen.guarantees.inequality import driven
 from hgogen.guarantees.quadratic import Array, Quadratic, floats, inverse_root, rational
-from hgogen.guarantees.under_inputs import input_bound, weights_in_floats
+from hgogen.guarantees.questions import input_bound, weights_in_floats
 from hgogen.intervals.outward import number as outward
 from hgogen.observer import Observer, asks_an_observer
 from hgogen.reading.named import names_of

@@ -27,7 +27,6 @@ BALLS = 256  # bits of a ball
 
 MARGINS = (1e-4, 1e-6, 1e-3)  # by which a form is negative, so that it is when it is rounded
 _FINE = (34, 48)  # bits after the point, where P is of any size
-_NOTHING = Fraction(0)
 _GRIDS = (30, 44, 60, 110)  # bits after the point to which P and S are rounded, where the trace of P is its size
 _ROUNDING = 1e-8  # what rounding to a grid may take from a form
 _SWEEPS = 10  # over all rows and columns
@@ -37,19 +36,22 @@ _NIL, _TENTH = 1e-12, 0.1  # of it: a reading of nothing, and what counts for th
 
 @dataclass(frozen=True, eq=False)
 class Quadratic:
-    """The form: `pairs` of (X, Y) (n, N), `Q` and `Z` (k, N)."""
+    """The form: `pairs` of (X, Y) (n, N), `Q` and `Z` (k, N), and a `constant` (N, N) beside, None of none."""
 
     pairs: tuple[tuple[Array, Array], ...]
     Q: Array
     Z: Array
+    constant: Array | None = None
 
     def value(self, P: Array, S: Array) -> Array:
         """The matrix (N, N) of P (n, n) and S (k)."""
         if P.dtype == object and not any(isinstance(value, arb) for value in self.pairs[0][1].flat):
-            return self._of_rationals(P, S)
-        halves = [X.T @ P @ Y for X, Y in self.pairs]
-        squares = self.Q.T @ (S[:, None] * self.Q) - self.Z.T @ (S[:, None] * self.Z)
-        return np.asarray(sum((half + half.T for half in halves), squares))
+            value = self._of_rationals(P, S)
+        else:
+            halves = [X.T @ P @ Y for X, Y in self.pairs]
+            squares = self.Q.T @ (S[:, None] * self.Q) - self.Z.T @ (S[:, None] * self.Z)
+            value = np.asarray(sum((half + half.T for half in halves), squares))
+        return value if self.constant is None else value + self.constant
 
     def _of_rationals(self, P: Array, S: Array) -> Array:
         """The value in whole numbers over common denominators, which takes a tenth of the time."""
@@ -68,11 +70,13 @@ class Quadratic:
         one = np.eye(size + q, dtype=int) + 0 * self.pairs[0][0][0, 0]
         pairs = tuple((np.hstack([X, x]), np.hstack([Y, y])) for (X, Y), (x, y) in zip(self.pairs, onto, strict=True))
         Q = np.vstack([np.hstack([self.Q, reads]), 0 * one[:q]])
-        return Quadratic(pairs, Q, np.vstack([np.hstack([self.Z, 0 * reads]), one[size:]]))
+        constant = None if self.constant is None else np.pad(self.constant, (0, q))
+        return Quadratic(pairs, Q, np.vstack([np.hstack([self.Z, 0 * reads]), one[size:]]), constant)
 
     def over(self, pace: Any) -> "Quadratic":
         """The form over a number > 0, with the multipliers over it as well: where the one is negative the other is."""
-        return Quadratic(tuple((X, Y / pace) for X, Y in self.pairs), self.Q, self.Z)
+        constant = None if self.constant is None else self.constant / pace
+        return Quadratic(tuple((X, Y / pace) for X, Y in self.pairs), self.Q, self.Z, constant)
 
     @property
     def size(self) -> int:
@@ -83,7 +87,9 @@ class Quadratic:
     def floats(self) -> "Quadratic":
         """The same in floats."""
         pairs = tuple((floats(X), floats(Y)) for X, Y in self.pairs)
-        return Quadratic(pairs, floats(self.Q), floats(self.Z))
+        return Quadratic(
+            pairs, floats(self.Q), floats(self.Z), None if self.constant is None else floats(self.constant)
+        )
 
 
 @dataclass(frozen=True)
@@ -117,18 +123,19 @@ def confirmed(
     forms: Sequence[Quadratic],
     by_margin: Callable[[float], tuple[Array, Array] | None],
     q: int = 0,
-    most: Fraction = _NOTHING,
+    most: Fraction | None = None,
+    margins: Sequence[float] = MARGINS,
 ) -> tuple[Array, Array] | None:
     """Weights, of FLINT's rationals, that make exact forms negative, from those in floats that are sought with a
     margin, a smaller one where there is no room for it, a larger one where a solver has taken all of it; the sum of the
-    last q of S is at most `most`. None where none are confirmed."""
-    for candidate in filter(None, map(by_margin, MARGINS)):
+    last q of S is at most `most`, where that is asked. None where none are confirmed."""
+    for candidate in filter(None, map(by_margin, margins)):
         if not np.isfinite(np.concatenate([each.ravel() for each in candidate])).all():
             continue
         places = max(0, -int(np.floor(np.log2(np.trace(candidate[0])))))  # by which the trace of P lies below 1
         for bits in _FINE:
             P, S = (on_grid(each, bits + places) for each in candidate)
-            if (not q or sum(S[-q:]) <= number(most)) and verified(forms, P, S):
+            if (most is None or sum(S[-q:]) <= number(most)) and verified(forms, P, S):
                 return P, S
     return None
 
@@ -145,13 +152,15 @@ class Seen:
     def forms(self) -> list[Quadratic]:
         """The forms of x."""
         n, size = self.of[0].pairs[0][0].shape
-        T, back, g = np.eye(size), self._inverse, self.g[:, None]
-        T[:n, :n] = self.W
-        T[range(n, size), range(n, size)] = self.g
-        return [
-            Quadratic(tuple((back @ X @ T, back @ Y @ T) for X, Y in one.pairs), one.Q @ T / g, one.Z @ T / g)
-            for one in self.of
-        ]
+        whole, back, g, forms = np.eye(size), self._inverse, self.g[:, None], list[Quadratic]()
+        whole[:n, :n] = self.W
+        whole[range(n, size), range(n, size)] = self.g
+        for one in self.of:
+            T = whole[: one.size, : one.size]
+            pairs = tuple((back @ X @ T, back @ Y @ T) for X, Y in one.pairs)
+            constant = None if one.constant is None else T.T @ one.constant @ T
+            forms.append(Quadratic(pairs, one.Q @ T / g, one.Z @ T / g, constant))
+        return forms
 
     @cached_property
     def _inverse(self) -> Array:

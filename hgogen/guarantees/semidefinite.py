@@ -2,14 +2,23 @@
 
     margin    maximise m:   F(P, S) <= -m I for every form F,   P >= least I,   trace P <= n
     shortest  minimise t:   F(P, S) <= -m I,   [t, c; c', P] >= 0 for every c,   limits on P and S
-    cheapest  minimise t:   F(P, S) + R <= -m I for every form F and its R,   the last of S <= t
+    cheapest  minimise t:   F(P, S) <= -m I for every form F,   the last of S <= t
 
-F is linear in P and S (`quadratic`), c P^-1 c' <= t. The programs are written down for Clarabel as it takes them, A x +
+F is linear in P and S (`quadratic`), c P^-1 c' <= t. Multiplied columns of one form that enter along one direction are
+made one (`merged`): columns p_j that enter as r_j u, and nowhere else, leave of sum_j S_j p_j^2 its least for a u =
+sum_j r_j p_j, which is T u^2 with the largest T that
+
+    diag(S) - T r r' >= 0
+
+admits. The form of (e, u), with T in its place, is negative where that of (e, p) is: slopes of one row of b, which all
+push in one direction, are one column of it, and a solver's work falls with the fourth power of its size and faster.
+
+The programs are written down for Clarabel as it takes them, A x +
 s = b with s in cones, without a language for models, which would take longer than the solver.
 """
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cache, lru_cache
 from itertools import pairwise
@@ -19,7 +28,6 @@ import numpy as np
 
 from hgogen.algebra.threads import one_thread
 from hgogen.guarantees.lmi import cones
-from hgogen.guarantees.merged import Group, merged
 from hgogen.guarantees.quadratic import Array, Quadratic, Seen, even, inverse_root, pace
 
 _LEAST = 1e-4  # eigenvalue of P over the mean of all: a P close to singular is none that rationals prove
@@ -27,10 +35,21 @@ _CLOSE = 1e-6  # how well a margin is found
 CLOSER = 1e-8
 _SOLVES = 6  # of a program in coordinates of its own solution, at most
 _GAIN, _ROUND = 0.01, 4  # what ends them: a gain, and a condition number of P, that are smaller
+_ALIKE = 1e-9  # by how much directions of length 1 may differ
 _USABLE = ("Solved", "AlmostSolved")  # what the solver says of its solution
 
 Limits = tuple[Array, Array]  # A and b of A (P, S) <= b, P by its entries as `_short` has them
 Rows = tuple[Array, Array, bool]  # A and b of one cone, and whether it is that of definite matrices, or of signs
+
+
+@dataclass(frozen=True)
+class Group:
+    """The multipliers of these `places`, that push in one direction, each by its `weights` r, the largest 1; `column`:
+    where they stand in the form."""
+
+    places: tuple[int, ...]
+    weights: tuple[float, ...]
+    column: int
 
 
 @dataclass(frozen=True, eq=False)
@@ -114,27 +133,19 @@ def margin(forms: Sequence[Quadratic], what: str, priced: bool = False) -> Margi
 
     Raises: `NoSolver` of `what` needs it.
     """
-    n, k = len(forms[0].pairs[0][0]), len(forms[0].Q)
-    (first, groups), rest = _few(forms[0]) if len(forms) == 1 and not priced else (forms[0], ()), forms[1:]
-    one, sizes = np.eye(n), (n * (n + 1) // 2, k, len(groups))
-    none = np.zeros((sizes[0], 1 + k + len(groups)))
-    of_forms = [
-        definite(_entries(form, groups), np.eye(form.size)[None], 0 * np.eye(form.size)) for form in (first, *rest)
-    ]
-    of_groups = [_split(group, place, sizes, np.eye(len(group.places)), 0.0) for place, group in enumerate(groups)]
-    positive: Rows = (np.hstack([-_packed(_basis(n)), none]), -_LEAST * _packed(one[None])[:, 0], True)
-    trace: Rows = (np.hstack([_short(one[None]).T, none[:1]]), np.array([float(n)]), False)
-    all_rows = [*of_forms, *of_groups, positive, trace, _signs(sizes)]
-    solution = solved(np.append(np.zeros(sum(sizes)), -1.0), all_rows, _CLOSE, what)
+    n, whole = len(forms[0].pairs[0][0]), forms
+    forms, groups = merged(forms[0]) if len(forms) == 1 and not priced else (forms, ())
+    of_forms, others = _at_most(forms, groups, 1.0, 0.0), len(whole[0].Q) + len(groups) + 1
+    one = np.hstack([_short(np.eye(n)[None]).T, np.zeros((1, others))])
+    trace: Rows = (one, np.array([float(n)]), False)
+    rows = [*of_forms, _positive(n, others, _LEAST), trace]
+    solution = _solved(whole[0], groups, rows, -1.0, _CLOSE, what)
     if solution is None:
         return None
-    (P, S, largest), prices = _parts(solution[0], n, k), solution[1]
-    if not priced:
-        return Margin(P, S, largest, ())
-    of_each = zip(pairwise(np.cumsum([0, *(len(A) for A, _, _ in of_forms)])), forms, strict=True)
-    return Margin(
-        P, S, largest, tuple(_matrix(prices[i:j] / _weights(form.size), form.size) for (i, j), form in of_each)
-    )
+    (P, S, largest), prices = solution
+    ends = pairwise(np.cumsum([0, *(len(A) for A, _, _ in of_forms[: len(whole)])]))
+    each = zip(ends, whole if priced else (), strict=False)
+    return Margin(P, S, largest, tuple(_matrix(prices[i:j] / _weights(one.size), one.size) for (i, j), one in each))
 
 
 @np.errstate(over="ignore", invalid="ignore")
@@ -144,67 +155,71 @@ def shortest(view: Seen, reads: Array, limits: Limits, by: float, unit: float, w
 
     Raises: `NoSolver` of `what` needs it.
     """
-    forms, rows = view.forms, reads / np.linalg.norm(reads, axis=1).max()
-    n, k = rows.shape[1], len(forms[0].Q)
-    (first, groups), rest = _few(forms[0]) if len(forms) == 1 else (forms[0], ()), forms[1:]
-    sizes, small = (n * (n + 1) // 2, k, len(groups)), -by * np.eye(first.size)
-    wide, corner, (A, b) = np.zeros((sum(sizes), n + 1, n + 1)), np.zeros((1, n + 1, n + 1)), limits
-    wide[: sizes[0], 1:, 1:], corner[0, 0, 0] = -_basis(n), -1.0
-    of_rows = []
-    for c in rows:
-        beside = np.zeros((n + 1, n + 1))
-        beside[0, 1:] = beside[1:, 0] = c
-        of_rows.append(definite(wide, corner, beside))
-    of_groups = [_split(group, j, sizes, np.zeros((len(group.places),) * 2), by) for j, group in enumerate(groups)]
+    whole, (A, b) = view.forms, limits
+    forms, groups = merged(whole[0]) if len(whole) == 1 else (whole, ())
+    of_rows = [reaching(c, A.shape[1] + len(groups)) for c in reads / np.linalg.norm(reads, axis=1).max()]
     others: Rows = (np.hstack([A, np.zeros((len(A), len(groups) + 1))]), b, False)
-    of_forms = [definite(_entries(form, groups), 0 * small[None], small) for form in (first, *rest)]
-    all_rows = [*of_forms, *of_groups, *of_rows, others, _signs(sizes)]
-    solution = solved(np.append(np.zeros(sum(sizes)), 1.0), all_rows, CLOSER, what)
+    rows = [*_at_most(forms, groups, 0.0, by), *of_rows, others]
+    solution = _solved(whole[0], groups, rows, 1.0, CLOSER, what)
     if solution is None:
         return None
-    P, S, _ = _parts(solution[0], n, k)
-    holds = all(np.linalg.eigvalsh(M).min() > 0 for M in (P, *(-form.value(P, S) for form in forms)))
+    P, S, _ = solution[0]
+    holds = all(np.linalg.eigvalsh(M).min() > 0 for M in (P, *(-form.value(P, S) for form in whole)))
     value = np.einsum("ij,ji->i", reads, np.linalg.solve(P, reads.T)).max() / unit**2 if holds else math.inf
     known = view.back(P, S)
     return Solution(known[0] * unit**2, known[1] * unit**2, float(value), P)
 
 
-def _few(form: Quadratic) -> tuple[Quadratic, tuple[Group, ...]]:
-    less = merged(form)
-    return less.form, less.groups
-
-
-def _split(group: Group, place: int, sizes: tuple[int, int, int], last: Array, by: float) -> Rows:
-    """That diag(S) - T r r' of a group, the T of that place, is at least the last variable times `last`, and `by`."""
-    count, (p, k, _) = len(group.places), sizes
-    entries = np.zeros((sum(sizes), count, count))
-    for i, at in enumerate(group.places):
-        entries[p + at, i, i] = -1.0
-    entries[p + k + place] = np.outer(group.weights, group.weights)
-    return definite(entries, last[None], -by * np.eye(count))
-
-
 @np.errstate(over="ignore", invalid="ignore")
-def cheapest(
-    forms: Sequence[Quadratic], rewards: Sequence[Array], q: int, by: float, what: str, others: Sequence[Quadratic] = ()
-) -> tuple[Array, Array] | None:
-    """P and S with a small largest of the last `q` of S, of forms of floats that are negative `by` that with what is
-    added to each, its reward (N, N), and of `others` without; None where the solver leaves no numbers.
+def cheapest(forms: Sequence[Quadratic], q: int, by: float, what: str) -> tuple[Array, Array] | None:
+    """P and S with a small largest of the last `q` of S, of forms of floats that are negative `by` that; None where the
+    solver leaves no numbers.
 
     Raises: `NoSolver` of `what` needs it.
     """
     n, k = len(forms[0].pairs[0][0]), len(forms[0].Q)
-    p, one = n * (n + 1) // 2, np.eye(n)
-    added = [*rewards, *(np.zeros((form.size, form.size)) for form in others)]
-    of_forms = [
-        definite(_entries(form, ()), 0 * more[None], -more - by * np.eye(form.size))
-        for form, more in zip((*forms, *others), added, strict=True)
-    ]
-    positive: Rows = (np.hstack([-_packed(_basis(n)), np.zeros((p, k + 1))]), -by * _packed(one[None])[:, 0], True)
-    last = np.hstack([np.zeros((q, p + k - q)), np.eye(q), -np.ones((q, 1))])
-    rows = [*of_forms, positive, (last, np.zeros(q), False), _signs((p, k, 0))]
-    solution = solved(np.append(np.zeros(p + k), 1.0), rows, CLOSER, what)
-    return solution and _parts(solution[0], n, k)[:2]
+    last = np.hstack([np.zeros((q, n * (n + 1) // 2 + k - q)), np.eye(q), -np.ones((q, 1))])
+    rows = [*_at_most(forms, (), 0.0, by), _positive(n, k + 1, by), (last, np.zeros(q), False)]
+    solution = _solved(forms[0], (), rows, 1.0, CLOSER, what)
+    return solution and solution[0][:2]
+
+
+def _at_most(forms: Sequence[Quadratic], groups: Sequence[Group], share: float, by: float) -> list[Rows]:
+    """That forms are at most -(`share` t + `by`) I, t the last variable, and what columns of groups stand for too."""
+    rows = []
+    for form in forms:
+        one = np.eye(form.size)
+        more = 0.0 if form.constant is None else form.constant
+        rows.append(definite(entries(form, groups), share * one[None], -more - by * one))
+    for place, group in enumerate(groups):
+        (n, k), count = (len(forms[0].pairs[0][0]), len(forms[0].Q)), len(group.places)
+        p, one = n * (n + 1) // 2, np.eye(count)
+        split = np.zeros((p + k + len(groups), count, count))
+        for i, at in enumerate(group.places):
+            split[p + at, i, i] = -1.0
+        split[p + k + place] = np.outer(group.weights, group.weights)
+        rows.append(definite(split, share * one[None], -by * one))
+    return rows
+
+
+def _positive(n: int, others: int, least: float) -> Rows:
+    """That P is at least a multiple of the unit matrix, with so many variables beside."""
+    A = np.hstack([-_packed(basis(n)), np.zeros((n * (n + 1) // 2, others))])
+    return A, -least * _packed(np.eye(n)[None])[:, 0], True
+
+
+def _solved(
+    form: Quadratic, groups: Sequence[Group], rows: Sequence[Rows], cost: float, close: float, what: str
+) -> tuple[tuple[Array, Array, float], Array] | None:
+    """P, S and the last variable where its `cost` is least, S >= 0, and the prices. Raises: `NoSolver`."""
+    n, k, t = len(form.pairs[0][0]), len(form.Q), len(groups)
+    p = n * (n + 1) // 2
+    signs = np.hstack([np.zeros((k, p)), -np.eye(k), np.zeros((k, t + 1))]), np.zeros(k), False
+    solution = solved(np.append(np.zeros(p + k + t), cost), [*rows, signs], close, what)
+    if solution is None:
+        return None
+    x, prices = solution
+    return (_matrix(x[:p], n), np.maximum(x[p : p + k], 0.0), float(x[-1])), prices
 
 
 def together(form: Quadratic, q: int, most: float) -> Limits:
@@ -221,15 +236,18 @@ def holding(form: Quadratic, points: Array) -> Limits:
     return np.hstack([squares, np.zeros((len(points), k))]), np.ones(len(points))
 
 
-def definite(entries: Array, last: Array, end: Array) -> Rows:
+def reaching(c: Array, count: int) -> Rows:
+    """That [t, c; c', P] >= 0, t the last variable after `count`, the first of which are the entries of P."""
+    n, end = len(c), np.zeros((len(c) + 1, len(c) + 1))
+    end[0, 1:] = end[1:, 0] = c
+    wide, corner = np.zeros((count, n + 1, n + 1)), np.zeros((1, n + 1, n + 1))
+    wide[: n * (n + 1) // 2, 1:, 1:], corner[0, 0, 0] = -basis(n), -1.0
+    return definite(wide, corner, end)
+
+
+def definite(brings: Array, last: Array, end: Array) -> Rows:
     """That `end` less what the variables bring, the last one of them `last`, is a definite matrix."""
-    return _packed(np.concatenate([entries, last])), _packed(end[None])[:, 0], True
-
-
-def _signs(sizes: tuple[int, int, int]) -> Rows:
-    """S >= 0, of as many entries of P, S and T."""
-    p, k, t = sizes
-    return np.hstack([np.zeros((k, p)), -np.eye(k), np.zeros((k, t + 1))]), np.zeros(k), False
+    return _packed(np.concatenate([brings, last])), _packed(end[None])[:, 0], True
 
 
 def solved(goal: Array, rows: Sequence[Rows], close: float, what: str) -> tuple[Array, Array] | None:
@@ -265,28 +283,24 @@ def _solution(
     return (x, prices) if usable else None
 
 
-def _parts(x: Array, n: int, k: int) -> tuple[Array, Array, float]:
-    """P, S and the last variable."""
-    p = n * (n + 1) // 2
-    return _matrix(x[:p], n), np.maximum(x[p : p + k], 0.0), float(x[-1])
-
-
-def _entries(form: Quadratic, groups: Sequence[Group]) -> Array:
-    """What each entry of P on and above the diagonal, each of S, and each T brings into the form: (p + k + t, N, N)."""
+def entries(form: Quadratic, groups: Sequence[Group] = ()) -> Array:
+    """What each entry of P on and above the diagonal, each of S, and each T of groups brings into the form: (p + k + t,
+    N, N); where P stands beside a matrix Y, as [P, Y], each entry of Y after those of P."""
     halves: Any = sum(np.einsum("ia,jb->ijab", X, Y) for X, Y in form.pairs)
-    whole = halves + halves.transpose(0, 1, 3, 2)
-    i, j = _places(len(whole))
+    whole, n = halves + halves.transpose(0, 1, 3, 2), len(halves)
+    i, j = _places(n)
     both = whole[i, j] + whole[j, i]
     of_P = both / np.where(i == j, 2.0, 1.0)[:, None, None]
+    of_Y = whole[:, n:].reshape(-1, *whole.shape[2:])
     of_S = np.einsum("ka,kb->kab", form.Q, form.Q) - np.einsum("ka,kb->kab", form.Z, form.Z)
     of_T = np.zeros((len(groups), form.size, form.size))
     for place, group in enumerate(groups):
         of_T[place, group.column, group.column] = -1.0
-    return np.concatenate([of_P, of_S, of_T])
+    return np.concatenate([of_P, of_Y, of_S, of_T])
 
 
 @cache
-def _basis(n: int) -> Array:
+def basis(n: int) -> Array:
     """The symmetric matrix of each entry on and above the diagonal: (p, n, n)."""
     return np.array([_matrix(row, n) for row in np.eye(n * (n + 1) // 2)])
 
@@ -320,3 +334,53 @@ def _matrix(entries: Array, size: int) -> Array:
     matrix = np.zeros((size, size))
     matrix[i, j] = matrix[j, i] = entries
     return matrix
+
+
+_ALIKE = 1e-9  # by how much directions of length 1 may differ
+
+
+def merged(form: Quadratic) -> tuple[tuple[Quadratic], tuple[Group, ...]]:
+    """The form of floats with as few columns as it takes, what decays first, then one for each direction; and the
+    groups, whose multipliers have no Z in it."""
+    n, each = len(form.pairs[0][0]), tuple(_alike(form))
+    T, Z = np.zeros((form.size, n + len(each))), np.zeros((len(form.Z), n + len(each)))
+    T[:n, :n] = np.eye(n)
+    for at, places in enumerate(each, n):
+        T[n + places[0], at] = 1.0  # the largest, by which the others are measured
+        if len(places) == 1:
+            Z[places[0], at] = 1.0
+    pairs = tuple((X @ T, Y @ T) for X, Y in form.pairs)
+    columns, groups = _columns(form), list[Group]()
+    for at, places in enumerate(each, n):
+        if len(places) > 1:
+            first = columns[:, places[0]]
+            weights = tuple(float(columns[:, k] @ first / (first @ first)) for k in places)
+            groups.append(Group(tuple(places), weights, at))
+    return (Quadratic(pairs, form.Q @ T, Z),), tuple(groups)
+
+
+def _columns(form: Quadratic) -> Array:
+    """What a multiplied column brings anywhere: (rows, k)."""
+    n = len(form.pairs[0][0])
+    return np.vstack([part for pair in form.pairs for part in pair] + [form.Q])[:, n:]
+
+
+def _alike(form: Quadratic) -> Iterator[list[int]]:
+    """The multipliers by direction, of each the one that enters most first."""
+    columns, left = _columns(form), list(range(len(form.Q)))
+    lengths = np.linalg.norm(columns, axis=0)
+    while left:
+        first = max(left, key=lengths.__getitem__)
+        places = [k for k in left if k == first or _along(columns, lengths, first, k)]
+        places.sort(key=lambda k: -lengths[k])
+        yield places
+        left = [k for k in left if k not in places]
+
+
+def _along(columns: Array, lengths: Array, first: int, other: int) -> bool:
+    """Whether two columns are one but for a factor."""
+    if not lengths[other]:
+        return False
+    cosine = columns[:, first] @ columns[:, other] / lengths[first] / lengths[other]
+    unit = columns[:, other] / lengths[other] * np.sign(cosine)
+    return bool(np.abs(columns[:, first] / lengths[first] - unit).max() < _ALIKE)

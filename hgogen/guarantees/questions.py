@@ -1,0 +1,257 @@
+"""What is asked of an error that falls: how far inputs move it, how far it goes from its start, and its L2 gain.
+
+    inputs  |e+|_P^2 <= (1 - alpha h) |e|_P^2 + h sum_k lambda_k v_k^2,   sum_k lambda_k <= alpha
+    start   |e+|_P < |e|_P,   |e(0)|_P <= 1 at every corner of a box
+    L2      V' <= -|C e|^2 + sum_k lambda_k v_k^2,   lambda_k <= mu^2
+
+The inputs v_k, such as the errors of an output's samples at the two ends of a call, are at most 1, else independent of
+each other. Then |e|_P <= 1 stays so, and from elsewhere |e|_P^2 - 1 falls to 1 - alpha h of itself at each call, by the
+flow like exp(-alpha t): |c e| comes to no more than sqrt(c P^-1 c'), and stays there. P is sought for the least of
+that, at an alpha that is searched. So it is from a box: a norm is convex, so that its corners speak for the whole, one
+of each two that are opposite; or P is sought for the least of the largest over several c.
+
+By the third the L2 norm of C e is at most mu times that of v, beside what the start leaves: the bounded real lemma with
+a multiplier for each slope (Boyd, El Ghaoui, Feron, Balakrishnan, "Linear Matrix Inequalities in System and Control
+Theory", SIAM (1994), 6.3.2). Of several systems the same P, S and lambda serve them all, and all between them.
+"""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from fractions import Fraction
+from typing import Any
+
+import numpy as np
+
+from hgogen.algebra.definite import fraction, root
+from hgogen.guarantees.contracting import Steps
+from hgogen.guarantees.inclusion import Uncertain
+from hgogen.guarantees.inequality import NOW, Inputs, pushed
+from hgogen.guarantees.quadratic import (
+    MARGINS,
+    Array,
+    Quadratic,
+    Seen,
+    Weights,
+    confirmed,
+    even,
+    extent,
+    floats,
+    identity,
+    inverse_root,
+)
+from hgogen.guarantees.semidefinite import Solution, cheapest, holding, settled, shortest, together
+
+_INPUTS, _START, _L2 = "a bound of what inputs do", "a bound of the errors from a start", "a bound of an L2 gain"
+_SHARES = tuple(Fraction(k, 100) for k in (5, 10, 20, 30, 40, 50, 60, 70, 80, 87, 93))  # of the rate, for alpha
+_FIRST = 6  # of them, that is tried first: about half of the rate where one mode decays, more where they are many
+_LARGE = 1e30  # in the place of a bound, where none is proved
+_MARGIN = 1e-6
+_SHARE = Fraction(999_999, 1_000_000)  # of alpha for the lambda, so that they are below it when they are rounded
+_OF_L2 = (1e-7, 1e-6, 1e-5, 1e-4)  # margins of its forms
+_TIMES = np.append(0.0, np.logspace(-4, 4, 400))  # of the speed of the error, at which its response is looked at
+
+Bounded = Callable[[Fraction], Sequence[Quadratic]]  # by alpha, the forms of which the last multipliers are the lambda
+
+# --- inputs
+
+
+@dataclass(frozen=True)
+class InputBound:
+    """A proof that |c e| <= `bound` where each input is at most 1: by the `weights`, of which the last of S are the
+    lambda, at `alpha`."""
+
+    alpha: Fraction
+    weights: Weights
+    bound: Fraction
+
+    @property
+    def written(self) -> dict[str, Any]:
+        """As a certificate has it."""
+        return {"alpha": self.alpha, **self.weights.written, "bound": self.bound}
+
+
+def input_bound(bounded: Bounded, W: Array | None, q: int, c: Array, most: Fraction) -> InputBound | None:
+    """A small bound of |c e|, c (N) of FLINT's rationals, of the forms that are negative at an alpha, with `q` inputs
+    among what multiplies them; alpha is searched in floats up to `most`, and the least bound that is proved counts.
+    None where none is proved. `W`: coordinates x, e = W x, near which P is expected.
+
+    Raises: `NoSolver`.
+    """
+    if W is None:
+        return None
+    tried, coordinates = dict[Fraction, float](), W
+
+    def bound(share: Fraction) -> float:
+        """A bound by the weights that `bound_at` tries first, in floats; a large number where there is none."""
+        alpha = share * most
+        forms, row = [form.floats for form in bounded(alpha)], floats(c[None])
+        weights = weights_in_floats(forms, row, float(alpha), coordinates, q, MARGINS[0])
+        square = 0.0 if weights is None else float(row[0] @ np.linalg.solve(weights[0], row[0]))
+        tried[alpha] = float(root(Fraction(square))) if 0 < square < _LARGE else _LARGE
+        return tried[alpha]
+
+    _walk(bound)
+    proofs = (bound_at(bounded, coordinates, q, c, alpha) for alpha in sorted(tried, key=tried.__getitem__))
+    return next(filter(None, proofs), None)
+
+
+def of_step(steps: Steps, h: Fraction, inputs: Inputs, c: Array, most: Fraction) -> InputBound | None:
+    """That of a step which is proved with the rate `most`. Raises: `NoSolver`."""
+    step, q = steps.at(h), inputs.D.shape[1]
+    return input_bound(lambda alpha: (step.driven(alpha, inputs),), steps.coordinates, q, c, most)
+
+
+def _walk(bound: Callable[[Fraction], float]) -> None:
+    """Tries shares of the rate upwards, as long as a bound becomes less, else downwards."""
+    least = bound(_SHARES[_FIRST])
+    for way in (_SHARES[_FIRST + 1 :], _SHARES[:_FIRST][::-1]):
+        before = least
+        for share in way:
+            value = bound(share)
+            if value >= least:
+                break
+            least = value
+        if least < before:
+            return
+
+
+def bound_at(bounded: Bounded, W: Array, q: int, c: Array, alpha: Fraction) -> InputBound | None:
+    """A bound of |c e| at this alpha, proved; None where none is. Arguments as of `input_bound`. Raises: `NoSolver`."""
+    forms = bounded(alpha)
+    asked = [form.floats for form in forms], floats(c[None]), float(alpha), W, q
+    exactly = confirmed(forms, lambda margin: weights_in_floats(*asked, margin), q, alpha)
+    if exactly is None:
+        return None
+    return InputBound(alpha, Weights.of(*exactly), root(extent(exactly[0], c)))
+
+
+def bound_in_floats(bounded: Bounded, W: Array, q: int, c: Array, alpha: Fraction) -> tuple[float, Array] | None:
+    """The same bound in floats, which prove nothing, and coordinates (N, N) in which its P is the unit matrix."""
+    forms, row = [form.floats for form in bounded(alpha)], floats(c[None])
+    weights = weights_in_floats(forms, row, float(alpha), W, q, _MARGIN)
+    if weights is None or any(np.linalg.eigvalsh(form.value(*weights)).max() >= 0 for form in forms):
+        return None
+    return float(np.sqrt(row[0] @ np.linalg.solve(weights[0], row[0]))), inverse_root(weights[0])
+
+
+def weights_in_floats(
+    forms: Sequence[Quadratic], rows: Array, alpha: float, W: Array, q: int, margin: float
+) -> tuple[Array, Array] | None:
+    """P and S in floats with a small largest c P^-1 c' of the `rows` c (r, n), sought from coordinates x of e = W x on.
+
+    Raises: `NoSolver`.
+    """
+
+    def sought_in(W: Array) -> Solution | None:
+        """In these coordinates, with the inputs in a unit in which x is near 1."""
+        unit = alpha / float(np.linalg.norm((np.linalg.inv(W) @ forms[0].pairs[0][1])[:, -q:]))
+        view = Seen(forms, W, np.append(even(forms[0], W)[:-q], [unit] * q))
+        return shortest(view, rows @ W, together(forms[0], q, float(_SHARE) * alpha), margin, unit, _INPUTS)
+
+    return settled(sought_in, W)
+
+
+# --- a start
+
+
+@dataclass(frozen=True)
+class Confined:
+    """A proof by the `weights` that an error from the box stays within the `bounds` of |c e|, each by the place of its
+    c."""
+
+    weights: Weights
+    bounds: Mapping[int, Fraction]
+
+
+def confined(steps: Steps, h: Fraction, corners: Array, rows: Mapping[int, Array]) -> Confined | None:
+    """A proof that makes the largest |c e| small, each c (N) of the `rows` in the unit in which it counts, from the
+    `corners` (k, N) of a box, one of each two that are opposite; of FLINT's rationals. None where none is found.
+
+    Raises: `NoSolver`.
+    """
+    form, W = steps.at(h).falls(NOW), steps.coordinates
+    if W is None:
+        return None
+    of, starts, reads = form.floats, floats(corners), floats(np.array(list(rows.values())))
+
+    def sought_in(W: Array, margin: float) -> Solution | None:
+        """In these coordinates, with corners near 1."""
+        begins = starts @ np.linalg.inv(W).T
+        far = float(np.linalg.norm(begins, axis=1).max())
+        limits = holding(of, begins / far)
+        return shortest(Seen((of,), W, even(of, W)), reads @ W, limits, margin, 1 / far, _START)
+
+    exactly = confirmed((form,), lambda margin: settled(lambda W: sought_in(W, margin), W))
+    return Confined(Weights.of(*exactly), reached(exactly[0], corners, rows)) if exactly else None
+
+
+def reached(P: Array, corners: Array, rows: Mapping[int, Array]) -> dict[int, Fraction]:
+    """How far |c e| goes at most: the root of c P^-1 c' times the largest |e(0)|_P^2."""
+    begins = fraction(max(corner @ P @ corner for corner in corners))
+    return {place: root(extent(P, c) * begins) for place, c in rows.items()}
+
+
+# --- an L2 gain
+
+
+@dataclass(frozen=True, eq=False)
+class Driven:
+    """What the error obeys, `e`, with inputs v (q), and what is counted of it, `C` (r, N); of FLINT's rationals."""
+
+    e: Uncertain
+    C: Array
+
+    @property
+    def form(self) -> Quadratic:
+        """The form that is negative where V' <= -|C e|^2 + sum_k lambda_k v_k^2; the lambda are the last q of its
+        multipliers."""
+        form = pushed(self.e, NOW)
+        counted, square = 0 * identity(form.size), self.C.T @ self.C
+        counted[: len(square), : len(square)] = square
+        return replace(form, constant=counted)
+
+    @property
+    def seen(self) -> float:
+        """The largest response of z to v where each slope is at its middle, at the frequencies that are tried."""
+        M, B, C = map(floats, (self.e.M, self.e.B, self.C))
+        at = 1j * _TIMES[:, None, None] * np.linalg.norm(M, 2) * np.eye(len(M))
+        return float(
+            np.linalg.norm(C @ np.linalg.solve(at - M, np.broadcast_to(B, (len(at), *B.shape))), 2, (1, 2)).max()
+        )
+
+
+@dataclass(frozen=True)
+class L2Bound:
+    """A proof that the L2 gain is at most `mu`: by the `weights`, of which the last of S are the lambda."""
+
+    weights: Weights
+    mu: Fraction
+
+
+def l2_bound(each: Sequence[Driven], W: Array, growing: Array | None = None) -> L2Bound | None:
+    """A small bound of the L2 gain that all of the systems have; None where none is proved. `W` (N, N): coordinates x,
+    e = W x, in which P is expected to be near the unit matrix; `growing` (N, N), of rationals: D of a term -r D e, r >=
+    0 of any size, so that D'P + P D >= 0 is asked for.
+
+    Raises: `NoSolver`.
+    """
+    forms, q, n = [one.form for one in each], each[0].e.B.shape[1], len(W)
+    k, back, most = len(forms[0].Q), np.linalg.inv(W), max(one.seen for one in each)
+    if growing is not None:
+        nothing = 0 * growing[:1].repeat(k, axis=0)
+        forms.append(Quadratic(((identity(n), -growing),), nothing, nothing))
+    fastest = max(np.linalg.norm(back @ floats(one.e.M) @ W, 2) for one in each)
+    scale = max(np.linalg.norm(floats(one.C) @ W, 2) for one in each) ** 2 / fastest  # of P, which is then near 1
+    g = np.append(even(forms[0].floats, W)[: k - q], [np.sqrt(scale) / most] * q)  # so that mu is near 1
+    of = [form.floats for form in forms]
+    view = Seen([one if one.constant is None else replace(one, constant=one.constant / scale) for one in of], W, g)
+
+    def by_margin(by: float) -> tuple[Array, Array] | None:
+        candidate = cheapest(view.forms, q, by, _L2)
+        if candidate is None:
+            return None
+        P, S = view.back(*candidate)
+        return P * scale, S * scale
+
+    exactly = confirmed(forms, by_margin, margins=_OF_L2)
+    return L2Bound(Weights.of(*exactly), root(fraction(max(exactly[1][-q:].tolist())))) if exactly else None
