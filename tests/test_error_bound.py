@@ -31,7 +31,7 @@ from hgogen.model import MissingPart, load
 from hgogen.program import Place
 from hgogen.reading.given import BadGain
 from hgogen.reading.named import BadNames
-from hgogen.recheck.rules.driven import _root
+from hgogen.recheck.rules.as_it_runs import _root
 from hgogen.recheck.verification import recheck
 from hgogen.stepping.machine import Machine
 from hgogen.trials.comparison import seen

@@ -32,7 +32,7 @@ from hgogen.model import MissingPart, Model
 from hgogen.modelfiles.tuning import Tuning
 from hgogen.program import Place
 from hgogen.reading.given import BadGain
-from hgogen.recheck.errors import RecheckError
+from hgogen.recheck.text import RecheckError
 from hgogen.recheck.verification import recheck
 from hgogen.trial import Trial, try_out
 from hgogen.which_forms import asking

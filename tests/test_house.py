@@ -32,7 +32,7 @@ from house import (
 
 import hgogen as hg
 from hgogen.errors import HgogenError
-from hgogen.recheck.errors import RecheckError
+from hgogen.recheck.text import RecheckError
 
 TESTS = ROOT / "tests"
 CONTRACTS = ("form", "observer", "method", "target", "step")

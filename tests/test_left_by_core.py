@@ -19,13 +19,12 @@ from scipy.linalg import expm
 import hgogen as hg
 from hgogen.check import Verdict
 from hgogen.recheck.box import NotShown
-from hgogen.recheck.core_integral import core_integral
 from hgogen.recheck.inequality import REALISED, TAKEN
 from hgogen.recheck.left_by_core import _LEAVES, AtCore, _demand_chain
 from hgogen.recheck.matrix import unit
-from hgogen.recheck.plant_derivatives import Derivative, demand_derivatives
-from hgogen.recheck.plant_motion import PlantMotion
+from hgogen.recheck.plant_motion import Derivative, PlantMotion, demand_derivatives
 from hgogen.recheck.text import expression
+from hgogen.recheck.transition import core_integral
 from hgogen.recheck.verification import recheck
 
 BILINEAR, EXPONENTIAL = _LEAVES

@@ -24,8 +24,7 @@ from hgogen.recheck.box import NotShown
 from hgogen.recheck.inequality import Tableau as Rechecked
 from hgogen.recheck.inequality import tableau_of
 from hgogen.recheck.left_by_core import _LEAVES, _by_steepness
-from hgogen.recheck.lipschitz_step import left_by_lipschitz
-from hgogen.recheck.remainder import _degree, _orders
+from hgogen.recheck.remainder import _degree, _orders, left_by_lipschitz
 from hgogen.recheck.text import expression
 from hgogen.recheck.verification import recheck
 

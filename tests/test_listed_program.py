@@ -27,10 +27,9 @@ from hgogen.recheck.arithmetic import Undefined
 from hgogen.recheck.box import NotShown
 from hgogen.recheck.computed import Computed, precision
 from hgogen.recheck.interval import between, intervals, point
-from hgogen.recheck.listed import Listed, Walk
+from hgogen.recheck.program import Besides, Listed, Walk
 from hgogen.recheck.rounding import Rounded
-from hgogen.recheck.rules.driven import _root
-from hgogen.recheck.step_program import Besides
+from hgogen.recheck.rules.as_it_runs import _root
 from hgogen.recheck.text import expression
 from hgogen.recheck.verification import recheck
 
@@ -520,7 +519,7 @@ def test_the_plant_moves_at_its_speed_and_by_what_is_beside_it(monkeypatch: pyte
 def summed() -> tuple[Besides, Quotient, Quotient]:
     """Statements of a program that adds two names; and these."""
     algebra = Algebra(["x1", "x2", "field 0", "rate 0"])
-    x1, x2 = (algebra.letter(name) for name in ("x1", "x2"))
+    x1, x2 = (algebra.names[name] for name in ("x1", "x2"))
     walk = Walk(Listed([("add", ["x1", "x2"])], [], [], []), {"x1": x1, "x2": x2}, algebra.arithmetic)
     return Besides(algebra, walk, {"field 0": "v1", "rate 0": "v1"}), x1, x2
 
@@ -538,7 +537,7 @@ def test_a_statement_is_beside_one_value_alone() -> None:
 def test_a_statement_that_stands_for_several_keeps_its_first_letter() -> None:
     statements, x1, x2 = summed()
     for letters in ("field", "rate", ""):
-        assert statements.take(["v1"], [x1 + x2], letters) == [statements.algebra.letter("field 0")]
+        assert statements.take(["v1"], [x1 + x2], letters) == [statements.algebra.names["field 0"]]
 
 
 @pytest.mark.parametrize("by", [Fraction(-1, 8), Fraction(1, 8)])
@@ -552,7 +551,7 @@ def test_a_statement_errs_by_as_much_as_it_is_beside(by: Fraction) -> None:
 
 def test_a_quotient_has_its_denominator_as_often_as_it_is_there() -> None:
     algebra = Algebra(["x1"])
-    below = algebra.letter("x1") + algebra.number(Fraction(1))
+    below = algebra.names["x1"] + algebra.number(Fraction(1))
     quotient = algebra.number(Fraction(1)) / below / below
     value = algebra.value(quotient, {"x1": point(Fraction(1))}, intervals)
     assert value.exactly == (Fraction(1, 4), Fraction(1, 4))

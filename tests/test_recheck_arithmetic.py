@@ -112,7 +112,7 @@ def test_roots_and_moduli_of_what_is_not_negative(text: str, zero: bool) -> None
     """p, q >= 0; of a nothing is known."""
     algebra = Algebra(("a", "p", "q"), ("p", "q"))
     value = evaluate(
-        expression(text, ("a", "p", "q")), {name: algebra.letter(name) for name in "apq"}, algebra.arithmetic
+        expression(text, ("a", "p", "q")), {name: algebra.names[name] for name in "apq"}, algebra.arithmetic
     )
     assert algebra.is_zero(value) is zero
 

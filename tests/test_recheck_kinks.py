@@ -15,9 +15,8 @@ from hypothesis import strategies as st
 import hgogen as hg
 from hgogen.certificates.certificate import certificate, stated
 from hgogen.recheck.algebra import Algebra
-from hgogen.recheck.arithmetic import Dual, Undefined, dual, evaluate
+from hgogen.recheck.arithmetic import Dual, Undefined, dual, evaluate, fractions
 from hgogen.recheck.box import Box, NotShown, covered
-from hgogen.recheck.exact import fractions
 from hgogen.recheck.interval import between, intervals, point
 from hgogen.recheck.slope import continuous, in_ranges, no_steeper, steep
 from hgogen.recheck.text import expression
@@ -144,7 +143,7 @@ def test_the_slope_of_a_side_is_nothing_or_anything() -> None:
 
 def test_a_side_has_no_slope_in_closed_form() -> None:
     algebra = Algebra(["x"])
-    x = Dual(Dual(algebra.letter("x"), {0: algebra.number(F(1))}), {0: Dual(algebra.number(F(1)), {})})
+    x = Dual(Dual(algebra.names["x"], {0: algebra.number(F(1))}), {0: Dual(algebra.number(F(1)), {})})
     with pytest.raises(Undefined):
         dual(dual(algebra.arithmetic)).function("Abs", (x,))
 

@@ -23,7 +23,7 @@ from hgogen.guarantees.plant_step import PlantStep
 from hgogen.recheck.arithmetic import Dual, Undefined, dual, evaluate
 from hgogen.recheck.inequality import Tableau, tableau_of
 from hgogen.recheck.interval import Interval, between, point
-from hgogen.recheck.plant_series import PlantSeries
+from hgogen.recheck.plant_motion import PlantSeries
 from hgogen.recheck.taylor import Taylor, taylor
 from hgogen.recheck.text import expression
 from hgogen.recheck.verification import recheck

@@ -35,7 +35,7 @@ from hgogen.modelfiles.storage import Bounds
 from hgogen.program import Place
 from hgogen.recheck import rounding as recheck_rounding
 from hgogen.recheck.box import NotShown
-from hgogen.recheck.rules.driven import _sizes
+from hgogen.recheck.rules.as_it_runs import _sizes
 from hgogen.recheck.verification import recheck
 from hgogen.step import BadStep
 

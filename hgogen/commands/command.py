@@ -31,7 +31,7 @@ from hgogen.commands.process import (
 from hgogen.errors import HgogenError
 from hgogen.modelfiles.raised import ends_python
 from hgogen.modelfiles.setting import SEEDS, Setting
-from hgogen.recheck.errors import RecheckError
+from hgogen.recheck.text import RecheckError
 from hgogen.sentence import encoded
 from hgogen.target import demand, remove, write
 

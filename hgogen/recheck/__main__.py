@@ -5,8 +5,8 @@ import json
 import os
 import sys
 
-from .errors import RecheckError
 from .file import FORMAT, VERSION
+from .text import RecheckError
 from .verification import Rechecked, load, recheck
 
 

@@ -11,7 +11,8 @@ from fractions import Fraction
 from functools import cache, reduce
 from typing import Any
 
-from .arithmetic import Arithmetic, Undefined
+from .arithmetic import Arithmetic, Undefined, along, evaluate
+from .text import Expression
 
 MOST_TERMS = 20_000
 _LONGEST = 20_000  # bits of a coefficient
@@ -99,6 +100,10 @@ class Quotient:
             inverse = Quotient({m: c / other.top[()] for m, c in _expanded(other.bottom).items()})
         return self * inverse
 
+    def __bool__(self) -> bool:
+        """False where it is written as 0."""
+        return bool(self.top)
+
     @property
     def number(self) -> Fraction | None:
         """The value of the quotient where it is written as a number, else None."""
@@ -157,21 +162,38 @@ class _Kernel:
 class Algebra:
     """Letters as they are met: names first, then functions of what was met before.
 
-    `nonnegative`: names whose range has no number below zero, so that the root of a square is known.
+    `nonnegative`: names whose range has no number below zero, so that the root of a square is known; `names`: what
+    each name stands for, its letter, or of those that are `fixed` its number.
     """
 
-    def __init__(self, names: Iterable[str], nonnegative: Iterable[str] = ()) -> None:
+    def __init__(
+        self, names: Iterable[str], nonnegative: Iterable[str] = (), fixed: Mapping[str, Fraction] | None = None
+    ) -> None:
         self.letters: list[str | _Kernel] = list(names)
         self.nonnegative = frozenset(nonnegative)
         self.arithmetic = Arithmetic(self.number, self.power, self.root, self.function, self._no_hull)
+        self.names = {str(name): self._at(k) for k, name in enumerate(self.letters)}
+        self.names |= {name: self.number(value) for name, value in (fixed or {}).items()}
+        self.zero, self.one = self.number(Fraction(0)), self.number(Fraction(1))
+
+    def read(self, text: Expression, values: Mapping[str, Quotient] | None = None) -> Quotient:
+        """The value of an expression, of these values of its names, by default what they stand for.
+
+        Raises: `Undefined`, `TooLarge`.
+        """
+        value: Quotient = evaluate(text, self.names if values is None else values, self.arithmetic)
+        return value
+
+    def speed(
+        self, text: Expression, speeds: Mapping[str, Quotient], values: Mapping[str, Quotient] | None = None
+    ) -> Quotient:
+        """The derivative of an expression whose names move with these speeds. Raises: `Undefined`, `TooLarge`."""
+        speed: Quotient = along(text, self.names if values is None else values, speeds, self.arithmetic)[1]
+        return speed
 
     def number(self, value: Fraction) -> Quotient:
         """A rational number."""
         return Quotient(_constant(value))
-
-    def letter(self, name: str) -> Quotient:
-        """A name."""
-        return self._at(self.letters.index(name))
 
     def _at(self, index: int) -> Quotient:
         return Quotient({((index, 1),): Fraction(1)})
@@ -182,10 +204,10 @@ class Algebra:
     def power(self, x: Quotient, exponent: int) -> Quotient:
         """A whole power."""
         if exponent < 0:
-            return self.number(Fraction(1)) / self.power(x, -exponent)
+            return self.one / self.power(x, -exponent)
         if len(x.top) > 1 and exponent > 64:
             raise TooLarge
-        result, square = self.number(Fraction(1)), x
+        result, square = self.one, x
         while exponent:
             if exponent % 2:
                 result = result * square
@@ -197,7 +219,7 @@ class Algebra:
         """x^(p/q), as a letter t = x^(1/q) to the power p."""
         p, q = exponent.numerator, exponent.denominator
         if self.is_zero(x):  # as a letter t, 1/t would have a value
-            return self.power(self.number(Fraction(0)), p)
+            return self.power(self.zero, p)
         known = self._known_root(x, q)
         return self.power(known or self._kernel(_Kernel("root", (x,), q)), p)
 
@@ -239,7 +261,7 @@ class Algebra:
 
     def function(self, name: str, args: tuple[Quotient, ...]) -> Quotient:
         """A function's value, as a letter; tan and exp of a sum by others."""
-        one = self.number(Fraction(1))
+        one = self.one
         if name == "jump":
             raise Undefined("a side has no slope in closed form")
         name = "sign" if name == "side" else name
@@ -253,11 +275,11 @@ class Algebra:
         if name in _EXTREME and len(known) == len(args):
             return self.number(_EXTREME[name](known))
         if args[0].number == 0 and name in ("sin", "sinh", "tanh", "asin", "asinh", "atan", "atanh"):
-            return self.number(Fraction(0))
+            return self.zero
         if args[0].number == 0 and name in ("cos", "cosh"):
             return one
         if name == "log" and args[0].number == 1:
-            return self.number(Fraction(0))
+            return self.zero
         if name == "Abs" and (magnitude := self._magnitude(args[0])) is not None:
             return magnitude
         if name in _ODD or name in _EVEN:
@@ -274,9 +296,9 @@ class Algebra:
         """exp(sum of c m) = product of exp(|c| m / k)^(k) with whole k, over one for c < 0."""
         if x.bottom:
             mirrored = self._find(_Kernel("exp", (-x,)))
-            one = self.number(Fraction(1))
+            one = self.one
             return self._kernel(_Kernel("exp", (x,))) if mirrored is None else one / self._at(mirrored)
-        result = self.number(Fraction(1))
+        result = self.one
         for monomial, value in sorted(x.top.items()):
             unit = Quotient({monomial: Fraction(1, value.denominator)})
             if abs(value.numerator) > 64:
@@ -369,7 +391,7 @@ class Algebra:
         if kernel.name in ("cos", "cosh"):
             other = self.function("sin" if kernel.name == "cos" else "sinh", kernel.args)
             square = other * other
-            return 2, self.number(Fraction(1)) + (-square if kernel.name == "cos" else square)
+            return 2, self.one + (-square if kernel.name == "cos" else square)
         return None
 
     def _reduced(self, top: Polynomial, letter: int, degree: int, value: Quotient) -> Polynomial:

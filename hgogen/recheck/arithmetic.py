@@ -1,17 +1,21 @@
-"""One walk over a certificate's expressions for every arithmetic, and derivatives in any of them.
+"""One walk over a certificate's expressions for every arithmetic, derivatives in any of them, and exact fractions.
 
 An arithmetic is a type with + - * / and the functions that `Arithmetic` lists. `dual` makes of it the arithmetic of
 values with slopes, which is forward differentiation.
 """
 
-from collections.abc import Callable, Mapping
+import math
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 from functools import reduce
-from typing import Any
+from operator import add, mul, neg, sub, truediv
+from typing import Any, TypeVar
 
-from .tables import is_table, next_of
+from .tables import is_table, next_of, value_at
 from .text import Expression
+
+Value = TypeVar("Value")
 
 
 class Undefined(Exception):  # not an error of the user: the walk over the boxes catches it
@@ -42,33 +46,39 @@ def evaluate(expression: Expression, values: Mapping[str, Any], arithmetic: Arit
     computed: list[Any] = []
     for op, places, value in expression.instructions:
         args = [computed[place] for place in places]
-        computed.append(_apply(op, args, value, values, arithmetic))
+        if op in OPERATIONS:
+            computed.append(OPERATIONS[op](*args))
+        elif op == "symbol":
+            computed.append(values[str(value)])
+        elif op in ("number", "power", "root"):
+            computed.append(getattr(arithmetic, op)(*args, value))
+        elif op == "raise":  # for a base above zero
+            computed.append(arithmetic.function("exp", (args[1] * arithmetic.function("log", (args[0],)),)))
+        else:
+            computed.append(arithmetic.function(op, tuple(args)))
     return computed[expression.result]
 
 
-def _apply(op: str, args: list[Any], value: Any, values: Mapping[str, Any], arithmetic: Arithmetic) -> Any:
-    if op in _OPERATIONS:
-        return _OPERATIONS[op](*args)
-    if op == "symbol":
-        return values[value]
-    if op == "number":
-        return arithmetic.number(value)
-    if op == "power":
-        return arithmetic.power(args[0], value)
-    if op == "root":
-        return arithmetic.root(args[0], value)
-    if op == "raise":  # for a base above zero
-        return arithmetic.function("exp", (args[1] * arithmetic.function("log", (args[0],)),))
-    return arithmetic.function(op, tuple(args))
+OPERATIONS: Mapping[str, Callable[..., Any]] = {"add": add, "sub": sub, "mul": mul, "div": truediv, "neg": neg}
 
 
-_OPERATIONS: Mapping[str, Callable[..., Any]] = {
-    "add": lambda a, b: a + b,
-    "sub": lambda a, b: a - b,
-    "mul": lambda a, b: a * b,
-    "div": lambda a, b: a / b,
-    "neg": lambda a: -a,
-}
+def total(terms: Iterable[Value]) -> Value:
+    """The sum of at least one term."""
+    whole: Value = reduce(add, terms)
+    return whole
+
+
+def determinant(rows: Sequence[Sequence[Any]]) -> Any:
+    """The determinant of a matrix (n, n) in any arithmetic, n > 0, by expansion along the first row."""
+    first, *others = rows
+    if not others:
+        return first[0]
+    terms = []
+    for j, x in enumerate(first):
+        if x:  # what is 0 for sure costs nothing
+            minor = determinant([[*row[:j], *row[j + 1 :]] for row in others])
+            terms.append(-(x * minor) if j % 2 else x * minor)
+    return total(terms) if terms else first[0]
 
 
 @dataclass(frozen=True)
@@ -146,6 +156,30 @@ def dual(base: Arithmetic) -> Arithmetic:
     return Arithmetic(lambda value: Dual(base.number(value), {}), power, root, function, both)
 
 
+def seeded(values: Mapping[str, Any], names: Iterable[str], arithmetic: Arithmetic) -> dict[str, Dual]:
+    """The values, with a slope of 1 at the place of each of the names that has one."""
+    places, one = {name: k for k, name in enumerate(names)}, arithmetic.number(Fraction(1))
+    return {name: Dual(value, {places[name]: one} if name in places else {}) for name, value in values.items()}
+
+
+def jacobian(
+    rows: Iterable[Expression], values: Mapping[str, Any], names: Sequence[str], arithmetic: Arithmetic
+) -> list[list[Any]]:
+    """The slopes (n, m) of n rows in m names, where their names have these values. Raises: as `evaluate`."""
+    moving, zero, base = seeded(values, names, arithmetic), arithmetic.number(Fraction(0)), dual(arithmetic)
+    slopes = [evaluate(row, moving, base).slopes for row in rows]
+    return [[row.get(k, zero) for k in range(len(names))] for row in slopes]
+
+
+def along(
+    row: Expression, values: Mapping[str, Any], speeds: Mapping[str, Any], arithmetic: Arithmetic
+) -> tuple[Any, Any]:
+    """The value of a row, and how fast it moves where its names do with these speeds. Raises: as `evaluate`."""
+    moving = {name: Dual(value, {0: speeds[name]} if name in speeds else {}) for name, value in values.items()}
+    result = evaluate(row, moving, dual(arithmetic))
+    return result.value, result.slopes.get(0, arithmetic.number(Fraction(0)))
+
+
 def _extreme(name: str, a: Dual, b: Dual, base: Arithmetic) -> Dual:
     """Min or Max of two."""
     way = a.value - b.value if name == "Max" else b.value - a.value
@@ -160,10 +194,10 @@ def _either(way: Any, a: Dual, b: Dual, base: Arithmetic) -> dict[int, Any]:
 
 def _slope(name: str, x: Any, value: Any, base: Arithmetic) -> Any:
     """df/dx of a function of one argument, from x and f(x)."""
+    one = base.number(Fraction(1))
     if name in _OTHERS:
         factor, other = _OTHERS[name]
         return base.number(Fraction(factor)) * base.function(other, (x,))
-    one = base.number(Fraction(1))
     if name in _RATIONAL:
         return _RATIONAL[name](one, base.power(x, 2), base.power(value, 2), x, value)
     if name in _ROOTS:
@@ -192,3 +226,67 @@ _RATIONAL: Mapping[str, Callable[..., Any]] = {
 }
 # f' = factor / sqrt(at_zero + square x^2)
 _ROOTS = {"asin": (1, 1, -1), "acos": (-1, 1, -1), "asinh": (1, 1, 1), "acosh": (1, -1, 1)}
+
+
+# --- exact fractions, at a point
+
+_LONGEST = 4096  # bits of an exact fraction; beyond it intervals answer
+
+
+class NotExact(Exception):
+    """A value that is no rational number, or too long a one."""
+
+
+def _exact_power(x: Fraction, exponent: int) -> Fraction:
+    if exponent < 0 and not x:
+        raise Undefined("division by zero")
+    if max(x.numerator.bit_length(), x.denominator.bit_length()) * abs(exponent) > _LONGEST:
+        raise NotExact
+    return x**exponent
+
+
+def _exact_root(x: Fraction, exponent: Fraction) -> Fraction:
+    if x < 0 or (x == 0 and exponent < 0):
+        raise Undefined("a root of a negative number")
+    parts = [_whole_root(part, exponent.denominator) for part in (x.numerator, x.denominator)]
+    return _exact_power(Fraction(*parts), exponent.numerator)
+
+
+def _whole_root(value: int, q: int) -> int:
+    root = round(value ** (1 / q)) if value < 2**50 else math.isqrt(value) if q == 2 else 0
+    if root**q != value:
+        raise NotExact
+    return root
+
+
+# f(0) of the functions with a rational value there
+_AT_ZERO = {
+    **dict.fromkeys(("sin", "tan", "asin", "atan", "sinh", "tanh", "asinh", "atanh"), 0),
+    **dict.fromkeys(("cos", "exp", "cosh"), 1),
+}
+_EXACT: Mapping[str, Callable[..., Fraction]] = {"Min": min, "Max": max, "Abs": abs}
+
+
+def _exact_function(name: str, args: tuple[Fraction, ...]) -> Fraction:
+    if is_table(name) and (value := value_at(name, args)) is not None:
+        return value
+    if name in _EXACT:
+        return _EXACT[name](*args)
+    if name == "sign" or (name == "side" and args[0]):
+        return Fraction((args[0] > 0) - (args[0] < 0))
+    if name == "log" and args[0] <= 0:
+        raise Undefined("the logarithm of zero or less")
+    if name == "log" and args[0] == 1:
+        return Fraction(0)
+    if name in _AT_ZERO and args[0] == 0:
+        return Fraction(_AT_ZERO[name])
+    raise NotExact
+
+
+def _equal(way: Fraction, a: Fraction, b: Fraction) -> Fraction:
+    if a != b:
+        raise NotExact
+    return a
+
+
+fractions = Arithmetic(lambda value: value, _exact_power, _exact_root, _exact_function, _equal)

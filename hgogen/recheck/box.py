@@ -12,8 +12,7 @@ from fractions import Fraction
 
 from mpmath import libmp
 
-from .arithmetic import Dual, Undefined, dual, evaluate
-from .exact import NotExact, fractions
+from .arithmetic import Dual, NotExact, Undefined, dual, evaluate, fractions, seeded
 from .interval import Interval, between, intervals, point
 from .text import Expression
 
@@ -140,11 +139,12 @@ def _float(end: object) -> float:
 
 
 def _text(box: Box) -> str:
-    return ", ".join(_side(name, *ends) for name, ends in box.items()) or "its only point"
-
-
-def _side(name: str, low: End, high: End) -> str:
-    return f"{name} = {_short(low)}" if low == high else f"{name} in [{_short(low)}, {_short(high)}]"
+    """The box for a sentence."""
+    named = (
+        f"{name} = {_short(low)}" if low == high else f"{name} in [{_short(low)}, {_short(high)}]"
+        for name, (low, high) in box.items()
+    )
+    return ", ".join(named) or "its only point"
 
 
 def _short(end: End) -> str:
@@ -162,6 +162,11 @@ def sides(box: Box) -> dict[str, Interval]:
     return {name: between(low, high) for name, (low, high) in box.items()}
 
 
+def points(at: Mapping[str, Fraction]) -> dict[str, Interval]:
+    """Numbers as intervals."""
+    return {name: point(value) for name, value in at.items()}
+
+
 def ranged(expression: Expression, low: End, high: End) -> Callable[[Box], Try]:
     """The statement that the expression is real and low <= value <= high; an infinite bound says nothing."""
 
@@ -170,7 +175,7 @@ def ranged(expression: Expression, low: End, high: End) -> Callable[[Box], Try]:
             natural = evaluate(expression, sides(box), intervals)
         except Undefined:
             return Try(False)
-        fails = [(end, sign) for end, sign, meets in ((low, 1, _above), (high, -1, _below)) if not meets(natural, end)]
+        fails = [(end, sign) for end, sign in ((low, 1), (high, -1)) if not _meets(natural, end, sign)]
         slopes = _slopes(expression, box) if fails else None
         if slopes is None:
             return Try(not fails)
@@ -183,45 +188,46 @@ def ranged(expression: Expression, low: End, high: End) -> Callable[[Box], Try]:
     return attempt
 
 
-def _above(value: Interval, low: End) -> bool:
-    return low == -math.inf or value.at_least(Fraction(low))
+def _meets(value: Interval, limit: End, sign: int) -> bool:
+    """Whether value >= limit, for sign 1, or value <= limit, for -1."""
+    return value.at_least(limit) if sign > 0 else value.at_most(limit)
 
 
-def _below(value: Interval, high: End) -> bool:
-    return high == math.inf or value.at_most(Fraction(high))
+def moving(box: Box) -> dict[str, Dual]:
+    """The box as intervals with slopes in those of its names that are no points, by their places."""
+    return seeded(sides(box), (name if low < high else "" for name, (low, high) in box.items()), intervals)
 
 
 def _slopes(expression: Expression, box: Box) -> Slopes | None:
     """Enclosures of the derivatives by the place of their names; None where there is none, or an unbounded side."""
-    if any(math.inf in (abs(low), abs(high)) for low, high in box.values()):
+    if unbounded(box):
         return None
-    one = point(Fraction(1))
-    values = {
-        name: Dual(side, {k: one} if box[name][0] < box[name][1] else {})
-        for k, (name, side) in enumerate(sides(box).items())
-    }
     try:
-        return dict(evaluate(expression, values, _duals).slopes)
+        return dict(evaluate(expression, moving(box), _duals).slopes)
     except Undefined:
         return None
 
 
+def unbounded(box: Box) -> bool:
+    """Whether a side of it has no end."""
+    return any(math.inf in (abs(low), abs(high)) for low, high in box.values())
+
+
 def _bounded(expression: Expression, face: Box, slopes: Slopes, limit: End, sign: int) -> bool:
     """Whether value >= limit on the face where it is least (sign 1), or value <= limit where it is greatest (-1)."""
-    meets = _above if sign > 0 else _below
     if all(low == high for low, high in face.values()):
         return _at(expression, {name: Fraction(low) for name, (low, _) in face.items()}, limit, sign)
     try:
-        if meets(evaluate(expression, sides(face), intervals), limit):
+        if _meets(evaluate(expression, sides(face), intervals), limit, sign):
             return True
         centre = {name: _centre(face[name], slopes.get(k), sign) for k, name in enumerate(face)}
-        total = evaluate(expression, {name: point(value) for name, value in centre.items()}, intervals)
+        total = evaluate(expression, points(centre), intervals)
     except Undefined:
         return False
     for k, name in enumerate(face):
         if k in slopes:
             total = total + slopes[k] * (between(*face[name]) - point(centre[name]))
-    return meets(total, limit)
+    return _meets(total, limit, sign)
 
 
 def face_on(box: Box, slopes: Slopes, sign: int) -> dict[str, tuple[End, End]]:
@@ -256,10 +262,10 @@ def _at(expression: Expression, at: Mapping[str, Fraction], limit: End, sign: in
             value = evaluate(expression, at, fractions)
             return bool(value >= limit) if sign > 0 else bool(value <= limit)
         except NotExact:
-            value = evaluate(expression, {name: point(one) for name, one in at.items()}, intervals)
+            value = evaluate(expression, points(at), intervals)
     except (Undefined, ZeroDivisionError):
         return False
-    return (_above if sign > 0 else _below)(value, limit)
+    return _meets(value, limit, sign)
 
 
 def witnessed(expression: Expression, at: Mapping[str, Fraction]) -> str:
@@ -270,7 +276,7 @@ def witnessed(expression: Expression, at: Mapping[str, Fraction]) -> str:
         return "undefined"
     except NotExact:
         try:
-            sign = evaluate(expression, {name: point(one) for name, one in at.items()}, intervals).sign
+            sign = evaluate(expression, points(at), intervals).sign
         except Undefined:
             return ""
         return {1: "positive", -1: "negative", 0: ""}[sign]

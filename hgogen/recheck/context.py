@@ -17,10 +17,10 @@ from functools import cached_property
 from typing import Any
 
 from .algebra import Algebra, Quotient, TooLarge
-from .arithmetic import Dual, Undefined, dual, evaluate
+from .arithmetic import Undefined, along, total
 from .box import Box, NotShown, covered, ranged
 from .file import Certificate, Claim, ends, part
-from .matrix import scalar
+from .matrix import fields, scalar
 from .text import Expression, expression, number
 
 
@@ -40,15 +40,7 @@ class Context:
         self.form, self.plant = certificate.form, certificate.plant
         self.z = self.form.states
         self.algebra = algebra_of(self.form.box)
-
-    @cached_property
-    def letters(self) -> dict[str, Quotient]:
-        """The form's names as letters, fixed parameters as their numbers."""
-        return letters_of(self.algebra, self.form.box)
-
-    def value(self, text: Expression) -> Quotient:
-        """An expression of the form's names."""
-        return value_of(text, self.letters, self.algebra)
+        self.value = self.algebra.read  # of an expression of the form's names
 
     @property
     def equations(self) -> Shown:
@@ -63,7 +55,6 @@ class Context:
         try:
             self._finite()
             self._flow()
-            self._undone()
         except NotShown as error:
             return str(error)
         except Undefined as error:
@@ -75,7 +66,7 @@ class Context:
     def _finite(self) -> None:
         """Every expression is a finite number on its whole box: an identity says nothing where a side has no value."""
         form, plant = self.form, self.plant
-        if len(form.states) != len(plant.states):
+        if len(self.z) != len(plant.states):
             raise NotShown("the form has not as many states as the plant")
         rows = [*form.from_form, *form.b, *form.output, *(entry for row in form.A for entry in row)]
         for where, box, texts in (
@@ -89,34 +80,28 @@ class Context:
                     raise NotShown(f"{cut(text.text)} of {where} is not shown to be a finite number: {error}") from None
 
     def _flow(self) -> None:
-        """Shows that dX/dz (A z + b) = f(X(z), u), h(X(z), u) = output and Z(X(z)) = z. Raises: `NotShown`."""
-        algebra, form, plant = self.algebra, self.form, self.plant
-        z = self.letters
+        """Shows dX/dz (A z + b) = f(X(z), u), h(X(z), u) = output, Z(X(z)) = z and X(Z(x)) = x. Raises: `NotShown`."""
+        algebra, form, plant, z = self.algebra, self.form, self.plant, self.algebra.names
         for change in (*form.to_form, *form.from_form):
             only(change.names & set(self.file.inputs), (), "the change of coordinates")
-        rates = [self.value(row) for row in form.b]
-        for i, row in enumerate(form.A):
-            for j, entry in enumerate(row):
-                rates[i] = rates[i] + self.value(entry) * z[form.states[j]]
-        moving = {name: Dual(z[name], {0: rates[form.states.index(name)]} if name in form.states else {}) for name in z}
-        images = [evaluate(inverse, moving, dual(algebra.arithmetic)) for inverse in form.from_form]
-        x = {**z, **{name: image.value for name, image in zip(plant.states, images, strict=True)}}
-        for name, flow, image in zip(plant.states, plant.flow, images, strict=True):
-            speed = image.slopes.get(0, algebra.number(Fraction(0)))
-            self._same(value_of(flow, x, algebra), speed, f"{name}' of the form is not the plant's")
+        rates = {
+            name: total(
+                (self.value(rest), *(self.value(entry) * z[other] for entry, other in zip(row, self.z, strict=True)))
+            )
+            for name, rest, row in zip(self.z, form.b, form.A, strict=True)
+        }
+        images = [along(inverse, z, rates, algebra.arithmetic) for inverse in form.from_form]
+        x = {**z, **{name: image for name, (image, _) in zip(plant.states, images, strict=True)}}
+        for name, flow, (_, speed) in zip(plant.states, plant.flow, images, strict=True):
+            self._same(algebra.read(flow, x), speed, f"{name}' of the form is not the plant's")
         for measured, output in zip(plant.output, form.output, strict=True):
-            self._same(value_of(measured, x, algebra), self.value(output), "the form's output is not the plant's")
+            self._same(algebra.read(measured, x), self.value(output), "the form's output is not the plant's")
         for name, forward in zip(form.states, form.to_form, strict=True):
-            self._same(value_of(forward, x, algebra), z[name], f"{name} is not undone by the inverse")
-
-    def _undone(self) -> None:
-        """X(Z(x)) = x on the plant's ranges: z tells all of x."""
-        form, plant = self.form, self.plant
-        algebra = algebra_of(plant.box)
-        x = letters_of(algebra, plant.box)
-        z = {**x, **{name: value_of(row, x, algebra) for name, row in zip(form.states, form.to_form, strict=True)}}
+            self._same(algebra.read(forward, x), z[name], f"{name} is not undone by the inverse")
+        algebra = algebra_of(plant.box)  # z tells all of x on the plant's ranges
+        z = {**algebra.names, **{name: algebra.read(row) for name, row in zip(form.states, form.to_form, strict=True)}}
         for name, row in zip(plant.states, form.from_form, strict=True):
-            if not algebra.is_zero(value_of(row, z, algebra) - x[name]):
+            if not algebra.is_zero(algebra.read(row, z) - algebra.names[name]):
                 raise NotShown(f"{name} is not undone by the change of coordinates")
 
     @cached_property
@@ -127,18 +112,16 @@ class Context:
     @cached_property
     def nonlinear(self) -> tuple[Expression, ...]:
         """b, with the terms of A z whose factor reads a state, row by row."""
-        return self._rows(lambda entry: not entry.names.isdisjoint(self.form.states))
+        return self._rows(lambda entry: not entry.names.isdisjoint(self.z))
 
     def _rows(self, selects: Callable[[Expression], bool]) -> tuple[Expression, ...]:
         """b with those terms of A z whose entry of A `selects` takes, row by row."""
-        form = self.form
         terms = (
-            [f"({entry.text})*{name}" for entry, name in zip(row, form.states, strict=True) if selects(entry)]
-            for row in form.A
+            [f"({entry.text})*{name}" for entry, name in zip(row, self.z, strict=True) if selects(entry)]
+            for row in self.form.A
         )
-        return tuple(
-            expression(" + ".join((f"({rest.text})", *row)), form.box) for rest, row in zip(form.b, terms, strict=True)
-        )
+        pairs = zip(self.form.b, terms, strict=True)
+        return tuple(expression(" + ".join((f"({rest.text})", *row)), self.form.box) for rest, row in pairs)
 
     def _same(self, a: Quotient, b: Quotient, complaint: str) -> None:
         if not self.algebra.is_zero(a - b):
@@ -155,9 +138,9 @@ class Context:
         Raises: `NotShown`.
         """
         first, output = self.seen[chain], self.form.output[chain]
-        slope = self.slope(output, first)
-        rest = value_of(output, {**self.letters, first: self.algebra.number(Fraction(0))}, self.algebra)
-        self._same(self.value(output) - rest, slope * self.letters[first], f"the output is not linear in {first}")
+        slope, letters = self.slope(output, first), self.algebra.names
+        rest = self.value(output, {**letters, first: self.algebra.zero})
+        self._same(self.value(output) - rest, slope * letters[first], f"the output is not linear in {first}")
         return slope
 
     @property
@@ -186,34 +169,14 @@ class Context:
 
     def slope(self, text: Expression, name: str) -> Quotient:
         """The partial derivative of an expression in a name, in closed form."""
-        return slope_of(text, name, self.letters, self.algebra)
+        return self.algebra.speed(text, {name: self.algebra.one})
 
 
 def algebra_of(box: Box) -> Algebra:
     """The algebra of a box's names; a name of one value is no letter."""
     free = [name for name, (low, high) in box.items() if low < high]
-    return Algebra(free, [name for name in free if box[name][0] >= 0])
-
-
-def letters_of(algebra: Algebra, box: Box) -> dict[str, Quotient]:
-    """A box's names as letters, those of one value as that number."""
-    return {
-        name: algebra.letter(name) if low < high else algebra.number(Fraction(low)) for name, (low, high) in box.items()
-    }
-
-
-def value_of(text: Expression, values: Mapping[str, Quotient], algebra: Algebra) -> Quotient:
-    """An expression's value in the algebra, its names replaced by `values`."""
-    quotient: Quotient = evaluate(text, values, algebra.arithmetic)
-    return quotient
-
-
-def slope_of(text: Expression, name: str, letters: Mapping[str, Quotient], algebra: Algebra) -> Quotient:
-    """The partial derivative of an expression of these letters in a name, in closed form."""
-    one, zero = algebra.number(Fraction(1)), algebra.number(Fraction(0))
-    values = {other: Dual(letter, {0: one} if other == name else {}) for other, letter in letters.items()}
-    derivative: Quotient = evaluate(text, values, dual(algebra.arithmetic)).slopes.get(0, zero)
-    return derivative
+    fixed = {name: Fraction(low) for name, (low, high) in box.items() if low == high}
+    return Algebra(free, [name for name in free if box[name][0] >= 0], fixed)
 
 
 def applied(algebra: Algebra, M: Iterable[Sequence[Fraction]], x: Sequence[Quotient]) -> list[Quotient]:
@@ -223,13 +186,19 @@ def applied(algebra: Algebra, M: Iterable[Sequence[Fraction]], x: Sequence[Quoti
 
 def inner(algebra: Algebra, a: Sequence[Quotient], x: Sequence[Quotient]) -> Quotient:
     """The sum of products."""
-    total = algebra.number(Fraction(0))
-    for share, each in zip(a, x, strict=True):
-        total = total + share * each if share.top else total
-    return total
+    products = (share * each for share, each in zip(a, x, strict=True) if share)
+    return sum(products, start=algebra.zero)
 
 
 # --- pieces of rules
+
+
+def inside(low: Any, high: Any, share: Fraction) -> Fraction:
+    """The point at a share of a range; of an unbounded one as far from its end, or from 0."""
+    if low > -math.inf:
+        return Fraction(low) + (share if high == math.inf else share * (Fraction(high) - Fraction(low)))
+    return (Fraction(0) if high == math.inf else Fraction(high)) - share
+
 
 _MOST = 40  # digits of a number in a sentence
 RANGE = ("expression", "box", "low", "high", "tree")  # what the evidence of an enclosure has
@@ -263,9 +232,16 @@ def declared_box(evidence: Mapping[str, Any], box: Box, names: Iterable[str]) ->
     return wanted
 
 
+def claimed(context: Context, evidence: Mapping[str, Any], wanted: Quotient) -> Expression:
+    """The evidence's expression, which is what has to be shown. Raises: `NotShown`."""
+    text = expression(part(evidence, "expression", str), context.form.box)
+    context.same(text, wanted, f"its expression {text.text} is not what the form has")
+    return text
+
+
 def enclosed(
     context: Context,
-    evidence: object,
+    evidence: Any,
     wanted: Quotient,
     source: Expression,
     read: Callable[[Expression], Expression] = lambda text: text,
@@ -274,10 +250,7 @@ def enclosed(
 
     Raises: `NotShown`.
     """
-    if not isinstance(evidence, Mapping) or evidence.keys() != set(RANGE):
-        raise NotShown(f"a range is no object of {', '.join(RANGE)}")
-    text = expression(part(evidence, "expression", str), context.form.box)
-    context.same(text, wanted, f"its expression {text.text} is not what the form has")
+    text = claimed(context, fields(evidence, "a range", RANGE), wanted)
     low, high = scalar(evidence, "low"), scalar(evidence, "high")
     box = declared_box(evidence, context.form.box, text.names)
     boxes = covered(box, part(evidence, "tree", str), ranged(read(text), low, high))

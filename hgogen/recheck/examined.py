@@ -11,11 +11,11 @@ from fractions import Fraction
 from typing import Any
 
 from .algebra import TooLarge
-from .arithmetic import Arithmetic, Dual, Undefined, dual, evaluate
-from .box import NotShown
-from .context import Context, algebra_of, letters_of, short
+from .arithmetic import Arithmetic, Undefined, along, evaluate, total
+from .box import NotShown, points
+from .context import Context, algebra_of, inside, short
 from .file import words
-from .interval import intervals, point
+from .interval import intervals
 from .rules import FORMS
 from .rules.phase import box_of_rates
 
@@ -66,7 +66,7 @@ def _unshown(context: Context) -> str:
     try:
         box, speeds = _moving(context)
         algebra = algebra_of(box)
-        for name, residual in _residuals(context, letters_of(algebra, box), speeds, algebra.arithmetic):
+        for name, residual in _residuals(context, algebra.names, speeds, algebra.arithmetic):
             if not algebra.is_zero(residual):
                 return f"{name} is not shown to be the plant's"
     except NotShown as error:
@@ -85,10 +85,11 @@ def _differences(context: Context) -> Iterator[str]:
     except NotShown:
         return
     for k in range(_POINTS):
-        at = {name: _inside(*ends, k + i) for i, (name, ends) in enumerate(box.items())}
-        values = {name: point(value) for name, value in at.items()}
+        at = {
+            name: inside(*ends, Fraction((3 * (k + i) + 5) % 11 + 1, 13)) for i, (name, ends) in enumerate(box.items())
+        }
         try:
-            differing = [name for name, x in _residuals(context, values, speeds, intervals) if x.sign]
+            differing = [name for name, x in _residuals(context, points(at), speeds, intervals) if x.sign]
         except Undefined:
             continue
         if differing:
@@ -108,32 +109,16 @@ def _residuals(
     context: Context, at: Mapping[str, Any], rates: Mapping[str, str], arithmetic: Arithmetic
 ) -> Iterator[tuple[str, Any]]:
     """Each equation's name and the difference of its sides, at these values."""
-    form, plant, none = context.form, context.plant, arithmetic.number(Fraction(0))
+    form, plant = context.form, context.plant
     speeds = {name: evaluate(row, at, arithmetic) for name, row in zip(plant.states, plant.flow, strict=True)}
     speeds |= {u: at[rate] for u, rate in rates.items()}
-    moving = {name: Dual(value, {0: speeds[name]} if name in speeds else {}) for name, value in at.items()}
-    Z = [evaluate(row, moving, dual(arithmetic)) for row in form.to_form]
-    z = {**at, **{name: image.value for name, image in zip(form.states, Z, strict=True)}}
+    Z = [along(row, at, speeds, arithmetic) for row in form.to_form]
+    z = {**at, **{name: image for name, (image, _) in zip(form.states, Z, strict=True)}}
     known = len(Z) - 1 if _unmodelled(context) else len(Z)
-    for name, image, row, rest in zip(form.states[:known], Z, form.A, form.b, strict=False):
-        rate = evaluate(rest, z, arithmetic)
-        for entry, other in zip(row, form.states, strict=True):
-            rate = rate + evaluate(entry, z, arithmetic) * z[other]
-        yield f"{name}'", rate - image.slopes.get(0, none)
+    for name, (_, speed), row, rest in zip(form.states[:known], Z, form.A, form.b, strict=False):
+        driven = (evaluate(entry, z, arithmetic) * z[other] for entry, other in zip(row, form.states, strict=True))
+        yield f"{name}'", total((evaluate(rest, z, arithmetic), *driven)) - speed
     for k, (measured, output) in enumerate(zip(plant.output, form.output, strict=True), 1):
         yield f"output {k}", evaluate(output, z, arithmetic) - evaluate(measured, at, arithmetic)
     for name, inverse in zip(plant.states, form.from_form, strict=True):
         yield name, evaluate(inverse, z, arithmetic) - at[name]
-
-
-def _inside(low: Any, high: Any, k: int) -> Fraction:
-    """The k-th point of a range; of an unbounded one near its end or 0."""
-    share = Fraction((3 * k + 5) % 11 + 1, 13)
-    try:
-        return Fraction(low) + (Fraction(high) - Fraction(low)) * share
-    except OverflowError:
-        pass
-    try:
-        return Fraction(low) + share
-    except OverflowError:
-        return (Fraction(0) if high == float("inf") else Fraction(high)) - share

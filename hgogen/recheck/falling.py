@@ -12,7 +12,7 @@ from itertools import product
 from typing import Any
 
 from .box import NotShown
-from .chain import built
+from .chain import CARRIED, built, jacobian_bound
 from .context import Context, Shown, is_above, on, short
 from .file import Claim, Observer
 from .inequality import FLOW, NOW, Parts, demand_falls, demand_negative
@@ -27,7 +27,7 @@ from .matrix import (
     times,
     twice,
 )
-from .rule import Keys, Rule, on_chains
+from .rule import STEEP, STRUCTURE, Keys, Rule, of_observer, on_chains
 
 # V' <= -alpha V at a theta, by the claim's V, whatever the slopes that the second evidence bounds; in how many boxes
 Falls = Callable[[Context, Claim, Mapping[str, Any], Fraction, Fraction], int]
@@ -104,3 +104,13 @@ def decays(makers: Keys, decay: Decay, slopes: Keys, norm: Keys) -> tuple[Rule, 
         on_chains(makers, ("convergence",), decay.converges, (*slopes, "least", *norm)),
         on_chains(makers, ("theta",), decay.chosen, ("alpha", *norm), "{maker}.convergence"),
     )
+
+
+def clamped(makers: Keys) -> Rule:
+    """The rule of |db/dz| <= bound on the whole box of z of a form in other coordinates, to which observers clamp the
+    argument of b."""
+    return of_observer(makers, ("lipschitz",), _steep, STEEP, STRUCTURE, kinds=CARRIED)
+
+
+def _steep(context: Context, claim: Claim) -> Shown:
+    return jacobian_bound(context, claim, context.form.b, "db/dz")

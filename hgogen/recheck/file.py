@@ -12,8 +12,7 @@ from hashlib import sha256
 from typing import Any
 
 from .box import Box, End
-from .errors import RecheckError
-from .text import Expression, expression, number
+from .text import Expression, RecheckError, expression, number
 
 FORMAT, VERSION = "hgogen certificate", "3"
 LARGEST = 50_000_000  # characters of a file

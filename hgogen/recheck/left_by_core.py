@@ -27,13 +27,12 @@ from typing import Any
 
 from .box import NotShown
 from .context import Context
-from .core_integral import core_integral
 from .file import part
 from .inequality import REALISED, TAKEN, Parts, Weights
 from .matrix import Matrix, column, entries, matrix, minus, plus, scalar, scaled, sizes, times, unit, zeros
-from .plant_derivatives import Derivative, demand_derivatives
-from .plant_motion import PlantMotion, demand_keys, motion_of
+from .plant_motion import Derivative, PlantMotion, demand_derivatives, demand_keys, motion_of
 from .slope import no_steeper
+from .transition import core_integral
 from .uncertain import ErrorInclusion
 
 _KEYS = ("rates", "speeds", "flow", "rest", "steepness")

@@ -23,6 +23,14 @@ def entries(holder: Mapping[str, Any], key: str, count: int) -> list[Any]:
     return values
 
 
+def fields(one: Any, what: str, keys: Sequence[str]) -> Mapping[str, Any]:
+    """A JSON object that has these parts and no others; `what` it is, in words. Raises: `NotShown`."""
+    if not isinstance(one, dict) or set(one) != set(keys):
+        *first, last = keys
+        raise NotShown(f"{what} is no object of {', '.join(first)} and {last}")
+    return one
+
+
 def column(holder: Mapping[str, Any], key: str, count: int) -> list[Fraction]:
     """`count` numbers. Raises: `NotShown`."""
     return [_number(value, key) for value in entries(holder, key, count)]

@@ -1,14 +1,31 @@
-"""How fast a plant moves on its ranges, from which sizes of what a method leaves follow."""
+"""How fast a plant moves on its ranges, from which sizes of what a method leaves follow.
+
+    x' = F(x, u), u' constant;   X_i = x + s sum_j a_ij k_j,   k_i = F(X_i, u + c_i s u'),   Phi_s = x + s sum_i b_i k_i
+
+Taylor coefficients in time of the plant's flow, and of a step of a method in its length, are intervals that hold those
+of every point of a box, and of every length s from 0 to h. At a stage an input may have left the box, but not its
+range. The k-th derivative of r(x(t), u(t)) of a row r is by series of values with slopes in the point, and in the rates
+of inputs: what it is on a box, by itself, or on the face towards which it grows by its value at the centre and slopes.
+"""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
-from functools import cached_property
+from functools import cached_property, lru_cache
+from math import factorial
 from typing import Any
 
-from .box import NotShown, covered, ranged
+from .arithmetic import Dual, dual, evaluate
+from .box import Box, End, NotShown, covered, moving, ranged, sides
 from .context import Context, narrowed, only, short
+from .inequality import Tableau
+from .interval import Interval, between, intersection, point
 from .matrix import column
+from .slope import on_faces
+from .taylor import Taylor, begin, taylor
+from .text import Expression
+
+_ONE = Fraction(1)
 
 
 @dataclass(frozen=True)
@@ -79,3 +96,152 @@ def demand_keys(follows: Mapping[str, Any], keys: tuple[str, ...]) -> None:
     """That it has these and no others. Raises: `NotShown`."""
     if set(follows) != {*keys}:
         raise NotShown(f"the sizes of the method do not follow from {', '.join(keys)}")
+
+
+# --- series in time
+
+Series = Mapping[str, Dual]  # by names, of Taylor series with slopes
+
+
+def _flow(rows: Sequence[Expression], states: Sequence[str], started: Series, order: int) -> Series:
+    """The series below t^order of all names, of which the states move as the rows say. Raises: `Undefined`."""
+    series = dict(started)
+    for k in range(1, order):
+        here = _begun(series, k)
+        rates = [evaluate(row, here, dual(taylor(k))) for row in rows]
+        series |= {name: _longer(here[name], rate) for name, rate in zip(states, rates, strict=True)}
+    return series
+
+
+def _begun(series: Series, count: int) -> Series:
+    """The same of as many coefficients."""
+    cut = {name: {k: begin(slope.coefficients, count) for k, slope in x.slopes.items()} for name, x in series.items()}
+    return {name: Dual(begin(x.value.coefficients, count), cut[name]) for name, x in series.items()}
+
+
+def _longer(x: Dual, rate: Dual) -> Dual:
+    """By one coefficient, from the rate."""
+    count = len(x.value.coefficients)
+    share, none = point(Fraction(1, count)), begin((), count)
+
+    def longer(x: Taylor, rate: Taylor) -> Taylor:
+        return Taylor((*x.coefficients, share * rate.coefficients[-1]))
+
+    keys = sorted(x.slopes.keys() | rate.slopes.keys())
+    slopes = {k: longer(x.slopes.get(k, none), rate.slopes.get(k, none)) for k in keys}
+    return Dual(longer(x.value, rate.value), slopes)
+
+
+@dataclass(frozen=True)
+class PlantSeries:
+    """The series of the rows F by the names of the states (n); `rates`: at most how fast an input moves, by its name,
+    within its range in `whole`; a name of the box that is neither is constant."""
+
+    rows: Sequence[Expression]
+    states: Sequence[str]
+    rates: Mapping[str, Fraction]
+    box: Box
+    whole: Box
+
+    def flow(self, order: int) -> list[list[Interval]]:
+        """Those of the flow (n) below s^order. Raises: `Undefined`."""
+        started = {name: [side] for name, side in sides(self.box).items()} | self._inputs(_ONE, Fraction(0))
+        series = _flow(self.rows, self.states, {name: Dual(begin(x, len(x)), {}) for name, x in started.items()}, order)
+        return [[*series[name].value.coefficients] for name in self.states]
+
+    def step(self, tableau: Tableau, h: Fraction, order: int) -> list[list[Taylor]]:
+        """Those of the stages (s, n), and last of the step, below s^order. Raises: `Undefined`."""
+        arithmetic, ranges, slopes, stages = taylor(order), sides(self.box), list[list[Taylor]](), list[list[Taylor]]()
+        start = [begin([ranges[name]], order) for name in self.states]
+        length = begin([between(0, h), point(_ONE)], order)
+        for weights, at in zip((*tableau.rows, tableau.weights), (*tableau.nodes, _ONE), strict=True):
+            here = list(start)
+            for weight, slope in zip(weights, slopes, strict=True):
+                if weight:
+                    moves = length * arithmetic.number(weight)
+                    here = [x + moves * one for x, one in zip(here, slope, strict=True)]
+            stages.append(here)
+            if len(slopes) < len(tableau.weights):
+                slopes.append(self._rates(here, self._inputs(at, h), order))
+        return stages
+
+    def _inputs(self, at: Fraction, h: Fraction) -> dict[str, list[Interval]]:
+        """The inputs and their rates at that share of any length up to h, the rates for a step of it."""
+        ranges, known = sides(self.box), dict[str, list[Interval]]()
+        for name, rate in self.rates.items():
+            moves = point(at) * between(-rate, rate)
+            here = ranges[name] + moves * between(0, h)
+            known[name] = [intersection(here, between(*self.whole[name])), moves]
+        return known
+
+    def _rates(self, states: Sequence[Taylor], inputs: Mapping[str, list[Interval]], order: int) -> list[Taylor]:
+        """F below s^order of the series of the states and of the inputs."""
+        values = {name: begin([side], order) for name, side in sides(self.box).items()}
+        values |= zip(self.states, states, strict=True)
+        values |= {name: begin(x, order) for name, x in inputs.items()}
+        return [evaluate(row, values, taylor(order)) for row in self.rows]
+
+
+# --- derivatives in time
+
+Ends = tuple[tuple[str, tuple[End, End]], ...]  # those of a box
+
+
+@dataclass(frozen=True)
+class Derivative:
+    """Of a row, the derivative of an order, and what it is at most."""
+
+    row: Expression
+    order: int
+    most: Fraction
+
+
+def demand_derivatives(motion: PlantMotion, each: Sequence[Derivative]) -> int:
+    """That derivatives of rows of the plant are at most what is said; with how many boxes. Raises: `NotShown`."""
+    context, moves = motion.context, tuple((one.row, one.order) for one in each)
+    whole, rates = context.form.box, dict(zip(context.file.inputs, motion.rates, strict=True))
+    steered = {u: f"{u}'" for u, rate in rates.items() if rate}  # what stands for its rate, a name that no text has
+    box = {**narrowed(whole, motion.read), **{steered[u]: (-rates[u], rates[u]) for u in steered}}
+    plant = tuple(context.rates), tuple(context.z), tuple(whole.items()), tuple(steered.items())
+
+    def on(here: Box) -> list[Dual]:
+        return _derivatives(*plant, moves, tuple(here.items()))
+
+    def values(here: Box) -> list[Interval]:
+        return [each.value for each in on(here)]
+
+    return covered(box, ".", on_faces([(-one.most, one.most) for one in each], values, on))
+
+
+@lru_cache(maxsize=1 << 10)  # other bounds of them are shown, or are not, of the same boxes
+def _derivatives(
+    rates: tuple[Expression, ...],
+    states: tuple[str, ...],
+    whole: Ends,
+    steered: tuple[tuple[str, str], ...],
+    moves: tuple[tuple[Expression, int], ...],
+    here: Ends,
+) -> list[Dual]:
+    """What derivatives of rows, of an order each, are in intervals on a box, with their slopes. Raises: `Undefined`."""
+    orders = dict(sorted(moves, key=lambda one: one[1]))
+    every = {**{name: Dual(x, {}) for name, x in sides(dict(whole)).items()}, **moving(dict(here))}
+    rate = dict(steered)
+    started = {name: _started(every[name], *([every[rate[name]]] if name in rate else [])) for name, _ in whole}
+    series = _flow(rates, states, started, max(orders.values()) + 1)
+    rows = {row: evaluate(row, _begun(series, order + 1), dual(taylor(order + 1))) for row, order in orders.items()}
+    return [_derivative(rows[row], order) for row, order in moves]
+
+
+def _started(*coefficients: Dual) -> Dual:
+    """A series with slopes, from coefficients that have one each."""
+    (none,) = begin((), 1).coefficients
+    keys = dict.fromkeys(k for x in coefficients for k in x.slopes)
+    slopes = {k: Taylor(tuple(x.slopes.get(k, none) for x in coefficients)) for k in keys}
+    return Dual(Taylor(tuple(x.value for x in coefficients)), slopes)
+
+
+def _derivative(series: Dual, order: int) -> Dual:
+    """Of a series, with its slopes."""
+    share = point(Fraction(factorial(order)))
+    slopes = {name: share * slope.coefficients[order] for name, slope in series.slopes.items()}
+    return Dual(share * series.value.coefficients[order], slopes)

@@ -1,4 +1,4 @@
-"""That the sizes of what a program rounds follow from its statements, which are those of the step (`step_program`).
+"""That the sizes of what a program rounds follow from its statements, which are those of the step (`program`).
 
 How far it is from the step in its precision is computed where the plant is in its ranges and the error of each field
 within a bound, in pieces of the ranges of the states that outputs show. All shares together are at most that bound: an
@@ -16,14 +16,12 @@ from .arithmetic import Undefined, evaluate
 from .box import End, NotShown
 from .computed import POWER, PRECISIONS, UNITS, Computed, constant, precision
 from .context import Context, short
-from .equation import Equation
 from .file import part
 from .inequality import Tableau
 from .interval import Interval, between, intervals, point
-from .listed import Walk, listed
 from .matrix import column
 from .plant_motion import demand_speeds
-from .step_program import StepProgram
+from .program import Equation, StepProgram, Walk, listed
 from .uncertain import ErrorInclusion
 
 _KEYS = ("between", "parameters", "precision", "speeds", "within", "program", "stages", "rates", "after")

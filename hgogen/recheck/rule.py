@@ -8,9 +8,9 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 
 from .box import NotShown
+from .chain import CARRIED, ON_CHAINS, structure
 from .context import Context, Shown
 from .file import Claim, FormFile
-from .structure import CARRIED, ON_CHAINS, structure
 
 Verify = Callable[[Context, Claim], Shown]
 Keys = tuple[str, ...]

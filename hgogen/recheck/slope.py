@@ -4,21 +4,21 @@ A Jacobian on a box is enclosed entry by entry, by forward derivatives in mpmath
 the mean value form of each entry, with second derivatives.
 """
 
-import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
 from fractions import Fraction
 from functools import lru_cache
-from itertools import combinations
+from itertools import chain, combinations
+from operator import mul
 from typing import Any
 
-from .arithmetic import Dual, Undefined, dual, evaluate
-from .box import Box, End, NotShown, Slopes, Try, centre_of, covered, face_on, sides
+from .arithmetic import Arithmetic, Dual, Undefined, dual, evaluate, jacobian, total
+from .box import Box, End, NotShown, Slopes, Try, centre_of, covered, face_on, moving, points, sides, unbounded
 from .context import Context, cut, narrowed
-from .interval import Interval, between, intersection, intervals, point
+from .interval import Interval, intersection, intervals, point
 from .matrix import Matrix
 from .tables import is_table, jumps, table_of
-from .text import Expression
+from .text import KINKS, Expression
 
 _duals = dual(intervals)
 Rows = tuple[Expression, ...]
@@ -31,7 +31,10 @@ def regular(expressions: Sequence[Expression], names: Sequence[str]) -> Callable
 
     def attempt(box: Box) -> Try:
         try:
-            return Try(all(x.finite for row in _jacobian(expressions, names, box) for x in row))
+            there = sides(box)
+            slopes = jacobian(expressions, there, names, intervals)
+            values = (evaluate(row, there, intervals) for row in expressions)
+            return Try(all(x.finite for x in (*values, *chain(*slopes))))
         except Undefined:
             return Try(False)
 
@@ -62,12 +65,12 @@ def differentiable(texts: Iterable[Expression], at: Mapping[str, Fraction]) -> N
 
     Raises: `NotShown`.
     """
-    values = {name: point(value) for name, value in at.items()}
+    values = points(at)
     for text in texts:
         for op, args, _ in text.instructions:
             if is_table(op) and _meets(op, [evaluate(replace(text, result=arg), values, intervals) for arg in args]):
                 raise NotShown(f"{cut(text.text)} may have no slope at its witness")
-            if op not in ("Abs", "sign", "Min", "Max"):
+            if op not in KINKS:
                 continue
             operands = [evaluate(replace(text, result=arg), values, intervals) for arg in args]
             differences = [x - y for x, y in combinations(operands, 2)] if len(operands) > 1 else operands
@@ -81,17 +84,17 @@ def continuous(texts: Iterable[Expression], names: Iterable[str], box: Box) -> N
 
     Raises: `NotShown`.
     """
-    moving, ranges = frozenset(names), sides(box)
+    along, ranges = frozenset(names), sides(box)
     for text in texts:
         moves: list[bool] = []
         for op, args, value in text.instructions:
-            moves.append(value in moving if op == "symbol" else any(moves[arg] for arg in args))
+            moves.append(value in along if op == "symbol" else any(moves[arg] for arg in args))
             if not (moves[-1] and jumps(op)):
                 continue
             table, order = table_of(op)
             place = [evaluate(replace(text, result=arg), ranges, intervals).exactly for arg in args]
-            along = [m + moves[arg] for m, arg in zip(order, args, strict=True)]
-            if table.range(tuple(along), place) is None:
+            orders = tuple(m + moves[arg] for m, arg in zip(order, args, strict=True))
+            if table.range(orders, place) is None:
                 raise NotShown(f"{cut(text.text)} is not shown to be continuous")
 
 
@@ -99,15 +102,6 @@ def _meets(table: str, at: Sequence[Interval]) -> bool:
     """Whether an argument of a table may be one of its points."""
     axes = table_of(table)[0].axes
     return any((x - point(place)).sign == 0 for x, places in zip(at, axes, strict=True) for place in places)
-
-
-def _jacobian(rows: Sequence[Expression], names: Sequence[str], box: Box) -> list[list[Interval]]:
-    """Enclosures (n, 1 + m) of each row's value and its slopes in the m names."""
-    places = {name: k for k, name in enumerate(names)}
-    one, zero = point(Fraction(1)), point(Fraction(0))
-    values = {name: Dual(side, {places[name]: one} if name in places else {}) for name, side in sides(box).items()}
-    duals = [evaluate(row, values, _duals) for row in rows]
-    return [[row.value, *(row.slopes.get(k, zero) for k in range(len(names)))] for row in duals]
 
 
 def steep(
@@ -219,7 +213,7 @@ def _second(
     rows: Sequence[Expression], names: Sequence[str], box: Box, scale: Sequence[Expression]
 ) -> list[list[Dual]]:
     """S J S^-1 with the slopes of its entries in all of the box's names, by their places. Raises: `Undefined`."""
-    if any(math.inf in (abs(low), abs(high)) for low, high in box.values()):
+    if unbounded(box):
         raise Undefined("an unbounded side")
     return _second_on(tuple(rows), tuple(names), tuple(box.items()), tuple(scale))
 
@@ -231,27 +225,20 @@ def _second(
 def _scaled_on(
     rows: Rows, names: tuple[str, ...], ends: tuple[tuple[str, Side], ...], scale: Rows
 ) -> list[list[Interval]]:
-    box = dict(ends)
-    J = [row[1:] for row in _jacobian(rows, names, box)]
-    S = [evaluate(factor, sides(box), intervals) for factor in scale]
-    return _similar(S, J) if S else J
+    return _similar(scale, sides(dict(ends)), rows, names, intervals)
 
 
 @lru_cache(maxsize=1 << 9)
 def _second_on(rows: Rows, names: tuple[str, ...], ends: tuple[tuple[str, Side], ...], scale: Rows) -> list[list[Dual]]:
-    one, zero = point(Fraction(1)), Dual(point(Fraction(0)), {})
-    inner = {name: Dual(between(*side), {k: one} if side[0] < side[1] else {}) for k, (name, side) in enumerate(ends)}
-    places = {name: k for k, name in enumerate(names)}
-    values = {name: Dual(x, {places[name]: Dual(one, {})} if name in places else {}) for name, x in inner.items()}
-    slopes = [evaluate(row, values, dual(_duals)).slopes for row in rows]
-    S = [evaluate(factor, inner, _duals) for factor in scale]
-    J = [[row.get(k, zero) for k in range(len(names))] for row in slopes]
-    return _similar(S, J) if S else J
+    return _similar(scale, moving(dict(ends)), rows, names, _duals)
 
 
-def _similar(S: Sequence[Any], J: list[list[Any]]) -> list[list[Any]]:
+def _similar(
+    scale: Rows, values: Mapping[str, Any], rows: Rows, names: tuple[str, ...], arithmetic: Arithmetic
+) -> list[list[Any]]:
     """S J S^-1, whose diagonal is that of J, which S would make wider."""
-    return [[x if i == j else S[i] * x / S[j] for j, x in enumerate(row)] for i, row in enumerate(J)]
+    J, S = jacobian(rows, values, names, arithmetic), [evaluate(factor, values, arithmetic) for factor in scale]
+    return [[x if i == j else S[i] * x / S[j] for j, x in enumerate(row)] for i, row in enumerate(J)] if S else J
 
 
 def ways(centre: Box, box: Box) -> Slopes:
@@ -278,36 +265,29 @@ def weights(entries: Sequence[Dual]) -> Slopes:
 
 def frobenius(J: list[list[Interval]], bound: Fraction) -> bool:
     """The sum of squares is at most bound^2."""
-    return _total(map(_squared, zip(*J, strict=True))).at_most(bound**2)
+    return _sum(map(_squared, zip(*J, strict=True))).at_most(bound**2)
 
 
 def spectral(J: list[list[Interval]], bound: Fraction) -> bool:
     """|J| <= bound by Frobenius' norm, or bound^2 I - J'J > 0 by the pivots of its LDL' in intervals."""
     columns = list(zip(*J, strict=True))
     squares = [_squared(column) for column in columns]
-    if _total(squares).at_most(bound**2):
+    if _sum(squares).at_most(bound**2):
         return True
     n, most = len(columns), point(bound**2)
     M = [[most - square] * n for square in squares]
     for i, j in combinations(range(n), 2):
-        M[i][j] = M[j][i] = -_dot(columns[i], columns[j])
+        M[i][j] = M[j][i] = -total(map(mul, columns[i], columns[j]))
     return positive(M)
 
 
-def _squared(column: Sequence[Interval]) -> Interval:
+def _squared(column: Iterable[Interval]) -> Interval:
     """The sum of the squares."""
-    return _total(intervals.power(x, 2) for x in column)
+    return _sum(intervals.power(x, 2) for x in column)
 
 
-def _total(values: Iterable[Interval]) -> Interval:
-    total = point(Fraction(0))
-    for value in values:
-        total = total + value
-    return total
-
-
-def _dot(a: Sequence[Interval], b: Sequence[Interval]) -> Interval:
-    return _total(x * y for x, y in zip(a, b, strict=True))
+def _sum(terms: Iterable[Interval]) -> Interval:
+    return total((point(Fraction(0)), *terms))
 
 
 def positive(M: list[list[Interval]]) -> bool:

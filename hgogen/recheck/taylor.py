@@ -3,7 +3,7 @@
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
-from functools import lru_cache, reduce
+from functools import lru_cache, partial, reduce
 from operator import add
 
 from .arithmetic import Arithmetic, Undefined
@@ -49,11 +49,16 @@ def _product(a: Interval, b: Interval) -> Interval:
     return _NONE if a is _NONE or b is _NONE else a * b
 
 
+def begin(coefficients: Sequence[Interval], order: int) -> Taylor:
+    """The series below t^order that begins with these coefficients, and goes on with zeros."""
+    return Taylor((*coefficients, *[_NONE] * order)[:order])
+
+
 def taylor(order: int) -> Arithmetic:
     """Series below t^order."""
 
     def number(value: Fraction) -> Taylor:
-        return Taylor((point(value), *[_NONE] * (order - 1)))
+        return begin((point(value),), order)
 
     def power(x: Taylor, exponent: int) -> Taylor:
         result = reduce(Taylor.__mul__, [x] * abs(exponent), number(Fraction(1)))
@@ -62,7 +67,7 @@ def taylor(order: int) -> Arithmetic:
 
     def function(name: str, args: tuple[Taylor, ...]) -> Taylor:
         if not args:
-            return Taylor((intervals.function(name, ()), *[_NONE] * (order - 1)))
+            return begin((intervals.function(name, ()),), order)
         if is_table(name):
             return _table(name, args)
         if name in _RATIOS:
@@ -89,7 +94,7 @@ def _expanded(name: str, args: tuple[Taylor, ...], k: int) -> Taylor:
     """T + d (T' + d/2 (T'' + ..)) of d = x - x_0 from argument k on, whose derivatives T are series in those after."""
     if k == len(args):
         value = intervals.function(name, tuple(x.coefficients[0] for x in args))
-        return Taylor((value, *[_NONE] * (len(args[0].coefficients) - 1)))
+        return begin((value,), len(args[0].coefficients))
     d, derivatives = Taylor((_NONE, *args[k].coefficients[1:])), [name]
     for _ in range(table_of(name)[0].degree):
         derivatives.append(next_of(derivatives[-1], k))
@@ -132,24 +137,23 @@ def _integrated(name: str, x: Taylor, slope: Taylor) -> Taylor:
     return Taylor((intervals.function(name, (a[0],)), *(_moved(a, rate, k) for k in range(1, len(a)))))
 
 
-def _turned(a: Sequence[Interval]) -> tuple[list[Interval], list[Interval]]:
-    """sin and cos."""
-    s, c = ([intervals.function(name, (a[0],))] for name in ("sin", "cos"))
-    for k in range(1, len(a)):
-        rise, fall = _moved(a, c, k), -_moved(a, s, k)
-        s.append(rise)
-        c.append(fall)
-    return s, c
-
-
-def _spread(a: Sequence[Interval]) -> tuple[list[Interval], list[Interval]]:
-    """sinh and cosh."""
-    s, c = ([intervals.function(name, (a[0],))] for name in ("sinh", "cosh"))
+def _turned(a: Sequence[Interval], names: tuple[str, str], way: int) -> tuple[list[Interval], list[Interval]]:
+    """sin and cos, of whose slopes the second has the sign -1, or sinh and cosh, of 1."""
+    s, c = ([intervals.function(name, (a[0],))] for name in names)
     for k in range(1, len(a)):
         rise, other = _moved(a, c, k), _moved(a, s, k)
         s.append(rise)
-        c.append(other)
+        c.append(other if way > 0 else -other)
     return s, c
+
+
+_spread = partial(_turned, names=("sinh", "cosh"), way=1)
+_round = partial(_turned, names=("sin", "cos"), way=-1)
+
+
+def _tan(a: Sequence[Interval]) -> Sequence[Interval]:
+    s, c = _round(a)
+    return (Taylor(tuple(s)) / Taylor(tuple(c))).coefficients
 
 
 def _tanh(a: Sequence[Interval]) -> list[Interval]:
@@ -195,15 +199,15 @@ def _chosen(a: Sequence[Interval], b: Sequence[Interval], way: int) -> Sequence[
 _FUNCTIONS: Mapping[str, Callable[..., Sequence[Interval]]] = {
     "exp": _exp,
     "log": _log,
-    "sin": lambda a: _turned(a)[0],
-    "cos": lambda a: _turned(a)[1],
-    "tan": lambda a: (Taylor(tuple(_turned(a)[0])) / Taylor(tuple(_turned(a)[1]))).coefficients,
+    "sin": lambda a: _round(a)[0],
+    "cos": lambda a: _round(a)[1],
+    "tan": _tan,
     "sinh": lambda a: _spread(a)[0],
     "cosh": lambda a: _spread(a)[1],
     "tanh": _tanh,
     "atan2": _angle,
     "Abs": lambda a: a if _way(a[0]) > 0 else [-x for x in a],
-    **dict.fromkeys(("sign", "side"), lambda a: [point(Fraction(_way(a[0]))), *[_NONE] * (len(a) - 1)]),
+    **dict.fromkeys(("sign", "side"), lambda a: begin((point(Fraction(_way(a[0]))),), len(a)).coefficients),
     "Max": lambda *each: reduce(lambda a, b: _chosen(a, b, 1), each),
     "Min": lambda *each: reduce(lambda a, b: _chosen(a, b, -1), each),
 }

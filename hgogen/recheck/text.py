@@ -1,4 +1,6 @@
-"""Expressions of a certificate as straight-line programs: a reader that shares no code with the rest of hgogen.
+"""The base of every error of the checker, which shares no code with those that write certificates.
+
+Expressions of a certificate as straight-line programs: a reader that shares no code with the rest of hgogen.
 
     sum: term (+ - term)*    term: factor (* / factor)*    factor: - factor | atom ** factor
     atom: number | name | function(sum, ...) | (sum)
@@ -13,10 +15,17 @@ import re
 from collections.abc import Container, Iterator
 from dataclasses import dataclass
 from fractions import Fraction
-from typing import NamedTuple
+from typing import ClassVar, NamedTuple
 
-from .errors import RecheckError
-from .tables import KINDS, name_of
+from .tables import KINDS, is_table, name_of
+
+
+class RecheckError(Exception):
+    """Base class: a sentence that names the thing and the fix; `status`: with which a command ends, 2 for what is no
+    certificate, 1 for one that is not verified."""
+
+    status: ClassVar[int] = 2
+
 
 LONGEST = 100_000  # characters of one expression
 DEEPEST = 60  # nested brackets, signs and powers
@@ -30,6 +39,7 @@ ONE_ARGUMENT = frozenset(
         *("sinh", "cosh", "tanh", "asinh", "acosh", "atanh", "Abs", "sign"),
     )
 )
+KINKS = ("Abs", "sign", "Min", "Max")
 MANY_ARGUMENTS = frozenset(("Min", "Max"))
 TWO_ARGUMENTS = frozenset(("atan2",))
 
@@ -71,6 +81,11 @@ class Expression:
     instructions: tuple[Instruction, ...]
     result: int
     names: frozenset[str]
+
+    @property
+    def kinked(self) -> bool:
+        """Whether it has a modulus, a sign, a minimum, a maximum or a table."""
+        return any(step.op in KINKS or is_table(step.op) for step in self.instructions)
 
     def __hash__(self) -> int:
         return hash((self.text, self.result))  # as quick as a text's, which is remembered

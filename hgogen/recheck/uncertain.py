@@ -5,31 +5,35 @@
 d in [low, high], each by itself; e holds the errors of fields over their units and theta^power, v those of the samples
 over theta^late, `late` the powers of the first states of the outputs' chains. A slope of b_i in z_j, in these
 coordinates, has 0 in its range, as a clamp lets a share of the error pass, and the degree power(i) - power(j); an a_i
-that moves, and a saturation in the core, have the degree -1. The cores are those of `cores` and of a constant gain.
+that moves, and a saturation in the core, have the degree -1. The cores are those of `CORES` and of a constant gain.
 
 An observer may put the output error into the argument of b, z + N_theta (y - C z). There b reads of z_j the error e_j -
 sum_k N_jk (a_(k,1) e_k - v_k), e_k that of the first state of chain k, v_k that of its sample; N_theta has N_jk times
 theta^(p(j) - p(k)), p the powers that scale states, so that the coordinates S z over theta^p are free of theta: e_j -
-sum_k (S_j/S_k) N_jk a_(k,1) e_k + S_j N_jk v_k theta^-p(k).
+sum_k (S_j/S_k) N_jk a_(k,1) e_k + S_j N_jk v_k theta^-p(k). The equations of the observers stand in the docstring of
+`rules/in_continuous_time.py`.
 """
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from fractions import Fraction
+from itertools import product
 from typing import Any
 
 from .box import NotShown, covered
 from .chain import constants, core_of, gain_of, integrators, invertible, steady, wanted_gain
 from .context import Context, enclosed, narrowed
-from .cores import CORES
 from .file import Observer, part
 from .inequality import Parts
 from .matrix import (
     Matrix,
     column,
+    companion,
     entries,
+    fields,
     matrix,
+    minus,
     outer,
     plus,
     scalar,
@@ -42,6 +46,124 @@ from .matrix import (
 )
 from .slope import continuous, in_ranges
 from .text import Expression
+
+Numbers = Mapping[str, Any]
+_SATURATED = 8  # states up to which the saturations are tried in all their combinations
+
+
+@dataclass(frozen=True)
+class Core:
+    """The core N at its `vertices`: with saturations that pass nothing first, and all last. Field k is scaled by the
+    unit of its `index` i(k), from 0, and by theta^-`power`; `fed` says whether c_i(k) enters, `picks` which field
+    stands for w_i in the argument of c, `measured` by what an error of the sample enters, over theta."""
+
+    vertices: list[Matrix]
+    index: list[int]
+    power: list[int]
+    fed: list[bool]
+    picks: list[int]
+    measured: list[Fraction]
+
+    @property
+    def gates(self) -> list[tuple[int, list[Fraction]]]:
+        """What each saturation takes away: the field whose error it passes, and the column by which that enters the
+        core beside the last vertex, where all is passed."""
+        whole, columns = self.vertices[-1], []
+        for k in reversed(range(len(self.vertices).bit_length() - 1)):
+            taken = minus(self.vertices[-1 - 2**k], whole)
+            columns += [(j, list(each)) for j, each in enumerate(transposed(taken)) if any(each)]
+        return columns
+
+
+def _filtered(numbers: Numbers, n: int) -> Core:
+    alpha, beta, L = scalar(numbers, "alpha"), scalar(numbers, "beta"), column(numbers, "gains", n)
+    N = zeros(2 * n, 2 * n)
+    for i in range(n):
+        if i + 1 < n:
+            N[i][i + 1] = Fraction(1)
+        N[i][n + i] = L[i]
+        N[n + i][n + i] = -alpha
+        N[n + i][n + i - 1 if i else 0] = beta if i else -beta
+    estimate, filters = [*range(n)], [*range(1, n + 1)]
+    measured = [Fraction(0)] * n + [beta] + [Fraction(0)] * (n - 1)
+    return Core([N], 2 * estimate, estimate + filters, [True] * n + [False] * n, estimate, measured)
+
+
+def _filtered_injection(numbers: Numbers, n: int) -> Core:
+    m = len(numbers["G"]) if isinstance(numbers["G"], list) else 0
+    F, G, NH = matrix(numbers, "F", m, m), column(numbers, "G", m), matrix(numbers, "NH", n, m)
+    above = [[Fraction(int(j == i + 1)) for j in range(n)] + NH[i] for i in range(n)]
+    below = [[-G[i], *[Fraction(0)] * (n - 1), *F[i]] for i in range(m)]
+    order = [*range(n), *[0] * m]
+    return Core([above + below], order, order, [True] * n + [False] * m, [*range(n)], [Fraction(0)] * n + G)
+
+
+def _low_power(numbers: Numbers, n: int) -> Core:
+    _has_pairs(n)
+    order, N = [*range(n - 1), *range(1, n)], _pairs(matrix(numbers, "gains", n - 1, 2), [1] * n)
+    picks, k = [0, *range(n - 1, 2 * n - 2)], matrix(numbers, "gains", n - 1, 2)
+    return Core([N], order, order, [True] * (2 * n - 2), picks, _onto(k, 0, n - 1, 2 * n - 2))
+
+
+def _peaking_free(numbers: Numbers, n: int) -> Core:
+    """The core in which p_n follows p_1, .., p_(n-1), at every combination of saturated and free states."""
+    _has_pairs(n)
+    if n > _SATURATED:
+        raise NotShown(f"saturations of more than {_SATURATED} states are not tried")
+    k, last = matrix(numbers, "gains", n - 1, 2), scalar(numbers, "last")
+    vertices = []
+    for shares in product((0, 1), repeat=n - 1):
+        inner = [[*row[: n - 1], Fraction(0), *row[n - 1 :]] for row in _pairs(k, [1, *shares])]
+        follows = [Fraction(0)] * (2 * n - 1)
+        follows[n - 1], follows[-1] = -last, last * shares[-1]
+        vertices.append([*inner[: n - 1], follows, *inner[n - 1 :]])
+    order = [*range(n), *range(1, n)]
+    return Core(vertices, order, order, [True] * (2 * n - 1), [*range(n)], _onto(k, 0, n, 2 * n - 1))
+
+
+def _onto(k: Matrix, p: int, q: int, size: int) -> list[Fraction]:
+    """What an error of the sample adds to the first pair, whose fields stand at p and q."""
+    return [k[0][0] if at == p else k[0][1] if at == q else Fraction(0) for at in range(size)]
+
+
+def _has_pairs(n: int) -> None:
+    """That there is a state beside the first: of one state there are no pairs, nor an error. Raises: `NotShown`."""
+    if n < 2:
+        raise NotShown("the observer is one of at least two states")
+
+
+def _pairs(k: Matrix, shares: list[int]) -> Matrix:
+    """The core of p_1, .., p_m, q_1, .., q_m; `shares` (m + 1): what passes of the error of y, q_1, .., q_m."""
+    m = len(k)
+    N = zeros(2 * m, 2 * m)
+    for i, (first, second) in enumerate(k):
+        N[i][m + i] += 1
+        if i + 1 < m:
+            N[m + i][m + i + 1] += shares[i + 2]
+        for row, gain in ((i, first), (m + i, second)):
+            N[row][i] -= gain
+            if i:
+                N[row][m + i - 1] += gain * shares[i]
+    return N
+
+
+def _injected(numbers: Numbers, n: int) -> Core:
+    """The core with all of the error injected, of an observer that injects less of it, or by a gain that moves."""
+    gains, order = column(numbers, "gains", n), [*range(n)]
+    return Core([companion(gains)], order, order, [True] * n, order, gains)
+
+
+OF_A_GAIN: tuple[str, ...] = ("high_gain", "circle_criterion")  # of a core A - K C, K a matrix
+CONSTANT: tuple[str, ...] = ("filtered", "filtered_injection", "low_power", "peaking_free")  # of a core of its own
+INJECTED = (*OF_A_GAIN, *CONSTANT)  # of a constant injection
+CORES: Mapping[str, Callable[[Numbers, int], Core]] = {
+    "filtered": _filtered,
+    "filtered_injection": _filtered_injection,
+    "low_power": _low_power,
+    "peaking_free": _peaking_free,
+    **dict.fromkeys(("stubborn", "dead_zone", "updated_gain", "adaptive_lmi"), _injected),
+}
+
 
 ERROR = ("scale", "slopes", "core", "ranges", "units")  # what the evidence of an error's inclusion may have
 End = Fraction | float
@@ -316,8 +438,7 @@ def _listed(evidence: Mapping[str, Any]) -> dict[tuple[int, int], tuple[End, End
     """The claimed ranges by row and column, from 0, one of whose ends may be none. Raises: `NotShown`."""
     known = {}
     for slope in part(evidence, "slopes", list):
-        if not isinstance(slope, dict) or set(slope) != {"row", "column", "low", "high", "tree"}:
-            raise NotShown("a slope is no object of row, column, low, high and tree")
+        fields(slope, "a slope", ("row", "column", "low", "high", "tree"))
         place = scalar(slope, "row") - 1, scalar(slope, "column") - 1
         low, high = (end if slope[key] is None else scalar(slope, key) for key, end in _NO_END.items())
         none = not low <= high or (low, high) == (-math.inf, math.inf)

@@ -20,12 +20,11 @@ from .algebra import TooLarge
 from .arithmetic import Undefined
 from .box import NotShown
 from .context import Context, Shown, short
-from .errors import RecheckError
 from .examined import faults, unexamined
 from .file import LARGEST, Certificate, Claim, NoCertificate, part, words
 from .file import read as read_file
 from .rules import OBSERVERS, required, rests, rule_of
-from .text import Unreadable
+from .text import RecheckError, Unreadable
 
 STATED = "stated"  # proved or refuted, but of no evidence that is verified here
 OPEN = ("where", "generic", "unknown", STATED)  # verdicts that assert nothing to verify

@@ -11,9 +11,9 @@ from pkgutil import iter_modules
 from types import ModuleType
 from typing import Any
 
-from ..errors import RecheckError
 from ..file import Built, Certificate, Claim
 from ..rule import Needed, Rule
+from ..text import RecheckError
 
 
 @dataclass(eq=False)

@@ -1,13 +1,20 @@
-"""That the error of an observer contracts as its step runs, and how far noise moves it, verified again.
+"""That the error of an observer contracts as its step runs, and how far noise and other inputs move it, verified again.
 
 The inequality is that of `inequality`. As a polynomial in h it is negative on a piece of a line where its Bernstein
 coefficients are. What holds at (h, theta) holds at (h theta/theta', theta') of a larger theta': there h M is the same
 but for smaller slopes of b.
+
+Inputs keep to |e|_P <= 1 while each is at most 1. They are errors of the samples of an output at both ends of a call,
+errors of what is injected at a stage, what the plant does beside a step of the method in a row of its form, over h,
+which the sample at the end of the call shows, and what comes to an element of e itself, over h. A share is of inputs in
+one unit.
 """
 
-from collections.abc import Mapping
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
 from fractions import Fraction
-from functools import cache
+from functools import cache, cached_property
 from itertools import chain, product
 from math import comb
 from typing import Any
@@ -15,37 +22,84 @@ from typing import Any
 from ..box import NotShown
 from ..chain import built
 from ..context import Context, Shown, short
-from ..cores import INJECTED
 from ..file import Claim, part
-from ..inequality import demand_falls, demand_kept, demand_negative, ends, form_of, method_of, place, within
-from ..matrix import (
-    Matrix,
-    above_zero,
-    column,
-    entries,
-    inverse,
-    matrix,
-    scalar,
-    times,
-    transposed,
+from ..follows import demand_followed
+from ..inequality import (
+    Input,
+    Method,
+    Parts,
+    demand_falls,
+    demand_kept,
+    demand_negative,
+    ends,
+    form_of,
+    method_of,
+    place,
+    tableau_of,
+    within,
 )
+from ..left_by_core import demand_left_by_core
+from ..matrix import Matrix, above_zero, column, entries, fields, inverse, matrix, scalar, times, transposed, unit
+from ..remainder import demand_remainder
+from ..rounding import demand_rounding, equation_of
 from ..rule import on_chains
-from ..uncertain import ERROR, ErrorInclusion, error_inclusion
+from ..text import number
+from ..uncertain import ERROR, INJECTED, ErrorInclusion, error_inclusion
 
 _PIECES = 24  # of a range of step lengths
 _CORNERS = 8  # states up to which all corners of the first errors are tried
+_FINE = 2**200  # parts of a root
+
+
+@dataclass(frozen=True)
+class _Running:
+    """The error of the file's observer in steps of the length `h`, by its `method` and at its theta."""
+
+    context: Context
+    error: ErrorInclusion
+    method: Method
+    h: Fraction
+    theta: Fraction
+    evidence: Mapping[str, Any]
+
+    @cached_property
+    def parts(self) -> Parts:
+        """What the error obeys."""
+        return self.error.at(self.theta)
+
+    @cached_property
+    def scales(self) -> list[Fraction]:
+        """By field (N), its error where that of its state is 1. Raises: `NotShown`."""
+        return self.error.scales(self.context, self.theta)
+
+    @property
+    def at(self) -> str:
+        """The words for it."""
+        return f"by {self.evidence['method']} at dt = {short(self.h)}, theta = {short(self.theta)}"
+
+    @property
+    def estimating(self) -> set[int]:
+        """The places of the fields that estimate."""
+        return {k for k, fed in enumerate(self.error.fed) if fed}
+
+
+def _running(context: Context, claim: Claim) -> _Running:
+    """Raises: `NotShown`."""
+    observer, evidence = built(context, claim), claim.evidence
+    theta, h = scalar(observer.numbers, "theta"), scalar(evidence, "dt")
+    if not (theta > 0 and h > 0):
+        raise NotShown("theta and dt are not positive")
+    return _Running(context, error_inclusion(context, observer, evidence), method_of(evidence), h, theta, evidence)
 
 
 def step(context: Context, claim: Claim) -> Shown:
     """|e+|_P^2 <= (1 - alpha dt) |e|_P^2 at the observer's theta."""
-    observer, evidence = built(context, claim), claim.evidence
-    theta, h, alpha = scalar(observer.numbers, "theta"), scalar(evidence, "dt"), scalar(evidence, "alpha")
-    if not (theta > 0 and h > 0 and 0 <= alpha * h < 1):
-        raise NotShown("theta or dt is not positive, or alpha dt is below 0 or not below 1")
-    error = error_inclusion(context, observer, evidence)
-    demand_falls(error.at(theta), method_of(evidence), h, alpha, evidence)
-    rate = f"|e|_P^2 falls at each call{f', by {short(alpha * h, -1)} of itself' if alpha else ''}"
-    return Shown(f"by {part(evidence, 'method', str)} at dt = {short(h)}, theta = {short(theta)}, {rate}", error.boxes)
+    run, alpha = _running(context, claim), scalar(claim.evidence, "alpha")
+    if not 0 <= alpha * run.h < 1:
+        raise NotShown("alpha dt is below 0 or not below 1")
+    demand_falls(run.parts, run.method, run.h, alpha, claim.evidence)
+    rate = f"|e|_P^2 falls at each call{f', by {short(alpha * run.h, -1)} of itself' if alpha else ''}"
+    return Shown(f"{run.at}, {rate}", run.error.boxes)
 
 
 def throughout(context: Context, claim: Claim) -> Shown:
@@ -54,19 +108,17 @@ def throughout(context: Context, claim: Claim) -> Shown:
     theta, error, method = scalar(evidence, "theta"), error_inclusion(context, observer, evidence), method_of(evidence)
     if not 0 < theta <= scalar(observer.numbers, "theta"):
         raise NotShown("its theta is not between 0 and the observer's")
-    parts, end = error.at(theta), Fraction(0)
-    if not method.degree:
+    parts, end, degree = error.at(theta), Fraction(0), method.degree
+    if not degree:
         raise NotShown("by its method the form is no polynomial in dt")
     pieces = part(evidence, "pieces", list)
     if not 0 < len(pieces) <= _PIECES:
         raise NotShown(f"it has no pieces, or more than {_PIECES}")
     for piece in pieces:
-        if not isinstance(piece, dict) or set(piece) != {"low", "high", "P", "S"}:
-            raise NotShown("a piece is no object of low, high, P and S")
+        fields(piece, "a piece", ("low", "high", "P", "S"))
         low, high = scalar(piece, "low"), scalar(piece, "high")
         if low != end or not low < high:
             raise NotShown("its pieces do not follow each other from 0")
-        degree = method.degree
         values = [form_of(parts, method, low + (high - low) * Fraction(k, degree), piece) for k in range(degree + 1)]
         size = len(values[0])
         for each in times(_bernstein(degree), [list(chain(*value)) for value in values]):
@@ -74,79 +126,77 @@ def throughout(context: Context, claim: Claim) -> Shown:
         end = high
     at = f"theta = {short(theta)} and every dt up to {short(end, -1)}"
     beyond = f"at each larger theta while theta dt is at most {short(theta * end, -1)}"
-    return Shown(f"by {part(evidence, 'method', str)} |e|_P falls at {at}, and {beyond}", error.boxes)
+    return Shown(f"by {evidence['method']} |e|_P falls at {at}, and {beyond}", error.boxes)
+
+
+@cache
+def _bernstein(degree: int) -> list[list[Fraction]]:
+    """The Bernstein coefficients of a polynomial from its values at k/degree: the inverse of the basis there."""
+    at = [Fraction(k, degree) for k in range(degree + 1)]
+    return inverse([[comb(degree, j) * t**j * (1 - t) ** (degree - j) for j in range(degree + 1)] for t in at])
 
 
 def noise(context: Context, claim: Claim) -> Shown:
     """|z_i| <= bound of an error e in |e|_P <= 1, which stays there while the samples of an output err by at most 1:
-
     its inputs are those at both ends of a call."""
-    observer, evidence = built(context, claim), claim.evidence
-    theta, h = scalar(observer.numbers, "theta"), scalar(evidence, "dt")
-    if not (theta > 0 and h > 0):
-        raise NotShown("theta and dt are not positive")
-    error, method = error_inclusion(context, observer, evidence), method_of(evidence)
-    parts = error.at(theta)
-    said: dict[tuple[int, int], str] = {}
-    for one in part(evidence, "bounds", list):
-        if not isinstance(one, dict) or set(one) != {"state", "output", "alpha", "P", "S", "bound"}:
-            raise NotShown("a bound is no object of state, output, alpha, P, S and bound")
+    run, said = _running(context, claim), dict[tuple[int, int], str]()
+    for one in part(claim.evidence, "bounds", list):
+        fields(one, "a bound", ("state", "output", "alpha", "P", "S", "bound"))
         state, output = place(one, "state", len(context.z)), place(one, "output", len(context.form.output))
         context.demand_seen(output)
         if (state, output) in said:
             raise NotShown("a bound stands twice")
-        if not error.measured:
+        if not run.error.measured:
             raise NotShown("its gains are no numbers in these coordinates")
         bound = above_zero(one, "bound")
-        demand_kept(parts, method, h, one, ends(method, parts, output))
-        within(one, error.picks[state], error.scales(context, theta), bound)
+        demand_kept(run.parts, run.method, run.h, one, ends(run.method, run.parts, output))
+        within(one, run.error.picks[state], run.scales, bound)
         said[state, output] = f"{context.z[state]} by at most {short(bound, 1)} for 1 of output {output + 1}"
     if not said:
         raise NotShown("it has no bounds")
-    at = f"by {part(evidence, 'method', str)} at dt = {short(h)}, theta = {short(theta)}"
-    return Shown(f"{at}, noise moves {', '.join(said.values())}", error.boxes)
+    return Shown(f"{run.at}, noise moves {', '.join(said.values())}", run.error.boxes)
+
+
+# --- from first errors
 
 
 def start(context: Context, claim: Claim) -> Shown:
     """|e|_P < |e|_P of the call before, and |z_i| <= bound of all e that begin with |z| <= first, by |e(0)|_P^2 <= V at
     the corners and bound^2 P >= V c'c, z_i = c e: for the limits of the fields that estimate, and for each state."""
-    observer, evidence = built(context, claim), claim.evidence
-    theta, h, n = scalar(observer.numbers, "theta"), scalar(evidence, "dt"), len(context.z)
-    if not (theta > 0 and h > 0) or n > _CORNERS:
-        raise NotShown(f"theta and dt are not positive, or it has more than {_CORNERS} states")
-    error, method = error_inclusion(context, observer, evidence), method_of(evidence)
-    scales, first = error.scales(context, theta), column(evidence, "first", n)
+    run, evidence, n = _running(context, claim), claim.evidence, len(context.z)
+    if n > _CORNERS:
+        raise NotShown(f"it has more than {_CORNERS} states")
+    scales, first = run.scales, column(evidence, "first", n)
     if min(first) < 0:
         raise NotShown("a first error is negative")
     clear, peaks = part(evidence, "clear", dict), entries(evidence, "peaks", n)
     if any(not isinstance(one, dict) for one in peaks):
         raise NotShown("a peak is no object")
-    begins, parts = list[Fraction](), error.at(theta)
+    begins = list[Fraction]()
     for one in (clear, *peaks):
-        demand_falls(parts, method, h, Fraction(0), one)
-        begins.append(_largest(error, scales, first, matrix(one, "P", len(scales), len(scales))))
-    multiple, limits = above_zero(clear, "multiple"), _limits(clear, error)
+        demand_falls(run.parts, run.method, run.h, Fraction(0), one)
+        begins.append(_largest(run.error, scales, first, matrix(one, "P", len(scales), len(scales))))
+    multiple, limits = above_zero(clear, "multiple"), _limits(clear, run)
     for k, limit in limits.items():
         within(clear, k, scales, limit / multiple, begins[0])
     said = []
-    for z, field, one, V in zip(context.z, error.picks, peaks, begins[1:], strict=True):
+    for z, field, one, V in zip(context.z, run.error.picks, peaks, begins[1:], strict=True):
         bound = above_zero(one, "bound")
         within(one, field, scales, bound, V)
         said.append(f"{z} by at most {short(bound, 1)}")
-    at = f"by {part(evidence, 'method', str)} at dt = {short(h)}, theta = {short(theta)}"
     from_ = f"from errors of up to {short(multiple, -1)} times {', '.join(short(x) for x in first)}"
     clear_of = ", ".join(short(limit, 1) for _, limit in sorted(limits.items()))
-    return Shown(f"{at}, {from_} no field errs by more than {clear_of}; from these once {', '.join(said)}", error.boxes)
+    erring = f"no field errs by more than {clear_of}; from these once {', '.join(said)}"
+    return Shown(f"{run.at}, {from_} {erring}", run.error.boxes)
 
 
-def _limits(clear: Mapping[str, Any], error: ErrorInclusion) -> dict[int, Fraction]:
+def _limits(clear: Mapping[str, Any], run: _Running) -> dict[int, Fraction]:
     """The limits of all fields that estimate, by place from 0. Raises: `NotShown`."""
     limits = {}
     for one in part(clear, "limits", list):
-        if not isinstance(one, dict) or set(one) != {"field", "limit"}:
-            raise NotShown("a limit is no object of field and limit")
-        limits[place(one, "field", len(error.N))] = above_zero(one, "limit")
-    if limits.keys() != {k for k, fed in enumerate(error.fed) if fed}:
+        fields(one, "a limit", ("field", "limit"))
+        limits[place(one, "field", len(run.error.N))] = above_zero(one, "limit")
+    if limits.keys() != run.estimating:
         raise NotShown("its limits are not those of the fields that estimate")
     return limits
 
@@ -162,11 +212,134 @@ def _largest(error: ErrorInclusion, scales: list[Fraction], first: list[Fraction
     return largest
 
 
-@cache
-def _bernstein(degree: int) -> list[list[Fraction]]:
-    """The Bernstein coefficients of a polynomial from its values at k/degree: the inverse of the basis there."""
-    at = [Fraction(k, degree) for k in range(degree + 1)]
-    return inverse([[comb(degree, j) * t**j * (1 - t) ** (degree - j) for j in range(degree + 1)] for t in at])
+# --- shares of inputs
+
+_KINDS = ("noise", "rounded", "late", "disturbance", "parameters", "method", "rounding")
+_CLEAR, _BESIDE = "while the plant keeps clear of the ends of its ranges", "beside what the method leaves"
+_SHARE = {"inputs", "follows", "samples", "stages", "beside", "fields", "unit", "bounds"}
+Shares = Mapping[str, Mapping[str, Any]]  # by their inputs
+
+
+def error(context: Context, claim: Claim) -> Shown:
+    """The share of each part in the error of each field that estimates."""
+    run, shares, by_kind = (
+        _running(context, claim),
+        part(claim.evidence, "shares", list),
+        dict[str, Mapping[str, Any]](),
+    )
+    parts, scales, totals = run.parts, run.scales, dict.fromkeys(range(len(run.scales)), Fraction(0))
+    if not run.error.measured:
+        raise NotShown("its gains are no numbers in these coordinates")
+    if not shares:
+        raise NotShown("it has no shares")
+    for share in shares:
+        if not isinstance(share, dict) or set(share) != _SHARE:
+            raise NotShown(f"a share is no object of {', '.join(sorted(_SHARE))}")
+        kind, _ = part(share, "inputs", str), part(share, "follows", dict)
+        if kind not in _KINDS or kind in by_kind:
+            raise NotShown(f"its inputs are none of {', '.join(_KINDS)}, each once")
+        size, inputs = above_zero(share, "unit"), _inputs(run, share)
+        by_kind[kind] = share
+        bounds = part(share, "bounds", list)
+        if {_field(one, len(scales)) for one in bounds} != run.estimating or len(bounds) > len(run.estimating):
+            raise NotShown("its bounds are not those of the fields that estimate, each once")
+        for one in bounds:
+            k, bound = _field(one, len(scales)), above_zero(one, "bound")
+            demand_kept(parts, run.method, run.h, one, inputs)
+            within(one, k, scales, bound / size)
+            totals[k] += bound
+    sizes, under, boxes = _followed(run, by_kind)
+    states = zip(context.z, run.error.picks, strict=True)
+    said = ", ".join(f"{z} by at most {short(totals[k], 1)}" for z, k in states)
+    return Shown(f"{run.at}, {'; '.join(sizes)} move {said} in all, {under}", run.error.boxes + boxes)
+
+
+def _followed(run: _Running, shares: Shares) -> tuple[list[str], str, int]:
+    """That the sizes follow: what they are, under what, and with how many boxes. Raises: `NotShown`."""
+    context, evidence, left, rounding = run.context, run.evidence, shares.get("method"), shares.get("rounding")
+    others = {kind: share for kind, share in shares.items() if share is not left and share is not rounding}
+    boxes, sizes = demand_followed(context, run.h, others), list[str]()
+    for kind, share in others.items():
+        stated = [short(size, -1) for size in map(number, share["follows"]["sizes"]) if size]
+        sizes.append(f"{kind} of {', '.join(stated)}")
+    if rounding:
+        equation = equation_of(context, run.error, run.theta, rounding["follows"])
+        totals = _reached(shares.values(), equation.scales)
+        said, more = demand_rounding(equation, tableau_of(evidence), run.h, rounding, shares, totals)
+        sizes, boxes = [*sizes, said], boxes + more
+    if left is None:
+        return sizes, _BESIDE, boxes
+    if run.method.degree:
+        motion, more = demand_remainder(context, tableau_of(evidence), run.h, left)
+    else:
+        motion, more = demand_left_by_core(context, run.error, run.theta, evidence, left)
+    return [*sizes, motion.said], f"{_CLEAR} by {motion.clear}", boxes + more
+
+
+def _reached(shares: Iterable[Mapping[str, Any]], scales: Sequence[Fraction]) -> list[Fraction]:
+    """By field (N), at least how far all shares move its error."""
+    return [sum(each, Fraction(0)) for each in zip(*(_moved(share, scales) for share in shares), strict=True)]
+
+
+def _moved(share: Mapping[str, Any], scales: Sequence[Fraction]) -> list[Fraction]:
+    """By field (N), at least how far a share moves its error: by its bound, of one without by the norms in which the
+    inputs keep e within 1."""
+    N, unit = len(scales), scalar(share, "unit")
+    moved = {_field(one, N): scalar(one, "bound") for one in share["bounds"]}
+    if len(moved) < N:
+        inverses = [inverse(matrix(one, "P", N, N)) for one in share["bounds"]]
+        for k in set(range(N)) - set(moved):
+            moved[k] = unit * _root(min(M[k][k] for M in inverses)) / abs(scales[k])
+    return [moved[k] for k in range(N)]
+
+
+def _root(value: Fraction) -> Fraction:
+    """A number at least the square root, and hardly above."""
+    return Fraction(math.isqrt(value.numerator * _FINE**2 // value.denominator) + 1, _FINE)
+
+
+def _field(one: Any, count: int) -> int:
+    """The field of a bound, from 0. Raises: `NotShown`."""
+    return place(fields(one, "a bound", ("field", "alpha", "P", "S", "bound")), "field", count)
+
+
+def _inputs(run: _Running, share: Mapping[str, Any]) -> list[Input]:
+    """The inputs of a share that are not 0, in its unit. Raises: `NotShown`."""
+    context, error, method = run.context, run.error, run.method
+    p, n, stages = len(context.form.output), len(context.z), len(method.nodes)
+    nothing, still, inputs = [Fraction(0)] * p, [Fraction(0)] * len(error.N), list[Input]()
+    for j, size in enumerate(_sizes(share, "samples", p)):
+        if size:
+            context.demand_seen(j)
+            inputs += [end * size for end in ends(method, run.parts, j)]
+    for j, row in enumerate(entries(share, "stages", p) if share["stages"] != [] else []):
+        for i, size in enumerate(_sizes({"stages": row}, "stages", stages)):
+            if size:
+                context.demand_seen(j)
+                inputs.append(Input([unit(p)[j] if k == i else nothing for k in range(stages)], still) * size)
+    for i, size in enumerate(_sizes(share, "beside", n)):
+        onto = [-s * (fed and at == i) for s, fed, at in zip(run.scales, error.fed, error.index, strict=True)]
+        moved = Input([nothing] * stages, onto)
+        for j in (j for j, z in enumerate(context.seen) if z == context.z[i]):
+            slope = context.first_gain(j).number
+            if slope is None:
+                raise NotShown("the slope of an output is no number")
+            moved += ends(method, run.parts, j)[1] * (run.h * slope)
+        inputs += [moved * size] if size else []
+    for k, size in enumerate(_sizes(share, "fields", len(error.N))):
+        itself = Input([nothing] * stages, [Fraction(int(k == at)) for at in range(len(error.N))])
+        inputs += [itself * size] if size else []
+    if not inputs:
+        raise NotShown("a share has no inputs")
+    return [each * (1 / scalar(share, "unit")) for each in inputs]
+
+
+def _sizes(share: Mapping[str, Any], key: str, count: int) -> list[Fraction]:
+    """`count` sizes that are not negative, or none. Raises: `NotShown`."""
+    sizes = column(share, key, count) if share[key] != [] else []
+    if any(size < 0 for size in sizes):
+        raise NotShown(f"a size of its {key} is negative")
+    return sizes
 
 
 _STEP = (*ERROR, "method")
@@ -175,4 +348,5 @@ RULES = (
     on_chains(INJECTED, ("shorter", "tuned"), throughout, (*_STEP, "theta", "pieces")),
     on_chains(INJECTED, ("noise",), noise, (*_STEP, "dt", "bounds")),
     on_chains(INJECTED, ("start",), start, (*_STEP, "dt", "first", "clear", "peaks")),
+    on_chains(INJECTED, ("error",), error, (*_STEP, "dt", "shares")),
 )

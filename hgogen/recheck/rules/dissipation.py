@@ -10,7 +10,7 @@ V = e'H e/2, N and H averages of H(c) and
 over c, d, g in any box around 0 that holds e. They are positive definite on a `share` of the box of errors, by
 bisection; on the slabs that this leaves S and V keep off 0. A set {V <= c} keeps off the faces of the box where V is
 above c on them: of V = e'P e, where P - c/end_i^2 on its place (i, i) has no negative eigenvalue. The system is that
-of the file's plant (`error`, `observed`); a claim states the observer, V and mu. Source: Alessandri, Mathematical
+of the file's plant (`error`); a claim states the observer, V and mu. Source: Alessandri, Mathematical
 Problems in Engineering (2020), theorem 1, (21), (38), (39).
 """
 
@@ -18,32 +18,28 @@ import math
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from fractions import Fraction
+from itertools import chain
+from operator import mul
 from typing import Any
 
-from ..algebra import Quotient
-from ..arithmetic import Dual, Undefined, dual, evaluate
-from ..box import Box, NotShown, Try, centre_of, covered, ranged, sides
-from ..context import Context, Shown, algebra_of, cut, letters_of, narrowed, on, short, value_of
-from ..error import PARTS as ERROR_PARTS
-from ..error import ErrorSystem, error_system, smooth
+from ..arithmetic import Arithmetic, Dual, Undefined, dual, jacobian, seeded, total
+from ..box import Box, NotShown, Try, centre_of, covered, ranged, sides, unbounded
+from ..context import Context, Shown, algebra_of, cut, inner, narrowed, on, short
+from ..error import OBSERVED, PARTS, ErrorSystem, ObservedSystem, error_system, observed_system, smooth
 from ..file import Claim, part
 from ..interval import intersection, intervals, point
-from ..matrix import Matrix, above_zero, demand_nonnegative, entries, matrix, scalar
-from ..observed import PARTS as OBSERVED_PARTS
-from ..observed import ObservedSystem, observed_system
+from ..matrix import Matrix, above_zero, demand_nonnegative, entries, fields, matrix, scalar
 from ..rule import Rule
 from ..slope import mean_value, positive, ways, weights
 from ..text import Expression, expression
 
 _MADE: Mapping[tuple[str, ...], Callable[[Context, Mapping[str, Any]], "System"]] = {
-    ERROR_PARTS: error_system,
-    OBSERVED_PARTS: observed_system,
+    PARTS: error_system,
+    OBSERVED: observed_system,
 }
 System = ErrorSystem | ObservedSystem
 _OF_ALL = ("V", "mu")
 _duals = dual(intervals)  # slopes in the names of a box
-_seconds = dual(_duals)
-_thirds = dual(_seconds)
 
 
 @dataclass(frozen=True)
@@ -55,19 +51,19 @@ class ClaimedGain:
     mu: Fraction
 
     @property
-    def errors(self) -> tuple[str, ...]:
-        """The names of the errors."""
-        return self.system.errors
-
-    @property
     def around(self) -> Box:
         """The box of the errors."""
         return self.system.around
 
     @property
+    def errors(self) -> tuple[str, ...]:
+        """The names of the errors."""
+        return tuple(self.around)
+
+    @property
     def box(self) -> Box:
         """The box of all names."""
-        return self.system.box
+        return {**self.system.plant.box, **self.around}
 
     def shown(self, sentence: str, boxes: int) -> Shown:
         """What was shown of it."""
@@ -147,36 +143,29 @@ def _claimed_gain(context: Context, claim: Claim) -> ClaimedGain:
 def _vanishing(claimed: ClaimedGain) -> None:
     """Shows V(0) = 0 and V_e(0) = 0 by exact algebra, and that V has no kinks and finite slopes on the whole box."""
     algebra = algebra_of(claimed.around)
-    zero, one = algebra.number(Fraction(0)), algebra.number(Fraction(1))
+    still = dict.fromkeys(claimed.errors, algebra.zero)
     smooth((claimed.V,))
-    if not algebra.is_zero(value_of(claimed.V, dict.fromkeys(claimed.errors, zero), algebra)):
+    if not algebra.is_zero(algebra.read(claimed.V, still)):
         raise NotShown(f"{cut(claimed.V.text)} is not shown to vanish at e = 0")
-    moving = {name: Dual(zero, {i: one}) for i, name in enumerate(claimed.errors)}
-    slopes = evaluate(claimed.V, moving, dual(algebra.arithmetic)).slopes
-    if not all(algebra.is_zero(slope) for slope in slopes.values()):
+    (slopes,) = jacobian((claimed.V,), still, claimed.errors, algebra.arithmetic)
+    if not all(map(algebra.is_zero, slopes)):
         raise NotShown("dV/de is not shown to vanish at e = 0")
-    covered(
-        narrowed(claimed.box, claimed.system.read_by_flow | claimed.system.read_by_noise), ".", _regular(claimed.system)
-    )
+    covered(narrowed(claimed.box, claimed.system.read_by_flow | claimed.system.read_by_noise), ".", _regular(claimed))
     covered(narrowed(claimed.around, claimed.V.names), ".", _smooth(claimed))
 
 
-def _regular(system: System) -> Any:
+def _regular(claimed: ClaimedGain) -> Any:
     """The statement that F has finite slopes in e, and that G is finite."""
-    one = point(Fraction(1))
+    system = claimed.system
 
     def attempt(box: Box) -> Try:
-        at = {**dict.fromkeys(system.box, point(Fraction(0))), **sides(box)}  # what is not read may be anything
-        moving = {
-            name: Dual(side, {system.errors.index(name): one} if name in system.around else {})
-            for name, side in at.items()
-        }
+        at = {**dict.fromkeys(claimed.box, point(Fraction(0))), **sides(box)}  # what is not read may be anything
         try:
-            rates, noise = system.flow(moving, _duals), system.noise(at, intervals)
+            rates, noise = system.flow(seeded(at, claimed.errors, intervals), _duals), system.noise(at, intervals)
         except Undefined:
             return Try(False)
         slopes = (x for rate in rates for x in rate.slopes.values())
-        return Try(all(x.finite for x in (*slopes, *(x for row in noise for x in row))))
+        return Try(all(x.finite for x in (*slopes, *chain(*noise))))
 
     return attempt
 
@@ -186,19 +175,12 @@ def _smooth(claimed: ClaimedGain) -> Any:
 
     def attempt(box: Box) -> Try:
         try:
-            return Try(
-                all(x.value.finite for row in _hessian(claimed, {f"c.{k}": v for k, v in box.items()}) for x in row)
-            )
+            hessian = _hessian(claimed, {f"c.{k}": v for k, v in box.items()})
         except Undefined:
             return Try(False)
+        return Try(all(x.value.finite for x in chain(*hessian)))
 
     return attempt
-
-
-def _text(tree: Any) -> str:
-    if not isinstance(tree, str):
-        raise NotShown("a bisection is no text")
-    return tree
 
 
 def _ends(claimed: ClaimedGain, name: str) -> tuple[Fraction, Fraction]:
@@ -222,47 +204,41 @@ def _slabs(claim: Claim, claimed: ClaimedGain, share: Fraction) -> Iterator[tupl
     for k, name in enumerate(claimed.errors if covers else ()):
         low, high = _ends(claimed, name)
         for side, slab in enumerate(((low, low * share), (high * share, high))):
-            cover = covers[2 * k + side]
-            if not isinstance(cover, Mapping) or cover.keys() != {"tree", "bound"}:
-                raise NotShown("a slab has not a tree and a bound")
-            yield {**claimed.box, **inner, name: slab}, _text(cover["tree"]), scalar(cover, "bound")
+            cover = fields(covers[2 * k + side], "a slab", ("tree", "bound"))
+            yield {**claimed.box, **inner, name: slab}, part(cover, "tree", str), scalar(cover, "bound")
         inner[name] = (low * share, high * share)
 
 
 def _left(claimed: ClaimedGain, left: Expression) -> None:
     """Shows that a text is S. Raises: `NotShown`."""
     algebra = algebra_of(claimed.box)
-    letters, one = letters_of(algebra, claimed.box), algebra.number(Fraction(1))
-    moving = {name: Dual(letters[name], {i: one}) for i, name in enumerate(claimed.errors)}
-    slopes = evaluate(claimed.V, moving, dual(algebra.arithmetic)).slopes
-    zero, half = algebra.number(Fraction(0)), algebra.number(Fraction(1, 2))
-    p = [slopes.get(i, zero) for i in range(len(claimed.errors))]
-    total: Quotient = zero
-    for slope, rate, name in zip(p, claimed.system.flow(letters, algebra.arithmetic), claimed.errors, strict=True):
-        total = total + slope * rate + half * letters[name] * letters[name]
-    noise = claimed.system.noise(letters, algebra.arithmetic)
-    for k in range(len(noise[0])):
-        pushed = zero
-        for slope, cells in zip(p, noise, strict=True):
-            pushed = pushed + slope * cells[k]
-        total = total + algebra.number(1 / (2 * claimed.mu**2)) * pushed * pushed
-    if not algebra.is_zero(value_of(left, letters, algebra) - total):
+    e, arithmetic, half = algebra.names, algebra.arithmetic, algebra.number(Fraction(1, 2))
+    (p,) = jacobian((claimed.V,), {name: e[name] for name in claimed.errors}, claimed.errors, arithmetic)
+    pushed = (inner(algebra, p, column) for column in zip(*claimed.system.noise(e, arithmetic), strict=True))
+    loud = algebra.number(1 / (2 * claimed.mu**2))
+    terms = [
+        *map(mul, p, claimed.system.flow(e, arithmetic)),
+        *(half * e[name] * e[name] for name in claimed.errors),
+        *(loud * each * each for each in pushed),
+    ]
+    if not algebra.is_zero(algebra.read(left) - total(terms)):
         raise NotShown("its left side is not that of (38)")
 
 
 def _quadratic(claimed: ClaimedGain) -> Matrix | None:
     """The matrix P of V = e'P e, None where V is another function."""
-    algebra, n = algebra_of(claimed.around), range(len(claimed.errors))
-    letters = letters_of(algebra, claimed.around)
-    one, zero = algebra.number(Fraction(1)), algebra.number(Fraction(0))
-    inner = [Dual(letters[name], {i: one}) for i, name in enumerate(claimed.errors)]
-    moving = {name: Dual(inner[i], {i: Dual(one, {})}) for i, name in enumerate(claimed.errors)}
-    slopes = evaluate(claimed.V, moving, dual(dual(algebra.arithmetic))).slopes
-    half = algebra.number(Fraction(1, 2))
-    H = [[half * slopes.get(i, Dual(zero, {})).slopes.get(j, zero) for j in n] for i in n]
-    numbers = [[entry.number for entry in row] for row in H]
-    P = [[value for value in row if value is not None] for row in numbers]
-    return P if all(len(row) == len(n) for row in P) else None
+    algebra = algebra_of(claimed.around)
+    numbers = [[entry.number for entry in row] for row in _second(claimed, algebra.names, algebra.arithmetic)]
+    P = [[value / 2 for value in row if value is not None] for row in numbers]
+    return P if all(len(row) == len(P) for row in P) else None
+
+
+def _second(claimed: ClaimedGain, values: Mapping[str, Any], arithmetic: Arithmetic) -> list[list[Any]]:
+    """V_ee (n, n) in any arithmetic."""
+    inner_ = seeded(values, claimed.errors, arithmetic)
+    zero = arithmetic.number(Fraction(0))
+    (slopes,) = jacobian((claimed.V,), inner_, claimed.errors, dual(arithmetic))
+    return [[slope.slopes.get(j, zero) for j in range(len(slopes))] for slope in slopes]
 
 
 # --- definite matrices on boxes
@@ -283,11 +259,10 @@ def _copies(claimed: ClaimedGain, share: Fraction, reads: Mapping[str, Any]) -> 
 
 def _definite(claimed: ClaimedGain, T: Matrix, made: Any) -> Any:
     """The statement that T'M T is positive definite, M of `made`."""
+    basis = [[_number(x) for x in row] for row in T]
 
     def moved(box: Box) -> list[list[Dual]]:
-        M, n = made(claimed, box), range(len(T))
-        MT = [[_sum(M[i][k] * _number(T[k][j]) for k in n) for j in n] for i in n]
-        return [[_sum(_number(T[k][i]) * MT[k][j] for k in n) for j in n] for i in n]
+        return _product(_turned(basis), _product(made(claimed, box), basis))
 
     def attempt(box: Box) -> Try:
         try:
@@ -296,7 +271,7 @@ def _definite(claimed: ClaimedGain, T: Matrix, made: Any) -> Any:
             return Try(False)
         if positive([[x.value for x in row] for row in varying]):
             return Try(True)
-        if any(math.inf in (abs(low), abs(high)) for low, high in box.values()):
+        if unbounded(box):
             return Try(False)
         centre = centre_of(box)
         away = ways(centre, box)
@@ -304,7 +279,7 @@ def _definite(claimed: ClaimedGain, T: Matrix, made: Any) -> Any:
             [intersection(x.value, mean_value(at.value, x.slopes, away)) for x, at in zip(*rows, strict=True)]
             for rows in zip(varying, moved(centre), strict=True)
         ]
-        return Try(positive(tight), weights([x for row in varying for x in row]))
+        return Try(positive(tight), weights([*chain(*varying)]))
 
     return attempt
 
@@ -313,49 +288,39 @@ def _number(value: Fraction) -> Dual:
     return Dual(point(value), {})
 
 
-def _sum(terms: Any) -> Dual:
-    total = _number(Fraction(0))
-    for term in terms:
-        total = total + term
-    return total
+def _product(a: list[list[Dual]], b: list[list[Dual]]) -> list[list[Dual]]:
+    columns = _turned(b)
+    return [[total(map(mul, row, column)) for column in columns] for row in a]
+
+
+def _turned(a: list[list[Dual]]) -> list[list[Dual]]:
+    return [list(column) for column in zip(*a, strict=True)]
 
 
 def _values(claimed: ClaimedGain, box: Box, copy: str) -> dict[str, Dual]:
     """A copy's values of the errors, and the signals, each with its slope in the names of the box."""
-    one = point(Fraction(1))
-    every = {name: Dual(side, {k: one}) for k, (name, side) in enumerate(sides(box).items())}
-    return {
-        name: every.get(f"{copy}.{name}" if name in claimed.around else name, _number(Fraction(0)))
-        for name in claimed.box
-    }
+    every = seeded(sides(box), box, intervals)
+    names = {name: f"{copy}.{name}" if name in claimed.around else name for name in claimed.box}
+    return {name: every.get(copied, _number(Fraction(0))) for name, copied in names.items()}
 
 
 def _hessian(claimed: ClaimedGain, box: Box) -> list[list[Dual]]:
     """The matrix H(c) = V_ee(c) over a box."""
-    n, values, one = range(len(claimed.errors)), _values(claimed, box, "c"), _number(Fraction(1))
-    nothing = Dual(_number(Fraction(0)), {})
-    inner = {name: Dual(values[name], {i: one}) for i, name in enumerate(claimed.errors)}
-    moving = {name: Dual(inner[name], {i: Dual(one, {})}) for i, name in enumerate(claimed.errors)}
-    slopes = evaluate(claimed.V, moving, _thirds).slopes
-    return [[slopes.get(i, nothing).slopes.get(j, _number(Fraction(0))) for j in n] for i in n]
+    return _second(claimed, _values(claimed, box, "c"), _duals)
 
 
 def _second_order(claimed: ClaimedGain, box: Box) -> list[list[Dual]]:
     """The matrix 2 N(c, d, g) over a box."""
     n, one, zero = range(len(claimed.errors)), _number(Fraction(1)), _number(Fraction(0))
-    H, values = _hessian(claimed, box), _values(claimed, box, "d")
-    moving = {
-        name: Dual(value, {claimed.errors.index(name): one} if name in claimed.around else {})
-        for name, value in values.items()
-    }
-    rows = [rate.slopes for rate in claimed.system.flow(moving, _seconds)]
-    G = claimed.system.noise(_values(claimed, box, "g"), _duals)
-    HF = [[_sum(H[i][k] * rows[k].get(j, zero) for k in n) for j in n] for i in n]
-    HG = [[_sum(H[i][k] * G[k][j] for k in n) for j in range(len(G[0]))] for i in n]
+    H, values = _hessian(claimed, box), seeded(_values(claimed, box, "d"), claimed.errors, _duals)
+    rates = [rate.slopes for rate in claimed.system.flow(values, dual(_duals))]
+    HF = _product(H, [[rate.get(j, zero) for j in n] for rate in rates])
+    HG = _product(H, claimed.system.noise(_values(claimed, box, "g"), _duals))
     level_ = _number(1 / claimed.mu**2)
 
     def entry(i: int, j: int) -> Dual:
-        squares = _sum(_duals.power(a, 2) if i == j else a * b for a, b in zip(HG[i], HG[j], strict=True))
+        pairs = zip(HG[i], HG[j], strict=True)
+        squares = total((zero, *(_duals.power(a, 2) if i == j else a * b for a, b in pairs)))
         return -(HF[i][j] + HF[j][i] + level_ * squares + (one if i == j else zero))
 
     return [[entry(i, j) for j in n] for i in n]

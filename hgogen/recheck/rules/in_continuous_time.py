@@ -20,6 +20,10 @@ A switch between gains multiplies e by D = diag((low/theta)^p), so that V become
 `down` times: up P_low - D P_high D >= 0, down P_high - D^-1 P_low D^-1 >= 0. Held for a time T with alpha T > log(up
 down) in the high gain, V falls from cycle to cycle.
 
+How far inputs drive the error: e' = M e + B v at the observer's theta. By `inequality` |e|_P <= 1 stays so while each
+|v_k| <= 1; with |C e|^2 in the place of alpha |e|_P^2, and lambda_k <= mu^2, the L2 norm of C e is at most mu times
+that of v. Inputs are noise of samples, of sizes by output, and what comes to the rows of the form beside b.
+
 Sources of the observers: Gauthier, Hammouri, Othman, IEEE TAC 37 (1992); Ahrens, Khalil, Automatica 45 (2009); Astolfi,
 Jungers, Zaccarian, ECC (2018); Astolfi, Marconi, IEEE TAC 60 (2015); Astolfi, Marconi, Praly, Teel, Automatica 98
 (2018).
@@ -30,14 +34,15 @@ from fractions import Fraction
 from typing import Any
 
 from ..box import NotShown
-from ..chain import built, clamped
+from ..chain import built
 from ..context import Context, Shown, short
-from ..falling import Decay, decays, demand_decays
-from ..file import Built, Claim, Observer
+from ..falling import Decay, clamped, decays, demand_decays
+from ..file import Built, Claim, Observer, part
+from ..inequality import FLOW, NOW, Input, Parts, demand_kept, demand_negative, form_of, multipliers, within
 from ..interval import intervals, point
-from ..matrix import above_zero, demand_nonnegative, matrix, minus, scalar, scaled
+from ..matrix import above_zero, column, demand_nonnegative, entries, fields, matrix, minus, scalar, scaled, unit
 from ..rule import on_chains
-from ..uncertain import ERROR, error_inclusion, with_endless
+from ..uncertain import ERROR, INJECTED, ErrorInclusion, error_inclusion, with_endless
 
 
 def _least(observer: Observer) -> tuple[str, Fraction]:
@@ -88,6 +93,59 @@ def _falls(context: Context, claim: Claim, slopes: Mapping[str, Any], level: Fra
     return error.boxes
 
 
+# --- inputs
+
+
+def l2_gain(context: Context, claim: Claim) -> Shown:
+    """The L2 gain from the claim's inputs to the errors of the states, weighed by what they count for."""
+    error, parts, scales, inputs, said = _of(context, claim)
+    evidence, n, mu = claim.evidence, len(context.z), above_zero(claim.evidence, "mu")
+    if max(multipliers(evidence, inputs)) > mu**2:
+        raise NotShown("a lambda is above mu^2")
+    form, counts = form_of(parts, FLOW, NOW, evidence, inputs), column(evidence, "counts", n)
+    for count, field in zip(counts, error.picks, strict=True):
+        form[field][field] += (count / scales[field]) ** 2
+    demand_negative("its inequality", form)
+    of = ", ".join(f"{short(x)} {z}" for x, z in zip(counts, context.z, strict=True))
+    return Shown(f"in continuous time, {said}, the L2 gain to the error of {of} is at most {short(mu, 1)}", error.boxes)
+
+
+def iss_gain(context: Context, claim: Claim) -> Shown:
+    """The bound to which the error of each state comes."""
+    error, parts, scales, inputs, said = _of(context, claim)
+    bounds = list[str]()
+    each = entries(claim.evidence, "bounds", len(context.z))
+    for z, field, one in zip(context.z, error.picks, each, strict=True):
+        bound = above_zero(fields(one, "a bound", ("alpha", "P", "S", "bound")), "bound")
+        demand_kept(parts, FLOW, NOW, one, inputs)
+        within(one, field, scales, bound)
+        bounds.append(f"{z} comes to at most {short(bound, 1)}")
+    return Shown(f"in continuous time, {said}, the error of {', '.join(bounds)}", error.boxes)
+
+
+def _of(context: Context, claim: Claim) -> tuple[ErrorInclusion, Parts, list[Fraction], list[Input], str]:
+    """The error at the observer's theta, its scales, the inputs, and words for these. Raises: `NotShown`."""
+    observer, evidence = built(context, claim), claim.evidence
+    theta, error = scalar(observer.numbers, "theta"), error_inclusion(context, observer, evidence)
+    if not theta > 0 or not error.measured:
+        raise NotShown("its theta is not positive, or its gains are no numbers in these coordinates")
+    scales, said, p = error.scales(context, theta), list[str](), len(context.form.output)
+    inputs, nothing = list[Input](), [Fraction(0)] * p
+    for j, size in enumerate(column(evidence, "noise", p)):
+        if size:
+            context.demand_seen(j)
+            inputs.append(Input([unit(p)[j]], [Fraction(0)] * len(scales)) * size)
+            said.append(f"under noise of {short(size)} in output {j + 1}")
+    for beside in part(evidence, "beside", list):
+        rows = column({"beside": beside}, "beside", len(context.z))
+        fields = zip(scales, error.index, error.fed, strict=True)
+        inputs.append(Input([nothing], [-scale * rows[i] * fed for scale, i, fed in fields]))
+        said.append(f"under ({', '.join(short(x) for x in rows)}) beside b")
+    if not inputs:
+        raise NotShown("nothing enters")
+    return error, error.at(theta), scales, inputs, ", ".join(said)
+
+
 OBSERVERS = {
     "high_gain": Built(("theta",), ("gains",), ("weights",)),
     "circle_criterion": Built(("theta",), ("gains", "argument"), ("weights",)),
@@ -98,8 +156,11 @@ OBSERVERS = {
     "peaking_free": Built(("theta", "gains", "last")),
 }
 _NORM = ("P", "S")
+_INPUTS = (*ERROR, "noise", "beside")
 RULES = (
     *decays((*OBSERVERS,), Decay(_falls, _least, _said), ERROR, _NORM),
     on_chains(("switched_gain",), ("hold",), held, ("alpha", *_NORM, "up", "down"), "switched_gain.theta"),
     clamped((*OBSERVERS,)),
+    on_chains(INJECTED, ("l2_gain",), l2_gain, (*_INPUTS, "counts", "mu", "P", "S")),
+    on_chains(INJECTED, ("iss_gain",), iss_gain, (*_INPUTS, "bounds")),
 )

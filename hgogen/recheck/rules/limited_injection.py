@@ -24,9 +24,9 @@ from itertools import product
 from typing import Any
 
 from ..box import NotShown
-from ..chain import built, clamped
+from ..chain import built
 from ..context import Context, Shown
-from ..falling import WORK, Decay, decays
+from ..falling import WORK, Decay, clamped, decays
 from ..file import Built, Claim, Observer
 from ..inequality import demand_negative
 from ..matrix import (

@@ -8,11 +8,9 @@ by rows and columns, so that it must be positive definite. Source: R. E. Kalman,
 (1961), section 7.
 """
 
-from fractions import Fraction
-
 from ..box import NotShown
 from ..chain import built
-from ..context import Context, Shown, only, value_of
+from ..context import Context, Shown, inner, only
 from ..file import Built, Claim
 from ..matrix import Matrix, column, demand_nonnegative, demand_positive, matrix, plus, scalar, times, transposed
 from ..rule import Rule
@@ -47,12 +45,11 @@ def _linear(context: Context, A: Matrix, C: Matrix) -> None:
             context.same(entry, algebra.number(number), "A is not that of the form")
     for rest in form.b:
         only(rest.names & set(context.z), (), "b")
-    still = {**context.letters, **dict.fromkeys(context.z, algebra.number(Fraction(0)))}
+    letters = algebra.names
+    still = {**letters, **dict.fromkeys(context.z, algebra.zero)}
     for output, row in zip(form.output, C, strict=True):
-        total = value_of(output, still, algebra)
-        for name, number in zip(context.z, row, strict=True):
-            total = total + algebra.number(number) * context.letters[name]
-        context.same(output, total, "C is not that of the form")
+        shown = inner(algebra, [algebra.number(each) for each in row], [letters[name] for name in context.z])
+        context.same(output, algebra.read(output, still) + shown, "C is not that of the form")
 
 
 def _gramian(A: Matrix, start: Matrix) -> Matrix:

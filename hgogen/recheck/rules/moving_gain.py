@@ -35,9 +35,9 @@ from itertools import product
 from typing import Any
 
 from ..box import NotShown
-from ..chain import built, clamped, integrators, slope
+from ..chain import built, integrators, slope
 from ..context import Context, Shown, on, short
-from ..falling import Decay, decays, demand_decays
+from ..falling import Decay, clamped, decays, demand_decays
 from ..file import Built, Claim, Observer, part
 from ..inequality import FLOW, NOW, Input, demand_negative, form_of, multipliers
 from ..matrix import (

@@ -1,32 +1,46 @@
-"""That an input shows every state of a state-affine plant again and again, verified again.
+"""That inputs show every state of a state-affine plant, and how much of it every window shows, verified again.
 
     x' = A(u) x + b,   y = C(u) x + d,   N_0 = C,   N_(k+1) = N_k A + N_k':   rank n of N_0, .., N_(n-1) at a time t_0
 
 makes the observability Gramian over any window with t_0 inside positive definite; a periodic input has such a time in
 every window of two periods. An input is constant, or reads the time in sin and cos alone, of arguments that a period
 takes a whole number of turns further. The observer clamps an input to its range: at t_0 it is strictly inside, or it is
-constant and in it. A and C are finite on the box, as the form's structure has it. Derivatives in t are forward, those
-of the parameters' box in mpmath's intervals. Source: L. M. Silverman, H. E. Meadows, SIAM J. Control 5 (1967).
+constant and in it. A and C are finite on the box, as the form's structure has it. Source: L. M. Silverman, H. E.
+Meadows, SIAM J. Control 5 (1967).
+
+    W(s, d) = D (integral_s^(s+d) Phi' C' R^-1 C Phi) D >= bound
+
+D are the half-widths of the ranges of the states, 1 without one. A moving course is cut into pieces of `piece`, a
+window into 2^level and one more: one that begins in a piece k has W >= exp(-2 piece a) M, M that of the 2^level pieces
+after it, a >= |A + A'|/2 on the piece. A still one has windows of 2^level. C is weighted by `weights` s_j with s_j^2
+R_j <= 1. The course has the period, which the pieces of `starts` cover, and keeps to the ranges of the inputs, to which
+an observer clamps them. Derivatives in t are Taylor coefficients, of parameters in their box.
 """
 
 import math
 from collections.abc import Mapping, Sequence
 from fractions import Fraction
+from operator import mul
 from typing import Any
 
-from ..arithmetic import Arithmetic, Dual, Undefined, dual, evaluate
-from ..box import Box, NotShown, Try, covered, ranged, sides
-from ..context import Context, Shown, algebra_of, cut, letters_of, narrowed, only, value_of
+from ..algebra import Algebra, Quotient
+from ..arithmetic import Undefined, determinant, evaluate, total
+from ..box import Box, NotShown, Try, covered, ranged
+from ..chain import CHAINS
+from ..context import Context, Shown, algebra_of, cut, narrowed, only, short
 from ..file import Claim, part
-from ..interval import intervals, point
+from ..interval import Interval, between, intervals, point
+from ..matrix import above_zero, column, demand_nonnegative, scalar
+from ..moved import ORDER, Series, balls, piece
+from ..moved import Shown as Moved
 from ..rule import Rule
-from ..structure import CHAINS
-from ..tables import is_table
+from ..taylor import Taylor, begin, taylor
 from ..text import Expression, expression
 
 MOST = 5  # states, beyond which determinants and derivatives are too long
-_KINKS = ("Abs", "sign", "Min", "Max")
 _TURNS = 1000  # of an argument over a period
+_LEVEL, _STARTS = 9, 2000
+_GROUP = 8  # pieces whose series have one bound of what they leave
 TIME = {"t": (-math.inf, math.inf)}
 
 
@@ -51,7 +65,7 @@ def persistent(context: Context, claim: Claim) -> Shown:
     if len(context.z) > MOST:
         raise NotShown(f"the rank of more than {MOST} states is not computed")
     texts = (*inputs.values(), *form.output, *(entry for entries in form.A for entry in entries))
-    if any(step.op in _KINKS or is_table(step.op) for text in texts for step in text.instructions):
+    if any(text.kinked for text in texts):
         raise NotShown("an input, A or C has kinks or jumps")
     at = expression(part(evidence, "at", str), {})
     moving = [text for text in inputs.values() if text.names]
@@ -87,23 +101,20 @@ def _above(period: Expression) -> Fraction:
 def periodic(texts: Sequence[Expression], period: Expression) -> None:
     """The time stands in sin and cos alone, of arguments c t + d with c times the period a multiple of 2 pi."""
     algebra = algebra_of(TIME)
-    letters, one = letters_of(algebra, TIME), algebra.number(Fraction(1))
     for text in texts:
         raw: list[bool] = []  # whether a place reads the time beside sin and cos
         for op, args, _ in text.instructions:
             loose = op == "symbol" or any(raw[place] for place in args)
             if loose and op in ("sin", "cos"):
                 inner = Expression(text.text, text.instructions, args[0], text.names)
-                moving = Dual(letters["t"], {0: one})
-                slope = evaluate(inner, {"t": moving}, dual(algebra.arithmetic)).slopes.get(0)
-                turns = slope and slope * value_of(period, letters, algebra)
-                loose = not (turns and _whole_turns(turns, algebra))
+                turns = algebra.speed(inner, {"t": algebra.one}) * algebra.read(period)
+                loose = not _whole_turns(turns, algebra)
             raw.append(loose)
         if raw[text.result]:
             raise NotShown(f"{cut(period.text)} is not shown to be a period of {cut(text.text)}")
 
 
-def _whole_turns(turns: Any, algebra: Any) -> bool:
+def _whole_turns(turns: Quotient, algebra: Algebra) -> bool:
     """Whether it is 2 pi k for a whole k."""
     pi = algebra.function("pi", ())
     each = (k for size in range(1, _TURNS + 1) for k in (size, -size))
@@ -115,19 +126,12 @@ def inside(context: Context, inputs: Mapping[str, Expression], at: Expression) -
     for name, text in inputs.items():
         low, high = context.form.box[name]
         value = evaluate(text, {"t": _value(at)}, intervals)
-        exact = None if text.names else _rational(text)
+        exact = None if text.names else algebra_of({}).read(text).number
         held = exact is not None and low <= exact <= high
         above = low == -math.inf or (value - point(Fraction(low))).sign > 0
         below = high == math.inf or (point(Fraction(high)) - value).sign > 0
         if not (held or (above and below)):
             raise NotShown(f"{name} = {cut(text.text)} is not shown to be inside its range at t = {at.text}")
-
-
-def _rational(text: Expression) -> Fraction | None:
-    """The value of an expression of no names, None where it is not written as a rational number."""
-    algebra = algebra_of({})
-    value: Fraction | None = value_of(text, {}, algebra).number
-    return value
 
 
 def _full(context: Context, inputs: Mapping[str, Expression], at: Expression) -> Any:
@@ -136,92 +140,180 @@ def _full(context: Context, inputs: Mapping[str, Expression], at: Expression) ->
 
     def attempt(box: Box) -> Try:
         try:
-            rows = _rows(context, inputs, at, box)
-            whole = rows
-            if len(rows) > n:
-                columns = list(zip(*rows, strict=True))
-                whole = [[_total(a * b for a, b in zip(p, q, strict=True)) for q in columns] for p in columns]
-            return Try(_determinant(whole).sign != 0)
+            rows = _rows(context, inputs, {**context.form.box, **box}, _value(at))
+            columns = [*zip(*rows, strict=True)]
+            whole = rows if len(rows) == n else [[total(map(mul, p, q)) for q in columns] for p in columns]
+            return Try(bool(rows) and determinant(whole).sign != 0)
         except Undefined:
             return Try(False)
 
     return attempt
 
 
-def _rows(context: Context, inputs: Mapping[str, Expression], at: Expression, box: Box) -> list[list[Any]]:
-    """Enclosures of the rows of N_0 = C, N_(k+1) = N_k A + N_k', k < n - 1, at t_0."""
-    form, z = context.form, context.z
-    arithmetic, time = intervals, _value(at)
-    for _ in z[1:]:
-        one = arithmetic.number(Fraction(1))
-        arithmetic, time = dual(arithmetic), Dual(time, {0: one})
-    known = {name: _constant(side, len(z) - 1) for name, side in sides(box).items()}
-    known |= {
-        name: arithmetic.number(Fraction(low))
-        for name, (low, high) in form.box.items()
-        if low == high and name not in known
-    }
-    known |= {name: evaluate(text, {"t": time}, arithmetic) for name, text in inputs.items()}
-    A = [[evaluate(entry, known, arithmetic) for entry in entries] for entries in form.A]
-    C = [slopes_of(output, z, known, arithmetic) for output in form.output]
-    rows = [[_base(x) for x in row] for row in C]
-    for _ in z[1:]:
-        A = [[x.value for x in row] for row in A]
-        still = A[0][0] - A[0][0]
-        C = [
-            [_total(x.value * A[k][j] for k, x in enumerate(row)) + row[j].slopes.get(0, still) for j in range(len(z))]
-            for row in C
+def _rows(context: Context, inputs: Mapping[str, Expression], box: Box, time: Interval) -> list[list[Interval]]:
+    """Enclosures of the rows of N_0 = C, N_(k+1) = N_k A + N_k', k < n - 1, at a time."""
+    n = range(len(context.z))
+    A, N = series_of(context, inputs, box, time, len(n))
+    rows = [[x.coefficients[0] for x in row] for row in N]
+    for _ in n[1:]:
+        A, held = ([[Taylor(x.coefficients[:-1]) for x in row] for row in M] for M in (A, N))
+        rates = [
+            [Taylor(tuple(point(Fraction(k)) * c for k, c in enumerate(x.coefficients) if k)) for x in row] for row in N
         ]
-        rows += [[_base(x) for x in row] for row in C]
+        N = [
+            [total((rate[j], *(x * A[k][j] for k, x in enumerate(row)))) for j in n]
+            for row, rate in zip(held, rates, strict=True)
+        ]
+        rows += [[x.coefficients[0] for x in row] for row in N]
     return rows
 
 
-def _constant(value: Any, depth: int) -> Any:
-    for _ in range(depth):
-        value = Dual(value, {})
-    return value
-
-
-def slopes_of(output: Expression, z: Sequence[str], known: Mapping[str, Any], arithmetic: Arithmetic) -> list[Any]:
-    """C of an output that is affine in z: y(z_k = 1) - y(0)."""
+def series_of(
+    context: Context, inputs: Mapping[str, Expression], box: Box, time: Interval, order: int
+) -> tuple[list[list[Taylor]], list[list[Taylor]]]:
+    """A and C as series below the order at a time, along the inputs, for all parameters of the box; of an output that
+    is affine in z the row of C is y(z_k = 1) - y(0). Raises: `Undefined`."""
+    arithmetic, z = taylor(order), context.z
     zero, one = arithmetic.number(Fraction(0)), arithmetic.number(Fraction(1))
-    rest = {**known, **dict.fromkeys(z, zero)}
-    d = evaluate(output, rest, arithmetic)
-    return [evaluate(output, {**rest, name: one}, arithmetic) - d for name in z]
+    known = {name: begin((between(*box[name]),), order) for name in context.file.parameters}
+    moving = begin((time, point(Fraction(1))), order)
+    known |= {name: evaluate(text, {"t": moving}, arithmetic) for name, text in inputs.items()}
+    A = [[evaluate(entry, known, arithmetic) for entry in row] for row in context.form.A]
+    rest, C = {**known, **dict.fromkeys(z, zero)}, []
+    for output in context.form.output:
+        d = evaluate(output, rest, arithmetic)
+        C.append([evaluate(output, {**rest, name: one}, arithmetic) - d for name in z])
+    return A, C
 
 
-def _base(x: Any) -> Any:
-    while isinstance(x, Dual):
-        x = x.value
-    return x
+# --- how much every window shows
 
 
-def _total(terms: Any) -> Any:
-    first, *others = terms
-    for other in others:
-        first = first + other
-    return first
+def least(context: Context, claim: Claim) -> Shown:
+    """Every window's smallest eigenvalue is at least the bound, for all parameter values."""
+    (inputs, _), evidence = course(context, claim), claim.evidence
+    level, starts = (_count(evidence, name, most) for name, most in (("level", _LEVEL), ("starts", _STARTS)))
+    length, bound = above_zero(evidence, "piece"), above_zero(evidence, "bound")
+    moving = [text for text in inputs.values() if text.names]
+    if bool(moving) is not bool(starts) or bool(moving) is not ("period" in evidence):
+        raise NotShown("its course moves without a period, or has one and is still")
+    if moving:
+        period = expression(part(evidence, "period", str), {})
+        periodic(moving, period)
+        if (point(length * starts) - evaluate(period, {}, intervals)).sign <= 0:
+            raise NotShown("its pieces do not cover the period")
+    inside(context, {name: text for name, text in inputs.items() if not text.names}, expression("0", {}))
+    whole: Box = {"t": (Fraction(0), length * (starts + 2**level))}
+    for name, text in inputs.items():
+        if text.names:
+            covered(whole, ".", ranged(text, *context.form.box[name]))
+    windows = _Course(context, inputs, _weights(context, evidence))
+    try:
+        windows.demand(length, level, starts, bound)
+    except Undefined as reason:
+        raise NotShown(f"A or C has no series along the course: {reason}") from reason
+    excitation = ", ".join(f"{name} = {cut(text.text)}" for name, text in inputs.items()) or "every input"
+    window = length * (2**level + bool(starts))
+    by = f"by the ranges and R = {', '.join(short(value) for value in column(evidence, 'R', len(context.form.output)))}"
+    return Shown(f"{excitation} shows at least {short(bound, -1)}, {by}, in every window of {short(window, 1)}")
 
 
-def _determinant(rows: list[list[Any]]) -> Any:
-    """The determinant of a square matrix, by expansion along the first row."""
-    if len(rows) == 1:
-        return rows[0][0]
-    terms = []
-    for j, entry in enumerate(rows[0]):
-        minor = _determinant([[*row[:j], *row[j + 1 :]] for row in rows[1:]])
-        terms.append(entry * minor if j % 2 == 0 else -(entry * minor))
-    return _total(terms)
+def _count(evidence: Mapping[str, Any], name: str, most: int) -> int:
+    value = scalar(evidence, name)
+    if value.denominator > 1 or not 0 <= value <= most:
+        raise NotShown(f"its {name} is no number up to {most}")
+    return int(value)
 
 
+def _weights(context: Context, evidence: Mapping[str, Any]) -> list[Fraction]:
+    outputs = len(context.form.output)
+    R, weights = (column(evidence, name, outputs) for name in ("R", "weights"))
+    if any(s < 0 or r <= 0 or s * s * r > 1 for s, r in zip(weights, R, strict=True)):
+        raise NotShown("its weights are more than R allows, or R is not positive")
+    return weights
+
+
+class _Course:
+    """A and C along the inputs, in scaled coordinates."""
+
+    def __init__(self, context: Context, inputs: Mapping[str, Expression], weights: list[Fraction]) -> None:
+        self.context, self.inputs, self.weights = context, inputs, weights
+        ranges = (context.form.box[z] for z in context.z)
+        self.half = [  # half the width of a range, 1 of one that has none
+            (Fraction(high) - Fraction(low)) / 2 if -math.inf < low < high < math.inf else Fraction(1)
+            for low, high in ranges
+        ]
+        self.group = -1
+        self.around: tuple[Series, Series] = ([], [])
+
+    def demand(self, length: Fraction, level: int, starts: int, bound: Fraction) -> None:
+        """That the bound holds of every window. Raises: `NotShown`, `Undefined`."""
+        if not starts:
+            window = self.piece(Fraction(0), length)
+            for _ in range(level):
+                window = window.then(window)
+            return _demand(window, bound)
+        parts = [self.piece(k * length, length) for k in range(starts + 2**level)]
+        for step in (2**q for q in range(level)):
+            parts = [one.then(other) for one, other in zip(parts, parts[step:], strict=False)]
+        for k, window in enumerate(parts[1:]):
+            _demand(window, bound / self.left(k * length, length))
+        return None
+
+    def piece(self, begin: Fraction, length: Fraction) -> Moved:
+        """Of a piece of time."""
+        A, C = self.series(point(begin), ORDER + 1)
+        group = begin // (_GROUP * length)
+        if group != self.group:
+            ends = (_GROUP * length * each for each in (group, group + 1))
+            self.group, self.around = group, self.series(between(*ends), ORDER + 2)
+        return piece(A, C, self.around, length)
+
+    def left(self, begin: Fraction, length: Fraction) -> Fraction:
+        """What is left at least of |v|^2 from anywhere in a piece to its end."""
+        (A,), _ = self.series(between(begin, begin + length), 1)
+        steep = (A + A.turned).times(Fraction(1, 2)).fractions
+        size = max(sum(map(abs, row)) for row in steep[0]) + steep[1]
+        low, _ = intervals.function("exp", (point(-2 * length * size),)).exactly
+        return Fraction(low)
+
+    def series(self, time: Interval, order: int) -> tuple[Series, Series]:
+        """The coefficients of A and C below the order, at a time."""
+        A, C = series_of(self.context, self.inputs, self.context.form.box, time, order)
+        d = self.half
+        shares = (
+            [[d[j] / d[i] for j in range(len(d))] for i in range(len(d))],
+            [[s * x for x in d] for s in self.weights],
+        )
+        return _coefficients(A, shares[0], order), _coefficients(C, shares[1], order)
+
+
+def _coefficients(rows: list[list[Taylor]], shares: list[list[Fraction]], order: int) -> Series:
+    pairs = [list(zip(row, map(point, share), strict=True)) for row, share in zip(rows, shares, strict=True)]
+    return [balls([[x.coefficients[k] * share for x, share in row] for row in pairs]) for k in range(order)]
+
+
+def _demand(window: Moved, bound: Fraction) -> None:
+    """That W - bound has no negative eigenvalue."""
+    middle, off = window.W.fractions
+    rest = [[x - (bound + off) * (i == j) for j, x in enumerate(row)] for i, row in enumerate(middle)]
+    demand_nonnegative({"W less the bound": rest})
+
+
+_INPUTS = ("inputs", "period")
+_ABOUT = "the plant in {kind} form"
+_KINDS = ("state_affine", *CHAINS)
 RULES = (
     Rule(
-        ("kalman_like",),
-        ("persistence",),
-        persistent,
-        ("inputs", "period", "at"),
-        ("state_affine", *CHAINS),
+        *(("kalman_like",), ("persistence",), persistent, (*_INPUTS, "at"), _KINDS),
         rests=("{kind}.structure",),
-        about="the plant in {kind} form",
+        about=_ABOUT,
+    ),
+    Rule(
+        *(("kalman_like",), ("gramian",), least),
+        (*_INPUTS, "piece", "level", "starts", "R", "weights", "bound"),
+        _KINDS,
+        rests=("{kind}.structure", "kalman_like.persistence"),
+        about=_ABOUT,
     ),
 )

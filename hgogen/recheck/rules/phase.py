@@ -14,31 +14,17 @@ from itertools import combinations, pairwise
 from typing import Any
 
 from ..algebra import Algebra, Quotient
-from ..arithmetic import Dual, dual, evaluate
+from ..arithmetic import determinant
 from ..box import Box, NotShown, covered, ranged
-from ..context import (
-    RANGE,
-    Context,
-    Shown,
-    algebra_of,
-    applied,
-    declared_box,
-    finite,
-    letters_of,
-    narrowed,
-    short,
-    slope_of,
-    value_of,
-)
+from ..context import RANGE, Context, Shown, algebra_of, applied, declared_box, finite, narrowed, short
 from ..file import Claim, part
 from ..inequality import place
-from ..matrix import inverse, matrix, scalar
+from ..matrix import fields, inverse, matrix, scalar
 from ..rule import Needed, Rule
 from ..slope import regular
 from ..tables import jumps
-from ..text import Expression, expression
+from ..text import KINKS, Expression, expression
 
-_BENT = ("Abs", "sign", "Min", "Max")
 MOST = 6  # states, beyond which the determinant's expansion is too long
 
 
@@ -52,23 +38,20 @@ def phases(context: Context, claim: Claim) -> Shown:
     for row in (*plant.flow, *plant.output):
         finite(row, plant.box)
     algebra = algebra_of(box)
-    letters = letters_of(algebra, box)
-    speeds = {name: value_of(row, letters, algebra) for name, row in zip(states, plant.flow, strict=True)}
-    speeds |= {name: letters[rate] for name, rate in rates.items()}
-    if not algebra.is_zero(value_of(Phi[0], letters, algebra) - value_of(plant.output[0], letters, algebra)):
+    speeds = {name: algebra.read(row) for name, row in zip(states, plant.flow, strict=True)}
+    speeds |= {name: algebra.names[rate] for name, rate in rates.items()}
+    if not algebra.is_zero(algebra.read(Phi[0]) - algebra.read(plant.output[0])):
         raise NotShown("it does not begin with the output")
     if context.form.kind in ("phase", "phase.recovered"):
         for row, image in zip(context.form.to_form, Phi, strict=True):
-            if not algebra.is_zero(value_of(row, letters, algebra) - value_of(image, letters, algebra)):
+            if not algebra.is_zero(algebra.read(row) - algebra.read(image)):
                 raise NotShown("the form's states are not Phi")
     known = set(states) | set(rates) | set(context.file.parameters)
     _smooth_enough(Phi[:-1], 1)
     for k, (before, after) in enumerate(pairwise(Phi), 1):
         if before.names - known:
             raise NotShown(f"it does not say the derivative of {sorted(before.names - known)[0]}")
-        moving = {name: Dual(letter, {0: speeds[name]} if name in speeds else {}) for name, letter in letters.items()}
-        speed = evaluate(before, moving, dual(algebra.arithmetic)).slopes.get(0, algebra.number(Fraction(0)))
-        if not algebra.is_zero(value_of(after, letters, algebra) - speed):
+        if not algebra.is_zero(algebra.read(after) - algebra.speed(before, speeds)):
             raise NotShown(f"its entry {k + 1} is not the derivative of entry {k}")
     boxes = sum(_regular(row, states, box) for row in Phi)
     return Shown("Phi = (y, y', ..) along the plant's flow", boxes)
@@ -92,8 +75,7 @@ def one_to_one(context: Context, claim: Claim) -> Shown:
     weighed = [*zip(*(applied(algebra, L, column) for column in zip(*slopes.rows, strict=True)), strict=True)]
     left = {places for size in range(1, n + 1) for places in combinations(range(n), size)}
     for minor in part(claim.evidence, "minors", list):
-        if not isinstance(minor, dict) or minor.keys() != {"places", *RANGE}:
-            raise NotShown(f"a minor is no object with places, {', '.join(RANGE)}")
+        fields(minor, "a minor", ("places", *RANGE))
         places = tuple(place({"places": k}, "places", n) for k in part(minor, "places", list))
         if places not in left:
             raise NotShown(f"{[k + 1 for k in places]} are no places of a minor, or stand twice")
@@ -114,7 +96,6 @@ class _Slopes:
     rows: list[list[Quotient]]
     Phi: list[Expression]
     box: Box
-    letters: Mapping[str, Quotient]
     algebra: Algebra
 
 
@@ -124,17 +105,15 @@ def _slopes(context: Context, claim: Claim) -> _Slopes:
     if len(states) > MOST:
         raise NotShown(f"the determinant of more than {MOST} states is not computed")
     algebra = algebra_of(box)
-    letters = letters_of(algebra, box)
-    rows = [[slope_of(row, name, letters, algebra) for name in states] for row in Phi]
-    return _Slopes(rows, Phi, box, letters, algebra)
+    return _Slopes([[algebra.speed(row, {name: algebra.one}) for name in states] for row in Phi], Phi, box, algebra)
 
 
 def _bounded_determinant(
     slopes: _Slopes, rows: list[list[Quotient]], evidence: Mapping[str, Any]
 ) -> tuple[Fraction, Fraction, int]:
     """The bounds that evidence tells of the determinant of rows, once they are shown, with how many boxes."""
-    text = expression(part(evidence, "expression", str), slopes.box)
-    if not slopes.algebra.is_zero(value_of(text, slopes.letters, slopes.algebra) - _determinant(rows, slopes.algebra)):
+    text, algebra = expression(part(evidence, "expression", str), slopes.box), slopes.algebra
+    if not algebra.is_zero(algebra.read(text) - (determinant(rows) if rows else algebra.one)):
         raise NotShown(f"its expression {text.text} is not the determinant")
     low, high = scalar(evidence, "low"), scalar(evidence, "high")
     where = declared_box(evidence, slopes.box, text.names)
@@ -168,7 +147,7 @@ def _suffixes(count: int) -> list[str]:
 def _smooth_enough(rows: Sequence[Expression], order: int) -> None:
     """That they have no modulus and the like, and no table whose derivative of that order jumps. Raises: `NotShown`."""
     for row in rows:
-        if any(step.op in _BENT or jumps(step.op, order) for step in row.instructions):
+        if any(step.op in KINKS or jumps(step.op, order) for step in row.instructions):
             raise NotShown(f"{row.text[:60]} is not shown to be differentiable")
 
 
@@ -184,18 +163,6 @@ def _regular(row: Expression, states: Sequence[str], box: Box) -> int:
     if any(step.op == "power" and not (isinstance(step.value, int) and step.value >= 0) for step in row.instructions):
         raise NotShown(f"{row.text[:60]} is not shown to be smooth on an unbounded box")
     return 0
-
-
-def _determinant(rows: list[list[Quotient]], algebra: Algebra) -> Quotient:
-    """The determinant of a square matrix, by expansion along the first row."""
-    if not rows:
-        return algebra.number(Fraction(1))
-    total = algebra.number(Fraction(0))
-    for j, entry in enumerate(rows[0]):
-        if entry.top:
-            minor = _determinant([[*row[:j], *row[j + 1 :]] for row in rows[1:]], algebra)
-            total = total + (entry * minor if j % 2 == 0 else -(entry * minor))
-    return total
 
 
 _ABOUT = "the plant"
