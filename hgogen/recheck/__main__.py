@@ -14,8 +14,7 @@ def main(arguments: list[str] | None = None) -> int:
     """Prints the claims, as text or JSON.
 
     Returns 0 where every claim that is said to be proved or refuted is verified, 1 where one is not or there is none, 2
-    where the file is no certificate.
-    """
+    where the file is no certificate."""
     parser = argparse.ArgumentParser(prog="recheck", description="Verify a certificate of hgogen again.")
     parser.add_argument("file", metavar="FILE", help="a certificate that hgogen check wrote")
     parser.add_argument("--json", action="store_true", help="print the result as JSON")

@@ -25,15 +25,9 @@ class TooLarge(Exception):  # the claim it belongs to is then not verified
     """An identity beyond the size that is worth its time."""
 
 
-def _plus(a: Polynomial, b: Polynomial, factor: Fraction | int = 1) -> Polynomial:
-    result = dict(a)
-    for monomial, coefficient in b.items():
-        value = result.get(monomial, Fraction(0)) + factor * coefficient
-        if value:
-            result[monomial] = value
-        else:
-            result.pop(monomial, None)
-    return _sized(result)
+def _plus(a: Polynomial, b: Polynomial) -> Polynomial:
+    sums = {monomial: a.get(monomial, 0) + coefficient for monomial, coefficient in b.items()}
+    return _sized({monomial: value for monomial, value in {**a, **sums}.items() if value})
 
 
 def _times(a: Polynomial, b: Polynomial) -> Polynomial:
@@ -162,9 +156,8 @@ class _Kernel:
 class Algebra:
     """Letters as they are met: names first, then functions of what was met before.
 
-    `nonnegative`: names whose range has no number below zero, so that the root of a square is known; `names`: what
-    each name stands for, its letter, or of those that are `fixed` its number.
-    """
+    `nonnegative`: names whose range has no number below zero, so that the root of a square is known; `names`: what each
+    name stands for, its letter, or of those that are `fixed` its number."""
 
     def __init__(
         self, names: Iterable[str], nonnegative: Iterable[str] = (), fixed: Mapping[str, Fraction] | None = None
@@ -177,10 +170,8 @@ class Algebra:
         self.zero, self.one = self.number(Fraction(0)), self.number(Fraction(1))
 
     def read(self, text: Expression, values: Mapping[str, Quotient] | None = None) -> Quotient:
-        """The value of an expression, of these values of its names, by default what they stand for.
-
-        Raises: `Undefined`, `TooLarge`.
-        """
+        """The value of an expression, of these values of its names, by default what they stand for. Raises:
+        `Undefined`, `TooLarge`."""
         value: Quotient = evaluate(text, self.names if values is None else values, self.arithmetic)
         return value
 
@@ -261,7 +252,6 @@ class Algebra:
 
     def function(self, name: str, args: tuple[Quotient, ...]) -> Quotient:
         """A function's value, as a letter; tan and exp of a sum by others."""
-        one = self.one
         if name == "jump":
             raise Undefined("a side has no slope in closed form")
         name = "sign" if name == "side" else name
@@ -274,30 +264,20 @@ class Algebra:
         known = [each.number for each in args if each.number is not None]
         if name in _EXTREME and len(known) == len(args):
             return self.number(_EXTREME[name](known))
-        if args[0].number == 0 and name in ("sin", "sinh", "tanh", "asin", "asinh", "atan", "atanh"):
-            return self.zero
-        if args[0].number == 0 and name in ("cos", "cosh"):
-            return one
-        if name == "log" and args[0].number == 1:
-            return self.zero
+        if (name, args[0].number) in _KNOWN:
+            return self.number(Fraction(_KNOWN[name, args[0].number]))
         if name == "Abs" and (magnitude := self._magnitude(args[0])) is not None:
             return magnitude
-        if name in _ODD or name in _EVEN:
-            return self._with_sign(name, args[0])
+        mirrored = self._find(_Kernel(name, (-args[0],))) if name in (*_ODD, *_EVEN) else None
+        if mirrored is not None:
+            return self._at(mirrored) if name in _EVEN else -self._at(mirrored)
         return self._kernel(_Kernel(name, args))
-
-    def _with_sign(self, name: str, x: Quotient) -> Quotient:
-        mirrored = self._find(_Kernel(name, (-x,)))
-        if mirrored is None:
-            return self._kernel(_Kernel(name, (x,)))
-        return self._at(mirrored) if name in _EVEN else -self._at(mirrored)
 
     def _exp(self, x: Quotient) -> Quotient:
         """exp(sum of c m) = product of exp(|c| m / k)^(k) with whole k, over one for c < 0."""
         if x.bottom:
             mirrored = self._find(_Kernel("exp", (-x,)))
-            one = self.one
-            return self._kernel(_Kernel("exp", (x,))) if mirrored is None else one / self._at(mirrored)
+            return self._kernel(_Kernel("exp", (x,))) if mirrored is None else self.one / self._at(mirrored)
         result = self.one
         for monomial, value in sorted(x.top.items()):
             unit = Quotient({monomial: Fraction(1, value.denominator)})
@@ -410,3 +390,8 @@ class Algebra:
 _EXTREME: Mapping[str, Callable[[Iterable[Fraction]], Fraction]] = {"Min": min, "Max": max}
 _ODD = frozenset(("sin", "sinh", "tanh", "asin", "asinh", "atan", "atanh"))
 _EVEN = frozenset(("cos", "cosh", "Abs"))
+_KNOWN: Mapping[tuple[str, Fraction | None], int] = {
+    **{(name, Fraction(0)): 0 for name in _ODD},
+    **{(name, Fraction(0)): 1 for name in ("cos", "cosh")},
+    ("log", Fraction(1)): 0,
+}

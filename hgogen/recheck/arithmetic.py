@@ -9,11 +9,11 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 from functools import reduce
-from operator import add, mul, neg, sub, truediv
+from operator import add
 from typing import Any, TypeVar
 
 from .tables import is_table, next_of, value_at
-from .text import Expression
+from .text import OPERATIONS, Expression
 
 Value = TypeVar("Value")
 
@@ -28,8 +28,7 @@ class Arithmetic:
 
     `number`: of a Fraction; `power`: whole exponents; `root`: rational exponents; `function`: by name; `hull`: of two
     values the first where another is above zero, the second where it is below, else what holds both (the slope of Min
-    and Max).
-    """
+    and Max)."""
 
     number: Callable[[Fraction], Any]
     power: Callable[[Any, int], Any]
@@ -39,10 +38,8 @@ class Arithmetic:
 
 
 def evaluate(expression: Expression, values: Mapping[str, Any], arithmetic: Arithmetic) -> Any:
-    """The value of an expression where its names have these values.
-
-    Raises: `Undefined`, and what the arithmetic raises.
-    """
+    """The value of an expression where its names have these values. Raises: `Undefined`, and what the arithmetic
+    raises."""
     computed: list[Any] = []
     for op, places, value in expression.instructions:
         args = [computed[place] for place in places]
@@ -57,9 +54,6 @@ def evaluate(expression: Expression, values: Mapping[str, Any], arithmetic: Arit
         else:
             computed.append(arithmetic.function(op, tuple(args)))
     return computed[expression.result]
-
-
-OPERATIONS: Mapping[str, Callable[..., Any]] = {"add": add, "sub": sub, "mul": mul, "div": truediv, "neg": neg}
 
 
 def total(terms: Iterable[Value]) -> Value:

@@ -40,10 +40,8 @@ class Try:
 
 
 def leaves(tree: str, box: Box) -> list[Box]:
-    """The boxes at the leaves of a bisection, written in prefix order: a name cuts its side, a dot is a leaf.
-
-    Raises: `NotShown` for a text that is no bisection of this box.
-    """
+    """The boxes at the leaves of a bisection, written in prefix order: a name cuts its side, a dot is a leaf. Raises:
+    `NotShown` for a text that is no bisection of this box."""
     boxes: list[Box] = []
     left = [box]
     for token in tree.split():
@@ -78,9 +76,7 @@ def _middle(low: End, high: End) -> Fraction:
 
 def covered(box: Box, tree: str, attempt: Callable[[Box], Try], more: int = MORE) -> int:
     """How many boxes it took to show a statement on the whole box, at most `more` beyond the leaves of the bisection.
-
-    Raises: `NotShown` with the box that was not shown.
-    """
+    Raises: `NotShown` with the box that was not shown."""
     left = leaves(tree, box)
     limit = len(left) + more
     tried = 0
@@ -114,7 +110,7 @@ def _widest(here: Box, whole: Box, slopes: Slopes | None) -> str | None:
         first, last = whole[name]
         width = _width(low, high)
         share = width / _width(first, last) if math.isfinite(_width(first, last)) else width
-        steep = _magnitude(slopes[index]) if slopes and index in slopes else 0.0
+        steep = max(abs(_float(end)) for end in slopes[index].ends) if slopes and index in slopes else 0.0
         size = steep * width if slopes else share
         sizes[name] = size + 1e-6 * share if math.isfinite(size) else share
     return max(sizes, key=lambda name: sizes[name]) if sizes else None
@@ -125,10 +121,6 @@ def _width(low: End, high: End) -> float:
         return float(high - low)
     except OverflowError:
         return math.inf
-
-
-def _magnitude(x: Interval) -> float:
-    return max(abs(_float(end)) for end in x.ends)
 
 
 def _float(end: object) -> float:

@@ -144,10 +144,8 @@ class Scale:
 
 
 def integrators(context: Context, evidence: Mapping[str, Any]) -> Scale:
-    """The one chain in coordinates S w: the claim's `scale` is units_i a_1 .. a_i, constant in time.
-
-    Raises: `NotShown`.
-    """
+    """The one chain in coordinates S w: the claim's `scale` is units_i a_1 .. a_i, constant in time. Raises:
+    `NotShown`."""
     _ = context.equations
     n, algebra, product = len(context.z), context.algebra, context.algebra.number(Fraction(1))
     if len(context.form.blocks) != 1:
@@ -211,9 +209,7 @@ def slope(
     context: Context, evidence: Mapping[str, Any], scale: Sequence[Expression], norm: Norm = spectral
 ) -> tuple[Fraction, int]:
     """The claim's bound of |S db/dz S^-1| on the box, S the diagonal `scale`, and with how many boxes it is shown.
-
-    Raises: `NotShown`.
-    """
+    Raises: `NotShown`."""
     rows = context.form.b
     where = declared_box(evidence, context.form.box, {name for read in (*rows, *scale) for name in read.names})
     bound = scalar(evidence, "bound")

@@ -79,24 +79,18 @@ class Computed:
         return self.rounded(value, (self.error + _size(value) * other.error) / _size(other.around))
 
     def rounded(self, value: Interval, inherited: Interval, units: Fraction = Fraction(1)) -> "Computed":
-        """The result of an operation on it, which errs by so many u itself. Raises: `Undefined`."""
-        return Computed(self.real, value, _more(self.real, value, inherited, units))
+        """The result of an operation on it, which errs by so many u. Raises: `Undefined` of what may overflow."""
+        bits, normal = _BITS[self.real]
+        share, whole = units / 2**bits, _size(value) + inherited
+        error = inherited + point(share * (1 + 2 * share * (units > 1))) * whole + point(units / 2**normal)
+        if not (error.finite and (whole + error).at_most(Fraction(2) ** (normal + 1))):
+            raise Undefined("a value that may overflow")
+        return Computed(self.real, value, error)
 
     def through(self, name: str, units: Fraction) -> "Computed":
         """A function of it that is no operation."""
         slope = dual(intervals).function(name, (Dual(self.around, {0: _ONE}),)).slopes[0]
         return self.rounded(intervals.function(name, (self.value,)), _size(slope) * self.error, units)
-
-
-def _more(real: str, value: Interval, inherited: Interval, units: Fraction) -> Interval:
-    """The error with what is rounded. Raises: `Undefined` of what may overflow."""
-    bits, normal = _BITS[real]
-    share = units / 2**bits
-    whole = _size(value) + inherited
-    error = inherited + point(share * (1 + 2 * share * (units > 1))) * whole + point(units / 2**normal)
-    if not (error.finite and (whole + error).at_most(Fraction(2) ** (normal + 1))):
-        raise Undefined("a value that may overflow")
-    return error
 
 
 def _size(value: Interval) -> Interval:

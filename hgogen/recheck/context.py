@@ -19,9 +19,9 @@ from typing import Any
 from .algebra import Algebra, Quotient, TooLarge
 from .arithmetic import Undefined, along, total
 from .box import Box, NotShown, covered, ranged
-from .file import Certificate, Claim, ends, part
+from .file import Certificate, Claim, NoCertificate, ends, part
 from .matrix import fields, scalar
-from .text import Expression, expression, number
+from .text import Expression, Unreadable, expression, number
 
 
 @dataclass(frozen=True)
@@ -30,6 +30,24 @@ class Shown:
 
     sentence: str
     boxes: int = 0
+
+
+UNSHOWN = NotShown, Undefined, TooLarge, RecursionError, NoCertificate, Unreadable  # what a verification may end with
+
+
+def reason_of(error: Exception) -> str:
+    """The words for why a verification ended."""
+    match error:
+        case Undefined():
+            return f"an expression has no value: {error}"
+        case TooLarge() | RecursionError():
+            return "its identity is too large to verify"
+        case NoCertificate():
+            return error.reason
+        case Unreadable():
+            return error.fault
+        case _:
+            return str(error)
 
 
 class Context:
@@ -45,22 +63,18 @@ class Context:
     @property
     def equations(self) -> Shown:
         """The form is the plant, by exact algebra. Raises: `NotShown`."""
-        if self._fault:
-            raise NotShown(self._fault)
+        if self.fault:
+            raise NotShown(self.fault)
         return Shown("the form's equations are the plant's")
 
     @cached_property
-    def _fault(self) -> str:
+    def fault(self) -> str:
         """Why the form is not shown to be the plant, or ""."""
         try:
             self._finite()
             self._flow()
-        except NotShown as error:
-            return str(error)
-        except Undefined as error:
-            return f"an expression has no value: {error}"
-        except (TooLarge, RecursionError):
-            return "its identity is too large to verify"
+        except UNSHOWN as error:
+            return reason_of(error)
         return ""
 
     def _finite(self) -> None:
@@ -133,10 +147,7 @@ class Context:
 
     def first_gain(self, chain: int) -> Quotient:
         """a_1 = dy/dz of an output, 0, 1, .., and the state z that it shows. That y(z) - y(0) = z dy/dz for every z
-        makes it the same for every z.
-
-        Raises: `NotShown`.
-        """
+        makes it the same for every z. Raises: `NotShown`."""
         first, output = self.seen[chain], self.form.output[chain]
         slope, letters = self.slope(output, first), self.algebra.names
         rest = self.value(output, {**letters, first: self.algebra.zero})
@@ -246,10 +257,8 @@ def enclosed(
     source: Expression,
     read: Callable[[Expression], Expression] = lambda text: text,
 ) -> tuple[Fraction, Fraction, Shown]:
-    """An enclosure low <= e <= high of what has to be shown, on the model's box; `read`: how its text is.
-
-    Raises: `NotShown`.
-    """
+    """An enclosure low <= e <= high of what has to be shown, on the model's box; `read`: how its text is. Raises:
+    `NotShown`."""
     text = claimed(context, fields(evidence, "a range", RANGE), wanted)
     low, high = scalar(evidence, "low"), scalar(evidence, "high")
     box = declared_box(evidence, context.form.box, text.names)
@@ -275,10 +284,8 @@ def short(value: Fraction, way: int = 0, digits: int = 6) -> str:
 
 
 def is_above(value: Fraction, bound: Fraction) -> str:
-    """The words that a number is above a smaller one, in as many digits as it takes to tell them apart.
-
-    Raises: `NotShown` where so many would be too many to read.
-    """
+    """The words that a number is above a smaller one, in as many digits as it takes to tell them apart. Raises:
+    `NotShown` where so many would be too many to read."""
     for digits in range(6, _MOST):
         high, low = short(value, -1, digits), short(bound, 1, digits)
         if Fraction(high) > Fraction(low):

@@ -235,9 +235,7 @@ def _expressions(
 
 def _same(system: ObservedSystem, outputs: list[str]) -> None:
     """Shows that the plant stays in the set, that the claimed system is that of plant and observer, and that F(0) = 0.
-
-    Raises: `NotShown`.
-    """
+    Raises: `NotShown`."""
     plant, algebra = system.plant, algebra_of({**system.plant.box, **system.around})
     at = {**algebra.names, **{name: algebra.read(value) for name, value in system.along.items()}}
     f = [algebra.read(row, at) for row in plant.flow]

@@ -38,8 +38,11 @@ def demand_decays(parts: Parts, alpha: Fraction, evidence: Mapping[str, Any]) ->
     """V' <= -alpha V by the evidence's P, and its S where it has one. Raises: `NotShown`."""
     n, m = len(parts.M), len(parts.H)
     P = matrix(evidence, "P", n, n)
-    for onto, reads in parts.endless:
-        _along([row[0] for row in times(P, [[x] for x in onto])], reads)
+    for onto, reads in parts.endless:  # P onto is what is read times a number >= 0: V' loses by a slope of any size
+        (pushed,) = times([onto], P)
+        share = sum(x * y for x, y in zip(pushed, reads, strict=True)) / sum(x * x for x in reads)
+        if share < 0 or pushed != [share * x for x in reads]:
+            raise NotShown("a slope without an end is not shown to take from V")
     if "S" in evidence:
         demand_falls(parts, FLOW, NOW, alpha, evidence)
         return
@@ -48,16 +51,6 @@ def demand_decays(parts: Parts, alpha: Fraction, evidence: Mapping[str, Any]) ->
         raise NotShown("it has no S, and more corners of its slopes than are tried one by one")
     for corner in corners_of(parts):
         demand_negative("its inequality", plus(twice(P, corner), scaled(alpha, P)))
-
-
-def _along(pushed: list[Fraction], reads: list[Fraction]) -> None:
-    """That P onto is what is read times a number that is not negative, so that V' loses by a slope of any size.
-
-    Raises: `NotShown`.
-    """
-    share = sum(x * y for x, y in zip(pushed, reads, strict=True)) / sum(x * x for x in reads)
-    if share < 0 or pushed != [share * x for x in reads]:
-        raise NotShown("a slope without an end is not shown to take from V")
 
 
 def corners_of(parts: Parts) -> Iterator[Matrix]:
@@ -109,8 +102,8 @@ def decays(makers: Keys, decay: Decay, slopes: Keys, norm: Keys) -> tuple[Rule, 
 def clamped(makers: Keys) -> Rule:
     """The rule of |db/dz| <= bound on the whole box of z of a form in other coordinates, to which observers clamp the
     argument of b."""
-    return of_observer(makers, ("lipschitz",), _steep, STEEP, STRUCTURE, kinds=CARRIED)
 
+    def steep(context: Context, claim: Claim) -> Shown:
+        return jacobian_bound(context, claim, context.form.b, "db/dz")
 
-def _steep(context: Context, claim: Claim) -> Shown:
-    return jacobian_bound(context, claim, context.form.b, "db/dz")
+    return of_observer(makers, ("lipschitz",), steep, STEEP, STRUCTURE, kinds=CARRIED)

@@ -98,8 +98,7 @@ class Observer:
 class Claim:
     """One claim: its verdict, and what shows it, as the file says.
 
-    Its `id` is `maker`.`what`, and `what` the `fact` with the numbers `at`, of rows.
-    """
+    Its `id` is `maker`.`what`, and `what` the `fact` with the numbers `at`, of rows."""
 
     id: str
     verdict: str
@@ -115,8 +114,7 @@ class Certificate:
     """A certificate as it is read.
 
     `model` is the digest of what it is about, and `named` tells whether the file states the same one; `untouched` tells
-    whether the file's digest is that of its content.
-    """
+    whether the file's digest is that of its content."""
 
     name: str
     plant: Equations
@@ -155,10 +153,8 @@ def _hashed(value: Mapping[str, Any]) -> str:
 
 
 def read(text: str, observers: Mapping[str, Built]) -> Certificate:
-    """The certificate in a text, of observers that are built as told.
-
-    Raises: `NoCertificate` for what is no JSON, or misses a part; `Unreadable` for an expression or number.
-    """
+    """The certificate in a text, of observers that are built as told. Raises: `NoCertificate` for what is no JSON, or
+    misses a part; `Unreadable` for an expression or number."""
     if len(text) > LARGEST:
         raise NoCertificate(f"it has more than {LARGEST} characters")
     try:
@@ -219,10 +215,7 @@ def _read(content: Mapping[str, Any], observers: Mapping[str, Built]) -> Certifi
             box=z_box,
             to_form=_rows(form, "to_form", x_box, len(z)),
             from_form=_rows(form, "from_form", z_box, n),
-            A=tuple(
-                tuple(expression(entry, z_box) for entry in texts)
-                for texts in _sized(part(form, "A", list), len(z), lambda row: _sized(row, len(z)))
-            ),
+            A=tuple(_texts(row, z_box, len(z)) for row in _sized(part(form, "A", list), len(z))),
             b=_rows(form, "b", z_box, len(z)),
             output=_rows(form, "output", z_box, m),
             blocks=_blocks(form, len(z)),
@@ -246,13 +239,9 @@ def part(holder: Mapping[str, Any], key: str, kind: type) -> Any:
     return value
 
 
-def _known(what: str, holder: Mapping[str, Any]) -> None:
+def _known(what: str, holder: Mapping[str, Any], known: Iterable[str] | None = None) -> None:
     """A part that nothing reads could say anything. Raises: `NoCertificate`."""
-    _parts(what, holder, _KEYS[what])
-
-
-def _parts(what: str, holder: Mapping[str, Any], known: Iterable[str]) -> None:
-    strange = sorted(holder.keys() - set(known))
+    strange = sorted(holder.keys() - set(_KEYS[what] if known is None else known))
     if strange:
         raise NoCertificate(f"{what} has a part {words(strange[0])}, which is unknown here")
 
@@ -278,7 +267,7 @@ def _observer(
         return Observer(name, {})
     known = observers.get(name, Built(()))
     wanted = (*known.numbers, *known.expressions)
-    _parts("observer", parts, (*wanted, *known.beside))
+    _known("observer", parts, (*wanted, *known.beside))
     if missing := sorted(set(wanted) - parts.keys()):
         raise NoCertificate(f"its observer {name!r} has no part {missing[0]!r}")
     entries = {key: tuple(_gain(part(parts, key, list), names, blocks)) for key in known.expressions}
@@ -301,14 +290,18 @@ def _numbers(value: Any, depth: int = 0) -> Any:
     return number(value)
 
 
-def _sized(rows: Any, count: int, each: Any = None) -> list[Any]:
+def _sized(rows: Any, count: int) -> list[Any]:
     if not isinstance(rows, list) or len(rows) != count:
         raise NoCertificate(f"a list has not its {count} entries")
-    return [each(row) for row in rows] if each else rows
+    return rows
+
+
+def _texts(texts: Any, names: Mapping[str, Any], count: int) -> tuple[Expression, ...]:
+    return tuple(expression(text, names) for text in _sized(texts, count))
 
 
 def _rows(holder: Mapping[str, Any], key: str, names: Mapping[str, Any], count: int) -> tuple[Expression, ...]:
-    return tuple(expression(text, names) for text in _sized(part(holder, key, list), count))
+    return _texts(part(holder, key, list), names, count)
 
 
 def signals(holder: Mapping[str, Any], key: str) -> dict[str, tuple[End, End]]:
@@ -355,7 +348,5 @@ def _claim(id: str, entry: Mapping[str, Any]) -> Claim:
     return Claim(id, part(entry, "verdict", str), part(entry, "evidence", dict), maker, what, fact, at)
 
 
-__all__ = [
-    *("FORMAT", "SHOWN", "VERSION", "Built", "Certificate", "Claim", "NoCertificate", "Unreadable"),
-    *("digest", "model_digest", "part", "read", "words"),
-]
+__all__ = ["FORMAT", "SHOWN", "VERSION", "Built", "Certificate", "Claim", "NoCertificate"]
+__all__ += ["digest", "model_digest", "part", "read", "words"]

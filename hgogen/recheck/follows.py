@@ -26,10 +26,8 @@ Shares = Mapping[str, Mapping[str, Any]]
 
 
 def demand_followed(context: Context, h: Fraction, shares: Shares) -> int:
-    """That the sizes of shares, by their names, are at least what they follow from; with how many boxes.
-
-    Raises: `NotShown`.
-    """
+    """That the sizes of shares, by their names, are at least what they follow from; with how many boxes. Raises:
+    `NotShown`."""
     n, p, boxes = len(context.z), len(context.form.output), 0
     moved, others = [Fraction(0)] * n, dict[str, tuple[Mapping[str, Any], list[Fraction]]]()
     for name, share in shares.items():
@@ -125,15 +123,11 @@ def _on_its_way(h: Fraction, J: Matrix, moved: Sequence[Fraction]) -> list[Fract
         raise NotShown("the plant is too fast for its dt")
     term, total = list(moved), list(moved)
     for k in range(2, _TERMS + 2):
-        term = [_short(h * sum((x * y for x, y in zip(row, term, strict=True)), Fraction(0)) / k) for row in J]
+        exact = [h * sum((x * y for x, y in zip(row, term, strict=True)), Fraction(0)) / k for row in J]
+        term = [Fraction(-(-x.numerator * 2**_BITS // x.denominator), 2**_BITS) for x in exact]  # or a little above
         total = [x + y for x, y in zip(total, term, strict=True)]
     left = max(term, default=Fraction(0))  # each term that is left out is at most half of the one before
     return [x + left if x > at_first else x for x, at_first in zip(total, moved, strict=True)]
-
-
-def _short(value: Fraction) -> Fraction:
-    """A number at or a little above, of fewer digits."""
-    return Fraction(-(-value.numerator * 2**_BITS // value.denominator), 2**_BITS)
 
 
 _BITS = 400

@@ -240,11 +240,7 @@ def ends(method: Method, parts: Parts, output: int) -> tuple[Input, Input]:
 
 
 def form_of(
-    parts: Parts,
-    method: Method,
-    h: Fraction,
-    evidence: Mapping[str, Any],
-    entering: Sequence[Input] = (),
+    parts: Parts, method: Method, h: Fraction, evidence: Mapping[str, Any], entering: Sequence[Input] = ()
 ) -> Matrix:
     """2 e'P D v + h |D v|_P^2 + sum of Q'S Q - p'S p, without alpha; P and S are shown to have their signs. Inputs
     stand at the end of v, and S goes on with them."""
@@ -309,10 +305,8 @@ def demand_falls(
     evidence: Mapping[str, Any],
     inputs: Sequence[Input] = (),
 ) -> None:
-    """Demand that |e|_P^2 falls by alpha h of itself at least, but for the sum of lambda_k u_k^2 of inputs u.
-
-    Raises: `NotShown`.
-    """
+    """Demand that |e|_P^2 falls by alpha h of itself at least, but for the sum of lambda_k u_k^2 of inputs u. Raises:
+    `NotShown`."""
     form, n = form_of(parts, method, h, evidence, inputs), len(parts.M)
     for own, row in zip(form, matrix(evidence, "P", n, n), strict=False):
         own[:n] = (x + alpha * y for x, y in zip(own, row, strict=False))
@@ -336,9 +330,7 @@ def multipliers(evidence: Mapping[str, Any], inputs: Sequence[Input]) -> list[Fr
 
 def demand_negative(what: str, form: Matrix) -> None:
     """Demand that a symmetric form is negative: by its elimination in intervals, where these are too wide in fractions.
-
-    Raises: `NotShown`.
-    """
+    Raises: `NotShown`."""
     negated = scaled(Fraction(-1), form)
     known = definite([[point(value) for value in row] for row in negated]) if transposed(negated) == negated else 0
     if known < 0:
@@ -348,10 +340,8 @@ def demand_negative(what: str, form: Matrix) -> None:
 
 
 def within(one: Mapping[str, Any], field: int, scales: list[Fraction], bound: Fraction, V: Fraction = ONE) -> None:
-    """That the error which a field stands for is at most `bound` where |e|_P^2 <= V: bound^2 P >= V c'c.
-
-    Raises: `NotShown`.
-    """
+    """That the error which a field stands for is at most `bound` where |e|_P^2 <= V: bound^2 P >= V c'c. Raises:
+    `NotShown`."""
     c = [Fraction(int(k == field)) / scale for k, scale in enumerate(scales)]
     P = matrix(one, "P", len(c), len(c))
     demand_nonnegative(

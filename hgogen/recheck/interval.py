@@ -123,10 +123,14 @@ def _outward(value: Any, up: bool) -> Any:
     return moved(value, margin, PRECISION + 2, _UP if up else _DOWN)
 
 
-def _rising(function: Callable[..., Any]) -> Callable[[Interval], Interval]:
-    """A function that rises, from its values at the ends."""
+def _rising(
+    function: Callable[..., Any], within: tuple[float, float] = (-math.inf, math.inf), complaint: str = "no value"
+) -> Callable[[Interval], Interval]:
+    """A function that rises, from its values at the ends of an argument that must be within a range."""
 
     def apply(x: Interval) -> Interval:
+        if not (x.at_least(within[0]) and x.at_most(within[1])):
+            raise Undefined(complaint)
         low, high = (function(end, PRECISION + _GUARD) for end in x.ends)
         if libmp.fnan in (low, high):
             raise Undefined("no value")
@@ -135,20 +139,18 @@ def _rising(function: Callable[..., Any]) -> Callable[[Interval], Interval]:
     return apply
 
 
-def _inside(x: Interval, low: int, high: int) -> None:
-    if not (x.at_least(Fraction(low)) and x.at_most(Fraction(high))):
-        raise Undefined(f"an argument outside [{low}, {high}]")
+def _levelling(function: Callable[..., Any], whole: Interval) -> Callable[[Interval], Interval]:
+    """A function that rises within its `whole` range, of which an end stands for a value at too large an argument."""
+    rising, largest = _rising(function), between(-_LARGEST, _LARGEST)
 
+    def apply(x: Interval) -> Interval:
+        low, high = (_larger(_smaller(end, largest.ends[1]), largest.ends[0]) for end in x.ends)
+        values = intersection(rising(Interval((low, high))), whole)
+        low = values.ends[0] if libmp.mpf_ge(x.ends[0], largest.ends[0]) else whole.ends[0]
+        high = values.ends[1] if libmp.mpf_le(x.ends[1], largest.ends[1]) else whole.ends[1]
+        return Interval((low, high))
 
-def _exp(x: Interval) -> Interval:
-    """Beyond the largest argument, exp is between 0 and its value there, or above it."""
-    bound = point(Fraction(_LARGEST)).ends[0]
-    below = libmp.mpf_neg(bound)
-    ends = (_larger(_smaller(end, bound), below) for end in x.ends)
-    values = _rising(libmp.mpf_exp)(Interval(tuple(ends)))
-    low = libmp.fzero if libmp.mpf_lt(x.ends[0], below) else values.ends[0]
-    high = libmp.finf if libmp.mpf_gt(x.ends[1], bound) else values.ends[1]
-    return Interval((low, high))
+    return apply
 
 
 def _log(x: Interval) -> Interval:
@@ -182,11 +184,7 @@ def _tan(x: Interval) -> Interval:
     width = libmp.mpf_sub(x.ends[1], x.ends[0], PRECISION, _UP)
     if not _small(x) or libmp.mpf_gt(width, libmp.from_int(3)) or _cos(x).sign == 0:
         raise Undefined("a pole of tan")
-    return _sin_over_cos(x.ends[0], x.ends[1])
-
-
-def _sin_over_cos(low: Any, high: Any) -> Interval:
-    first, last = (_sin(Interval((end, end))) / _cos(Interval((end, end))) for end in (low, high))
+    first, last = (_sin(Interval((end, end))) / _cos(Interval((end, end))) for end in x.ends)
     return Interval((first.ends[0], last.ends[1]))
 
 
@@ -213,55 +211,16 @@ def _jump(x: Interval) -> Interval:
     return between(-math.inf, math.inf) if side == _UNIT else point(Fraction(0))
 
 
-def _sinh(x: Interval) -> Interval:
-    return _rising(libmp.mpf_sinh)(_bounded(x))
-
-
 def _cosh(x: Interval) -> Interval:
-    x = _abs(_bounded(x))  # cosh rises from 0 on
-    return intersection(_rising(libmp.mpf_cosh)(x), between(1, math.inf))
-
-
-def _tanh(x: Interval) -> Interval:
-    """tanh lies within 1, whatever an end beyond the largest argument."""
-    bound = between(-_LARGEST, _LARGEST)
-    ends = [_larger(_smaller(end, bound.ends[1]), bound.ends[0]) for end in x.ends]
-    values = intersection(_rising(libmp.mpf_tanh)(Interval((ends[0], ends[1]))), _UNIT)
-    low = values.ends[0] if ends[0] == x.ends[0] else _UNIT.ends[0]
-    high = values.ends[1] if ends[1] == x.ends[1] else _UNIT.ends[1]
-    return Interval((low, high))
-
-
-def _bounded(x: Interval) -> Interval:
-    if not (x.at_least(Fraction(-_LARGEST)) and x.at_most(Fraction(_LARGEST))):
-        raise Undefined("too large an argument")
-    return x
-
-
-def _asin(x: Interval) -> Interval:
-    _inside(x, -1, 1)
-    return _rising(libmp.mpf_asin)(x)
-
-
-def _acos(x: Interval) -> Interval:
-    _inside(x, -1, 1)
-    return -_rising(lambda end, bits: libmp.mpf_neg(libmp.mpf_acos(end, bits)))(x)
-
-
-def _acosh(x: Interval) -> Interval:
-    if not x.at_least(Fraction(1)):
-        raise Undefined("acosh below 1")
-    return _rising(libmp.mpf_acosh)(x)
+    """From 0 on, cosh rises."""
+    return intersection(_rising_cosh(_abs(x)), between(1, math.inf))
 
 
 def _atanh(x: Interval) -> Interval:
-    if _above(x, -1) and _above(-x, -1):
+    one = libmp.from_int(1)
+    if libmp.mpf_gt(x.ends[0], libmp.mpf_neg(one)) and libmp.mpf_lt(x.ends[1], one):
         return _rising(libmp.mpf_atanh)(x)
     raise Undefined("atanh at 1 or beyond")
-
-
-def _above(x: Interval, bound: int) -> bool:
-    return bool(libmp.mpf_gt(x.ends[0], libmp.from_int(bound)))
 
 
 def _atan2(y: Interval, x: Interval) -> Interval:
@@ -275,45 +234,47 @@ def _atan2(y: Interval, x: Interval) -> Interval:
     raise Undefined("atan2 on its cut")
 
 
-_atan = _rising(libmp.mpf_atan)
 _UNIT = between(-1, 1)
+_ARC, _NOT_SO_LARGE = ((-1, 1), "an argument outside [-1, 1]"), ((-_LARGEST, _LARGEST), "too large an argument")
+_atan = _rising(libmp.mpf_atan)
+_rising_cosh = _rising(libmp.mpf_cosh, *_NOT_SO_LARGE)
+_fallen_acos = _rising(lambda end, bits: libmp.mpf_neg(libmp.mpf_acos(end, bits)), *_ARC)
 
 
 def _pi() -> Interval:
     return Interval(tuple(libmp.mpf_pi(PRECISION, way) for way in (_DOWN, _UP)))
 
 
-def _least(*args: Interval) -> Interval:
-    return Interval((reduce(_smaller, [x.ends[0] for x in args]), reduce(_smaller, [x.ends[1] for x in args])))
-
-
-def _most(*args: Interval) -> Interval:
-    return Interval((reduce(_larger, [x.ends[0] for x in args]), reduce(_larger, [x.ends[1] for x in args])))
+def _chosen(choose: Callable[[Any, Any], Any]) -> Callable[..., Interval]:
+    """What is chosen among all lows, and among all highs."""
+    return lambda *args: Interval(
+        (reduce(choose, [x.ends[0] for x in args]), reduce(choose, [x.ends[1] for x in args]))
+    )
 
 
 _FUNCTIONS: Mapping[str, Callable[..., Interval]] = {
     "pi": _pi,
-    "exp": _exp,
+    "exp": _levelling(libmp.mpf_exp, between(0, math.inf)),
     "log": _log,
     "sin": _sin,
     "cos": _cos,
     "tan": _tan,
     "atan": _atan,
     "atan2": _atan2,
-    "asin": _asin,
-    "acos": _acos,
-    "sinh": _sinh,
+    "asin": _rising(libmp.mpf_asin, *_ARC),
+    "acos": lambda x: -_fallen_acos(x),
+    "sinh": _rising(libmp.mpf_sinh, *_NOT_SO_LARGE),
     "cosh": _cosh,
-    "tanh": _tanh,
-    "acosh": _acosh,
+    "tanh": _levelling(libmp.mpf_tanh, _UNIT),
+    "acosh": _rising(libmp.mpf_acosh, (1, math.inf), "acosh below 1"),
     "atanh": _atanh,
     "asinh": _rising(libmp.mpf_asinh),
     "Abs": _abs,
     "sign": _sign,
     "side": _side,
     "jump": _jump,
-    "Min": _least,
-    "Max": _most,
+    "Min": _chosen(_smaller),
+    "Max": _chosen(_larger),
 }
 
 

@@ -61,7 +61,9 @@ class AtCore:
         weight = [[self.h * (abs(x) + width) for x in row] for row in phi_2]
         moved = scaled(self.h, times(sizes(self.lifted), _upright(self.rest[0])))
         ahead = plus(alpha, times(weight, moved))
-        return [x / self.h for (x,) in plus(alpha, times(weight, times(_slopes(self.parts), ahead)))]
+        J, parts = sizes(minus(self.parts.M, self.parts.L)), self.parts  # of what the rest makes of an error
+        J = plus(J, times(sizes(parts.G), sizes(parts.H))) if parts.H else J
+        return [x / self.h for (x,) in plus(alpha, times(weight, times(J, ahead)))]
 
 
 @dataclass(frozen=True)
@@ -103,8 +105,12 @@ def demand_left_by_core(
     motion = motion_of(context, h, follows)
     bounds = _by_steepness if part(follows, "steepness", list) else _by_derivatives
     flow, rest, shown = bounds(motion, follows, leaves)
-    lifted = _lifted(error, error.scales(context, theta), n)
-    entering = _entering(motion, parts)
+    each = zip(error.scales(context, theta), error.index, error.fed, strict=True)
+    lifted = [[s * int(fed and i == at) for at in range(n)] for s, i, fed in each]
+    entering = zeros(len(parts.L), n)  # B C, from what outputs show
+    for j, (head, slope) in motion.shown.items():
+        for row, by in zip(entering, parts.B, strict=True):
+            row[head] += by[j] * slope
     _demand_chain(context, parts, lifted, entering)
     step = AtCore(parts, h, REALISED[name](scaled(h, parts.L)), lifted, entering, flow, rest)
     least = step.total(leaves.alpha(step))
@@ -116,9 +122,8 @@ def demand_left_by_core(
 def _by_derivatives(
     motion: PlantMotion, follows: Mapping[str, Any], leaves: Leaves
 ) -> tuple[list[Fraction], Matrix, Callable[[], int]]:
-    """Bounds of the derivatives of the flow and of the rest, and what shows them with how many boxes.
-
-    Raises: `NotShown`."""
+    """Bounds of the derivatives of the flow and of the rest, and what shows them with how many boxes. Raises:
+    `NotShown`."""
     context, n = motion.context, len(motion.context.z)
     flow, rest = column(follows, "flow", n), matrix(follows, "rest", leaves.rest, n)
     derivatives = [Derivative(row, leaves.flow, most) for row, most in zip(context.rates, flow, strict=True)]
@@ -153,21 +158,6 @@ def _by_steepness(
     return standing(leaves.flow, flow), [standing(k, rest) for k in range(1, leaves.rest + 1)], shown
 
 
-def _lifted(error: ErrorInclusion, scales: list[Fraction], n: int) -> Matrix:
-    """s (N, n)."""
-    fields = zip(scales, error.index, error.fed, strict=True)
-    return [[s * int(fed and i == at) for at in range(n)] for s, i, fed in fields]
-
-
-def _entering(motion: PlantMotion, parts: Parts) -> Matrix:
-    """B C (N, n), from what outputs show."""
-    entering = zeros(len(parts.L), len(motion.context.z))
-    for j, (head, slope) in motion.shown.items():
-        for row, by in zip(entering, parts.B, strict=True):
-            row[head] += by[j] * slope
-    return entering
-
-
 def _demand_chain(context: Context, parts: Parts, lifted: Matrix, entering: Matrix) -> None:
     """L s + B C = s A: that X obeys the observer's equations. Raises: `NotShown`."""
     A = [[context.value(entry).number for entry in row] for row in context.form.A]
@@ -176,12 +166,6 @@ def _demand_chain(context: Context, parts: Parts, lifted: Matrix, entering: Matr
         raise NotShown("the chain of the plant moves, which its method does not realise")
     if plus(times(parts.L, lifted), entering) != times(lifted, chain):
         raise NotShown("its core is not the plant's chain")
-
-
-def _slopes(parts: Parts) -> Matrix:
-    """|J| at most (N, N), of what the rest makes of an error."""
-    rest = sizes(minus(parts.M, parts.L))
-    return plus(rest, times(sizes(parts.G), sizes(parts.H))) if parts.H else rest
 
 
 def _upright(values: list[Fraction]) -> Matrix:

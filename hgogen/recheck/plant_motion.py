@@ -39,7 +39,6 @@ class PlantMotion:
 
     def demand(self) -> int:
         """That the bounds are those of the plant, and that no input is in what outputs show; with how many boxes.
-
         Raises: `NotShown`."""
         context = self.context
         for j in self.shown:
@@ -229,7 +228,14 @@ def _derivatives(
     started = {name: _started(every[name], *([every[rate[name]]] if name in rate else [])) for name, _ in whole}
     series = _flow(rates, states, started, max(orders.values()) + 1)
     rows = {row: evaluate(row, _begun(series, order + 1), dual(taylor(order + 1))) for row, order in orders.items()}
-    return [_derivative(rows[row], order) for row, order in moves]
+    shares = [(rows[row], order, point(Fraction(factorial(order)))) for row, order in moves]
+    return [
+        Dual(
+            share * series.value.coefficients[order],
+            {name: share * slope.coefficients[order] for name, slope in series.slopes.items()},
+        )
+        for series, order, share in shares
+    ]
 
 
 def _started(*coefficients: Dual) -> Dual:
@@ -238,10 +244,3 @@ def _started(*coefficients: Dual) -> Dual:
     keys = dict.fromkeys(k for x in coefficients for k in x.slopes)
     slopes = {k: Taylor(tuple(x.slopes.get(k, none) for x in coefficients)) for k in keys}
     return Dual(Taylor(tuple(x.value for x in coefficients)), slopes)
-
-
-def _derivative(series: Dual, order: int) -> Dual:
-    """Of a series, with its slopes."""
-    share = point(Fraction(factorial(order)))
-    slopes = {name: share * slope.coefficients[order] for name, slope in series.slopes.items()}
-    return Dual(share * series.value.coefficients[order], slopes)

@@ -27,7 +27,7 @@ from functools import cached_property, partial
 from typing import Any
 
 from .algebra import Algebra, Quotient, TooLarge
-from .arithmetic import OPERATIONS, Arithmetic, Undefined, evaluate
+from .arithmetic import Arithmetic, Undefined, evaluate
 from .box import End, NotShown
 from .computed import Computed
 from .context import Context, applied, inner
@@ -35,7 +35,7 @@ from .file import part
 from .inequality import Tableau
 from .interval import Interval, intervals
 from .matrix import entries
-from .text import HIGHEST, ONE_ARGUMENT, Expression, Unreadable, expression, is_number, number
+from .text import HIGHEST, ONE_ARGUMENT, OPERATIONS, Expression, Unreadable, expression, is_number, number
 from .uncertain import ErrorInclusion
 
 _LONGEST = 5_000  # statements, of which a call of 8 states has some 500
@@ -230,7 +230,8 @@ class Equation:
         e = [number(r) * each for r, each in zip(self.units, x, strict=True)]
         v = self._missed(algebra, {**names, **nothing}, y)
         rates = [a + b for a, b in zip(applied(algebra, error.N, e), applied(algebra, error.measured, v), strict=True)]
-        for of, onto in self._saturations:
+        for slope in (slope for slope in error.slopes if slope.degree == -1):  # what a saturation takes away
+            of, onto = slope.reads.index(Fraction(1)), slope.onto
             taken = number(self.units[of]) * (x[of] - self._saturated(algebra, x[of], of))
             rates = [rate + number(share) * taken for rate, share in zip(rates, onto, strict=True)]
         reads = [number(1 / self.scales[k]) * e[k] for k in error.picks]
@@ -244,11 +245,6 @@ class Equation:
             algebra.number(self.theta**-late) * (sample - algebra.read(row, there)) if z else nothing
             for sample, row, z, late in each
         ]
-
-    @property
-    def _saturations(self) -> list[tuple[int, list[Fraction]]]:
-        """Of each the field that it passes on, and the column by which what it takes away enters."""
-        return [(slope.reads.index(Fraction(1)), slope.onto) for slope in self.error.slopes if slope.degree == -1]
 
     def _saturated(self, algebra: Algebra, x: Quotient, k: int) -> Quotient:
         """Field k clamped to the range of its state."""
@@ -348,18 +344,14 @@ class Besides:
         """The values of operands that stand for what is wanted. Raises: `NotShown`, and as the arithmetic."""
         for k, (operand, value) in enumerate(zip(operands, wanted, strict=True)):
             off = self.walk.value(operand) - value
-            if not (self.algebra.is_zero(off) or self._computed(operand, value)):
+            exact = operand in self.walk.computed and operand not in self.beside  # what it was before it was renamed
+            if not (self.algebra.is_zero(off) or (exact and self.algebra.is_zero(self.walk.computed[operand] - value))):
                 if not is_statement(operand) or operand in {*self.walk.computed, *self.beside}:
                     raise NotShown(f"{operand} of its program is not what the step has")
                 self.beside[operand] = off
             if letters:
                 self.walk.rename(operand, self.algebra.names[f"{letters} {k}"])
         return [self.walk.value(operand) for operand in operands]
-
-    def _computed(self, operand: str, value: Quotient) -> bool:
-        """Whether a statement that stands for something else, exactly, was computed as this value."""
-        exact = operand in self.walk.computed and operand not in self.beside
-        return exact and self.algebra.is_zero(self.walk.computed[operand] - value)
 
     @property
     def statements(self) -> dict[str, Callable[[Walk, Computed], Computed]]:

@@ -69,14 +69,10 @@ class Remainder:
         left = [h**order * (x + y) for order, x, y in each]
         if not self.steepness:
             return left
-        lipschitz = left_by_lipschitz(self.tableau, h, self.steepness, self._moving, self._linear)
-        return [x if order else y for order, x, y in zip(self.orders, left, lipschitz, strict=True)]
-
-    @property
-    def _linear(self) -> list[bool]:
-        """Whether each row is linear in what is no constant."""
         constant = {name for name, (low, high) in self.context.form.box.items() if low == high}
-        return [_degree(row, constant) <= 1 for row in self.context.rates]
+        linear = [_degree(row, constant) <= 1 for row in self.context.rates]
+        lipschitz = left_by_lipschitz(self.tableau, h, self.steepness, self._moving, linear)
+        return [x if order else y for order, x, y in zip(self.orders, left, lipschitz, strict=True)]
 
     @property
     def _moving(self) -> tuple[Fraction, ...]:
@@ -214,7 +210,7 @@ def left_by_lipschitz(
         for w, before in zip(row, off, strict=False):
             beside = [x + h * abs(w) * y for x, y in zip(beside, _driven(steepness, before), strict=True)]
         off.append(beside)
-    if not _of_lines(tableau):
+    if sum((w * c for w, c in zip(tableau.weights, nodes, strict=True)), _ZERO) != _HALF:  # not exact for lines
         return [x / h for x in off[-1]]
     bends = _driven(steepness, W)
     moment = sum((abs(w) * (c - _HALF) ** 2 for w, c in zip(tableau.weights, nodes, strict=True)), _TWELFTH) / 2
@@ -223,11 +219,6 @@ def left_by_lipschitz(
         less = max(h * kernel * W[i] - h * h * moment * bends[i], _ZERO) if linear[i] else _ZERO
         left.append(off[-1][i] / h - less)
     return left
-
-
-def _of_lines(tableau: Tableau) -> bool:
-    """Whether its weights are exact for lines."""
-    return sum((w * c for w, c in zip(tableau.weights, tableau.nodes, strict=True)), _ZERO) == _HALF
 
 
 def _driven(rows: Matrix, by: Sequence[Fraction]) -> list[Fraction]:

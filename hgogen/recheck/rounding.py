@@ -43,9 +43,8 @@ class Rounded:
     moves: Sequence[Fraction]
 
     def demand_sizes(self, sizes: Sequence[Fraction]) -> int:
-        """That a call rounds the error of each field by at most h times its size (N); with how many pieces.
-
-        Raises: `NotShown`."""
+        """That a call rounds the error of each field by at most h times its size (N); with how many pieces. Raises:
+        `NotShown`."""
         pieces, beside = self._pieces, self.step.besides().statements
         for ranges in pieces:
             try:

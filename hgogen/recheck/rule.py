@@ -26,8 +26,7 @@ class Rule:
     `makers`: what a claim's id is before its dot, none for the form's kind; `facts`: what it is after that, without the
     numbers at its end, of which a kind of form has as many as `rows` says, none where that says nothing; `kinds`: the
     forms on which it holds, none for any; `keys`: what the evidence may have; `rests`: the ids of the claims that it
-    rests on; `about`: what it is about, for its sentence. In these two {maker} and {kind}, the form's, are put in.
-    """
+    rests on; `about`: what it is about, for its sentence. In these two {maker} and {kind}, the form's, are put in."""
 
     makers: Keys
     facts: Keys

@@ -12,7 +12,7 @@ from itertools import chain, combinations
 from operator import mul
 from typing import Any
 
-from .arithmetic import Arithmetic, Dual, Undefined, dual, evaluate, jacobian, total
+from .arithmetic import Dual, Undefined, dual, evaluate, jacobian, total
 from .box import Box, End, NotShown, Slopes, Try, centre_of, covered, face_on, moving, points, sides, unbounded
 from .context import Context, cut, narrowed
 from .interval import Interval, intersection, intervals, point
@@ -44,8 +44,7 @@ def regular(expressions: Sequence[Expression], names: Sequence[str]) -> Callable
 def at_kinks(slope: Expression, row: Expression, context: Context) -> Expression:
     """The slope of a row, its `sign` read as the slope of |e|, which at e = 0 is a set and not 0.
 
-    A sign that the row itself has stays: x sign(u) has the slope sign(u), which is 0 at u = 0, at an edge too.
-    """
+    A sign that the row itself has stays: x sign(u) has the slope sign(u), which is 0 at u = 0, at an edge too."""
     jumps = [context.value(replace(row, result=args[0])) for op, args, _ in row.instructions if op == "sign"]
 
     def stays(place: int) -> bool:
@@ -61,10 +60,7 @@ def at_kinks(slope: Expression, row: Expression, context: Context) -> Expression
 
 def differentiable(texts: Iterable[Expression], at: Mapping[str, Fraction]) -> None:
     """Shows that no modulus, sign, minimum or maximum has its kink at a point, where the formula of a slope would say
-    nothing.
-
-    Raises: `NotShown`.
-    """
+    nothing. Raises: `NotShown`."""
     values = points(at)
     for text in texts:
         for op, args, _ in text.instructions:
@@ -80,10 +76,7 @@ def differentiable(texts: Iterable[Expression], at: Mapping[str, Fraction]) -> N
 
 def continuous(texts: Iterable[Expression], names: Iterable[str], box: Box) -> None:
     """Shows that no table's derivative in a text jumps along the names within a box. A slope does not see a jump where
-    the certificate's bisection is cut, on whose leaves it is that from within.
-
-    Raises: `NotShown`.
-    """
+    the certificate's bisection is cut, on whose leaves it is that from within. Raises: `NotShown`."""
     along, ranges = frozenset(names), sides(box)
     for text in texts:
         moves: list[bool] = []
@@ -115,24 +108,36 @@ def steep(
     S J S^-1 for a diagonal S = `scale`."""
     within = norm or spectral
 
+    def entries(box: Box) -> list[list[Interval]]:
+        return _scaled(rows, names, box, scale)
+
+    def varying(box: Box) -> list[list[Dual]]:
+        return _second(rows, names, box, scale)
+
+    return by_mean_value(entries, varying, lambda J: within(J, bound))
+
+
+def by_mean_value(
+    entries: Callable[[Box], list[list[Interval]]],
+    varying: Callable[[Box], list[list[Dual]]],
+    shown: Callable[[list[list[Interval]]], bool],
+) -> Callable[[Box], Try]:
+    """The statement that a matrix is such: by its entries, or by the mean value form of each, from its slopes."""
+
     def attempt(box: Box) -> Try:
         try:
-            J = _scaled(rows, names, box, scale)
+            J = entries(box)
+            if shown(J):
+                return Try(True)
+            centre, dJ = centre_of(box), varying(box)
+            middle, away = entries(centre), ways(centre, box)
         except Undefined:
             return Try(False)
-        if within(J, bound):
-            return Try(True)
-        centre = centre_of(box)
-        try:
-            varying, middle = _second(rows, names, box, scale), _scaled(rows, names, centre, scale)
-        except Undefined:
-            return Try(False)
-        away = ways(centre, box)
         refined = [
             [intersection(x, mean_value(at, dx.slopes, away)) for x, at, dx in zip(*three, strict=True)]
-            for three in zip(J, middle, varying, strict=True)
+            for three in zip(J, middle, dJ, strict=True)
         ]
-        return Try(within(refined, bound), weights([x for row in varying for x in row]))
+        return Try(shown(refined), weights([*chain(*dJ)]))
 
     return attempt
 
@@ -140,10 +145,8 @@ def steep(
 def no_steeper(
     rows: Sequence[Expression], names: Sequence[str], most: Matrix, sizes: Sequence[Fraction], box: Box
 ) -> int:
-    """That no slope of the rows in a name whose size is not 0 is steeper than `most`; with how many boxes.
-
-    Raises: `NotShown`.
-    """
+    """That no slope of the rows in a name whose size is not 0 is steeper than `most`; with how many boxes. Raises:
+    `NotShown`."""
     wanted = [j for j, size in enumerate(sizes) if size]
     ends = {(i, j): (-bounds[j], bounds[j]) for i, bounds in enumerate(most) for j in wanted}
     where = narrowed(box, {name for row in rows for name in row.names})
@@ -206,7 +209,7 @@ def _scaled(
     rows: Sequence[Expression], names: Sequence[str], box: Box, scale: Sequence[Expression]
 ) -> list[list[Interval]]:
     """S J S^-1 on a box; J where there is no scale."""
-    return _scaled_on(tuple(rows), tuple(names), tuple(box.items()), tuple(scale))
+    return _similar(tuple(rows), tuple(names), tuple(box.items()), tuple(scale), False)
 
 
 def _second(
@@ -215,28 +218,16 @@ def _second(
     """S J S^-1 with the slopes of its entries in all of the box's names, by their places. Raises: `Undefined`."""
     if unbounded(box):
         raise Undefined("an unbounded side")
-    return _second_on(tuple(rows), tuple(names), tuple(box.items()), tuple(scale))
+    return _similar(tuple(rows), tuple(names), tuple(box.items()), tuple(scale), True)
 
 
-# What is known of each entry of a Jacobian, and of its norm, is shown by itself, of the same boxes.
-
-
-@lru_cache(maxsize=1 << 10)
-def _scaled_on(
-    rows: Rows, names: tuple[str, ...], ends: tuple[tuple[str, Side], ...], scale: Rows
-) -> list[list[Interval]]:
-    return _similar(scale, sides(dict(ends)), rows, names, intervals)
-
-
-@lru_cache(maxsize=1 << 9)
-def _second_on(rows: Rows, names: tuple[str, ...], ends: tuple[tuple[str, Side], ...], scale: Rows) -> list[list[Dual]]:
-    return _similar(scale, moving(dict(ends)), rows, names, _duals)
-
-
+@lru_cache(maxsize=1 << 10)  # of each entry of a Jacobian, and of its norm, something is shown of the same boxes
 def _similar(
-    scale: Rows, values: Mapping[str, Any], rows: Rows, names: tuple[str, ...], arithmetic: Arithmetic
+    rows: Rows, names: tuple[str, ...], ends: tuple[tuple[str, Side], ...], scale: Rows, varying: bool
 ) -> list[list[Any]]:
     """S J S^-1, whose diagonal is that of J, which S would make wider."""
+    box, arithmetic = dict(ends), _duals if varying else intervals
+    values: Mapping[str, Any] = moving(box) if varying else sides(box)
     J, S = jacobian(rows, values, names, arithmetic), [evaluate(factor, values, arithmetic) for factor in scale]
     return [[x if i == j else S[i] * x / S[j] for j, x in enumerate(row)] for i, row in enumerate(J)] if S else J
 

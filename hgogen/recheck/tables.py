@@ -255,10 +255,8 @@ KINDS: Mapping[str, tuple[int, Callable[[Sequence[Fraction]], Grid | Curve]]] = 
 
 
 def name_of(kind: str, numbers: Sequence[Fraction]) -> str:
-    """The name that stands for a table's derivative in an expression's program, of its orders and its numbers.
-
-    Raises: `ValueError` with the fault.
-    """
+    """The name that stands for a table's derivative in an expression's program, of its orders and its numbers. Raises:
+    `ValueError` with the fault."""
     count, table = KINDS[kind]
     if len(numbers) < count or any(m.denominator != 1 or not 0 <= m <= HIGHEST for m in numbers[:count]):
         raise ValueError(f"the order of a derivative is a whole number from 0 to {HIGHEST}")

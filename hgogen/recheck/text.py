@@ -12,10 +12,12 @@ nothing.
 """
 
 import re
-from collections.abc import Container, Iterator
+from collections.abc import Callable, Container, Iterator, Mapping
 from dataclasses import dataclass
 from fractions import Fraction
-from typing import ClassVar, NamedTuple
+from functools import partial
+from operator import add, mul, neg, sub, truediv
+from typing import Any, ClassVar, NamedTuple
 
 from .tables import KINDS, is_table, name_of
 
@@ -43,6 +45,8 @@ KINKS = ("Abs", "sign", "Min", "Max")
 MANY_ARGUMENTS = frozenset(("Min", "Max"))
 TWO_ARGUMENTS = frozenset(("atan2",))
 
+OPERATIONS: Mapping[str, Callable[..., Any]] = {"add": add, "sub": sub, "mul": mul, "div": truediv, "neg": neg}
+_SIGNS = {"+": "add", "-": "sub"}, {"*": "mul", "/": "div"}
 _TOKEN = re.compile(r"\s*(?:(\d+(?:\.\d+)?(?:[eE][+-]?\d{1,4})?)|([A-Za-z_][A-Za-z0-9_]*)|(\*\*|[-+*/(),]))", re.ASCII)
 _NUMBER = re.compile(r"-?(?:\d+(?:\.\d+)?|\d+/0*[1-9]\d*)\Z", re.ASCII)
 
@@ -185,31 +189,17 @@ class _Reader:
 
     def _fold(self, op: str, args: list[Fraction | None]) -> Fraction | None:
         numbers = [arg for arg in args if arg is not None]
-        if not numbers or len(numbers) < len(args):
+        if not numbers or len(numbers) < len(args) or op not in OPERATIONS or (op == "div" and not numbers[1]):
             return None
-        if op == "neg":
-            return -numbers[0]
-        if op == "div" and numbers[1]:
-            return numbers[0] / numbers[1]
-        if op in ("add", "sub", "mul"):
-            a, b = numbers
-            return a + b if op == "add" else a - b if op == "sub" else a * b
-        return None
-
-    def sum(self, depth: int) -> int:
-        """sum: term (+ - term)*."""
-        value = self.term(depth)
-        while self.token in ("+", "-"):
-            op = "add" if self.next() == "+" else "sub"
-            value = self.put(op, (value, self.term(depth)))
+        value: Fraction = OPERATIONS[op](*numbers)
         return value
 
-    def term(self, depth: int) -> int:
-        """term: factor (* / factor)*."""
-        value = self.factor(depth)
-        while self.token in ("*", "/"):
-            op = "mul" if self.next() == "*" else "div"
-            value = self.put(op, (value, self.factor(depth)))
+    def sum(self, depth: int, signs: int = 0) -> int:
+        """sum: term (+ - term)*, or of the next signs term: factor (* / factor)*."""
+        inner = self.factor if signs else partial(self.sum, signs=1)
+        value = inner(depth)
+        while self.token in _SIGNS[signs]:
+            value = self.put(_SIGNS[signs][self.next()], (value, inner(depth)))
         return value
 
     def factor(self, depth: int) -> int:
@@ -240,9 +230,9 @@ class _Reader:
         """atom: number | name | function(sum, ...) | (sum)."""
         kind, token = self.kind, self.next()
         if kind == "number":
-            if len(token) > LARGEST:
+            if len(token) > LARGEST or abs(int(token.lower().partition("e")[2] or 0)) > LARGEST:
                 raise self.fault(f"a number has more than {LARGEST} digits")
-            return self.put("number", value=self._number(token))
+            return self.put("number", value=Fraction(token))
         if kind == "name" and self.token == "(":
             return self.function(token, depth)
         if kind == "name" and (token in self.declared or token == "pi"):
@@ -255,12 +245,6 @@ class _Reader:
             return value
         what = f"{token!r} stands" if token else "it ends"
         raise self.fault(f"{what} where a value should stand")
-
-    def _number(self, token: str) -> Fraction:
-        exponent = token.lower().partition("e")[2]
-        if exponent and abs(int(exponent)) > LARGEST:
-            raise self.fault(f"a number has more than {LARGEST} digits")
-        return Fraction(token)
 
     def function(self, name: str, depth: int) -> int:
         """function(sum, ...)."""

@@ -321,10 +321,8 @@ def _argument(context: Context, observer: Observer, scale: list[Expression]) -> 
 
 
 def argument_of(context: Context, entries: Sequence[Expression], scale: Sequence[Expression]) -> Argument:
-    """By the entries of N, for each z_j, in the coordinates `scale` z.
-
-    Raises: `NotShown` where what b reads of the errors is not of numbers.
-    """
+    """By the entries of N, for each z_j, in the coordinates `scale` z. Raises: `NotShown` where what b reads of the
+    errors is not of numbers."""
     S = [context.value(text) for text in scale]
     N = gain_of(context.form.blocks, [context.value(text) for text in entries], context.algebra.number(Fraction(0)))
     reads, takes = unit(len(N)), [[(s * entry).number for entry in row] for s, row in zip(S, N, strict=True)]

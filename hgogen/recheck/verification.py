@@ -2,8 +2,13 @@
 
 Exact identities are shown by rational functions over fractions, ranges by mpmath's intervals on the certificate's
 bisections. A claim holds for the model that stands in the same file, of which `Rechecked.model` is the digest; the
-file's own digest finds accidents, it is no signature. What no verified claim is about is said to be unexamined, and an
-open claim's reason is the file's: nobody has verified it.
+file's own digest finds accidents, it is no signature. An open claim's reason is the file's: nobody has verified it.
+
+What no verified claim is about is said to be unexamined. Of a form on which no claim rests
+
+    dZ/dx f + dZ/du u' = A(Z) Z + b(Z),   output(Z) = h,   X(Z) = x,   Z = to_form(x, u), X = from_form
+
+are shown as exact identities in x, wherever both sides have a value, or at points of the plant's box not to hold.
 """
 
 import os
@@ -16,14 +21,14 @@ from functools import lru_cache
 from pathlib import Path
 from typing import Any, ClassVar
 
-from .algebra import TooLarge
-from .arithmetic import Undefined
-from .box import NotShown
-from .context import Context, Shown, short
-from .examined import faults, unexamined
+from .arithmetic import Arithmetic, Undefined, along, evaluate, total
+from .box import NotShown, points
+from .context import UNSHOWN, Context, algebra_of, inside, reason_of, short
 from .file import LARGEST, Certificate, Claim, NoCertificate, part, words
 from .file import read as read_file
-from .rules import OBSERVERS, required, rests, rule_of
+from .interval import intervals
+from .rules import FORMS, OBSERVERS, required, rests, rule_of
+from .rules.phase import box_of_rates
 from .text import RecheckError, Unreadable
 
 STATED = "stated"  # proved or refuted, but of no evidence that is verified here
@@ -69,8 +74,7 @@ class Row:
     """The outcome of one claim, or a fault of the file or of its form, which has no verdict.
 
     `found` is "verified", "fails", or, where nothing is asserted, "open" or "stated"; `sentence` says how it was found,
-    with how many `boxes`.
-    """
+    with how many `boxes`."""
 
     id: str
     verdict: str
@@ -87,8 +91,7 @@ class Rechecked:
     """What was verified of a certificate, claim by claim.
 
     `unexamined` is what no verified claim is about; `points` are the names that have one value, which all of it rests
-    on.
-    """
+    on."""
 
     plant: str
     form: str
@@ -144,10 +147,8 @@ class Rechecked:
 
 
 def read(text: str) -> Certificate:
-    """The certificate in a text.
-
-    Raises: `NoCertificate` for what is no JSON, or misses a part; `Unreadable` for an expression or number.
-    """
+    """The certificate in a text. Raises: `NoCertificate` for what is no JSON, or misses a part; `Unreadable` for an
+    expression or number."""
     return read_file(text, OBSERVERS)
 
 
@@ -156,13 +157,19 @@ def recheck(text: str) -> Rechecked:
     """Verify the certificate in a text; what is not shown is a row that fails.
 
     A file that was changed fails by the row "digest"; the other rows tell what holds of the model that it now names.
-
-    Raises: `NoCertificate` and `Unreadable` for a text that is no certificate.
-    """
+    Raises: `NoCertificate` and `Unreadable` for a text that is no certificate."""
     certificate = read(text)
     context = Context(certificate)
     observer = certificate.observer.name if certificate.observer else ""
-    outcomes = (*_changed(certificate), *rows(context), *(Row("form", "", "fails", fault) for fault in faults(context)))
+    changed = (
+        (certificate.untouched, "digest", "the file is not as it was written"),
+        (certificate.named, "model", "the file names another model than it holds"),
+    )
+    outcomes = (
+        *(Row(name, "", "fails", fault) for held, name, fault in changed if not held),
+        *rows(context),
+        *(Row("form", "", "fails", fault) for fault in faults(context)),
+    )
     verified = [row.id for row in outcomes if row.found == "verified"]
     points = {name: short(Fraction(low)) for name, (low, high) in certificate.plant.box.items() if low == high}
     return Rechecked(
@@ -179,14 +186,6 @@ def recheck(text: str) -> Rechecked:
 def _plain(text: str) -> str:
     """A name of the file, quoted where it may be more than a name."""
     return text if re.fullmatch(r"[\w ,.()-]{1,80}", text, re.ASCII) else words(text)
-
-
-def _changed(certificate: Certificate) -> Iterator[Row]:
-    """A row for each digest in the file that is another than that of what the file holds."""
-    if not certificate.untouched:
-        yield Row("digest", "", "fails", "the file is not as it was written")
-    if not certificate.named:
-        yield Row("model", "", "fails", "the file names another model than it holds")
 
 
 def load(path: str | Path) -> str:
@@ -233,25 +232,22 @@ def _missing(certificate: Certificate, row: Row, known: Mapping[str, Row]) -> li
 
 def _row(context: Context, claim: Claim) -> Row:
     """What the verification of a claim gives: it is verified, it asserts nothing to verify, or it fails, and why."""
-    verdict = _plain(claim.verdict)
+    kind, verdict = context.form.kind, _plain(claim.verdict)
     try:
         if claim.verdict in OPEN:
             _read_only(claim, ("reason",))
-            reason = words(part(claim.evidence, "reason", str))
             outcome = STATED if claim.verdict == STATED else "open"
+            reason = words(part(claim.evidence, "reason", str))
             return Row(claim.id, verdict, outcome, f"not verified; in the file's words: {reason}")
-        shown = _shown(context, claim)
-    except NotShown as error:
-        return Row(claim.id, verdict, "fails", str(error))
-    except Undefined as error:
-        return Row(claim.id, verdict, "fails", f"an expression has no value: {error}")
-    except (TooLarge, RecursionError):
-        return Row(claim.id, verdict, "fails", "its identity is too large to verify")
-    except NoCertificate as error:
-        return Row(claim.id, verdict, "fails", error.reason)
-    except Unreadable as error:
-        return Row(claim.id, verdict, "fails", error.fault)
-    return Row(claim.id, verdict, "verified", f"{shown.sentence}{_narrow(context)}", shown.boxes)
+        rule = rule_of(kind, claim)
+        if rule is None:
+            raise NotShown(f"no rule verifies that it is {verdict}")
+        _read_only(claim, rule.keys)
+        shown = rule.show(context, claim)
+    except UNSHOWN as error:
+        return Row(claim.id, verdict, "fails", reason_of(error))
+    about = rule.named(rule.about, kind, claim)
+    return Row(claim.id, verdict, "verified", f"{about}: {shown.sentence}{_narrow(context)}", shown.boxes)
 
 
 def _narrow(context: Context) -> str:
@@ -263,16 +259,6 @@ def _narrow(context: Context) -> str:
     return f"; at {', '.join(named)} alone, a range of one point" if named else ""
 
 
-def _shown(context: Context, claim: Claim) -> Shown:
-    kind = context.form.kind
-    rule = rule_of(kind, claim)
-    if rule is None:
-        raise NotShown(f"no rule verifies that it is {_plain(claim.verdict)}")
-    _read_only(claim, rule.keys)
-    shown = rule.show(context, claim)
-    return replace(shown, sentence=f"{rule.named(rule.about, kind, claim)}: {shown.sentence}")
-
-
 def _read_only(claim: Claim, keys: Iterable[str]) -> None:
     """Evidence that nothing reads could say anything. Raises: `NotShown`."""
     strange = sorted(claim.evidence.keys() - set(keys))
@@ -280,7 +266,101 @@ def _read_only(claim: Claim, keys: Iterable[str]) -> None:
         raise NotShown(f"its evidence has a part {words(strange[0])}, which is unknown here")
 
 
-__all__ = [
-    *("CannotRead", "NoCertificate", "NotVerified", "NothingVerified", "Rechecked", "Row", "Unreadable"),
-    *("load", "read", "recheck"),
-]
+# --- what claims leave unexamined
+
+_OWN = ("phase, original coordinates", "uniform_chain, original coordinates", "original")  # the plant's coordinates
+UNMODELLED = "lambda_tracking"  # an observer that may have no model of the last row, whose b is then 0
+_POINTS = 5
+
+
+def faults(context: Context) -> Iterator[str]:
+    """What the form is shown not to be."""
+    form = context.form
+    if form.kind in _OWN and sorted(row.text for row in form.to_form) != sorted(context.plant.states):
+        yield "its states are not those of the plant, as its kind says"
+    if context.fault:
+        yield from _differences(context)
+
+
+def unexamined(context: Context, verified: Iterable[str]) -> Iterator[str]:
+    """Sentences on what no verified claim is about, and what is not shown."""
+    form, observer = context.form, context.file.observer
+    if form.kind not in FORMS:
+        yield f"no rule knows the form {words(form.kind)}: that the plant is in it"
+    if context.fault and (reason := _unshown(context)):
+        yield f"the form's equations: {reason}"
+    if _unmodelled(context):
+        yield f"what the last row of the form adds to A z: the {UNMODELLED} observer has no model of it"
+    if observer is not None and not any(id.startswith(f"{observer.name}.") for id in verified):
+        yield f"the {observer.name} observer: no verified claim is about it"
+
+
+def _unmodelled(context: Context) -> bool:
+    """Whether the file has an observer that leaves b out of its last row, and such a form."""
+    observer = context.file.observer
+    return observer is not None and observer.name == UNMODELLED and all(row.text == "0" for row in context.form.b)
+
+
+def _unshown(context: Context) -> str:
+    """Why the identities in x are not shown, or ""."""
+    try:
+        box, speeds = _moving(context)
+        algebra = algebra_of(box)
+        for name, residual in _residuals(context, algebra.names, speeds, algebra.arithmetic):
+            if not algebra.is_zero(residual):
+                return f"{name} is not shown to be the plant's"
+    except Undefined:
+        return "an expression of it has no value"
+    except UNSHOWN as error:
+        return reason_of(error)
+    return ""
+
+
+def _differences(context: Context) -> Iterator[str]:
+    """A sentence on the first of some points of the plant's box where the sides of an equation differ."""
+    try:
+        box, speeds = _moving(context)
+    except NotShown:
+        return
+    for k in range(_POINTS):
+        at = {
+            name: inside(*ends, Fraction((3 * (k + i) + 5) % 11 + 1, 13)) for i, (name, ends) in enumerate(box.items())
+        }
+        try:
+            differing = [name for name, x in _residuals(context, points(at), speeds, intervals) if x.sign]
+        except Undefined:
+            continue
+        if differing:
+            place = ", ".join(f"{name} = {short(value)}" for name, value in at.items())
+            yield f"its equations are not the plant's: {differing[0]} differs at {place}"
+            return
+
+
+def _moving(context: Context) -> tuple[Mapping[str, tuple[Any, Any]], Mapping[str, str]]:
+    """The plant's box with derivatives of inputs, and which is whose. Raises: `NotShown`."""
+    box, rates = box_of_rates(context)
+    read = {name for row in context.form.to_form for name in row.names}
+    return box, {u: rate for u, rate in rates.items() if u in read}
+
+
+def _residuals(
+    context: Context, at: Mapping[str, Any], rates: Mapping[str, str], arithmetic: Arithmetic
+) -> Iterator[tuple[str, Any]]:
+    """Each equation's name and the difference of its sides, at these values."""
+    form, plant = context.form, context.plant
+    speeds = {name: evaluate(row, at, arithmetic) for name, row in zip(plant.states, plant.flow, strict=True)}
+    speeds |= {u: at[rate] for u, rate in rates.items()}
+    Z = [along(row, at, speeds, arithmetic) for row in form.to_form]
+    z = {**at, **{name: image for name, (image, _) in zip(form.states, Z, strict=True)}}
+    known = len(Z) - 1 if _unmodelled(context) else len(Z)
+    for name, (_, speed), row, rest in zip(form.states[:known], Z, form.A, form.b, strict=False):
+        driven = (evaluate(entry, z, arithmetic) * z[other] for entry, other in zip(row, form.states, strict=True))
+        yield f"{name}'", total((evaluate(rest, z, arithmetic), *driven)) - speed
+    for k, (measured, output) in enumerate(zip(plant.output, form.output, strict=True), 1):
+        yield f"output {k}", evaluate(output, z, arithmetic) - evaluate(measured, at, arithmetic)
+    for name, inverse in zip(plant.states, form.from_form, strict=True):
+        yield name, evaluate(inverse, z, arithmetic) - at[name]
+
+
+__all__ = ["CannotRead", "NoCertificate", "NotVerified", "NothingVerified", "Rechecked", "Row", "Unreadable"]
+__all__ += ["load", "read", "recheck"]

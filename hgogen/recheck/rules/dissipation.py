@@ -18,19 +18,20 @@ import math
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from fractions import Fraction
+from functools import lru_cache
 from itertools import chain
 from operator import mul
 from typing import Any
 
 from ..arithmetic import Arithmetic, Dual, Undefined, dual, jacobian, seeded, total
-from ..box import Box, NotShown, Try, centre_of, covered, ranged, sides, unbounded
+from ..box import Box, End, NotShown, Try, covered, ranged, sides, unbounded
 from ..context import Context, Shown, algebra_of, cut, inner, narrowed, on, short
 from ..error import OBSERVED, PARTS, ErrorSystem, ObservedSystem, error_system, observed_system, smooth
 from ..file import Claim, part
-from ..interval import intersection, intervals, point
+from ..interval import Interval, intervals, point
 from ..matrix import Matrix, above_zero, demand_nonnegative, entries, fields, matrix, scalar
 from ..rule import Rule
-from ..slope import mean_value, positive, ways, weights
+from ..slope import by_mean_value, positive
 from ..text import Expression, expression
 
 _MADE: Mapping[tuple[str, ...], Callable[[Context, Mapping[str, Any]], "System"]] = {
@@ -104,7 +105,7 @@ def inequality(context: Context, claim: Claim) -> Shown:
 def level(context: Context, claim: Claim) -> Shown:
     """Every set {V <= c} with c below the claim's keeps off the faces of the box."""
     claimed, floor = _claimed_gain(context, claim), above_zero(claim.evidence, "floor")
-    faces = [(i, end) for i, name in enumerate(claimed.errors) for end in _ends(claimed, name)]
+    faces = [(i, end) for i, name in enumerate(claimed.errors) for end in map(Fraction, claimed.around[name])]
     P, boxes = _quadratic(claimed), 0
     if P is not None:
         for i, end in faces:
@@ -123,10 +124,8 @@ def level(context: Context, claim: Claim) -> Shown:
 
 
 def _claimed_gain(context: Context, claim: Claim) -> ClaimedGain:
-    """The claim's system, smooth, with V = 0 and V_e = 0 at e = 0, the same as in the file's other claims.
-
-    Raises: `NotShown`.
-    """
+    """The claim's system, smooth, with V = 0 and V_e = 0 at e = 0, the same as in the file's other claims. Raises:
+    `NotShown`."""
     description = part(claim.evidence, "system", dict)
     own = next((made for made in _MADE if description.keys() == {*made, *_OF_ALL}), None)
     if own is None:
@@ -183,12 +182,6 @@ def _smooth(claimed: ClaimedGain) -> Any:
     return attempt
 
 
-def _ends(claimed: ClaimedGain, name: str) -> tuple[Fraction, Fraction]:
-    """The two ends of an error's range."""
-    low, high = claimed.around[name]
-    return Fraction(low), Fraction(high)
-
-
 def _share(claim: Claim, claimed: ClaimedGain) -> tuple[Fraction, Matrix]:
     """The share of the box on which the matrices are shown to be definite, and the basis T (n, n) to show it in."""
     share, n = above_zero(claim.evidence, "share"), len(claimed.errors)
@@ -202,7 +195,7 @@ def _slabs(claim: Claim, claimed: ClaimedGain, share: Fraction) -> Iterator[tupl
     covers = entries(claim.evidence, "slabs", 0 if share == 1 else 2 * len(claimed.errors))
     inner = dict(claimed.around)
     for k, name in enumerate(claimed.errors if covers else ()):
-        low, high = _ends(claimed, name)
+        low, high = map(Fraction, claimed.around[name])
         for side, slab in enumerate(((low, low * share), (high * share, high))):
             cover = fields(covers[2 * k + side], "a slab", ("tree", "bound"))
             yield {**claimed.box, **inner, name: slab}, part(cover, "tree", str), scalar(cover, "bound")
@@ -261,27 +254,19 @@ def _definite(claimed: ClaimedGain, T: Matrix, made: Any) -> Any:
     """The statement that T'M T is positive definite, M of `made`."""
     basis = [[_number(x) for x in row] for row in T]
 
-    def moved(box: Box) -> list[list[Dual]]:
-        return _product(_turned(basis), _product(made(claimed, box), basis))
+    @lru_cache(maxsize=2)
+    def moved(sides: tuple[tuple[str, tuple[End, End]], ...]) -> list[list[Dual]]:
+        return _product(_turned(basis), _product(made(claimed, dict(sides)), basis))
 
-    def attempt(box: Box) -> Try:
-        try:
-            varying = moved(box)
-        except Undefined:
-            return Try(False)
-        if positive([[x.value for x in row] for row in varying]):
-            return Try(True)
+    def values(box: Box) -> list[list[Interval]]:
+        return [[x.value for x in row] for row in moved(tuple(box.items()))]
+
+    def varying(box: Box) -> list[list[Dual]]:
         if unbounded(box):
-            return Try(False)
-        centre = centre_of(box)
-        away = ways(centre, box)
-        tight = [
-            [intersection(x.value, mean_value(at.value, x.slopes, away)) for x, at in zip(*rows, strict=True)]
-            for rows in zip(varying, moved(centre), strict=True)
-        ]
-        return Try(positive(tight), weights([*chain(*varying)]))
+            raise Undefined("an unbounded side")
+        return moved(tuple(box.items()))
 
-    return attempt
+    return by_mean_value(values, varying, positive)
 
 
 def _number(value: Fraction) -> Dual:

@@ -116,8 +116,12 @@ def _by_one_v(context: Context, claim: Claim) -> Shown:
 def _by_formula(context: Context, claim: Claim) -> Shown:
     """By (87), of the P of the other claims."""
     observer, evidence = built(context, claim), claim.evidence
-    low, high, k, peak = _bounds(context, claim)
-    P, n = _P(context, claim), len(context.z)
+    (low, high), P, n = column(observer.numbers, "gamma", 2), _P(context, claim), len(context.z)
+    if not 0 < low <= high:
+        raise NotShown("its gamma has no range above zero")
+    k, peak = scalar(evidence, "bound"), scalar(evidence, "peak")  # of |T^-1 dc/dw T|, and of lambda_max(P)
+    demand_positive({"P": P})
+    demand_nonnegative({"D P + P D": _spread(P, Fraction(1)), "peak I - P": minus(scaled(peak, unit(n)), P)})
     if not isinstance(evidence.get("G_2"), list) or not evidence["G_2"]:
         raise NotShown("its G_2 is no list of numbers")
     m, share, mu = len(evidence["G_2"]), above_zero(evidence, "share"), above_zero(evidence, "mu")
@@ -148,18 +152,6 @@ def _attenuated(context: Context, G: Matrix, g: Matrix, mu: Fraction, boxes: int
 def _printed(M: Matrix) -> str:
     """A matrix for a sentence, exactly: the claim is about no other."""
     return f"[{'; '.join(' '.join(map(str, row)) for row in M)}]"
-
-
-def _bounds(context: Context, claim: Claim) -> tuple[Fraction, Fraction, Fraction, Fraction]:
-    """gamma_inf, gamma_sup, k as the claim tells it, a bound of lambda_max(P) of a P > 0 with D P + P D >= 0."""
-    low, high = column(built(context, claim).numbers, "gamma", 2)
-    if not 0 < low <= high:
-        raise NotShown("its gamma has no range above zero")
-    P, peak = _P(context, claim), scalar(claim.evidence, "peak")
-    demand_positive({"P": P})
-    above = minus(scaled(peak, unit(len(P))), P)
-    demand_nonnegative({"D P + P D": _spread(P, Fraction(1)), "peak I - P": above})
-    return low, high, scalar(claim.evidence, "bound"), peak
 
 
 def _at(context: Context, claim: Claim, gain: Fraction, **norm: Any) -> tuple[Fraction, int]:

@@ -46,9 +46,7 @@ TIME = {"t": (-math.inf, math.inf)}
 
 def course(context: Context, claim: Claim) -> tuple[dict[str, Expression], set[str]]:
     """The inputs of the claim, expressions of the time, and what A and C read, which is of these and of parameters.
-
-    Raises: `NotShown`.
-    """
+    Raises: `NotShown`."""
     _ = context.equations
     form, texts = context.form, part(claim.evidence, "inputs", dict)
     inputs = {name: expression(text, TIME) for name, text in texts.items()}
@@ -207,14 +205,17 @@ def least(context: Context, claim: Claim) -> Shown:
     for name, text in inputs.items():
         if text.names:
             covered(whole, ".", ranged(text, *context.form.box[name]))
-    windows = _Course(context, inputs, _weights(context, evidence))
+    R, weights = (column(evidence, name, len(context.form.output)) for name in ("R", "weights"))
+    if any(s < 0 or r <= 0 or s * s * r > 1 for s, r in zip(weights, R, strict=True)):
+        raise NotShown("its weights are more than R allows, or R is not positive")
+    windows = _Course(context, inputs, weights)
     try:
         windows.demand(length, level, starts, bound)
     except Undefined as reason:
         raise NotShown(f"A or C has no series along the course: {reason}") from reason
     excitation = ", ".join(f"{name} = {cut(text.text)}" for name, text in inputs.items()) or "every input"
     window = length * (2**level + bool(starts))
-    by = f"by the ranges and R = {', '.join(short(value) for value in column(evidence, 'R', len(context.form.output)))}"
+    by = f"by the ranges and R = {', '.join(short(value) for value in R)}"
     return Shown(f"{excitation} shows at least {short(bound, -1)}, {by}, in every window of {short(window, 1)}")
 
 
@@ -223,14 +224,6 @@ def _count(evidence: Mapping[str, Any], name: str, most: int) -> int:
     if value.denominator > 1 or not 0 <= value <= most:
         raise NotShown(f"its {name} is no number up to {most}")
     return int(value)
-
-
-def _weights(context: Context, evidence: Mapping[str, Any]) -> list[Fraction]:
-    outputs = len(context.form.output)
-    R, weights = (column(evidence, name, outputs) for name in ("R", "weights"))
-    if any(s < 0 or r <= 0 or s * s * r > 1 for s, r in zip(weights, R, strict=True)):
-        raise NotShown("its weights are more than R allows, or R is not positive")
-    return weights
 
 
 class _Course:

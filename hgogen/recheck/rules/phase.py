@@ -130,18 +130,14 @@ def box_of_rates(context: Context) -> tuple[Box, Mapping[str, str]]:
     """The plant's box with the derivatives of inputs, unbounded where they have no range; which name is the derivative
     of which, by the names. Raises: `NotShown`."""
     count, inputs = len(context.plant.states), context.file.inputs
-    lines = [[name, *(f"{name.rstrip('_')}{suffix}" for suffix in _suffixes(count))] for name in inputs]
+    endings = [*(f"_{'d' * k}ot" for k in range(1, min(count, 3) + 1)), *(f"_d{k}" for k in range(4, count + 1))]
+    lines = [[name, *(f"{name.rstrip('_')}{suffix}" for suffix in endings)] for name in inputs]
     derived = {other for line in lines for other in line[1:]}
     rates = {one: after for line in lines if line[0] not in derived for one, after in pairwise(line)}
     box = {**dict.fromkeys(rates.values(), (-math.inf, math.inf)), **context.plant.box}
     if derived & {*context.plant.states, *context.file.parameters}:
         raise NotShown("a name that a derivative of an input would have is taken")
     return box, rates
-
-
-def _suffixes(count: int) -> list[str]:
-    """The endings that a name has for its derivatives of order 1, 2, .."""
-    return [*(f"_{'d' * k}ot" for k in range(1, min(count, 3) + 1)), *(f"_d{k}" for k in range(4, count + 1))]
 
 
 def _smooth_enough(rows: Sequence[Expression], order: int) -> None:
@@ -153,9 +149,7 @@ def _smooth_enough(rows: Sequence[Expression], order: int) -> None:
 
 def _regular(row: Expression, states: Sequence[str], box: Box) -> int:
     """With how many boxes a row is shown to have finite derivatives; where a side is unbounded it is a polynomial.
-
-    Raises: `NotShown`.
-    """
+    Raises: `NotShown`."""
     if all(math.isfinite(end) for name in row.names for end in box[name]):
         return covered(narrowed(box, row.names), ".", regular([row], [name for name in states if name in row.names]))
     if any(step.op not in ("number", "symbol", "add", "sub", "mul", "neg", "power") for step in row.instructions):
