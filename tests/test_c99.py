@@ -22,11 +22,9 @@ import sympy as sp
 from emitted import compiled, files, parsed, run, step, tool
 
 import hgogen as hg
-from hgogen.emit.body import body
 from hgogen.emit.csyntax import C
 from hgogen.emit.fold import COLUMNS
-from hgogen.emit.looping import LoopPrinter
-from hgogen.emit.printer import Operand
+from hgogen.emit.printer import Operand, Printer
 from hgogen.emit.rolled import Target
 from hgogen.emit.syntax import BeyondFloat
 from tests.sweep import by_turns
@@ -302,9 +300,8 @@ def test_a_negated_comparison_of_counters_is_the_opposite_one(compare: Any) -> N
     symbols = [ca.SX.sym(name) for name in "ab"]
     graph = ca.Function("graph", symbols, [ca.logic_not(compare(*symbols))])
     names = {"inputs": lambda argument, _: Operand("ab"[argument]), "local": lambda argument, _: "ab"[argument]}
-    constants, result = body(
-        LoopPrinter(C, "unsigned", "x", **names), graph, [Target(lambda text: text, flag=True)], [], []
-    )
+    printer = Printer(C, "unsigned", "x", **names)
+    constants, result = printer.body(graph, [Target(lambda text: text, flag=True)])
     assert not constants.lines
     (line,) = result.lines
     for a, b in product(range(3), repeat=2):
@@ -318,9 +315,9 @@ def test_what_a_test_has_decided_is_not_asked_again() -> None:
     other = ca.SX.binary(zero, test, ca.SX.binary(zero, b < a, a))
     truths = (ca.logic_or(test, test), ca.logic_and(test, ca.SX(1)), ca.logic_or(ca.SX(0), test))
     graph = ca.Function("graph", [a, b], [twice, other, ca.logic_or(a, a), *truths])
-    printer = LoopPrinter(C, "float", "x", inputs=lambda k, _: Operand("ab"[k]), local=lambda k, _: "ab"[k])
+    printer = Printer(C, "float", "x", inputs=lambda k, _: Operand("ab"[k]), local=lambda k, _: "ab"[k])
     targets = [Target(lambda text: text) for _ in range(3)] + [Target(lambda text: text, flag=True) for _ in truths]
-    constants, result = body(printer, graph, targets, [], [])
+    constants, result = printer.body(graph, targets)
     assert constants.lines == ("const bool t1 = a < b;",)
     once, inner, number, *flags = result.lines
     assert (once, inner) == ("t1 ? a : 0.0f", "t1 ? ((b < a) ? a : 0.0f) : 0.0f")
@@ -333,8 +330,8 @@ def test_a_bit_that_is_never_raised_is_not_printed() -> None:
     never, always = (
         Target(lambda _, line=f"raise {name};": line, raised=lambda test: (test,)) for name in ("never", "always")
     )
-    printer = LoopPrinter(C, "float", "x", inputs=lambda *_: Operand(""), local=lambda *_: "")
-    constants, result = body(printer, graph, [never, always], [], [])
+    printer = Printer(C, "float", "x", inputs=lambda *_: Operand(""), local=lambda *_: "")
+    constants, result = printer.body(graph, [never, always])
     assert (constants.lines, result.lines) == ((), ("raise always;",))
 
 

@@ -15,11 +15,9 @@ from hypothesis import strategies as st
 
 import hgogen as hg
 from hgogen.calling import native
-from hgogen.emit.body import body
 from hgogen.emit.code import Code
 from hgogen.emit.csyntax import C
-from hgogen.emit.looping import LEAST, NEVER, LoopPrinter
-from hgogen.emit.printer import Operand
+from hgogen.emit.printer import LEAST, NEVER, Operand, Printer
 from hgogen.emit.rolled import Target
 
 N = 9
@@ -83,7 +81,7 @@ def text(function: ca.Function, least: int, size: int = N) -> list[str]:
 
 def code(function: ca.Function, least: int, size: int = N) -> tuple[Code, Code]:
     """Its constants, and its statements."""
-    printer = LoopPrinter(
+    printer = Printer(
         C,
         real="double",
         prefix="f",
@@ -94,7 +92,7 @@ def code(function: ca.Function, least: int, size: int = N) -> tuple[Code, Code]:
         taken=set(ARRAYS),
     )
     targets = [target(argument, element) for argument in (1, 2) for element in range(size)]
-    return body(printer, function, targets, [], [1, 2])
+    return printer.body(function, targets, hoist=[1, 2])
 
 
 def target(argument: int, element: int) -> Target:

@@ -6,14 +6,12 @@ from collections.abc import Collection
 
 import casadi as ca
 
-from hgogen.emit.body import body
 from hgogen.emit.code import Code, code, joined, spaced
 from hgogen.emit.elementary import elementary, power_of_two
-from hgogen.emit.looping import LoopPrinter
 from hgogen.emit.operations import CALLS
 from hgogen.emit.portable import called_by, chosen, small
 from hgogen.emit.primitives import POWER_OF_TWO
-from hgogen.emit.printer import Operand
+from hgogen.emit.printer import Operand, Printer
 from hgogen.emit.rolled import Target
 from hgogen.emit.syntax import Real, Syntax
 
@@ -63,7 +61,7 @@ def _graph(name: str, real: Real) -> ca.Function:
 
 def _bundled(syntax: Syntax, prefix: str, real: Real, name: str) -> Code:
     names = arguments(name)
-    printer = LoopPrinter(
+    printer = Printer(
         syntax,
         real=real,
         prefix=prefix,
@@ -72,7 +70,7 @@ def _bundled(syntax: Syntax, prefix: str, real: Real, name: str) -> Code:
         calls=CALLS | {ca.OP_FLOOR: "whole"},  # their arguments are small
         taken=set(names),
     )
-    constants, result = body(printer, _graph(name, real), [Target(syntax.result.format)], [], [])
+    constants, result = printer.body(_graph(name, real), [Target(syntax.result.format)])
     inner = chosen(syntax, real, name, constants + result)
     said = [syntax.comment(_MEANINGS[name])] if name in _MEANINGS else []
     return joined([code(*said, *head(syntax, prefix, real, name)), inner, code("}")])

@@ -2,31 +2,39 @@
 
 The order of operations in the text is that of the instructions, but for operands of + and * turned round, so every
 reader of a block computes the same bits (where the compiler does not contract a*b + c). Values used more than once, or
-worth a name, become constant locals; the rest is written in place.
+worth a name, become constant locals; the rest is written in place. What loops compute are arrays that they fill, sums
+that they make grow, and elements that they write (`emit.rolled`).
 """
 
 from collections import Counter
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
-from itertools import chain
+from functools import cached_property
+from itertools import chain, islice
 
 import casadi as ca
 
-from hgogen.emit.code import NOTHING, TRUTH, Uses
+from hgogen.emit.code import NOTHING, TRUTH, Code, Uses, indented, united
 from hgogen.emit.node import (
     ARRAY,
     AT,
     CHOOSE,
     CLAMP,
     ELEMENT,
+    FILL,
+    FOLD,
     PATTERNS,
+    TABLE,
     Node,
     boolean,
     negated,
     negative,
     opposite,
+    ordered,
+    read,
 )
 from hgogen.emit.operations import CALLS, INFIX, LOGIC
+from hgogen.emit.rolled import Statement, Target, outside, rolled
 from hgogen.emit.subprograms import Subprogram
 from hgogen.emit.syntax import (
     ATOM,
@@ -42,6 +50,8 @@ from hgogen.emit.syntax import (
 )
 
 WIDTH = 92  # longest expression that is written in place
+LEAST = {"speed": 10, "flash": 4}  # times that a loop runs at least, by what a step is made for
+NEVER = 10**9  # times: no loop is made
 
 
 def _binding(node: Node) -> float:
@@ -68,7 +78,8 @@ class Printer:
     """Prints one block. Element j of argument i is what `inputs` says, and `local` its name as a local; `is_flag` tells
     whether argument i is a truth value. `routines`: those that the block may call, by their keys; `whole`: all of
     argument i, as such a call takes it, and its size. `uses`: what the text uses, since each value that has one is
-    written."""
+    written. `indexed`: the text of an argument whose elements a loop can go through, else ""; `least`: how often a loop
+    runs at least; `looping`: whether a loop is at hand; `origin`: the first number that it counts."""
 
     syntax: Syntax
     real: Number
@@ -83,11 +94,93 @@ class Printer:
     uses: list[Uses] = field(default_factory=list)
     lines: list[str] = field(default_factory=list)
     taken: set[str] = field(default_factory=set)
+    indexed: Callable[[int], str] = lambda _: ""
+    least: int = LEAST["speed"]
+    looping: bool = False
+    origin: int = 0
+    passed: Counter[str] = field(default_factory=Counter)
 
-    def count(self, roots: Iterable[Node], every: Iterable[Node]) -> None:
-        """How often each value is used, over all roots, of `every` value below them."""
+    def body(
+        self,
+        function: ca.Function,
+        targets: Sequence[Target],
+        names: Sequence[tuple[str, int]] = (),
+        hoist: Collection[int] = (),
+    ) -> tuple[Code, Code]:
+        """The constants that a block declares, and its statements.
+
+        `targets`: for each element of the first outputs; `names`: of the outputs after those, with their sizes;
+        `hoist`: arguments that must be read before anything is written.
+        """
+        nodes = [node for output in read(function) for node in output]
+        pairs = [(n, t) for n, t in zip(nodes, targets, strict=False) if n.op != ca.OP_INPUT or n.source != t.source]
+        rest = iter(nodes[len(targets) :])
+        columns = [(name, list(islice(rest, size))) for name, size in names]
+        for node in ordered(nodes) if self.routines else ():
+            if node.routine:
+                self.arrange(node)
+        statements = rolled(pairs, self.goes_through, hoist, self.least)
+        roots = [statement.node for statement in statements]
+        every = ordered(roots)
         for used in chain(roots, (child for node in every for child in node.args)):
             used.uses += 1
+        inputs = {node.source: node for node in every if node.op == ca.OP_INPUT and node.source[0] in hoist}
+        for source in sorted(inputs):
+            self.declare(inputs[source], self.local(*source))
+        self._label(columns, every)
+        for name, column in columns:
+            self._declare_named(name, column)
+        for node in roots:
+            self.prepare(node)
+            if not node.name and not node.inside and node.op not in (ca.OP_CONST, ca.OP_INPUT) and node.uses > 1:
+                self.declare(node, self.number())
+        written = [line for statement in statements for line in self._written(statement)]
+        where = (target.uses for statement in statements for target in statement.targets)
+        uses = united(self.uses)
+        return Code(tuple(self.lines), uses), Code(tuple(written), united([uses, *where]))
+
+    def _label(self, columns: Iterable[tuple[str, list[Node]]], every: Iterable[Node]) -> None:
+        """Name arrays as the values that are their elements, else as the arguments of routines that are passed them."""
+        for name, column in columns:
+            for node in (each for each in column if each.op == ELEMENT):
+                node.args[0].labels.setdefault(node.element[0], name)
+        for call in (each for each in every if each.routine):
+            assert call.routine
+            key = call.routine.key
+            self.passed[key] += 1
+            for each, elements in zip(self.routines[key].passed, call.passed, strict=True):
+                for node in elements:
+                    if node.op == ELEMENT and node.args[0].op == FILL:
+                        node.args[0].labels.setdefault(0, f"{each.argument.label}_{self.passed[key]}")
+
+    def _declare_named(self, name: str, column: list[Node]) -> None:
+        """Declare a value that has a name, element by element."""
+        for k, node in enumerate(column):
+            if node.op not in (ca.OP_CONST, ca.OP_INPUT) and node.uses and not node.name:
+                self.prepare(node)
+                self.declare(node, name if len(column) == 1 else f"{name}{k + 1}")
+
+    def _written(self, statement: Statement) -> Sequence[str]:
+        node, (target, *others) = statement.node, statement.targets
+        if others:
+            first, step, each = target.element, others[0].element - target.element, target.each
+            assert each
+            origin, count = first if step == 1 else 0, len(statement.targets)
+            return self._loop(count, origin, node, lambda: each(self._number(first, step), self.value(node)))
+        if not target.raised:
+            return [target.write(self.truth(node) if target.flag else self.value(node))]
+        if node.op == ca.OP_CONST:
+            return [target.write("")] if node.constant else []
+        return target.raised(self.truth(node))
+
+    @cached_property
+    def counter(self) -> str:
+        """What loops count by."""
+        return self.fresh("j")
+
+    def goes_through(self, argument: int) -> bool:
+        """Whether a loop can go through the elements of an argument; counters are left alone."""
+        return self.real != "unsigned" and bool(self.indexed(argument))
 
     def declare(self, node: Node, name: str) -> None:
         """A named constant for a value; the name is made unique."""
@@ -95,6 +188,9 @@ class Printer:
             return
         if node.routine:
             self.call_routine(node)
+            return
+        if node.op in (FILL, FOLD, TABLE):
+            self._declare_looped(node, name)
             return
         text, _ = self.raw(node)
         node.name = self.fresh(name)
@@ -115,7 +211,61 @@ class Printer:
         self.taken.add(candidate)
         return candidate
 
+    def _declare_looped(self, node: Node, name: str) -> None:
+        """What a loop computes, with the loop; a table."""
+        name = node.name = self.fresh(node.labels.get(0, name))
+        node.labels[0] = name
+        if node.op == FOLD:
+            self._folded(node, name)
+        elif node.op == FILL:
+            (element,) = node.args
+            self.lines.append(self._array(self.syntax.array, name, node.count, value=self.literal(0)))
+            self.lines += self._loop(node.count, 0, element, lambda: f"{name}[{self.counter}] = {self.value(element)};")
+        else:
+            values = ", ".join(map(self.literal, node.table))
+            self.lines.append(self._array(self.syntax.fixed, name, len(node.table), values=values))
+
+    def _folded(self, node: Node, name: str) -> None:
+        first, term = node.args
+        logic = boolean(node)
+        kind, text = ("bool", self.truth(first)) if logic else (self.real, self.value(first))
+        self.uses += [TRUTH] if logic else []
+        self.lines.append(self.syntax.variable.format(type=self.syntax.types[kind], name=name, value=text))
+        total = Node(node.fold, (Node(FOLD, fold=node.fold, name=name), term))
+        self.lines += self._loop(node.count, 0, term, lambda: f"{name} = {self.raw(total)[0]};")
+
+    def _loop(self, count: int, origin: int, node: Node, statement: Callable[[], str]) -> list[str]:
+        """A loop for a value, with the constants that it declares for it, which counts from `origin`."""
+        before, self.lines, self.origin, self.looping = self.lines, [], origin, True
+        self.prepare(node)
+        inner, self.lines, self.looping = [*self.lines, statement()], before, False
+        first, end = map(self.syntax.number, (origin, origin + count))
+        self.uses.append(Uses(widest=origin + count))
+        head, *rest = self.syntax.loop(self.counter, first, end, "", True)
+        return [head, *indented([*rest, *inner]), "}"]
+
+    def _number(self, first: int, step: int) -> str:
+        """The text of the number that is the first where the loop begins, and goes on by steps."""
+        first -= step * self.origin
+        size = self.syntax.number(abs(step))
+        moved = self.counter if abs(step) == 1 else f"{size}*{self.counter}"
+        if step < 0:
+            return f"{self.syntax.number(first)} - {moved}"
+        sign = " + " if first > 0 else " - "
+        return f"{moved}{sign}{self.syntax.number(abs(first))}" if first else moved
+
     def prepare(self, root: Node) -> None:
+        """Declare what a value needs; of what is another each time that a loop runs, what the loop needs."""
+        if root.inside and not self.looping:
+            for node in outside([root]):
+                self.prepare(node)
+                self.declare_worthy(node)
+        else:
+            self._prepare_below(root)
+        if root.op == FOLD:
+            self.declare(root, self.number())
+
+    def _prepare_below(self, root: Node) -> None:
         """Declare, in order, the values below `root` that are used more than once or too long to write in place."""
         stack: list[tuple[Node, bool]] = [(root, False)]
         done: set[int] = set()
@@ -141,8 +291,10 @@ class Printer:
             self.declare(node, self.local(*node.source) if node.op == ca.OP_INPUT else self.number())
 
     def needs(self, node: Node) -> Sequence[Node]:
-        """What is declared before a value, where it is declared."""
-        return node.args
+        """What is declared before a value; what a loop needs, before the loop."""
+        if self.looping:
+            return node.args if node.inside else ()
+        return outside(node.args) if node.op in (FILL, FOLD) else node.args
 
     def number(self) -> str:
         """The next temporary."""
@@ -152,10 +304,10 @@ class Printer:
         return f"t{k}"
 
     def worthy(self, node: Node) -> bool:
-        """Whether a value is better declared than written in place."""
-        if node.op in (ca.OP_CONST, ca.OP_NOT, ELEMENT, ARRAY):
+        """Whether a value is better declared than written in place; the element at which a loop is has a text."""
+        if node.op in (ca.OP_CONST, ca.OP_NOT, ELEMENT, ARRAY, AT):
             return False
-        if node.routine:
+        if node.routine or node.op in (FILL, FOLD, TABLE):
             return True
         if node.op == ca.OP_INPUT:
             return node.uses > 1 and not self.inputs(*node.source).local
@@ -275,6 +427,8 @@ class Printer:
         if op == ELEMENT:
             result, k = node.element
             return f"{args[0].labels[result]}[{k}]", ATOM
+        if op == AT:
+            return self._moving(node), ATOM
         if op == CLAMP and opposite(*args[1:]):
             return self.call("limit", args[0], args[2])
         if op in PATTERNS:
@@ -302,6 +456,15 @@ class Printer:
         if op in self.calls:
             return self.call(self.calls[op], *args)
         raise NotPrintable(op)
+
+    def _moving(self, node: Node) -> str:
+        """The text of the element at which a loop is."""
+        if node.args:
+            result, first = node.element
+            return f"{node.args[0].labels[result]}[{self._number(first, node.step)}]"
+        argument, first = node.source
+        self.uses.append(self.inputs(argument, first).uses)
+        return f"{self.indexed(argument)}[{self._number(first, node.step)}]"
 
     def choice(self, test: Node, yes: Node, no: Node, level: float = ATOM) -> tuple[str, float]:
         """`yes` where the test holds, else `no`; a negated test exchanges the two."""

@@ -4,10 +4,8 @@ from collections.abc import Collection, Iterator
 from dataclasses import dataclass
 
 from hgogen.discretisation.routine import MEANINGS
-from hgogen.emit.body import body
 from hgogen.emit.code import Code, code, joined
-from hgogen.emit.looping import LoopPrinter
-from hgogen.emit.printer import Operand
+from hgogen.emit.printer import Operand, Printer
 from hgogen.emit.rolled import Target
 from hgogen.emit.statements import Writer
 from hgogen.emit.subprograms import Subprogram
@@ -33,7 +31,7 @@ class _Function:
         parameters = ", ".join(self._parameters())
         lines = (line.format(**head, parameters=parameters) for line in syntax.function)
         names = (name for each in self.subprogram.passed for name in each.names)
-        printer = LoopPrinter(
+        printer = Printer(
             syntax,
             real=self.writer.real,
             prefix=self.writer.prefix,
@@ -47,7 +45,7 @@ class _Function:
         entries = [entry for k in range(len(routine.results)) for entry in routine.entries(k)]
         targets = [self._written(*place, entry) for place, entry in zip(places, entries, strict=True)]
         arrays = [each.number for each in self.subprogram.passed if not each.by_value]
-        constants, statements = body(printer, routine.function, targets, [], arrays)
+        constants, statements = printer.body(routine.function, targets, hoist=arrays)
         said = code(syntax.comment(MEANINGS[routine.name]), *lines)
         return said + (constants + statements).indented() + code("}", "")
 

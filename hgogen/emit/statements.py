@@ -8,14 +8,12 @@ from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from functools import cached_property, partial
 
-from hgogen.emit.body import body
 from hgogen.emit.code import NOTHING, TRUTH, Code, Uses, braced, code, joined
 from hgogen.emit.described import entry
 from hgogen.emit.interface import REACHED, of_section, reached
 from hgogen.emit.kinds import Kinds
-from hgogen.emit.looping import LEAST, NEVER, LoopPrinter
 from hgogen.emit.portable import passed
-from hgogen.emit.printer import Operand
+from hgogen.emit.printer import LEAST, NEVER, Operand, Printer
 from hgogen.emit.rolled import Target
 from hgogen.emit.subprograms import Subprogram, subprograms
 from hgogen.emit.syntax import Number, Real, Rows, Syntax
@@ -240,7 +238,7 @@ class Writer(Reader[Code]):
     def _written(self, block: Block, taken: frozenset[str]) -> Code:
         reads, written = block.reads, set(block.writes)
         real: Number = "unsigned" if self.kinds.counts(block) else self.real
-        printer = LoopPrinter(
+        printer = Printer(
             self.syntax,
             real=real,
             prefix=self.prefix,
@@ -261,7 +259,7 @@ class Writer(Reader[Code]):
         ]
         names = [(name, sx(value).numel()) for name, value in block.names.items()]
         hoist = [argument for place, argument in sources.items() if place in written]
-        constants, statements = body(printer, block.graph, targets, names, hoist)
+        constants, statements = printer.body(block.graph, targets, names, hoist)
         if not statements.lines:
             return Code()
         if constants.lines:

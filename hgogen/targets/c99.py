@@ -18,9 +18,9 @@ from hgogen.emit.csaved import saving
 from hgogen.emit.csyntax import C
 from hgogen.emit.cvector import vectors
 from hgogen.emit.interface import entries, of_section
-from hgogen.emit.looping import LEAST, NEVER
 from hgogen.emit.naming import demand_distinct
 from hgogen.emit.portable import kernels, tables
+from hgogen.emit.printer import LEAST, NEVER
 from hgogen.emit.routines import routines
 from hgogen.emit.sharing import SharingWriter
 from hgogen.emit.sources import sources
