@@ -9,8 +9,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from hgogen.emit.bounded_angles import BOUNDED_COS, BOUNDED_SIN, SMALL_COS, SMALL_SIN, operations
 from hgogen.emit.elementary import BOUNDED, SMALL
+from hgogen.emit.operations import BOUNDED_COS, BOUNDED_SIN, SMALL_COS, SMALL_SIN, operations
 from hgogen.emit.pygraph import evaluated
 
 X = ca.SX.sym("x")

@@ -22,11 +22,11 @@ import sympy as sp
 from emitted import compiled, files, parsed, run, step, tool
 
 import hgogen as hg
-from hgogen.emit.csyntax import C
 from hgogen.emit.fold import COLUMNS
 from hgogen.emit.printer import Operand, Printer
 from hgogen.emit.rolled import Target
 from hgogen.emit.syntax import BeyondFloat
+from hgogen.emit.syntaxes import C
 from tests.sweep import by_turns
 
 NAMES = list(emitted.STEPS)

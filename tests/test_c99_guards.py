@@ -14,10 +14,10 @@ from oracle import fitzhugh_nagumo as fn
 import hgogen as hg
 from hgogen.calling import native
 from hgogen.emit import layout
-from hgogen.emit.csyntax import C
 from hgogen.emit.exact import machine
 from hgogen.emit.saved import mark
 from hgogen.emit.syntax import Real
+from hgogen.emit.syntaxes import C
 from hgogen.program import Place, lines_of
 
 NAMES = list(emitted.STEPS)

@@ -15,7 +15,7 @@ import hgogen as hg
 from hgogen.board import qemu
 from hgogen.board.texts import harness
 from hgogen.calling.native import WARNINGS
-from hgogen.emit.csyntax import C
+from hgogen.emit.syntaxes import C
 from hgogen.signal import resting
 from tests.sweep import by_turns
 

@@ -9,9 +9,8 @@ from emitted import tool
 
 import hgogen as hg
 from hgogen.calling.native import WARNINGS
-from hgogen.emit.cnames import HidesHeader, c_name
-from hgogen.emit.csyntax import C
-from hgogen.emit.naming import OneName, renamed
+from hgogen.emit.naming import HidesHeader, OneName, c_name, renamed
+from hgogen.emit.syntaxes import C
 
 C_HEADERS = """
     assert complex ctype errno fenv float inttypes iso646 limits locale math setjmp signal stdalign stdarg stdatomic

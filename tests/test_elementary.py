@@ -16,11 +16,23 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from hgogen.algebra.lookup import called, instructions
-from hgogen.emit.csyntax import C
-from hgogen.emit.elementary import ARITHMETIC, BINARY, BOUNDED, LN2, PI, SMALL, UNARY, elementary, power_of_two
+from hgogen.emit.elementary import (
+    ARITHMETIC,
+    BINARY,
+    BOUNDED,
+    LN2,
+    NEAREST,
+    PI,
+    POWER_OF_TWO,
+    ROUNDS,
+    SMALL,
+    UNARY,
+    elementary,
+    power_of_two,
+)
 from hgogen.emit.functions import functions
-from hgogen.emit.primitives import NEAREST, POWER_OF_TWO, ROUNDS
 from hgogen.emit.pygraph import evaluated
+from hgogen.emit.syntaxes import C
 
 Real = Literal["float", "double"]
 REALS: tuple[Real, ...] = ("float", "double")

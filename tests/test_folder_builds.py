@@ -12,7 +12,7 @@ from test_folder import lying, made
 import hgogen as hg
 from hgogen.ecosystems.ecosystem import chosen
 from hgogen.ecosystems.folder import folder
-from hgogen.emit.prefix import prefixed
+from hgogen.emit.naming import prefixed
 
 USE = """
 cmake_minimum_required(VERSION 3.16)

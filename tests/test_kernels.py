@@ -13,8 +13,8 @@ from hypothesis import strategies as st
 
 from hgogen.calling import native
 from hgogen.discretisation import kernels
-from hgogen.emit.csyntax import C
 from hgogen.emit.portable import kernels as kernels_of
+from hgogen.emit.syntaxes import C
 
 EPS = float(np.finfo(float).eps)
 sizes, seeds = st.integers(1, 9), st.integers(0, 2**32 - 1)

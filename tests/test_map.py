@@ -30,9 +30,9 @@ from hgogen.algebra.tape import tape
 from hgogen.check import Verdict
 from hgogen.emit.code import code
 from hgogen.emit.cost import cost
-from hgogen.emit.csyntax import C
 from hgogen.emit.portable import tables
 from hgogen.emit.pygraph import DTYPE, evaluated
+from hgogen.emit.syntaxes import C
 from hgogen.graph import to_casadi
 from hgogen.intervals.box import Sides
 from hgogen.intervals.enclosure import enclose

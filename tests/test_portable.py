@@ -17,12 +17,11 @@ from hgogen.discretisation import kernels as matrix_loops
 from hgogen.discretisation import notation
 from hgogen.discretisation.kernels import KERNELS
 from hgogen.emit import helpers
-from hgogen.emit.csyntax import C
 from hgogen.emit.portable import functions_of, kernels, passed, small
 from hgogen.emit.routines import routines
-from hgogen.emit.rustsyntax import RUST
 from hgogen.emit.statements import Writer
 from hgogen.emit.syntax import Number, Syntax
+from hgogen.emit.syntaxes import RUST, C
 from hgogen.program import Kernel, walk
 
 
@@ -176,7 +175,7 @@ def test_an_operation_is_rounded_where_the_language_lacks_the_precision() -> Non
 def test_what_is_rounded_has_the_same_bits_where_the_precision_is_there(monkeypatch: pytest.MonkeyPatch) -> None:
     if native.compiler() is None:
         pytest.skip("no C compiler")
-    for module in ("hgogen.targets.c99", "hgogen.emit.cvector"):
+    for module in ("hgogen.targets.c99", "hgogen.emit.syntaxes"):
         monkeypatch.setattr(sys.modules[module], "C", replace(C, rounded={"float": "((float)({}))"}))
     files = hg.targets.c99(forgetting())
     assert "(float)(" in "".join(files.values())

@@ -10,8 +10,7 @@ from emitted import run, step, tool
 
 import hgogen as hg
 from hgogen.calling.native import WARNINGS
-from hgogen.emit.cnames import HidesHeader
-from hgogen.emit.prefix import BadPrefix, prefixed
+from hgogen.emit.naming import BadPrefix, HidesHeader, prefixed
 from hgogen.reading.filename import BadFileName
 from hgogen.signal import BadName
 from hgogen.targets.rust import NoCrate

@@ -15,7 +15,7 @@ from hgogen.calling.samples import Engine
 from hgogen.emit import layout
 from hgogen.emit.cfunction import Prototype, address, prototypes, structs
 from hgogen.emit.interface import entries
-from hgogen.emit.prefix import prefixed
+from hgogen.emit.naming import prefixed
 from hgogen.emit.saved import mark
 from hgogen.stepping import ready
 from hgogen.stepping.ready import NO_PARAMETERS, UNINITIALISED

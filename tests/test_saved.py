@@ -19,7 +19,7 @@ from hypothesis import strategies as st
 import hgogen as hg
 from hgogen.calling import native
 from hgogen.emit import pystep
-from hgogen.emit.prefix import prefixed
+from hgogen.emit.naming import prefixed
 from hgogen.emit.saved import ADDED, NotSaved, layout, sealed
 from hgogen.program import Field, Group
 

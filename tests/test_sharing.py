@@ -13,8 +13,8 @@ import pytest
 from emitted import step
 
 import hgogen as hg
-from hgogen.emit.csyntax import C
 from hgogen.emit.sharing import FEWEST, SharingWriter, _name, _runs
+from hgogen.emit.syntaxes import C
 from hgogen.model import load
 from hgogen.program import Block, Place, When, sym
 from hgogen.stepping.members import read_fields

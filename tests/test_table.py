@@ -37,10 +37,10 @@ from hgogen.algebra.tape import tape
 from hgogen.check import Verdict
 from hgogen.emit.code import code
 from hgogen.emit.cost import cost
-from hgogen.emit.csyntax import C
 from hgogen.emit.portable import tables
 from hgogen.emit.pygraph import DTYPE, evaluated
 from hgogen.emit.syntax import PointsMerge
+from hgogen.emit.syntaxes import C
 from hgogen.graph import to_casadi
 from hgogen.intervals import glance
 from hgogen.intervals.bounds import bound as bound_of

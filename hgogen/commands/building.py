@@ -40,7 +40,7 @@ from hgogen.commands.command import (
 from hgogen.commands.headed import file_list
 from hgogen.commands.packing import For, Prefix, beside, demand_packing, packed
 from hgogen.commands.process import console, note
-from hgogen.emit.prefix import prefixed
+from hgogen.emit.naming import prefixed
 from hgogen.emit.syntax import Real
 from hgogen.model import Model, load
 from hgogen.modelfiles.setting import AS_WRITTEN, Setting, UnknownCase, demand_known

@@ -14,7 +14,7 @@ from hgogen.commands.command import Folder, Json, ModelArgument, Tuned, command,
 from hgogen.commands.headed import file_list, headed
 from hgogen.commands.packing import COSTS, Prefix
 from hgogen.commands.process import note
-from hgogen.emit.prefix import demand_prefix, prefixed
+from hgogen.emit.naming import demand_prefix, prefixed
 from hgogen.errors import HgogenError
 from hgogen.model import load
 from hgogen.modelfiles.setting import AS_WRITTEN, Setting

@@ -10,7 +10,7 @@ import typer
 from hgogen.commands.command import Folder
 from hgogen.ecosystems.ecosystem import ALL, chosen, known
 from hgogen.ecosystems.folder import SOURCES, folder
-from hgogen.emit.prefix import demand_prefix
+from hgogen.emit.naming import demand_prefix
 from hgogen.emit.syntax import Real
 from hgogen.reading.content import BYTES, Unread, content_of
 from hgogen.step import Step

@@ -8,13 +8,13 @@ from typing import Any
 from hgogen.ecosystems.ecosystem import Ecosystem, Text, common, template
 from hgogen.ecosystems.price import priced
 from hgogen.emit.cfunction import address, assigned, prototypes, status_type, structs
-from hgogen.emit.cnames import c_name
 from hgogen.emit.code import indented
-from hgogen.emit.csyntax import C, comment
 from hgogen.emit.described import described, of_signal, parameters
 from hgogen.emit.fold import folded
 from hgogen.emit.manual import marked
+from hgogen.emit.naming import c_name
 from hgogen.emit.syntax import Real
+from hgogen.emit.syntaxes import C, comment
 from hgogen.reading.optional import version
 from hgogen.reading.time_unit import pace, seconds
 from hgogen.signal import Signal, resting

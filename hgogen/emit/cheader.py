@@ -5,12 +5,9 @@ comments are Doxygen's, too."""
 
 from collections.abc import Iterable
 
-from hgogen.emit import csaved
+from hgogen.emit import saving
 from hgogen.emit.cfunction import address, prototype, prototypes, status_type, structs
-from hgogen.emit.cnames import c_name
 from hgogen.emit.code import indented
-from hgogen.emit.cstruct import typedefs
-from hgogen.emit.csyntax import BESIDE, C, documented, harmless, spoken
 from hgogen.emit.interface import MEANINGS, direction, entries, of_section
 from hgogen.emit.manual import (
     UNTIMELY,
@@ -26,9 +23,12 @@ from hgogen.emit.manual import (
     state,
     title,
 )
+from hgogen.emit.naming import c_name
 from hgogen.emit.saved import ADDED, layout, mark
 from hgogen.emit.structs import structs as of_memory
+from hgogen.emit.structs import typedefs
 from hgogen.emit.syntax import Real
+from hgogen.emit.syntaxes import BESIDE, C, documented, harmless, spoken
 from hgogen.program import Section
 from hgogen.reading.optional import version
 from hgogen.reading.time_unit import pace, plural
@@ -57,9 +57,9 @@ def header(step: Step, real: Real, command: str) -> list[str]:
         parameters = [(direction(entry, name), name, MEANINGS[name]) for name in entry.parameters]
         returned = f"0{', or an or of the status bits' * bool(step.layout.bits)}" * entry.status
         lines += [*_said(entry.meaning, parameters, returned), f"{prototype(step, entry)};", ""]
-    save, restore = csaved.prototypes(step)
-    means = {"s": MEANINGS["s"], **csaved.MEANINGS}
-    for each, written, returned in ((save, "saved", ""), (restore, "s", csaved.RETURNS)):
+    save, restore = saving.prototypes(step)
+    means = {"s": MEANINGS["s"], **saving.MEANINGS}
+    for each, written, returned in ((save, "saved", ""), (restore, "s", saving.RETURNS)):
         parameters = [("out" if p.name == written else "in", p.name, means[p.name]) for p in each.parameters]
         lines += [*_said(each.meaning, parameters, returned), f"{each};", ""]
     return [*lines, "#ifdef __cplusplus", "}", "#endif", "", f"#endif /* {guard} */"]
@@ -179,6 +179,6 @@ def _constants(step: Step, real: Real) -> list[str]:
     return [
         *lines,
         documented(_CONSTANT + ", with their mark" * bool(step.layout.mark)),
-        *csaved.initialiser(step, real),
+        *saving.initialiser(step, real),
         "",
     ]

@@ -1,11 +1,18 @@
-"""Lines of code no wider than 110 columns: comments are filled, code is broken where it nests least."""
+"""The files that a language makes of a step, of lines no wider than 110 columns: comments are filled, code is broken
+where it nests least.
+"""
 
 # Takes apart: finished text, whose long lines it breaks.
 
 import re
 import textwrap
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from itertools import pairwise
+
+from hgogen.emit.naming import renamed, says
+from hgogen.emit.syntax import Syntax
+from hgogen.step import Step
+from hgogen.target import Recipe, Sources
 
 COLUMNS = 110
 _GLUE = "\0"  # a blank at which no line is broken
@@ -76,3 +83,9 @@ def _places(pattern: re.Pattern[str], line: str, indent: int) -> list[int]:
 
 def _depth(text: str) -> int:
     return text.count("(") + text.count("[") - text.count(")") - text.count("]")
+
+
+def sources(step: Step, syntax: Syntax, files: Mapping[str, Iterable[str]], recipe: Recipe = ()) -> Sources:
+    """Files of these lines, of which none is long, and the signals that the language calls otherwise."""
+    texts = tuple((name, "\n".join(folded(lines)) + "\n") for name, lines in files.items())
+    return Sources(texts, recipe, tuple(renamed(step, syntax).items()), tuple(filter(None, [says(step, syntax)])))

@@ -12,8 +12,8 @@ from dataclasses import dataclass, fields, replace
 
 import casadi as ca
 
-from hgogen.emit.csyntax import C
 from hgogen.emit.syntax import ATOM, BYTES, SELECT, Number, Real, Syntax
+from hgogen.emit.syntaxes import C
 
 _WRAPPED = {ca.OP_ADD: "+", ca.OP_SUB: "-", ca.OP_MUL: "*"}
 

@@ -1,13 +1,57 @@
-"""Signals whose names a language does not take as they are: what they are called there, and that none is called as
-another is."""
+"""What signals, and files, are called in a language: by their own names, another one where a language has the name.
+
+A struct's member is read by a C compiler after every header of the firmware that includes it, and a macro of one of
+them, such as I of <complex.h> or SREG of an AVR, replaces the member's name without a word. `names.txt` lists such
+names; those of the standard headers are compared with the installed compilers' by a test.
+"""
+
+# Takes apart: the lists of names that are taken.
 
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import cache
+from importlib.resources import files
+from typing import TypeVar
 
 from hgogen.emit.syntax import Syntax
 from hgogen.errors import HgogenError
-from hgogen.signal import Signal
+from hgogen.reading import filename
+from hgogen.signal import Signal, check_name
 from hgogen.step import Step
+
+# <NAME.h> of the C standard, of POSIX and of CMSIS-DSP, which a NAME.h of ours in the path of headers would hide
+_HEADERS = """
+    arm_math assert complex ctype errno fcntl fenv float inttypes iso646 limits locale malloc math memory pthread sched
+    semaphore setjmp signal stdalign stdarg stdatomic stdbit stdbool stdckdint stddef stdint stdio stdlib stdnoreturn
+    string strings syslog tgmath threads time types uchar unistd wchar wctype
+"""
+
+
+@dataclass(eq=False)
+class HidesHeader(HgogenError):
+    """A model whose files would take the place of a standard header."""
+
+    name: str
+
+    def __str__(self) -> str:
+        return f"the model {self.name} would be {self.name}.h, which hides <{self.name.lower()}.h>; rename the model"
+
+
+@cache
+def _taken() -> frozenset[str]:
+    lines = files("hgogen.emit").joinpath("names.txt").read_text(encoding="ascii").splitlines()
+    return frozenset(word for line in lines if not line.startswith("#") for word in line.split())
+
+
+def c_name(name: str) -> str:
+    """The name in C: `I_` for I, which is a macro; almost always the name itself."""
+    return f"{name}_" if name in _taken() else name
+
+
+def demand_file(name: str) -> None:
+    """Raise `HidesHeader` for the name of a header."""
+    if name.lower() in _HEADERS.split():
+        raise HidesHeader(name)
 
 
 @dataclass(eq=False)
@@ -49,3 +93,36 @@ def demand_distinct(step: Step, syntax: Syntax) -> None:
 def _structs(step: Step) -> Iterable[tuple[Signal, ...]]:
     """The signals of each struct."""
     return step.inputs, step.samples, step.states, step.observer.form.system.tunable
+
+
+AnyStep = TypeVar("AnyStep", bound=Step)
+
+
+@dataclass(eq=False)
+class BadPrefix(HgogenError):
+    """A name that the files and symbols of a step cannot begin with, for a language has it already."""
+
+    name: str
+
+    def __str__(self) -> str:
+        return f"the name {self.name} is a keyword or a macro of C; take another, such as {self.name}_observer"
+
+
+def prefixed(step: AnyStep, name: str) -> AnyStep:
+    """The step with another name, so that two observers of one plant link together; nothing else of it is another.
+
+    Raises: as `demand_prefix`.
+    """
+    demand_prefix(name)
+    return replace(step, name=name)
+
+
+def demand_prefix(name: str | None) -> None:
+    """Raises: `BadName`, `BadFileName`, `BadPrefix`; `HidesHeader` for the name of a standard header."""
+    if name is None:
+        return
+    check_name(name)
+    filename.demand(name)
+    if c_name(name) != name:
+        raise BadPrefix(name)
+    demand_file(name)

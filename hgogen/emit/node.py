@@ -8,8 +8,8 @@ import casadi as ca
 
 from hgogen.algebra.lookup import Lookup, called, instructions
 from hgogen.discretisation.routine import Argument, Routine
-from hgogen.emit import primitives
-from hgogen.emit.bounded_angles import operations
+from hgogen.emit import elementary
+from hgogen.emit.operations import operations
 
 
 @dataclass(eq=False, slots=True)
@@ -45,7 +45,7 @@ FILL = -21  # an array whose elements a loop computes, each as the argument says
 FOLD = -22  # what a loop makes of a first value and of one more each time, as the arguments say
 AT = -23  # the element at which a loop is, of an input, or of the array that is the argument
 TABLE = -24  # an array of numbers
-_PRIMITIVES = {primitives.NEAREST: NEAREST, primitives.POWER_OF_TWO: POWER_OF_TWO}
+_PRIMITIVES = {elementary.NEAREST: NEAREST, elementary.POWER_OF_TWO: POWER_OF_TWO}
 PATTERNS: dict[int, str] = {CLAMP: "clamp", WITHIN: "within", KEEP: "keep"}  # functions of ours
 PATTERNS |= {op: name for name, op in _PRIMITIVES.items()}
 

@@ -16,7 +16,7 @@ from hgogen.discretisation import kernels as matrix_loops
 from hgogen.discretisation.notation import sizes
 from hgogen.emit import helpers
 from hgogen.emit.code import TRUTH, Code, Uses, braced, code, joined, united
-from hgogen.emit.primitives import ALL_WHOLE, BIASED, ROUNDS, SHIFT
+from hgogen.emit.elementary import ALL_WHOLE, BIASED, ROUNDS, SHIFT
 from hgogen.emit.syntax import AND, ATOM, EQUAL, ORDER, PRODUCT, SELECT, SUM, UNARY, Real, Syntax, demand_apart
 
 _LARGE: Mapping[Real, str] = {"float": "3e38", "double": "1e308"}

@@ -17,7 +17,7 @@ import numpy as np
 
 from hgogen.algebra.lookup import Lookup
 from hgogen.emit.code import indented
-from hgogen.emit.elementary import elementary
+from hgogen.emit.elementary import ALL_WHOLE, ROUNDS, elementary
 from hgogen.emit.node import (
     CHOOSE,
     CLAMP,
@@ -33,7 +33,6 @@ from hgogen.emit.node import (
     read,
 )
 from hgogen.emit.operations import CALLS
-from hgogen.emit.primitives import ALL_WHOLE, ROUNDS
 from hgogen.emit.printer import Operand
 from hgogen.emit.syntax import NotPrintable, Number, Real, demand_apart
 

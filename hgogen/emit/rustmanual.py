@@ -2,9 +2,9 @@
 
 from hgogen.emit.code import indented
 from hgogen.emit.manual import UNTIMELY, gains, late, mathematics, parts, period, rates, result, state, title
-from hgogen.emit.ruststruct import doc
-from hgogen.emit.rustsyntax import RUST, line
+from hgogen.emit.structs import doc
 from hgogen.emit.syntax import Real
+from hgogen.emit.syntaxes import RUST, line
 from hgogen.reading.time_unit import pace
 from hgogen.step import Step
 from hgogen.stepping.sensors import ROUND
@@ -47,14 +47,14 @@ def arguments(step: Step) -> str:
     return ", ".join(["&p", *(["&input"] if step.inputs else []), "&output"])
 
 
-def status_type(step: Step) -> str:
+def rust_status_type(step: Step) -> str:
     """The type of a status."""
     return f"u{8 * step.layout.word.itemsize}"
 
 
 def status(step: Step) -> list[str]:
     """The module of the status bits."""
-    kind = status_type(step)
+    kind = rust_status_type(step)
     bits = [
         text
         for k, bit in enumerate(step.layout.raised)

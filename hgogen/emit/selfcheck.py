@@ -1,12 +1,18 @@
-"""The self-check of emitted code in every language: recorded samples, what must come of them, and the names of both."""
+"""The self-checks of emitted code, NAME_check.c and NAME_check.rs: recorded samples, and what must come of them."""
+
+# Takes apart: templates, whose lines it makes.
 
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
+from string import Template
 
+from hgogen.emit.cfunction import address, prototypes, status_type, structs
 from hgogen.emit.code import indented
+from hgogen.emit.rustmanual import arguments, rust_status_type
 from hgogen.emit.statements import Writer
 from hgogen.emit.syntax import Real, Syntax
-from hgogen.emit.vectors import faults, lost, places, record, start
+from hgogen.emit.syntaxes import RUST, C
+from hgogen.emit.vectors import MISSING, faults, lost, places, record, start
 from hgogen.program import Place
 from hgogen.step import Step
 
@@ -74,3 +80,191 @@ def _signals(step: Step) -> list[tuple[Place, int]]:
     no_input, no_output = lost(step)
     inputs = [(Place("input", signal.name), no_input) for signal in step.inputs]
     return inputs + [(Place("output", signal.name), no_output) for signal in step.samples]
+
+
+# CMSIS-DSP interpolates sine and cosine on 512 intervals: an error of (2 pi/512)^2/8, 160 times float's rounding unit
+CMSIS = 160
+
+_C_TEXT = Template("""
+/*
+ * Self-check of $name.c: $count recorded samples$faults.
+ * ${name}_check() returns 0, or the number of the first sample that differs: $missing at once where the
+ * compiler was told, as by clang's -fno-honor-nans, that nothing is ever not a number. Define
+ *   ${upper}_CHECK_MAIN  to have a program that says what it returns; without it firmware calls it
+ *   ${upper}_EXACT       to ask for every bit: bundled functions, -ffp-contract=off, and
+ *   ${blank}             FLT_EVAL_METHOD of <float.h> 0, for elsewhere intermediate results are
+ *   ${blank}             rounded otherwise; without it other roundings are allowed for
+ */
+#include <float.h>
+#include <math.h>
+#include <stdbool.h>
+#ifdef ${upper}_CHECK_MAIN
+#include <stdio.h>
+#endif
+
+#include "$name.h"
+
+#if defined(${upper}_EXACT) && defined(FLT_EVAL_METHOD) && (FLT_EVAL_METHOD == 0)
+#define ${upper}_EVERY_BIT
+#endif
+
+unsigned ${name}_check(void);
+
+static const $real given[$count][$width] = { /* $signals */
+$given
+};
+
+static const $real wanted[$count][$results] = { /* $seen */
+$wanted
+};
+
+static const $status expected[$count] = { /* status */
+$expected
+};
+
+#ifndef ${upper}_EVERY_BIT
+static const $real tolerance[$results] = {$tolerance};
+#endif
+
+static bool ${name}_near($real have, unsigned k, unsigned i)
+{
+#if defined(${upper}_EVERY_BIT)
+    return have >= wanted[k][i] && have <= wanted[k][i];
+#else
+#if defined(${upper}_USE_CMSIS)
+    const $real room = $cmsis*tolerance[i];
+#else
+    const $real room = tolerance[i];
+#endif
+    return have >= wanted[k][i] - room && have <= wanted[k][i] + room;
+#endif
+}
+
+unsigned ${name}_check(void)
+{
+    volatile const $real nan_given = ($real)NAN;
+    const $real none = nan_given;
+    unsigned bad = (none >= none) ? ${missing}u : 0u; /* compiled to take it for a number: sample $missing is lost */
+$locals
+    ${name}_init(&s, &p);
+$start
+    for (unsigned k = 0u; k < ${count}u && bad == 0u; ++k) {
+$fill
+        const $status status = $call;
+        ${name}_estimate(&s, &p, &x);
+        if (status != expected[k]$compare) {
+            bad = k + 1u;
+        }
+    }
+    return bad;
+}
+
+#ifdef ${upper}_CHECK_MAIN
+int main(void)
+{
+    const unsigned bad = ${name}_check();
+    if (bad != 0u) {
+        (void)printf("$name: sample %u differs\\n", bad);
+    } else {
+#if defined(${upper}_EXACT) && !defined(${upper}_EVERY_BIT)
+        (void)printf("$name: $count samples within the tolerance, ");
+        (void)printf("for FLT_EVAL_METHOD is not 0 here and bits may differ\\n");
+#else
+        (void)printf("$name: $count samples as recorded\\n");
+#endif
+    }
+    return (bad == 0u) ? 0 : 1;
+}
+#endif
+""")
+
+
+def c_check(step: Step, real: Real) -> list[str]:
+    """The self-check's lines; computing its vectors takes a while."""
+    here = caller(C, step, real)
+    seen, values = map(here.number, places(step)), recorded(here, "{{{}}},", 16)
+    text = _C_TEXT.substitute(
+        values,
+        faults=values["faults"].replace(", a", ",\n * a", 1),
+        upper=step.name.upper(),
+        blank=" " * len(step.name),
+        status=status_type(step),
+        cmsis=C.literal(CMSIS, real),
+        missing=MISSING + 1,
+        locals=block(each.local for each in structs(step)),
+        fill=block(filled(here, "{place} = (k == {missing}u) ? none : given[k][{column}];"), 8),
+        call=prototypes(step)["step"].call(address),
+        compare="".join(f" || !{step.name}_near({number}, k, {i}u)" for i, number in enumerate(seen)),
+    )
+    return text.strip("\n").split("\n")
+
+
+_RUST_TEXT = Template("""
+//! Self-check of $name.rs: $count recorded samples$faults.
+//! It is a program of the host; it ends with 0 where every bit is as recorded.
+//!
+//!     rustc --edition 2021 -O --crate-type lib $name.rs
+//!     rustc --edition 2021 -O --extern $name=lib$name.rlib ${name}_check.rs
+
+use ::$name::{${structs}Outputs, Parameters, State};
+
+/// $signals
+const GIVEN: [[$real; $width]; $count] = [
+$given
+];
+
+/// $seen
+const WANTED: [[$real; $results]; $count] = [
+$wanted
+];
+
+/// status
+const EXPECTED: [$status; $count] = [
+$expected
+];
+
+/// The first sample that differs, counted from 1.
+fn differs() -> Option<usize> {
+    let p = Parameters::new();
+    let mut s = State::new();
+$start
+    for k in 0..$count {
+$fill
+        let status = s.step($arguments);
+        let x = s.estimate(&p);
+        let have: [$real; $results] = [$have];
+        let same = have.iter().zip(WANTED[k].iter()).all(|(a, b)| a.to_bits() == b.to_bits());
+        if status != EXPECTED[k] || !same {
+            return Some(k + 1);
+        }
+    }
+    None
+}
+
+fn main() {
+    match differs() {
+        None => println!("$name: $count samples as recorded"),
+        Some(sample) => {
+            println!("$name: sample {} differs", sample);
+            std::process::exit(1);
+        }
+    }
+}
+""")
+
+
+def rust_check(step: Step, real: Real) -> list[str]:
+    """The self-check's lines; computing its vectors takes a while."""
+    here, kind, many = caller(RUST, step, real), RUST.types[real], len(step.inputs)
+    fill = filled(here, f"{{name}}: if k == {{missing}} {{{{ {kind}::NAN }}}} else {{{{ GIVEN[k][{{column}}] }}}},")
+    inputs = ["let input = Inputs {", *indented(fill[:many]), "};"] if many else []
+    text = _RUST_TEXT.substitute(
+        recorded(here, "[{}],", 1),
+        status=rust_status_type(step),
+        structs="Inputs, " if many else "",
+        signals=", ".join(signal.name for signal in (*step.inputs, *step.samples)),
+        fill=block([*inputs, "let output = Outputs {", *indented(fill[many:]), "};"], 8),
+        arguments=arguments(step),
+        have=", ".join(map(here.number, places(step))),
+    )
+    return text.strip("\n").split("\n")

@@ -1,11 +1,13 @@
-"""The structs of emitted code, in a `Syntax`: how their members are declared, what is said of them, how they begin."""
+"""The structs of emitted code: how their members are declared, what is said of them, how they begin; in C and Rust."""
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
+from hgogen.emit.code import indented
 from hgogen.emit.described import MEANINGS, described, of_signal, parameters
 from hgogen.emit.manual import remembered
 from hgogen.emit.syntax import Number, Real, Syntax
+from hgogen.emit.syntaxes import RUST, C, beside, documented, line
 from hgogen.program import Field, Group, lines_of
 from hgogen.step import Step
 from hgogen.stepping.ready import OF_PARAMETERS
@@ -95,3 +97,72 @@ class _Structs:
     def declared(self, kind: str, name: str, size: int = 0) -> str:
         """The declaration of a member, an array where it has a size."""
         return self.syntax.struct_member[size > 0].format(type=kind, name=name, size=size)
+
+
+def typedefs(prefix: str, structs: Mapping[str, Struct], none: str, said: Callable[[str], str]) -> Iterator[list[str]]:
+    """typedef struct { ... } PREFIX_KIND; for each, those of the parameters in theirs, where `none` stands for there is
+    none; `said`: what is said beside a member, of its text."""
+    inside = structs["parameters"].members
+    for kind, each in structs.items():
+        if kind in {member.kind for member in inside if member.kind}:
+            continue
+        inner = _members(each.members, said)
+        if kind == "parameters":
+            inner = _members((member for member in inside if not member.kind), said)
+            inner += [line for member in inside if member.kind for line in _nested(structs[member.kind], said)]
+            inner = inner or [none]
+        about = list(filter(None, [documented(said(each.said))]))
+        yield [*about, "typedef struct {", *indented(inner), f"}} {C.struct(prefix, kind)};"]
+
+
+def _nested(struct: Struct, said: Callable[[str], str]) -> list[str]:
+    """A struct in a struct, with its comment before it and beside its name: they are two things to Doxygen."""
+    about, text = list(filter(None, [documented(said(struct.said))])), said(struct.said)
+    inner = indented(_members(struct.members, said))
+    return [*about, "struct {", *inner, f"}} {struct.kind}; {beside(text)}".rstrip()]
+
+
+def _members(members: Iterable[Member], said: Callable[[str], str]) -> list[str]:
+    """Their lines, with the comments in one column."""
+    members = tuple(members)
+    width = max((len(member.declared) for member in members), default=0)
+    return [f"{member.declared:{width}} {beside(said(member.said))}".rstrip() for member in members]
+
+
+_SAID = {
+    "input": "the inputs now",
+    "output": "the measurements now",
+    "parameters": "change `plant` or `gain`, then call `tune`",
+}
+
+
+def declared(step: Step, structs: Mapping[str, Struct]) -> list[str]:
+    """All structs of a step."""
+    groups, lines = {line[-1].name for line in lines_of(step.layout.groups)}, list[str]()
+    for kind, struct in structs.items():
+        said = _SAID.get(kind, struct.said)
+        lines += doc(said if kind in groups else f"{said[0].upper()}{said[1:]}.")
+        inner = [text for member in struct.members for text in (*doc(member.said), member.declared)]
+        lines += ["#[derive(Clone, Copy, Debug, PartialEq)]", f"pub struct {RUST.struct('', kind)} {{"]
+        lines += [*indented(inner), "}", ""]
+    return lines
+
+
+def doc(text: str) -> list[str]:
+    """A documentation comment of one line, which is folded later."""
+    return [f"/// {line(text)}"] if text else []
+
+
+def initial(structs: Mapping[str, Struct], kind: str) -> list[str]:
+    """The members of a struct with the values that it begins with."""
+    lines: list[str] = []
+    for member in structs[kind].members:
+        if member.kind:
+            start, end = ("[", f"; {member.count}]") if member.count else ("", "")
+            inner = indented(initial(structs, member.kind))
+            lines += [f"{member.name}: {start}{RUST.struct('', member.kind)} {{", *inner, f"}}{end},"]
+        else:
+            first, *others = member.begins
+            values = f"{first}; {len(member.begins)}" if set(others) == {first} else ", ".join(member.begins)
+            lines.append(f"{member.name}: {f'[{values}]' if others else first},")
+    return lines

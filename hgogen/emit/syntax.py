@@ -138,7 +138,7 @@ class Syntax:
       and `array_parameter`: {type}, {name}, {size}, by whether it is written, or with `empty`; `params`: {prefix}, that
       of the struct of parameters, only read; `passed`: {}, an array as an argument, by whether it is written; `around`:
       lines before and after one of this name; `instead`, by its name: where the first holds, the other lines, with
-      {type}, {suffix}, {word}, an unsigned number of as many bits, and numbers of `emit.primitives`, stand in the
+      {type}, {suffix}, {word}, an unsigned number of as many bits, and numbers of `emit.elementary`, stand in the
       place of its body; where the first is empty, always.
     - Proofs: `analysed`, whether analysers read the language: of a `When` that is `idle` the test is a call of `acts`.
     - Vectors: `aligned`: {}, {upper}, where a loop of a kernel begins that may begin earlier, and how that binds.

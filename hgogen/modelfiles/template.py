@@ -3,7 +3,7 @@
 import os
 from pathlib import Path
 
-from hgogen.emit.cnames import demand_file
+from hgogen.emit.naming import demand_file
 from hgogen.modelfiles.place import PYTHON
 from hgogen.reading import filename
 from hgogen.signal import check_name

@@ -8,24 +8,22 @@ FLT_EVAL_METHOD is 0.
 from collections.abc import Iterable, Iterator
 from dataclasses import replace
 
-from hgogen.emit.ccheck import check as self_check
 from hgogen.emit.cfunction import Prototype, inside, nominal, own, prototypes, readied
 from hgogen.emit.cheader import header
-from hgogen.emit.cmath import functions, includes
-from hgogen.emit.cnames import demand_file
 from hgogen.emit.code import Code, Uses, braced, code, joined, spaced
-from hgogen.emit.csaved import saving
-from hgogen.emit.csyntax import C
-from hgogen.emit.cvector import vectors
+from hgogen.emit.fold import sources
+from hgogen.emit.functions import c_functions, includes
 from hgogen.emit.interface import entries, of_section
-from hgogen.emit.naming import demand_distinct
+from hgogen.emit.naming import demand_distinct, demand_file
 from hgogen.emit.portable import kernels, tables
 from hgogen.emit.printer import LEAST, NEVER
 from hgogen.emit.routines import routines
+from hgogen.emit.saving import saving
+from hgogen.emit.selfcheck import c_check
 from hgogen.emit.sharing import SharingWriter
-from hgogen.emit.sources import sources
 from hgogen.emit.statements import called
 from hgogen.emit.syntax import Real, demand_real
+from hgogen.emit.syntaxes import C, vectors
 from hgogen.program import Field, Group, Place
 from hgogen.reading.door import demand_switch
 from hgogen.step import Step, demand_step
@@ -51,7 +49,7 @@ def c99(step: Step, *, real: Real = "float", command: str = "", check: bool = Tr
     demand_file(step.name)
     demand_distinct(step, C)
     files = {f"{step.name}.h": header(step, real, command), f"{step.name}.c": _source(step, real)}
-    files |= {f"{step.name}_check.c": self_check(step, real)} if check else {}
+    files |= {f"{step.name}_check.c": c_check(step, real)} if check else {}
     return sources(step, C, files)
 
 
@@ -83,7 +81,7 @@ def _source(step: Step, real: Real) -> list[str]:
     interface = routines(writer, interface.uses.routines) + interface
     helpers, matrices = interface.uses.helpers, interface.uses.kernels
     syntax, macros = vectors(name, real, matrices)
-    shared = functions(syntax, name, real, helpers) + tables(C, name, real, interface.uses.lookups)
+    shared = c_functions(syntax, name, real, helpers) + tables(C, name, real, interface.uses.lookups)
     text = shared + kernels(C, name, real, matrices) + interface
     return [
         f"/* {name}: see {name}.h, which is the manual. */",

@@ -26,9 +26,8 @@ import casadi as ca
 import numpy as np
 
 from hgogen.algebra.lookup import Lookup, walked
-from hgogen.emit.bounded_angles import operations
 from hgogen.emit.elementary import elementary
-from hgogen.emit.operations import CALLS
+from hgogen.emit.operations import CALLS, operations
 from hgogen.emit.syntax import Real
 from hgogen.errors import BadArgument
 from hgogen.graph import Graph

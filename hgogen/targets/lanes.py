@@ -11,19 +11,17 @@ those of the scalar C.
 from collections.abc import Sequence
 from dataclasses import replace
 
-from hgogen.emit.cnames import c_name, demand_file
 from hgogen.emit.code import Code, Uses, braced, code, indented, joined
-from hgogen.emit.cstruct import typedefs
-from hgogen.emit.csyntax import C
 from hgogen.emit.functions import functions
 from hgogen.emit.lanesyntax import alike, own, prelude
 from hgogen.emit.lanesyntax import lanes as in_lanes
 from hgogen.emit.lanewriter import LaneWriter, table
-from hgogen.emit.naming import demand_distinct
+from hgogen.emit.naming import c_name, demand_distinct, demand_file
 from hgogen.emit.portable import kernels, tables
 from hgogen.emit.routines import routines
-from hgogen.emit.structs import Struct, structs
+from hgogen.emit.structs import Struct, structs, typedefs
 from hgogen.emit.syntax import Real, demand_real
+from hgogen.emit.syntaxes import C
 from hgogen.program import Place, Program
 from hgogen.step import Step, demand_step
 from hgogen.stepping.resolution import demand_motion

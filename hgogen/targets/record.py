@@ -6,11 +6,11 @@
 """
 
 from hgogen.emit.cfunction import Parameter, Prototype, prototypes, status_type, structs
-from hgogen.emit.cnames import c_name
 from hgogen.emit.code import indented
-from hgogen.emit.csyntax import C
+from hgogen.emit.naming import c_name
 from hgogen.emit.statements import Writer
 from hgogen.emit.syntax import Real, demand_real
+from hgogen.emit.syntaxes import C
 from hgogen.program import Place
 from hgogen.step import Step, demand_step
 from hgogen.target import Files

@@ -7,21 +7,20 @@ in C, so the same bits. Its documentation is the manual. It compiles with Rust 1
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from hgogen.emit import rustsaved
+from hgogen.emit import saving
 from hgogen.emit.code import Code, code, indented, joined, spaced
+from hgogen.emit.fold import sources
 from hgogen.emit.functions import functions
 from hgogen.emit.interface import Entry, entries
 from hgogen.emit.naming import demand_distinct
 from hgogen.emit.portable import kernels, tables
 from hgogen.emit.routines import routines
-from hgogen.emit.rustcheck import check as self_check
-from hgogen.emit.rustmanual import documentation, status, status_type
-from hgogen.emit.ruststruct import declared, doc, initial
-from hgogen.emit.rustsyntax import RUST, keywords
-from hgogen.emit.sources import sources
+from hgogen.emit.rustmanual import documentation, rust_status_type, status
+from hgogen.emit.selfcheck import rust_check
 from hgogen.emit.statements import Writer, called
-from hgogen.emit.structs import Struct, structs
+from hgogen.emit.structs import Struct, declared, doc, initial, structs
 from hgogen.emit.syntax import Real, demand_real
+from hgogen.emit.syntaxes import RUST, keywords
 from hgogen.errors import HgogenError
 from hgogen.reading.door import demand_switch
 from hgogen.step import Step, demand_step
@@ -68,7 +67,7 @@ def rust(step: Step, *, real: Real = "float", command: str = "", check: bool = T
         raise NoCrate(step.name)
     demand_distinct(step, RUST)
     files = {f"{step.name}.rs": _source(step, real, command)}
-    files |= {f"{step.name}_check.rs": self_check(step, real)} if check else {}
+    files |= {f"{step.name}_check.rs": rust_check(step, real)} if check else {}
     compiler, name = ("rustc", "--edition", "2021", "-O"), step.name
     recipe: Recipe = (  # of the self-check
         (*compiler, "--crate-type", "lib", f"{name}.rs"),
@@ -90,7 +89,7 @@ def _source(step: Step, real: Real, command: str) -> list[str]:
         *_ATTRIBUTES,
         "",
         *status(step),
-        *rustsaved.constants(step, real),
+        *saving.constants(step, real),
         *declared(step, memory),
         "impl Parameters {",
         *parameters.indented().lines,
@@ -101,7 +100,7 @@ def _source(step: Step, real: Real, command: str) -> list[str]:
         "}",
         *(["", *private.lines[:-1]] if private.lines else []),  # each of them ends with an empty line
         "",
-        *rustsaved.FUNCTIONS,
+        *saving.RUST_FUNCTIONS,
     ]
 
 
@@ -117,7 +116,7 @@ def _methods(writer: Writer, memory: Mapping[str, Struct]) -> tuple[Code, Code]:
     of_state = [code("/// the state as before the first call", "pub const fn new() -> State {", *fresh, "}")]
     of_state.append(code(*doc(known["reset"].meaning), "pub fn reset(&mut self) {", "    *self = State::new();", "}"))
     of_state += [_method(step, known[name], body) for name, body in bodies.items()]
-    of_state += [code(*rustsaved.save(step)), code(*rustsaved.restored(step, writer.real))]
+    of_state += [code(*saving.save(step)), code(*saving.restored(step, writer.real))]
     of_state.append(_estimate(known["estimate"], memory["estimate"], writer.function(step.code.estimate)))
     tuned = code("let mut p = Parameters {", *indented(initial(memory, "parameters")), "};", "p.tune();", "p")
     new = code("/// nominal parameters, tuned", "pub fn new() -> Parameters {") + tuned.indented() + code("}")
@@ -130,7 +129,7 @@ def _method(step: Step, entry: Entry, body: Code) -> Code:
     (own_,) = entry.written
     others = [name for name in entry.parameters if name != own_]
     parameters = ", ".join(["&mut self", *(_ARGUMENTS[name] for name in others)])
-    head = f"{'pub ' if entry.public else ''}fn {entry.name}({parameters}) -> {status_type(step)} {{"
+    head = f"{'pub ' if entry.public else ''}fn {entry.name}({parameters}) -> {rust_status_type(step)} {{"
     start = [f"let {own_} = self;"] if own_ in body.uses.parameters else []
     inner = code(*start, *_idle(others, body), "let mut status = 0;") + body + code("status")
     return code(*doc(entry.meaning), head) + inner.indented() + code("}")

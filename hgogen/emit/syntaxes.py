@@ -1,0 +1,290 @@
+"""C99 and Rust as `Syntax`: names, comments, and the differences that the borrow checker asks for."""
+
+# Takes apart: a user's words, the list of keywords, the parts of a name.
+
+import re
+from collections.abc import Collection, Sequence
+from dataclasses import replace
+from functools import cache
+
+import casadi as ca
+
+from hgogen.emit.interface import Entry
+from hgogen.emit.naming import c_name
+from hgogen.emit.syntax import ATOM, BYTES, OR, PRODUCT, SELECT, UNARY, Real, Rows, Syntax
+
+
+def comment(text: str) -> str:
+    """A C comment that its text cannot end."""
+    return f"/* {harmless(text)} */" if text else ""
+
+
+def documented(text: str) -> str:
+    """A comment that Doxygen takes for what stands below it."""
+    return f"/** {spoken(text)} */" if text else ""
+
+
+def beside(text: str) -> str:
+    """A comment that Doxygen takes for what stands before it."""
+    return f"{BESIDE}{spoken(text)} */" if text else ""
+
+
+BESIDE = "/**< "
+_COMMAND = re.compile(r"[\\@]|<(?=[A-Za-z/!?])|[#%](?=\w)|&(?=[\w#]+;)|(?<=!)\[|(?<=\])\((?=\S)")
+
+
+def spoken(text: str) -> str:
+    """Harmless text in which Doxygen reads no command, link or tag."""
+    return _COMMAND.sub(r"\\\g<0>", harmless(text))
+
+
+def harmless(text: str) -> str:
+    """Text that neither ends nor opens a comment, on one line and without trigraphs."""
+    return " ".join(text.replace("*/", "* /").replace("/*", "/ *").replace("??", "? ?").splitlines())
+
+
+def _c_loop(k: str, first: str, end: str, also: str, used: bool) -> Sequence[str]:
+    return (f"for (unsigned {k} = {first}; {k} < {end}{f' && {also}' if also else ''}; ++{k}) {{",)
+
+
+def _c_limited(of: Rows) -> Sequence[str]:
+    """A table in read-only memory, and pointers to what it is of."""
+    rows = (f"    {{{', '.join(row)}}}, /* {place} */" for place, row in zip(of.places, of.rows, strict=True))
+    return (
+        "{",
+        "    static const struct {",
+        f"        {of.type} low;",
+        f"        {of.type} high;",
+        f"        {of.type} nominal;",
+        f"    }} range[{len(of.rows)}] = {{",
+        *(f"    {row}" for row in rows),
+        "    };",
+        f"    {of.type} *const value[{len(of.rows)}] = {{{', '.join(f'&{place}' for place in of.places)}}};",
+        f"    for (unsigned k = 0u; k < {of.count}; ++k) {{",
+        f"        const {of.type} v = *value[k];",
+        f"        *value[k] = {of.prefix}_keep(v, range[k].low, range[k].high, range[k].nominal, {of.largest});",
+        "        if (!(v >= range[k].low && v <= range[k].high)) {",
+        f"            {of.raised}",
+        "        }",
+        "    }",
+        "}",
+    )
+
+
+_QUIET = (  # a comparison that asks whether a number is one, or is another one exactly
+    (
+        "#if defined(__GNUC__)",
+        "#pragma GCC diagnostic push",
+        '#pragma GCC diagnostic ignored "-Wfloat-equal"',
+        "#endif",
+    ),
+    ("#if defined(__GNUC__)", "#pragma GCC diagnostic pop", "#endif"),
+)
+
+_BUILT_IN = "defined(__GNUC__) && !defined(__FRAMAC__)"  # one instruction, of the same result
+
+_C_STRUCTS = {"estimate": "plant", "parameters": "params"}
+
+C = Syntax(
+    language="C",
+    reserved="a keyword or a macro",
+    types={
+        "float": "float",
+        "double": "double",
+        "unsigned": "unsigned",
+        "index": "unsigned",
+        "bool": "bool",
+        "void": "void",
+    }
+    | {"whole float": "int32_t", "whole double": "int64_t", "word float": "uint32_t", "word double": "uint64_t"},
+    suffixes={"float": "f", "double": "", "unsigned": "u"},
+    truth_is_number=True,
+    name=c_name,
+    reach="{}->",
+    parameters={},
+    choice="{test} ? {yes} : {no}",
+    chosen=(ATOM, OR),
+    cast="({type}){value}",
+    casted=UNARY,
+    constant="const {type} {name} = {value};",
+    variable="{type} {name} = {value};",
+    array="{type} {name}[{size}];",
+    fixed="static const {type} {name}[{size}] = {{{values}}};",
+    gathered="const {type} {name}[{size}] = {{{values}}};",
+    condition="if ({}) {{",
+    repeated="while ({}) {{",
+    loop=_c_loop,
+    falling="for (unsigned {k} = {first}; {k} > {end}; --{k}) {{",
+    increment="++{};",
+    index=lambda array, k: f"{array}[{k}]",
+    member="{type} *const {name} = &{element};",
+    struct=lambda prefix, kind: f"{prefix}_{_C_STRUCTS.get(kind, kind)}",
+    struct_member={True: "{type} {name}[{size}];", False: "{type} {name};"},
+    passed={True: "{}", False: "{}"},
+    parameter="{type} {name}",
+    array_parameter={True: "{type} {name}[{size}]", False: "const {type} {name}[{size}]"},
+    params="const {prefix}_params *p",
+    function=("static {type} {name}({parameters})", "{{"),
+    empty="void",
+    result="return {};",
+    raised="status |= {prefix}_{bit};",
+    called=lambda prefix, of: f"status |= {prefix}_{of.inner or of.name}({', '.join(of.parameters)});",
+    comment=comment,
+    equal=True,
+    limited=_c_limited,
+    around={"equal": _QUIET, "within": _QUIET},
+    analysed=True,
+    aligned=("{}/{upper}_VECTOR*{upper}_VECTOR", PRODUCT),
+    instead={
+        "acts": ("defined(__FRAMAC__)", "(void)flag;", "return true;"),
+        "abs": (_BUILT_IN, "return __builtin_fabs{suffix}(v);"),
+        "within": (_BUILT_IN, "return __builtin_fabs{suffix}(v) <= limit;"),
+        "nearest": (
+            "!defined(__FLT_EVAL_METHOD__) || (__FLT_EVAL_METHOD__ != 0)",
+            "const volatile {type} sum = v + {ROUNDS};",
+            "return sum - {ROUNDS};",
+        ),
+        "power_of_two": (
+            f"{_BUILT_IN} && (__SIZEOF_DOUBLE__ == 8)",
+            "const {type} sum = x + {BIASED};",
+            "{word} bits;",
+            "{type} power;",
+            "(void)__builtin_memcpy(&bits, &sum, sizeof(bits));",
+            "bits <<= {SHIFT}u;",
+            "(void)__builtin_memcpy(&power, &bits, sizeof(power));",
+            "return power;",
+        ),
+    },
+)
+
+
+_KEYWORDS = """
+    Self abstract as async await become box break const continue crate do dyn else enum extern false final fn for if
+    impl in let loop macro match mod move mut override priv pub ref return self static struct super trait true try type
+    typeof unsafe unsized use virtual where while yield
+"""
+PRELUDE = frozenset({"Some", "None", "Ok", "Err"})  # values that are there unasked, which no local can be
+PARAMETERS = {"in": "input", "out": "output"}  # `in` is a keyword
+TYPES = {"float": "f32", "double": "f64", "unsigned": "u32", "index": "usize", "bool": "bool", "void": "()"}
+
+
+@cache
+def keywords() -> frozenset[str]:
+    """Words that no name can be, not even that of a crate."""
+    return frozenset(_KEYWORDS.split())
+
+
+def rust_name(name: str) -> str:
+    """The name in Rust: `type_` for type, which is a keyword; almost always the name itself."""
+    return f"{name}_" if name in keywords() | PRELUDE else name
+
+
+def line(text: str) -> str:
+    """Text on one line."""
+    return " ".join(text.splitlines())
+
+
+def _rust_loop(k: str, first: str, end: str, also: str, used: bool) -> list[str]:
+    leave = [f"if !({also}) {{", "    break;", "}"] if also else []
+    return [f"for {k if used else '_'} in {first}..{end} {{", *leave]
+
+
+def _rust_called(_: str, entry: Entry) -> str:
+    arguments = (PARAMETERS.get(name, name) for name in entry.parameters if name != "s")
+    return f"status |= s.{entry.name}({', '.join(arguments)});"
+
+
+def _rust_limited(of: Rows) -> list[str]:
+    """A table, and a copy of what it is of: two elements of an array cannot be borrowed at once."""
+    rows = (f"    ({', '.join(row)}), // {place}" for place, row in zip(of.places, of.rows, strict=True))
+    return [
+        "{",
+        f"    const RANGE: [({of.type}, {of.type}, {of.type}); {of.count}] = [",
+        *(f"    {row}" for row in rows),
+        "    ];",
+        f"    let mut value: [{of.type}; {of.count}] = [{', '.join(of.places)}];",
+        "    for (v, (low, high, nominal)) in value.iter_mut().zip(RANGE) {",
+        "        if !(*v >= low && *v <= high) {",
+        f"            {of.raised}",
+        "        }",
+        f"        *v = {of.prefix}_keep(*v, low, high, nominal, {of.largest});",
+        "    }",
+        *(f"    {place} = value[{k}];" for k, place in enumerate(of.places)),
+        "}",
+    ]
+
+
+_RUST_STRUCTS = {"input": "Inputs", "output": "Outputs"}
+
+RUST = Syntax(
+    language="Rust",
+    reserved="a keyword or a value of the prelude",
+    types=TYPES | {"whole float": "i32", "whole double": "i64"},
+    suffixes={"float": "", "double": "", "unsigned": ""},
+    truth_is_number=False,
+    name=rust_name,
+    reach="{}.",
+    parameters=PARAMETERS,
+    choice="if {test} {{ {yes} }} else {{ {no} }}",
+    chosen=(SELECT, SELECT),
+    cast="{value} as {type}",
+    casted=SELECT,
+    counted={
+        ca.OP_ADD: "u32::wrapping_add({}, {})",
+        ca.OP_SUB: "u32::wrapping_sub({}, {})",
+        ca.OP_MUL: "u32::wrapping_mul({}, {})",
+    },
+    constant="let {name}: {type} = {value};",
+    variable="let mut {name}: {type} = {value};",
+    fixed="const {name}: [{type}; {size}] = [{values}];",
+    gathered="let {name}: [{type}; {size}] = [{values}];",
+    array="let mut {name}: [{type}; {size}] = [{value}; {size}];",
+    condition="if {} {{",
+    repeated="while {} {{",
+    loop=_rust_loop,
+    falling="for {k} in ({end} + 1..{first} + 1).rev() {{",
+    increment="{} += 1;",
+    index=lambda array, k: f"{array}[{f'({k})' if ' ' in k else k} as usize]",
+    member="let {name} = &mut {element};",
+    struct=lambda _, kind: _RUST_STRUCTS.get(kind) or "".join(part.capitalize() for part in kind.split("_")),
+    struct_member={True: "pub {name}: [{type}; {size}],", False: "pub {name}: {type},"},
+    passed={True: "&mut {}", False: "&{}"},
+    parameter="{name}: {type}",
+    array_parameter={True: "{name}: &mut [{type}; {size}]", False: "{name}: &[{type}; {size}]"},
+    params="p: &Parameters",
+    function=("fn {name}({parameters}) -> {type} {{",),
+    empty="",
+    result="{}",
+    raised="status |= status::{bit};",
+    called=_rust_called,
+    comment=lambda text: f"// {line(text)}" if text else "",
+    limited=_rust_limited,
+    instead={"power_of_two": ("", "{type}::from_bits((x + {BIASED}).to_bits() << {SHIFT})")},
+)
+
+
+_ALIGNED = ("triangularise", "add")  # kernels with loops that may begin at a multiple
+
+
+def vectors(name: str, real: Real, used: Collection[tuple[str, int]]) -> tuple[Syntax, list[str]]:
+    """The syntax of the functions that loops call, and the macros that it and the kernels in `used` need."""
+    if not any(kernel in _ALIGNED for kernel, _ in used):
+        return C, []
+    upper = name.upper()
+    syntax = replace(C, function=(f"static {upper}_OFTEN {{type}} {{name}}({{parameters}})", "{{"))
+    return syntax, [
+        "/* how many numbers an instruction takes at once: loops that may begin earlier begin at a multiple, and what",
+        " * they call is a part of them */",
+        "#if defined(__GNUC__) && !defined(__clang__) && !defined(__FRAMAC__) && defined(__SSE2__)",
+        "#if defined(__AVX__)",
+        f"#define {upper}_VECTOR {32 // BYTES[real]}u",
+        "#else",
+        f"#define {upper}_VECTOR {16 // BYTES[real]}u",
+        "#endif",
+        f"#define {upper}_OFTEN inline",
+        "#else",
+        f"#define {upper}_VECTOR 1u",
+        f"#define {upper}_OFTEN",
+        "#endif",
+        "",
+    ]
