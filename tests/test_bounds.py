@@ -11,11 +11,10 @@ from hypothesis import strategies as st
 
 from hgogen.algebra.points import STEEP, largest_exponent
 from hgogen.check import Verdict
-from hgogen.intervals.bounds import Range, bound, problem_of
+from hgogen.intervals.bounds import Range, bound, nonzero, problem_of
 from hgogen.intervals.box import EmptyBox, box
 from hgogen.intervals.glance import multiplied
 from hgogen.intervals.search import tight
-from hgogen.intervals.sign import nonzero
 from hgogen.signal import Signal
 from tests.sweep import sweep
 

@@ -12,7 +12,7 @@ from hgogen.algebra.field import field
 from hgogen.algebra.rewrite import Writer
 from hgogen.analysis.determinant import determinant
 from hgogen.check import Verdict
-from hgogen.intervals.sign import nonzero
+from hgogen.intervals.bounds import nonzero
 
 V, W = sp.symbols("v w", real=True)
 SQUARE, OTHER = sp.expand((W - 1) ** 2), sp.expand((V - W) ** 2)

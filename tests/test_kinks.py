@@ -15,16 +15,15 @@ from hypothesis import strategies as st
 
 import hgogen as hg
 from hgogen import forms
+from hgogen.algebra.balls import values
 from hgogen.algebra.identity import is_zero
 from hgogen.algebra.kinks import Direction, bent, slope
-from hgogen.algebra.pointwise import values
 from hgogen.algebra.tape import tape
 from hgogen.certificates.certificate import certificate
 from hgogen.check import ClaimId, Verdict
 from hgogen.emit.pygraph import DTYPE, evaluated
-from hgogen.intervals.bounds import bound
+from hgogen.intervals.bounds import Cause, bound, nonzero
 from hgogen.intervals.one_sided import computed, one_sided
-from hgogen.intervals.sign import Cause, nonzero
 from hgogen.intervals.slope import lipschitz_bound
 from hgogen.recheck.verification import recheck
 from hgogen.structure.dynamics import Dynamics

@@ -22,10 +22,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import hgogen as hg
-from hgogen.algebra.balls import Balls, Undecided
+from hgogen.algebra.balls import Balls, Undecided, values
 from hgogen.algebra.interpolation import Cells, Kinked, Stepped, applied
 from hgogen.algebra.lookup import Lookup, hessian, jacobian
-from hgogen.algebra.pointwise import values
 from hgogen.algebra.tape import tape
 from hgogen.check import Verdict
 from hgogen.emit.code import code
@@ -34,11 +33,11 @@ from hgogen.emit.portable import tables
 from hgogen.emit.pygraph import DTYPE, evaluated
 from hgogen.emit.syntaxes import C
 from hgogen.graph import to_casadi
+from hgogen.intervals.bounds import nonzero
 from hgogen.intervals.box import Sides
 from hgogen.intervals.enclosure import enclose
 from hgogen.intervals.glance import taken
 from hgogen.intervals.one_sided import one_sided
-from hgogen.intervals.sign import nonzero
 from hgogen.intervals.slope import lipschitz_bound
 from hgogen.reading import text_model
 from hgogen.reading.table import MOST, BadTable, cells_of

@@ -8,8 +8,8 @@ import sympy as sp
 import hgogen as hg
 from hgogen.algebra.points import kind, put, settled
 from hgogen.check import Verdict
-from hgogen.intervals.bounds import bound, lipschitz_bound
-from hgogen.intervals.sign import nonzero
+from hgogen.intervals.bounds import bound, nonzero
+from hgogen.intervals.slope import lipschitz_bound
 
 x, y, z = sp.symbols("x y z", real=True)
 MINUS, ZERO = (Fraction(-1), Fraction(-1)), (Fraction(0), Fraction(0))

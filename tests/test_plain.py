@@ -10,7 +10,7 @@ import pytest
 import sympy as sp
 
 import hgogen as hg
-from hgogen.algebra.pointwise import values
+from hgogen.algebra.balls import values
 from hgogen.algebra.tape import plain, tape
 from hgogen.graph import to_casadi
 from hgogen.recheck.verification import recheck

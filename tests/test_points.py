@@ -8,7 +8,7 @@ import sympy as sp
 import hgogen as hg
 from hgogen.algebra.points import kind
 from hgogen.check import Verdict
-from hgogen.intervals.sign import nonzero
+from hgogen.intervals.bounds import nonzero
 
 U = hg.Signal("u", low=0.25, high=1)
 HALF = sp.Rational(1, 2)

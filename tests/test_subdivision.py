@@ -7,7 +7,7 @@ import sympy as sp
 from hypothesis import given
 from hypothesis import strategies as st
 
-from hgogen.intervals.subdivision import MOST, Ranges, subdivided
+from hgogen.intervals.bisection import MOST, Ranges, subdivided
 from hgogen.recheck.box import leaves
 
 x, y = sp.symbols("x y")

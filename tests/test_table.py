@@ -21,6 +21,7 @@ import pytest
 import sympy as sp
 
 import hgogen as hg
+from hgogen.algebra.balls import values
 from hgogen.algebra.interpolation import (
     Axis,
     Cells,
@@ -32,7 +33,6 @@ from hgogen.algebra.interpolation import (
     polynomial_value,
 )
 from hgogen.algebra.lookup import Lookup, hessian, jacobian
-from hgogen.algebra.pointwise import values
 from hgogen.algebra.tape import tape
 from hgogen.check import Verdict
 from hgogen.emit.code import code
@@ -44,11 +44,11 @@ from hgogen.emit.syntaxes import C
 from hgogen.graph import to_casadi
 from hgogen.intervals import glance
 from hgogen.intervals.bounds import bound as bound_of
+from hgogen.intervals.bounds import nonzero
 from hgogen.intervals.box import Sides, box
 from hgogen.intervals.enclosure import enclose
 from hgogen.intervals.glance import rounded, taken
 from hgogen.intervals.one_sided import one_sided
-from hgogen.intervals.sign import nonzero
 from hgogen.intervals.slope import lipschitz_bound
 from hgogen.reading import text_model
 from hgogen.reading.table import MOST, BadTable, cells_of

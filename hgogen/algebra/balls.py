@@ -1,19 +1,24 @@
-"""Power series with Arb balls, for tapes with exp, log, sin, roots, real powers, and with branches.
+"""A tape in Arb balls: its values at a rational point, and power series, also of exp, log, sin, roots and branches.
 
-Each coefficient is a midpoint with a proved radius. A series that is not finite, or a branch that the balls cannot
-decide, raises `Undecided`: another point may do.
+Each value, or coefficient, is a midpoint with a proved radius. At a point what is undefined, or not decided at this
+precision, is NaN; a finite ball proves that the value is defined. A series that is not finite, or a branch that the
+balls cannot decide, raises `Undecided`: another point may do.
 """
 
 import random
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
+from functools import reduce
 from typing import Any
 
-import flint
+from flint import arb, arb_mat, arb_series, ctx, fmpq
 
 from hgogen.algebra.definite import fraction, number
-from hgogen.algebra.interpolation import Cells, Index, next_order, polynomial_value
+from hgogen.algebra.interpolation import Cells, Index, next_order, over, polynomial_value
+from hgogen.algebra.tape import Instruction, Tape
+
+# --- series
 
 BRANCHES = frozenset({"abs", "sign", "heaviside", "floor", "ceiling", "min", "max", "piecewise", "table"})
 _BITS, _FINER = 60, 20  # of a random number; of how near it is to another one
@@ -26,7 +31,7 @@ class Undecided(ArithmeticError):
 
 def between(low: Fraction, high: Fraction) -> Any:
     """The least ball that holds the numbers from one rational to another."""
-    return flint.arb(number(low)).union(flint.arb(number(high)))
+    return arb(number(low)).union(arb(number(high)))
 
 
 def magnitude(ball: Any) -> Fraction:
@@ -47,23 +52,23 @@ class Balls:
     def draw(self, source: random.Random) -> Any:
         """A random number of the range of this seed."""
         low, high = _SCALES[self.seed % len(_SCALES)]
-        return low + (high - low) * flint.arb(source.getrandbits(_BITS)) / (1 << _BITS)
+        return low + (high - low) * arb(source.getrandbits(_BITS)) / (1 << _BITS)
 
     def near(self, value: Fraction, source: random.Random) -> Any:
         """A random number beside a rational: by less than a millionth of it, none where it is 0."""
-        return number(value) * (1 + flint.arb(source.getrandbits(_BITS)) / (1 << _BITS + _FINER))
+        return number(value) * (1 + arb(source.getrandbits(_BITS)) / (1 << _BITS + _FINER))
 
     def series(self, coefficients: Sequence[Any], order: int) -> Any:
         """c_0 + c_1 t + ... , known below t^order."""
-        return flint.arb_series(list(coefficients[:order]), prec=order)
+        return arb_series(list(coefficients[:order]), prec=order)
 
     def number(self, value: Fraction, order: int) -> Any:
         """A rational as a series."""
-        return self.series([flint.arb(number(value))], order)
+        return self.series([arb(number(value))], order)
 
     def constant(self, name: str, order: int) -> Any:
         """pi or e as a series."""
-        return self.series([flint.arb.pi() if name == "pi" else flint.arb.const_e()], order)
+        return self.series([arb.pi() if name == "pi" else arb.const_e()], order)
 
     def mul(self, a: Any, b: Any, order: int) -> Any:
         """a b below t^order."""
@@ -71,7 +76,7 @@ class Balls:
 
     def cut(self, a: Any, order: int) -> Any:
         """a below t^order."""
-        return a if a.prec <= order else flint.arb_series(a.coeffs()[:order], prec=order)
+        return a if a.prec <= order else arb_series(a.coeffs()[:order], prec=order)
 
     def nothing(self, a: Any) -> bool:
         """Whether the series is known to be zero."""
@@ -116,7 +121,7 @@ class Balls:
         square = _inverse(a * a + b * b)
         if b[0].contains(0):
             raise Undecided
-        turn = flint.arb.atan2(a[0], b[0]) - (a[0] / b[0]).atan()
+        turn = arb.atan2(a[0], b[0]) - (a[0] / b[0]).atan()
         return _finite((a * _inverse(b)).atan() + turn), b * square, -a * square
 
     def table(self, arguments: Sequence[Any], cells: Cells, order: Index) -> tuple[Any, ...]:
@@ -125,11 +130,11 @@ class Balls:
         if any(first != last for first, last in spans):
             raise Undecided
         cell = tuple(last for _, last in spans)
-        d = [a - flint.arb(number(start)) for a, start in zip(arguments, cells.starts(cell), strict=True)]
+        d = [a - arb(number(start)) for a, start in zip(arguments, cells.starts(cell), strict=True)]
         nothing = 0 * sum(d)  # a series of their length
         orders = [order, *(next_order(order, k) for k in range(len(order)))]
         pieces = (cells.of_order(each)[cell] for each in orders)
-        return tuple(polynomial_value(piece, d, lambda c: nothing + flint.arb(number(c))) for piece in pieces)
+        return tuple(polynomial_value(piece, d, lambda c: nothing + arb(number(c))) for piece in pieces)
 
     def less(self, a: Any, b: Any) -> bool:
         """Whether a < b at t = 0."""
@@ -152,24 +157,24 @@ class Balls:
         coefficients: list[Any] = a.coeffs()[:order]
         if not all(c.is_finite() for c in coefficients):
             raise Undecided
-        return coefficients + [flint.arb(0)] * (order - len(coefficients))
+        return coefficients + [arb(0)] * (order - len(coefficients))
 
     def matrix(self, rows: int, columns: int, entries: Iterable[Any]) -> Any:
         """A matrix from its entries, row by row."""
-        return flint.arb_mat(rows, columns, list(entries))
+        return arb_mat(rows, columns, list(entries))
 
     def over(self, k: int) -> Any:
         """1/k."""
-        return 1 / flint.arb(k)
+        return 1 / arb(k)
 
     @property
     def nudge(self) -> Any:
         """A small step d: F(x + d v) - F(x) = d F'(x) v but for d^2."""
-        return flint.arb(2) ** -(flint.ctx.prec // 2)
+        return arb(2) ** -(ctx.prec // 2)
 
     def slope(self, moved: Any, base: Any) -> Any:
         """F'(x) v, with a radius that is far more than the step leaves out (F'' would have to be 2^(bits / 8))."""
-        return (moved - base) / self.nudge + flint.arb(0, flint.arb(2) ** -(flint.ctx.prec * 3 // 8))
+        return (moved - base) / self.nudge + arb(0, arb(2) ** -(ctx.prec * 3 // 8))
 
     def reduced(self, a: Any) -> Any:
         """The number itself."""
@@ -236,12 +241,12 @@ def _hyperbolic(a: Any) -> tuple[Any, Any]:
 
 def _tanh(a: Any) -> tuple[Any, Any]:
     """By t' = (1 - t^2) a': of a wide ball a quotient of exponentials holds everything."""
-    x = a.coeffs() or [flint.arb(0)]
-    t, fall = [rising(flint.arb.tanh, x[0])], list[Any]()
+    x = a.coeffs() or [arb(0)]
+    t, fall = [rising(arb.tanh, x[0])], list[Any]()
     for k in range(1, a.prec):
         fall.append(int(k == 1) - sum(t[i] * t[k - 1 - i] for i in range(k)))
-        t.append(sum(j * x[j] * fall[k - j] for j in range(1, min(k, len(x) - 1) + 1)) / flint.arb(k))
-    series = flint.arb_series(t, prec=a.prec)
+        t.append(sum(j * x[j] * fall[k - j] for j in range(1, min(k, len(x) - 1) + 1)) / arb(k))
+    series = arb_series(t, prec=a.prec)
     return series, 1 - series * series
 
 
@@ -274,7 +279,7 @@ _FUNCTIONS: Mapping[str, Callable[[Any], tuple[Any, Any]]] = {
     "cos": lambda a: (a.cos(), -a.sin()),
     "tan": _tan,
     "asin": lambda a: (a.asin(), _inverse((1 - a * a).sqrt())),
-    "acos": lambda a: (flint.arb.pi() / 2 - a.asin(), -_inverse((1 - a * a).sqrt())),
+    "acos": lambda a: (arb.pi() / 2 - a.asin(), -_inverse((1 - a * a).sqrt())),
     "atan": lambda a: (a.atan(), _inverse(1 + a * a)),
     "sinh": _hyperbolic,
     "cosh": lambda a: _hyperbolic(a)[::-1],
@@ -290,4 +295,142 @@ _STEPS: Mapping[str, Callable[[Any], tuple[Any, int]]] = {
     "heaviside": lambda x: ((1 + _sign(x)) // 2, 0),
     "floor": lambda x: (_level(x), 0),
     "ceiling": lambda x: (_level(x) + 1, 0),
+}
+
+
+# --- values at a point
+
+Ball = Any
+_NAN = arb("nan")
+
+
+def values(tape: Tape, point: Sequence[Fraction], bits: int = 64) -> list[Ball]:
+    """The tape's outputs at `point`, one number for each of its symbols, in a working precision of `bits`."""
+    registers: list[Any] = []
+    with ctx.workprec(bits):
+        for instruction in tape.instructions:
+            value = _value(instruction, [registers[i] for i in instruction.args], point)
+            registers.append(_NAN if isinstance(value, arb) and not value.is_finite() else value)
+    return [registers[i] if isinstance(registers[i], arb) else _NAN for i in tape.outputs]
+
+
+def _value(instruction: Instruction, args: list[Any], point: Sequence[Fraction]) -> Any:
+    op, value = instruction.op, instruction.value
+    if op == "symbol":
+        return _rational(point[int(value or 0)])
+    if op == "number":
+        return _rational(Fraction(value or 0))
+    if op == "constant":
+        return arb.pi() if value == "pi" else arb(1).exp()
+    if op == "power":
+        return _whole_power(args[0], int(value or 0))
+    if op == "root":
+        exponent = Fraction(value or 0)
+        root = args[0].root(exponent.denominator) if args[0] >= 0 else _NAN
+        return _whole_power(root, exponent.numerator)
+    if op == "direction":
+        return _ball_direction(args, int(value or 0))
+    if op == "table":
+        return _table(args, *value)
+    rule = _RULES.get(op)
+    return rule(*args) if rule else _NAN
+
+
+def _rational(value: Fraction) -> Ball:
+    return arb(number(value))
+
+
+def _whole_power(base: Ball, exponent: int) -> Ball:
+    return base**exponent if exponent >= 0 or not base.contains(0) else _NAN
+
+
+def _ball_sign(a: Ball) -> Ball:
+    return arb(1) if a > 0 else arb(-1) if a < 0 else arb(0) if a.is_zero() else _NAN
+
+
+def _norm(*parts: Ball) -> Ball:
+    return sum((a**2 for a in parts), start=arb(0)).sqrt() if all(a.is_finite() for a in parts) else _NAN
+
+
+def _ball_direction(parts: Sequence[Ball], index: int) -> Ball:
+    """Undefined at 0."""
+    if len(parts) == 1:
+        return _NAN if parts[0].contains(0) else _ball_sign(parts[0])
+    size = _norm(*parts)
+    return parts[index] / size if size > 0 else _NAN
+
+
+def _step(a: Ball, at_zero: Ball = None) -> Ball:
+    """Heaviside; SymPy's value at 0 is 1/2 unless it is given."""
+    middle = arb(fmpq(1, 2)) if at_zero is None else at_zero
+    return arb(1) if a > 0 else arb(0) if a < 0 else middle if a.is_zero() else _NAN
+
+
+def _table(place: Sequence[Ball], cells: Cells, order: Index) -> Ball:
+    """A derivative of a table by the cells that the balls meet; undefined where it may jump among them."""
+    if not all(a.is_finite() for a in place):
+        return _NAN
+    spans = cells.met(list(map(ends, place)))
+    if not all(cells.continuous(spans, order)):
+        return _NAN
+    values, pieces = [], cells.of_order(order)
+    for cell in over(spans):
+        d = [a - _rational(start) for a, start in zip(place, cells.starts(cell), strict=True)]
+        values.append(polynomial_value(pieces[cell], d, _rational))
+    return reduce(arb.union, values)
+
+
+def _rounded(a: Ball, value: Ball) -> Ball:
+    return value if a.is_finite() and value.is_exact() else _NAN
+
+
+def _equal(a: Ball, b: Ball) -> bool | None:
+    return False if a < b or a > b else True if a.is_exact() and b.is_exact() and a == b else None
+
+
+def _not(a: bool | None) -> bool | None:
+    return None if a is None else not a
+
+
+def _both(a: bool | None, b: bool | None) -> bool | None:
+    return False if a is False or b is False else None if a is None or b is None else True
+
+
+def _piecewise(*parts: Any) -> Ball:
+    """The first value whose condition holds; conditions before it must be known not to."""
+    for value, condition in zip(parts[::2], parts[1::2], strict=True):
+        if condition is None:
+            return _NAN
+        if condition:
+            return value
+    return _NAN
+
+
+_RULES: dict[str, Callable[..., Any]] = {
+    "add": lambda a, b: a + b,
+    "mul": lambda a, b: a * b,
+    "min": lambda a, b: a.min(b) if a.is_finite() and b.is_finite() else _NAN,
+    "max": lambda a, b: a.max(b) if a.is_finite() and b.is_finite() else _NAN,
+    "raise": lambda base, exponent: (exponent * base.log()).exp() if base > 0 else _NAN,
+    "exp": arb.exp,
+    "log": lambda a: a.log() if a > 0 else _NAN,
+    "abs": abs,
+    "norm": _norm,
+    "sign": _ball_sign,
+    "heaviside": _step,
+    "atan2": lambda y, x: arb.atan2(y, x) if x > 0 or y > 0 or y < 0 else _NAN,
+    "floor": lambda a: _rounded(a, a.floor()),
+    "ceiling": lambda a: _rounded(a, a.ceil()),
+    "less": lambda a, b: True if a < b else False if a >= b else None,
+    "less_equal": lambda a, b: True if a <= b else False if a > b else None,
+    "equal": _equal,
+    "unequal": lambda a, b: _not(_equal(a, b)),
+    "not": _not,
+    "and": _both,
+    "or": lambda a, b: _not(_both(_not(a), _not(b))),
+    "true": lambda: True,
+    "false": lambda: False,
+    "piecewise": _piecewise,
+    **{name: getattr(arb, name) for name in ("sin", "cos", "tan", "asin", "acos", "atan", "sinh", "cosh", "tanh")},
+    **{name: getattr(arb, name) for name in ("asinh", "acosh", "atanh")},
 }

@@ -147,7 +147,6 @@ def largest(M: Any) -> tuple[Fraction, Fraction]:
 
 # --- symmetric but for rounding
 
-
 _ROUNDING = Fraction(1, 10**12)
 
 

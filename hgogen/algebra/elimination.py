@@ -167,7 +167,6 @@ def _minor(
 
 # --- a plant over a field
 
-
 _KERNELS = 24  # kernels whose derivatives bring in others, without end or nearly
 
 
@@ -236,7 +235,6 @@ def _slope(writer: Writer, key: sp.Expr, kernel: sp.Dummy, x: sp.Symbol) -> sp.E
 
 
 # --- the codistribution
-
 
 Row = tuple[int, int]  # (output, order of the derivative), both from 0
 

@@ -37,7 +37,6 @@ from hgogen.algebra.tape import NoTape
 
 # --- where a polynomial may vanish on a part of the domain
 
-
 ROUGH = (
     *(sp.Abs, sp.Min, sp.Max, sp.sign, sp.Piecewise, sp.floor, sp.ceiling, sp.Heaviside, Norm, Direction, Table),
     *(sp.nan, sp.zoo, sp.oo),
@@ -194,7 +193,6 @@ def _merged(parts: Iterable[tuple[Any, Fraction]]) -> _Parts:
 
 # --- expressions
 
-
 _OPERATIONS, _MOST_TERMS = 300, 200
 
 
@@ -252,7 +250,6 @@ def one_sign(field: Field, polynomial: Any) -> bool:
 
 
 # --- angles
-
 
 _ANGLE_TERMS = 3000
 

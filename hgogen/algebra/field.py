@@ -22,7 +22,6 @@ from hgogen.algebra.tape import Instruction, NoTape, tape
 
 # --- quotients
 
-
 # Products of more terms than this are not formed.
 _TERMS = 200_000
 # Nor powers whose coefficients may have more digits than this together.

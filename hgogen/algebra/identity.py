@@ -13,9 +13,9 @@ from typing import Any
 
 import sympy as sp
 
+from hgogen.algebra.balls import values
 from hgogen.algebra.field import vanishes
 from hgogen.algebra.points import exact, put, settled
-from hgogen.algebra.pointwise import values
 from hgogen.algebra.tape import NoTape, Tape, tape
 
 Box = Mapping[sp.Symbol, tuple[Any, Any]]

@@ -220,7 +220,7 @@ def _square(term: sp.Expr) -> sp.Expr | None:
     return sp.Mul(sp.sqrt(number), *roots)
 
 
-# ---------------------------------------------------------------- Piecewise
+# --- Piecewise
 
 
 def _joined(e: sp.Piecewise) -> sp.Expr:
@@ -287,7 +287,6 @@ def jump(expression: sp.Expr, point: Mapping[sp.Symbol, sp.Rational]) -> tuple[s
 
 
 # --- kinks that bend at the same place
-
 
 _KINDS = (sp.Abs, sp.Min, sp.Max, sp.Piecewise)
 

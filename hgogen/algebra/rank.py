@@ -31,7 +31,6 @@ from hgogen.errors import HgogenError
 
 # --- new rows and kernels
 
-
 Row = Sequence[Any]
 
 SURE_BITS = 1024  # at which a zero is believed: then it is smaller than 2^-341
@@ -124,7 +123,6 @@ def _counts_as_zero(entry: Any) -> bool:
 
 
 # --- the rank
-
 
 PRIMES = (2**61 - 1, 2**62 - 57, 2**62 - 87)
 SMALL_PRIMES = (2**31 - 1, 2**31 - 19, 2**31 - 61)  # whose squares fit a word

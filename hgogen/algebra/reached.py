@@ -21,9 +21,8 @@ from flint import arb
 from sympy.core.relational import Relational
 from sympy.logic.boolalg import Boolean
 
-from hgogen.algebra.balls import Undecided, ends
+from hgogen.algebra.balls import Undecided, ends, values
 from hgogen.algebra.interpolation import Table, polynomial_value
-from hgogen.algebra.pointwise import values
 from hgogen.algebra.tape import Tape, tape
 
 Place = Mapping[sp.Symbol, Fraction]
@@ -99,7 +98,7 @@ def _various(branches: list[Branch]) -> list[Branch]:
     return sorted(branches, key=lambda branch: id(branch) not in kinds)
 
 
-# ---------------------------------------------------------------- points
+# --- points
 
 
 @dataclass(frozen=True)
@@ -257,7 +256,7 @@ def _decision(test: sp.Basic, balls: Sequence[Any]) -> Any:
     return 1 if ball > 0 else -1 if ball < 0 else 0 if ball.is_zero() else None
 
 
-# ---------------------------------------------------------------- the expressions there
+# --- the expressions there
 
 
 @dataclass(frozen=True)

@@ -324,7 +324,6 @@ def _at(e: sp.Expr, x: Any, majorant: bool) -> Any:
 
 # --- powers times logarithms
 
-
 LEAST = sp.Rational(1, 2**126)  # the smallest number of a float with all its digits
 
 

@@ -27,7 +27,6 @@ from hgogen.algebra.tape import Tape
 
 # --- modulo a prime
 
-
 OPERATIONS = frozenset({"symbol", "number", "constant", "add", "mul", "power"})
 
 
@@ -117,7 +116,6 @@ class Modular:
 
 
 # --- the plant
-
 
 Arithmetic = Modular | Balls
 Gradient = Mapping[int, Any]

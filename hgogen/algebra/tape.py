@@ -60,7 +60,6 @@ def _is_size(e: sp.Basic) -> bool:
 
 # --- tapes
 
-
 _FUNCTIONS = {  # of their arguments alone, in order
     getattr(sp, name): name.lower()
     for name in (

@@ -13,16 +13,16 @@ import flint
 import sympy as sp
 from sympy.functions.elementary.hyperbolic import HyperbolicFunction
 
+from hgogen.algebra.balls import values
 from hgogen.algebra.elimination import Elimination, Product, Work, cleared, expanded
 from hgogen.algebra.factors import Power, branches, degrees, even_degrees, factored_form, one_sign, powers, split_roots
 from hgogen.algebra.field import Field, Quotient, field
 from hgogen.algebra.identity import is_zero
 from hgogen.algebra.points import exact
-from hgogen.algebra.pointwise import values
 from hgogen.algebra.rank import SURE_BITS, Blurred, new_rows
 from hgogen.algebra.rewrite import TooLarge, Writer
 from hgogen.algebra.tape import tape
-from hgogen.intervals.sign import nonzero
+from hgogen.intervals.bounds import nonzero
 
 _Row = TypeVar("_Row")
 LIMIT = 300_000  # products of terms

@@ -11,9 +11,9 @@ import sympy as sp
 
 from hgogen.check import Verdict
 from hgogen.errors import BadArgument, HgogenError
-from hgogen.intervals import bounds, sign
-from hgogen.intervals.bounds import LIMIT, Box, End, Range, box
-from hgogen.intervals.sign import Sign
+from hgogen.intervals import bounds
+from hgogen.intervals.bounds import LIMIT, Range, Sign
+from hgogen.intervals.box import Box, End, box
 from hgogen.reading.door import limits, scalar
 from hgogen.reading.expression import read
 from hgogen.reading.folding import Fold
@@ -65,7 +65,7 @@ def nonzero(expression: Any, where: System | Box, *, boxes: int = LIMIT) -> Sign
     """
     limits("nonzero", boxes)
     resolved, box, folded = _resolved("nonzero", expression, where)
-    answer = sign.nonzero(resolved, box, boxes=boxes)
+    answer = bounds.nonzero(resolved, box, boxes=boxes)
     if folded and answer.verdict is Verdict.PROVED:
         return replace(answer, verdict=Verdict.UNKNOWN, sign=0, margin=0.0, reason=folded, exact=None)
     return answer

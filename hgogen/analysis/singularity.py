@@ -24,9 +24,9 @@ from hgogen.analysis.lie import along, length, rates, size, without_derivative
 from hgogen.analysis.on_box import on_box
 from hgogen.analysis.written import asked
 from hgogen.check import Check, ClaimId, Verdict
+from hgogen.intervals.bounds import nonzero
 from hgogen.intervals.box import box as box_of
 from hgogen.intervals.glance import Interval
-from hgogen.intervals.sign import nonzero
 from hgogen.intervals.singular import minimal, reasons, singular
 from hgogen.reading.door import asks_a_plant, remembers
 from hgogen.sentence import NONE, Encoded, Reason, Sentence, because, equations, joined

@@ -20,11 +20,9 @@ from hgogen.algebra.kinks import slope
 from hgogen.algebra.removable import Resolved, bounded_logs, resolved
 from hgogen.algebra.tape import NoTape
 from hgogen.check import Check, ClaimId, Verdict
-from hgogen.intervals.bounds import bound, problem_of
+from hgogen.intervals.bounds import Cause, bound, nonzero, problem_of, special_point
 from hgogen.intervals.box import Box, Point
-from hgogen.intervals.sign import Cause, nonzero
 from hgogen.intervals.singular import NONZERO, POSITIVE, Condition, doubtful, minimal
-from hgogen.intervals.zeros import special_point
 from hgogen.sentence import Sentence, because
 from hgogen.signal import Signal, resting
 from hgogen.system import System

@@ -33,9 +33,8 @@ from hgogen.analysis.singular_set import singular_set
 from hgogen.check import Verdict
 from hgogen.commands.workers import End, run
 from hgogen.errors import HgogenError
-from hgogen.intervals.bounds import bound
+from hgogen.intervals.bounds import Sign, bound, nonzero
 from hgogen.intervals.one_sided import one_sided
-from hgogen.intervals.sign import Sign, nonzero
 from hgogen.intervals.singular import doubtful, parts
 from hgogen.intervals.slope import lipschitz_bound
 from hgogen.reading.content import Unread, content_of

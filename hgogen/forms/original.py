@@ -21,7 +21,7 @@ from hgogen.algebra.kinks import slope
 from hgogen.check import Check, ClaimId, Verdict
 from hgogen.errors import HgogenError
 from hgogen.form import Asking, Form
-from hgogen.intervals.sign import nonzero
+from hgogen.intervals.bounds import nonzero
 from hgogen.reading.given import names as several
 from hgogen.sentence import because
 from hgogen.signal import Signal

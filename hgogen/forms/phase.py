@@ -26,8 +26,8 @@ from hgogen.analysis.on_box import on_box
 from hgogen.analysis.written import asked, if_valued
 from hgogen.check import Check, ClaimId, Verdict
 from hgogen.form import Asking, Form, NoForm, one_output
+from hgogen.intervals.bounds import Sign, nonzero
 from hgogen.intervals.digits import Down
-from hgogen.intervals.sign import Sign, nonzero
 from hgogen.intervals.singular import NONZERO, Condition, reasons
 from hgogen.sentence import NONE, Sentence, because, equations
 from hgogen.structure.carried import (

@@ -30,7 +30,7 @@ from hgogen.discretisation.runge_kutta import Tableau
 from hgogen.guarantees import lipschitz_step
 from hgogen.guarantees.entering import Entering, Sizes
 from hgogen.guarantees.plant_step import SUMMED, UNKNOWN, PlantStep, Rows, Unbounded, times
-from hgogen.intervals.subdivision import Ranges, Subdivision, subdivided
+from hgogen.intervals.bisection import Ranges, Subdivision, subdivided
 from hgogen.sentence import because
 from hgogen.structure.spare import heads
 

@@ -24,10 +24,10 @@ from hgogen.algebra.series import Plant, evaluate
 from hgogen.algebra.tape import NoTape, tape
 from hgogen.check import Verdict
 from hgogen.form import Form
+from hgogen.intervals.bisection import Ranges
 from hgogen.intervals.bounds import bound
 from hgogen.intervals.box import Box, box
 from hgogen.intervals.slope import JUMPS, KINKS, lipschitz_bound
-from hgogen.intervals.subdivision import Ranges
 from hgogen.sentence import because
 from hgogen.structure.polytope import fixed, signals
 

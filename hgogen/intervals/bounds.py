@@ -1,33 +1,189 @@
-"""The range of an expression on a closed box, rigorous.
+"""The range of an expression on a closed box, and whether it is 0 somewhere there, rigorous.
 
-What is proved comes from outward-rounded intervals and bisection (`intervals.search`), what is refuted from a point;
-limits count boxes. Numbers are exact: a float is its shortest decimal.
+What is proved comes from outward-rounded intervals and bisection (`intervals.search`), from rational ends where floats
+are too coarse, or factor by factor after exact algebra; what is refuted from a point, or between two points of opposite
+sign. Limits count boxes. Numbers are exact: a float is its shortest decimal.
+
+Points where an expression vanishes or is not a finite real number are shown exactly: candidates are corners, middles,
+small rationals, the rational roots of polynomials; enclosures sort out what may be a zero, exact arithmetic decides.
+
+A slope's values at a kink are a set, and a set that jumps over 0 has not one sign: an upper semicontinuous map with
+convex values takes connected boxes to connected sets (J.-P. Aubin, A. Cellina, "Differential inclusions", 1984, ch. 1).
 """
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
+from enum import Enum
 from fractions import Fraction
 from functools import lru_cache
+from itertools import islice, product
 from typing import Annotated, Any
 
+import numpy as np
 import sympy as sp
 
+from hgogen.algebra.factors import Factors, factors
 from hgogen.algebra.interpolation import Stepped
-from hgogen.algebra.points import STRANGE, exact, largest_exponent, put
+from hgogen.algebra.kinks import jump
+from hgogen.algebra.points import STEEP, STRANGE, exact, kind, largest_exponent, put
 from hgogen.algebra.tape import Tape, tape
+from hgogen.check import Verdict
 from hgogen.intervals.bisection import Cover, Tree
-from hgogen.intervals.box import Box, End, Sides, box, sides
+from hgogen.intervals.box import Box, End, Point, Sides, sides
 from hgogen.intervals.digits import down, up
-from hgogen.intervals.glance import taken
-from hgogen.intervals.outward import Array
-from hgogen.intervals.search import Goal, Inner, Known, Outcome, search, tight
-from hgogen.intervals.slope import lipschitz_bound
-from hgogen.intervals.zeros import special_point
+from hgogen.intervals.enclosure import enclose
+from hgogen.intervals.glance import Interval, beyond, fractions, multiplied, raised, rational, taken
+from hgogen.intervals.outward import Array, Pair, number
+from hgogen.intervals.search import Goal, Inner, Known, Outcome, one_sign, regular, search, tight
 from hgogen.sentence import NONE, Encoded, Reason, because, equations
 
-# --- forms of one expression
+# --- zeros
 
+_CANDIDATES, _EXACT = 800, 16  # points looked at by enclosures, by exact arithmetic
+_DENOMINATORS = 12
+_STEPS = 1100  # of a bisection: from the largest float down to the smallest
+
+
+def special_point(
+    expression: sp.Expr,
+    program: Tape,
+    sides: Sides,
+    kinds: tuple[str, ...] = ("= 0", "undefined"),
+    hints: Iterable[Point] = (),
+) -> tuple[str, Point] | None:
+    """("= 0" or "undefined", the point) for the first candidate that is one of the kinds; points of few digits next to
+    the `hints` are candidates, too."""
+    if largest_exponent(expression) > STEEP:
+        return None
+    candidates = [*_simple(hints, sides), *islice(_candidates(expression, sides), _CANDIDATES)]
+    if not candidates:
+        return None
+    low, high = _around(candidates, sides)
+    first = enclose(program, low, high)[0]
+    doubtful = ~first.defined
+    if "= 0" in kinds:
+        doubtful = doubtful | ((first.value[0] <= 0) & (first.value[1] >= 0))
+    for index in np.nonzero(doubtful)[0][:_EXACT]:
+        point = candidates[int(index)]
+        what = kind(expression, _rational(point))
+        if what in kinds:
+            return what, point
+    return None
+
+
+def crossing(expression: sp.Expr, program: Tape, sides: Sides, below: Point, above: Point) -> Point:
+    """A zero, a kink at which the sign jumps, or a point next to one, on the line from a point where the expression is
+    negative to one where it is positive; the expression is continuous there."""
+    for _ in range(_STEPS):
+        centre = {s: Fraction(number((below[s] + above[s]) / 2)[0]) for s in sides.symbols}
+        if centre in (below, above) or not sides.contains(centre):
+            break
+        value = enclose(program, *_around([centre], sides))[0].value
+        if value[0][0] > 0:
+            above = centre
+        elif value[1][0] < 0:
+            below = centre
+        else:
+            break
+    if largest_exponent(expression) > STEEP:
+        return below
+    simplest = {s: ((below[s] + above[s]) / 2).limit_denominator(10_000) for s in below}
+    for point in (simplest, centre):
+        if sides.contains(point) and (
+            kind(expression, _rational(point)) == "= 0" or jump(expression, _rational(point)) is not None
+        ):
+            return point
+    return below
+
+
+def _simple(hints: Iterable[Point], sides: Sides) -> Iterator[Point]:
+    for point in hints:
+        for largest in (1, 2, 6, 12, 100, 1000):
+            simple = {s: value.limit_denominator(largest) for s, value in point.items()}
+            if sides.contains(simple):
+                yield simple
+
+
+def _rational(point: Point) -> dict[sp.Symbol, sp.Rational]:
+    return {s: sp.Rational(value) for s, value in point.items()}
+
+
+def _around(points: list[Point], sides: Sides) -> Pair:
+    """Floats around exact points, m x k each."""
+    ends = [[number(point[s]) for point in points] for s in sides.symbols]
+    table: Array = np.array(ends, dtype=float).reshape(len(sides.symbols), len(points), 2)
+    return table[:, :, 0], table[:, :, 1]
+
+
+def _candidates(expression: sp.Expr, sides: Sides) -> Iterator[Point]:
+    values = [_simple_values(ends) for ends in sides.ends]
+    if len(values) == 1:
+        yield from _points(sides, [[*_roots(expression, sides), *values[0], *_fractions(sides.ends[0])]])
+        return
+    few = values if len(values) < 5 else [side[:3] for side in values]
+    yield from _solved(expression, sides, values)
+    yield from _points(sides, few)
+
+
+def _points(sides: Sides, values: list[list[Fraction]]) -> Iterator[Point]:
+    for coordinates in product(*values):
+        yield dict(zip(sides.symbols, coordinates, strict=True))
+
+
+def _simple_values(ends: tuple[End, End]) -> list[Fraction]:
+    """Ends, zero, middle and ones, of a side."""
+    low, high = ends
+    finite = [Fraction(end) for end in ends if abs(end) != math.inf]
+    middle = sum(finite, Fraction(0)) / 2 if len(finite) == 2 else Fraction(0)
+    wanted = (*finite, Fraction(0), middle, Fraction(1), Fraction(-1))
+    return list(dict.fromkeys(value for value in wanted if low <= value <= high)) or [Fraction(1)]
+
+
+def _fractions(ends: tuple[End, End]) -> Iterator[Fraction]:
+    """Small fractions of a side."""
+    low, high = (max(-20, min(20, end)) for end in ends)
+    for q in range(1, _DENOMINATORS + 1):
+        for p in range(math.ceil(low * q), math.floor(high * q) + 1):
+            if ends[0] <= Fraction(p, q) <= ends[1]:
+                yield Fraction(p, q)
+
+
+def _roots(expression: sp.Expr, sides: Sides) -> Iterable[Fraction]:
+    """The rational roots of a polynomial in one symbol."""
+    (symbol,), ((low, high),) = sides.symbols, sides.ends
+    if not expression.is_polynomial(symbol):
+        return []
+    try:
+        roots = sp.Poly(expression, symbol).ground_roots()
+    except sp.PolynomialError:
+        return []
+    exact = sorted(Fraction(root) for root in roots if root.is_Rational)  # x - pi has the root pi
+    return [root for root in exact if low <= root <= high]
+
+
+def _solved(expression: sp.Expr, sides: Sides, values: list[list[Fraction]]) -> Iterator[Point]:
+    """Zeros of an expression that is linear in a symbol, the others at simple values."""
+    for k, symbol in enumerate(sides.symbols):
+        slope = expression.diff(symbol)
+        if slope == 0 or slope.has(symbol):
+            continue
+        rest = put(expression, {symbol: sp.S.Zero})
+        if rest is None:
+            continue
+        others = [side if i != k else [Fraction(0)] for i, side in enumerate(values)]
+        for point in islice(_points(sides, others), 8):
+            at = _rational(point)
+            steep, start = put(slope, at), put(rest, at)
+            if not (steep and start is not None and steep.is_Rational and start.is_Rational):
+                continue
+            root = -start / steep
+            solution = point | {symbol: Fraction(root)}
+            if sides.contains(solution):
+                yield solution
+
+
+# --- forms of one expression
 
 _LARGE = 400  # operations beyond which rewriting would cost more than bisection
 _REWRITTEN = 12  # exponents beyond which it would grow out of hand
@@ -63,7 +219,6 @@ def variants(expression: sp.Expr) -> tuple[sp.Expr, ...]:
 
 # --- proofs
 
-
 _SLACK = Fraction(1, 2**40)  # of the size, so that another arithmetic, or other roundings of a cut, reach the bounds
 
 
@@ -95,9 +250,6 @@ def _moved(value: Fraction | float, way: int) -> Fraction | None:
 
 
 # --- ranges
-
-
-__all__ = ["LIMIT", "Attained", "Box", "End", "Range", "bound", "box", "lipschitz_bound"]
 
 LIMIT = 20_000
 _FIRST = 500  # boxes before a pole is looked for
@@ -249,3 +401,200 @@ def counted(count: int) -> Reason:
 def place(point: Mapping[sp.Symbol, Fraction]) -> str:
     """The place as the end of a sentence, in few digits."""
     return ", at " + ", ".join(f"{s} = {float(value):g}" for s, value in point.items()) if point else ""
+
+
+# --- signs
+
+_GLANCE = 60  # boxes before a zero is looked for
+
+
+class Cause(Enum):
+    """Why an expression has not one sign, at the witness."""
+
+    ZERO = "vanishes"
+    UNDEFINED = "is not a finite real number"
+    CROSSING = "changes sign"  # next to the witness
+    JUMP = "jumps from one sign to the other"  # at a kink, where it is a set
+    PART = "vanishes with a factor, or is not finite there"
+
+
+@dataclass(frozen=True)
+class Sign:
+    """Whether an expression has one sign on a box.
+
+    PROVED: `sign` is 1 or -1 and 0 < `margin` <= |value| there, finite. REFUTED: `witness` is a point where it is zero
+    or undefined, next to a zero between two points of opposite sign, or at a kink where it jumps between them, as
+    `cause` says. UNKNOWN: `reason` says how many boxes were tried. `never`: proved to be 0 nowhere on the box, although
+    it may come as close to 0 as you like where the box is unbounded, or be undefined. `exact`: the rational ends that
+    prove it without bisection.
+    """
+
+    verdict: Verdict
+    sign: int
+    margin: End
+    witness: Mapping[sp.Symbol, Fraction] = field(hash=False)
+    reason: Reason
+    range: Range
+    cause: Cause | None = None
+    never: bool = False
+    exact: Interval | None = field(default=None, hash=False)
+
+    def __str__(self) -> str:
+        if self.verdict is Verdict.PROVED:
+            margin = f"at least {down(self.margin, 9)}" if self.sign > 0 else f"at most -{down(self.margin, 9)}"
+            return f"{self.verdict}: {margin}, by {self.reason}"
+        return f"{self.verdict}: {self.reason}{place(self.witness)}"
+
+
+def nonzero(expression: sp.Expr, box: Box, *, boxes: int = LIMIT, refute: bool = True) -> Sign:
+    """Whether the expression is finite and has one sign on the whole box; without `refute`, which may take long, proved
+    or unknown.
+
+    Raises: `EmptyBox`; `NoTape` for a function without a rule.
+    """
+    return _nonzero(expression, tuple(box.items()), boxes, refute)
+
+
+@lru_cache(maxsize=512)  # several forms, and several hypotheses of one, ask for the sign of the same gain
+def _nonzero(
+    expression: sp.Expr, ends: tuple[tuple[sp.Symbol, tuple[End, End]], ...], boxes: int, refute: bool
+) -> Sign:
+    problem = problem_of(expression, dict(ends))
+    if problem is None:
+        return Sign(Verdict.REFUTED, 0, 0.0, {}, NOWHERE.note, NOWHERE, Cause.UNDEFINED)
+    never, cover = False, None
+    for limit in dict.fromkeys((min(boxes, _GLANCE), boxes)):
+        outcome = problem.search(one_sign, limit, cover)
+        cover = outcome.cover
+        if outcome.defined and (outcome.low > 0 or outcome.high < 0):
+            return _proved(problem, outcome)
+        refuted = _refutation(problem, outcome, limit) if refute else None
+        if refuted:
+            cause, reason, witness = refuted
+            return Sign(Verdict.REFUTED, 0, 0.0, witness, reason, range_of(problem, outcome, 0.0), cause)
+        if limit <= _GLANCE and not outcome.inner.least < 0 < outcome.inner.most:
+            never, low, high = _by_algebra(problem.expression, problem.sides.box)
+            if outcome.defined and (low > 0 or high < 0):
+                return _enclosed(problem, outcome, low, high)
+        if outcome.boxes + 2 <= limit:  # more boxes would change nothing
+            break
+    undecided = "{boxes} does not decide it" if outcome.boxes == 1 else "{boxes} do not decide it"
+    reason = because(undecided, boxes=counted(outcome.boxes))
+    if end := beyond(problem.expression, problem.sides):
+        pattern = "{why}; the ranges end on {point} of the table {table}, whose slope beyond is taken there: move one"
+        reason = because(pattern, why=reason, point=float(end[0]), table=end[1])
+    return Sign(Verdict.UNKNOWN, 0, 0.0, {}, reason, range_of(problem, outcome, 0.0), never=never)
+
+
+def _proved(problem: Problem, outcome: Outcome) -> Sign:
+    sign, margin = (1, outcome.low) if outcome.low > 0 else (-1, -outcome.high)
+    reason, extent = counted(outcome.boxes), range_of(problem, outcome, 0.0)
+    return Sign(Verdict.PROVED, sign, margin, {}, reason, extent, never=True)
+
+
+def _enclosed(problem: Problem, outcome: Outcome, low: End, high: End) -> Sign:
+    """The proof of one sign by the exact range on the box as a whole."""
+    outer = replace(range_of(problem, outcome, 0.0), low=number(low)[0], high=number(high)[1], tree="leaf")
+    sign, reason = 1 if low > 0 else -1, because("exact algebra and rational ends")
+    return Sign(Verdict.PROVED, sign, max(low, -high), {}, reason, outer, never=True, exact=(low, high))
+
+
+def _by_algebra(expression: sp.Expr, box: Box) -> tuple[bool, End, End]:
+    """Whether an expression is 0 nowhere on the box where it is defined, by its factors; and its range, whose ends are
+    rational."""
+    low, high = rational(expression, box)
+    factored = factors(expression)
+    if factored is None or (low > 0 or high < 0):
+        return low > 0 or high < 0, low, high
+    never, product = _product(factored, expression, box)
+    return never, max(low, product[0]), min(high, product[1])
+
+
+def _product(factored: Factors, expression: sp.Expr, box: Box) -> tuple[bool, Interval]:
+    """Whether no factor is 0, and the product of the factors' ranges; a factor that is proved to have one sign by
+    bisection has the range of that proof."""
+    never, total = True, rational(factored.number, {})
+    for one in factored.factors:
+        low, high = rational(one.base, box)
+        known = one.definite or low > 0 or high < 0
+        again = len(factored.factors) == 1 and one.exponent == 1 and one.base.count_ops() >= expression.count_ops()
+        other = not again and one.base not in (expression, -expression)  # no more than another way to write it
+        if low <= 0 <= high and one.base.free_symbols and other:
+            sign = nonzero(one.base, box, boxes=_GLANCE, refute=False)
+            known = known or sign.never
+            if sign.verdict is Verdict.PROVED:
+                seen = sign.exact or fractions((sign.range.low, sign.range.high))
+                low, high = max(low, seen[0]), min(high, seen[1])
+        never = never and (known or one.exponent < 0)
+        total = multiplied(total, raised((low, high), one.exponent))
+    return never, total
+
+
+def _refutation(problem: Problem, outcome: Outcome, boxes: int) -> tuple[Cause, Reason, Point] | None:
+    """The cause why an expression has not one sign, the same in words, and a point; None where none is known."""
+    extremes = [
+        problem.sides.point(at.tolist()) for at in (outcome.inner.at_least, outcome.inner.at_most) if at is not None
+    ]
+    special = special_point(problem.expression, problem.program, problem.sides, hints=extremes)
+    if special:
+        what, point = special
+        cause = Cause.ZERO if what == "= 0" else Cause.UNDEFINED
+        return cause, because(cause.value), point
+    crossed = _crossed(problem, outcome, boxes)
+    if crossed:
+        sides = jump(problem.expression, {s: sp.Rational(value) for s, value in crossed.items()})
+        if sides is None:
+            return Cause.CROSSING, because(Cause.CROSSING.value), crossed
+        jumps = because("jumps from {one} to {other}, not of one sign", one=sides[0], other=sides[1])
+        return Cause.JUMP, jumps, crossed
+    for part, pattern in _parts(problem.expression):
+        inner = nonzero(part, problem.sides.box, boxes=boxes)
+        if inner.verdict is Verdict.REFUTED and inner.cause is not Cause.JUMP:
+            rest = {s: Fraction(_any(ends)) for s, ends in problem.sides.box.items()}
+            return Cause.PART, because(pattern, part=part), rest | dict(inner.witness)
+    return None
+
+
+def _crossed(problem: Problem, outcome: Outcome, boxes: int) -> Point | None:
+    """The zero between two values of opposite sign of a continuous expression."""
+    least, most = (
+        attained(problem, outcome.inner.least, outcome.inner.at_least),
+        attained(problem, outcome.inner.most, outcome.inner.at_most),
+    )
+    if least is None or most is None or not least.value < 0 < most.value:
+        return None
+    if not outcome.continuous:
+        a, b = least.point, most.point
+        between = {s: (min(a[s], b[s]), max(a[s], b[s])) for s in problem.sides.symbols}
+        part = problem_of(problem.expression, between)
+        if part is None or not part.search(regular, boxes).continuous:
+            return None
+    return crossing(problem.expression, problem.program, problem.sides, dict(least.point), dict(most.point))
+
+
+def _parts(expression: sp.Expr) -> Iterator[tuple[sp.Expr, str]]:
+    """Factors, at whose zeros the expression is zero or undefined, and what it divides by, each with the pattern of a
+    reason."""
+    powers = [] if expression.has(sp.Piecewise) else sorted(expression.atoms(sp.Pow), key=str)
+    for node in powers:  # a Piecewise may not take the branch that is not finite
+        if node.exp.is_Rational and node.exp < 0 and node.base != expression and not node.base.is_number:
+            yield node.base, "is not finite: it divides by {part}, which vanishes"
+    for factor in _irreducible(expression):
+        if factor != expression and factor.free_symbols and not factor.is_Symbol:
+            yield factor, "vanishes with its factor {part}, or is not finite there"
+
+
+def _irreducible(expression: sp.Expr) -> list[sp.Expr]:
+    """Its factors, as far as they are known: by exact algebra alone where SymPy would factor a high power of exp."""
+    if any(steep(e) for e in expression.atoms(sp.exp)):
+        product = factors(expression)
+        return [one.base for one in product.factors if one.exponent > 0 and not one.definite] if product else []
+    try:
+        return [factor for factor, _ in sp.factor_list(sp.together(expression))[1]]
+    except (sp.PolynomialError, NotImplementedError):
+        return []
+
+
+def _any(ends: tuple[End, End]) -> End:
+    low, high = ends
+    return low if abs(low) != math.inf else high if abs(high) != math.inf else Fraction(0)

@@ -24,20 +24,20 @@ from typing import Any, TypeAlias
 
 import numpy as np
 import sympy as sp
-from flint import arb, ctx, fmpq
+from flint import arb, ctx
 
 from hgogen.algebra.balls import ends as of_ball
+from hgogen.algebra.balls import values
+from hgogen.algebra.definite import number
 from hgogen.algebra.interpolation import Axis, Cells, Ends, Stepped, Table, replaced
 from hgogen.algebra.kinks import Norm
 from hgogen.algebra.points import STEEP, STRANGE, exact
-from hgogen.algebra.pointwise import values
 from hgogen.algebra.tape import NoTape, tape
 from hgogen.intervals.box import EVERYTHING, Box, End, Sides, sides
 from hgogen.intervals.enclosure import enclose as enclosures
 from hgogen.intervals.search import is_defined
 
 # --- how far a program may round the argument of a table
-
 
 UNIT = 2.0**-21  # 8 times what a number is rounded by in single precision
 _TINY = 2.0**-120  # what is smaller may be lost
@@ -132,7 +132,6 @@ def _sure(number: float) -> float:
 
 # --- one look
 
-
 Interval: TypeAlias = tuple[End, End]
 
 
@@ -167,7 +166,6 @@ def finite(interval: Interval) -> bool:
 
 
 # --- rational ends
-
 
 _BITS = 512  # of an end, of the ends of functions
 _PRECISIONS = (128, 512, 2048)  # of a number, until its sign is known
@@ -244,13 +242,9 @@ def _applied(function: Callable[[Any], Any], end: End) -> Interval:
     """A function's value at an end; the whole line where that has too many digits."""
     if not -_STEEPEST <= end <= _STEEPEST:
         return EVERYTHING
-    before, ctx.prec = ctx.prec, _BITS
-    try:
-        exactly = Fraction(end)
-        ball = function(arb(fmpq(exactly.numerator, exactly.denominator)))
+    with ctx.workprec(_BITS):
+        ball = function(arb(number(Fraction(end))))
         return of_ball(ball) if ball.is_finite() else EVERYTHING
-    finally:
-        ctx.prec = before
 
 
 def _absolute(a: Interval) -> Interval:
@@ -316,7 +310,6 @@ def _rounded(end: End, way: int) -> End:
 
 
 # --- the cells that a program may take
-
 
 _LARGE = 2.0**-6  # of a table: what is rounded by more keeps within nothing
 

@@ -16,10 +16,10 @@ from hgogen.algebra.kinks import Norm, bent, off_zero, rooted, shared, signed
 from hgogen.algebra.points import STRANGE
 from hgogen.algebra.tape import NoTape
 from hgogen.check import Verdict
+from hgogen.intervals.bounds import nonzero
 from hgogen.intervals.box import Box, End
 from hgogen.intervals.glance import between, rational
 from hgogen.intervals.search import is_defined
-from hgogen.intervals.sign import nonzero
 from hgogen.intervals.singular import lost
 
 _KINDS = (sp.Abs, sp.Min, sp.Max, sp.sign, sp.Heaviside, sp.Piecewise, Table)

@@ -183,7 +183,7 @@ class _Problem:
         return np.where(x > last, last, low), np.where(x > last, top, high)
 
 
-# --- one batch of boxes ---------------------------------------------------------------------------------------------
+# --- one batch of boxes
 
 
 def _boxes(problem: _Problem, low: Array, high: Array, node: Indices, inner: Inner) -> tuple[Known, Inner]:
@@ -314,7 +314,7 @@ def _cuts(problem: _Problem, low: Array, high: Array, slope: Pair, sound: Flags)
     return np.where(possible.any(axis=0), best, -1).astype(np.int64)
 
 
-# --- values that are attained ---------------------------------------------------------------------------------------
+# --- values that are attained
 
 
 def _better(inner: Inner, x: Array, at: _Values) -> Inner:

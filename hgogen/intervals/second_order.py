@@ -22,12 +22,11 @@ from typing import Any
 import numpy as np
 import sympy as sp
 
-from hgogen.algebra.pointwise import values
+from hgogen.algebra.balls import values
 from hgogen.algebra.tape import Tape, tape
 from hgogen.check import Verdict
-from hgogen.intervals.bounds import Proof, ends
+from hgogen.intervals.bounds import Proof, ends, nonzero
 from hgogen.intervals.box import Box, Point, Sides
-from hgogen.intervals.sign import nonzero
 from hgogen.intervals.slope import lipschitz_bound
 from hgogen.sentence import NONE, Reason, because
 
@@ -132,7 +131,7 @@ def negative(claim: SecondOrder, boxes: int, obstacle: Reason = NONE) -> Answer:
     return Answer(Verdict.UNKNOWN, because(pattern, share=share, boxes=boxes, slabs=len(left)))
 
 
-# --- a counterexample ---------------------------------------------------------------------------------------
+# --- a counterexample
 
 
 @dataclass(frozen=True)
@@ -240,7 +239,7 @@ def _along(program: _Program) -> Iterator[Point]:
             yield x | {s: sign * d * reach / 2**k for s, d in zip(claim.errors, e, strict=True)}
 
 
-# --- positive definite --------------------------------------------------------------------------------------
+# --- positive definite
 
 
 @dataclass(frozen=True)

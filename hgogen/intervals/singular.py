@@ -112,7 +112,6 @@ def _condition(node: sp.Expr, box: Box) -> Condition | None:
 
 # --- what is lost
 
-
 _CHOOSING = (sp.Piecewise, sp.Heaviside)
 _ENDLESS = (sp.log, sp.tan, sp.atanh)  # no value where their condition fails; asin(1) and atan2(1, 0) have one
 

@@ -20,11 +20,11 @@ from hgogen.algebra.points import STRANGE, exact, kind, put
 from hgogen.algebra.tape import tape
 from hgogen.check import Verdict
 from hgogen.intervals.bisection import Tree
+from hgogen.intervals.bounds import special_point
 from hgogen.intervals.box import Box, End, Point, Sides, sides
 from hgogen.intervals.glance import taken
 from hgogen.intervals.search import everywhere, search
 from hgogen.intervals.spectral import Field, Steep, steepest
-from hgogen.intervals.zeros import special_point
 from hgogen.sentence import NONE, Reason, because, equations
 
 # What jumps hides from the symbolic derivative, and what bends is better read by slopes.
@@ -129,7 +129,7 @@ def _field(rows: list[sp.Expr], states: list[sp.Symbol], around: Sides) -> Field
     return Field(tape(rows, around.symbols), at, tape(entries.values(), around.symbols), tuple(entries))
 
 
-# --- not Lipschitz --------------------------------------------------------------------------------------------------
+# --- not Lipschitz
 
 
 def _endless(rows: list[sp.Expr], states: list[sp.Symbol], around: Sides) -> tuple[sp.Expr, Point] | None:

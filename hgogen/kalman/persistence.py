@@ -30,8 +30,8 @@ from hgogen.check import Check, ClaimId, Verdict
 from hgogen.evidence.grammar import spelled
 from hgogen.evidence.grounds import Evidence
 from hgogen.form import Form
-from hgogen.intervals.bounds import Box, bound, box
-from hgogen.intervals.sign import nonzero
+from hgogen.intervals.bounds import bound, nonzero
+from hgogen.intervals.box import Box, box
 from hgogen.intervals.singular import doubtful
 from hgogen.intervals.slope import JUMPS, KINKS
 from hgogen.reading.expression import BadExpression, parse

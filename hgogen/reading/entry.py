@@ -20,7 +20,7 @@ from typing import Any
 import sympy as sp
 
 from hgogen.algebra.balls import ends as of_ball
-from hgogen.algebra.pointwise import values
+from hgogen.algebra.balls import values
 from hgogen.algebra.tape import tape
 from hgogen.errors import BadArgument
 from hgogen.intervals.box import EVERYTHING, Box, End, box

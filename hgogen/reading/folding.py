@@ -19,8 +19,8 @@ import sympy as sp
 
 from hgogen.check import Verdict
 from hgogen.errors import HgogenError
-from hgogen.intervals.bounds import Box, bound
-from hgogen.intervals.sign import nonzero
+from hgogen.intervals.bounds import bound, nonzero
+from hgogen.intervals.box import Box
 from hgogen.intervals.singular import parts
 from hgogen.reading.filename import cut
 from hgogen.sentence import NONE, Reason, because

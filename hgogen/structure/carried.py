@@ -19,9 +19,9 @@ from hgogen.check import Check, ClaimId, Verdict
 from hgogen.evidence.enclosing import enclosure
 from hgogen.evidence.grounds import Evidence
 from hgogen.form import Form
-from hgogen.intervals.bounds import Box, bound, box, problem_of
+from hgogen.intervals.bounds import bound, nonzero, problem_of
+from hgogen.intervals.box import Box, box
 from hgogen.intervals.search import everywhere
-from hgogen.intervals.sign import nonzero
 from hgogen.intervals.singular import singular
 from hgogen.sentence import NONE, Reason, because
 from hgogen.signal import Signal

@@ -22,10 +22,9 @@ from hgogen.check import Check, ClaimId, Verdict
 from hgogen.evidence.enclosing import enclosure, point, sides
 from hgogen.evidence.grounds import Evidence
 from hgogen.form import Form
-from hgogen.intervals.bounds import Proof, bound, counted, ends
+from hgogen.intervals.bounds import Cause, Proof, Sign, bound, counted, ends, nonzero
 from hgogen.intervals.box import EVERYTHING, box
 from hgogen.intervals.digits import Down, Up
-from hgogen.intervals.sign import Cause, Sign, nonzero
 from hgogen.intervals.singular import minimal, reasons, singular
 from hgogen.sentence import NONE, Reason, Sentence, because
 from hgogen.signal import Signal

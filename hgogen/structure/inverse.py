@@ -19,16 +19,16 @@ from types import MappingProxyType
 import sympy as sp
 from sympy.solvers.solveset import NonlinearError
 
+from hgogen.algebra.balls import values
 from hgogen.algebra.identity import is_zero
 from hgogen.algebra.points import exact, points
-from hgogen.algebra.pointwise import values
 from hgogen.algebra.tape import NoTape, tape
 from hgogen.analysis.lie import size
 from hgogen.check import Verdict
 from hgogen.form import Form
+from hgogen.intervals.bounds import nonzero
 from hgogen.intervals.box import Box
 from hgogen.intervals.digits import down
-from hgogen.intervals.sign import nonzero
 from hgogen.signal import Signal
 
 _SIDED = 2000  # boxes: a bound away from 0 need not be the best

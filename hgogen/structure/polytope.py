@@ -15,7 +15,8 @@ import sympy as sp
 from hgogen.algebra.points import exact
 from hgogen.algebra.tape import NoTape
 from hgogen.form import Form
-from hgogen.intervals.bounds import LIMIT, Range, bound, box
+from hgogen.intervals.bounds import LIMIT, Range, bound
+from hgogen.intervals.box import box
 from hgogen.sentence import Reason, because
 
 Corner = tuple[tuple[tuple[Fraction, ...], ...], tuple[Fraction, ...]]  # A (n, n) and C (n) of a chain

@@ -17,14 +17,14 @@ from itertools import chain, combinations, islice, permutations
 import numpy as np
 import sympy as sp
 
+from hgogen.algebra.balls import values
 from hgogen.algebra.points import points
-from hgogen.algebra.pointwise import values
 from hgogen.algebra.rewrite import TooLarge
 from hgogen.algebra.tape import NoTape, tape
 from hgogen.analysis.determinant import as_written, determinant
 from hgogen.check import Verdict
+from hgogen.intervals.bounds import nonzero
 from hgogen.intervals.box import Box
-from hgogen.intervals.sign import nonzero
 from hgogen.signal import Signal
 
 STATES = 5  # 31 minors, and 120 orders of rows
