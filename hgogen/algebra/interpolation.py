@@ -64,7 +64,7 @@ def polynomial_value(coefficients: Polynomial, at: Sequence[Any], number: Callab
     return total
 
 
-def taylor(piece: Sequence[Any], a: Fraction) -> list[Any]:
+def taylor(piece: Polynomial, a: Fraction) -> list[Any]:
     """The coefficients of the same polynomial of the first argument about a, by Horner's scheme."""
     moved = list(piece)
     for i in range(len(piece) - 1):
@@ -235,10 +235,10 @@ class Axis:
         """The polynomials, along an axis of cells and one of powers, of values (n, ..) at the breakpoints."""
         inner = KINDS[kind](self.x, values)
         if self.held:
-            below, above = ([end, *[0 * end] * (len(inner[0]) - 1)] for end in (values[0], values[-1]))
+            outer = [[end, *[0 * end] * (len(inner[0]) - 1)] for end in (values[0], values[-1])]
         else:
-            below, above = inner[0], taylor(inner[-1], self.x[-1] - self.x[-2])
-        return np.array([below, *inner, above], dtype=object)
+            outer = [list(inner[0]), taylor(inner[-1], self.x[-1] - self.x[-2])]
+        return np.array([outer[0], *inner, outer[1]], dtype=object)
 
     def smooth(self, pieces: np.ndarray) -> tuple[int, ...]:
         """For each breakpoint the first derivative of such polynomials that jumps there, 1 for a kink, `NEVER` where
@@ -254,7 +254,9 @@ def _since(start: Any, end: Any) -> Any:
 def _first_jump(width: Fraction, below: np.ndarray, above: np.ndarray) -> int:
     """By the coefficients of both about the breakpoint between them."""
     moved = taylor(below, width)
-    return next((order for order, jumps in enumerate(moved != above) if np.any(jumps)), NEVER)
+    return next(
+        (order for order, pair in enumerate(zip(moved, above, strict=True)) if np.any(np.not_equal(*pair))), NEVER
+    )
 
 
 # --- a table

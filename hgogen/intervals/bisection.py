@@ -70,22 +70,27 @@ Tree = tuple[object, ...] | str
 
 
 @dataclass(frozen=True)
-class Leaves:
+class Columns:
+    """What is known on n boxes: arrays whose last axis counts them."""
+
+    def only(self, rows: Indices | Flags | slice) -> Self:
+        """That of the given rows alone."""
+        return type(self)(**{name: getattr(self, name)[..., rows] for name in self.__dataclass_fields__})
+
+    def with_more(self, other: Self) -> Self:
+        """That of both."""
+        names = self.__dataclass_fields__
+        return type(self)(**{n: np.concatenate((getattr(self, n), getattr(other, n)), axis=-1) for n in names})
+
+
+@dataclass(frozen=True)
+class Leaves(Columns):
     """n boxes (m x n ends); `node`: the place of each in the tree; `cut`: the variable to bisect, or -1."""
 
     low: Array
     high: Array
     node: Indices
     cut: Indices
-
-    def only(self, rows: Indices | Flags) -> Self:
-        """The leaves of the given rows alone."""
-        return type(self)(**{name: getattr(self, name)[..., rows] for name in self.__dataclass_fields__})
-
-    def with_more(self, other: Self) -> Self:
-        """The leaves of both."""
-        names = self.__dataclass_fields__
-        return type(self)(**{n: np.concatenate((getattr(self, n), getattr(other, n)), axis=-1) for n in names})
 
 
 _Leaves = TypeVar("_Leaves", bound=Leaves)

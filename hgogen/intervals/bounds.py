@@ -41,7 +41,7 @@ from hgogen.sentence import NONE, Encoded, Reason, because, equations
 # --- zeros
 
 _CANDIDATES, _EXACT = 800, 16  # points looked at by enclosures, by exact arithmetic
-_DENOMINATORS = 12
+_DENOMINATORS, _FEW_DIGITS = 12, (1, 2, 6, 12, 100, 1000)
 _STEPS = 1100  # of a bisection: from the largest float down to the smallest
 
 
@@ -56,7 +56,8 @@ def special_point(
     the `hints` are candidates, too."""
     if largest_exponent(expression) > STEEP:
         return None
-    candidates = [*_simple(hints, sides), *islice(_candidates(expression, sides), _CANDIDATES)]
+    simple = ({s: x.limit_denominator(q) for s, x in point.items()} for point in hints for q in _FEW_DIGITS)
+    candidates = [*filter(sides.contains, simple), *islice(_candidates(expression, sides), _CANDIDATES)]
     if not candidates:
         return None
     low, high = _around(candidates, sides)
@@ -89,20 +90,11 @@ def crossing(expression: sp.Expr, program: Tape, sides: Sides, below: Point, abo
     if largest_exponent(expression) > STEEP:
         return below
     simplest = {s: ((below[s] + above[s]) / 2).limit_denominator(10_000) for s in below}
-    for point in (simplest, centre):
-        if sides.contains(point) and (
-            kind(expression, _rational(point)) == "= 0" or jump(expression, _rational(point)) is not None
-        ):
+    for point in filter(sides.contains, (simplest, centre)):
+        at = _rational(point)
+        if kind(expression, at) == "= 0" or jump(expression, at) is not None:
             return point
     return below
-
-
-def _simple(hints: Iterable[Point], sides: Sides) -> Iterator[Point]:
-    for point in hints:
-        for largest in (1, 2, 6, 12, 100, 1000):
-            simple = {s: value.limit_denominator(largest) for s, value in point.items()}
-            if sides.contains(simple):
-                yield simple
 
 
 def _rational(point: Point) -> dict[sp.Symbol, sp.Rational]:
@@ -132,7 +124,6 @@ def _points(sides: Sides, values: list[list[Fraction]]) -> Iterator[Point]:
 
 
 def _simple_values(ends: tuple[End, End]) -> list[Fraction]:
-    """Ends, zero, middle and ones, of a side."""
     low, high = ends
     finite = [Fraction(end) for end in ends if abs(end) != math.inf]
     middle = sum(finite, Fraction(0)) / 2 if len(finite) == 2 else Fraction(0)
@@ -141,7 +132,6 @@ def _simple_values(ends: tuple[End, End]) -> list[Fraction]:
 
 
 def _fractions(ends: tuple[End, End]) -> Iterator[Fraction]:
-    """Small fractions of a side."""
     low, high = (max(-20, min(20, end)) for end in ends)
     for q in range(1, _DENOMINATORS + 1):
         for p in range(math.ceil(low * q), math.floor(high * q) + 1):
@@ -166,9 +156,7 @@ def _solved(expression: sp.Expr, sides: Sides, values: list[list[Fraction]]) -> 
     """Zeros of an expression that is linear in a symbol, the others at simple values."""
     for k, symbol in enumerate(sides.symbols):
         slope = expression.diff(symbol)
-        if slope == 0 or slope.has(symbol):
-            continue
-        rest = put(expression, {symbol: sp.S.Zero})
+        rest = None if slope == 0 or slope.has(symbol) else put(expression, {symbol: sp.S.Zero})
         if rest is None:
             continue
         others = [side if i != k else [Fraction(0)] for i, side in enumerate(values)]
@@ -177,8 +165,7 @@ def _solved(expression: sp.Expr, sides: Sides, values: list[list[Fraction]]) -> 
             steep, start = put(slope, at), put(rest, at)
             if not (steep and start is not None and steep.is_Rational and start.is_Rational):
                 continue
-            root = -start / steep
-            solution = point | {symbol: Fraction(root)}
+            solution = point | {symbol: Fraction(-start / steep)}
             if sides.contains(solution):
                 yield solution
 
@@ -240,13 +227,11 @@ class Proof:
 
 def ends(low: Fraction | float, high: Fraction | float) -> tuple[Fraction | None, Fraction | None]:
     """Bounds a little outside of these. Each keeps its sign, if it has one, and is None where it is infinite."""
-    return _moved(low, -1), _moved(high, 1)
-
-
-def _moved(value: Fraction | float, way: int) -> Fraction | None:
-    if abs(value) == float("inf"):
-        return None
-    return Fraction(value) + way * abs(Fraction(value)) * _SLACK
+    below, above = (
+        None if abs(end) == math.inf else Fraction(end) + way * abs(Fraction(end)) * _SLACK
+        for end, way in ((low, -1), (high, 1))
+    )
+    return below, above
 
 
 # --- ranges
@@ -355,22 +340,24 @@ def problem_of(expression: sp.Expr, box: Box) -> Problem | None:
 
 def range_of(problem: Problem, outcome: Outcome, relative: float) -> Range:
     """The outcome of a search as a range; `relative`: how tight the search was asked to be."""
-    return Range(
-        low=outcome.low,
-        high=outcome.high,
-        defined=outcome.defined,
-        least=attained(problem, outcome.inner.least, outcome.inner.at_least),
-        most=attained(problem, outcome.inner.most, outcome.inner.at_most),
-        boxes=outcome.boxes,
-        note=_note(outcome, relative),
-        variables=problem.sides.symbols,
-        tree=outcome.tree,
-    )
+    boxes = counted(outcome.boxes)
+    note = because("it was not shown to be finite and real everywhere, with {boxes}", boxes=boxes)
+    if outcome.defined:
+        far = because(
+            "it is not within {relative:.0%} of values that are attained, with {boxes}", relative=relative, boxes=boxes
+        )
+        note = NONE if outcome.finished else far
+    ends, extremes = (outcome.low, outcome.high), attained(problem, outcome.inner)
+    return Range(*ends, outcome.defined, *extremes, outcome.boxes, note, problem.sides.symbols, outcome.tree)
 
 
-def attained(problem: Problem, value: float, at: Array | None) -> Attained | None:
-    """A bound of the value at a point that a search looked at; None without one, or where a table's derivative jumps
-    there: what lies on its other side need not be of the box."""
+def attained(problem: Problem, inner: Inner) -> tuple[Attained | None, Attained | None]:
+    """Bounds of the least and the most value at points that a search looked at; None without one, or where a table's
+    derivative jumps there: what lies on its other side need not be of the box."""
+    return _attained(problem, inner.least, inner.at_least), _attained(problem, inner.most, inner.at_most)
+
+
+def _attained(problem: Problem, value: float, at: Array | None) -> Attained | None:
     if not problem.sides.symbols and math.isfinite(value):
         return Attained(value, {})
     if at is None:
@@ -381,16 +368,6 @@ def attained(problem: Problem, value: float, at: Array | None) -> Attained | Non
         if there is None or there.has(Stepped):
             return None
     return Attained(value, point)
-
-
-def _note(outcome: Outcome, relative: float) -> Reason:
-    boxes = counted(outcome.boxes)
-    if not outcome.defined:
-        return because("it was not shown to be finite and real everywhere, with {boxes}", boxes=boxes)
-    if outcome.finished:
-        return NONE
-    far = "it is not within {relative:.0%} of values that are attained, with {boxes}"
-    return because(far, relative=relative, boxes=boxes)
 
 
 def counted(count: int) -> Reason:
@@ -550,17 +527,15 @@ def _refutation(problem: Problem, outcome: Outcome, boxes: int) -> tuple[Cause, 
     for part, pattern in _parts(problem.expression):
         inner = nonzero(part, problem.sides.box, boxes=boxes)
         if inner.verdict is Verdict.REFUTED and inner.cause is not Cause.JUMP:
-            rest = {s: Fraction(_any(ends)) for s, ends in problem.sides.box.items()}
+            box = problem.sides.box.items()
+            rest = {s: Fraction(next((end for end in ends if abs(end) != math.inf), 0)) for s, ends in box}
             return Cause.PART, because(pattern, part=part), rest | dict(inner.witness)
     return None
 
 
 def _crossed(problem: Problem, outcome: Outcome, boxes: int) -> Point | None:
     """The zero between two values of opposite sign of a continuous expression."""
-    least, most = (
-        attained(problem, outcome.inner.least, outcome.inner.at_least),
-        attained(problem, outcome.inner.most, outcome.inner.at_most),
-    )
+    least, most = attained(problem, outcome.inner)
     if least is None or most is None or not least.value < 0 < most.value:
         return None
     if not outcome.continuous:
@@ -593,8 +568,3 @@ def _irreducible(expression: sp.Expr) -> list[sp.Expr]:
         return [factor for factor, _ in sp.factor_list(sp.together(expression))[1]]
     except (sp.PolynomialError, NotImplementedError):
         return []
-
-
-def _any(ends: tuple[End, End]) -> End:
-    low, high = ends
-    return low if abs(low) != math.inf else high if abs(high) != math.inf else Fraction(0)

@@ -271,8 +271,9 @@ def _heaviside(args: list[Enclosure]) -> Enclosure:
     value = np.where(below, 0.0, np.where(above, 1.0, np.inf)), np.where(above, 1.0, np.where(below, 0.0, -np.inf))
     steps = _steps(a, _joined(value, at_zero.value, there))
     defined, continuous = steps.defined & (at_zero.defined | ~there), steps.continuous & (at_zero.continuous | ~there)
-    varies = steps.slope is not None and at_zero.slope is not None
-    slope = _joined(steps.slope, at_zero.slope, there) if varies else steps.slope
+    slope = steps.slope
+    if slope is not None and at_zero.slope is not None:
+        slope = _joined(slope, at_zero.slope, there)
     return replace(steps, defined=defined, continuous=continuous, slope=slope)
 
 

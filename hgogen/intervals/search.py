@@ -22,7 +22,7 @@ import sympy as sp
 
 from hgogen.algebra.points import STRANGE, exact
 from hgogen.algebra.tape import NoTape, Tape, tape
-from hgogen.intervals.bisection import Cover, Indices, Leaves, Tree, bisected, corners, middle, placed, spread
+from hgogen.intervals.bisection import Columns, Cover, Indices, Leaves, Tree, bisected, corners, middle, placed, spread
 from hgogen.intervals.box import Box, sides
 from hgogen.intervals.enclosure import Enclosure, enclose
 from hgogen.intervals.outward import Array, Flags, Pair, add, meet, negate, scale
@@ -198,11 +198,11 @@ def _boxes(problem: _Problem, low: Array, high: Array, node: Indices, inner: Inn
     centres, faces = _centres(low, high, slope, sound), _faces(low, high, slope, sound)
     points = np.concatenate(centres, axis=1)
     ends = zip(problem.points(points), *faces, strict=True)
-    at = _Values.of(problem.program, *(np.concatenate(end, axis=1) for end in ends))
+    at = _values(problem.program, *(np.concatenate(end, axis=1) for end in ends))
     inner = _better(inner, points, at.only(slice(2 * k)))
     for side, centre in enumerate(centres):
         here = at.only(slice(side * k, (side + 1) * k))
-        form = _mean_value(here.value, (low, high), centre, slope)
+        form = _mean_value((here.value[0], here.value[1]), (low, high), centre, slope)
         known = sound & here.defined
         value = _meet(value, (np.where(known, form[0], -np.inf), np.where(known, form[1], np.inf)))
     if faces:
@@ -214,21 +214,17 @@ def _boxes(problem: _Problem, low: Array, high: Array, node: Indices, inner: Inn
 
 
 @dataclass(frozen=True)
-class _Values:
-    """What all forms say of the value on boxes, and where it is defined."""
+class _Values(Columns):
+    """What all forms say of the value on boxes (2 x k ends), and where it is defined."""
 
-    value: Pair
+    value: Array
     defined: Flags
 
-    @classmethod
-    def of(cls, program: Tape, low: Array, high: Array) -> "_Values":
-        """The values of one walk of the tape, which costs little more for twice the boxes."""
-        parts = enclose(program, low, high)
-        return cls(_common(parts), parts[0].defined)
 
-    def only(self, columns: slice) -> "_Values":
-        """Those on some of the boxes."""
-        return _Values((self.value[0][columns], self.value[1][columns]), self.defined[columns])
+def _values(program: Tape, low: Array, high: Array) -> _Values:
+    """The values of one walk of the tape, which costs little more for twice the boxes."""
+    parts = enclose(program, low, high)
+    return _Values(np.array(_common(parts)), parts[0].defined)
 
 
 def _common(parts: list[Enclosure]) -> Pair:
@@ -341,7 +337,7 @@ def _explore(problem: _Problem, inner: Inner) -> Inner:
     if m == 0:
         return inner
     start = np.concatenate((corners(low, high), placed(low, high, spread(m, _SPREAD))), axis=1)
-    inner = _better(inner, start, _Values.of(problem.program, *problem.points(start)))
+    inner = _better(inner, start, _values(problem.program, *problem.points(start)))
     width = high - low
     for round in range(_ROUNDS if m > 1 else 0):
         clusters = []
@@ -352,5 +348,5 @@ def _explore(problem: _Problem, inner: Inner) -> Inner:
         if not clusters:
             break
         x = np.concatenate(clusters, axis=1)
-        inner = _better(inner, x, _Values.of(problem.program, *problem.points(x)))
+        inner = _better(inner, x, _values(problem.program, *problem.points(x)))
     return inner

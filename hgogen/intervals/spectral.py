@@ -13,7 +13,7 @@ from functools import reduce
 import numpy as np
 
 from hgogen.algebra.tape import Tape
-from hgogen.intervals.bisection import Cover, Indices, Leaves, Tree, bisected, corners, middle
+from hgogen.intervals.bisection import Columns, Cover, Indices, Leaves, Tree, bisected, corners, middle
 from hgogen.intervals.enclosure import enclose
 from hgogen.intervals.outward import (
     Array,
@@ -109,20 +109,13 @@ def steepest(
 
 
 @dataclass(frozen=True)
-class _Slopes:
-    """Enclosures of J (rows x states x k) by the slopes of the tape, where they are `smooth` and can be used, and where
-    the field is `continuous`."""
+class _Slopes(Columns):
+    """Enclosures of J (2 x rows x states x k) by the slopes of the tape, where they are `smooth` and can be used, and
+    where the field is `continuous`."""
 
-    matrix: Pair
+    matrix: Array
     smooth: Flags
     continuous: Flags
-
-    def only(self, columns: slice | Flags) -> "_Slopes":
-        return _Slopes(_columns(self.matrix, columns), self.smooth[columns], self.continuous[columns])
-
-
-def _columns(matrix: Pair, columns: slice | Flags) -> Pair:
-    return matrix[0][..., columns], matrix[1][..., columns]
 
 
 def _ends(field: Field, root: Pair, box: Pair, node: Indices, best: Attained, points: Array) -> tuple[Known, Attained]:
@@ -142,8 +135,7 @@ def _slopes(field: Field, low: Array, high: Array) -> _Slopes:
     rows = enclose(field.program, low, high, slopes=field.states)
     smooth = np.logical_and.reduce([row.defined for row in rows])  # what jumps in a state has an infinite slope
     continuous = np.logical_and.reduce([row.continuous for row in rows])
-    slopes = [row.slope for row in rows if row.slope is not None]
-    matrix = np.stack([slope[0] for slope in slopes]), np.stack([slope[1] for slope in slopes])
+    matrix = np.stack([row.slope for row in rows if row.slope is not None], axis=1)
     return _Slopes(matrix, smooth, continuous)
 
 
@@ -171,19 +163,15 @@ def _sharpened(field: Field, low: Array, high: Array, slopes: _Slopes) -> tuple[
         usable = usable & ~np.isnan(form[0]) & ~np.isnan(form[1])
         form = np.where(usable, form[0], -np.inf), np.where(usable, form[1], np.inf)
         first, last = matrix[0][place], matrix[1][place]
-        joint = meet((first, last), _met(value, form, entry.defined))
+        least, most = meet(value, form)
+        joint = meet((first, last), (np.where(entry.defined, least, -np.inf), np.where(entry.defined, most, np.inf)))
         sound = (joint[0] <= joint[1]) & usable_everywhere
         matrix[0][place], matrix[1][place] = np.where(sound, joint[0], first), np.where(sound, joint[1], last)
     return slopes, weight
 
 
-def _met(value: Pair, form: Pair, defined: Flags) -> Pair:
-    low, high = meet(value, form)
-    return np.where(defined, low, -np.inf), np.where(defined, high, np.inf)
-
-
-def _norm(matrix: Pair) -> Array:
-    """Upper bounds of the spectral norms of interval matrices (rows x columns x k)."""
+def _norm(matrix: Array) -> Array:
+    """Upper bounds of the spectral norms of interval matrices (2 x rows x columns x k)."""
     (low, high), exponent = _scaled(matrix)
     size = np.maximum(np.abs(low), np.abs(high))
     plain = _frobenius(size)
@@ -204,13 +192,13 @@ def _sharper(low: Array, high: Array, size: Array, plain: Array) -> Array:
     return np.fmin(mixed, sharp)
 
 
-def _scaled(matrix: Pair) -> tuple[Pair, Indices]:
-    """The matrices divided by powers of two that bring their largest entries below 1, and the exponents; what
+def _scaled(matrix: Array) -> tuple[Array, Indices]:
+    """The matrices (.. x k) divided by powers of two that bring their largest entries below 1, and the exponents; what
     underflows changes a norm by less than `_LOST`."""
-    largest = np.maximum(np.abs(matrix[0]), np.abs(matrix[1])).max(axis=(0, 1))
+    largest = np.abs(matrix).max(axis=tuple(range(matrix.ndim - 1)))
     usable = (largest > 0) & np.isfinite(largest)
     exponent = np.where(usable, np.frexp(np.where(usable, largest, 1.0))[1], 0).astype(np.int64)
-    return (np.ldexp(matrix[0], -exponent), np.ldexp(matrix[1], -exponent)), exponent
+    return np.ldexp(matrix, -exponent), exponent
 
 
 def _largest_sum(size: Array) -> Array:
@@ -228,7 +216,7 @@ def _frobenius(size: Array) -> Array:
 
 def _point_norm(matrix: Array) -> Array:
     """Upper bounds of |M|_2, M of floats (rows x columns x k), by the Frobenius norm of a power of M'M."""
-    (matrix, _), exponent = _scaled((matrix, matrix))
+    matrix, exponent = _scaled(matrix)
     largest = np.abs(matrix).max(axis=(0, 1))
     transposed = np.swapaxes(matrix, 0, 1)
     gram = _product((transposed, transposed), (matrix, matrix))
@@ -252,7 +240,7 @@ def _point_norm(matrix: Array) -> Array:
     return np.asarray(np.where(largest > 0, up(np.ldexp(norm, exponent)), 0.0))
 
 
-def _product(a: Pair, b: Pair) -> Pair:
+def _product(a: Pair | Array, b: Pair) -> Pair:
     """The product of interval matrices (n x m x k) (m x l x k)."""
     low, high = scale((a[0][:, :, None], a[1][:, :, None]), (b[0][None], b[1][None]))  # n x m x l x k
     terms = range(low.shape[1])
@@ -265,7 +253,7 @@ def _attained(slopes: _Slopes, points: Array) -> Attained:
     usable = smooth & np.isfinite(matrix[0]).all(axis=(0, 1)) & np.isfinite(matrix[1]).all(axis=(0, 1))
     if not usable.any():
         return 0.0, None
-    matrix, exponent = _scaled(_columns(matrix, usable))
+    matrix, exponent = _scaled(matrix[..., usable])
     floats = np.moveaxis(matrix[0] / 2.0 + matrix[1] / 2.0, -1, 0)
     vectors = np.linalg.svd(floats)[2][:, 0, :].T[:, None, :]  # columns x 1 x k
     image = _product(matrix, (vectors, vectors))
