@@ -5,7 +5,7 @@ from collections.abc import Callable, Mapping
 from copy import copy
 from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 
@@ -44,7 +44,7 @@ class CallableStep(Step):
     """
 
     engine: Engine | None = None
-    real: Real = "double"
+    real: Annotated[Real, "working precision: float or double"] = "double"
     _kept: Kept = field(init=False)
     _clock: list[int] = field(init=False)
     _legend: Legend = field(init=False)

@@ -8,7 +8,7 @@ it while it peaks.
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property, wraps
-from typing import Any, TypeVar, cast
+from typing import Annotated, Any, TypeVar, cast
 
 import sympy as sp
 
@@ -89,7 +89,7 @@ class Form:
     """
 
     system: System
-    kind: str
+    kind: Annotated[str, "name of the form"]
     states: tuple[Signal, ...]
     to_form: tuple[sp.Expr, ...]
     from_form: tuple[sp.Expr, ...]

@@ -5,7 +5,7 @@ from copy import deepcopy
 from dataclasses import dataclass, field, replace
 from functools import cache, lru_cache, partial, wraps
 from inspect import signature
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 import sympy as sp
@@ -53,7 +53,7 @@ class Observer:
     """
 
     form: Form
-    name: str
+    name: Annotated[str, "name of the observer"]
     parts: tuple[Part, ...]
     gains: tuple[Field, ...]
     z: Any  # a Graph, which mypy would take for a Sparsity in ca.vertcat

@@ -120,8 +120,8 @@ class Encoded:
     """A result, a dataclass, as data for JSON; a dataclass whose `json_keys` is None is its text.
 
     `json_keys`: its keys, by default its fields. A key is the name of a field or property; "key=path" reads it
-    elsewhere, with dots between names and indices; "*path" has all keys of the value there, none where it is None;
-    "key?" is left out where it is None.
+    elsewhere, with dots between names and indices, and is None where something on the way is; "*path" has all keys of
+    the value there, none where it is None; "key?" is left out where it is None.
     """
 
     json_keys: ClassVar[tuple[str, ...]] = ()
@@ -174,7 +174,8 @@ def _of_result(value: Any) -> dict[str, Any]:
     for key in keys_of(value.__class__):
         part = value
         for name in key.path.split("."):
-            part = part[int(name)] if name.isdigit() else getattr(part, name)
+            if part is not None:
+                part = part[int(name)] if name.isdigit() else getattr(part, name)
         part = part() if callable(part) else part
         if key.name and not (key.optional and part is None):
             data[key.name] = encoded(part)

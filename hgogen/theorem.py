@@ -67,9 +67,9 @@ class Hypothesis:
 class Theorem:
     """A theorem about an observer: `conclusion`, under the `hypotheses`; `reference`: the paper and its number."""
 
-    conclusion: str
+    conclusion: Annotated[str, "what the theorem concludes"]
     hypotheses: tuple[Hypothesis, ...]
-    reference: str
+    reference: Annotated[str, "the paper and its number"]
 
     def under(self, *more: Hypothesis) -> "Theorem":
         """The theorem with more hypotheses."""

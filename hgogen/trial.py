@@ -15,7 +15,7 @@ from dataclasses import astuple, dataclass, field, replace
 from functools import cached_property
 from itertools import pairwise
 from numbers import Integral, Real
-from typing import Any, NamedTuple
+from typing import Annotated, Any, NamedTuple
 
 import casadi as ca
 import numpy as np
@@ -119,9 +119,9 @@ class Trial:
     Raises: `BadTrial` for a field of another kind.
     """
 
-    name: str
+    name: Annotated[str, "name of the trial"]
     duration: float
-    start: Mapping[str, float]
+    start: Annotated[Mapping[str, float], "the plant's state at the start"]
     inputs: Mapping[str, Any] = field(default_factory=dict)
     noise: Mapping[str, OrnsteinUhlenbeck | Sine] = field(default_factory=dict)
     jumps: tuple[Jump, ...] = ()

@@ -55,10 +55,10 @@ class Row(Encoded):
 
 @dataclass(frozen=True)
 class Survey:
-    """A row for each form in each variant, and one for Gauthier and Bornard."""
+    """What is known of a plant in each form."""
 
     plant: System
-    rows: tuple[Row, ...]
+    rows: Annotated[tuple[Row, ...], "each form in each variant, and the test of Gauthier and Bornard"]
 
     def __getitem__(self, name: str) -> Row:
         """The row of that name, such as "triangular" or "triangular, measured=True"."""

@@ -4,6 +4,7 @@ import json
 import math
 import os
 import signal
+from dataclasses import replace
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -16,7 +17,7 @@ from scipy.integrate import solve_ivp
 from test_cli import hgogen
 
 import hgogen as hg
-from hgogen.commands.fitting import By, _verdicts, _without_offset
+from hgogen.commands.fitting import By, HeldOutError, _verdicts, _without_offset
 from hgogen.identification import whiteness as whiteness_module
 from hgogen.identification.fit import CannotFit, Task, best_of, lagged
 from hgogen.identification.records import BadLog
@@ -568,18 +569,18 @@ def test_a_sign_that_is_wrong_is_named_as_a_doubt() -> None:
 
 
 def test_what_predicts_worse_than_others_is_said() -> None:
-    row = {"record": "a.csv", "output": "y", "ahead": 5, "fitted": 2.0, "unfitted": 1.0, "copying": 1.0}
-    open_loop = {**row, "ahead": None, "copying": None}
-    assert list(_verdicts([row, {**row, "ahead": 25}, open_loop])) == [
+    row = HeldOutError(record="a.csv", output="y", ahead=5, fitted=2.0, unfitted=1.0, copying=1.0)
+    open_loop = replace(row, ahead=None, copying=None)
+    assert list(_verdicts([row, replace(row, ahead=25), open_loop])) == [
         "y is predicted worse than by copying the last value, 5, 25 samples ahead, in the rows held out",
         "y is predicted worse than before the fit, 5, 25 samples ahead, in the rows held out",
     ]
-    assert list(_verdicts([{**row, "fitted": 1.0}])) == []
-    both = list(_verdicts([row, {**row, "record": "b.csv"}]))
+    assert list(_verdicts([replace(row, fitted=1.0)])) == []
+    both = list(_verdicts([row, replace(row, record="b.csv")]))
     assert both[0].endswith("in the rows held out of a.csv")
     assert both[2].endswith("in the rows held out of b.csv")
     assert all("under feedback that refutes nothing" in said for said in _verdicts([row], By.PREDICTION))
-    assert "feedback" not in "".join(_verdicts([{**row, "ahead": 1}], By.PREDICTION))
+    assert "feedback" not in "".join(_verdicts([replace(row, ahead=1)], By.PREDICTION))
 
 
 # --- values from a file -----------------------------------------------------------------------------------------

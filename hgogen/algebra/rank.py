@@ -17,7 +17,7 @@ from dataclasses import dataclass
 from fractions import Fraction
 from functools import reduce
 from math import inf
-from typing import Any, TypeVar
+from typing import Annotated, Any, TypeVar
 
 import flint
 import sympy as sp
@@ -169,17 +169,15 @@ def at_values(rows: Iterable[sp.Expr], values: Mapping[sp.Symbol, sp.Rational]) 
 
 @dataclass(frozen=True)
 class Rank:
-    """One answer: `dimension` unknowns, `rank` of them seen together, by derivatives of the outputs up to `order`.
-
-    `observable`: those that are individually observable, the unit vector in the row space; `unobservable`: the rest.
-    `final`: whether the rank was stationary; if not, rank and `observable` hold and more derivatives may add to them.
+    """One answer of a question of observability. `observable`: those whose unit vector is in the row space; `final`:
+    whether the rank was stationary; if not, rank and `observable` hold and more derivatives may add to them.
     """
 
-    dimension: int
-    rank: int
-    order: int
-    observable: tuple[sp.Symbol, ...]
-    unobservable: tuple[sp.Symbol, ...]
+    dimension: Annotated[int, "number of unknowns"]
+    rank: Annotated[int, "generic rank: how many unknowns are seen together"]
+    order: Annotated[int, "order of the outputs' derivatives that attains it"]
+    observable: Annotated[tuple[sp.Symbol, ...], "the unknowns that are observable by themselves"]
+    unobservable: Annotated[tuple[sp.Symbol, ...], "the other unknowns"]
     final: bool
 
 

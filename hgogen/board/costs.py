@@ -4,6 +4,7 @@ import tempfile
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Annotated
 
 import numpy as np
 
@@ -18,21 +19,19 @@ FLAGS = ("-O2", *qemu.M4F, "-ffp-contract=off")
 
 @dataclass(frozen=True)
 class Costs:
-    """Instructions of a step, `quiet` the mean of calm samples and `worst` that of a hostile one; bytes of `flash`, of
-    `ram` (state and parameters) and of `stack`, the deepest of all samples and of spoiled memory; and by what they were
-    measured, of which source."""
+    """What a step costs, and by what that was measured."""
 
-    quiet: int
-    worst: int
-    flash: int
-    ram: int
-    stack: int
-    real: Real
-    machine: str
-    compiler: str
-    flags: str
-    emulator: str
-    source: str
+    quiet: Annotated[int, "instructions of a step, the mean of calm samples"]
+    worst: Annotated[int, "instructions of a step, the worst of a hostile record"]
+    flash: Annotated[int, "bytes of flash"]
+    ram: Annotated[int, "bytes of state and parameters"]
+    stack: Annotated[int, "bytes of stack, the deepest of all samples and of spoiled memory"]
+    real: Annotated[Real, "working precision"]
+    machine: Annotated[str, "the processor"]
+    compiler: Annotated[str, "version of the compiler"]
+    flags: Annotated[str, "options of the compiler"]
+    emulator: Annotated[str, "version of the emulator"]
+    source: Annotated[str, "digest of the C, by which it is known whether the costs are of it"]
 
 
 def measured(step: Step, files: Mapping[str, str], rows: np.ndarray, real: Real) -> Costs:

@@ -11,7 +11,7 @@ alone does to the estimate is the RMS of the difference between two runs, with i
 import math
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, replace
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 
@@ -38,27 +38,27 @@ LEFT = 0.01  # of a first error
 
 @dataclass(frozen=True)
 class Tried:
-    """A theta on the trial: the time to settle from its start, None where it does not; the RMS that noise alone makes
-    of the estimate, by state; `settling`: the wanted time that gives this theta."""
+    """A theta on the trial; `settling`: the wanted time that gives this theta."""
 
-    theta: float
-    settled: float | None
-    noise: Mapping[str, float]
+    json_keys = ("theta", "settled", "noise")
+
+    theta: Annotated[float, "the gain theta; 0 for an observer without one"]
+    settled: Annotated[float | None, "time to settle from the start of the trial; null: never"]
+    noise: Annotated[Mapping[str, float], "RMS that noise alone makes of the estimate, by state"]
     settling: float
 
 
 @dataclass(frozen=True)
 class Advised:
-    """Gains of an observer: the `name` of its tuning; `first` with form and step; its `theta`, None where it has
-    none; from which theta on it is `certified`, None where no bound is proved; what was `tried`, its own theta
-    among it: of an observer without theta that alone, without a trial nothing; `sigma`: the noise, by output."""
+    """Gains of an observer; `first` with form and step; what was `tried`, its own theta among it: of an observer
+    without theta that alone, without a trial nothing."""
 
-    name: str
+    name: Annotated[str, "name of the tuning"]
     first: First
-    theta: float | None
-    certified: float | None
-    tried: tuple[Tried, ...]
-    sigma: Mapping[str, float] = field(default_factory=dict)
+    theta: Annotated[float | None, "the gain theta; null for an observer without one"]
+    certified: Annotated[float | None, "the least theta for which convergence is proved; null where none is"]
+    tried: Annotated[tuple[Tried, ...], "values of theta on the trial"]
+    sigma: Annotated[Mapping[str, float], "standard deviation of a sample, by output"] = field(default_factory=dict)
 
     @property
     def table(self) -> Mapping[str, Any]:

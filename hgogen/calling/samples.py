@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any, Literal, NamedTuple, Protocol, cast
+from typing import Annotated, Any, Literal, NamedTuple, Protocol, cast
 
 import numpy as np
 
@@ -123,7 +123,7 @@ class Run:
     names: tuple[str, ...]
     traces: Mapping[str, np.ndarray]
     status: np.ndarray
-    engine: Engine | Literal["cvodes"]
+    engine: Annotated[Engine | Literal["cvodes"], "who ran the step: c, python or cvodes"]
     replay: Replayed | None = field(default=None, repr=False, compare=False)
     first: int = 0
 

@@ -8,6 +8,7 @@ import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from fractions import Fraction
+from typing import Annotated
 
 from hgogen import observers
 from hgogen.call import CallableStep, sample
@@ -27,17 +28,15 @@ _GUESS = 4.0  # a theta over the rate that it may have, where none is proved
 
 @dataclass(frozen=True)
 class Point:
-    """An observer on the curve. `gain`: the designed one, for the rate `wanted`, None of a tuning; `rate` (1/time):
-    proved in continuous time, None where none is; `longest`: up to which dt its step is proved, None where it is at
-    none; `continuous`, `step`: the bounds of what noise does in continuous time, and by the step at its dt, empty where
-    none are proved."""
+    """An observer on the curve. `gain`: the designed one, None of a tuning; `rate` (1/time); `continuous`, `step`: the
+    bounds of what noise does in continuous time, and by the step at its dt, empty where none are proved."""
 
     observer: Observer = field(repr=False)
     gain: Gain | None
-    wanted: float | None
-    rate: float | None
+    wanted: Annotated[float | None, "the rate it is designed for; null for the tuning"]
+    rate: Annotated[float | None, "rate of decay proved in continuous time; null: none"]
     continuous: Bounds
-    longest: float | None
+    longest: Annotated[float | None, "dt up to which its step is proved; null: none"]
     step: Bounds
 
     @property

@@ -1,6 +1,7 @@
 """The command `advise`: gains without a record, for every observer that a plant admits."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from typing import Annotated, Any
 
 import typer
@@ -13,16 +14,15 @@ from hgogen.commands.calibrating import forms_asked, renamed
 from hgogen.commands.command import (
     Bar,
     Jobs,
-    Json,
     ModelArgument,
     OneTrial,
     Out,
+    Report,
+    Written,
     command,
     folder_of,
-    json_text,
     one_or_all,
     rendered,
-    show,
 )
 from hgogen.commands.headed import file_list
 from hgogen.commands.logs import Deep, names_in, numbers_by_name
@@ -36,7 +36,90 @@ from hgogen.system import System
 from hgogen.trials.proposed import NoTrial
 
 
-@command()
+@dataclass(frozen=True, eq=False)
+class AdvisedRow:
+    """Proposed gains of an observer as JSON has them."""
+
+    json_keys = (
+        *("name=gains.name", "form", "theta=gains.theta", "certified=gains.certified", "settles"),
+        *("settled=gains.own.settled", "noise", "sigma=gains.sigma", "known", "operations", "tried=gains.tried"),
+    )
+
+    gains: Advised
+
+    @property
+    def form(self) -> str:
+        """The form the observer is built on."""
+        return self.gains.first.row.name
+
+    @property
+    def settles(self) -> float | None:
+        """The first theta tried that settles."""
+        gains = self.gains
+        return gains.settles.theta if gains.settles and gains.theta is not None else None
+
+    @property
+    def settled(self) -> float | None:
+        """The time to settle of its own theta."""
+        return self.gains.own.settled if self.gains.own else None
+
+    @property
+    def noise(self) -> Mapping[str, float]:
+        """RMS that noise alone makes of the estimate, by state."""
+        return self.gains.own.noise if self.gains.own else {}
+
+    @property
+    def known(self) -> str:
+        """What is known of the convergence."""
+        return KNOWN[self.gains.first.known][0]
+
+    @property
+    def operations(self) -> int:
+        """Operations of one call."""
+        return cost(self.gains.first.step).operations
+
+    @property
+    def rank(self) -> tuple[bool, int, int]:
+        """What settles before what does not, then what is known of it, then its cost."""
+        return self.settled is None, KNOWN[self.gains.first.known][1], self.operations
+
+
+@dataclass(frozen=True, eq=False)
+class AdviceReport(Report):
+    """Gains without a record."""
+
+    json_keys = ("model", "equations", "take", "tuning", "trial", "rows", "refused", "notes", "files")
+
+    model: Annotated[str, "path of the model"]
+    equations: Annotated[list[str], "the plant's equations"]
+    trial: Annotated[str | None, "name of the trial; null where none is tried"]
+    rows: Annotated[tuple[AdvisedRow, ...], "the gains of each observer"]
+    refused: Annotated[Mapping[str, str], "why observers have no gains, by name"]
+    unit: str
+    files: Written = ()
+
+    @property
+    def take(self) -> str:
+        """Name of the tuning to take."""
+        return min(self.rows, key=lambda row: row.rank).gains.name
+
+    @property
+    def tuning(self) -> dict[str, Mapping[str, Any]]:
+        """Tables of the tunings by name."""
+        return {row.gains.name: row.gains.table for row in self.rows}
+
+    @property
+    def notes(self) -> list[str]:
+        """How each theta stands to what is certified and to what settles."""
+        return [row.gains.sentence for row in self.rows if row.gains.sentence]
+
+    def tables(self) -> Iterator[Any]:
+        """The gains, and what they do on the trial."""
+        yield log_tables.advised(self.rows, self.take, self.unit, self.notes, self.refused)
+        yield file_list(self.files)
+
+
+@command(AdviceReport)
 def advise_(
     model: ModelArgument,
     observers: Annotated[
@@ -54,16 +137,10 @@ def advise_(
     deep: Deep = False,
     jobs: Jobs = None,
     out: Out = None,
-    as_json: Json = False,
-) -> None:
+) -> AdviceReport:
     """Propose gains of every observer that a plant admits, from its ranges, the noise of its sensors, the sampling
     period and a wanted time to settle; and try other values of theta on the model's trial. The file `advised.json` that
     it writes is what `--tuning` of every command that makes a step takes.
-
-    JSON keys: model, equations (of its plant), tuning (tables by name), take, trial (its name, or null), rows (name,
-    form, theta, certified: from which theta on, settles: the first theta that does, settled: the time of its own, noise
-    by state, sigma: of the sensors, by output, known: of its convergence, operations, tried: theta, settled, noise),
-    refused (why, by observer), notes, files.
     """
     loaded = load(model).set(setting)
     plant, folder = loaded.plant, folder_of(out, loaded)
@@ -88,46 +165,10 @@ def advise_(
             each=lambda _: bar.tick(),
         )
     advised = renamed(loaded, advised, "advised")
-    rows = [
-        {
-            "name": one.name,
-            "form": one.first.row.name,
-            "theta": one.theta,
-            "certified": one.certified,
-            "settles": one.settles.theta if one.settles and one.theta is not None else None,
-            "settled": one.own.settled if one.own else None,
-            "noise": dict(one.own.noise) if one.own else {},
-            "sigma": dict(one.sigma),
-            "known": KNOWN[one.first.known][0],
-            "operations": cost(one.first.step).operations,
-            "tried": [{"theta": each.theta, "settled": each.settled, "noise": dict(each.noise)} for each in one.tried],
-        }
-        for one in advised
-    ]
-    best = min(advised, key=_rank).name
-    notes = [one.sentence for one in advised if one.sentence]
     drawn = {"advised": _figure(advised, plant)} if any(len(one.tried) > 1 for one in advised) else {}
-    files: dict[str, str | bytes] = {**rendered(drawn)}
-    paths = folder.demand(*files, "advised.json")
-    report = {
-        "model": loaded.path,
-        "equations": equations(plant),
-        "take": best,
-        "tuning": {one.name: one.table for one in advised},
-        "trial": chosen.name if chosen else None,
-        "rows": rows,
-        "refused": refused,
-        "notes": notes,
-        "files": list(map(str, paths)),
-    }
-    folder.write({**files, "advised.json": json_text(report) + "\n"})
-    show(as_json, report, log_tables.advised(rows, best, plant.time, notes, refused), file_list(paths))
-
-
-def _rank(one: Advised) -> tuple[bool, int, int]:
-    """What settles before what does not, then what is known of it, then its cost."""
-    settles = one.own is not None and one.own.settled is not None
-    return not settles, KNOWN[one.first.known][1], cost(one.first.step).operations
+    rows, tried_on = tuple(map(AdvisedRow, advised)), chosen.name if chosen else None
+    report = AdviceReport(loaded.path, equations(plant), tried_on, rows, refused, plant.time)
+    return folder.save(report, "advised.json", rendered(drawn))
 
 
 def _figure(advised: Sequence[Advised], plant: System) -> Any:

@@ -1,10 +1,11 @@
 """The commands `build`, `generate` and `simulate`: a model's observer in C and in Python, and what its trials show."""
 
-from dataclasses import replace
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
 from inspect import signature
 from itertools import combinations
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
@@ -14,44 +15,44 @@ from hgogen.calling import native
 from hgogen.calling.samples import Engine
 from hgogen.certificates.error_bound import ErrorBound
 from hgogen.commands import drawings, stated_bounds, tables, trial_runs
-from hgogen.commands.campaigning import campaigns
-from hgogen.commands.checked import checked
+from hgogen.commands.campaigning import CampaignRow, campaigns
+from hgogen.commands.checked import Checked, checked
 from hgogen.commands.command import (
     NO_RUNS,
     Bar,
     Folder,
-    Json,
     ModelArgument,
     OneTrial,
     Out,
     ReaderOption,
+    Report,
     Runs,
     Seeds,
     Tuned,
+    Written,
     command,
+    early,
     engine_here,
     folder_of,
-    json_text,
     named,
     one_or_all,
     rendered,
-    show,
 )
 from hgogen.commands.headed import file_list
 from hgogen.commands.packing import For, Prefix, beside, demand_packing, packed
-from hgogen.commands.process import console, note
+from hgogen.commands.process import note
+from hgogen.commands.trial_runs import TrialRow
 from hgogen.emit.naming import prefixed
 from hgogen.emit.syntax import Real
 from hgogen.model import Model, load
 from hgogen.modelfiles.setting import AS_WRITTEN, Setting, UnknownCase, demand_known
 from hgogen.reading.filename import same
 from hgogen.reading.named import by_name, written
-from hgogen.sentence import encoded
 from hgogen.target import Files, Sources
 from hgogen.trial import Trial
-from hgogen.trials.agreement import Disagree
-from hgogen.trials.comparison import seen
-from hgogen.trials.falling import falling
+from hgogen.trials.agreement import Agreement, Disagree
+from hgogen.trials.comparison import Seen, seen
+from hgogen.trials.falling import Falling, falling
 
 C99 = "c99"
 _TAKES = ("command", "real", "check")  # what a language takes beside the step
@@ -109,7 +110,43 @@ def _real(model: Model) -> Real:
     return model.setting.real or "float"
 
 
-@command()
+@dataclass(frozen=True, eq=False)
+class Built(Report):
+    """A model checked, its code generated, and its trials in C and in Python."""
+
+    json_keys = (*("model", "*claims", "c_names", "compiler", "self_check", "trials", "comparison", "files"),)
+
+    model: Annotated[str, "path of the model"]
+    claims: Checked
+    c_names: Annotated[dict[str, str], "by signal, its name in the language, where that is another"]
+    self_check: Annotated[str | None, "what the self-check of the code printed; null where it was not run"]
+    trials: Annotated[tuple[TrialRow, ...], "what followed each event of each trial"]
+    comparison: Annotated[tuple[Agreement, ...], "C against Python"]
+    code: str
+    unit: str
+    files: Written = ()
+
+    @property
+    def compiler(self) -> str | None:
+        """The C compiler; null where there is none."""
+        return native.compiler()
+
+    def tables(self) -> Iterator[Any]:
+        """What the trials say, and whether C and Python agree."""
+        yield tables.trials([one.summary for one in self.trials], self.unit)
+        if self.comparison:
+            yield tables.agreements(self.comparison, self.unit)
+        if self.self_check:
+            yield f"self-check of the {self.code}: {self.self_check}\n"
+        yield file_list(self.files)
+
+    def demand(self) -> None:
+        """Raise `Disagree` where C and Python do."""
+        if failed := tuple(one for one in self.comparison if not one.agreed):
+            raise Disagree(failed)
+
+
+@command(Built)
 def build_(
     model: ModelArgument,
     observer: Tuned = None,
@@ -119,20 +156,13 @@ def build_(
     ecosystems: For = None,
     name: Prefix = None,
     seeds: Seeds = None,
-    as_json: Json = False,
-) -> None:
+) -> Built:
     """Check a model, generate and compile its code, try it in C and in Python, compare them, draw the figures.
 
     Everything lies in the folder --out, with report.json, which is what --json prints. Without a C compiler
     the trials run in Python, one seed each, and the C is written but not tried. With --target another language is
     written in the place of C, and its self-check is run where its compiler is there. With --for the C lies in
     src/, with what the ecosystem asks for beside it, and figures in extras/.
-
-    JSON keys: model, plant, form, coordinates, flow, outputs, gains, dt, checks, refuted, theorem, notes (as in
-    `check`), c_names (by signal, where the language, C or another, has another name), compiler, self_check (what it
-    printed), trials (trial, criterion, seeds, engine, times, settled, worst, peak, calm, triggered, loud,
-    latched, alarm_ratio, rms, clamped, left, acted), comparison (trial, seed, until, before, after, settled, dt,
-    agreed), files.
     """
     _demand_language(target)
     demand_packing(ecosystems, name, target, C99)
@@ -142,42 +172,36 @@ def build_(
     step = loaded.step(observer)
     trials = trial_runs.trials_of(loaded, step)
     claims = checked(loaded, name=observer)
-    stated = stated_bounds.stating(step, loaded, claims.known)
-    coded = prefixed(stated, name) if name else stated
-    if not as_json:
-        console().print(tables.checks(claims.head, claims.checks, claims.accepted))
+    early(tables.checks(claims.head, claims.checks, claims.accepted))
     note(*claims.notes)
-    files = _emitted(coded, loaded, observer, target, name)
-    library = packed(coded, files, ecosystems, _real(loaded), folder)
+    files, library = _coded(loaded, step, claims.known, observer, target, ecosystems, name, folder)
     engine = engine_here()
     self_check = _checked(files, engine)
     done = _tried(step, trials, engine, seeds if engine == "c" else 1)
     again = _tried(step, trials, "python", 1) if engine == "c" else []
     comparison = trial_runs.agreements(done, again, step.dt) if again else ()
-    figures = rendered(drawings.figures(step, done, claims.known))
-    written: dict[str, str | bytes] = {**library, **beside(figures, ecosystems)}
-    paths = folder.demand(*written, "report.json")
-    summaries = trial_runs.summaries(step, done, engine, note)
-    report = {
-        "model": loaded.path,
-        **claims.as_dict(),
-        "c_names": dict(files.names),
-        "compiler": native.compiler(),
-        "self_check": self_check,
-        "trials": trial_runs.trial_rows(summaries, done),
-        "comparison": comparison,
-        "files": list(map(str, paths)),
-    }
-    folder.write({**written, "report.json": json_text(report) + "\n"})
-    shown = [tables.trials(summaries, step.time)]
-    if again:
-        shown.append(tables.agreements(comparison, step.time))
-    if self_check:
-        language = "C" if target == C99 else target
-        shown.append(f"self-check of the {_real(loaded)} {language}: {self_check}\n")
-    show(as_json, report, *shown, file_list(paths))
-    if not all(one.agreed for one in comparison):
-        raise Disagree(tuple(one for one in comparison if not one.agreed))
+    drawn = beside(rendered(drawings.figures(step, done, claims.known)), ecosystems)
+    rows = trial_runs.trial_rows(trial_runs.summaries(step, done, engine, note), done)
+    code = f"{_real(loaded)} {'C' if target == C99 else target}"
+    report = Built(loaded.path, claims, dict(files.names), self_check, rows, comparison, code, step.time)
+    return folder.save(report, "report.json", {**library, **drawn})
+
+
+def _coded(
+    model: Model,
+    step: CallableStep,
+    known: ErrorBound | None,
+    observer: str | None,
+    target: str,
+    ecosystems: str | None,
+    name: str | None,
+    folder: Folder,
+) -> tuple[Sources, Files]:
+    """The code of a step of which that is `known`, and all files as they go into the folder."""
+    stated = stated_bounds.stating(step, model, known)
+    coded = prefixed(stated, name) if name else stated
+    files = _emitted(coded, model, observer, target, name)
+    return files, packed(coded, files, ecosystems, _real(model), folder)
 
 
 def _checked(files: Sources, engine: Engine) -> str | None:
@@ -191,7 +215,27 @@ def _checked(files: Sources, engine: Engine) -> str | None:
         return None
 
 
-@command()
+@dataclass(frozen=True)
+class Generated:
+    """The code of a model."""
+
+    model: Annotated[str, "path of the model"]
+    c_names: Annotated[dict[str, str], "by signal, its name in the language, where that is another"]
+    files: Written
+
+
+@dataclass(frozen=True)
+class AllGenerated(Report):
+    """The code of models."""
+
+    models: Annotated[tuple[Generated, ...], "the code of each model"]
+
+    def tables(self) -> Iterator[Any]:
+        """The files of each."""
+        return (file_list(one.files) for one in self.models)
+
+
+@command(AllGenerated)
 def generate_(
     models: Annotated[
         list[str], typer.Argument(metavar="MODEL...", help="Model files, or names that `hgogen list` shows.")
@@ -202,51 +246,101 @@ def generate_(
     target: Target = C99,
     ecosystems: For = None,
     name: Prefix = None,
-    as_json: Json = False,
-) -> None:
+) -> AllGenerated:
     """Write the code of models, by default C, and the figures of their trials as the C draws them, or Python's reading
     of it where there is no compiler. With --for the C lies in src/, with what the ecosystem asks for beside it: build
     files, an example, a README with the costs that `hgogen cost` measured; figures lie in extras/.
-
-    JSON keys: models (a list of: model, c_names, by signal where the language, C or another, has another name, files).
     """
     _demand_language(target)
     demand_packing(ecosystems, name, target, C99)
     if name and len(models) > 1:
         raise typer.BadParameter("is one name, of one model; write the models one by one", param_hint="--name")
     loaded = [load(model).set(setting) for model in models]
-    folders = [Folder(out, name or named(one, observer)) for one in loaded]
     for first, second in combinations(loaded, 2):
         if same(first.name) == same(second.name):
             reason = f"{first.path} and {second.path} have one name, and the files of one would replace the other's"
             raise typer.BadParameter(f"{reason}; give each a folder of its own by --out", param_hint="MODEL")
-    steps, codes, libraries, written = list[CallableStep](), list[Sources](), list[Files](), []
-    known = list[ErrorBound | None]()
-    for one, folder in zip(loaded, folders, strict=True):  # of all of them, before anything is tried or written
+    made = []
+    for one in loaded:  # of all of them, before anything is tried or written
+        folder = Folder(out, name or named(one, observer))
         note(*one.notes)
-        steps.append(one.step(observer))
-        known.append(stated_bounds.proved(steps[-1], one, note))
-        stated = stated_bounds.stating(steps[-1], one, known[-1])
-        coded = prefixed(stated, name) if name else stated
-        codes.append(_emitted(coded, one, observer, target, name))
-        libraries.append(packed(coded, codes[-1], ecosystems, _real(one), folder))
-        folder.demand(*libraries[-1])
+        step = one.step(observer)
+        known = stated_bounds.proved(step, one, note)
+        code, library = _coded(one, step, known, observer, target, ecosystems, name, folder)
+        folder.demand(*library)
+        made.append((one, folder, step, known, code, library))
     engine: Engine = engine_here() if any(one.has("trial") for one in loaded) else "python"
-    made = zip(loaded, folders, steps, known, codes, libraries, strict=True)
-    for one, folder, step, error, code, library in made:
-        files: dict[str, str | bytes] = {**library}
-        if one.has("trial"):
-            done = _tried(step, one.trials(), engine, 1)
-            note(*trial_runs.departures(done, step.time))
-            files |= beside(rendered(drawings.figures(step, done, error)), ecosystems)
-        else:
-            note(f"{one.path} has no trial, so there are no figures of it")
-        paths = folder.write(files)
-        written.append({"model": one.path, "c_names": dict(code.names), "files": list(map(str, paths))})
-    show(as_json, {"models": written}, *(file_list(one["files"]) for one in written))
+    written = []
+    for one, folder, step, known, code, library in made:
+        paths = folder.write({**library, **beside(_figures(one, step, known, engine), ecosystems)})
+        written.append(Generated(one.path, dict(code.names), tuple(paths)))
+    return AllGenerated(tuple(written))
 
 
-@command()
+def _figures(model: Model, step: CallableStep, known: ErrorBound | None, engine: Engine) -> dict[str, bytes]:
+    """The figures of a model's trials; says where there are none."""
+    if not model.has("trial"):
+        note(f"{model.path} has no trial, so there are no figures of it")
+        return {}
+    done = _tried(step, model.trials(), engine, 1)
+    note(*trial_runs.departures(done, step.time))
+    return rendered(drawings.figures(step, done, known))
+
+
+@dataclass(frozen=True, eq=False)
+class SimulatedTrial:
+    """A trial of a step as JSON has it."""
+
+    json_keys = ("*row", "bounds", "falling", "each=row.tried.each")
+
+    row: TrialRow
+    bounds: Annotated[tuple[Seen, ...], "each state's error beside what is proved of it"]
+    falling: Annotated[Falling | None, "how e' S e falls without noise; null for an observer without a covariance"]
+
+
+@dataclass(frozen=True, eq=False)
+class Simulated(Report):
+    """A model's observer on its trials."""
+
+    json_keys = ("model", "gains", "trials", "files")
+
+    model: Annotated[str, "path of the model"]
+    step: CallableStep
+    trials: Annotated[tuple[SimulatedTrial, ...], "what followed each event of each trial"]
+    files: Written
+
+    @property
+    def gains(self) -> dict[str, Any]:
+        """The observer's gains, those of several coordinates or outputs by the name of each."""
+        return {gain.name: by_name(gain) for gain in self.step.layout.gains}
+
+    def tables(self) -> Iterator[Any]:
+        """What followed each event of each trial, and errors beside their bounds."""
+        yield f"{self.step.observer.name} observer: {', '.join(map(written, self.step.layout.gains))}\n"
+        yield tables.trials([one.row.summary for one in self.trials], self.step.time)
+        yield from (tables.within(one.bounds) for one in self.trials if one.bounds)
+        falls = (one.falling for one in self.trials if one.falling)
+        yield from (f"{one.trial}: {one.sentence(self.step.time)}" for one in falls)
+        if self.files:
+            yield file_list(self.files)
+
+
+@dataclass(frozen=True, eq=False)
+class SimulatedCampaigns(Report):
+    """Campaigns of a model's observer, with --vary or --runs."""
+
+    json_keys = ("model", "gains", "campaigns")
+
+    model: Annotated[str, "path of the model"]
+    gains: Annotated[dict[str, Any], "the observer's gains, those of several coordinates by the name of each"]
+    campaigns: Annotated[tuple[CampaignRow, ...], "the campaign on each trial"]
+
+    def tables(self) -> Iterator[Any]:
+        """A table for each campaign."""
+        return (part for row in self.campaigns for part in row.tables())
+
+
+@command(Simulated, SimulatedCampaigns)
 def simulate_(
     model: ModelArgument,
     observer: Tuned = None,
@@ -256,55 +350,27 @@ def simulate_(
     trial: OneTrial = None,
     asked: Runs = NO_RUNS,
     out: Annotated[Path | None, typer.Option("--out", "-o", help="Folder of the figures; by default none.")] = None,
-    as_json: Json = False,
-) -> None:
+) -> Simulated | SimulatedCampaigns:
     """Try a model's observer on its trials and print the metrics; with --vary or --runs, a campaign of many runs.
 
     With --out the figures of the trials are drawn as by `build`, with the errors beside what is proved of them where
     the model has bounds.
-
-    JSON keys: model, gains (as in `check`), trials (trial, criterion: what settled means, seeds, engine, times of the
-    events, settled and worst time to settle after each, peak of theta as [smallest, largest], calm: time until theta <
-    1.05, triggered: share of seeds, loud: share of the last fifth before the next event with theta > 1.5, latched:
-    seeds in which theta does not come back, alarm_ratio: innovation at the largest theta over its threshold, rms by
-    state, clamped: samples outside the box after the first 5%, left: the plant's own states and inputs that leave their
-    declared ranges, a list of signal, low, high, time: the first, value there, farthest, acted: times of the restarts
-    from the sample and of the projections onto the ranges, of so many runs, bounds: of a model that has them a list of
-    state, unit, bound: what is proved of its error, after: how long after an event, worst: the largest error of the
-    first seed there, null where the trial ends before; none where no time is proved from which on they hold, falling:
-    of an observer with a covariance, else null, shown on the trial without noise: trial, ratio: the largest e' S e of a
-    call over that of the call before, time, calls of which it is, eigenvalues of scaled S as [least, largest]; each:
-    the same by seed, without left, acted, bounds and falling), files; of a campaign model, gains, campaigns (trial,
-    observer, engine, criterion, runs, failed: those without a truth, varied: name, what, low, high, quantiles: name,
-    low 5 %, middle 50 %, high 95 %, worst, run: the one that had it; with --repeat its run: varied, metrics, failed).
     """
     loaded = load(model).set(setting)
     step = loaded.step(observer)
     trials = trial_runs.trials_of(loaded, step)
     chosen, engine = one_or_all(trials, trial), engine_here(reader)
-    gains = {gain.name: by_name(gain) for gain in step.layout.gains}
     if asked:
         if out is not None:
             note("of a campaign no figures are drawn, and --out names a folder for nothing")
-        rows, shown = campaigns(lambda _: {observer or step.observer.name: step}, chosen, engine, asked, seeds)
-        show(as_json, {"model": loaded.path, "gains": gains, "campaigns": rows}, *shown)
-        return
+        rows = campaigns(lambda _: {observer or step.observer.name: step}, chosen, engine, asked, seeds)
+        return SimulatedCampaigns(loaded.path, {gain.name: by_name(gain) for gain in step.layout.gains}, rows)
     if out is not None:
         Folder(out).demand(*(f"{one.name}_states.svg" for one in chosen))
     done = _tried(step, chosen, engine, seeds)
-    summaries = trial_runs.summaries(step, done, engine, note)
-    pairs = zip(encoded(trial_runs.trial_rows(summaries, done)), done, strict=True)
+    summed = trial_runs.trial_rows(trial_runs.summaries(step, done, engine, note), done)
     known = stated_bounds.proved(step, loaded, note)
-    worst = [seen(step.states, one.first, known) if known else () for one in done]
+    seen_ = [seen(step.states, one.first, known) if known else () for one in done]
     falls = [falling(step, one, engine) for one in chosen]
-    listed_ = [
-        {**summary, "bounds": bounds, "falling": falls_, "each": one.each}
-        for (summary, one), bounds, falls_ in zip(pairs, worst, falls, strict=True)
-    ]
     paths = [] if out is None else Folder(out).write(rendered(drawings.figures(step, done, known)))
-    report = {"model": loaded.path, "gains": gains, "trials": listed_, "files": list(map(str, paths))}
-    head = f"{step.observer.name} observer: {', '.join(map(written, step.layout.gains))}\n"
-    lines = (f"{one.trial}: {one.sentence(step.time)}" for one in falls if one)
-    drawn = [file_list(paths)] if paths else []
-    within = map(tables.within, filter(None, worst))
-    show(as_json, report, head, tables.trials(summaries, step.time), *within, *lines, *drawn)
+    return Simulated(loaded.path, step, tuple(map(SimulatedTrial, summed, seen_, falls)), tuple(paths))

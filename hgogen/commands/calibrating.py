@@ -1,11 +1,12 @@
 """The command `tune`: gains of observers from measured records."""
 
 import warnings
-from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import replace
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 from enum import StrEnum
 from typing import Annotated, Any, TypeVar
 
+import numpy as np
 import typer
 
 from hgogen.calibration.advise import Advised
@@ -19,14 +20,13 @@ from hgogen.commands.advice import KNOWN
 from hgogen.commands.command import (
     Bar,
     Jobs,
-    Json,
     ModelArgument,
     Out,
+    Report,
+    Written,
     command,
     engine_here,
     folder_of,
-    json_text,
-    show,
 )
 from hgogen.commands.headed import file_list
 from hgogen.commands.logs import (
@@ -34,6 +34,7 @@ from hgogen.commands.logs import (
     Data,
     Deep,
     HeldOut,
+    Logs,
     Shift,
     Truth,
     horizons,
@@ -53,6 +54,7 @@ from hgogen.modelfiles.json_file import equations
 from hgogen.modelfiles.setting import AS_WRITTEN, Setting
 from hgogen.reading.averaged import WINDOWS
 from hgogen.reading.differences import derived, said_of
+from hgogen.reading.measured import Report as RecordReport
 from hgogen.sentence import because
 from hgogen.which_forms import Row, of
 
@@ -69,7 +71,81 @@ class TunedOn(StrEnum):
 Names = Annotated[str | None, typer.Option("--observers", "--observer", metavar="A,B,..", help="By default all.")]
 
 
-@command()
+@dataclass(frozen=True)
+class TunedGains:
+    """What is known of tuned gains and not of declared ones."""
+
+    form: Annotated[str, "the form the observer is built on"]
+    error: Annotated[float, "cross-validated error, in errors of copying or, tuned on the truth, of the mean"]
+    known: Annotated[str, "what is known of the convergence"]
+    operations: Annotated[int, "operations of one call"]
+    functions: Annotated[int, "functions (sine, exponential, root, ..) of one call"]
+    state: Annotated[int, "bytes of the state"]
+    likelihood: Annotated[float | None, "log likelihood of a sample; null where noise was not estimated"]
+
+
+@dataclass(frozen=True, eq=False)
+class TunedRow:
+    """An observer with tuned or declared gains; those alone have `gains`."""
+
+    json_keys = ("name", "*gains", "held_out", "hidden", "nis", "coloured")
+
+    name: Annotated[str, "name of the tuning"]
+    gains: TunedGains | None
+    held_out: Annotated[Mapping[str, Mapping[str, float]], "RMS errors of predictions, by samples ahead and output"]
+    hidden: Annotated[Mapping[str, float], "RMS errors of hidden states"]
+    nis: Annotated[Mapping[str, float], "mean normalised innovation squared by output"]
+    coloured: Annotated[Mapping[str, int], "by output, how many correlations of innovations are not white"]
+
+
+@dataclass(frozen=True, eq=False)
+class TuneReport(Report):
+    """Observers tuned to measured records."""
+
+    json_keys = (
+        *("model", "equations", "records", "take", "tuning", "ahead", "truth", "segments", "rows", "refused", "notes"),
+        "files",
+    )
+
+    model: Annotated[str, "path of the model"]
+    equations: Annotated[list[str], "the plant's equations"]
+    records: Annotated[tuple[RecordReport, ...], "what was found in each log"]
+    calibration: Calibration
+    ahead: Annotated[int, "samples ahead by which gains are chosen"]
+    segments: Annotated[int, "segments of each record, by which gains that others chose are judged"]
+    rows: Annotated[tuple[TunedRow, ...], "errors and costs of each observer"]
+    notes: Annotated[tuple[str, ...], "what is doubtful, and which to take"]
+    held_out: bool
+    files: Written = ()
+
+    @property
+    def take(self) -> str:
+        """Name of the tuning to take."""
+        return self.calibration.best.name
+
+    @property
+    def tuning(self) -> dict[str, Mapping[str, Any]]:
+        """Tables of the tunings by name."""
+        return {row.name: row.table for row in self.calibration.rows}
+
+    @property
+    def truth(self) -> tuple[str, ...]:
+        """The states tuned on."""
+        return tuple(self.calibration.truth)
+
+    @property
+    def refused(self) -> dict[str, str]:
+        """Why observers have no gains, by name."""
+        return dict(self.calibration.refused)
+
+    def tables(self) -> Iterator[Any]:
+        """The records, and the observers."""
+        yield from map(log_tables.report, self.records)
+        yield log_tables.tuned(self.rows, self.take, self.notes, self.refused, self.held_out, self.truth)
+        yield file_list(self.files)
+
+
+@command(TuneReport)
 def tune_(
     model: ModelArgument,
     data: Data,
@@ -93,16 +169,9 @@ def tune_(
     deep: Deep = False,
     jobs: Jobs = None,
     out: Out = None,
-    as_json: Json = False,
-) -> None:
+) -> TuneReport:
     """Tune the observers that a plant admits to measured records, and say which to take. The file `tuned.json` that it
     writes is what `--tuning` of every command that makes a step takes.
-
-    JSON keys: model, equations (of its plant), records (as in `run`), tuning (tables by name), take, ahead, truth (the
-    states tuned on), segments, rows (name, form, error: cross-validated, in errors of copying, errors held out by
-    samples ahead and output, hidden by state, nis by output, coloured by output: how many correlations of the
-    innovations are not those of white noise, known: of its convergence, operations, functions, state in bytes,
-    likelihood), refused (why, by observer), notes, files.
     """
     aheads, names = horizons(horizon, "--horizon"), names_in(observers, "--observers")
     loaded = load(model).set(setting)
@@ -113,7 +182,6 @@ def tune_(
         raise typer.BadParameter(
             "truth is asked for and there is none; add --truth STATE=COLUMN", param_hint="--tune-on"
         )
-    beside = dict(true.values())
     logs = logs_of(
         plant,
         data,
@@ -123,14 +191,16 @@ def tune_(
         period=period,
         pairs=map_,
         shift=shift,
-        beside=beside,
+        beside=dict(true.values()),
         options=truth_options(true),
         window=WINDOWS[between.value],
     )
-    measured = [{state: columns[name] for state, (name, _) in true.items()} for columns in logs.columns(list(beside))]
-    seen = [
-        {state: course[:cut] for state, course in each.items()} for each, cut in zip(measured, logs.cuts, strict=True)
+    measured = [
+        {state: columns[name] for state, (name, _) in true.items()}
+        for columns in logs.columns([name for name, _ in true.values()])
     ]
+    courses = zip(measured, logs.cuts, strict=True)
+    seen = [{state: course[:cut] for state, course in each.items()} for each, cut in courses]
     with Bar("trials", None) as bar:
         calibration = tune(
             plant,
@@ -147,38 +217,33 @@ def tune_(
             each=lambda _: bar.tick(),
         )
     calibration = replace(calibration, rows=renamed(loaded, calibration.rows, "tuned"))
-    held = [
-        Held(log, cut if held_out else 0, each) for log, cut, each in zip(logs.whole, logs.cuts, measured, strict=True)
-    ]
-    declared = _declared(loaded, logs.whole[0].dt)
+    rows, notes = _judged(loaded, calibration, logs, measured, aheads, bool(held_out))
+    found = tuple(record.report for record in logs.records)
+    lines = equations(plant)
+    report = TuneReport(loaded.path, lines, found, calibration, ahead, segments, rows, notes, bool(held_out))
+    return folder.save(report, "tuned.json")
+
+
+def _judged(
+    model: Model,
+    calibration: Calibration,
+    logs: Logs,
+    measured: Sequence[Mapping[str, np.ndarray]],
+    aheads: Sequence[int],
+    held_out: bool,
+) -> tuple[tuple[TunedRow, ...], tuple[str, ...]]:
+    """The errors of tuned and declared observers in the rows held out, else in all; and what is to say of them."""
+    plant = model.plant
+    begins = [cut if held_out else 0 for cut in logs.cuts]
+    held = list(map(Held, logs.whole, begins, measured))
+    declared = _declared(model, logs.whole[0].dt)
     rows = judged(plant, calibration, declared, held, aheads, engine_here())
     steps = (*(one.first.step for one in calibration.rows), *declared.values())
     own = {u.name for u in plant.inputs}
     rates = {name: of for step in steps for name, of in derived(step.inputs).items() if name not in own}
     said = verdicts(calibration, rows, HELD_OUT if held_out else ALL)
     notes = (*logs.notes(), *said_of(rates), *said, *too_far(aheads, rows[0].errors))
-    paths = folder.demand("tuned.json")
-    each = [_row(calibration, row) for row in rows]
-    report = {
-        "model": loaded.path,
-        "equations": equations(plant),
-        "records": [record.report for record in logs.records],
-        "take": calibration.best.name,
-        "tuning": {row.name: row.table for row in calibration.rows},
-        "ahead": ahead,
-        "truth": list(calibration.truth),
-        "segments": segments,
-        "rows": each,
-        "refused": dict(calibration.refused),
-        "notes": list(notes),
-        "files": list(map(str, paths)),
-    }
-    folder.write({"tuned.json": json_text(report) + "\n"})
-    shown = (
-        *(log_tables.report(record.report) for record in logs.records),
-        log_tables.tuned(each, calibration.best.name, notes, calibration.refused, bool(held_out), calibration.truth),
-    )
-    show(as_json, report, *shown, file_list(paths))
+    return tuple(_row(calibration, row) for row in rows), notes
 
 
 def renamed(model: Model, rows: Iterable[Named], word: str) -> tuple[Named, ...]:
@@ -226,26 +291,13 @@ def _declared(model: Model, dt: float) -> dict[str, CallableStep]:
     return steps
 
 
-def _row(calibration: Calibration, row: Judged) -> dict[str, Any]:
-    """For JSON and the table."""
+def _row(calibration: Calibration, row: Judged) -> TunedRow:
     tuned = next((one for one in calibration.rows if one.name == row.name), None)
-    gains: dict[str, Any] = {}
+    gains = None
     if tuned is not None:
-        used = cost(tuned.first.step)
-        gains = {
-            "form": tuned.first.row.name,
-            "error": tuned.error,
-            "known": KNOWN[tuned.first.known][0],
-            "operations": used.operations,
-            "functions": used.functions,
-            "state": used.state,
-            "likelihood": tuned.noise.likelihood if tuned.noise else None,
-        }
-    return {
-        "name": row.name,
-        **gains,
-        "held_out": {str(h): dict(errors) for h, errors in row.errors.items()},
-        "hidden": dict(row.hidden),
-        "nis": dict(row.nis),
-        "coloured": dict(row.coloured),
-    }
+        used, likelihood = cost(tuned.first.step), tuned.noise.likelihood if tuned.noise else None
+        known = KNOWN[tuned.first.known][0]
+        counts = used.operations, used.functions, used.state
+        gains = TunedGains(tuned.first.row.name, tuned.error, known, *counts, likelihood)
+    errors = {str(h): dict(errors) for h, errors in row.errors.items()}
+    return TunedRow(row.name, gains, errors, row.hidden, row.nis, row.coloured)

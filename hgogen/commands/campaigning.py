@@ -2,9 +2,10 @@
 
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
+from dataclasses import dataclass
 from itertools import chain
 from pathlib import Path
-from typing import Any
+from typing import Annotated
 
 import typer
 from rich.console import RenderableType
@@ -19,10 +20,77 @@ from hgogen.target import lines_of
 from hgogen.trial import Trial
 from hgogen.trials.campaign import BadCampaign, Campaign, Outcome, campaign
 from hgogen.trials.metrics import criterion
-from hgogen.trials.results import Tally, earlier, head, line
+from hgogen.trials.results import Spread, Tally, earlier, head, line
 
 RUNS = 1000  # where nothing is said
 NAMED = 5  # lines that are left out
+
+
+@dataclass(frozen=True, eq=False)
+class CampaignRow:
+    """The campaign of a step on a trial, called `name`."""
+
+    json_keys = (
+        *("trial=campaign.trial.name", "observer=name", "engine=campaign.engine", "criterion", "runs"),
+        *("failed", "varied=campaign.draws.varied", "quantiles", "run?"),
+    )
+
+    name: Annotated[str, "name of the tuning"]
+    campaign: Campaign
+    tally: Tally
+    repeat: int | None
+
+    @property
+    def criterion(self) -> str:
+        """What settled means."""
+        return criterion(self.campaign.trial, self.campaign.step.time)
+
+    @property
+    def runs(self) -> int:
+        """Number of runs."""
+        return len(self.campaign.draws)
+
+    @property
+    def failed(self) -> int:
+        """Number of runs without a truth."""
+        return self.tally.failed
+
+    @property
+    def quantiles(self) -> list[Spread]:
+        """The quantities over the runs."""
+        return self.tally.spreads()
+
+    @property
+    def run(self) -> Outcome | None:
+        """The run of --repeat."""
+        return None if self.repeat is None else self.tally.last
+
+    def notes(self) -> Iterator[str]:
+        """What is wrong with runs."""
+        if self.tally.failure:
+            share = f"{self.tally.failed} of {len(self.tally)} runs without a truth"
+            first = f"of run {self.tally.failure.run} {self.tally.failure.failed}"
+            yield f"{self.name}, trial {self.campaign.trial.name}: {share}; {first}"
+
+    def tables(self) -> Iterator[RenderableType]:
+        """A row for each quantity, or the numbers of one run."""
+        every, run = self.repeat is None, self.run
+        which = f"{len(self.tally)} runs" if every else f"run {self.repeat}"
+        columns = ("5 %", "50 %", "95 %", "worst", "of run") if every else ("",)
+        title = f"{self.name}, trial {self.campaign.trial.name}, {which}"
+        table = headed(title, "", *columns, numbers=len(columns))
+        for spread in self.quantiles:
+            values = (spread.low, spread.middle, spread.high, spread.worst)
+            numbers = ["never" if value is None else f"{value:.3g}" for value in values]
+            table.add_row(Text(spread.name), *([*numbers, str(spread.run)] if every else numbers[:1]))
+        yield table
+        drawn = [f"{each.name} in {each.low:g} .. {each.high:g}" for each in self.campaign.draws.varied]
+        yield Text(f"settled: {self.criterion}; varied: {', '.join(drawn) or 'noise seeds alone'}")
+        if run is None:
+            yield Text("the same options and --repeat K run number K alone, and say what was drawn for it\n")
+            return
+        varied = "".join(f", {key} = {value:.6g}" for key, value in run.varied.items())
+        yield Text(f"run {self.repeat}: noise of seed {self.repeat}{varied}\n")
 
 
 def campaigns(
@@ -31,8 +99,8 @@ def campaigns(
     engine: Engine,
     asked: Runs,
     seeds: int | None,
-) -> tuple[list[dict[str, Any]], list[RenderableType]]:
-    """The campaign of each step, by name, on each trial: for JSON, and as tables.
+) -> tuple[CampaignRow, ...]:
+    """The campaign of each step, by name, on each trial.
 
     Raises: `BadParameter` for options that exclude each other; as `trials.campaign` does.
     """
@@ -46,26 +114,11 @@ def campaigns(
     if asked.repeat is not None and asked.repeat >= min(len(one.draws) for _, one in each):
         raise typer.BadParameter(f"the runs are numbered from 0 to {len(each[0][1].draws) - 1}", param_hint="--repeat")
     with Bar("runs", sum(len(one.draws) if asked.repeat is None else 1 for _, one in each)) as bar:
-        done = [(name, one, _tallied(name, one, asked, bar)) for name, one in each]
-    rows: list[dict[str, Any]] = []
-    for name, one, tally in done:
-        row = {
-            "trial": one.trial.name,
-            "observer": name,
-            "engine": one.engine,
-            "criterion": criterion(one.trial, one.step.time),
-            "runs": len(one.draws),
-            "failed": tally.failed,
-            "varied": one.draws.varied,
-            "quantiles": tally.spreads(),
-        }
-        rows.append(row if asked.repeat is None or tally.last is None else {**row, "run": tally.last})
-        if tally.failure:
-            share = f"{tally.failed} of {len(tally)} runs without a truth"
-            note(f"{name}, trial {one.trial.name}: {share}; of run {tally.failure.run} {tally.failure.failed}")
-    if all(tally.failed == len(tally) for *_, tally in done):
+        rows = tuple(CampaignRow(name, one, _tallied(name, one, asked, bar), asked.repeat) for name, one in each)
+    note(*(sentence for row in rows for sentence in row.notes()))
+    if all(row.tally.failed == len(row.tally) for row in rows):
         raise BadCampaign("vary", "leaves no run whose plant can be integrated; vary less, or shorten the trial")
-    return rows, [part for one in done for part in _shown(*one, asked)]
+    return rows
 
 
 def _tallied(name: str, one: Campaign, asked: Runs, bar: Bar) -> Tally:
@@ -112,22 +165,3 @@ def _valid(one: Campaign, lines: Iterable[str], file: str) -> Iterator[Outcome]:
     if dropped:
         listed = ", ".join(map(str, dropped[:NAMED])) + (", .." if len(dropped) > NAMED else "")
         note(f"{file}: {len(dropped)} lines ({listed}) hold no outcome of this campaign: left out, their runs repeated")
-
-
-def _shown(name: str, one: Campaign, tally: Tally, asked: Runs) -> Iterator[RenderableType]:
-    every = asked.repeat is None
-    title = f"{name}, trial {one.trial.name}, {f'{len(tally)} runs' if every else f'run {asked.repeat}'}"
-    columns = ("5 %", "50 %", "95 %", "worst", "of run") if every else ("",)
-    table = headed(title, "", *columns, numbers=len(columns))
-    for spread in tally.spreads():
-        values = (spread.low, spread.middle, spread.high, spread.worst)
-        numbers = ["never" if value is None else f"{value:.3g}" for value in values]
-        table.add_row(Text(spread.name), *([*numbers, str(spread.run)] if every else numbers[:1]))
-    yield table
-    drawn = [f"{each.name} in {each.low:g} .. {each.high:g}" for each in one.draws.varied]
-    yield Text(f"settled: {criterion(one.trial, one.step.time)}; varied: {', '.join(drawn) or 'noise seeds alone'}")
-    if every or tally.last is None:
-        yield Text("the same options and --repeat K run number K alone, and say what was drawn for it\n")
-        return
-    varied = "".join(f", {key} = {value:.6g}" for key, value in tally.last.varied.items())
-    yield Text(f"run {asked.repeat}: noise of seed {asked.repeat}{varied}\n")

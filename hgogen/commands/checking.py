@@ -2,6 +2,7 @@
 
 import json
 from collections.abc import Iterable
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -10,21 +11,24 @@ from rich.table import Table
 from typer.core import TyperCommand
 
 import hgogen as hg
+from hgogen.analysis.observability import Observability
+from hgogen.analysis.singularity import Singularity
 from hgogen.analysis.undefined import undefined_slopes, undefined_values
-from hgogen.check import Refuted
+from hgogen.check import Check, Refuted
 from hgogen.commands import findings, library, tables
-from hgogen.commands.advice import advice
+from hgogen.commands.advice import Advice, advice
 from hgogen.commands.checked import Checked, checked
-from hgogen.commands.command import Bar, Tuned, command, json_text, show
+from hgogen.commands.command import Bar, Report, Tuned, command, json_text, show
 from hgogen.commands.latex import fragment
 from hgogen.commands.process import note, results
 from hgogen.errors import HgogenError
+from hgogen.intervals.bounds import Range
 from hgogen.model import Model, load
 from hgogen.modelfiles.setting import AS_WRITTEN, Setting
-from hgogen.sentence import encoded
 from hgogen.target import demand as demand_place
 from hgogen.trial import Trial
 from hgogen.trials.sight import Sight, sight
+from hgogen.which_forms import Survey
 
 CertificateFile = Annotated[
     Path | None, typer.Option("--certificate", metavar="FILE", help="Write what is proved as a certificate, JSON.")
@@ -48,7 +52,47 @@ class OptionalFile(TyperCommand):
         return super().parse_args(ctx, words)
 
 
-@command(OptionalFile)
+@dataclass(frozen=True)
+class ObservedPlant:
+    """What is observable of a plant as JSON has it."""
+
+    json_keys = ("*seen", "least_seen")
+
+    seen: Observability
+    least_seen: Annotated[Sight | None, "the direction that the outputs show least; null where it is not measured"]
+
+
+@dataclass(frozen=True)
+class NamedRange:
+    """The range of an expression as JSON has it."""
+
+    json_keys = ("expression", "*range")
+
+    expression: Annotated[str, "the expression"]
+    range: Range
+
+
+@dataclass(frozen=True)
+class CheckReport(Report):
+    """What is known of a model."""
+
+    json_keys = (
+        *("model", "headline", "observability", "forms=survey.rows", "bounds", "*claims", "undefined", "singular"),
+        "*advice",
+    )
+
+    model: Annotated[str, "path of the model"]
+    headline: Annotated[str, "the whole in one line"]
+    observability: Annotated[ObservedPlant, "what is generically observable"]
+    survey: Survey
+    bounds: Annotated[tuple[NamedRange, ...], "the range of each --bound"]
+    claims: Checked
+    undefined: Annotated[tuple[Check, ...], "rows and derivatives without a finite value somewhere in the ranges"]
+    singular: Annotated[Singularity, "where the plant is not observable; its checks do not count for the exit status"]
+    advice: Advice | None
+
+
+@command(CheckReport, library.LibraryAnswer, cls=OptionalFile)
 def check_(
     model: Annotated[
         str | None, typer.Argument(metavar="[MODEL]", help="A model file, or the name of one that `hgogen list` shows.")
@@ -74,41 +118,16 @@ def check_(
     """Print what is observable, which forms the plant is in and why not in the others, and what is claimed of the
     model's form and observer, each claim with its verdict.
 
-    JSON keys: model, headline (the whole in one line), observability (known, joint: rank, dimension, order of
-    derivatives, observable, unobservable, those proved_unobservable, symmetries, repairs, of the branch where most is
-    observable: where, its conditions; elsewhere: the same of the branches that hide something; joint is null where no
-    parameter has a range; method, asked: of which branches, checks; least_seen: the direction of the state that the
-    outputs show least, null where it is not measured: least, median, window, unit, trial, by_motion, hopeless, where,
-    direction), forms (name, verdict: null where the form was not asked or does not take the plant, why, why_data, fix,
-    order, witness), bounds (expression, low, high: null where unbounded, defined, boxes, note), plant, form,
-    coordinates, flow, outputs (expressions by name: z, z', y), gains (by name, those of several coordinates or outputs
-    by the name of each), dt (dt, time, certified: the largest at which errors are proved to decay, throughout: at every
-    one up to it, advised, refused: above it, each null where there is none; null of an observer of which it cannot be
-    proved), checks (id, claim, verdict, reason, reason_data: its pattern and the values that it names, a bound as its
-    value and how it is rounded, witness, fix, accepted), refuted (ids of refuted checks that nobody accepted; of a
-    model with an observer the exit status is 1 if there are any), theorem (conclusion, reference, hypotheses: claim,
-    verdict or "left to you", reason, reason_data, checks, reference; null without an observer), undefined (checks of
-    the plant's rows, and of their derivatives by the states, that have no finite value somewhere in the declared
-    ranges, or may have none), singular (factors: whose zeros are the singular set, null where it is not known; inputs:
-    those of them free of states; determinants and checks, one each for a zero set, which do not count for the exit
-    status), take (the observers admitted, best first: observer, name of the tuning, form, known of its convergence,
-    where to take it, line, proposed: whether the gains are a first proposal, operations, functions), advice
-    (sentences), notes. With --library FILE, which holds {"models": [MODEL, ..]}, each MODEL a plain-text model, with
-    "bound_queries": [expression, ..] beside its tables, or lists of names and expressions, {"name": "osc", "states":
-    ["x1", "x2"], "f": ["x2", "-a*x1 + u"], "outputs": ["y"], "h": ["x1"], "inputs": ["u"], "known_params": ["a"],
-    "unknown_params": [], "x_box": {"x1": [-1, 1]}, "u_box": {"u": [-1, 1]}, "param_ranges": {"a": [1, 2]},
-    "bound_queries": ["x1**2"]}; all but name, states, f, h may be missing. The answer: an object from each model's name
-    to its answers, null where there is none; error: what is wrong with the model; partial: the time limit struck.
+    With an observer the exit status is 1 if a claim is refuted that nobody accepted. With --library FILE, which holds
+    {"models": [MODEL, ..]}, each MODEL a plain-text model, with "bound_queries": [expression, ..] beside its tables, or
+    lists of names and expressions, {"name": "osc", "states": ["x1", "x2"], "f": ["x2", "-a*x1 + u"], "outputs": ["y"],
+    "h": ["x1"], "inputs": ["u"], "known_params": ["a"], "unknown_params": [], "x_box": {"x1": [-1, 1]}, "u_box": {"u":
+    [-1, 1]}, "param_ranges": {"a": [1, 2]}, "bound_queries": ["x1**2"]}; all but name, states, f, h may be missing. The
+    answer: an object from each model's name to its answers, null where there is none.
     """
     if (model is None) == (many is None):
         raise typer.BadParameter("give a MODEL, or --library FILE", param_hint="MODEL")
-    for option, file in (("--certificate", certificate), ("--json", _file(as_json))):
-        if file is not None and file.is_dir():
-            raise typer.BadParameter(f"{file} is a folder; give a file in it", param_hint=option)
-        if file is not None:
-            demand_place([file.name], file.parent)
-    if certificate is not None and certificate == _file(as_json):
-        raise typer.BadParameter("one file cannot be the certificate and the JSON", param_hint="--certificate")
+    _demand_places(certificate, _file(as_json))
     options = {
         "--certificate": certificate,
         "--latex": latex,
@@ -124,7 +143,29 @@ def check_(
     if many is not None:
         _library(many, limit or library.LIMIT, as_json)
         return
-    _one(load(str(model)).set(setting), observer, bounds or (), deep, certificate, latex, as_json)
+    loaded = load(str(model)).set(setting)
+    report = _checked(loaded, observer, bounds or (), deep, quiet=latex or bool(as_json), advised=not latex)
+    claims = report.claims
+    if latex:
+        print(fragment(claims.form, claims.checks, claims.accepted) + report.singular.latex(), file=results())
+    elif as_json:
+        _print_json(report, as_json)
+    note(*(sentence for sentence in claims.notes if sentence not in loaded.notes))
+    if certificate is not None:
+        _certify(claims, certificate)
+    if claims.demanded and claims.open:
+        raise Refuted(claims.open, claims.form, claims.accepted, plain=loaded.plain)
+
+
+def _demand_places(certificate: Path | None, json_file: Path | None) -> None:
+    """Raises: `BadParameter`; `CannotWrite` where one of the files cannot be written."""
+    for option, file in (("--certificate", certificate), ("--json", json_file)):
+        if file is not None and file.is_dir():
+            raise typer.BadParameter(f"{file} is a folder; give a file in it", param_hint=option)
+        if file is not None:
+            demand_place([file.name], file.parent)
+    if certificate is not None and certificate == json_file:
+        raise typer.BadParameter("one file cannot be the certificate and the JSON", param_hint="--certificate")
 
 
 def _file(as_json: str | None) -> Path | None:
@@ -132,30 +173,30 @@ def _file(as_json: str | None) -> Path | None:
     return None if as_json in (None, _PRINTED) else Path(str(as_json))
 
 
-def _written(value: Any, path: Path) -> None:
-    new = "" if path.parent.is_dir() else ", in a new folder"
-    hg.write({path.name: json_text(value, indent=1) + "\n"}, path.parent)
-    note(f"wrote {path}{new}")
+def _print_json(value: Any, as_json: str) -> None:
+    """Write JSON into the file that --json names, else print it."""
+    file = _file(as_json)
+    if file is None:
+        show(True, value)
+        return
+    new = "" if file.parent.is_dir() else ", in a new folder"
+    hg.write({file.name: json_text(value, indent=1) + "\n"}, file.parent)
+    note(f"wrote {file}{new}")
 
 
-def _one(
-    loaded: Model,
-    observer: str | None,
-    bounds: Iterable[str],
-    deep: bool,
-    certificate: Path | None,
-    latex: bool,
-    as_json: str | None,
-) -> None:
-    plant, folded = loaded.plant, loaded.notes
-    if observer is not None:
-        loaded.tuned(observer)
-    note(*folded)  # before anything is called proved
+def _checked(
+    loaded: Model, observer: str | None, bounds: Iterable[str], deep: bool, quiet: bool, advised: bool
+) -> CheckReport:
+    """What is known of a model. Unless `quiet`, each part is printed as soon as it is known, so that a model whose next
+    part takes long, or fails, shows the others."""
 
     def say(*parts: Any) -> None:
-        """Print at once what is known, so that a model whose next part takes long, or fails, shows the others."""
-        show(False, {}, *(() if latex or as_json else parts))
+        show(False, {}, *(() if quiet else parts))
 
+    plant = loaded.plant
+    if observer is not None:
+        loaded.tuned(observer)
+    note(*loaded.notes)  # before anything is called proved
     ranges = {text: hg.bound(text, plant) for text in bounds}
     gaps = (*undefined_values(plant), *undefined_slopes(plant))
     if gaps:
@@ -178,24 +219,11 @@ def _one(
     say(tables.theorem(claims.theorem, claims.hypotheses))
     written = loaded.set(AS_WRITTEN)  # what to take is asked of the file
     own = checked(written, forms, observer) if loaded.setting else claims
-    take = None if latex else advice(written, seen, forms, own, deep=deep)
+    take = advice(written, seen, forms, own, deep=deep) if advised else None
     if take:
         say(findings.taking(take))
-    if latex:
-        print(fragment(claims.form, claims.checks, claims.accepted) + singular.latex(), file=results())
-    elif as_json:
-        shown = {**seen.as_dict(), "least_seen": least}
-        listed = [{"expression": text, **one.as_dict()} for text, one in ranges.items()]
-        known = {"observability": shown, "forms": forms.as_dict(), "bounds": listed}
-        whole = {"model": loaded.path, "headline": first, **known, **claims.as_dict(), "undefined": gaps}
-        whole |= {"singular": singular.as_dict(), **(encoded(take) if take else {})}
-        file = _file(as_json)
-        _written(whole, file) if file else show(True, whole)
-    note(*(sentence for sentence in claims.notes if sentence not in folded))
-    if certificate is not None:
-        _certify(claims, certificate)
-    if claims.demanded and claims.open:
-        raise Refuted(claims.open, claims.form, claims.accepted, plain=loaded.plain)
+    named = tuple(NamedRange(text, one) for text, one in ranges.items())
+    return CheckReport(loaded.path, first, ObservedPlant(seen, least), forms, named, claims, gaps, singular, take)
 
 
 def _least(model: Model) -> Sight | None:
@@ -237,8 +265,10 @@ def _library(path: Path, limit: float, out: str | None) -> None:
     for name, answer in answers.items():
         if "error" in answer:
             table.add_row(f"{name}: {answer['error']}")
-    file = _file(out)
-    _written(answers, file) if file else show(out is not None, answers, table)
+    if out is None:
+        show(False, answers, table)
+    else:
+        _print_json(answers, out)
     bad = sum("error" in answer for answer in answers.values())
     if bad:
         note(f"{bad} of {len(answers)} models {'has an error' if bad == 1 else 'have errors'}")

@@ -3,13 +3,15 @@
 import json
 import traceback
 import warnings
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Mapping
+from contextvars import ContextVar
+from dataclasses import dataclass, replace
 from enum import StrEnum
 from functools import wraps
-from inspect import Parameter, Signature, signature
+from inspect import Parameter, Signature, getdoc, signature
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from types import MappingProxyType
+from typing import TYPE_CHECKING, Annotated, Any, TypeVar
 
 import typer
 from rich.console import Console
@@ -17,6 +19,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
 from typer.core import TyperCommand
 
 from hgogen.calling import native
+from hgogen.commands.keys import names
 from hgogen.commands.process import (
     INTERRUPTED,
     console,
@@ -32,7 +35,7 @@ from hgogen.errors import HgogenError
 from hgogen.modelfiles.raised import ends_python
 from hgogen.modelfiles.setting import SEEDS, Setting
 from hgogen.recheck.text import RecheckError
-from hgogen.sentence import encoded
+from hgogen.sentence import Encoded, encoded
 from hgogen.target import demand, remove, write
 
 if TYPE_CHECKING:  # what takes a second to import, and `hgogen list` and `recheck` do not need
@@ -104,6 +107,7 @@ class Runs:
 
 
 NO_RUNS = Runs()
+_AS_JSON: ContextVar[bool] = ContextVar("as_json", default=False)
 
 _SET = {  # what a user may set of every step that a command makes
     "form": (str, typer.Option("--form", metavar="NAME", help="The form, in the place of the model's.")),
@@ -159,40 +163,92 @@ _CAMPAIGN = {  # what a user may say of runs that differ
 _GROUPS = ((Setting, _SET), (Runs, _CAMPAIGN))
 
 
-def _with_group(function: Callable[..., None], group: Any, options: Mapping[str, Any]) -> Callable[..., None]:
+def _with_options(
+    function: Callable[..., Any], options: Mapping[str, tuple[Any, Any]], instead: Callable[..., Any], place: str = ""
+) -> Callable[..., Any]:
+    """A function with options behind its own, by name an annotation and a default. `instead` is called in its place:
+    with its arguments, and the options by name; the argument `place` is left out, which the options stand for."""
+    own = {name: (each.annotation, each.default) for name, each in signature(function).parameters.items()}
+    known = {name: each for name, each in own.items() if name != place} | dict(options)
+
+    @wraps(function)
+    def taking(**arguments: Any) -> Any:
+        chosen = {name: arguments.pop(name) for name in options}
+        return instead(arguments, chosen)
+
+    taking.__annotations__ = {name: annotation for name, (annotation, _) in known.items()}
+    taking.__signature__ = Signature(  # type: ignore[attr-defined]
+        [
+            Parameter(name, Parameter.KEYWORD_ONLY, default=default, annotation=annotation)
+            for name, (annotation, default) in known.items()
+        ]
+    )
+    return taking
+
+
+def _with_group(function: Callable[..., Any], group: Any, options: Mapping[str, Any]) -> Callable[..., Any]:
     """A command with an option for each part of a group, a `Setting` or `Runs`, in the place of its argument of that
     type, if any."""
     parameters = signature(function).parameters
     place = next((name for name, each in parameters.items() if each.annotation is group), None)
     if place is None:
         return function
-
-    @wraps(function)
-    def taking(**arguments: Any) -> None:
-        chosen = group(**{name: arguments.pop(name) for name in options})
-        function(**arguments, **{place: chosen})
-
-    taking.__annotations__ = {name: each.annotation for name, each in parameters.items() if name != place}
-    taking.__annotations__ |= {name: Annotated[kind | None, option] for name, (kind, option) in options.items()}
-    defaults = {**{name: each.default for name, each in parameters.items()}, **dict.fromkeys(options)}
-    taking.__signature__ = Signature(  # type: ignore[attr-defined]
-        [
-            Parameter(name, Parameter.KEYWORD_ONLY, default=defaults[name], annotation=kind)
-            for name, kind in taking.__annotations__.items()
-        ]
+    known = {name: (Annotated[kind | None, option], None) for name, (kind, option) in options.items()}
+    return _with_options(
+        function, known, lambda arguments, chosen: function(**arguments, **{place: group(**chosen)}), place
     )
-    return taking
 
 
-def command(cls: type[TyperCommand] = TyperCommand) -> Callable[[Callable[..., None]], Any]:
-    """Make a command of a function, whose errors become one sentence and an exit status."""
+class Report(Encoded):
+    """What a command found, a dataclass: what it prints, as JSON or as tables, and how it ends."""
 
-    def register(function: Callable[..., None]) -> Any:
+    def tables(self) -> Iterable[Any]:
+        """What is printed unless JSON is asked for."""
+        return ()
+
+    def demand(self) -> None:
+        """Raise what ends the command after it has printed, with an exit status of its own."""
+
+
+Written = Annotated[tuple[Path, ...], "paths of the files written"]
+Reported = TypeVar("Reported", bound=Report)
+
+
+def _reporting(function: Callable[..., Report]) -> Callable[..., None]:
+    """A command that prints the report of a function."""
+
+    def printing_(arguments: Mapping[str, Any], chosen: Mapping[str, bool]) -> None:
+        token = _AS_JSON.set(chosen["as_json"])
+        try:
+            report = function(**arguments)
+            show(chosen["as_json"], report, *(() if chosen["as_json"] else report.tables()))
+        finally:
+            _AS_JSON.reset(token)
+        report.demand()
+
+    return _with_options(function, {"as_json": (Json, False)}, printing_)
+
+
+def early(*parts: Any) -> None:
+    """Print tables before the report, unless JSON is asked for."""
+    show(False, {}, *(() if _AS_JSON.get() else parts))
+
+
+def command(
+    *reports: type[Encoded], cls: type[TyperCommand] = TyperCommand
+) -> Callable[[Callable[..., Report | None]], Any]:
+    """Make a command of a function that gives one of the `reports`, or that prints itself. Errors become one sentence
+    and an exit status."""
+
+    def register(function: Callable[..., Any]) -> Any:
         app = typer.Typer(add_completion=False, rich_markup_mode="markdown", pretty_exceptions_enable=False)
+        documented = f"{getdoc(function)}\n\n{_keys(function.__name__.rstrip('_'), reports)}"
+        if reports and "as_json" not in signature(function).parameters:
+            function = _reporting(function)
         for group, options in _GROUPS:
             function = _with_group(function, group, options)
 
-        @app.command(cls=cls)
+        @app.command(cls=cls, help=documented)
         @wraps(function)
         def command(*args: Any, **kwargs: Any) -> None:
             try:
@@ -206,14 +262,8 @@ def command(cls: type[TyperCommand] = TyperCommand) -> Callable[[Callable[..., N
             except (HgogenError, RecheckError) as error:
                 note(str(error))
                 raise typer.Exit(error.status) from None
-            except OSError as error:
-                note(str(error))
-                raise typer.Exit(2) from None
-            except MemoryError:
-                note("there is not enough memory; take a shorter trial or record, or fewer seeds")
-                raise typer.Exit(2) from None
-            except RecursionError:
-                note("an expression is nested too deep; write it in several")
+            except (OSError, MemoryError, RecursionError) as error:
+                note(next((text for kind, text in _FAILURES.items() if isinstance(error, kind)), str(error)))
                 raise typer.Exit(2) from None
             except BaseException as error:
                 if isinstance(error, Exception):  # typer's own, or a fault of this program
@@ -225,9 +275,23 @@ def command(cls: type[TyperCommand] = TyperCommand) -> Callable[[Callable[..., N
                 note(f"{at.filename}, line {at.lineno}: {ends_python(error)}")
                 raise typer.Exit(2) from None
 
-        return typer.main.get_command(app)
+        made = typer.main.get_command(app)
+        vars(made)["reports"] = reports
+        return made
 
     return register
+
+
+_FAILURES = {
+    MemoryError: "there is not enough memory; take a shorter trial or record, or fewer seeds",
+    RecursionError: "an expression is nested too deep; write it in several",
+}
+
+
+def _keys(name: str, reports: Iterable[type[Encoded]]) -> str:
+    """The keys of a command's JSON, as its help names them."""
+    listed = "; or ".join(", ".join(names(report)) for report in reports)
+    return f"JSON keys: {listed}. `hgogen schema {name}` describes them." if listed else ""
 
 
 def _warned(message: Warning | str, category: type[Warning], *_: Any, **__: Any) -> None:
@@ -320,6 +384,21 @@ class Folder:
     def remove(self, name: str) -> None:
         """Remove a file, if it is there. Raises: `CannotWrite`."""
         remove(self._within(name), self.root)
+
+    def save(
+        self,
+        report: Reported,
+        name: str,
+        files: Mapping[str, str | bytes] = MappingProxyType({}),
+        more: Iterable[Path] = (),
+    ) -> Reported:
+        """Write files, and the report as JSON by that name, with the paths of all and of `more` in its `files`; returns
+        it. Raises: `CannotWrite`.
+        """
+        paths = (*self.demand(*files, name), *more)
+        complete: Reported = replace(report, files=paths)  # type: ignore[type-var]
+        self.write({**files, name: json_text(complete) + "\n"})
+        return complete
 
     def _within(self, name: str) -> str:
         return f"{self.below}/{name}" if self.below else name

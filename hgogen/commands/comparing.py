@@ -1,31 +1,33 @@
 """The command `compare`: several observers of one model over its trials, on the same noise."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from typing import Annotated, Any
 
 import typer
 
 from hgogen import observers as every
 from hgogen.call import CallableStep
+from hgogen.calling.samples import Engine
 from hgogen.certificates.error_bound import ErrorBound
 from hgogen.commands import drawings, log_tables, stated_bounds, tables, trial_runs
-from hgogen.commands.campaigning import campaigns
+from hgogen.commands.campaigning import CampaignRow, campaigns
 from hgogen.commands.command import (
     NO_RUNS,
     Bar,
-    Json,
     ModelArgument,
     OneTrial,
     Out,
     ReaderOption,
+    Report,
     Runs,
     Seeds,
+    Written,
     command,
     engine_here,
     folder_of,
     one_or_all,
     rendered,
-    show,
 )
 from hgogen.commands.headed import file_list
 from hgogen.commands.process import note
@@ -36,8 +38,8 @@ from hgogen.modelfiles.setting import AS_WRITTEN, Setting
 from hgogen.system import System
 from hgogen.trial import Trial
 from hgogen.trials.comparison import Measured, measured
+from hgogen.trials.incidents import Left, left
 from hgogen.trials.incidents import guard_notes as guards
-from hgogen.trials.incidents import leaving_notes, left
 from hgogen.trials.metrics import criterion
 
 Names = Annotated[
@@ -46,7 +48,89 @@ Names = Annotated[
 ]
 
 
-@command()
+@dataclass(frozen=True, eq=False)
+class ComparedTrial:
+    """Observers on a trial of a plant."""
+
+    json_keys = (
+        *("trial=trial.name", "seeds", "criterion", "times=trial.events", "estimate", "start=trial.start", "left"),
+        "observers",
+    )
+
+    plant: System
+    trial: Trial
+    seeds: Annotated[int, "number of noise seeds"]
+    observers: Annotated[tuple[Measured, ...], "what each observer does"]
+
+    @property
+    def criterion(self) -> str:
+        """What settled means."""
+        return criterion(self.trial, self.plant.time)
+
+    @property
+    def estimate(self) -> dict[str, float]:
+        """The estimate of the plant's state with which every observer starts."""
+        return self.trial.first_state(self.plant)
+
+    @property
+    def left(self) -> tuple[Left, ...]:
+        """The plant's own states and inputs that leave their declared ranges."""
+        return left(self.plant, self.observers[0].first)  # all observers share the truth
+
+    def notes(self) -> Iterator[str]:
+        """What is doubtful of the trial, and when guards acted."""
+        unit = self.plant.time
+        if self.estimate == {name: float(value) for name, value in self.trial.start.items()}:
+            yield (
+                f"trial {self.trial.name}: every observer starts on the truth, so that its first time to settle says "
+                "nothing; give the trial an estimate"
+            )
+        yield from notes(self.trial.name, self.left, unit)
+        for row in self.observers:
+            yield from guards(self.trial.name, row.name, row.acted, bool(self.trial.jumps), unit)
+
+
+@dataclass(frozen=True, eq=False)
+class Comparison(Report):
+    """Several observers of one model, each on the same noise."""
+
+    json_keys = ("model", "dt", "engine", "trials", "refused", "files")
+
+    model: Annotated[str, "path of the model"]
+    dt: Annotated[float, "sampling period of all observers"]
+    engine: Annotated[Engine, "who runs the steps: c or python"]
+    unit: str
+    trials: Annotated[tuple[ComparedTrial, ...], "the observers on each trial"]
+    refused: Annotated[dict[str, str], "why observers are refused, by name"]
+    files: Written
+
+    def tables(self) -> Iterator[Any]:
+        """Observers side by side."""
+        for one in self.trials:
+            title = f"trial {one.trial.name}, seeds {one.seeds}, settled: {one.criterion}"
+            yield tables.compared(title, one.observers, self.unit, one.estimate, one.trial.start)
+        yield from log_tables.without(self.refused, "refused, and not compared")
+        yield file_list(self.files)
+
+
+@dataclass(frozen=True, eq=False)
+class ComparedCampaigns(Report):
+    """Campaigns of several observers, with --vary or --runs."""
+
+    model: Annotated[str, "path of the model"]
+    dt: Annotated[float, "sampling period of all observers"]
+    engine: Annotated[Engine, "who runs the steps: c or python"]
+    campaigns: Annotated[tuple[CampaignRow, ...], "the campaign of each observer on each trial"]
+    refused: Annotated[dict[str, str], "why observers are refused, by name"]
+
+    def tables(self) -> Iterator[Any]:
+        """A table for each campaign."""
+        for row in self.campaigns:
+            yield from row.tables()
+        yield from log_tables.without(self.refused, "refused, and not compared")
+
+
+@command(Comparison, ComparedCampaigns)
 def compare_(
     model: ModelArgument,
     observers: Names = None,
@@ -56,8 +140,7 @@ def compare_(
     reader: ReaderOption = None,
     asked: Runs = NO_RUNS,
     out: Out = None,
-    as_json: Json = False,
-) -> None:
+) -> Comparison | ComparedCampaigns:
     """Try several observers of a model on its trials, each on the same noise, at the same sampling period, the shortest
     of theirs, and from the same estimate of the plant's state, the trial's `estimate`, else the nominal values; print
     convergence, steady error, peaking and cost side by side, and draw the errors. One that is refused is named with the
@@ -67,14 +150,6 @@ def compare_(
     seeds. Peaking: how far the error rises above what it is at the start or at a jump, of all seeds, over the state's
     range. Functions: sine, exponential, root and such, of one call. Of a model that says how large noise and the like
     are at most, beside it what is proved of each error, or why nothing is.
-
-    JSON keys: model, dt, engine, trials (trial, seeds, criterion: what settled means, times of the events, estimate and
-    start: the states that all observers and that the plant begin with, left: as in `simulate`, observers: a list of
-    name, observer, method, settled after each event, rms and peak by state, clamped, acted as in `simulate`,
-    operations, functions, state and params in bytes of the C in float, proved: the bounds by state, worst: by state the
-    largest error of all seeds from when on these hold, null where the trial ends before, unproved: what is not known of
-    them, and why), refused (why, by observer), files; of a campaign, with --vary or --runs, model, dt, engine,
-    campaigns (as in `simulate`), refused.
     """
     loaded = load(model).set(setting)
     folder = folder_of(out, loaded)
@@ -82,60 +157,55 @@ def compare_(
     chosen, engine = one_or_all(trial_runs.trials(loaded), trial), engine_here(reader)
     if not asked:
         folder.demand(*(f"{one.name}_errors.svg" for one in chosen))
-    steps, refused = _started(loaded, names, chosen)
+    steps, dt, refused = _alike(loaded, names, chosen)
+    if asked:
+        rows = campaigns(lambda one: steps[one.name], chosen, engine, asked, seeds)
+        return ComparedCampaigns(loaded.path, dt, engine, rows, refused)
+    tried = _tried(loaded, steps, chosen, engine, seeds)
+    unit = loaded.plant.time
+    drawn = {f"{one.trial.name}_errors": drawings.errors(one.observers, unit) for one in tried}
+    return Comparison(loaded.path, dt, engine, unit, tried, refused, tuple(folder.write(rendered(drawn))))
+
+
+def _alike(
+    model: Model, names: list[str], trials: Sequence[Trial]
+) -> tuple[dict[str, dict[str, CallableStep]], float, dict[str, str]]:
+    """Of each trial the steps of tunings, all at the shortest of their sampling periods; that; and why others are
+    refused. Raises: `HgogenError` where all are."""
+    steps, refused = _started(model, names, trials)
     names = _admitted(names, refused)
-    first = steps[chosen[0].name]
-    unit, dt = loaded.plant.time, min(step.dt for step in first.values())
+    first = steps[trials[0].name]
+    unit, dt = model.plant.time, min(step.dt for step in first.values())
     longer = [name for name, step in first.items() if step.dt > dt]
     if longer:
         note(f"all sampled at dt = {dt:g} {unit}, the shortest; {', '.join(longer)} would be sampled more slowly")
-        again, slow = _started(loaded, longer, chosen, dt)
+        again, slow = _started(model, longer, trials, dt)
         refused |= slow
         names = _admitted(names, slow)
         steps = {trial: {name: (each | again[trial])[name] for name in names} for trial, each in steps.items()}
-    reasons = {name: str(error) for name, error in refused.items()}
-    without = log_tables.without(reasons, "refused, and not compared")
-    if asked:
-        rows, tables_ = campaigns(lambda one: steps[one.name], chosen, engine, asked, seeds)
-        campaign = {"model": loaded.path, "dt": dt, "engine": engine, "campaigns": rows, "refused": reasons}
-        show(as_json, campaign, *tables_, *without)
-        return
-    counts = {one.name: one.seeds if seeds is None else tuple(range(seeds)) for one in chosen}
-    known = _known(loaded, steps, chosen)
-    tried: list[tuple[Trial, list[Measured]]] = []
-    with Bar("trials", len(names) * sum(map(len, counts.values()))) as bar:
-        for one in chosen:
-            asked_of = engine, counts[one.name], bar.tick
-            each = [(*pair, known[one.name][pair[0]]) for pair in steps[one.name].items()]
-            tried.append((one, [measured(name, step, one, *asked_of, bound) for name, step, bound in each]))
-            if one.first_state(loaded.plant) == {name: float(value) for name, value in one.start.items()}:
-                note(
-                    f"trial {one.name}: every observer starts on the truth, so that its first time to settle says "
-                    "nothing; give the trial an estimate"
-                )
-            # all observers share the truth
-            note(*leaving_notes(one.name, left(loaded.plant, tried[-1][1][0].first), unit))
-            for row in tried[-1][1]:
-                note(*guards(one.name, row.name, row.acted, bool(one.jumps), unit))
-    paths = folder.write(rendered({f"{one.name}_errors": drawings.errors(each, unit) for one, each in tried}))
-    shown = [
-        tables.compared(
-            f"trial {one.name}, seeds {len(counts[one.name])}, settled: {criterion(one, unit)}",
-            each,
-            unit,
-            *(one.first_state(loaded.plant), one.start),
-        )
-        for one, each in tried
-    ]
-    report = {
-        "model": loaded.path,
-        "dt": dt,
-        "engine": engine,
-        "trials": [_row(loaded.plant, one, len(counts[one.name]), each) for one, each in tried],
-        "refused": reasons,
-        "files": [str(path) for path in paths],
-    }
-    show(as_json, report, *shown, *without, file_list(paths))
+    return steps, dt, {name: str(error) for name, error in refused.items()}
+
+
+def _tried(
+    model: Model,
+    steps: Mapping[str, Mapping[str, CallableStep]],
+    trials: Sequence[Trial],
+    engine: Engine,
+    seeds: int | None,
+) -> tuple[ComparedTrial, ...]:
+    """The steps on each trial; says what is doubtful."""
+    counts = {one.name: one.seeds if seeds is None else tuple(range(seeds)) for one in trials}
+    known = _known(model, steps, trials)
+    tried = []
+    with Bar("trials", sum(len(steps[name]) * len(each) for name, each in counts.items())) as bar:
+        for one in trials:
+            each = tuple(
+                measured(name, step, one, engine, counts[one.name], bar.tick, known[one.name][name])
+                for name, step in steps[one.name].items()
+            )
+            tried.append(ComparedTrial(model.plant, one, len(counts[one.name]), each))
+            note(*tried[-1].notes())
+    return tuple(tried)
 
 
 def _started(
@@ -184,12 +254,6 @@ def _admitted(names: list[str], refused: Mapping[str, HgogenError]) -> list[str]
         note(*(f"{name} is refused as well: {refused[name]}" for name in others))
         raise refused[first]
     return admitted
-
-
-def _row(plant: System, trial: Trial, seeds: int, each: list[Measured]) -> dict[str, Any]:
-    row = {"trial": trial.name, "seeds": seeds, "criterion": criterion(trial, plant.time), "times": list(trial.events)}
-    row |= {"estimate": trial.first_state(plant), "start": dict(trial.start)}
-    return {**row, "left": left(plant, each[0].first), "observers": each}
 
 
 def _names(model: Model, asked: str | None) -> list[str]:

@@ -1,16 +1,17 @@
 """The command `cost`: what a model's emitted C costs on a Cortex-M4F, and whether it keeps to limits."""
 
-from dataclasses import asdict, dataclass
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, ClassVar
+from typing import Annotated, Any, ClassVar
 
 import typer
 
 from hgogen import targets
-from hgogen.board.costs import measured
+from hgogen.board.costs import Costs, measured
 from hgogen.board.qemu import demand_board
 from hgogen.commands import trial_runs
-from hgogen.commands.command import Folder, Json, ModelArgument, Tuned, command, json_text, named, show
+from hgogen.commands.command import Folder, ModelArgument, Report, Tuned, Written, command, json_text, named
 from hgogen.commands.headed import file_list, headed
 from hgogen.commands.packing import COSTS, Prefix
 from hgogen.commands.process import note
@@ -18,6 +19,7 @@ from hgogen.emit.naming import demand_prefix, prefixed
 from hgogen.errors import HgogenError
 from hgogen.model import load
 from hgogen.modelfiles.setting import AS_WRITTEN, Setting
+from hgogen.sentence import encoded
 from hgogen.trial import rows_given
 
 _MEANINGS = {
@@ -45,7 +47,35 @@ def _most(what: str) -> typer.models.OptionInfo:
     return option
 
 
-@command()
+@dataclass(frozen=True)
+class CostReport(Report):
+    """The costs of a model's C."""
+
+    json_keys = ("model", "*costs", "files")
+
+    model: Annotated[str, "path of the model"]
+    costs: Costs
+    files: Written
+    title: str
+    limits: Mapping[str, int | None]
+
+    def tables(self) -> Iterator[Any]:
+        """A row for each cost."""
+        table = headed(self.title, "what", "how much", numbers=1)
+        for key, meaning in _MEANINGS.items():
+            table.add_row(meaning, str(getattr(self.costs, key)))
+        yield table
+        yield f"{self.costs.compiler} {self.costs.flags}\n"
+        yield file_list(self.files)
+
+    def demand(self) -> None:
+        """Raise `TooDear` where a cost is above its limit."""
+        asked = [(key, getattr(self.costs, key), limit) for key, limit in self.limits.items() if limit is not None]
+        if over := tuple((key, value, limit) for key, value, limit in asked if value > limit):
+            raise TooDear(over)
+
+
+@command(CostReport)
 def cost_(
     model: ModelArgument,
     observer: Tuned = None,
@@ -56,33 +86,20 @@ def cost_(
     max_ram: Annotated[int | None, _most("its state with the parameters, in bytes,")] = None,
     max_stack: Annotated[int | None, _most("its stack, in bytes,")] = None,
     max_instructions: Annotated[int | None, _most("the worst number of instructions of a step")] = None,
-    as_json: Json = False,
-) -> None:
+) -> CostReport:
     """Measure what the C of a model costs on a Cortex-M4F: compiled by arm-none-eabi-gcc and run in QEMU over the
     model's trial, or one made of its ranges, without jumps, and over the same record with gaps, jumps and numbers that
     are none. Writes MODEL/cost.json below --out, of which `hgogen generate --for` tells in the folder's README.
-
-    JSON keys: model, quiet and worst (instructions of a step), flash, ram and stack (bytes), real, machine, compiler,
-    flags, emulator, source (by which it is known whether they are of a certain C), files.
     """
     demand_prefix(name)
     demand_board()
     loaded = load(model).set(setting)
     folder = Folder(out, name or named(loaded, observer))
-    paths = folder.demand(COSTS)
+    folder.demand(COSTS)
     note(*loaded.notes)
     made, trial, real = loaded.step(observer), trial_runs.trials(loaded)[0], loaded.setting.real or "float"
     step = prefixed(made, name) if name else made
     costs = measured(step, targets.c99(step, real=real, check=False), rows_given(made, trial), real)
-    report = asdict(costs)
-    folder.write({COSTS: json_text({"model": loaded.name, **report}) + "\n"})
-    table = headed(f"{step.name} in {real} on a {costs.machine}", "what", "how much", numbers=1)
-    for key, meaning in _MEANINGS.items():
-        table.add_row(meaning, str(report[key]))
-    shown = (table, f"{costs.compiler} {costs.flags}\n", file_list(paths))
-    show(as_json, {"model": loaded.path, **report, "files": list(map(str, paths))}, *shown)
+    paths = folder.write({COSTS: json_text({"model": loaded.name, **encoded(costs)}) + "\n"})
     limits = {"flash": max_flash, "ram": max_ram, "stack": max_stack, "worst": max_instructions}
-    asked = [(key, report[key], limit) for key, limit in limits.items() if limit is not None]
-    over = tuple((key, value, limit) for key, value, limit in asked if value > limit)
-    if over:
-        raise TooDear(over)
+    return CostReport(loaded.path, costs, tuple(paths), f"{step.name} in {real} on a {costs.machine}", limits)

@@ -1,16 +1,17 @@
 """The command `design`: constant gains for wanted rates, and what noise and a step make of each."""
 
 import math
-from collections.abc import Sequence
-from typing import Annotated
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import Annotated, Any
 
 import typer
 
 from hgogen.call import CallableStep
 from hgogen.certificates.contraction import theta_of
-from hgogen.certificates.rate_and_noise import designed, tuned
+from hgogen.certificates.rate_and_noise import Point, designed, tuned
 from hgogen.commands import tables
-from hgogen.commands.command import Bar, Json, ModelArgument, Out, Tuned, command, folder_of, rendered, show
+from hgogen.commands.command import Bar, ModelArgument, Out, Report, Tuned, Written, command, folder_of, rendered
 from hgogen.commands.headed import file_list
 from hgogen.commands.process import note
 from hgogen.guarantees.unreached_rate import NoGain
@@ -21,7 +22,73 @@ _AROUND = (1 / 3, 1.0, 3.0)  # times the rate of the tuning
 _MOST = 20  # rates
 
 
-@command()
+@dataclass(frozen=True)
+class NoiseBound:
+    """What the noise of an output does to the estimate of a state."""
+
+    state: Annotated[str, "state with the error"]
+    output: Annotated[str, "output with the noise"]
+    continuous: Annotated[float | None, "bound in continuous time; null where nothing is proved"]
+    step: Annotated[float | None, "bound of the step; null where nothing is proved"]
+
+
+@dataclass(frozen=True, eq=False)
+class DesignedPoint:
+    """A gain as JSON has it."""
+
+    json_keys = (
+        *("observer=point.observer.name", "designed=point.wanted", "theta", "K=point.gain.K"),
+        *("argument=point.gain.argument", "rate=point.rate", "longest=point.longest", "noise"),
+    )
+
+    point: Point
+
+    @property
+    def theta(self) -> float:
+        """The gain theta."""
+        return float(theta_of(self.point.observer))
+
+    @property
+    def noise(self) -> list[NoiseBound]:
+        """What noise does to each state."""
+        one = self.point
+        pairs = {**one.continuous, **one.step}
+        return [NoiseBound(x, y, one.continuous.get((x, y)), one.step.get((x, y))) for x, y in pairs]
+
+
+@dataclass(frozen=True, eq=False)
+class Designs(Report):
+    """Gains for wanted rates beside a model's tuning."""
+
+    json_keys = (
+        *(
+            "model",
+            "observer=step.observer.name",
+            "form=step.observer.form.kind",
+            "method=step.code.rule",
+            "dt=step.dt",
+        ),
+        *("points=rows", "refused", "files"),
+    )
+
+    model: Annotated[str, "path of the model"]
+    step: CallableStep
+    points: list[Point]
+    refused: Annotated[dict[str, str], "why, by rate"]
+    files: Written
+
+    @property
+    def rows(self) -> list[DesignedPoint]:
+        """The tuning, then the gain for each rate."""
+        return [DesignedPoint(one) for one in self.points]
+
+    def tables(self) -> Iterator[Any]:
+        """Gains with their rates."""
+        yield tables.designs(self.points, self.step)
+        yield file_list(self.files)
+
+
+@command(Designs)
 def design_(
     model: ModelArgument,
     observer: Tuned = None,
@@ -37,17 +104,12 @@ def design_(
         ),
     ] = False,
     out: Out = None,
-    as_json: Json = False,
-) -> None:
+) -> Designs:
     """Design constant gains of high_gain for wanted rates, each of a small noise bound, and set them beside the model's
     tuning: the rate that is proved, what noise does to each state in continuous time and by the step at the model's
     dt, and up to which dt the step is proved. By default at the tuning's own rate, a third and three times that; the
     tuning is that of --observer, the model's own, or of high_gain. With --argument they are gains of circle_criterion,
     where that does better. Draws the figure design.svg and design.png.
-
-    JSON keys: model, observer, form, method, dt, points (observer, designed: for which rate, null of the tuning, which
-    is the first, theta, K: null of the tuning, argument: null of the tuning, empty of high_gain, rate, longest: the dt,
-    noise: a list of state, output, continuous, step; null where nothing is proved), refused (why, by rate), files.
     """
     loaded = load(model).set(setting)
     folder = folder_of(out, loaded, observer)
@@ -69,33 +131,8 @@ def design_(
     from hgogen.trials.figures import curve
 
     paths = folder.write(rendered({"design": curve(points, step)}))
-    rows = [
-        {
-            "observer": one.observer.name,
-            "designed": one.wanted,
-            "theta": float(theta_of(one.observer)),
-            "K": None if one.gain is None else one.gain.K,
-            "argument": None if one.gain is None else one.gain.argument,
-            "rate": one.rate,
-            "longest": one.longest,
-            "noise": [
-                {"state": x, "output": y, "continuous": one.continuous.get((x, y)), "step": one.step.get((x, y))}
-                for x, y in {**one.continuous, **one.step}
-            ],
-        }
-        for one in points
-    ]
-    value = {
-        "model": loaded.path,
-        "observer": step.observer.name,
-        "form": step.observer.form.kind,
-        "method": step.code.rule,
-        "dt": step.dt,
-        "points": rows,
-        "refused": {f"{rate:g}": str(error) for rate, error in refused.items()},
-        "files": [str(path) for path in paths],
-    }
-    show(as_json, value, tables.designs(points, step), file_list(paths))
+    reasons = {f"{rate:g}": str(error) for rate, error in refused.items()}
+    return Designs(loaded.path, step, points, reasons, tuple(paths))
 
 
 def _reference(loaded: Model, observer: str | None) -> CallableStep:

@@ -4,7 +4,7 @@ import math
 import os
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from enum import StrEnum
 from pathlib import Path
 from time import monotonic
@@ -18,19 +18,19 @@ from hgogen.commands import log_tables
 from hgogen.commands.command import (
     Bar,
     Folder,
-    Json,
     ModelArgument,
     Out,
+    Report,
     Tuned,
+    Written,
     command,
     engine_here,
     folder_of,
     json_text,
     rendered,
-    show,
 )
 from hgogen.commands.headed import file_list
-from hgogen.commands.logs import Data, HeldOut, Shift, logs_of, names_in
+from hgogen.commands.logs import Data, HeldOut, Logs, Shift, logs_of, names_in
 from hgogen.commands.process import interruptible, note
 from hgogen.commands.running import Map, Period, Time
 from hgogen.errors import HgogenError
@@ -41,8 +41,9 @@ from hgogen.model import Model, load
 from hgogen.modelfiles.json_file import equations, table_of
 from hgogen.modelfiles.setting import AS_WRITTEN, Setting
 from hgogen.reading.averaged import WINDOWS
-from hgogen.reading.measured import Record
+from hgogen.reading.measured import Report as RecordReport
 from hgogen.reading.text_model import BESIDE, read, to_text
+from hgogen.system import System
 from hgogen.trials.consistency import WORSE
 from hgogen.trials.prediction import predictions
 
@@ -63,7 +64,48 @@ class By(StrEnum):
     PREDICTION = "prediction"
 
 
-@command()
+@dataclass(frozen=True)
+class HeldOutError:
+    """RMS errors of predictions of an output in the rows held out."""
+
+    record: Annotated[str, "path of the record"]
+    output: Annotated[str, "the output"]
+    ahead: Annotated[int | None, "samples ahead; null for open loop"]
+    fitted: Annotated[float, "error of the fitted plant"]
+    unfitted: Annotated[float, "error of the plant as it was, with the same gains"]
+    copying: Annotated[float | None, "error of copying the last value"]
+
+
+@dataclass(frozen=True, eq=False)
+class FitReport(Report):
+    """A fit, and how well it predicts the rows held out."""
+
+    json_keys = ("model", "equations", "records", "*result", "predictions", "unjudged", "notes", "files")
+
+    model: Annotated[str, "path of the model"]
+    equations: Annotated[list[str], "the plant's equations"]
+    records: Annotated[tuple[RecordReport, ...], "what was found in each log"]
+    result: Fit
+    predictions: Annotated[list[HeldOutError], "errors in the rows held out"]
+    unjudged: Annotated[str, "why there are none, or empty"]
+    log_notes: tuple[str, ...]
+    verdicts: tuple[str, ...]
+    files: Written = ()
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """What is doubtful, and what the result is worth."""
+        return (*self.log_notes, *self.result.notes(), *self.verdicts)
+
+    def tables(self) -> Iterator[Any]:
+        """The records, the fit and its predictions."""
+        yield from map(log_tables.report, self.records)
+        yield log_tables.fitted(self.result, self.log_notes)
+        yield log_tables.judged(self.predictions, self.verdicts, self.unjudged)
+        yield file_list(self.files)
+
+
+@command(FitReport)
 def fit_(
     model: ModelArgument,
     data: Data,
@@ -99,21 +141,9 @@ def fit_(
         bool, typer.Option("--resume", help="Go on from the last iterate of the same command, which was stopped.")
     ] = False,
     out: Out = None,
-    as_json: Json = False,
-) -> None:
+) -> FitReport:
     """Fit parameters of a model to measured records, by multiple shooting or by prediction error. The file
     `fitted.json` that it writes is what `--parameters` of every command that makes a step takes.
-
-    JSON keys: model, equations (of its plant), records (as in `run`), by, parameters (by name), deviation (standard
-    errors, null where the records do not tell), nominal, at_end (low or high end of its range), lags, offsets, first
-    (states at the first row of each record), error, spread, unfitted (by output, RMS: of the residual, about the mean,
-    with the values before), alike (residuals that tell as much as one), untold (directions), joint (null, or of count
-    parameters and offsets how many sums the outputs tell, hidden, unseen, repairs), confined (states), outlying (share
-    by output), whiteness (by output: test, statistic, limit, lags, white), rivals (of starts that ended elsewhere at
-    the same cost: values by name), noise (by prediction: process, the density by state, sample, the deviation by
-    output; where the model has no observer, it predicts the rows held out), starts (cost, status, iterations),
-    predictions (of the rows held out: record, output, ahead, fitted, unfitted, copying), unjudged (why there are none,
-    or empty), notes, files.
     """
     asked = {"--free": free, "--offset": offset, "--lag": lag}
     names = {option: names_in(text, option) for option, text in asked.items()}
@@ -123,12 +153,9 @@ def fit_(
     begun = progress_of(_begun(folder)) if resume else None
     if write is not None:
         _demand_new(write, loaded)
-    from hgogen.trials import figures  # which takes a while to import
-
     plant = loaded.plant
     held = WINDOWS["forward"]  # the fit holds an input from its sample to the next
     logs = logs_of(plant, data, held_out, dt=setting.dt, time=time, period=period, pairs=map_, shift=shift, window=held)
-    records, cuts = logs.records, logs.cuts
     with Bar("iterations", (starts + AGAIN * robust) * ITERATIONS) as bar, _writing(folder, bar) as each:
         result = fit(
             plant,
@@ -143,38 +170,33 @@ def fit_(
             each=each,
             resume=begun,
         )
-    judged, unjudged = (
-        _judgement(loaded, observer, result, records, cuts) if held_out else ([], "no rows were held out")
-    )
+    judged, unjudged = _judgement(loaded, observer, result, logs) if held_out else ([], "no rows were held out")
     verdicts = (*_verdicts(judged, by), *_without_offset(result))
-    drawn = {
+    found = tuple(record.report for record in logs.records)
+    report = FitReport(loaded.path, equations(plant), found, result, judged, unjudged, logs.notes(), verdicts)
+    drawn = rendered(_figures(plant, logs, result))
+    return _saved(folder, report, drawn, loaded, write)
+
+
+def _figures(plant: System, logs: Logs, result: Fit) -> dict[str, Any]:
+    from hgogen.trials import figures  # which takes a while to import
+
+    return {
         f"fitted_{k}": figures.fitted(plant, record.t[:cut], record.of(plant.outputs)[:cut], y)
-        for k, (record, cut, y) in enumerate(zip(records, cuts, result.fitted, strict=True), 1)
+        for k, (record, cut, y) in enumerate(zip(logs.records, logs.cuts, result.fitted, strict=True), 1)
     }
-    files: dict[str, str | bytes] = {**rendered(drawn)}
-    paths = folder.demand(*files, "fitted.json")
-    report = {
-        "model": loaded.path,
-        "equations": equations(plant),
-        "records": [record.report for record in records],
-        **result.as_dict(),
-        "predictions": judged,
-        "unjudged": unjudged,
-        "notes": [*logs.notes(), *result.notes(), *verdicts],
-        "files": list(map(str, paths)),
-    }
-    if write is not None:
-        report["files"] = [*report["files"], str(write)]
-    folder.write({**files, "fitted.json": json_text(report) + "\n"})  # before what may still fail
+
+
+def _saved(
+    folder: Folder, report: FitReport, drawn: Mapping[str, bytes], model: Model, write_to: Path | None
+) -> FitReport:
+    """The report with its files, among them the model that --write names, which is written last: it may still fail."""
+    more = () if write_to is None else (write_to,)
+    saved = folder.save(report, "fitted.json", drawn, more)
     folder.remove(BEGUN)
-    if write is not None:
-        paths += Folder(write.parent).write({write.name: to_text(result.plant, _beside(loaded))})
-    shown = (
-        *(log_tables.report(record.report) for record in records),
-        log_tables.fitted(result, logs.notes()),
-        log_tables.judged(judged, verdicts, unjudged),
-    )
-    show(as_json, report, *shown, file_list(paths))
+    if write_to is not None:
+        Folder(write_to.parent).write({write_to.name: to_text(report.result.plant, _beside(model))})
+    return saved
 
 
 def _begun(folder: Folder) -> dict[str, Any]:
@@ -235,12 +257,10 @@ def _beside(model: Model) -> dict[str, Any]:
     return {name: value for name, value in said.items() if value}
 
 
-def _judgement(
-    model: Model, observer: str | None, result: Fit, records: Sequence[Record], cuts: Sequence[int]
-) -> tuple[list[dict[str, Any]], str]:
+def _judgement(model: Model, observer: str | None, result: Fit, logs: Logs) -> tuple[list[HeldOutError], str]:
     """The errors, or why there are none: an observer that does not take the plant leaves the fit what it is."""
     try:
-        judged = list(_judged(model, observer, result, records, cuts))
+        judged = list(_judged(model, observer, result, logs))
     except HgogenError as error:
         if observer is not None:  # asked for by name
             raise
@@ -248,15 +268,13 @@ def _judgement(
     return judged, "" if judged else "there is no sample in the rows held out that its observer does not reject"
 
 
-def _judged(
-    model: Model, observer: str | None, result: Fit, records: Sequence[Record], cuts: Sequence[int]
-) -> Iterator[dict[str, Any]]:
+def _judged(model: Model, observer: str | None, result: Fit, logs: Logs) -> Iterator[HeldOutError]:
     """The errors of predictions from the estimates of an observer, in the rows held out: of the fitted plant and of the
     plant as it was, with the same gains."""
     fitted = model.valued({p.name: float(p.nominal or 0.0) for p in result.plant.parameters})
     added = {one.name: one.value for one in result.offsets}  # by the sensor of an output
     offsets = np.array([added.get(y.name, 0.0) for y in result.plant.outputs])
-    for record, cut in zip(records, cuts, strict=True):
+    for record, cut in zip(logs.records, logs.cuts, strict=True):
         u, y = record.of(model.plant.inputs), record.of(model.plant.outputs)
         errors = []
         for variant, samples in ((fitted, y - offsets), (model, y)):
@@ -264,25 +282,18 @@ def _judged(
             done = step.run(u=u, y=samples, engine=engine_here())
             errors.append(predictions(step, done.since(cut), u[cut:], samples[cut:], _AHEAD))
         for one, other in zip(*errors, strict=True):
-            yield {
-                "record": record.report.path,
-                "output": one.output,
-                "ahead": one.ahead,
-                "fitted": one.model,
-                "unfitted": other.model,
-                "copying": one.copying,
-            }
+            yield HeldOutError(record.report.path, one.output, one.ahead, one.model, other.model, one.copying)
 
 
-def _verdicts(judged: Sequence[Mapping[str, Any]], by: By = By.SIMULATION) -> Iterator[str]:
+def _verdicts(judged: Sequence[HeldOutError], by: By = By.SIMULATION) -> Iterator[str]:
     """Where rows held out are predicted worse than by other means."""
     rivals = {"copying": "than by copying the last value", "unfitted": "than before the fit"}
-    several = len({one["record"] for one in judged}) > 1
-    for record, output in dict.fromkeys((one["record"], one["output"]) for one in judged):
+    several = len({one.record for one in judged}) > 1
+    for record, output in dict.fromkeys((one.record, one.output) for one in judged):
         rows_of = f"the rows held out of {record}" if several else "the rows held out"
-        rows = [one for one in judged if (one["record"], one["output"]) == (record, output) and one["ahead"]]
+        rows = [(one.ahead, one) for one in judged if (one.record, one.output) == (record, output) and one.ahead]
         for rival, than in rivals.items():
-            worse = [one["ahead"] for one in rows if one["fitted"] > WORSE * (one[rival] or math.inf)]
+            worse = [k for k, one in rows if one.fitted > WORSE * (getattr(one, rival) or math.inf)]
             doubt = f"; {_FEEDBACK}" if by is By.PREDICTION and max(worse, default=1) > 1 else ""
             if worse:
                 ahead = ", ".join(map(str, worse))

@@ -1,17 +1,9 @@
 """A library run: many models from one JSON file, each answered in a process of its own.
 
-IN is {"models": [model, ..]} as `reading.entry` reads them; OUT is one object from name to answer, null where there is
-no answer, and where they apply "error", a sentence, "partial": true where the time limit struck, and "notes", sentences
-on questions that failed and on bounds of what has no value somewhere.
+IN is {"models": [model, ..]} as `reading.entry` reads them; OUT is one object from name to `LibraryAnswer`.
 
 What is asked of a model is a table from question to fields, cheap ones first. Each answer is proved, or generic as its
-definition says, or None, which means no answer:
-
-    observable_*, rank_*    generic ranks, states alone and with parameters; seconds: of these two questions
-    triangular, ..., uof    z_i' = F_i(z_1..z_(i+1), u), its order, and whether slopes keep off zero on the closed box
-    a_ranges, bounds        outward-rounded ranges; lipschitz: of b on the box; gb_uniform, singular, mimo_*
-
-Without boxes the forms speak of structure only.
+definition says, or None, which means no answer. Without boxes the forms speak of structure only.
 """
 
 import dataclasses
@@ -21,7 +13,7 @@ from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 from time import perf_counter
-from typing import Any
+from typing import Annotated, Any
 
 import sympy as sp
 
@@ -40,19 +32,57 @@ from hgogen.intervals.slope import lipschitz_bound
 from hgogen.reading.content import Unread, content_of
 from hgogen.reading.entry import FORMAT, Entry, entry
 from hgogen.reading.expression import parse
+from hgogen.sentence import Encoded
 from hgogen.structure.chain import Chains, Rows, Shape, levelwise
 from hgogen.structure.several import cascade
 
-FIELDS = (
-    *("observable_params_known", "observable_joint", "rank_params_known", "rank_joint", "seconds", "triangular"),
-    *("triangular_uy", "uof_structure", "uof", "gb_uniform", "order", "a_ranges", "singular", "bounds", "lipschitz"),
-    *("mimo_levelwise", "mimo_cascade", "mimo_uof"),
-)
 BYTES = 1 << 28  # of a library
 LIMIT = 10.0  # seconds of the processor for each model
 _MANY = 30  # states, from where on what is dear may take seconds
 _SLOW = ("observability", "singular set")
 Answer = tuple[str, Any]
+
+
+Known = bool | None
+Chain = list[str] | None
+
+
+@dataclass(frozen=True)
+class Answers(Encoded):
+    """The answers to a model of a library, null where there is none."""
+
+    observable_params_known: Annotated[Chain, "states that are observable with known parameters, generically"]
+    observable_joint: Annotated[Chain, "states and unknown parameters that are observable together, generically"]
+    rank_params_known: Annotated[int | None, "generic rank with known parameters"]
+    rank_joint: Annotated[int | None, "generic rank of states and unknown parameters together"]
+    seconds: Annotated[float | None, "seconds that these two questions took"]
+    triangular: Annotated[Known, "whether z_i' = F_i(z_1..z_(i+1), u), its slopes off zero on the closed box"]
+    triangular_uy: Annotated[Known, "the same, where slopes may read inputs and outputs"]
+    uof_structure: Annotated[Known, "whether the plant has the structure of the uniform observability form"]
+    uof: Annotated[Known, "whether it is in that form, its slopes off zero on the closed box"]
+    gb_uniform: Annotated[bool | str | None, "uniform observability by Gauthier and Bornard; na: does not apply"]
+    order: Annotated[Chain, "the order of states in the chain"]
+    a_ranges: Annotated[list[list[float]] | None, "outward-rounded range of each |a_i|"]
+    singular: Annotated[list[str] | str | None, "factors whose zeros are the singular set"]
+    bounds: Annotated[list[list[float] | None] | None, "outward-rounded range of each query"]
+    lipschitz: Annotated[Known, "whether b is Lipschitz on the box"]
+    mimo_levelwise: Annotated[Known, "whether each output has a chain, found level by level"]
+    mimo_cascade: Annotated[Known, "whether each output has a chain, one behind the other"]
+    mimo_uof: Annotated[Known, "whether the plant is in the uniform observability form of several outputs"]
+
+
+FIELDS = tuple(one.name for one in dataclasses.fields(Answers))
+
+
+@dataclass(frozen=True)
+class LibraryAnswer(Answers):
+    """The answers, and where they apply what went wrong."""
+
+    json_keys = (*FIELDS, "error?", "partial?", "notes?")
+
+    error: Annotated[str | None, "what is wrong with the model"] = None
+    partial: Annotated[bool | None, "true where the time limit struck"] = None
+    notes: Annotated[list[str] | None, "questions that failed, and bounds of what has no value somewhere"] = None
 
 
 @dataclass(eq=False)

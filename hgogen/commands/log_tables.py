@@ -63,7 +63,7 @@ def _spread(deviation: float) -> str:
     return f"{deviation:.2g}" if math.isfinite(deviation) else "not told"
 
 
-def judged(each: Sequence[Mapping[str, Any]], notes: Iterable[str], otherwise: str) -> RenderableType:
+def judged(each: Sequence[Any], notes: Iterable[str], otherwise: str) -> RenderableType:
     """Prediction errors in the rows held out, with what they say; `otherwise`: why there are none."""
     if not each:
         return Text(f"nothing judges the fit; {otherwise}\n")
@@ -72,17 +72,17 @@ def judged(each: Sequence[Mapping[str, Any]], notes: Iterable[str], otherwise: s
         *("output", "samples ahead", "fitted", "before", "copying the last value"),
         numbers=5,
     )
-    paths = {one["record"] for one in each}
+    paths = {one.record for one in each}
     for one in each:
-        ahead = "all, open loop" if one["ahead"] is None else str(one["ahead"])
-        errors = (one[key] for key in ("fitted", "unfitted", "copying"))
-        name = f"{one['output']} in {one['record']}" if len(paths) > 1 else one["output"]
+        ahead = "all, open loop" if one.ahead is None else str(one.ahead)
+        errors = (one.fitted, one.unfitted, one.copying)
+        name = f"{one.output} in {one.record}" if len(paths) > 1 else one.output
         table.add_row(name, ahead, *("" if error is None else f"{error:.4g}" for error in errors))
     return Group(table, *map(Text, notes), "")
 
 
 def tuned(
-    rows: Sequence[Mapping[str, Any]],
+    rows: Sequence[Any],
     best: str,
     notes: Iterable[str],
     refused: Mapping[str, str],
@@ -91,8 +91,8 @@ def tuned(
 ) -> RenderableType:
     """Tuned observers, what they are worth and cost, which to take, and why others have no gains; `truth`: the states
     that chose the gains."""
-    ahead = [(h, y) for h, errors in rows[0]["held_out"].items() for y in errors]
-    hidden = list(rows[0]["hidden"])
+    ahead = [(h, y) for h, errors in rows[0].held_out.items() for y in errors]
+    hidden = list(rows[0].hidden)
     where = "in the rows held out" if held_out else "in all rows, since none were held out"
     errors = headed(
         f"RMS errors {where}: of predictions, by output and samples ahead, and of hidden states",
@@ -109,13 +109,13 @@ def tuned(
         *("", "observer", "form", "cross-validated", "NIS", "operations", "state", "convergence"),
     )
     for row in rows:
-        mark = "take" if row["name"] == best else ""
-        cells = [_cell(row["held_out"][h][y]) for h, y in ahead]
-        errors.add_row(mark, row["name"], *cells, *(_cell(row["hidden"].get(x)) for x in hidden))
-        if "error" in row:
-            nis = ", ".join(f"{each:.2g}" for each in row["nis"].values())
-            cost = f"{row['operations']}", f"{row['state']} B"
-            worth.add_row(mark, row["name"], row["form"], f"{row['error']:.3g}", nis, *cost, row["known"])
+        mark, gains = "take" if row.name == best else "", row.gains
+        cells = [_cell(row.held_out[h][y]) for h, y in ahead]
+        errors.add_row(mark, row.name, *cells, *(_cell(row.hidden.get(x)) for x in hidden))
+        if gains is not None:
+            nis = ", ".join(f"{each:.2g}" for each in row.nis.values())
+            cost = f"{gains.operations}", f"{gains.state} B"
+            worth.add_row(mark, row.name, gains.form, f"{gains.error:.3g}", nis, *cost, gains.known)
     return Group(errors, "", worth, "", *map(Text, notes), "", *without(refused))
 
 
@@ -195,21 +195,20 @@ def suggestion(noise: Suggestion, unit: str) -> RenderableType:
 
 
 def advised(
-    rows: Sequence[Mapping[str, Any]], best: str, unit: str, notes: Iterable[str], refused: Mapping[str, str]
+    rows: Sequence[Any], best: str, unit: str, notes: Iterable[str], refused: Mapping[str, str]
 ) -> RenderableType:
     """Gains without a record, and what they do on the trial."""
-    states = list(dict.fromkeys(state for row in rows for state in row["noise"]))
+    states = list(dict.fromkeys(state for row in rows for state in row.noise))
     numbers = ("theta", "certified from", "settles from", f"settles in ({unit})")
     table = headed("gains from ranges, noise and period", "", "observer", "form", *numbers, numbers=len(numbers))
-    sigmas = ", ".join(f"{output} = {sigma:.3g}" for output, sigma in rows[0]["sigma"].items())
+    sigmas = ", ".join(f"{output} = {sigma:.3g}" for output, sigma in rows[0].sigma.items())
     title = f"noise: the RMS that it alone makes of an estimate on the trial, of samples with sigma {sigmas}"
     alone = headed(title, "", "observer", "convergence", *states, numbers=len(states))
     for row in rows:
-        mark = "take" if row["name"] == best else ""
-        table.add_row(
-            mark, row["name"], row["form"], *(_cell(row[key]) for key in ("theta", "certified", "settles", "settled"))
-        )
-        alone.add_row(mark, row["name"], row["known"], *(_cell(row["noise"].get(state)) for state in states))
+        mark = "take" if row.name == best else ""
+        gains = (row.gains.theta, row.gains.certified, row.settles, row.settled)
+        table.add_row(mark, row.gains.name, row.form, *map(_cell, gains))
+        alone.add_row(mark, row.gains.name, row.known, *(_cell(row.noise.get(state)) for state in states))
     return Group(table, "", alone, "", *map(Text, notes), "", *without(refused))
 
 

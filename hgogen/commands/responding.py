@@ -1,15 +1,17 @@
 """The command `response`: what measurement noise does to the estimate of a model's observer."""
 
 import math
+from collections.abc import Iterator
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import numpy as np
 import typer
 
 import hgogen as hg
 from hgogen.commands import tables
-from hgogen.commands.command import Folder, Json, ModelArgument, Tuned, command, rendered, show
+from hgogen.commands.command import Folder, ModelArgument, Report, Tuned, Written, command, rendered
 from hgogen.commands.headed import file_list
 from hgogen.commands.logs import numbers_in
 from hgogen.commands.process import note
@@ -21,7 +23,63 @@ COUNT = 6  # frequencies of the table, unless they are given
 POINTS = 200  # frequencies of the figure
 
 
-@command()
+@dataclass(frozen=True, eq=False)
+class Gain:
+    """The gain from the noise of an output to the error of a state."""
+
+    output: Annotated[str, "output with the noise"]
+    state: Annotated[str, "state with the error"]
+    continuous: Annotated[list[float], "gain in continuous time at each omega"]
+    step: Annotated[list[float | None], "gain of the step at each omega; null beyond the Nyquist frequency pi/dt"]
+
+
+@dataclass(frozen=True, eq=False)
+class Gains(Report):
+    """What sinusoidal noise does to estimates."""
+
+    json_keys = ("model", "observer", "coordinates=continuous.coordinates", "dt", "omega", "gains", "files")
+
+    model: Annotated[str, "path of the model"]
+    observer: Annotated[str, "name of the observer"]
+    dt: Annotated[float, "sampling period"]
+    omega: Annotated[tuple[float, ...], "frequencies in rad per unit of the model's time"]
+    continuous: Response
+    sampled: Response
+    unit: str
+    files: Written = ()
+
+    @property
+    def gains(self) -> list[Gain]:
+        """The gains of each output and state."""
+        step = np.where(self.sampled.aliased[:, None, None], np.nan, self.sampled.gain)
+        return [
+            Gain(output, state, self.continuous.gain[:, i, j].tolist(), step[:, i, j].tolist())
+            for j, output in enumerate(self.continuous.outputs)
+            for i, state in enumerate(self.continuous.states)
+        ]
+
+    def notes(self) -> Iterator[str]:
+        """What limits the gains."""
+        if self.continuous.coordinates == "form":
+            bent = "the plant's states are nonlinear in the observer's coordinates"
+            yield f"{bent}: the gains are those of the form's states"
+        for name, values in self.continuous.held.items():
+            at = ", ".join(f"{value:g}" for value in values)
+            yield f"{name} adapts: the gains are those at {at}, where the core is the fastest"
+        if self.sampled.aliased.any():
+            beyond = ", ".join(f"{w:g}" for w in self.sampled.omega[self.sampled.aliased])
+            rate, are = f"rad/{self.unit}", "are" if self.sampled.aliased.sum() > 1 else "is"
+            what = f"{beyond} {rate} {are} beyond the Nyquist frequency pi/dt = {math.pi / self.dt:g} {rate}"
+            yield f"{what}: the samples show a slower alias, and the step has no gain there"
+
+    def tables(self) -> Iterator[Any]:
+        """A row for each pair and frequency."""
+        yield tables.responses(self.continuous, self.sampled, self.unit)
+        if self.files:
+            yield file_list(self.files)
+
+
+@command(Gains)
 def response_(
     model: ModelArgument,
     observer: Tuned = None,
@@ -30,57 +88,32 @@ def response_(
         str, typer.Option("--omega", help="Frequencies in rad per unit of the model's time, such as 50,100,300.")
     ] = "",
     out: Annotated[Path | None, typer.Option("--out", "-o", help="Folder of the figure; by default none.")] = None,
-    as_json: Json = False,
-) -> None:
+) -> Gains:
     """Tell what sinusoidal noise of an output does to each estimate: the error's amplitude over the noise's, of the
     linear error core in continuous time and as its step discretises it.
 
     By default at frequencies around the core's poles. With --out a figure is drawn, response.svg and response.png.
-
-    JSON keys: model, observer, coordinates ("plant", or "form" where the plant's states are nonlinear in the form's,
-    whose names are then given), dt, omega, gains (output, state, continuous, step: a number for each omega, of the
-    step null beyond the Nyquist frequency pi/dt), files.
     """
     loaded = load(model).set(setting)
     step = loaded.step(observer)
     slow, fast = pace(step.observer)
-    frequencies = (
-        numbers_in(omega, f"numbers in rad/{step.time}, such as 50,100,300", "--omega")
-        if omega
-        else _around(slow, fast, step.dt)
-    )
+    asked = f"numbers in rad/{step.time}, such as 50,100,300"
+    frequencies = numbers_in(omega, asked, "--omega") if omega else _around(slow, fast, step.dt)
     continuous, sampled = hg.response(step.observer, frequencies), hg.response(step, frequencies)
     paths: list[Path] = []
     if out is not None:
         from hgogen.trials import figures as figure
 
-        folder = Folder(out)
-        folder.demand("response.svg")
+        Folder(out).demand("response.svg")
         span = np.geomspace(min(slow / 10, *frequencies), max(10 * fast, *frequencies), POINTS)
-        drawn = figure.response(
-            hg.response(step.observer, span), hg.response(step, span[span < math.pi / step.dt]), step.time
-        )
-        paths += folder.write(rendered({"response": drawn}))
-    value = {
-        "model": loaded.path,
-        "observer": step.observer.name,
-        "coordinates": continuous.coordinates,
-        "dt": step.dt,
-        "omega": list(frequencies),
-        "gains": _gains(continuous, sampled),
-        "files": [str(path) for path in paths],
-    }
-    if continuous.coordinates == "form":
-        note("the plant's states are nonlinear in the observer's coordinates: the gains are those of the form's states")
-    for name, values in continuous.held.items():
-        at = ", ".join(f"{value:g}" for value in values)
-        note(f"{name} adapts: the gains are those at {at}, where the core is the fastest")
-    if sampled.aliased.any():
-        beyond = ", ".join(f"{w:g}" for w in sampled.omega[sampled.aliased])
-        rate, are = f"rad/{step.time}", "are" if sampled.aliased.sum() > 1 else "is"
-        what = f"{beyond} {rate} {are} beyond the Nyquist frequency pi/dt"
-        note(f"{what} = {math.pi / step.dt:g} {rate}: the samples show a slower alias, and the step has no gain there")
-    show(as_json, value, tables.responses(continuous, sampled, step.time), *([file_list(paths)] if paths else []))
+        below = span[span < math.pi / step.dt]
+        drawn = figure.response(hg.response(step.observer, span), hg.response(step, below), step.time)
+        paths = Folder(out).write(rendered({"response": drawn}))
+    gains = Gains(
+        loaded.path, step.observer.name, step.dt, tuple(frequencies), continuous, sampled, step.time, tuple(paths)
+    )
+    note(*gains.notes())
+    return gains
 
 
 def _around(slow: float, fast: float, dt: float) -> tuple[float, ...]:
@@ -88,19 +121,3 @@ def _around(slow: float, fast: float, dt: float) -> tuple[float, ...]:
     high = min(10 * fast, 0.9 * math.pi / dt)
     low = min(max(slow / 10, high / 1e4), high / 10)
     return tuple(float(f"{value:.2g}") for value in np.geomspace(low, high, COUNT))
-
-
-def _gains(continuous: Response, sampled: Response) -> list[dict[str, object]]:
-    aliased = sampled.aliased.tolist()
-    return [
-        {
-            "output": output,
-            "state": state,
-            "continuous": continuous.gain[:, i, j].tolist(),
-            "step": [
-                None if alias else gain for alias, gain in zip(aliased, sampled.gain[:, i, j].tolist(), strict=True)
-            ],
-        }
-        for j, output in enumerate(continuous.outputs)
-        for i, state in enumerate(continuous.states)
-    ]

@@ -4,11 +4,11 @@ import csv
 import io
 import math
 import re
-from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 from types import MappingProxyType
-from typing import Annotated
+from typing import Annotated, Any
 
 import numpy as np
 import typer
@@ -18,16 +18,15 @@ from hgogen.calling.samples import Engine, Run
 from hgogen.commands import drawings, log_tables, tables
 from hgogen.commands.command import (
     Bar,
-    Json,
     ModelArgument,
     Out,
+    Report,
     Tuned,
+    Written,
     command,
     engine_here,
     folder_of,
-    json_text,
     rendered,
-    show,
 )
 from hgogen.commands.headed import file_list
 from hgogen.commands.logs import Shift, Truth, horizons, numbers_by_name, too_far, truth_name, truth_of, truth_options
@@ -42,10 +41,11 @@ from hgogen.reading.measured import COMMAND, Record, read
 from hgogen.signal import Signal
 from hgogen.trials import noise
 from hgogen.trials.agreement import Difference, coarse, differences
-from hgogen.trials.consistency import consistency, no_better
-from hgogen.trials.incidents import before_loss, interventions, loss
-from hgogen.trials.prediction import predictions, rejected, rms
-from hgogen.trials.rejected import MostlyRejected, better, clamped, rejections
+from hgogen.trials.consistency import Consistency, consistency, no_better
+from hgogen.trials.incidents import Interventions, before_loss, interventions, loss
+from hgogen.trials.noise import Suggestion
+from hgogen.trials.prediction import Prediction, predictions, rejected, rms
+from hgogen.trials.rejected import Better, MostlyRejected, Rejection, better, clamped, rejections
 
 Data = Annotated[Path, typer.Option("--data", help="The log, a CSV file with a header, a Parquet or a MAT file.")]
 Time = Annotated[str | None, typer.Option("--time", help="The column of times, in the unit of the model's time.")]
@@ -69,7 +69,56 @@ _NAN = re.compile("nan")
 STAGES = 5  # of `run` until the figures, besides a sample ahead of each prediction
 
 
-@command()
+@dataclass(frozen=True, eq=False)
+class RecordRun(Report):
+    """A run over a measured record, and what it says of the observer and of the record."""
+
+    json_keys = (
+        *("model", "engine=run.engine", "record=record.report", "status", "acted", "initial", "predictions", "hidden"),
+        *("innovations=sure.outputs", "nees=sure.states", "real=step.real", "better", "rejected", "from_double"),
+        *("notes", "files"),
+    )
+
+    model: Annotated[str, "path of the model"]
+    step: CallableStep
+    record: Record
+    run: Run
+    acted: Annotated[Interventions, "when guards acted on the estimate"]
+    initial: Annotated[dict[str, float], "states that the first samples or --initial give"]
+    predictions: Annotated[tuple[Prediction, ...], "RMS errors of predictions, by output and samples ahead"]
+    hidden: Annotated[dict[str, float | None], "RMS error of the estimate by state, where --truth gives it"]
+    sure: Consistency
+    better: Annotated[Better | None, "another shift or sign of a signal with which predictions are clearly better"]
+    rejected: Annotated[tuple[Rejection, ...], "outputs most of whose samples the observer rejects; exit status 1"]
+    from_double: Annotated[tuple[Difference, ...], "with --real float, how far each state is from the run in double"]
+    notes: Annotated[tuple[str, ...], "what is doubtful"]
+    files: Written = ()
+
+    @property
+    def status(self) -> dict[str, int]:
+        """The number of samples with each status bit; only those that were raised."""
+        bits, word, status = self.step.layout.bits, self.step.layout.word.type, self.run.status
+        counts = {bit.name: int(np.count_nonzero(status & word(1 << k))) for k, bit in enumerate(bits)}
+        return {name: count for name, count in counts.items() if count}
+
+    def tables(self) -> Iterator[Any]:
+        """The record, the status, predictions and innovations."""
+        step = self.step
+        yield log_tables.report(self.record.report, self.initial)
+        yield tables.status(step, self.status, len(self.record.t))
+        yield log_tables.predictions(self.predictions, step.dt, step.time)
+        yield from log_tables.hidden(self.hidden, step.states)
+        yield from log_tables.from_double(self.from_double, step.time)
+        yield log_tables.consistent(self.sure, self.notes)
+        yield file_list(self.files)
+
+    def demand(self) -> None:
+        """Raise `MostlyRejected` where the observer rejects most samples of an output."""
+        if self.rejected:
+            raise MostlyRejected(self.rejected)
+
+
+@command(RecordRun)
 def run_(
     model: ModelArgument,
     data: Data,
@@ -91,27 +140,12 @@ def run_(
     burn_in: Annotated[
         float, typer.Option(min=0.0, help="The time at the beginning that no error counts, in the model's time.")
     ] = 0.0,
-    as_json: Json = False,
-) -> None:
+) -> RecordRun:
     """Run a model's observer over a measured record: estimates as CSV, figures, and what was wrong with the
     record.
 
     The estimate starts from --initial, by default with what the first samples show of the states, the others where the
     observer does.
-
-    JSON keys: model, engine, record (path, rows, samples, dt, period, columns, missing, not_numbers, covered, absent,
-    malformed, untimed, out_of_order, duplicates, surplus, gaps, longest_gap, filled, shift, unit of time, notes),
-    status (samples by status bit), acted (as in `simulate`), initial (states that the first samples or --initial give),
-    predictions (output, ahead: samples or null for open loop, model, copying, count: samples compared, rejected:
-    samples that the observer rejected, which are not), hidden (RMS error of the estimate by state, where --truth gives
-    it), innovations (by output: count, rms; nis, the mean of e^2/s, with the ends of its 95 % band, outside, the share
-    beyond 2 sigma, null without a covariance; whiteness: test, statistic, limit, lags, white), nees (states, count,
-    alike: how many errors tell as much as one, nees, band; null without truth or covariance), rejected (outputs most of
-    whose samples the observer rejects, for which the exit status is 1: output, count, share, values: the middle nine in
-    ten, range, map: what makes it fit, mends), better (another shift or sign of one signal with which predictions err
-    clearly less, or null: signal, shift in samples, sign, error over that of copying, present), real, from_double (with
-    --real float, by state: the largest difference from the same run in double, its time t, its share of scale, the
-    width of the range or the peak; status: samples whose status differs), notes, files.
     """
     ahead = horizons(horizon, "--horizon")
     with Bar("reading the log", STAGES + max(ahead)) as bar:
@@ -122,78 +156,65 @@ def run_(
         true = truth_of(loaded.plant, truth or ())
         record = _record(step, data, time, period, map_, (*step.inputs, *step.samples), true)
         shifts = shifts_of(str(data), shift or (), step.inputs, step.outputs)
-        record = record.shifted(
-            shifts | {age.name: shifts.get(y.name, 0) for y, age in zip(step.late, step.ages, strict=True)}
-        )
+        ages = {age.name: shifts.get(y.name, 0) for y, age in zip(step.late, step.ages, strict=True)}
+        record = record.shifted(shifts | ages)
         bar.tick("running the observer")
-        u, samples = record.of(step.inputs), record.of(step.samples)
-        y = step.in_time(samples)
-        engine = engine_here()
-        step, begins = _begun(step, y, initial)
-        done = step.run(u=u, y=samples, engine=engine)
-        counted = _counted(step, burn_in, len(y))
-        bar.tick("predictions")
-        judge, judged = _judged(step, done, u, y, engine)
-        there = np.where(np.arange(len(y))[:, None] < before_loss(done), y, np.nan)
-        errors = predictions(judge, judged.since(counted), u[counted:], there[counted:], ahead, bar.tick)
-        measured = {state: record.values[:, record.names.index(name)] for state, (name, _) in true.items()}
-        hidden = {state: _rms((done[state] - values)[counted:]) for state, values in measured.items()}
-        bar.tick("innovations")
-        sure = consistency(done.since(counted), {state: values[counted:] for state, values in measured.items()})
-        wrong = rejections(judge, judged, u, y, record.operands, engine)
-        single = _from_double(step, done, u, samples, engine)
-        bar.tick("other shifts and signs")
-        other = None if wrong else better(judge, u, y, counted, engine)
-        notes = [
-            *loss(step, done, record.t, u, y),
-            *clamped(step, u, record.operands),
-            *beyond(loaded.plant, Log(u, np.where(rejected(judge, judged, y), np.nan, y), step.dt)),
-            *no_better(errors),
-            *sure.sentences(),
-            *coarse(single, step.time),
-        ]
+        report = _over_record(loaded, step, record, true, initial, burn_in, ahead, shifts, bar)
+    done = report.run
+    texts = {f"{name}_estimates.csv": _estimates(step, record, done)}
+    texts |= {f"{name}_innovations.csv": _innovations(step, record, done)}
+    in_time = _drawn(step, record)
+    drawn = rendered(drawings.record_figures(step, name, in_time, done, _truth(record, true)))
+    return folder.save(report, f"{name}_report.json", {**texts, **drawn})
+
+
+def _over_record(
+    model: Model,
+    step: CallableStep,
+    record: Record,
+    true: Mapping[str, tuple[str, str]],
+    initial: str | None,
+    burn_in: float,
+    ahead: Sequence[int],
+    shifts: Mapping[str, int],
+    bar: Bar,
+) -> RecordRun:
+    """The run of a step over a record, and what it says of both."""
+    u, samples = record.of(step.inputs), record.of(step.samples)
+    y, engine = step.in_time(samples), engine_here()
+    step, begins = _begun(step, y, initial)
+    done = step.run(u=u, y=samples, engine=engine)
+    counted = _counted(step, burn_in, len(y))
+    bar.tick("predictions")
+    judge, judged = _judged(step, done, u, y, engine)
+    there = np.where(np.arange(len(y))[:, None] < before_loss(done), y, np.nan)
+    errors = predictions(judge, judged.since(counted), u[counted:], there[counted:], ahead, bar.tick)
+    measured = _truth(record, true)
+    hidden = {state: _rms((done[state] - values)[counted:]) for state, values in measured.items()}
+    bar.tick("innovations")
+    sure = consistency(done.since(counted), {state: values[counted:] for state, values in measured.items()})
+    wrong = rejections(judge, judged, u, y, record.operands, engine)
+    single = _from_double(step, done, u, samples, engine)
+    bar.tick("other shifts and signs")
+    other = None if wrong else better(judge, u, y, counted, engine)
     acted = interventions(step, done.status, record.t)
-    if acted:
-        notes.append(f"the law of recovery acted: {acted.sentence(step.time)}")
-    notes += too_far(ahead, [one.ahead for one in errors])
-    if other:
-        notes.append(other.sentence(shifts.get(other.signal, 0), record.operands[other.signal]))
-    status = _flagged(step, done.status)
-    files: dict[str, str | bytes] = {f"{name}_estimates.csv": _estimates(step, record, done)}
-    files |= {f"{name}_innovations.csv": _innovations(step, record, done)}
-    files |= rendered(drawings.record_figures(step, name, _drawn(step, record, y), done, measured))
-    paths = folder.demand(*files, f"{name}_report.json")
-    report = {
-        "model": loaded.path,
-        "engine": engine,
-        "record": record.report,
-        "status": status,
-        "acted": acted,
-        "initial": begins,
-        "predictions": errors,
-        "hidden": hidden,
-        "innovations": sure.outputs,
-        "nees": sure.states,
-        "real": step.real,
-        "better": other,
-        "rejected": wrong,
-        "from_double": single,
-        "notes": notes,
-        "files": list(map(str, paths)),
-    }
-    folder.write({**files, f"{name}_report.json": json_text(report) + "\n"})
-    shown = (
-        log_tables.report(record.report, begins),
-        tables.status(step, status, len(y)),
-        log_tables.predictions(errors, step.dt, step.time),
-        *log_tables.hidden(hidden, step.states),
-        *log_tables.from_double(single, step.time),
-        log_tables.consistent(sure, notes),
-        file_list(paths),
+    notes = (
+        *loss(step, done, record.t, u, y),
+        *clamped(step, u, record.operands),
+        *beyond(model.plant, Log(u, np.where(rejected(judge, judged, y), np.nan, y), step.dt)),
+        *no_better(errors),
+        *sure.sentences(),
+        *coarse(single, step.time),
+        *((f"the law of recovery acted: {acted.sentence(step.time)}",) if acted else ()),
+        *too_far(ahead, [one.ahead for one in errors]),
+        *((other.sentence(shifts.get(other.signal, 0), record.operands[other.signal]),) if other else ()),
     )
-    show(as_json, report, *shown)
-    if wrong:
-        raise MostlyRejected(wrong)
+    return RecordRun(model.path, step, record, done, acted, begins, errors, hidden, sure, other, wrong, single, notes)
+
+
+def _truth(record: Record, true: Mapping[str, tuple[str, str]]) -> dict[str, np.ndarray]:
+    """The measured course of each state whose truth is known."""
+    return {state: record.values[:, record.names.index(name)] for state, (name, _) in true.items()}
 
 
 def _judged(step: CallableStep, done: Run, u: np.ndarray, y: np.ndarray, engine: Engine) -> tuple[CallableStep, Run]:
@@ -204,9 +225,9 @@ def _judged(step: CallableStep, done: Run, u: np.ndarray, y: np.ndarray, engine:
     return step.undelayed, replace(done, status=step.undelayed.run(u=u, y=y, engine=engine).status)
 
 
-def _drawn(step: CallableStep, record: Record, y: np.ndarray) -> Record:
-    """The record with its samples y (N, p) in the order of time, beside the estimates of which figures show them."""
-    values = record.values.copy()
+def _drawn(step: CallableStep, record: Record) -> Record:
+    """The record with its samples in the order of time, beside the estimates of which figures show them."""
+    values, y = record.values.copy(), step.in_time(record.of(step.samples))
     values[:, [record.names.index(signal.name) for signal in step.outputs]] = y
     return replace(record, values=values)
 
@@ -320,7 +341,24 @@ def _csv(header: Sequence[str], numbers: np.ndarray, status: np.ndarray | None =
     return stream.getvalue()
 
 
-@command()
+@dataclass(frozen=True, eq=False)
+class QuietRecord(Report):
+    """What a quiet record says of noise."""
+
+    json_keys = ("model", "record=record.report", "noise")
+
+    model: Annotated[str, "path of the model"]
+    record: Record
+    noise: Annotated[tuple[Suggestion, ...], "what the record suggests for each output"]
+    unit: str
+
+    def tables(self) -> Iterator[Any]:
+        """The record, and what it suggests."""
+        yield log_tables.report(self.record.report)
+        yield from (log_tables.suggestion(one, self.unit) for one in self.noise)
+
+
+@command(QuietRecord)
 def noise_(
     model: ModelArgument,
     data: Data,
@@ -336,33 +374,15 @@ def noise_(
     d: Annotated[
         float | None, typer.Option("--window", help="Window d, in the model's time; by default the model's.")
     ] = None,
-    as_json: Json = False,
-) -> None:
-    """Suggest sigma, tau and the thresholds gamma_0, gamma_1 from a quiet record, in which the plant rests.
-
-    JSON keys: model, record (as in `run`), noise (a list of: output, samples, sigma, tau, d, spread,
-    gamma_0, gamma_1, R, notes).
-    """
+) -> QuietRecord:
+    """Suggest sigma, tau and the thresholds gamma_0, gamma_1 from a quiet record, in which the plant rests."""
     loaded = _timed(load(model).set(setting), data, time, period)
     step = loaded.step(observer)
     d = d if d is not None else innovation_window(loaded, "--window", observer)
     record = _record(step, data, time, period, map_, step.outputs)
     quiet = noise.quiet(record.t, begin, end, step.time)
-    suggestions = [noise.suggest(s.name, record.of([s])[quiet, 0], step.dt, d, step.time) for s in step.outputs]
-    value = {"model": loaded.path, "record": record.report, "noise": suggestions}
-    show(
-        as_json,
-        value,
-        log_tables.report(record.report),
-        *(log_tables.suggestion(one, step.time) for one in suggestions),
-    )
-
-
-def _flagged(step: CallableStep, status: np.ndarray) -> dict[str, int]:
-    """In how many samples each status bit was raised; only those that were."""
-    one, bits = step.layout.word.type(1), step.layout.bits
-    counts = {bit.name: int(np.count_nonzero(status & (one << k))) for k, bit in enumerate(bits)}
-    return {name: count for name, count in counts.items() if count}
+    suggestions = (noise.suggest(s.name, record.of([s])[quiet, 0], step.dt, d, step.time) for s in step.outputs)
+    return QuietRecord(loaded.path, record, tuple(suggestions), step.time)
 
 
 def innovation_window(model: Model, option: str, observer: str | None = None) -> float:

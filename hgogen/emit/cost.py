@@ -5,6 +5,7 @@ A function (sine, root, table, ..) is one beside the operations of `discretisati
 
 from collections import Counter
 from dataclasses import dataclass
+from typing import Annotated
 
 import casadi as ca
 
@@ -20,12 +21,12 @@ _FUNCTIONS = frozenset(CALLS) - {*_CHEAP} | {ca.OP_CALL, FUNCTION}
 
 @dataclass(frozen=True)
 class Cost:
-    """Of one call: `operations`, `functions`; bytes of the structs `state` and `params` in C."""
+    """What one call costs."""
 
-    operations: int
-    functions: int
-    state: int
-    params: int
+    operations: Annotated[int, "operations of one call"]
+    functions: Annotated[int, "functions (sine, exponential, root, ..) of one call"]
+    state: Annotated[int, "bytes of the state in C"]
+    params: Annotated[int, "bytes of the parameters in C"]
 
 
 def cost(step: Step, real: Real = "float") -> Cost:

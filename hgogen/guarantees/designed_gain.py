@@ -15,7 +15,7 @@ a multiplier for each, all that N does K does as well (Arcak, Kokotovic, Automat
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 
@@ -52,11 +52,11 @@ class Gain:
     of a gain for `hg.observers.high_gain`."""
 
     theta: float
-    K: tuple[Any, ...]
+    K: Annotated[tuple[Any, ...], "injection gains; null for the tuning"]
     rate: float
     bounds: Bounds
     time: str
-    argument: tuple[Any, ...] = ()
+    argument: Annotated[tuple[Any, ...], "gains N in the argument of b; empty for high_gain"] = ()
 
     @property
     def observer(self) -> str:

@@ -12,7 +12,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime
 from types import MappingProxyType
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 
@@ -122,7 +122,7 @@ class Record:
     t: np.ndarray
     names: tuple[str, ...]
     values: np.ndarray
-    report: Report
+    report: Annotated[Report, "what was found in the log"]
     operands: Mapping[str, str] = field(default_factory=dict)
     rates: Mapping[str, tuple[str, int]] = field(default_factory=dict)
 

@@ -19,7 +19,7 @@ from dataclasses import asdict, dataclass, field, replace
 from fractions import Fraction
 from functools import lru_cache
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import Annotated, Any, ClassVar
 
 from .arithmetic import Arithmetic, Undefined, along, evaluate, total
 from .box import NotShown, points
@@ -76,11 +76,11 @@ class Row:
     `found` is "verified", "fails", or, where nothing is asserted, "open" or "stated"; `sentence` says how it was found,
     with how many `boxes`."""
 
-    id: str
-    verdict: str
-    found: str
-    sentence: str
-    boxes: int = 0
+    id: Annotated[str, "name of the claim"]
+    verdict: Annotated[str, "the verdict in the file"]
+    found: Annotated[str, "verified, fails, or, where nothing is asserted, open or stated"]
+    sentence: Annotated[str, "how it was found"]
+    boxes: Annotated[int, "number of intervals it took"] = 0
 
 
 _COUNTED = {"verified": "verified", "open": "open", STATED: STATED, "fails": "failed"}
@@ -88,18 +88,17 @@ _COUNTED = {"verified": "verified", "open": "open", STATED: STATED, "fails": "fa
 
 @dataclass(frozen=True)
 class Rechecked:
-    """What was verified of a certificate, claim by claim.
+    """What was verified of a certificate, claim by claim."""
 
-    `unexamined` is what no verified claim is about; `points` are the names that have one value, which all of it rests
-    on."""
-
-    plant: str
-    form: str
+    plant: Annotated[str, "name of the plant"]
+    form: Annotated[str, "name of the form"]
     observer: str
-    model: str
-    rows: tuple[Row, ...]
-    unexamined: tuple[str, ...] = ()
-    points: Mapping[str, str] = field(default_factory=dict, hash=False)
+    model: Annotated[str, "SHA-256 of plant, form and observer"]
+    rows: Annotated[tuple[Row, ...], "the outcome of each claim"]
+    unexamined: Annotated[tuple[str, ...], "what no verified claim is about"] = ()
+    points: Annotated[Mapping[str, str], "the names that have one value, which all of it assumes"] = field(
+        default_factory=dict, hash=False
+    )
 
     @property
     def failed(self) -> tuple[Row, ...]:

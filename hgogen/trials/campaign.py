@@ -16,7 +16,7 @@ from contextlib import suppress
 from dataclasses import dataclass, replace
 from hashlib import sha256
 from itertools import islice
-from typing import Any, Literal
+from typing import Annotated, Any, Literal
 
 import numpy as np
 import sympy as sp
@@ -48,13 +48,12 @@ class BadCampaign(BadArgument):
 
 @dataclass(frozen=True)
 class Outcome:
-    """Run number `run`: what was varied, by name, and its metrics, None where its plant could not be integrated, with
-    the reason in `failed`."""
+    """A run of a campaign."""
 
-    run: int
-    varied: Mapping[str, float]
-    metrics: Metrics | None
-    failed: str = ""
+    run: Annotated[int, "number of the run"]
+    varied: Annotated[Mapping[str, float], "what was varied, by name"]
+    metrics: Annotated[Metrics | None, "its metrics; null where its plant could not be integrated"]
+    failed: Annotated[str, "why there are no metrics"] = ""
 
 
 @dataclass(frozen=True)
@@ -117,7 +116,7 @@ class Campaign:
     step: CallableStep
     trial: Trial
     draws: Draws
-    engine: Engine
+    engine: Annotated[Engine, "who runs the step: c or python"]
 
     @property
     def plant(self) -> System:

@@ -12,6 +12,7 @@ tracking and navigation" (2001), 5.4.
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
 
@@ -30,36 +31,34 @@ WORSE = 1.05  # times the error of another prediction: worse
 
 @dataclass(frozen=True)
 class OfOutput:
-    """Of the innovations of one output, `count` of them: their RMS value, the mean `nis` with the ends of its 95 %
-    `band`, the share `outside` 2 sigma, None of an observer without variances; `whiteness`, None of too few."""
+    """The innovations of one output."""
 
-    output: str
-    count: int
-    rms: float
-    nis: float | None
-    band: tuple[float, float] | None
-    outside: float | None
-    whiteness: Whiteness | None
+    output: Annotated[str, "the output"]
+    count: Annotated[int, "number of innovations"]
+    rms: Annotated[float, "their RMS value"]
+    nis: Annotated[float | None, "normalised innovation squared, the mean of e^2/s; null without a covariance"]
+    band: Annotated[tuple[float, float] | None, "ends of its 95 % band"]
+    outside: Annotated[float | None, "share beyond 2 sigma"]
+    whiteness: Annotated[Whiteness | None, "test of whiteness; null for too few"]
 
 
 @dataclass(frozen=True)
 class OfStates:
-    """Of the errors of `states` in `count` samples, of which `alike` tell as much as one: the mean `nees`, as large as
-    there are states where P is right, and the ends of its 95 % `band`."""
+    """The errors of states whose truth is known."""
 
-    states: tuple[str, ...]
-    count: int
-    alike: float
-    nees: float
-    band: tuple[float, float]
+    states: Annotated[tuple[str, ...], "the states"]
+    count: Annotated[int, "number of samples"]
+    alike: Annotated[float, "how many errors tell as much as one that is independent"]
+    nees: Annotated[float, "mean normalised estimation error squared; the number of states where P is right"]
+    band: Annotated[tuple[float, float], "ends of its 95 % band"]
 
 
 @dataclass(frozen=True)
 class Consistency:
-    """Of a run: its outputs, and the states whose truth is known, None without truth or covariance."""
+    """The consistency of a run."""
 
-    outputs: tuple[OfOutput, ...]
-    states: OfStates | None
+    outputs: Annotated[tuple[OfOutput, ...], "the innovations of each output"]
+    states: Annotated[OfStates | None, "the errors of states whose truth is known; null without truth or covariance"]
 
     def sentences(self) -> tuple[str, ...]:
         """What is not as the observer says."""

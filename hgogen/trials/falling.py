@@ -11,6 +11,7 @@ fallen to a millionth since an event, rounding and the step's remainder begin to
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from itertools import pairwise
+from typing import Annotated
 
 import casadi as ca
 import numpy as np
@@ -27,14 +28,13 @@ SMALL = 1e-6  # share of the largest V since an event, up to which V has fallen
 
 @dataclass(frozen=True)
 class Falling:
-    """On a trial without noise: the largest `ratio` V_(k+1)/V_k, and after which `time` it is; None where no V is above
-    what rounding leaves; `calls` of which it is. `eigenvalues`: the least and largest of scaled S along the trial."""
+    """How V = e' S e falls on a trial without noise."""
 
-    trial: str
-    ratio: float | None
-    time: float | None
-    calls: int
-    eigenvalues: tuple[float, float]
+    trial: Annotated[str, "name of the trial"]
+    ratio: Annotated[float | None, "largest V_(k+1)/V_k; null where no V is above what rounding leaves"]
+    time: Annotated[float | None, "after which time that is"]
+    calls: Annotated[int, "number of calls"]
+    eigenvalues: Annotated[tuple[float, float], "least and largest eigenvalue of scaled S along the trial"]
 
     def sentence(self, unit: str) -> str:
         """In one line; `unit`: that of the model's time."""

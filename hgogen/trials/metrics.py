@@ -8,7 +8,7 @@ else that of the truth along the trial.
 import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 
@@ -34,34 +34,25 @@ ITSELF = 1.0  # the alarm ratio above which the alarm can feed itself
 
 @dataclass(frozen=True)
 class Response:
-    """What followed the event at `time` (s), None where it did not happen or does not apply.
+    """What followed an event, None where it did not happen or does not apply."""
 
-    `settled`: time to settle (s); `peak`: the largest theta; `calm`: time until theta is under 1.05 for
-    good (s); `triggers`: how often theta rose through 1.5; `loud`: share of the last fifth of the time before
-    the next event with theta above 1.5.
-    """
-
-    time: float
-    settled: float | None
-    peak: float | None
-    calm: float | None
-    triggers: int | None
-    loud: float | None
+    time: Annotated[float, "time of the event (s)"]
+    settled: Annotated[float | None, "time to settle (s); null: never"]
+    peak: Annotated[float | None, "largest theta"]
+    calm: Annotated[float | None, "time until theta is under 1.05 for good (s)"]
+    triggers: Annotated[int | None, "how often theta rose through 1.5"]
+    loud: Annotated[float | None, "share of the last fifth of the time before the next event with theta above 1.5"]
 
 
 @dataclass(frozen=True)
 class Metrics:
-    """One trajectory in numbers.
+    """One trajectory in numbers."""
 
-    `responses`: one for each event; `rms`: steady error by state; `clamped`: samples after the first 5% of
-    the trial with the estimate outside its declared or its outer box.
-    """
-
-    seed: int
-    engine: str
-    responses: tuple[Response, ...]
-    rms: Mapping[str, float]
-    clamped: int
+    seed: Annotated[int, "seed of the noise"]
+    engine: Annotated[str, "who ran the step: c or python"]
+    responses: Annotated[tuple[Response, ...], "what followed each event"]
+    rms: Annotated[Mapping[str, float], "steady error by state"]
+    clamped: Annotated[int, "samples after the first 5% with the estimate outside its ranges or its outer box"]
 
 
 def metrics(step: Step, trajectory: Trajectory) -> Metrics:
@@ -149,29 +140,23 @@ def crossings(theta: np.ndarray) -> np.ndarray:
 
 @dataclass(frozen=True)
 class Summary:
-    """Several seeds of one trial; of a quantity that some seed lacks, the worst is None (it never happened).
+    """Several seeds of one trial; of a quantity that some seed lacks, the worst is None (it never happened)."""
 
-    `settled`, `worst`: median and largest time to settle after each event; `peak`: (smallest, largest) peak
-    of theta; `calm`: median; `triggered`: share of seeds in which theta rose through 1.5; `loud`: mean;
-    `latched`: seeds in which theta did not come back after some event; `alarm_ratio`: see `commands.alarm`;
-    `rms`: median by state; `criterion`: what settled means.
-    """
-
-    trial: str
-    criterion: str
-    seeds: int
-    engine: str
-    times: tuple[float, ...]
-    settled: tuple[float | None, ...]
-    worst: tuple[float | None, ...]
-    peak: tuple[tuple[float, float] | None, ...]
-    calm: tuple[float | None, ...]
-    triggered: tuple[float | None, ...]
-    loud: tuple[float | None, ...]
-    latched: int
-    alarm_ratio: float | None
-    rms: Mapping[str, float]
-    clamped: int
+    trial: Annotated[str, "name of the trial"]
+    criterion: Annotated[str, "what settled means"]
+    seeds: Annotated[int, "number of seeds"]
+    engine: Annotated[str, "who ran the step: c or python"]
+    times: Annotated[tuple[float, ...], "times of the events"]
+    settled: Annotated[tuple[float | None, ...], "median time to settle after each event; null: never"]
+    worst: Annotated[tuple[float | None, ...], "largest time to settle after each event; null: never in some seed"]
+    peak: Annotated[tuple[tuple[float, float] | None, ...], "smallest and largest peak of theta"]
+    calm: Annotated[tuple[float | None, ...], "median time until theta is under 1.05 for good"]
+    triggered: Annotated[tuple[float | None, ...], "share of seeds in which theta rose through 1.5"]
+    loud: Annotated[tuple[float | None, ...], "mean share of the last fifth before the next event with theta above 1.5"]
+    latched: Annotated[int, "seeds in which theta did not come back after some event"]
+    alarm_ratio: Annotated[float | None, "innovation at the largest theta over its threshold (`commands.alarm`)"]
+    rms: Annotated[Mapping[str, float], "median steady error by state"]
+    clamped: Annotated[int, "samples after the first 5% outside the declared or the outer box"]
 
 
 def summary(trial: Trial, each: Sequence[Metrics], alarm_ratio: float | None = None, unit: str = "s") -> Summary:

@@ -10,6 +10,7 @@ mean alone, which Boizot, Busvelle, Gauthier 2010 propose as threshold, is excee
 
 import math
 from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
 
@@ -33,22 +34,18 @@ class BadWindow(BadArgument):
 
 @dataclass(frozen=True)
 class Suggestion:
-    """What a quiet record of the output `output` suggests.
+    """What a quiet record suggests."""
 
-    `sigma` (unit of y), `tau` (s, 0: white), from `samples` samples; over the window `d` (s): the quiet innovation's
-    `spread` over its mean, `gamma_0`, `gamma_1` (y^2 s); `R` (y^2 s): the noise's spectral density; `notes`: doubts.
-    """
-
-    output: str
-    samples: int
-    sigma: float
-    tau: float
-    d: float
-    spread: float
-    gamma_0: float
-    gamma_1: float
-    R: float
-    notes: tuple[str, ...]
+    output: Annotated[str, "the output"]
+    samples: Annotated[int, "number of samples"]
+    sigma: Annotated[float, "standard deviation about a straight line, in the unit of y"]
+    tau: Annotated[float, "correlation time (s); 0: white"]
+    d: Annotated[float, "window of the innovation (s)"]
+    spread: Annotated[float, "the quiet innovation's spread over its mean"]
+    gamma_0: Annotated[float, "theta may rise above it (y^2 s)"]
+    gamma_1: Annotated[float, "theta rises fully above it (y^2 s)"]
+    R: Annotated[float, "spectral density of the noise (y^2 s)"]
+    notes: Annotated[tuple[str, ...], "doubts"]
 
 
 def quiet(t: np.ndarray, begin: float | None, end: float | None, unit: str = "s") -> np.ndarray:

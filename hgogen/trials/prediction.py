@@ -11,6 +11,7 @@ random of each two, three, .., so that at most MOST predictions are made.
 
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
 
@@ -25,18 +26,14 @@ MOST = 100_000  # predictions of each horizon: independent errors have their roo
 
 @dataclass(frozen=True)
 class Prediction:
-    """RMS prediction errors of the output `output`, `ahead` samples ahead (None: open loop over the whole record).
+    """RMS prediction errors of an output."""
 
-    `model`: from the estimate; `copying`: the last measured value instead; `count`: samples compared; `rejected`:
-    samples of the output that the step rejected, in the whole record.
-    """
-
-    output: str
-    ahead: int | None
-    model: float
-    copying: float | None
-    count: int
-    rejected: int
+    output: Annotated[str, "the output"]
+    ahead: Annotated[int | None, "samples ahead; null for open loop over the whole record"]
+    model: Annotated[float, "error from the estimate"]
+    copying: Annotated[float | None, "error of the last measured value"]
+    count: Annotated[int, "samples compared"]
+    rejected: Annotated[int, "samples of the output that the step rejected, in the whole record"]
 
 
 @dataclass(frozen=True, eq=False)

@@ -19,7 +19,7 @@ offset, may do the same.
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import Annotated, ClassVar
 
 import numpy as np
 
@@ -84,16 +84,15 @@ MAPS = (
 
 @dataclass(frozen=True)
 class Rejection:
-    """Of an output, of whose `count` samples the step rejected the `share`: the ends of their middle nine in ten, the
-    range that the model reads, and the map that mends it, as --map takes it, with what it mends; "" where none fits."""
+    """An output most of whose samples the step rejected."""
 
-    output: str
-    count: int
-    share: float
-    values: tuple[float, float]
-    range: tuple[float, float]
-    map: str
-    mends: str
+    output: Annotated[str, "the output"]
+    count: Annotated[int, "number of its samples"]
+    share: Annotated[float, "share of them that the step rejected"]
+    values: Annotated[tuple[float, float], "ends of their middle nine in ten"]
+    range: Annotated[tuple[float, float], "the range that the model reads"]
+    map: Annotated[str, "the map that makes it fit, as --map takes it, or empty"]
+    mends: Annotated[str, "what that map mends, or empty"]
 
     def __str__(self) -> str:
         (low, high), (least, most), y = self.values, self.range, self.output

@@ -12,7 +12,7 @@ noise of nonlinear high-gain observers", NOLCOS (2016).
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import Annotated, Any
 
 import casadi as ca
 import numpy as np
@@ -55,7 +55,7 @@ class Response:
     states: tuple[str, ...]
     outputs: tuple[str, ...]
     dt: float | None
-    coordinates: str
+    coordinates: Annotated[str, "plant, or form where the plant's states are nonlinear in the form's"]
     held: Mapping[str, tuple[float, ...]]
 
     @property
