@@ -25,6 +25,8 @@ from hgogen.calling import native
 from hgogen.check import Check, ClaimId, Verdict
 from hgogen.commands import building, tables, trial_runs
 from hgogen.commands import process as process_
+from hgogen.commands.app import command_of
+from hgogen.commands.keys import Meaning, meanings
 from hgogen.commands.logs import names_in, numbers_by_name
 from hgogen.modelfiles.place import summary
 from hgogen.modelfiles.setting import UnknownCase
@@ -71,11 +73,34 @@ def documented(command: str) -> str:
     return hgogen(command, "--help")[0].split("JSON keys:")[1]
 
 
+def undescribed(rows: Sequence[Meaning], answer: Any) -> list[str]:
+    """The keys of an answer that the rows of a schema do not describe, and those that they do and it has not."""
+    if isinstance(answer, list):
+        return [key for one in answer for key in undescribed(rows, one)]
+    if not rows or answer is None:
+        return []
+    if not isinstance(answer, dict):
+        return [repr(answer)]
+    top = min(row.depth for row in rows)
+    places = [k for k, row in enumerate(rows) if row.depth == top]
+    known = {rows[k].name: rows[k:end] for k, end in zip(places, [*places[1:], len(rows)], strict=True)}
+    lacking = {name for name, (own, *_) in known.items() if not own.optional} - answer.keys()
+    faults = sorted(lacking | (answer.keys() - known.keys()))
+    for name, (own, *below) in known.items():
+        inner = answer.get(name)
+        each = list(inner.values()) if own.kind.endswith("by name") and below and inner else [inner]
+        faults += [f"{name}.{key}" for one in each for key in undescribed(below, one)]
+    return faults
+
+
 def as_json(*arguments: str, status: int = 0) -> dict[str, Any]:
-    """The JSON a command prints; every key of it stands in the command's help."""
+    """The JSON a command prints; its keys are exactly those of one of the command's schemas, and stand in its help."""
     answer: dict[str, Any] = json.loads(hgogen(*arguments, "--json", status=status)[0])
     text = documented(arguments[0])
-    assert [key for key in answer if key not in text] == []
+    many = "--library" in arguments
+    described = [list(meanings(each)) for each in vars(command_of(arguments[0]))["reports"]]
+    assert any(undescribed(rows, [*answer.values()] if many else answer) == [] for rows in described)
+    assert [key for key in answer if not many and key not in text] == []
     return answer
 
 

@@ -32,7 +32,14 @@ _FILES = {
     "window": "showing",
     "list": "listing",
     "new": "beginning",
+    "schema": "schema",
 }  # each command, and the file of this folder that holds it
+
+
+def command_of(name: str) -> TyperCommand:
+    """The command of that name, whose file is imported."""
+    made: TyperCommand = getattr(import_module(f"hgogen.commands.{_FILES[name]}"), f"{name}_")
+    return made
 
 
 class _Deferred(TyperCommand):
@@ -40,8 +47,12 @@ class _Deferred(TyperCommand):
 
     def make_context(self, info_name: str | None, args: list[str], parent: Any = None, **extra: Any) -> Any:
         """That of the command."""
-        actual: TyperCommand = getattr(import_module(f"hgogen.commands.{_FILES[str(self.name)]}"), f"{self.name}_")
-        return actual.make_context(info_name, args, parent=parent, **extra)
+        return command_of(str(self.name)).make_context(info_name, args, parent=parent, **extra)
+
+
+def known() -> list[str]:
+    """The names of all commands."""
+    return list(_FILES)
 
 
 class _Commands(TyperGroup):
