@@ -1,6 +1,6 @@
 """The command `advise`: gains without a record, for every observer that a plant admits."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import Annotated, Any
 
@@ -10,7 +10,7 @@ from hgogen import observers as kinds
 from hgogen.calibration.advise import Advised, advise
 from hgogen.commands import log_tables
 from hgogen.commands.advice import KNOWN
-from hgogen.commands.calibrating import forms_asked, renamed
+from hgogen.commands.calibrating import Names, forms_asked, renamed
 from hgogen.commands.command import (
     Bar,
     Jobs,
@@ -113,6 +113,19 @@ class AdviceReport(Report):
         """How each theta stands to what is certified and to what settles."""
         return [row.gains.sentence for row in self.rows if row.gains.sentence]
 
+    def figures(self, plant: System) -> dict[str, Any]:
+        """Time to settle and noise over theta; none where one theta alone was tried."""
+        from hgogen.trials import figures
+
+        shown = [row.gains for row in self.rows if len(row.gains.tried) > 1]
+        widths = {x.name: x.interval[1] - x.interval[0] if x.bounded else 1.0 for x in plant.states}
+        settled, noise = {}, {}
+        for one in shown:
+            settled[one.name] = [(each.theta, each.settled) for each in one.tried if each.settled]
+            worst = (max(v / widths.get(x, 1.0) for x, v in each.noise.items()) for each in one.tried)
+            noise[one.name] = [(each.theta, most) for each, most in zip(one.tried, worst, strict=True)]
+        return {"advised": figures.over_theta(settled, noise, plant.time)} if shown else {}
+
     def tables(self) -> Iterator[Any]:
         """The gains, and what they do on the trial."""
         yield log_tables.advised(self.rows, self.take, self.unit, self.notes, self.refused)
@@ -122,17 +135,13 @@ class AdviceReport(Report):
 @command(AdviceReport)
 def advise_(
     model: ModelArgument,
-    observers: Annotated[
-        str | None, typer.Option("--observers", "--observer", metavar="A,B,..", help="By default all.")
-    ] = None,
+    observers: Names = None,
     setting: Setting = AS_WRITTEN,
     noise: Annotated[
         list[str] | None,
         typer.Option("--noise", metavar="OUTPUT=SIGMA", help="Standard deviation of a sample; repeat it."),
     ] = None,
-    settling: Annotated[
-        float | None, typer.Option("--settling", help="The wanted time to settle, in the model's time.")
-    ] = None,
+    settling: Annotated[float | None, typer.Option(help="The wanted time to settle, in the model's time.")] = None,
     trial: OneTrial = None,
     deep: Deep = False,
     jobs: Jobs = None,
@@ -164,24 +173,7 @@ def advise_(
             jobs=jobs,
             each=lambda _: bar.tick(),
         )
-    advised = renamed(loaded, advised, "advised")
-    drawn = {"advised": _figure(advised, plant)} if any(len(one.tried) > 1 for one in advised) else {}
-    rows, tried_on = tuple(map(AdvisedRow, advised)), chosen.name if chosen else None
+    rows = tuple(map(AdvisedRow, renamed(loaded, advised, "advised")))
+    tried_on = chosen.name if chosen else None
     report = AdviceReport(loaded.path, equations(plant), tried_on, rows, refused, plant.time)
-    return folder.save(report, "advised.json", rendered(drawn))
-
-
-def _figure(advised: Sequence[Advised], plant: System) -> Any:
-    """Time to settle and noise over theta."""
-    from hgogen.trials import figures
-
-    shown = [one for one in advised if len(one.tried) > 1]
-    widths = {x.name: x.interval[1] - x.interval[0] if x.bounded else 1.0 for x in plant.states}
-    settled = {one.name: [(each.theta, each.settled) for each in one.tried if each.settled] for one in shown}
-    noise = {
-        one.name: [
-            (each.theta, max(value / widths.get(name, 1.0) for name, value in each.noise.items())) for each in one.tried
-        ]
-        for one in shown
-    }
-    return figures.over_theta(settled, noise, plant.time)
+    return folder.save(report, "advised.json", rendered(report.figures(plant)))

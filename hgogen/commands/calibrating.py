@@ -18,7 +18,9 @@ from hgogen.check import worst
 from hgogen.commands import log_tables
 from hgogen.commands.advice import KNOWN
 from hgogen.commands.command import (
+    NO_COLUMNS,
     Bar,
+    Columns,
     Jobs,
     ModelArgument,
     Out,
@@ -45,7 +47,6 @@ from hgogen.commands.logs import (
     truth_options,
 )
 from hgogen.commands.process import note
-from hgogen.commands.running import Map, Period, Time
 from hgogen.emit.cost import cost
 from hgogen.errors import HgogenError
 from hgogen.model import Model, load
@@ -151,9 +152,7 @@ def tune_(
     data: Data,
     observers: Names = None,
     setting: Setting = AS_WRITTEN,
-    time: Time = None,
-    period: Period = None,
-    map_: Map = None,
+    columns: Columns = NO_COLUMNS,
     shift: Shift = None,
     truth: Truth = None,
     tune_on: Annotated[
@@ -187,17 +186,15 @@ def tune_(
         data,
         held_out,
         dt=setting.dt,
-        time=time,
-        period=period,
-        pairs=map_,
+        named=columns,
         shift=shift,
         beside=dict(true.values()),
         options=truth_options(true),
         window=WINDOWS[between.value],
     )
     measured = [
-        {state: columns[name] for state, (name, _) in true.items()}
-        for columns in logs.columns([name for name, _ in true.values()])
+        {state: each[name] for state, (name, _) in true.items()}
+        for each in logs.columns([name for name, _ in true.values()])
     ]
     courses = zip(measured, logs.cuts, strict=True)
     seen = [{state: course[:cut] for state, course in each.items()} for each, cut in courses]

@@ -36,6 +36,14 @@ CertificateFile = Annotated[
 JsonFile = Annotated[
     str | None, typer.Option("--json", metavar="[FILE]", help="Print JSON alone; --json=FILE writes it into FILE.")
 ]
+Bounds = Annotated[
+    list[str] | None,
+    typer.Option("--bound", metavar="EXPR", help="The range of an expression on the declared box; repeat it."),
+]
+Limit = Annotated[
+    float | None,
+    typer.Option(min=0.1, help=f"Processor seconds for each model of a library, by default {library.LIMIT:g}."),
+]
 _PRINTED = "-"  # the standard output, in the place of a file
 
 
@@ -91,6 +99,22 @@ class CheckReport(Report):
     singular: Annotated[Singularity, "where the plant is not observable; its checks do not count for the exit status"]
     advice: Advice | None
 
+    def latex(self) -> str:
+        """The equations and the checks as LaTeX."""
+        claims = self.claims
+        return fragment(claims.form, claims.checks, claims.accepted) + self.singular.latex()
+
+    def certify(self, path: Path) -> None:
+        """Write what is proved as a certificate; says what in it can be verified again."""
+        from hgogen.certificates.certificate import asserted, certificate, stated
+
+        content = certificate(self.claims.form, self.claims.checks, self.claims.observer)
+        hg.write({path.name: json.dumps(content, indent=1, ensure_ascii=True) + "\n"}, path.parent)
+        again = f"hgogen recheck {path} verifies it" if asserted(content) else "nothing in it can be verified"
+        note(f"wrote {path}; {again} again")
+        for id, reason in stated(content):
+            note(f"{path} only states {id}, it cannot be verified again: {reason}")
+
 
 @command(CheckReport, library.LibraryAnswer, cls=OptionalFile)
 def check_(
@@ -99,20 +123,14 @@ def check_(
     ] = None,
     certificate: CertificateFile = None,
     latex: Annotated[bool, typer.Option("--latex", help="Print the equations and the checks as LaTeX.")] = False,
-    bounds: Annotated[
-        list[str] | None,
-        typer.Option("--bound", metavar="EXPR", help="The range of an expression on the declared box; repeat it."),
-    ] = None,
+    bounds: Bounds = None,
     observer: Tuned = None,
     setting: Setting = AS_WRITTEN,
     deep: Annotated[bool, typer.Option("--deep", help="Ask the forms too that may take seconds.")] = False,
     many: Annotated[
         Path | None, typer.Option("--library", metavar="FILE", help="Answer every model of a JSON file.")
     ] = None,
-    limit: Annotated[
-        float | None,
-        typer.Option(min=0.1, help=f"Processor seconds for each model of a library, by default {library.LIMIT:g}."),
-    ] = None,
+    limit: Limit = None,
     as_json: JsonFile = None,
 ) -> None:
     """Print what is observable, which forms the plant is in and why not in the others, and what is claimed of the
@@ -128,14 +146,8 @@ def check_(
     if (model is None) == (many is None):
         raise typer.BadParameter("give a MODEL, or --library FILE", param_hint="MODEL")
     _demand_places(certificate, _file(as_json))
-    options = {
-        "--certificate": certificate,
-        "--latex": latex,
-        "--bound": bounds,
-        "--deep": deep,
-        "--observer": observer,
-        **dict(word.split(maxsplit=1) for word in setting.words),
-    }
+    options: dict[str, Any] = {"--certificate": certificate, "--latex": latex, "--bound": bounds, "--deep": deep}
+    options |= {"--observer": observer, **dict(word.split(maxsplit=1) for word in setting.words)}
     unused = [name for name, value in ({"--limit": limit} if many is None else options).items() if value]
     if unused:
         reason = "is for --library" if many is None else "does nothing beside --library, and is for a MODEL"
@@ -147,12 +159,12 @@ def check_(
     report = _checked(loaded, observer, bounds or (), deep, quiet=latex or bool(as_json), advised=not latex)
     claims = report.claims
     if latex:
-        print(fragment(claims.form, claims.checks, claims.accepted) + report.singular.latex(), file=results())
+        print(report.latex(), file=results())
     elif as_json:
         _print_json(report, as_json)
     note(*(sentence for sentence in claims.notes if sentence not in loaded.notes))
     if certificate is not None:
-        _certify(claims, certificate)
+        report.certify(certificate)
     if claims.demanded and claims.open:
         raise Refuted(claims.open, claims.form, claims.accepted, plain=loaded.plain)
 
@@ -239,17 +251,6 @@ def _least(model: Model) -> Sight | None:
         except HgogenError as error:
             note(str(error))
     return None
-
-
-def _certify(claims: Checked, path: Path) -> None:
-    from hgogen.certificates.certificate import asserted, certificate, stated
-
-    content = certificate(claims.form, claims.checks, claims.observer)
-    hg.write({path.name: json.dumps(content, indent=1, ensure_ascii=True) + "\n"}, path.parent)
-    again = f"hgogen recheck {path} verifies it again" if asserted(content) else "nothing in it can be verified again"
-    note(f"wrote {path}; {again}")
-    for id, reason in stated(content):
-        note(f"{path} only states {id}, it cannot be verified again: {reason}")
 
 
 def _library(path: Path, limit: float, out: str | None) -> None:

@@ -106,7 +106,17 @@ class Runs:
         return any(value is not None for value in vars(self).values())
 
 
+@dataclass(frozen=True)
+class Columns:
+    """How the columns of a log are read: which holds times, else the `period` between rows, and which are signals."""
+
+    time: str | None = None
+    period: float | None = None
+    map_: list[str] | None = None
+
+
 NO_RUNS = Runs()
+NO_COLUMNS = Columns()
 _AS_JSON: ContextVar[bool] = ContextVar("as_json", default=False)
 
 _SET = {  # what a user may set of every step that a command makes
@@ -160,16 +170,40 @@ _CAMPAIGN = {  # what a user may say of runs that differ
     ),
     "repeat": (int, typer.Option("--repeat", metavar="K", min=0, help="Run number K of the campaign alone.")),
 }
-_GROUPS = ((Setting, _SET), (Runs, _CAMPAIGN))
+_COLUMNS = {  # what a user may say of the columns of a log
+    "time": (str, typer.Option("--time", help="The column of times, in the unit of the model's time.")),
+    "period": (
+        float,
+        typer.Option(
+            "--period", help="The time between rows, in the unit of the model's time, where no column has times."
+        ),
+    ),
+    "map_": (
+        list[str],
+        typer.Option(
+            "--map",
+            metavar="SIGNAL=COLUMN",
+            help="Which column is a signal, or what of columns, such as y='T1 + 273.15' or i='-[I (A)]'; repeat it.",
+        ),
+    ),
+}
+_GROUPS = ((Setting, _SET, False), (Runs, _CAMPAIGN, False), (Columns, _COLUMNS, True))  # and whether in its place
 
 
 def _with_options(
-    function: Callable[..., Any], options: Mapping[str, tuple[Any, Any]], instead: Callable[..., Any], place: str = ""
+    function: Callable[..., Any],
+    options: Mapping[str, tuple[Any, Any]],
+    instead: Callable[..., Any],
+    place: str = "",
+    there: bool = False,
 ) -> Callable[..., Any]:
     """A function with options behind its own, by name an annotation and a default. `instead` is called in its place:
-    with its arguments, and the options by name; the argument `place` is left out, which the options stand for."""
-    own = {name: (each.annotation, each.default) for name, each in signature(function).parameters.items()}
-    known = {name: each for name, each in own.items() if name != place} | dict(options)
+    with its arguments, and the options by name; they stand for the argument `place`, and stand where it is if
+    `there`."""
+    known: dict[str, tuple[Any, Any]] = {}
+    for name, each in signature(function).parameters.items():
+        known |= {name: (each.annotation, each.default)} if name != place else options if there else {}
+    known |= options
 
     @wraps(function)
     def taking(**arguments: Any) -> Any:
@@ -186,17 +220,20 @@ def _with_options(
     return taking
 
 
-def _with_group(function: Callable[..., Any], group: Any, options: Mapping[str, Any]) -> Callable[..., Any]:
-    """A command with an option for each part of a group, a `Setting` or `Runs`, in the place of its argument of that
-    type, if any."""
+def _with_group(
+    function: Callable[..., Any], group: Any, options: Mapping[str, Any], there: bool
+) -> Callable[..., Any]:
+    """A command with an option for each part of a group, as a `Setting`, for its argument of that type, if any."""
     parameters = signature(function).parameters
     place = next((name for name, each in parameters.items() if each.annotation is group), None)
     if place is None:
         return function
     known = {name: (Annotated[kind | None, option], None) for name, (kind, option) in options.items()}
-    return _with_options(
-        function, known, lambda arguments, chosen: function(**arguments, **{place: group(**chosen)}), place
-    )
+
+    def grouped(arguments: Mapping[str, Any], chosen: Mapping[str, Any]) -> Any:
+        return function(**arguments, **{place: group(**chosen)})
+
+    return _with_options(function, known, grouped, place, there)
 
 
 class Report(Encoded):
@@ -245,8 +282,8 @@ def command(
         documented = f"{getdoc(function)}\n\n{_keys(function.__name__.rstrip('_'), reports)}"
         if reports and "as_json" not in signature(function).parameters:
             function = _reporting(function)
-        for group, options in _GROUPS:
-            function = _with_group(function, group, options)
+        for group in _GROUPS:
+            function = _with_group(function, *group)
 
         @app.command(cls=cls, help=documented)
         @wraps(function)

@@ -2,8 +2,8 @@
 
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
-from typing import Annotated, Any
+from dataclasses import dataclass, replace
+from typing import Annotated, Any, Self
 
 import typer
 
@@ -11,7 +11,18 @@ from hgogen.call import CallableStep
 from hgogen.certificates.contraction import theta_of
 from hgogen.certificates.rate_and_noise import Point, designed, tuned
 from hgogen.commands import tables
-from hgogen.commands.command import Bar, ModelArgument, Out, Report, Tuned, Written, command, folder_of, rendered
+from hgogen.commands.command import (
+    Bar,
+    Folder,
+    ModelArgument,
+    Out,
+    Report,
+    Tuned,
+    Written,
+    command,
+    folder_of,
+    rendered,
+)
 from hgogen.commands.headed import file_list
 from hgogen.commands.process import note
 from hgogen.guarantees.unreached_rate import NoGain
@@ -75,7 +86,13 @@ class Designs(Report):
     step: CallableStep
     points: list[Point]
     refused: Annotated[dict[str, str], "why, by rate"]
-    files: Written
+    files: Written = ()
+
+    def drawn(self, folder: Folder) -> Self:
+        """The report with its figure in a folder."""
+        from hgogen.trials.figures import curve
+
+        return replace(self, files=tuple(folder.write(rendered({"design": curve(self.points, self.step)}))))
 
     @property
     def rows(self) -> list[DesignedPoint]:
@@ -128,11 +145,8 @@ def design_(
     if len(refused) == len(wanted):
         raise refused[wanted[-1]]
     note(*map(str, refused.values()))
-    from hgogen.trials.figures import curve
-
-    paths = folder.write(rendered({"design": curve(points, step)}))
     reasons = {f"{rate:g}": str(error) for rate, error in refused.items()}
-    return Designs(loaded.path, step, points, reasons, tuple(paths))
+    return Designs(loaded.path, step, points, reasons).drawn(folder)
 
 
 def _reference(loaded: Model, observer: str | None) -> CallableStep:

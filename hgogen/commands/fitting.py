@@ -16,7 +16,9 @@ import typer
 from hgogen.call import CallableStep
 from hgogen.commands import log_tables
 from hgogen.commands.command import (
+    NO_COLUMNS,
     Bar,
+    Columns,
     Folder,
     ModelArgument,
     Out,
@@ -32,7 +34,6 @@ from hgogen.commands.command import (
 from hgogen.commands.headed import file_list
 from hgogen.commands.logs import Data, HeldOut, Logs, Shift, logs_of, names_in
 from hgogen.commands.process import interruptible, note
-from hgogen.commands.running import Map, Period, Time
 from hgogen.errors import HgogenError
 from hgogen.identification.fit import AGAIN, fit
 from hgogen.identification.result import Fit
@@ -41,9 +42,7 @@ from hgogen.model import Model, load
 from hgogen.modelfiles.json_file import equations, table_of
 from hgogen.modelfiles.setting import AS_WRITTEN, Setting
 from hgogen.reading.averaged import WINDOWS
-from hgogen.reading.measured import Report as RecordReport
 from hgogen.reading.text_model import BESIDE, read, to_text
-from hgogen.system import System
 from hgogen.trials.consistency import WORSE
 from hgogen.trials.prediction import predictions
 
@@ -80,27 +79,43 @@ class HeldOutError:
 class FitReport(Report):
     """A fit, and how well it predicts the rows held out."""
 
-    json_keys = ("model", "equations", "records", "*result", "predictions", "unjudged", "notes", "files")
+    json_keys = ("model", "equations", "records=logs.reports", "*result", "predictions", "unjudged", "notes", "files")
 
     model: Annotated[str, "path of the model"]
     equations: Annotated[list[str], "the plant's equations"]
-    records: Annotated[tuple[RecordReport, ...], "what was found in each log"]
     result: Fit
+    logs: Logs
+    by: By
     predictions: Annotated[list[HeldOutError], "errors in the rows held out"]
     unjudged: Annotated[str, "why there are none, or empty"]
-    log_notes: tuple[str, ...]
-    verdicts: tuple[str, ...]
     files: Written = ()
+
+    @property
+    def verdicts(self) -> tuple[str, ...]:
+        """What the rows held out say, and what to do about offsets."""
+        return (*_verdicts(self.predictions, self.by), *_without_offset(self.result))
 
     @property
     def notes(self) -> tuple[str, ...]:
         """What is doubtful, and what the result is worth."""
-        return (*self.log_notes, *self.result.notes(), *self.verdicts)
+        return (*self.logs.notes(), *self.result.notes(), *self.verdicts)
+
+    def figures(self) -> dict[str, Any]:
+        """The figure of each record by name."""
+        from hgogen.trials import figures  # which takes a while to import
+
+        outputs, plant = self.result.plant.outputs, self.logs.plant
+        return {
+            f"fitted_{k}": figures.fitted(plant, record.t[:cut], record.of(outputs)[:cut], y)
+            for k, (record, cut, y) in enumerate(
+                zip(self.logs.records, self.logs.cuts, self.result.fitted, strict=True), 1
+            )
+        }
 
     def tables(self) -> Iterator[Any]:
         """The records, the fit and its predictions."""
-        yield from map(log_tables.report, self.records)
-        yield log_tables.fitted(self.result, self.log_notes)
+        yield from map(log_tables.report, self.logs.reports)
+        yield log_tables.fitted(self.result, self.logs.notes())
         yield log_tables.judged(self.predictions, self.verdicts, self.unjudged)
         yield file_list(self.files)
 
@@ -111,9 +126,7 @@ def fit_(
     data: Data,
     observer: Tuned = None,
     setting: Setting = AS_WRITTEN,
-    time: Time = None,
-    period: Period = None,
-    map_: Map = None,
+    columns: Columns = NO_COLUMNS,
     shift: Shift = None,
     free: Annotated[
         str | None, typer.Option("--free", help="The parameters to fit, such as a,b; by default those with a range.")
@@ -150,13 +163,14 @@ def fit_(
     loaded = load(model).set(setting)
     folder = folder_of(out, loaded)
     folder.demand("fitted.json", BEGUN)
-    begun = progress_of(_begun(folder)) if resume else None
-    if write is not None:
-        _demand_new(write, loaded)
+    stopped, new = _Stopped(folder), None if write is None else _NewModel(write, loaded)
+    begun = stopped.progress() if resume else None
+    if new:
+        new.demand()
     plant = loaded.plant
     held = WINDOWS["forward"]  # the fit holds an input from its sample to the next
-    logs = logs_of(plant, data, held_out, dt=setting.dt, time=time, period=period, pairs=map_, shift=shift, window=held)
-    with Bar("iterations", (starts + AGAIN * robust) * ITERATIONS) as bar, _writing(folder, bar) as each:
+    logs = logs_of(plant, data, held_out, dt=setting.dt, named=columns, shift=shift, window=held)
+    with Bar("iterations", (starts + AGAIN * robust) * ITERATIONS) as bar, stopped.kept(bar) as each:
         result = fit(
             plant,
             *logs.learned,
@@ -171,90 +185,85 @@ def fit_(
             resume=begun,
         )
     judged, unjudged = _judgement(loaded, observer, result, logs) if held_out else ([], "no rows were held out")
-    verdicts = (*_verdicts(judged, by), *_without_offset(result))
-    found = tuple(record.report for record in logs.records)
-    report = FitReport(loaded.path, equations(plant), found, result, judged, unjudged, logs.notes(), verdicts)
-    drawn = rendered(_figures(plant, logs, result))
-    return _saved(folder, report, drawn, loaded, write)
-
-
-def _figures(plant: System, logs: Logs, result: Fit) -> dict[str, Any]:
-    from hgogen.trials import figures  # which takes a while to import
-
-    return {
-        f"fitted_{k}": figures.fitted(plant, record.t[:cut], record.of(plant.outputs)[:cut], y)
-        for k, (record, cut, y) in enumerate(zip(logs.records, logs.cuts, result.fitted, strict=True), 1)
-    }
-
-
-def _saved(
-    folder: Folder, report: FitReport, drawn: Mapping[str, bytes], model: Model, write_to: Path | None
-) -> FitReport:
-    """The report with its files, among them the model that --write names, which is written last: it may still fail."""
-    more = () if write_to is None else (write_to,)
-    saved = folder.save(report, "fitted.json", drawn, more)
+    report = FitReport(loaded.path, equations(plant), result, logs, by, judged, unjudged)
+    saved = folder.save(report, "fitted.json", rendered(report.figures()), [write] if write else ())
     folder.remove(BEGUN)
-    if write_to is not None:
-        Folder(write_to.parent).write({write_to.name: to_text(report.result.plant, _beside(model))})
+    if new:
+        new.write(result)
     return saved
 
 
-def _begun(folder: Folder) -> dict[str, Any]:
-    """What a fit that was stopped left. Raises: `BadParameter` where there is nothing; `BadFile`."""
-    (path,) = folder.demand(BEGUN)
-    if not path.exists():
-        raise typer.BadParameter(f"there is no fit to go on with, {path}; leave it out", param_hint="--resume")
-    return table_of(path, "hgogen fit")
+@dataclass(frozen=True)
+class _Stopped:
+    """The file in a folder that a fit which is stopped leaves."""
+
+    folder: Folder
+
+    def progress(self) -> Progress:
+        """Where the fit was stopped. Raises: `BadParameter` where there is none; `BadFile`; `CannotGoOn`."""
+        (path,) = self.folder.demand(BEGUN)
+        if not path.exists():
+            raise typer.BadParameter(f"there is no fit to go on with, {path}; leave it out", param_hint="--resume")
+        return progress_of(table_of(path, "hgogen fit"))
+
+    @contextmanager
+    def kept(self, bar: Bar) -> Iterator[Callable[[Progress], None]]:
+        """A function that shows the progress that it is called with, and writes it, no more often than every `EVERY`
+        seconds; the last one is written at a Ctrl-C."""
+        last: Progress | None = None
+        written = -math.inf
+
+        def each(progress: Progress) -> None:
+            nonlocal last, written
+            last = progress
+            bar.reach(progress.start * ITERATIONS + progress.iteration)
+            if monotonic() - written > EVERY:
+                write(progress)
+                written = monotonic()
+
+        def write(progress: Progress) -> None:
+            self.folder.write({BEGUN: json_text(progress, indent=0) + "\n"})
+
+        try:
+            with interruptible():
+                yield each
+        except KeyboardInterrupt:
+            if last is not None:
+                write(last)
+                where = f"iteration {last.iteration} of search {last.start + 1}"
+                note(f"the fit was stopped; the same command with --resume goes on from {where}")
+            raise
 
 
-@contextmanager
-def _writing(folder: Folder, bar: Bar) -> Iterator[Callable[[Progress], None]]:
-    """A function that shows the progress that it is called with, and writes it, no more often than every `EVERY`
-    seconds; the last one is written at a Ctrl-C."""
-    last: Progress | None = None
-    written = -math.inf
+@dataclass(frozen=True)
+class _NewModel:
+    """The file of a model with fitted values, and the `model` that was fitted."""
 
-    def each(progress: Progress) -> None:
-        nonlocal last, written
-        last = progress
-        bar.reach(progress.start * ITERATIONS + progress.iteration)
-        if monotonic() - written > EVERY:
-            write(progress)
-            written = monotonic()
+    path: Path
+    model: Model
 
-    def write(progress: Progress) -> None:
-        folder.write({BEGUN: json_text(progress, indent=0) + "\n"})
+    def demand(self) -> None:
+        """Raise `BadParameter` for a file that is there, or that would be no TOML; `NoText` for a plant that no text
+        says: before the fit, which would be lost."""
+        path, option = self.path, "--write"
+        if path.suffix != ".toml":
+            raise typer.BadParameter(f"{path} must end in .toml, the language of a plain-text model", param_hint=option)
+        if os.path.lexists(path):
+            raise typer.BadParameter(f"{path} is there already; give the name of a new file", param_hint=option)
+        Folder(path.parent).demand(path.name)
+        to_text(self.model.plant)
 
-    try:
-        with interruptible():
-            yield each
-    except KeyboardInterrupt:
-        if last is not None:
-            write(last)
-            where = f"iteration {last.iteration} of search {last.start + 1}"
-            note(f"the fit was stopped; the same command with --resume goes on from {where}")
-        raise
-
-
-def _demand_new(path: Path, model: Model) -> None:
-    """Raise `BadParameter` for a file that is there, or that would be no TOML; `NoText` for a plant that no text says:
-    before the fit, which would be lost."""
-    if path.suffix != ".toml":
-        raise typer.BadParameter(f"{path} must end in .toml, the language of a plain-text model", param_hint="--write")
-    if os.path.lexists(path):
-        raise typer.BadParameter(f"{path} is there already; give the name of a new file", param_hint="--write")
-    Folder(path.parent).demand(path.name)
-    to_text(model.plant)
-
-
-def _beside(model: Model) -> dict[str, Any]:
-    """What a plain-text model says beside its plant; of a Python one, which says it in Python, nothing."""
-    if not model.plain:
-        note(f"what {model.path} says beside its plant, as its tuning and trials, is Python and not in the new model")
-        return {}
-    known = read(Path(model.path))
-    said = {name: getattr(known, name) for name in BESIDE}
-    return {name: value for name, value in said.items() if value}
+    def write(self, result: Fit) -> None:
+        """Write the fitted plant, with what a plain-text model says beside it; a Python one says that in Python."""
+        said: dict[str, Any] = {}
+        source = self.model.path
+        if self.model.plain:
+            known = read(Path(source))
+            said = {name: getattr(known, name) for name in BESIDE}
+        else:
+            note(f"what {source} says beside its plant, as its tuning and trials, is Python and not in the new model")
+        beside = {name: value for name, value in said.items() if value}
+        Folder(self.path.parent).write({self.path.name: to_text(result.plant, beside)})
 
 
 def _judgement(model: Model, observer: str | None, result: Fit, logs: Logs) -> tuple[list[HeldOutError], str]:

@@ -64,7 +64,7 @@ def _at(result: Any, path: str) -> tuple[Any, str]:
         if get_origin(annotation) is Annotated:
             annotation, text = get_args(annotation)[:2]
     annotation = annotation | None if none else annotation
-    return annotation, text[:1].lower() + text[1:].rstrip(".") if text[1:2].islower() or text[1:2] == " " else text
+    return annotation, text[:1].lower() + text[1:].rstrip(".") if text[1:2].islower() or text.startswith("A ") else text
 
 
 def _alternatives(annotation: Any) -> tuple[Any, ...]:

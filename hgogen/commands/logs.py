@@ -10,10 +10,11 @@ from typing import Annotated, Any, TypeVar
 import numpy as np
 import typer
 
+from hgogen.commands.command import Columns
 from hgogen.identification.records import Log, beyond
 from hgogen.reading.averaged import Window
 from hgogen.reading.mapped import mapping, shifts_of
-from hgogen.reading.measured import COMMAND, Record, read
+from hgogen.reading.measured import COMMAND, Record, Report, read
 from hgogen.system import System
 
 Data = Annotated[list[Path], typer.Option("--data", help="A log, a CSV, Parquet or MAT file; repeat it.")]
@@ -58,6 +59,11 @@ class Logs:
         return tuple(self._log(record, cut) for record, cut in zip(self.records, self.cuts, strict=True))
 
     @property
+    def reports(self) -> tuple[Report, ...]:
+        """What was found in each log."""
+        return tuple(record.report for record in self.records)
+
+    @property
     def whole(self) -> tuple[Log, ...]:
         """All rows."""
         return tuple(self._log(record, len(record.t)) for record in self.records)
@@ -86,26 +92,24 @@ def logs_of(
     held_out: float,
     *,
     dt: float | None = None,
-    time: str | None,
-    period: float | None,
-    pairs: Sequence[str] | None,
+    named: Columns,
     beside: Mapping[str, str] = MappingProxyType({}),
     options: Mapping[str, str] = MappingProxyType({}),
     shift: Sequence[str] | None,
     window: Window,
 ) -> Logs:
-    """The records of files on the grid of `dt`, by default of their own period; `pairs`: texts SIGNAL=COLUMN; `beside`:
-    other columns by name, which `options` give; `shift`: texts SIGNAL=SAMPLES; None for no texts; `window`: that of
-    inputs which are averaged.
+    """The records of files on the grid of `dt`, by default of their own period; `named`: their columns; `beside`: other
+    columns by name, which `options` give; `shift`: texts SIGNAL=SAMPLES, None for none; `window`: that of inputs which
+    are averaged.
 
     Raises: `BadRecord`.
     """
-    columns = {**mapping(str(data[0]), pairs or (), plant.inputs, plant.outputs), **beside}
+    columns = {**mapping(str(data[0]), named.map_ or (), plant.inputs, plant.outputs), **beside}
     shifts = shifts_of(str(data[0]), shift or (), plant.inputs, plant.outputs)
     inputs = {s.name: window for s in plant.inputs}
     first = plant.declared
     units = {s.name: s.unit for s in plant.signals} | {truth_name(x.name): x.unit for x in first.states}
-    words: dict[str, Any] = {"dt": dt, "time": time, "period": period, "unit": plant.time, "units": units}
+    words: dict[str, Any] = {"dt": dt, "time": named.time, "period": named.period, "unit": plant.time, "units": units}
     words |= {"inputs": inputs, "caller": replace(COMMAND, others=options)}
     records = tuple(read(path, columns, **words).shifted(shifts) for path in data)
     return Logs(plant, records, tuple(round(len(record.t) * (1 - held_out)) for record in records))

@@ -6,6 +6,7 @@ import math
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from pathlib import Path
 from types import MappingProxyType
 from typing import Annotated, Any
@@ -17,7 +18,9 @@ from hgogen.call import CallableStep
 from hgogen.calling.samples import Engine, Run
 from hgogen.commands import drawings, log_tables, tables
 from hgogen.commands.command import (
+    NO_COLUMNS,
     Bar,
+    Columns,
     ModelArgument,
     Out,
     Report,
@@ -48,21 +51,6 @@ from hgogen.trials.prediction import Prediction, predictions, rejected, rms
 from hgogen.trials.rejected import Better, MostlyRejected, Rejection, better, clamped, rejections
 
 Data = Annotated[Path, typer.Option("--data", help="The log, a CSV file with a header, a Parquet or a MAT file.")]
-Time = Annotated[str | None, typer.Option("--time", help="The column of times, in the unit of the model's time.")]
-Period = Annotated[
-    float | None,
-    typer.Option("--period", help="The time between rows, in the unit of the model's time, where no column has times."),
-]
-Map = Annotated[
-    list[str] | None,
-    typer.Option(
-        "--map",
-        metavar="SIGNAL=COLUMN",
-        help="Which column is a signal, or what of columns, such as y='T1 + 273.15' or i='-[I (A)]'; repeat it.",
-    ),
-]
-
-
 ROUNDING = 1e-12  # of a time over a period
 PIECE = 10_000  # rows of CSV text at once, whose cells take some ten times as much memory as their text
 _NAN = re.compile("nan")
@@ -83,16 +71,39 @@ class RecordRun(Report):
     step: CallableStep
     record: Record
     run: Run
-    acted: Annotated[Interventions, "when guards acted on the estimate"]
+    counted: int  # the first sample whose errors count
+    truth: Mapping[str, np.ndarray]  # the course of each state that was measured as well
     initial: Annotated[dict[str, float], "states that the first samples or --initial give"]
     predictions: Annotated[tuple[Prediction, ...], "RMS errors of predictions, by output and samples ahead"]
-    hidden: Annotated[dict[str, float | None], "RMS error of the estimate by state, where --truth gives it"]
-    sure: Consistency
     better: Annotated[Better | None, "another shift or sign of a signal with which predictions are clearly better"]
     rejected: Annotated[tuple[Rejection, ...], "outputs most of whose samples the observer rejects; exit status 1"]
     from_double: Annotated[tuple[Difference, ...], "with --real float, how far each state is from the run in double"]
-    notes: Annotated[tuple[str, ...], "what is doubtful"]
+    doubts: tuple[tuple[str, ...], tuple[str, ...]]  # of the samples, and of horizons and shifts
     files: Written = ()
+
+    @property
+    def acted(self) -> Interventions:
+        """When guards acted on the estimate."""
+        return interventions(self.step, self.run.status, self.record.t)
+
+    @property
+    def hidden(self) -> dict[str, float | None]:
+        """RMS error of the estimate by state, where --truth gives it."""
+        return {state: _rms((self.run[state] - true)[self.counted :]) for state, true in self.truth.items()}
+
+    @cached_property
+    def sure(self) -> Consistency:
+        """Whether innovations and errors are as large as the observer takes them to be."""
+        true = {state: values[self.counted :] for state, values in self.truth.items()}
+        return consistency(self.run.since(self.counted), true)
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """What is doubtful."""
+        acted = (f"the law of recovery acted: {self.acted.sentence(self.step.time)}",) if self.acted else ()
+        differing = coarse(self.from_double, self.step.time)
+        known, more = self.doubts
+        return (*known, *no_better(self.predictions), *self.sure.sentences(), *differing, *acted, *more)
 
     @property
     def status(self) -> dict[str, int]:
@@ -100,6 +111,14 @@ class RecordRun(Report):
         bits, word, status = self.step.layout.bits, self.step.layout.word.type, self.run.status
         counts = {bit.name: int(np.count_nonzero(status & word(1 << k))) for k, bit in enumerate(bits)}
         return {name: count for name, count in counts.items() if count}
+
+    def written(self, name: str) -> dict[str, str | bytes]:
+        """The estimates and innovations as CSV, and the figures, by the name of the record."""
+        texts = {"estimates": _estimates(self.step, self.record, self.run)}
+        texts |= {"innovations": _innovations(self.step, self.record, self.run)}
+        in_time = _drawn(self.step, self.record)
+        drawn = rendered(drawings.record_figures(self.step, name, in_time, self.run, self.truth))
+        return {**{f"{name}_{what}.csv": text for what, text in texts.items()}, **drawn}
 
     def tables(self) -> Iterator[Any]:
         """The record, the status, predictions and innovations."""
@@ -124,9 +143,7 @@ def run_(
     data: Data,
     observer: Tuned = None,
     setting: Setting = AS_WRITTEN,
-    time: Time = None,
-    period: Period = None,
-    map_: Map = None,
+    columns: Columns = NO_COLUMNS,
     out: Out = None,
     horizon: Annotated[str, typer.Option(help="Samples ahead of the prediction errors, such as 1,5,25.")] = "1,5,25",
     truth: Truth = None,
@@ -149,23 +166,18 @@ def run_(
     """
     ahead = horizons(horizon, "--horizon")
     with Bar("reading the log", STAGES + max(ahead)) as bar:
-        loaded = _timed(load(model).set(setting), data, time, period)
+        loaded = _timed(load(model).set(setting), data, columns)
         folder, name = folder_of(out, loaded, observer), "record" if fault(data.stem) else data.stem
         folder.demand(f"{name}_report.json")
         step = loaded.step(observer)
         true = truth_of(loaded.plant, truth or ())
-        record = _record(step, data, time, period, map_, (*step.inputs, *step.samples), true)
+        record = _record(step, data, columns, (*step.inputs, *step.samples), true)
         shifts = shifts_of(str(data), shift or (), step.inputs, step.outputs)
         ages = {age.name: shifts.get(y.name, 0) for y, age in zip(step.late, step.ages, strict=True)}
         record = record.shifted(shifts | ages)
         bar.tick("running the observer")
         report = _over_record(loaded, step, record, true, initial, burn_in, ahead, shifts, bar)
-    done = report.run
-    texts = {f"{name}_estimates.csv": _estimates(step, record, done)}
-    texts |= {f"{name}_innovations.csv": _innovations(step, record, done)}
-    in_time = _drawn(step, record)
-    drawn = rendered(drawings.record_figures(step, name, in_time, done, _truth(record, true)))
-    return folder.save(report, f"{name}_report.json", {**texts, **drawn})
+    return folder.save(report, f"{name}_report.json", report.written(name))
 
 
 def _over_record(
@@ -189,32 +201,19 @@ def _over_record(
     judge, judged = _judged(step, done, u, y, engine)
     there = np.where(np.arange(len(y))[:, None] < before_loss(done), y, np.nan)
     errors = predictions(judge, judged.since(counted), u[counted:], there[counted:], ahead, bar.tick)
-    measured = _truth(record, true)
-    hidden = {state: _rms((done[state] - values)[counted:]) for state, values in measured.items()}
     bar.tick("innovations")
-    sure = consistency(done.since(counted), {state: values[counted:] for state, values in measured.items()})
     wrong = rejections(judge, judged, u, y, record.operands, engine)
-    single = _from_double(step, done, u, samples, engine)
+    double = None if step.real == "double" else step.made_again(real="double").run(u=u, y=samples, engine=engine)
+    single = () if double is None else differences(step.states, done, double)
     bar.tick("other shifts and signs")
     other = None if wrong else better(judge, u, y, counted, engine)
-    acted = interventions(step, done.status, record.t)
-    notes = (
-        *loss(step, done, record.t, u, y),
-        *clamped(step, u, record.operands),
-        *beyond(model.plant, Log(u, np.where(rejected(judge, judged, y), np.nan, y), step.dt)),
-        *no_better(errors),
-        *sure.sentences(),
-        *coarse(single, step.time),
-        *((f"the law of recovery acted: {acted.sentence(step.time)}",) if acted else ()),
-        *too_far(ahead, [one.ahead for one in errors]),
-        *((other.sentence(shifts.get(other.signal, 0), record.operands[other.signal]),) if other else ()),
-    )
-    return RecordRun(model.path, step, record, done, acted, begins, errors, hidden, sure, other, wrong, single, notes)
-
-
-def _truth(record: Record, true: Mapping[str, tuple[str, str]]) -> dict[str, np.ndarray]:
-    """The measured course of each state whose truth is known."""
-    return {state: record.values[:, record.names.index(name)] for state, (name, _) in true.items()}
+    used = Log(u, np.where(rejected(judge, judged, y), np.nan, y), step.dt)
+    doubts = (*loss(step, done, record.t, u, y), *clamped(step, u, record.operands), *beyond(model.plant, used))
+    more = [*too_far(ahead, [one.ahead for one in errors])]
+    more += [other.sentence(shifts.get(other.signal, 0), record.operands[other.signal])] if other else []
+    truth = {state: record.values[:, record.names.index(name)] for state, (name, _) in true.items()}
+    said = doubts, tuple(more)
+    return RecordRun(model.path, step, record, done, counted, truth, begins, errors, other, wrong, single, said)
 
 
 def _judged(step: CallableStep, done: Run, u: np.ndarray, y: np.ndarray, engine: Engine) -> tuple[CallableStep, Run]:
@@ -230,15 +229,6 @@ def _drawn(step: CallableStep, record: Record) -> Record:
     values, y = record.values.copy(), step.in_time(record.of(step.samples))
     values[:, [record.names.index(signal.name) for signal in step.outputs]] = y
     return replace(record, values=values)
-
-
-def _from_double(
-    step: CallableStep, done: Run, u: np.ndarray, samples: np.ndarray, engine: Engine
-) -> tuple[Difference, ...]:
-    """How far a run in float is from the same in double; nothing of one in double."""
-    if step.real == "double":
-        return ()
-    return differences(step.states, done, step.made_again(real="double").run(u=u, y=samples, engine=engine))
 
 
 def _begun(step: CallableStep, y: np.ndarray, initial: str | None) -> tuple[CallableStep, dict[str, float]]:
@@ -271,33 +261,31 @@ def _rms(errors: np.ndarray) -> float | None:
     return rms(there) if len(there) else None
 
 
-def _timed(model: Model, data: Path, time: str | None, period: float | None) -> Model:
+def _timed(model: Model, data: Path, columns: Columns) -> Model:
     """The model, of one that says no period that of the record, to which starting gains are made."""
     if model.has("step") or model.setting.dt is not None:
         return model
-    clock = read(data, {}, dt=None, time=time, period=period, unit=model.plant.time)
+    clock = read(data, {}, dt=None, time=columns.time, period=columns.period, unit=model.plant.time)
     return model.sampled(clock.report.dt)
 
 
 def _record(
     step: CallableStep,
     data: Path,
-    time: str | None,
-    period: float | None,
-    pairs: list[str] | None,
+    columns: Columns,
     signals: tuple[Signal, ...],
     true: Mapping[str, tuple[str, str]] = MappingProxyType({}),
 ) -> Record:
-    columns = mapping(str(data), pairs or (), step.inputs, step.samples)
-    wanted = {**{s.name: columns[s.name] for s in signals}, **dict(true.values())}
+    named = mapping(str(data), columns.map_ or (), step.inputs, step.samples)
+    wanted = {**{s.name: named[s.name] for s in signals}, **dict(true.values())}
     inputs = {s.name: WINDOWS[step.clock.between] for s in step.inputs}
     units = {s.name: s.unit for s in signals} | {truth_name(x.name): x.unit for x in step.states}
     return read(
         data,
         wanted,
         dt=step.dt,
-        time=time,
-        period=period,
+        time=columns.time,
+        period=columns.period,
         unit=step.time,
         caller=replace(COMMAND, others=truth_options(true)),
         inputs=inputs,
@@ -364,22 +352,18 @@ def noise_(
     data: Data,
     observer: Tuned = None,
     setting: Setting = AS_WRITTEN,
-    time: Time = None,
-    period: Period = None,
-    map_: Map = None,
+    columns: Columns = NO_COLUMNS,
     begin: Annotated[
         float | None, typer.Option("--from", help="Where the quiet part begins, in the model's time.")
     ] = None,
     end: Annotated[float | None, typer.Option("--to", help="Where the quiet part ends, in the model's time.")] = None,
-    d: Annotated[
-        float | None, typer.Option("--window", help="Window d, in the model's time; by default the model's.")
-    ] = None,
+    window: Annotated[float | None, typer.Option(help="Window d, in the model's time; by default the model's.")] = None,
 ) -> QuietRecord:
     """Suggest sigma, tau and the thresholds gamma_0, gamma_1 from a quiet record, in which the plant rests."""
-    loaded = _timed(load(model).set(setting), data, time, period)
+    loaded = _timed(load(model).set(setting), data, columns)
     step = loaded.step(observer)
-    d = d if d is not None else innovation_window(loaded, "--window", observer)
-    record = _record(step, data, time, period, map_, step.outputs)
+    d = innovation_window(loaded, "--window", observer) if window is None else window
+    record = _record(step, data, columns, step.outputs)
     quiet = noise.quiet(record.t, begin, end, step.time)
     suggestions = (noise.suggest(s.name, record.of([s])[quiet, 0], step.dt, d, step.time) for s in step.outputs)
     return QuietRecord(loaded.path, record, tuple(suggestions), step.time)
