@@ -27,7 +27,7 @@ from hgogen.commands import building, tables, trial_runs
 from hgogen.commands import process as process_
 from hgogen.commands.app import command_of
 from hgogen.commands.keys import Meaning, meanings
-from hgogen.commands.logs import names_in, numbers_by_name
+from hgogen.commands.options import names_in, numbers_by_name
 from hgogen.modelfiles.place import summary
 from hgogen.modelfiles.setting import UnknownCase
 from hgogen.target import Files

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from hgogen.commands.command import json_text
+from hgogen.commands.output import json_text
 from hgogen.trials.incidents import Interventions, guard_notes, interventions
 
 STEP: Any = SimpleNamespace(

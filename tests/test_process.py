@@ -16,7 +16,7 @@ from typer.testing import CliRunner
 
 from hgogen import cli
 from hgogen.commands import process, tables
-from hgogen.commands.command import json_text
+from hgogen.commands.output import json_text
 from hgogen.identification.whiteness import Whiteness
 from hgogen.reading.content import Unread, content_of
 from hgogen.recheck import verification as recheck

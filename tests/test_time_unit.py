@@ -9,7 +9,7 @@ from typer import BadParameter
 from typer.core import TyperCommand
 
 import hgogen as hg
-from hgogen.commands.logs import numbers_in
+from hgogen.commands.options import numbers_in
 from hgogen.commands.responding import response_
 from hgogen.commands.running import noise_
 from hgogen.commands.showing import window_

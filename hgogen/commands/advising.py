@@ -11,21 +11,9 @@ from hgogen.calibration.advise import Advised, advise
 from hgogen.commands import log_tables
 from hgogen.commands.advice import KNOWN
 from hgogen.commands.calibrating import Names, forms_asked, renamed
-from hgogen.commands.command import (
-    Bar,
-    Jobs,
-    ModelArgument,
-    OneTrial,
-    Out,
-    Report,
-    Written,
-    command,
-    folder_of,
-    one_or_all,
-    rendered,
-)
-from hgogen.commands.headed import file_list
-from hgogen.commands.logs import Deep, names_in, numbers_by_name
+from hgogen.commands.command import Report, command
+from hgogen.commands.options import Deep, Jobs, ModelArgument, OneTrial, Out, names_in, numbers_by_name, one_or_all
+from hgogen.commands.output import Bar, Written, folder_of, rendered
 from hgogen.commands.process import note
 from hgogen.commands.trial_runs import trials
 from hgogen.emit.cost import cost
@@ -129,7 +117,6 @@ class AdviceReport(Report):
     def tables(self) -> Iterator[Any]:
         """The gains, and what they do on the trial."""
         yield log_tables.advised(self.rows, self.take, self.unit, self.notes, self.refused)
-        yield file_list(self.files)
 
 
 @command(AdviceReport)

@@ -1,14 +1,13 @@
 """The command `new`: a model file to begin with."""
 
-from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import typer
 
-from hgogen.commands.command import Folder, Report, Written, command
-from hgogen.commands.headed import file_list
+from hgogen.commands.command import Report, command
+from hgogen.commands.output import Folder, Written
 from hgogen.modelfiles import template
 
 
@@ -18,10 +17,6 @@ class Begun(Report):
 
     model: Annotated[str, "name of the model"]
     files: Written
-
-    def tables(self) -> Iterator[Any]:
-        """The file."""
-        yield file_list(self.files)
 
 
 @command(Begun)

@@ -17,28 +17,20 @@ from hgogen.certificates.error_bound import ErrorBound
 from hgogen.commands import drawings, stated_bounds, tables, trial_runs
 from hgogen.commands.campaigning import CampaignRow, campaigns
 from hgogen.commands.checked import Checked, checked
-from hgogen.commands.command import (
+from hgogen.commands.command import Report, command, early
+from hgogen.commands.options import (
     NO_RUNS,
-    Bar,
-    Folder,
     ModelArgument,
     OneTrial,
     Out,
     ReaderOption,
-    Report,
     Runs,
     Seeds,
     Tuned,
-    Written,
-    command,
-    early,
     engine_here,
-    folder_of,
-    named,
     one_or_all,
-    rendered,
 )
-from hgogen.commands.headed import file_list
+from hgogen.commands.output import Bar, Folder, Written, file_list, folder_of, named, rendered
 from hgogen.commands.packing import For, Prefix, beside, demand_packing, packed
 from hgogen.commands.process import note
 from hgogen.commands.trial_runs import TrialRow
@@ -138,7 +130,6 @@ class Built(Report):
             yield tables.agreements(self.comparison, self.unit)
         if self.self_check:
             yield f"self-check of the {self.code}: {self.self_check}\n"
-        yield file_list(self.files)
 
     def demand(self) -> None:
         """Raise `Disagree` where C and Python do."""
@@ -321,8 +312,6 @@ class Simulated(Report):
         yield from (tables.within(one.bounds) for one in self.trials if one.bounds)
         falls = (one.falling for one in self.trials if one.falling)
         yield from (f"{one.trial}: {one.sentence(self.step.time)}" for one in falls)
-        if self.files:
-            yield file_list(self.files)
 
 
 @dataclass(frozen=True, eq=False)

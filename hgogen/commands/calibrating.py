@@ -3,8 +3,7 @@
 import warnings
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from enum import StrEnum
-from typing import Annotated, Any, TypeVar
+from typing import Annotated, Any, Literal, TypeVar
 
 import numpy as np
 import typer
@@ -17,35 +16,24 @@ from hgogen.call import CallableStep
 from hgogen.check import worst
 from hgogen.commands import log_tables
 from hgogen.commands.advice import KNOWN
-from hgogen.commands.command import (
+from hgogen.commands.command import Report, command
+from hgogen.commands.logs import Logs, logs_of, too_far, truth_of, truth_options
+from hgogen.commands.options import (
     NO_COLUMNS,
-    Bar,
     Columns,
-    Jobs,
-    ModelArgument,
-    Out,
-    Report,
-    Written,
-    command,
-    engine_here,
-    folder_of,
-)
-from hgogen.commands.headed import file_list
-from hgogen.commands.logs import (
-    Between,
     Data,
     Deep,
     HeldOut,
-    Logs,
+    Jobs,
+    ModelArgument,
+    Out,
     Shift,
     Truth,
+    engine_here,
     horizons,
-    logs_of,
     names_in,
-    too_far,
-    truth_of,
-    truth_options,
 )
+from hgogen.commands.output import Bar, Written, folder_of
 from hgogen.commands.process import note
 from hgogen.emit.cost import cost
 from hgogen.errors import HgogenError
@@ -62,11 +50,10 @@ from hgogen.which_forms import Row, of
 Named = TypeVar("Named", Tuned, Advised)  # a row of gains, which has a name
 
 
-class TunedOn(StrEnum):
-    """What gains are chosen by."""
-
-    PREDICTIONS = "predictions"
-    TRUTH = "truth"
+TunedOn = Annotated[
+    Literal["predictions", "truth"],
+    typer.Option("--tune-on", help="Choose gains by predictions, or by the truth of --truth."),
+]
 
 
 Names = Annotated[str | None, typer.Option("--observers", "--observer", metavar="A,B,..", help="By default all.")]
@@ -143,7 +130,6 @@ class TuneReport(Report):
         """The records, and the observers."""
         yield from map(log_tables.report, self.records)
         yield log_tables.tuned(self.rows, self.take, self.notes, self.refused, self.held_out, self.truth)
-        yield file_list(self.files)
 
 
 @command(TuneReport)
@@ -155,10 +141,8 @@ def tune_(
     columns: Columns = NO_COLUMNS,
     shift: Shift = None,
     truth: Truth = None,
-    tune_on: Annotated[
-        TunedOn, typer.Option("--tune-on", help="Choose gains by predictions, or by the truth of --truth.")
-    ] = TunedOn.PREDICTIONS,
-    between: Annotated[Between, typer.Option(help="How inputs go on between samples.")] = Between.LINE,
+    tune_on: TunedOn = "predictions",
+    between: Annotated[Literal["hold", "line"], typer.Option(help="How inputs go on between samples.")] = "line",
     held_out: HeldOut = 0.3,
     ahead: Annotated[int, typer.Option(min=1, help="Samples ahead by which gains are chosen.")] = 1,
     segments: Annotated[
@@ -177,7 +161,7 @@ def tune_(
     plant, folder = loaded.plant, folder_of(out, loaded)
     folder.demand("tuned.json")
     true = truth_of(plant, truth or ())
-    if tune_on is TunedOn.TRUTH and not true:
+    if tune_on == "truth" and not true:
         raise typer.BadParameter(
             "truth is asked for and there is none; add --truth STATE=COLUMN", param_hint="--tune-on"
         )
@@ -190,7 +174,7 @@ def tune_(
         shift=shift,
         beside=dict(true.values()),
         options=truth_options(true),
-        window=WINDOWS[between.value],
+        window=WINDOWS[between],
     )
     measured = [
         {state: each[name] for state, (name, _) in true.items()}
@@ -205,8 +189,8 @@ def tune_(
             observers=names or None,
             ahead=ahead,
             segments=segments,
-            truth=seen if tune_on is TunedOn.TRUTH else (),
-            between=between.value,
+            truth=seen if tune_on == "truth" else (),
+            between=between,
             method=setting.method or "continuous_discrete",
             real=setting.real or "double",
             rows=forms_asked(loaded, deep),

@@ -13,8 +13,8 @@ from rich.text import Text
 
 from hgogen.call import CallableStep
 from hgogen.calling.samples import Engine
-from hgogen.commands.command import Bar, Runs
-from hgogen.commands.headed import headed
+from hgogen.commands.options import Runs
+from hgogen.commands.output import Bar, headed
 from hgogen.commands.process import note
 from hgogen.target import lines_of
 from hgogen.trial import Trial

@@ -18,8 +18,10 @@ from hgogen.check import Check, Refuted
 from hgogen.commands import findings, library, tables
 from hgogen.commands.advice import Advice, advice
 from hgogen.commands.checked import Checked, checked
-from hgogen.commands.command import Bar, Report, Tuned, command, json_text, show
+from hgogen.commands.command import Report, command
 from hgogen.commands.latex import fragment
+from hgogen.commands.options import Tuned
+from hgogen.commands.output import Bar, json_text, show
 from hgogen.commands.process import note, results
 from hgogen.errors import HgogenError
 from hgogen.intervals.bounds import Range

@@ -12,24 +12,19 @@ from hgogen.calling.samples import Engine
 from hgogen.certificates.error_bound import ErrorBound
 from hgogen.commands import drawings, log_tables, stated_bounds, tables, trial_runs
 from hgogen.commands.campaigning import CampaignRow, campaigns
-from hgogen.commands.command import (
+from hgogen.commands.command import Report, command
+from hgogen.commands.options import (
     NO_RUNS,
-    Bar,
     ModelArgument,
     OneTrial,
     Out,
     ReaderOption,
-    Report,
     Runs,
     Seeds,
-    Written,
-    command,
     engine_here,
-    folder_of,
     one_or_all,
-    rendered,
 )
-from hgogen.commands.headed import file_list
+from hgogen.commands.output import Bar, Written, folder_of, rendered
 from hgogen.commands.process import note
 from hgogen.errors import HgogenError
 from hgogen.guarantees.lmi import NoSolver
@@ -110,7 +105,6 @@ class Comparison(Report):
             title = f"trial {one.trial.name}, seeds {one.seeds}, settled: {one.criterion}"
             yield tables.compared(title, one.observers, self.unit, one.estimate, one.trial.start)
         yield from log_tables.without(self.refused, "refused, and not compared")
-        yield file_list(self.files)
 
 
 @dataclass(frozen=True, eq=False)

@@ -11,8 +11,9 @@ from hgogen import targets
 from hgogen.board.costs import Costs, measured
 from hgogen.board.qemu import demand_board
 from hgogen.commands import trial_runs
-from hgogen.commands.command import Folder, ModelArgument, Report, Tuned, Written, command, json_text, named
-from hgogen.commands.headed import file_list, headed
+from hgogen.commands.command import Report, command
+from hgogen.commands.options import ModelArgument, Tuned
+from hgogen.commands.output import Folder, Written, headed, json_text, named
 from hgogen.commands.packing import COSTS, Prefix
 from hgogen.commands.process import note
 from hgogen.emit.naming import demand_prefix, prefixed
@@ -66,7 +67,6 @@ class CostReport(Report):
             table.add_row(meaning, str(getattr(self.costs, key)))
         yield table
         yield f"{self.costs.compiler} {self.costs.flags}\n"
-        yield file_list(self.files)
 
     def demand(self) -> None:
         """Raise `TooDear` where a cost is above its limit."""

@@ -11,19 +11,9 @@ from hgogen.call import CallableStep
 from hgogen.certificates.contraction import theta_of
 from hgogen.certificates.rate_and_noise import Point, designed, tuned
 from hgogen.commands import tables
-from hgogen.commands.command import (
-    Bar,
-    Folder,
-    ModelArgument,
-    Out,
-    Report,
-    Tuned,
-    Written,
-    command,
-    folder_of,
-    rendered,
-)
-from hgogen.commands.headed import file_list
+from hgogen.commands.command import Report, command
+from hgogen.commands.options import ModelArgument, Out, Tuned
+from hgogen.commands.output import Bar, Folder, Written, folder_of, rendered
 from hgogen.commands.process import note
 from hgogen.guarantees.unreached_rate import NoGain
 from hgogen.model import Model, load
@@ -102,7 +92,6 @@ class Designs(Report):
     def tables(self) -> Iterator[Any]:
         """Gains with their rates."""
         yield tables.designs(self.points, self.step)
-        yield file_list(self.files)
 
 
 @command(Designs)

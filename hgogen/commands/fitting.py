@@ -15,24 +15,21 @@ import typer
 
 from hgogen.call import CallableStep
 from hgogen.commands import log_tables
-from hgogen.commands.command import (
+from hgogen.commands.command import Report, command
+from hgogen.commands.logs import Logs, logs_of
+from hgogen.commands.options import (
     NO_COLUMNS,
-    Bar,
     Columns,
-    Folder,
+    Data,
+    HeldOut,
     ModelArgument,
     Out,
-    Report,
+    Shift,
     Tuned,
-    Written,
-    command,
     engine_here,
-    folder_of,
-    json_text,
-    rendered,
+    names_in,
 )
-from hgogen.commands.headed import file_list
-from hgogen.commands.logs import Data, HeldOut, Logs, Shift, logs_of, names_in
+from hgogen.commands.output import Bar, Folder, Written, folder_of, json_text, rendered
 from hgogen.commands.process import interruptible, note
 from hgogen.errors import HgogenError
 from hgogen.identification.fit import AGAIN, fit
@@ -117,7 +114,6 @@ class FitReport(Report):
         yield from map(log_tables.report, self.logs.reports)
         yield log_tables.fitted(self.result, self.logs.notes())
         yield log_tables.judged(self.predictions, self.verdicts, self.unjudged)
-        yield file_list(self.files)
 
 
 @command(FitReport)

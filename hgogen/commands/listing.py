@@ -7,7 +7,7 @@ from typing import Annotated, Any
 from rich.text import Text
 
 from hgogen.commands.command import Report, command
-from hgogen.commands.headed import headed
+from hgogen.commands.output import headed
 from hgogen.modelfiles.place import available
 from hgogen.modelfiles.place import summary as meaning
 from hgogen.registry import cases, summary

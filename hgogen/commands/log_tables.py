@@ -7,7 +7,7 @@ from typing import Any
 from rich.console import Group, RenderableType
 from rich.text import Text
 
-from hgogen.commands.headed import headed
+from hgogen.commands.output import headed
 from hgogen.identification.result import Fit
 from hgogen.reading.measured import Report
 from hgogen.signal import Signal

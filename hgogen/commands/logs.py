@@ -2,47 +2,19 @@
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from enum import StrEnum
 from pathlib import Path
 from types import MappingProxyType
-from typing import Annotated, Any, TypeVar
+from typing import Any
 
 import numpy as np
 import typer
 
-from hgogen.commands.command import Columns
+from hgogen.commands.options import Columns, once
 from hgogen.identification.records import Log, beyond
 from hgogen.reading.averaged import Window
 from hgogen.reading.mapped import mapping, shifts_of
 from hgogen.reading.measured import COMMAND, Record, Report, read
 from hgogen.system import System
-
-Data = Annotated[list[Path], typer.Option("--data", help="A log, a CSV, Parquet or MAT file; repeat it.")]
-Truth = Annotated[
-    list[str] | None,
-    typer.Option("--truth", metavar="STATE=COLUMN", help="A hidden state that was measured; it judges alone."),
-]
-Shift = Annotated[
-    list[str] | None,
-    typer.Option(
-        metavar="SIGNAL=SAMPLES",
-        help="A signal taken so many samples later than it was logged, or earlier where negative; repeat it.",
-    ),
-]
-Deep = Annotated[bool, typer.Option("--deep", help="Ask the forms too that may take seconds.")]
-HeldOut = Annotated[
-    float, typer.Option(min=0.0, max=0.9, help="The part at the end of each record that judges, and is not fitted.")
-]
-
-
-Value = TypeVar("Value")
-
-
-class Between(StrEnum):
-    """How inputs go on between samples."""
-
-    HOLD = "hold"
-    LINE = "line"
 
 
 @dataclass(frozen=True, eq=False)
@@ -126,7 +98,7 @@ def truth_of(plant: System, pairs: Sequence[str]) -> dict[str, tuple[str, str]]:
             reason = f"{text!r} must read STATE=COLUMN; the states are {', '.join(names)}"
             raise typer.BadParameter(reason, param_hint="--truth")
         columns.append((state, (truth_name(state), column)))
-    return _once(columns, "--truth")
+    return once(columns, "--truth")
 
 
 def truth_options(true: Mapping[str, tuple[str, str]]) -> dict[str, str]:
@@ -137,55 +109,6 @@ def truth_options(true: Mapping[str, tuple[str, str]]) -> dict[str, str]:
 def truth_name(state: str) -> str:
     """What the column of a state's truth is called among the signals."""
     return f"truth of {state}"
-
-
-def numbers_by_name(texts: Iterable[str], option: str) -> dict[str, float]:
-    """Numbers from texts such as "x=1,v=0". Raises: `typer.BadParameter`."""
-    numbers = []
-    for part in (part for text in texts for part in text.split(",")):
-        name, _, number = part.partition("=")
-        try:
-            numbers.append((name.strip(), float(number)))
-        except ValueError:
-            raise typer.BadParameter(f"{part!r} must read NAME=NUMBER", param_hint=option) from None
-    return _once(numbers, option)
-
-
-def _once(pairs: Iterable[tuple[str, Value]], option: str) -> dict[str, Value]:
-    """The values by name. Raises: `typer.BadParameter` for a name that is given twice."""
-    values: dict[str, Value] = {}
-    for name, value in pairs:
-        if name in values:
-            raise typer.BadParameter(f"{name} is given twice; leave one of them out", param_hint=option)
-        values[name] = value
-    return values
-
-
-def numbers_in(text: str, what: str, option: str) -> tuple[float, ...]:
-    """Numbers from a text such as "0.5,1"; `what` they must be. Raises: `typer.BadParameter`."""
-    try:
-        return tuple(map(float, text.split(",")))
-    except ValueError:
-        raise typer.BadParameter(f"{text!r} must be {what}", param_hint=option) from None
-
-
-def names_in(text: str | None, option: str) -> tuple[str, ...]:
-    """What a text such as "a,b" names, None nothing. Raises: `typer.BadParameter` for a text without a name."""
-    names = tuple(part.strip() for part in (text or "").split(",") if part.strip())
-    if text is not None and not names:
-        raise typer.BadParameter(f"{text!r} holds no name; give some, or leave the option out", param_hint=option)
-    return names
-
-
-def horizons(text: str, option: str) -> tuple[int, ...]:
-    """Numbers of samples ahead, from a text such as "1,5,25". Raises: `typer.BadParameter`."""
-    try:
-        ahead = tuple(int(part) for part in text.split(","))
-    except ValueError:
-        ahead = (0,)
-    if min(ahead) < 1:
-        raise typer.BadParameter(f"{text!r} must be positive whole numbers, such as 1,5,25", param_hint=option)
-    return ahead
 
 
 def too_far(ahead: Iterable[int], compared: Iterable[int | None]) -> Iterator[str]:

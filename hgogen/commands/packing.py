@@ -7,7 +7,7 @@ from typing import Annotated, Any
 
 import typer
 
-from hgogen.commands.command import Folder
+from hgogen.commands.output import Folder
 from hgogen.ecosystems.ecosystem import ALL, chosen, known
 from hgogen.ecosystems.folder import SOURCES, folder
 from hgogen.emit.naming import demand_prefix

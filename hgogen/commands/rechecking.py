@@ -10,7 +10,7 @@ from rich.console import Group
 from rich.text import Text
 
 from hgogen.commands.command import Report, command
-from hgogen.commands.headed import headed
+from hgogen.commands.output import headed
 from hgogen.reading.content import content_of
 from hgogen.recheck.file import LARGEST, SHOWN
 from hgogen.recheck.verification import CannotRead, Rechecked, recheck

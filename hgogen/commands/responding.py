@@ -11,9 +11,9 @@ import typer
 
 import hgogen as hg
 from hgogen.commands import tables
-from hgogen.commands.command import Folder, ModelArgument, Report, Tuned, Written, command, rendered
-from hgogen.commands.headed import file_list
-from hgogen.commands.logs import numbers_in
+from hgogen.commands.command import Report, command
+from hgogen.commands.options import ModelArgument, Tuned, numbers_in
+from hgogen.commands.output import Folder, Written, rendered
 from hgogen.commands.process import note
 from hgogen.model import load
 from hgogen.modelfiles.setting import AS_WRITTEN, Setting
@@ -75,8 +75,6 @@ class Gains(Report):
     def tables(self) -> Iterator[Any]:
         """A row for each pair and frequency."""
         yield tables.responses(self.continuous, self.sampled, self.unit)
-        if self.files:
-            yield file_list(self.files)
 
 
 @command(Gains)

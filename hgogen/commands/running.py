@@ -17,22 +17,21 @@ import typer
 from hgogen.call import CallableStep
 from hgogen.calling.samples import Engine, Run
 from hgogen.commands import drawings, log_tables, tables
-from hgogen.commands.command import (
+from hgogen.commands.command import Report, command
+from hgogen.commands.logs import too_far, truth_name, truth_of, truth_options
+from hgogen.commands.options import (
     NO_COLUMNS,
-    Bar,
     Columns,
     ModelArgument,
     Out,
-    Report,
+    Shift,
+    Truth,
     Tuned,
-    Written,
-    command,
     engine_here,
-    folder_of,
-    rendered,
+    horizons,
+    numbers_by_name,
 )
-from hgogen.commands.headed import file_list
-from hgogen.commands.logs import Shift, Truth, horizons, numbers_by_name, too_far, truth_name, truth_of, truth_options
+from hgogen.commands.output import Bar, Written, folder_of, rendered
 from hgogen.identification.records import Log, beyond
 from hgogen.model import MissingPart, Model, load
 from hgogen.modelfiles.setting import AS_WRITTEN, Setting
@@ -129,7 +128,6 @@ class RecordRun(Report):
         yield from log_tables.hidden(self.hidden, step.states)
         yield from log_tables.from_double(self.from_double, step.time)
         yield log_tables.consistent(self.sure, self.notes)
-        yield file_list(self.files)
 
     def demand(self) -> None:
         """Raise `MostlyRejected` where the observer rejects most samples of an output."""

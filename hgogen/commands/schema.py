@@ -6,9 +6,9 @@ import typer
 from rich.text import Text
 
 from hgogen.commands.app import command_of, known
-from hgogen.commands.command import command, show
-from hgogen.commands.headed import headed
+from hgogen.commands.command import command
 from hgogen.commands.keys import meanings
+from hgogen.commands.output import headed, show
 from hgogen.modelfiles.setting import demand_known
 
 

@@ -8,8 +8,8 @@ import typer
 
 import hgogen as hg
 from hgogen.commands import tables, trial_runs
-from hgogen.commands.command import ModelArgument, Report, Tuned, command, one_or_all
-from hgogen.commands.logs import numbers_in
+from hgogen.commands.command import Report, command
+from hgogen.commands.options import ModelArgument, Tuned, numbers_in, one_or_all
 from hgogen.commands.running import innovation_window
 from hgogen.model import load
 from hgogen.trials.gramian import Gramian

@@ -12,7 +12,7 @@ from sympy.printing.str import StrPrinter
 
 from hgogen.certificates.rate_and_noise import Point
 from hgogen.check import Check, Verdict
-from hgogen.commands.headed import headed
+from hgogen.commands.output import headed
 from hgogen.guarantees.designed_gain import Gain
 from hgogen.intervals.bounds import Range
 from hgogen.intervals.digits import down, same, up
