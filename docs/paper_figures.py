@@ -14,7 +14,7 @@ import paper_panels
 from matplotlib.figure import Figure
 
 import hgogen as hg
-from hgogen.kalman.mu import logistic, smoothstep
+from hgogen.kalman.theta import logistic, smoothstep
 from hgogen.model import load
 from hgogen.trial import Trajectory, Trial, simulate
 from hgogen.trials import figures

@@ -19,7 +19,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
 from hgogen.guarantees.formulas import core_eigenvalues, gain_of_poles, inside_parabola
-from hgogen.kalman.mu import Logistic, Smoothstep
+from hgogen.kalman.theta import Logistic, Smoothstep
 from hgogen.program import sym
 from hgogen.trials.figures import COLOURS, DASHES, ESTIMATE, STYLE, TRUTH, WIDTH, look, panels, thin
 

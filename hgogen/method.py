@@ -26,8 +26,7 @@ from hgogen.guarantees.entering import Entering
 from hgogen.guarantees.inclusion import Inclusion, Uncertain
 from hgogen.guarantees.inequality import Inequality, Realisation, realised, stagewise
 from hgogen.guarantees.plant_step import PlantStep
-from hgogen.kalman.covariance import covariance_ode, covariance_of_view, information_ode
-from hgogen.kalman.prior import prior_status_of_view
+from hgogen.kalman.covariance import covariance_ode, covariance_of_view, information_ode, prior_status_of_view
 from hgogen.kalman.riccati_part import Riccati
 from hgogen.observer import Observer
 from hgogen.part import Clock, Ode, Pieces

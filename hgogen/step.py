@@ -37,10 +37,9 @@ from hgogen.reading.given import among
 from hgogen.reading.time_unit import of_time, plural
 from hgogen.signal import Signal
 from hgogen.stepping import discretise
-from hgogen.stepping.fault_signs import Sign
-from hgogen.stepping.guards import OR_LOWER, implausible, or_lower, readings
-from hgogen.stepping.keeping import limit_parameters
+from hgogen.stepping.guards import OR_LOWER, implausible, limit_parameters, or_lower, readings
 from hgogen.stepping.ready import MARK, UNMADE
+from hgogen.stepping.recovery import Sign
 from hgogen.stepping.sections import Assembly, flat
 from hgogen.stepping.sensors import multiples
 from hgogen.stepping.status import certain_bits, possible_bits, shortage, word

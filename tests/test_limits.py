@@ -12,7 +12,7 @@ from test_rust import built
 import hgogen as hg
 from hgogen.emit.exact import machine
 from hgogen.program import INF, Block, Field, Limit, Place
-from hgogen.stepping.keeping import limit_parameters
+from hgogen.stepping.guards import limit_parameters
 
 ABSURD = (np.nan, np.inf, -np.inf, 3.1e38, -1e30, 0.0, -0.0)
 TABLED = ("fitzhugh_nagumo", "cascaded_tanks", "bank", "wide", "sin")

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from hgogen.kalman.mu import logistic, smoothstep
+from hgogen.kalman.theta import logistic, smoothstep
 from hgogen.trials.figures import svg
 
 sys.path.append(str(Path(__file__).parent.parent / "docs"))

@@ -15,12 +15,15 @@ import numpy as np
 from hgogen.algebra.definite import demand_hurwitz
 from hgogen.chains.gains import coefficients
 from hgogen.chains.integrators import Integrators, shifted
+from hgogen.chains.scaled_gain import ScaledGain
 from hgogen.form import Form
 from hgogen.graph import Graph
 from hgogen.intervals.digits import same
 from hgogen.part import Clock, Jump, Ode, Pieces
 from hgogen.program import Bit, Block, Field, Place, sym
 from hgogen.reading.given import BadGain, reals
+from hgogen.structure.dynamics import Dynamics
+from hgogen.structure.spare import mean
 
 GAIN_LIMITED = Bit(
     "GAIN_LIMITED",
@@ -107,3 +110,18 @@ def unmodelled(form: Form) -> Jump:
 def last_error(chain: Integrators, w: Field, clock: Clock) -> Graph:
     """The error y - o(u) - w_1 at the last valid sample, once the estimate has come to its time; SX scalar."""
     return sym("state", "y") - chain.offset(clock.u_now) - sym("state", w.name, chain.n)[0]
+
+
+Rest = Callable[[Mapping[str, Graph], Graph, Graph, Graph], Mapping[str, Graph]]
+
+
+def injected_chains(dynamics: Dynamics, K: ScaledGain, weights: Sequence[float], rest: Rest) -> Ode:
+    """z' = A z + K (y - C z - offset) + rest, of a form whose A and C read no input, the errors of outputs that show
+    one state in their mean by `weights` (p); the fields and K's values are left to the observer."""
+    n, still = dynamics.n, ca.SX.zeros(len(dynamics.form.system.inputs))
+    A, C = dynamics.linear(still), dynamics.output_jacobian(ca.SX.zeros(n), still)
+
+    def linear(values: Mapping[str, Graph], y: Graph, valid: Graph) -> dict[str, Graph]:
+        return {"z": A @ values["z"] + K.onto(mean(dynamics.form, weights, y - C @ values["z"], valid), n)}
+
+    return Ode((), rest, linear, lambda u: dynamics.output(ca.SX.zeros(n), u))

@@ -29,9 +29,8 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from hgogen.discretisation.rays import spectral_limit
 from hgogen.discretisation.runge_kutta import Tableau
-from hgogen.discretisation.stability import ZERO, Limit, Riccati, transposed
+from hgogen.discretisation.stability import ZERO, Limit, Riccati, spectral_limit, transposed
 from hgogen.errors import HgogenError
 from hgogen.structure.scaling import Scaling
 

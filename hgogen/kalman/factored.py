@@ -24,8 +24,15 @@ from hgogen.discretisation.routine import routine
 from hgogen.discretisation.runge_kutta import RK4, Stages, advance
 from hgogen.graph import Graph
 from hgogen.kalman.closed_loop import advised
-from hgogen.kalman.covariance import factor, lower, measurement_update, pack_unit_lower, time_update, unit_lower
-from hgogen.kalman.prior import prior_status
+from hgogen.kalman.covariance import (
+    factor,
+    lower,
+    measurement_update,
+    pack_unit_lower,
+    prior_status,
+    time_update,
+    unit_lower,
+)
 from hgogen.kalman.riccati_part import Riccati
 from hgogen.part import Clock, Pieces
 from hgogen.program import Block, Field, Place, Program, When, column, scalar, sym

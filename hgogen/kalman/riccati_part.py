@@ -1,4 +1,4 @@
-"""The structure of a Riccati observer as a part of an observer, and what it needs to know of theta.
+"""The structure of a Riccati observer as a part of an observer.
 
     z' = f(z, u) + P C' R_theta^-1 (y - h),   P' = F P + P F' + Q_theta - P C' R_theta^-1 C P
 
@@ -10,50 +10,17 @@ Middleton, International Journal of Control 47 (1988).
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Protocol
 
 import casadi as ca
 import numpy as np
 
 from hgogen.graph import Graph
+from hgogen.kalman.theta import Theta
 from hgogen.part import Clock, Part, Pieces
 from hgogen.program import Bit, Field, sym
 from hgogen.structure.dynamics import Dynamics
 from hgogen.structure.jacobians import jacobians_on_box
-from hgogen.structure.scaling import Scaled, Scaling, scaling
-
-
-class HighGain(Protocol):
-    """What a Riccati observer needs to know of theta."""
-
-    @property
-    def value(self) -> Graph:
-        """The gain theta as an SX scalar."""
-        ...
-
-    @property
-    def peak(self) -> float:
-        """The largest value it takes."""
-        ...
-
-    @property
-    def late(self) -> float:
-        """The value of theta while a large error lasts."""
-        ...
-
-    @property
-    def rest(self) -> float | None:
-        """The value at which it rests, if it comes back to its peak from there."""
-        ...
-
-    @property
-    def scaled(self) -> Scaled:
-        """Which noise it scales."""
-        ...
-
-    def rise(self, theta: np.ndarray, dt: np.ndarray) -> np.ndarray:
-        """Each theta (d) a time dt (d) later when it rises as fast as its law lets it."""
-        ...
+from hgogen.structure.scaling import Scaling, scaling
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,7 +39,7 @@ class Riccati(Part):
 
     dynamics: Dynamics
     z: Field
-    theta: HighGain
+    theta: Theta
     weights: Graph
     factor: np.ndarray
     R: Graph

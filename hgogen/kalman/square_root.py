@@ -16,9 +16,8 @@ import casadi as ca
 import numpy as np
 
 from hgogen.graph import Graph
-from hgogen.kalman.covariance import factor, lower
+from hgogen.kalman.covariance import factor, lower, prior_status
 from hgogen.kalman.factored import Moved, capped, common, entries, largest, smallest
-from hgogen.kalman.prior import prior_status
 from hgogen.kalman.riccati_part import Riccati
 from hgogen.part import Clock, Pieces
 from hgogen.program import Block, Field, Place, Program, column, sym

@@ -7,8 +7,10 @@
 
 The adaptive law is stepped by its exact sub-flows, because explicit Euler lets theta pass 2 theta_1, where F_0 > 0, and
 escape: with s = mu dt/rise_time, first the rise (in closed form on each side of theta_1), then the decay by exp(-rate
-(1 - mu) dt), then a clamp to [1, 2 theta_1]. A decaying theta scales the process noise alone, as its theorem asks,
-unless `scaling` says otherwise; the others scale both noises. Source: Boizot, Busvelle, Gauthier 2010, (4)-(6);
+(1 - mu) dt), then a clamp to [1, 2 theta_1]. mu(I) is how much growth of theta an innovation asks for, 0 for none and
+1 for all of it: a C1 smoothstep, exactly 0 below gamma_0 and 1 above gamma_1 as (6) asks, or the paper's logistic,
+which is never 0 and so holds theta a little above 1. A decaying theta scales the process noise alone, as its theorem
+asks, unless `scaling` says otherwise; the others scale both noises. Source: Boizot, Busvelle, Gauthier 2010, (4)-(6);
 decaying: Busvelle's slides, whose theorem (1) bounds the error of a filter by
 
     |e(t)|^2 <= R(lambda, c) exp(-a t) Lambda(theta_0, t, lambda) |e(0)|^2
@@ -19,9 +21,10 @@ so they are arguments here. The slides print 0 <= lambda, but at lambda = 0 ther
 """
 
 import math
+from abc import ABC, abstractmethod
 from dataclasses import dataclass
 from functools import cache
-from typing import Any, Protocol, runtime_checkable
+from typing import Any
 
 import casadi as ca
 import numpy as np
@@ -29,50 +32,131 @@ import numpy as np
 from hgogen.graph import Graph
 from hgogen.intervals.digits import same
 from hgogen.kalman.innovation import Innovation
-from hgogen.kalman.kalman_theorems import ADAPTIVE, DECAYING, HIGH_GAIN, KALMAN, SCALED_AS
-from hgogen.kalman.mu import Logistic, Smoothstep
-from hgogen.kalman.mu import logistic as logistic
-from hgogen.kalman.mu import smoothstep as smoothstep
-from hgogen.kalman.riccati_part import HighGain
+from hgogen.kalman.kalman_theorems import ADAPTIVE, DECAYING, HIGH_GAIN, KALMAN, LOGISTIC, SCALED_AS, SMOOTHSTEP
 from hgogen.observer import gain
 from hgogen.part import Clock, Jump, Part, Pieces
 from hgogen.program import Block, Field, Place, When, scalar, sym
 from hgogen.reading.given import BadGain, positive, real
 from hgogen.structure.dynamics import Dynamics, inside
 from hgogen.structure.scaling import SCALED, Scaled
-from hgogen.theorem import Theorem
-
-
-@runtime_checkable
-class Theta(HighGain, Protocol):
-    """A high-gain parameter."""
-
-    @property
-    def gains(self) -> tuple[Field, ...]:
-        """The tunable gains of theta."""
-        ...
-
-    def law(self, unit: str) -> str:
-        """The law of theta for the banner; `unit`: the unit of time."""
-        ...
-
-    @property
-    def traces(self) -> tuple[str, ...]:
-        """Scalar fields of the state worth recording."""
-        ...
-
-    @property
-    def theorem(self) -> Theorem:
-        """What is known of the Riccati observer with it."""
-        ...
-
-    def parts(self, dynamics: Dynamics, z: Field) -> tuple[Part, ...]:
-        """The parts that move it, for the observer state of field `z`."""
-        ...
+from hgogen.theorem import Hypothesis, Theorem
 
 
 @dataclass(frozen=True)
-class Constant:
+class Smoothstep:
+    """mu = x^2 (3 - 2 x), x = (I - gamma_0)/(gamma_1 - gamma_0) clamped to [0, 1]: C1, satisfies (6) exactly."""
+
+    gamma_0: float
+    gamma_1: float
+    equation: str = "mu 0 below gamma_0, 1 above gamma_1, a smoothstep between"
+    hypothesis: Hypothesis = SMOOTHSTEP
+
+    @property
+    def gains(self) -> tuple[Field, ...]:
+        """The two thresholds gamma_0 and gamma_1."""
+        top = 1e6 * self.gamma_1
+        return (
+            gain("gamma_0", self.gamma_0, 0.0, top, "innovation below which theta decays", "y^2 s"),
+            gain("gamma_1", self.gamma_1, 0.0, top, "innovation above which theta rises fully", "y^2 s"),
+        )
+
+    def of(self, innovation: Graph) -> Graph:
+        """The SX scalar mu(I)."""
+        low, high = sym("gain", "gamma_0"), sym("gain", "gamma_1")
+        x = ca.fmin(ca.fmax((innovation - low) / ca.fmax(high - low, 1e-6 * self.gamma_1), 0), 1)
+        return x * x * (3 - 2 * x)
+
+
+@dataclass(frozen=True)
+class Logistic:
+    """mu = 1/(1 + exp(-slope (I - centre))): the paper's sigmoid, never exactly 0 or 1."""
+
+    centre: float
+    slope: float
+    equation: str = "mu = 1/(1 + exp(-slope (I_d - centre)))"
+    hypothesis: Hypothesis = LOGISTIC
+
+    @property
+    def gains(self) -> tuple[Field, ...]:
+        """The centre and the slope."""
+        return (
+            gain("centre", self.centre, 0.0, 1e6 * self.centre, "innovation at which mu = 1/2", "y^2 s"),
+            gain("slope", self.slope, 0.0, 1e6 * self.slope, "slope of the logistic", "1/(y^2 s)"),
+        )
+
+    def of(self, innovation: Graph) -> Graph:
+        """The SX scalar mu(I); the exponent is clamped to +-80, where exp still is a float."""
+        exponent = sym("gain", "slope") * (sym("gain", "centre") - innovation)
+        return 1 / (1 + ca.exp(ca.fmin(ca.fmax(exponent, -80), 80)))
+
+
+def smoothstep(gamma_0: float, gamma_1: float) -> Smoothstep:
+    """mu for `adaptive`: 0 below gamma_0 > 0, 1 above gamma_1 > gamma_0 (y^2 s). Raises: `BadGain`."""
+    positive("gamma_0", gamma_0)
+    positive("gamma_1", gamma_1)
+    if not gamma_0 < gamma_1:
+        raise BadGain(f"gamma_0 = {gamma_0:g}", f"must be below gamma_1 = {gamma_1:g}")
+    return Smoothstep(float(gamma_0), float(gamma_1))
+
+
+def logistic(centre: float, slope: float) -> Logistic:
+    """mu for `adaptive`: the paper's sigmoid, `centre` (y^2 s) and `slope` (1/(y^2 s)) positive. Raises: `BadGain`."""
+    positive("centre", centre)
+    positive("slope", slope)
+    return Logistic(float(centre), float(slope))
+
+
+class Theta(ABC):
+    """A high-gain parameter, which is constant and moved by no part where its law says nothing else."""
+
+    scaled: Scaled  # which noise it scales
+    traces: tuple[str, ...] = ()  # scalar fields of the state worth recording
+
+    @property
+    def value(self) -> Graph:
+        """The gain theta as an SX scalar, of a law that moves it the place `state.theta`."""
+        return sym("state", "theta")
+
+    @property
+    @abstractmethod
+    def peak(self) -> float:
+        """The largest value it takes."""
+
+    @property
+    def late(self) -> float:
+        """The value of theta while a large error lasts."""
+        return self.peak
+
+    @property
+    def rest(self) -> float | None:
+        """The value at which it rests, if it comes back to its peak from there."""
+        return None
+
+    def rise(self, theta: np.ndarray, dt: np.ndarray) -> np.ndarray:
+        """Each theta (d) a time dt (d) later when it rises as fast as its law lets it."""
+        return theta
+
+    @property
+    @abstractmethod
+    def gains(self) -> tuple[Field, ...]:
+        """The tunable gains of theta."""
+
+    @abstractmethod
+    def law(self, unit: str) -> str:
+        """The law of theta for the banner; `unit`: the unit of time."""
+
+    @property
+    @abstractmethod
+    def theorem(self) -> Theorem:
+        """What is known of the Riccati observer with it."""
+
+    def parts(self, dynamics: Dynamics, z: Field) -> tuple[Part, ...]:
+        """The parts that move it, for the observer state of field `z`."""
+        return ()
+
+
+@dataclass(frozen=True)
+class Constant(Theta):
     """See the module."""
 
     theta: float
@@ -82,19 +166,6 @@ class Constant:
     def peak(self) -> float:
         """The largest value, which is theta."""
         return self.theta
-
-    @property
-    def late(self) -> float:
-        """The value while a large error lasts, which is theta."""
-        return self.theta
-
-    @property
-    def rest(self) -> None:
-        """It never comes back to its peak."""
-
-    def rise(self, theta: np.ndarray, dt: np.ndarray) -> np.ndarray:
-        """It never rises."""
-        return theta
 
     @property
     def value(self) -> Graph:
@@ -117,18 +188,9 @@ class Constant:
         """The theorem of the extended Kalman filter, or of the one with a high gain."""
         return KALMAN if self.theta == 1 else HIGH_GAIN
 
-    @property
-    def traces(self) -> tuple[str, ...]:
-        """There are none: theta is constant."""
-        return ()
-
-    def parts(self, dynamics: Dynamics, z: Field) -> tuple[Part, ...]:
-        """There are none: theta is constant."""
-        return ()
-
 
 @dataclass(frozen=True)
-class Decaying:
+class Decaying(Theta):
     """See the module."""
 
     theta_0: float
@@ -156,19 +218,6 @@ class Decaying:
         return 1.0
 
     @property
-    def rest(self) -> None:
-        """It never comes back to its peak."""
-
-    def rise(self, theta: np.ndarray, dt: np.ndarray) -> np.ndarray:
-        """It never rises."""
-        return theta
-
-    @property
-    def value(self) -> Graph:
-        """The place `state.theta`."""
-        return sym("state", "theta")
-
-    @property
     def gains(self) -> tuple[Field, ...]:
         """The rate, which stays above 0; theta_0 is the initial value of the state."""
         return (gain("rate", self.rate, 1e-3 * self.rate, 1e3 * self.rate, "rate at which theta decays to 1", "1/s"),)
@@ -189,7 +238,7 @@ class Decaying:
 
 
 @dataclass(frozen=True)
-class Adaptive:
+class Adaptive(Theta):
     """See the module."""
 
     theta_1: float
@@ -220,11 +269,6 @@ class Adaptive:
         return 2 * self.theta_1
 
     @property
-    def late(self) -> float:
-        """The peak, to which a large innovation drives it."""
-        return self.peak
-
-    @property
     def rest(self) -> float:
         """The value at rest, 1."""
         return 1.0
@@ -232,11 +276,6 @@ class Adaptive:
     def rise(self, theta: np.ndarray, dt: np.ndarray) -> np.ndarray:
         """Each value after a time dt by the exact sub-flow at mu = 1."""
         return np.array(_risen()(theta[None], dt[None] / self.rise_time, self.theta_1)).ravel()
-
-    @property
-    def value(self) -> Graph:
-        """The place `state.theta`."""
-        return sym("state", "theta")
 
     @property
     def gains(self) -> tuple[Field, ...]:

@@ -18,7 +18,7 @@ import numpy as np
 import sympy as sp
 
 from hgogen.chains.columns import columns
-from hgogen.chains.injected import injected_chains
+from hgogen.chains.injection import injected_chains
 from hgogen.chains.scaled_gain import ScaledGain
 from hgogen.form import Form
 from hgogen.graph import Graph

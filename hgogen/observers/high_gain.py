@@ -21,7 +21,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from hgogen.chains.injected import injected_chains
+from hgogen.chains.injection import injected_chains
 from hgogen.check import Claims, Verdict
 from hgogen.form import Form
 from hgogen.graph import Graph

@@ -23,8 +23,7 @@ from hgogen.signal import Signal
 from hgogen.step import Step
 from hgogen.stepping.discretise import NoEquation, equation, tuned
 from hgogen.stepping.entries import Entry, Vector, distinct, of_field, of_line, of_signals
-from hgogen.stepping.guards import LARGEST_NUMBER
-from hgogen.stepping.keeping import limit_parameters
+from hgogen.stepping.guards import LARGEST_NUMBER, limit_parameters
 from hgogen.stepping.members import read_fields
 from hgogen.stepping.status import EXACT
 from hgogen.stepping.symbolic import Memory, Shape, Symbolic, shapes
