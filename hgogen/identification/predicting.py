@@ -67,7 +67,7 @@ class Predicting(Problem):
 
     def residuals(self, unknowns: Array) -> tuple[Array, ...]:
         """The innovations over their deviations."""
-        return self._outputs(np.divide(*self._at(unknowns)))
+        return self.by_output(np.divide(*self._at(unknowns)))
 
     def information(self, unknowns: Array, unit: Array) -> Information:
         """What is left where the first states and the levels of noise fit best beside each p."""
@@ -76,7 +76,7 @@ class Predicting(Problem):
         tell = self.residuals(unknowns)
         if self.corner < math.inf:
             tell = tuple(influence(each, self.corner) for each in tell)
-        units = self._outputs(self._at(unknowns)[0])
+        units = self.by_output(self._at(unknowns)[0])
         return Information(eliminated(F, ca.DM(0, self.size), self.constants), tables(self.records, units), tell)
 
     def _fisher(self, v: Any, e: Any, s: Any) -> Any:
@@ -89,10 +89,6 @@ class Predicting(Problem):
         v, _, e, s = self._series
         values = ca.Function("at", [v], [e, ca.sqrt(s)])(unknowns)
         return values[0].full().ravel(), values[1].full().ravel()
-
-    def _outputs(self, values: Array) -> tuple[Array, ...]:
-        output = np.concatenate([np.nonzero(np.isfinite(record.y))[1] for record in self.records])
-        return tuple(values[output == j] for j in range(len(self.plant.outputs)))
 
     @cached_property
     def _series(self) -> tuple[Any, Any, Any, Any]:

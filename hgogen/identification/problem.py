@@ -116,6 +116,15 @@ class Problem:
         added = [o[self.offset.index(y)] if y in self.offset else 0 for y in self.plant.outputs]
         return ca.Function("reading", [x, p, o, u], [self._of(self.plant.output, x, p, u) + ca.vertcat(*added)])
 
+    @cached_property
+    def output(self) -> Array:
+        """The number of the output of each residual."""
+        return np.concatenate([np.nonzero(np.isfinite(record.y))[1] for record in self.records])
+
+    def by_output(self, values: Array) -> tuple[Array, ...]:
+        """Those of each output, record after record."""
+        return tuple(values[self.output == j] for j in range(len(self.plant.outputs)))
+
     @property
     def n(self) -> int:
         """The number of states."""

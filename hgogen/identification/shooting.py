@@ -41,7 +41,7 @@ class Shooting(Problem):
         v, errors, gaps = self.followed
         if self.corner is None:
             return v, ca.sumsqr(errors) / 2, gaps
-        c = ca.DM(self.corner[self._output])
+        c = ca.DM(self.corner[self.output])
         return v, ca.sum1(c**2 * (ca.sqrt(1 + (errors / c) ** 2) - 1)), gaps
 
     @cached_property
@@ -59,8 +59,7 @@ class Shooting(Problem):
     def residuals(self, unknowns: Array) -> tuple[Array, ...]:
         """Those of each output where it was measured, record after record, over their scale."""
         v, errors, _ = self.followed
-        values = ca.Function("residuals", [v], [errors])(unknowns).full().ravel()
-        return tuple(values[self._output == j] for j in range(len(self.plant.outputs)))
+        return self.by_output(ca.Function("residuals", [v], [errors])(unknowns).full().ravel())
 
     def information(self, unknowns: Array, unit: Array) -> Information:
         """What is left where the states fit best beside each p with the gaps closed."""
@@ -72,11 +71,6 @@ class Shooting(Problem):
         corners = (None,) * len(units) if self.corner is None else self.corner
         tell = [e if c is None else influence(e, c) for e, c in zip(residuals, corners, strict=True)]
         return Information(eliminated(J.T @ J, A, self.constants), tables(self.records, units), tuple(tell))
-
-    @cached_property
-    def _output(self) -> Array:
-        """The number of the output of each residual."""
-        return np.concatenate([np.nonzero(np.isfinite(record.y))[1] for record in self.records])
 
     def _of_record(self, record: Log, nodes: Any, p: Any, o: Any) -> tuple[Any, Any]:
         """The segments side by side, the last one filled up with samples that count for nothing."""

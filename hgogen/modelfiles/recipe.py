@@ -12,18 +12,8 @@ seeds = 4                        # how many records of the noise
 
 from hgogen.modelfiles.setting import SEEDS
 from hgogen.reading.expression import parse
-from hgogen.reading.text_model import (
-    EXPRESSION,
-    NUMBER,
-    TABLE,
-    TEXT,
-    BadModelFile,
-    PlainModel,
-    as_text,
-    demand_keys,
-    named,
-)
-from hgogen.trial import OrnsteinUhlenbeck, Settled, Trial, t
+from hgogen.reading.text_model import EXPRESSION, NUMBER, TABLE, TEXT, BadModelFile, PlainModel, demand_keys, named
+from hgogen.trial import Settled, Trial, t
 
 _TRIAL = {"name": TEXT, "duration": NUMBER, "steady": NUMBER, "seeds": NUMBER}
 _TRIAL |= dict.fromkeys(("start", "estimate", "inputs", "noise", "settled"), TABLE)
@@ -34,35 +24,19 @@ def trial_of(model: PlainModel) -> Trial:
     """The trial of the table `trial`. Raises: `BadModelFile`."""
     file, table = model.file, model.trial
     demand_keys(file, "trial", table, _TRIAL, "duration")
-    known = {
-        "start": dict.fromkeys((s.name for s in model.plant.states), NUMBER),
-        "estimate": dict.fromkeys((s.name for s in model.plant.states), NUMBER),
-        "inputs": dict.fromkeys((s.name for s in model.plant.inputs), EXPRESSION),
-        "noise": dict.fromkeys((s.name for s in model.plant.outputs), NUMBER),
-    }
-    for key, names in known.items():
-        demand_keys(file, f"trial.{key}", table.get(key, {}), names)
+    states, outputs = ((signals, NUMBER) for signals in (model.plant.states, model.plant.outputs))
+    known = {"start": states, "estimate": states, "inputs": (model.plant.inputs, EXPRESSION), "noise": outputs}
+    for key, (signals, kind) in known.items():
+        demand_keys(file, f"trial.{key}", table.get(key, {}), {s.name: kind for s in signals})
     if "settled" in table:
         for key in _SETTLED:
             demand_keys(file, "trial.settled", table["settled"], _SETTLED, key)
     count = table.get("seeds", 12)
     if not isinstance(count, int) or not 1 <= count <= SEEDS:
         raise BadModelFile(file, "trial.seeds", f"is {count!r}; write a whole number from 1 to {SEEDS}")
-    inputs = {
-        name: named(file, f"trial.inputs.{name}", parse, as_text(value), {"t": t})
-        for name, value in table.get("inputs", {}).items()
-    }
-    return named(
-        file,
-        "trial",
-        Trial,
-        table.get("name", "trial"),
-        table["duration"],
-        table.get("start", {}),
-        inputs,
-        {name: OrnsteinUhlenbeck(sigma) for name, sigma in table.get("noise", {}).items()},
-        settled=Settled(**table["settled"]) if "settled" in table else None,
-        steady=table.get("steady"),
-        seeds=tuple(range(count)),
-        estimate=table.get("estimate", {}),
-    )
+    texts = {name: str(value) for name, value in table.get("inputs", {}).items()}
+    inputs = {name: named(file, f"trial.inputs.{name}", parse, text, {"t": t}) for name, text in texts.items()}
+    fields = {"name": "trial", "start": {}, "seeds": 12, **table, "inputs": inputs}
+    if "settled" in table:
+        fields["settled"] = Settled(**table["settled"])
+    return named(file, "trial", Trial, **fields)

@@ -142,7 +142,7 @@ def _texts(name: str, key: str, value: Any) -> tuple[str, ...]:
     for one in _list(name, key, value):
         if isinstance(one, bool) or not isinstance(one, str | int | float) or _is_nan(one):
             raise BadEntry(name, f"{key} holds {shown(one)}; write each expression as text")
-        texts.append(one if isinstance(one, str) else repr(one))
+        texts.append(str(one))
     return tuple(texts)
 
 

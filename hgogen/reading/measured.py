@@ -136,8 +136,8 @@ class Record:
 
     def with_rates(self, rates: Mapping[str, tuple[str, int]]) -> "Record":
         """The record with derivatives of signals as well, by name: of which signal, and the order."""
-        dt, sources = self.report.dt, {name: self.values[:, self.names.index(of)] for name, (of, _) in rates.items()}
-        columns = [difference(sources[name], order, dt) for name, (_, order) in rates.items()]
+        dt, index = self.report.dt, self.names.index
+        columns = [difference(self.values[:, index(of)], order, dt) for of, order in rates.values()]
         return replace(
             self,
             names=(*self.names, *rates),

@@ -63,16 +63,12 @@ _DISTURBANCE = {**_SIGNAL, "rates": RANGES, "on": TEXT, "order": NUMBER}
 _POINTS = {"x": NUMBERS, "y": NUMBERS, "z": ROWS, "kind": TEXT}
 _COORDINATES = ("x", "y", "z")
 _TOP = {
-    "name": TEXT,
-    "meaning": TEXT,
-    "reference": TEXT,
-    "time": TEXT,
+    **dict.fromkeys(("name", "meaning", "reference", "time"), TEXT),
     **dict.fromkeys(_KINDS, TABLE),
     **dict.fromkeys(("disturbances", "tables", "known", "observer", "tuning", "trial", "dissipation", "bounds"), TABLE),
 }
-BESIDE = tuple(
-    key for key in _TOP if key not in ("name", "time", "disturbances", "tables", *_KINDS)
-)  # what a file says beside its plant
+_OF_PLANT = ("name", "time", "disturbances", "tables", *_KINDS)
+BESIDE = tuple(key for key in _TOP if key not in _OF_PLANT)  # what a file says beside its plant
 Made = TypeVar("Made")
 _LARGEST = 1e300  # beyond it a number of a file is a slip
 _EXAMPLES = {
@@ -161,7 +157,7 @@ def from_table(table: Any, file: str = "model") -> PlainModel:
     def expressions(kind: str, key: str) -> list[Fold]:
         """The expressions under `key` in every table of a kind."""
         return [
-            named(file, f"{kind}.{name}.{key}", read_expression, as_text(entry[key]), symbols, tables)
+            named(file, f"{kind}.{name}.{key}", read_expression, str(entry[key]), symbols, tables)
             for name, entry in groups[kind].items()
         ]
 
@@ -220,11 +216,6 @@ def _shown(value: Any) -> str:
         return f"{str(value)[:40]!r}, text"
     huge = isinstance(value, int) and value.bit_length() > 1000  # of thousands of digits it cannot even be printed
     return "a huge number" if huge else repr(value)[:40]
-
-
-def as_text(value: str | float) -> str:
-    """An expression as text, which a number may stand for."""
-    return value if isinstance(value, str) else repr(value)
 
 
 def _signal(file: str, where: str, name: str, entry: Mapping[str, Any]) -> Signal:
