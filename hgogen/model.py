@@ -289,23 +289,14 @@ def load(path: str | Path) -> Model:
 
 def _plain(path: Path) -> Model:
     declared = read(path)
-    parts = SimpleNamespace(
-        plant=declared.plant,
-        known=declared.known,
-        reference=declared.reference,
-        __doc__=declared.meaning,
-        __name__=path.stem,
-    )
-    default = ""
+    held = {name: getattr(declared, name) for name in ("plant", "known", "reference")}
+    held |= {name: value for name in ("dissipation", "bounds") if (value := getattr(declared, name))}
+    parts, default = SimpleNamespace(__doc__=declared.meaning, __name__=path.stem, **held), ""
     if declared.observer:
         kind = declared.observer.get("kind")  # its observer's name is the table's, if that is free
         default = kind if isinstance(kind, str) and kind not in declared.tuning else "observer"
     if declared.observer or declared.tuning:
         parts.tuning = {default: declared.observer} | dict(declared.tuning) if default else dict(declared.tuning)
-    if declared.dissipation:
-        parts.dissipation = declared.dissipation
-    if declared.bounds:
-        parts.bounds = declared.bounds
     if declared.trial:
         parts.trial = lambda: trial_of(declared)
     return Model(path.stem, str(path), parts, _PLAIN, default, declared.folds)
