@@ -138,7 +138,7 @@ def test_an_alarm_that_feeds_itself_is_refused() -> None:
 
     task = watched(np.ones(20), tables, lambda each: np.zeros(2))
     step = SimpleNamespace(inputs=(hg.Signal("u"),), reset=lambda: None, run=run)
-    task.step = lambda name, form, gains: (tables.append(gains["theta"]), step)[1]
+    task.made = lambda name, row, gains: (tables.append(gains["theta"]), SimpleNamespace(step=step))[1]
     refusal = adaptive(task, tuned())
     assert isinstance(refusal, str)
     assert "an alarm feeds itself, even with theta_1 = 2 (alarm ratio 1.4)" in refusal

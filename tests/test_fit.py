@@ -20,10 +20,10 @@ import hgogen as hg
 from hgogen.commands.fitting import By, HeldOutError, _verdicts, _without_offset
 from hgogen.identification import whiteness as whiteness_module
 from hgogen.identification.fit import CannotFit, Task, best_of, lagged
+from hgogen.identification.problem import Shooting
 from hgogen.identification.records import BadLog
-from hgogen.identification.shooting import Shooting
+from hgogen.identification.result import parted
 from hgogen.identification.solution import Progress, Solution
-from hgogen.identification.structural import parted
 from hgogen.identification.whiteness import alike
 from hgogen.modelfiles.json_file import BadFile, read_values
 from hgogen.reading.given import BadGain

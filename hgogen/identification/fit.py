@@ -13,13 +13,10 @@ from typing import Any, Literal
 import casadi as ca
 import numpy as np
 
-from hgogen.identification.predicting import Predicting
-from hgogen.identification.problem import Information, Problem, paced
+from hgogen.identification.problem import Information, Predicting, Problem, Shooting, paced
 from hgogen.identification.records import BadLog, Log, demanded
-from hgogen.identification.result import FINE, SAME, Estimate, Fit, Place, above
-from hgogen.identification.shooting import Shooting
+from hgogen.identification.result import FINE, SAME, Estimate, Fit, Place, Structure, above, parted, structure
 from hgogen.identification.solution import Progress, Searches, Solution, Solver, digests
-from hgogen.identification.structural import Structure, parted, structure
 from hgogen.identification.whiteness import CORNER, WRONG, alike, corner, deviation, whiteness
 from hgogen.reading.door import asks_a_plant, switches
 from hgogen.reading.given import count, signals_named
