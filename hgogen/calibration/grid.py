@@ -39,6 +39,9 @@ SHAPES: dict[str, tuple[float, ...]] = {"spread": (2, 4), "corner": (1.5, 6)}  #
 FASTER = (1.0, 1.4)  # times theta, with another shape
 
 
+_RANK = {Convergence.PROVED: 0, Convergence.ABOVE: 0, Convergence.BELOW: 1, Convergence.UNKNOWN: 1, None: 2}
+
+
 @dataclass(frozen=True)
 class Tuned:
     """The gains of an observer that predict best.
@@ -156,6 +159,8 @@ class Attempt:
 
 
 Piece = Start | Attempt
+
+
 Asking = Generator[list[Piece], list[Any], Result]  # asks for pieces of work, is told their results, and ends with one
 
 
@@ -335,6 +340,3 @@ class Calibration:
 
     def __getitem__(self, name: str) -> Tuned:
         return next(row for row in self.rows if row.name == name)
-
-
-_RANK = {Convergence.PROVED: 0, Convergence.ABOVE: 0, Convergence.BELOW: 1, Convergence.UNKNOWN: 1, None: 2}

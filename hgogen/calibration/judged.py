@@ -25,6 +25,13 @@ Array = np.ndarray
 COPYING, DIFFERENCING = "copying", "differencing"
 
 
+AS_WELL = 1.05  # times an error: as well
+HELD_OUT, ALL = "in the rows held out", "in all rows"
+COLOURED = 5  # of the first correlations: more in one white record of 5,000
+CONSISTENT = 2.0  # times larger or smaller than 1: a NIS of a filter whose variances are right
+_MODELLESS = (COPYING, DIFFERENCING)
+
+
 @dataclass(frozen=True, eq=False)
 class Held:
     """A record of which the rows from `cut` on are held out; `truth` (N) of hidden states by name."""
@@ -148,12 +155,6 @@ def _rms(parts: Sequence[Array]) -> list[float]:
     return [rms(column) if len(column) else math.nan for column in finite]
 
 
-AS_WELL = 1.05  # times an error: as well
-HELD_OUT, ALL = "in the rows held out", "in all rows"
-COLOURED = 5  # of the first correlations: more in one white record of 5,000
-CONSISTENT = 2.0  # times larger or smaller than 1: a NIS of a filter whose variances are right
-
-
 def verdicts(calibration: Calibration, rows: Sequence[Judged], where: str = HELD_OUT) -> tuple[str, ...]:
     """Of a calibration and of rows that are judged, by default those held out."""
     judged = {row.name: row for row in rows}
@@ -248,6 +249,3 @@ def _doubts(best: Tuned, judged: Judged, where: str) -> Iterator[str]:
         yield f"its theta {best.numbers.theta:g} is the {end}"
     if best.noise is not None and not best.noise.settled:
         yield "the search for Q and R did not settle; give a longer record, or one that moves more"
-
-
-_MODELLESS = (COPYING, DIFFERENCING)

@@ -39,6 +39,15 @@ from hgogen.system import System
 Array = np.ndarray
 
 
+SOMEWHERE = 1e-10
+POINTS = 40
+FOLLOWED = 1.0  # |h lambda| of a Runge-Kutta step, at most
+MOST_STEPS = 50  # of a sample
+_STEPS = 64  # of Runge and Kutta, in one graph of scalars
+PROCESS = (0.0, -24.0, 12.0)  # log of Q_i T over the squared size of the state, T a record: its start and bounds
+SAMPLE = (-4.0, -18.0, 2.0)  # log of r_j over the squared scale of the output: a deviation from a ten-thousandth on
+
+
 @dataclass(frozen=True, eq=False)
 class Information:
     """`M` (q, q) of the parameters and offsets in their units, as above with sigma = 1; `residuals` (N, p) of each
@@ -164,9 +173,6 @@ class Problem:
         return column(to_casadi(rows, values))
 
 
-SOMEWHERE = 1e-10
-
-
 def eliminated(F: Any, A: Any, q: int) -> Array:
     """M (q, q), of the first q unknowns; F (v, v) and A (gaps, v) may be sparse."""
     F, A = ca.DM(F), ca.DM(A)
@@ -189,11 +195,6 @@ def tables(records: Sequence[Log], outputs: Sequence[Array]) -> tuple[Array, ...
             table[there, j] = values[begin:end]
             begin = end
     return tuple(made)
-
-
-POINTS = 40
-FOLLOWED = 1.0  # |h lambda| of a Runge-Kutta step, at most
-MOST_STEPS = 50  # of a sample
 
 
 def paced(plant: System, period: float) -> tuple[int, float]:
@@ -223,9 +224,6 @@ def rates(plant: System) -> tuple[float, float]:
             spectra.append(np.linalg.eigvals(J))
     every = np.concatenate(spectra)
     return float(np.abs(every).max()), float(max(0.0, every.real.max()))
-
-
-_STEPS = 64  # of Runge and Kutta, in one graph of scalars
 
 
 @dataclass(frozen=True, eq=False)
@@ -311,10 +309,6 @@ class Shooting(Problem):
             read.append(self.reading(at, p, o, now[:, k]))
             at = self.step(at, p, now[:, k], then[:, k], dt)
         return ca.Function("stretch", [x, p, o, ca.vec(now), ca.vec(then), dt], [ca.vertcat(*read), at])
-
-
-PROCESS = (0.0, -24.0, 12.0)  # log of Q_i T over the squared size of the state, T a record: its start and bounds
-SAMPLE = (-4.0, -18.0, 2.0)  # log of r_j over the squared scale of the output: a deviation from a ten-thousandth on
 
 
 @dataclass(frozen=True, eq=False)

@@ -22,6 +22,18 @@ FINE = 1e-4  # of the spread of an output: smaller residuals are those of the me
 SAME = 1e-2  # of the cost, or of its logarithm where it is one, by which starts may differ that ended at one minimum
 
 
+_COLOURED = {
+    "simulation": "the plant does more than the model, or the noise is slow, as that of a coarse encoder; where noise "
+    "moves the plant, --by prediction (by=) fits it along",
+    "prediction": "they can be predicted, so that the model, or the time of an input or sensor, is off",
+}
+_UNSETTLED = {
+    "simulation": "narrower ranges, or, of a plant that is unstable or that noise moves, --by prediction",
+    "prediction": "or narrower ranges",
+}
+NONE = 1e-6  # of a direction: less of it is rounding
+
+
 @dataclass(frozen=True)
 class Structure:
     """Of `count` parameters, lags and offsets the outputs tell `rank` sums at most, and none of the `hidden` ones by
@@ -220,22 +232,10 @@ def above(by: str, cost: float, best: float) -> float:
     return cost / best - 1 if best else 0.0
 
 
-_COLOURED = {
-    "simulation": "the plant does more than the model, or the noise is slow, as that of a coarse encoder; where noise "
-    "moves the plant, --by prediction (by=) fits it along",
-    "prediction": "they can be predicted, so that the model, or the time of an input or sensor, is off",
-}
 _HIGHER: Mapping[str, Callable[[float], str]] = {
     "simulation": lambda more: f"at {1 + more:.3g} times its cost",
     "prediction": lambda more: f"less likely by a factor exp({more:.3g})",
 }
-_UNSETTLED = {
-    "simulation": "narrower ranges, or, of a plant that is unstable or that noise moves, --by prediction",
-    "prediction": "or narrower ranges",
-}
-
-
-NONE = 1e-6  # of a direction: less of it is rounding
 
 
 def structure(plant: System, free: Sequence[Signal], offset: Sequence[Signal]) -> Structure | None:

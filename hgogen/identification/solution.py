@@ -28,6 +28,9 @@ _QUIET = {"print_level": 0, "sb": "yes", "max_iter": ITERATIONS, "tol": TOLERANC
 _THERE = {"bound_push": 1e-8, "bound_frac": 1e-8}  # to begin where an iterate was, close to a bound too
 
 
+_OTHER = {"plant": "another plant", "records": "other records", "options": "other options"}
+
+
 @dataclass(frozen=True, eq=False)
 class Solution:
     """The `unknowns` with their `cost`, without the pull; how IPOPT ended, and after how many `iterations`; `settled`:
@@ -111,14 +114,6 @@ class _Watch(ca.Callback):
         """As many as a solver gives back."""
         return int(ca.nlpsol_n_out())
 
-    def get_n_out(self) -> int:
-        """A status."""
-        return 1
-
-    def get_name_in(self, i: int) -> str:
-        """That of what a solver gives back."""
-        return str(ca.nlpsol_out(i))
-
     def get_sparsity_in(self, i: int) -> Any:
         """Columns, none where it is not asked for."""
         return ca.Sparsity.dense(self.sizes.get(ca.nlpsol_out(i), 0), 1)
@@ -131,9 +126,6 @@ class _Watch(ca.Callback):
             self.raised.append(error)
         self.count += 1
         return [len(self.interrupts) + len(self.raised)]
-
-
-_OTHER = {"plant": "another plant", "records": "other records", "options": "other options"}
 
 
 class CannotGoOn(BadLog):
@@ -159,18 +151,13 @@ class Progress(Encoded):
 def progress_of(table: Mapping[str, Any]) -> Progress:
     """The progress that `as_dict` gave. Raises: `CannotGoOn`."""
     try:
-        ended = tuple(
-            Solution(
-                np.array(one["unknowns"], dtype=float),
-                float("nan") if one["cost"] is None else float(one["cost"]),
-                str(one["status"]),
-                int(one["iterations"]),
-                bool(one["settled"]),
-            )
-            for one in table["ended"]
-        )
-        at = np.array(table["at"], dtype=float)
-        return Progress({str(k): str(v) for k, v in table["task"].items()}, ended, int(table["iteration"]), at)
+        ended = []
+        for one in table["ended"]:
+            cost = float("nan") if one["cost"] is None else float(one["cost"])
+            how = (str(one["status"]), int(one["iterations"]), bool(one["settled"]))
+            ended.append(Solution(np.array(one["unknowns"], dtype=float), cost, *how))
+        task = {str(what): str(digest) for what, digest in table["task"].items()}
+        return Progress(task, tuple(ended), int(table["iteration"]), np.array(table["at"], dtype=float))
     except (KeyError, TypeError, ValueError, AttributeError, OverflowError):
         raise CannotGoOn("the stopped fit", "is not as a fit leaves it; fit anew") from None
 
@@ -206,9 +193,8 @@ class Searches:
         """Raises: `CannotGoOn`."""
         if self.resumed is None:
             return
-        others = [what for what, digest in self.task.items() if self.resumed.task.get(what) != digest]
-        if others:
-            reason = f"is of {' and '.join(map(_OTHER.__getitem__, others))}"
+        if others := [_OTHER[what] for what, digest in self.task.items() if self.resumed.task.get(what) != digest]:
+            reason = f"is of {' and '.join(others)}"
             raise CannotGoOn("the stopped fit", f"{reason}; give it what it was begun with, or fit anew")
 
     def solved(self, solver: Solver, begin: Array, ended: tuple[Solution, ...]) -> tuple[Solution, ...]:

@@ -29,6 +29,12 @@ LEAST = 3  # samples for each of them
 NORMAL = {0.025: -1.959963985, 0.95: 1.644853627, 0.975: 1.959963985}  # quantiles of the normal distribution
 
 
+OF_MEDIAN = 1.4826  # sigma over the median of |e|
+CORNER = 1.345  # c over sigma: 5 % less than the best where all residuals are right
+ROUNDING = 1e-9  # of the scale of an output: smaller residuals are rounding
+WRONG = 5.0  # sigma: what lies beyond is an outlier
+
+
 @dataclass(frozen=True)
 class Whiteness(Encoded):
     """Ljung and Box's test of a sequence."""
@@ -82,12 +88,6 @@ def alike(residuals: Array) -> float:
     """tau: how many of the residuals (N,) tell as much as one that is independent of the others."""
     r = correlations(residuals, len(residuals))
     return 1.0 if r is None else 1.0 + 2.0 * float(r[np.cumsum(r <= 0) == 0].sum())
-
-
-OF_MEDIAN = 1.4826  # sigma over the median of |e|
-CORNER = 1.345  # c over sigma: 5 % less than the best where all residuals are right
-ROUNDING = 1e-9  # of the scale of an output: smaller residuals are rounding
-WRONG = 5.0  # sigma: what lies beyond is an outlier
 
 
 def deviation(residuals: Array) -> float:

@@ -26,6 +26,9 @@ from hgogen.system import System
 LARGEST = 10_000_000  # bytes
 
 
+_MADE = (System, Form, Observer, Step)
+
+
 class BadFile(BadArgument):
     """A file of parameters or tunings that cannot be taken."""
 
@@ -74,9 +77,6 @@ def read_tunings(path: Path, plant: System) -> tuple[Mapping[str, Any], str]:
         raise BadFile(str(path), f"takes {take!r:.60}, which is none of its tunings: {', '.join(tables)}")
     demand_plant(path, content, plant)
     return tables, take
-
-
-_MADE = (System, Form, Observer, Step)
 
 
 class BadParameters(BadFile):

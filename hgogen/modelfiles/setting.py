@@ -14,6 +14,9 @@ if TYPE_CHECKING:
     from hgogen.part import Guards, Prefer
 
 
+SEEDS = 1000  # of the noise of a trial, at most
+
+
 class UnknownCase(BadArgument):
     """A form, a method or a target that there is not."""
 
@@ -66,6 +69,3 @@ def demand_known(kind: str, name: str | None, known: Iterable[str]) -> None:
         return
     fix = nearest(name, known, f"there are {', '.join(known)}")
     raise UnknownCase(f"--{kind} {name[:60]}:", f"there is no such {kind}; {fix}")
-
-
-SEEDS = 1000  # of the noise of a trial, at most

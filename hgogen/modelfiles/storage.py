@@ -26,6 +26,9 @@ _SYSTEM = ("gain", "G1", "G2")
 _STORED = ("V", "mu", "within")
 
 
+_GAINS = "gains"
+
+
 def stored(plant: System, declared: Any) -> Dissipation:
     """What a model's `dissipation` says of its plant, proved or not. Raises: `BadErrorSystem` for keys that are missing
     or unknown, or values that do not fit; `Misfit` for no mapping; `BadExpression`."""
@@ -53,9 +56,6 @@ def _read(value: Any, names: Mapping[str, sp.Symbol]) -> Any:
     if isinstance(value, Mapping):
         return {key: _read(each, names) for key, each in value.items()}
     return [_read(each, names) for each in value] if isinstance(value, list | tuple) else value
-
-
-_GAINS = "gains"
 
 
 class NoBounds(BadArgument):

@@ -1,4 +1,4 @@
-"""The bytes of a file, up to a limit: no read is endless, in size or in time."""
+"""The bytes of a file, up to a limit: no read is endless, in size or in time; the languages of plain-text models."""
 
 import json
 import os
@@ -20,6 +20,10 @@ KINDS = {
     stat.S_IFCHR: "a device",
     stat.S_IFBLK: "a device",
 }
+
+
+BYTES = 4_000_000  # of one model
+SIGNALS = ("states", "inputs", "parameters", "outputs")  # the tables in which a model declares its plant
 
 
 class Unread(BadArgument):
@@ -55,10 +59,6 @@ def _demand_regular(path: str | Path, status: os.stat_result) -> None:
     if kind != stat.S_IFREG:
         reason = f"is {KINDS.get(kind, 'no file')}, whose content may have no end; write it to a file, and give that"
         raise Unread(str(path), reason)
-
-
-BYTES = 4_000_000  # of one model
-SIGNALS = ("states", "inputs", "parameters", "outputs")  # the tables in which a model declares its plant
 
 
 def _once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:

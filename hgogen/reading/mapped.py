@@ -5,6 +5,8 @@
 by the grammar of text models. In brackets stands the name of a column that is no identifier. A column whose name is the
 whole text comes first, in the unit of its signal where its name holds another, as "T1 [degC]" or "Current(A)": it is
 converted by y -> factor y + offset. The units are pint's, an optional library; an expression says itself what it does.
+
+Texts of the command line give a signal its column, SIGNAL=COLUMN, or a shift, SIGNAL=SAMPLES.
 """
 
 import math

@@ -3,7 +3,7 @@
     (0.1, 0.2)   {"w": 0.2, "q": 0.1}   {"q": {"q": 0.1, "w": 0.01}, "w": {"w": 0.2}}
 
 A mapping has every name once, in any order; a key is a name, or a signal for its name. What is no mapping is left as it
-is: the order of a sequence is that of the coordinates.
+is: the order of a sequence is that of the coordinates. Sizes of what enters a step are given by name alone.
 """
 
 import math
@@ -29,6 +29,10 @@ Matrix: TypeAlias = Mapping[str, float | Mapping[str, float]] | Sequence[float] 
 NOTHING: Mapping[str, Any] = MappingProxyType({})
 _BLANK: Any = object()  # an entry of a matrix that its row leaves out
 _LENGTH = 120  # of a definition in a sentence
+
+
+Each = Mapping[str, float] | None
+_SIZE = "must be a finite number, not negative"
 
 
 class BadNames(BadArgument):
@@ -173,9 +177,6 @@ def _no_coordinates(form: Form, names: Mapping[str, str]) -> dict[str, str]:
     return {name: sentence for name, sentence in advice.items() if name not in names}
 
 
-Each = Mapping[str, float] | None
-
-
 def sizes(what: str, values: Each, names: Sequence[str], default: float = 0.0) -> list[Fraction]:
     """A size for each name, the default where none is given. Raises: `BadNames`, `BadGain`."""
     each = each_by_name(what, values, names, default)
@@ -195,6 +196,3 @@ def size(what: str, value: Any) -> Fraction:
     if isinstance(value, bool) or not 0 <= number < math.inf:
         raise BadGain(f"{what} = {value if isinstance(value, bool) else f'{number:g}'}", _SIZE)
     return Fraction(number)
-
-
-_SIZE = "must be a finite number, not negative"

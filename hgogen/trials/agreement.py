@@ -25,6 +25,9 @@ from hgogen.trials.metrics import Metrics, crossings
 ROUNDING = 1e-11  # of the trajectory's peak: some 1e3 operations a step, each 1e-16, forgotten within 1e2 steps
 
 
+COARSE = 1e-3  # of a state's range: more than rounding does where nothing amplifies it
+
+
 @dataclass(frozen=True)
 class Agreement(Encoded):
     """How two readers of a step differ, relative to each state's peak.
@@ -80,9 +83,6 @@ class Disagree(HgogenError):
             f"C and Python disagree in trial {worst.trial!r}, seed {worst.seed}: {worst.before:.1e} of the peak until "
             f"t = {worst.until:g}, times to settle {worst.settled}; check the compiler's flags (no -ffast-math)"
         )
-
-
-COARSE = 1e-3  # of a state's range: more than rounding does where nothing amplifies it
 
 
 @dataclass(frozen=True)

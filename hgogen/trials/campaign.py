@@ -42,6 +42,13 @@ WORTH = 5_000_000  # samples of a step from which on it takes less time than to 
 HELD = 1 << 20  # numbers of measurements of runs that differ by more than their seeds
 
 
+STATES, PARAMETERS, NOISE = "x0", "parameters", "noise"  # all of a kind
+_NUMBER = r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?"
+_INTERVAL = re.compile(rf"({_NUMBER})\.\.({_NUMBER})")
+_SHARE = re.compile(rf"({_NUMBER})%")
+_USE = "write NAME, NAME=10%, NAME=0.2 or NAME=0.8..1.2, with commas between them"
+
+
 class BadCampaign(BadArgument):
     """A campaign, or a file of one, that cannot be run."""
 
@@ -259,13 +266,6 @@ def together(step: CallableStep, runs: Iterable[Feed], start: bytes, size: int) 
             x, status = (np.ascontiguousarray(array[k]) for array in (many.x, many.status))
             traces = {name: np.ascontiguousarray(values[k]) for name, values in many.traces.items()}
             yield Trajectory(one.trial, one.seed, one.truth, one.y, x, traces, status, "c")
-
-
-STATES, PARAMETERS, NOISE = "x0", "parameters", "noise"  # all of a kind
-_NUMBER = r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?"
-_INTERVAL = re.compile(rf"({_NUMBER})\.\.({_NUMBER})")
-_SHARE = re.compile(rf"({_NUMBER})%")
-_USE = "write NAME, NAME=10%, NAME=0.2 or NAME=0.8..1.2, with commas between them"
 
 
 class BadVariation(BadArgument):

@@ -13,6 +13,10 @@ from hgogen.trial import Trajectory
 _SHOWN = 3  # times that a sentence names
 
 
+_ROUNDING = 1e-9  # of a range, by which a truth that runs along its end may be beyond it
+Array = np.ndarray
+
+
 @dataclass(frozen=True)
 class Interventions:
     """The times of all `restarts` from the sample and `projections` onto the ranges in so many `runs`."""
@@ -60,9 +64,6 @@ def guard_notes(trial: str, observer: str, each: Interventions, disturbed: bool,
         )
 
 
-_ROUNDING = 1e-9  # of a range, by which a truth that runs along its end may be beyond it
-
-
 @dataclass(frozen=True)
 class Left:
     """A state or an input of the plant that leaves [low, high]: first at `time`, where it is `value`; `farthest`: its
@@ -106,9 +107,6 @@ def leaving_notes(trial: str, each: Iterable[Left], unit: str) -> Iterator[str]:
             f"trial {trial}, the plant itself: {sentences}. The proofs hold on the ranges alone, at whose edge an "
             "observer evaluates the model: declare wider ones, or change the trial"
         )
-
-
-Array = np.ndarray
 
 
 def before_loss(run: Run) -> int:

@@ -8,6 +8,7 @@ else that of the truth along the trial.
 import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import pairwise
 from typing import Annotated, Any
 
 import numpy as np
@@ -58,11 +59,8 @@ class Metrics:
 def metrics(step: Step, trajectory: Trajectory) -> Metrics:
     """The trajectory in numbers; `step` is the one that made it."""
     trial, t = trajectory.trial, trajectory.truth.t
-    ends = (*trial.events[1:], math.inf)
-    responses = []
-    for begin, end in zip(trial.events, ends, strict=True):
-        span = (t >= begin - 1e-9) & (t < end - 1e-9)
-        responses.append(_response(step, trajectory, begin, span))
+    pairs = pairwise((*trial.events, math.inf))
+    spans = [(begin, (t >= begin - 1e-9) & (t < end - 1e-9)) for begin, end in pairs]
     steady = trajectory.error[t >= trial.steady_from - 1e-9]
     rms = np.sqrt(np.mean(steady**2, axis=0))
     if step.clock.guarded:
@@ -75,7 +73,7 @@ def metrics(step: Step, trajectory: Trajectory) -> Metrics:
     return Metrics(
         seed=trajectory.seed,
         engine=trajectory.engine,
-        responses=tuple(responses),
+        responses=tuple(_response(step, trajectory, begin, span) for begin, span in spans),
         rms={s.name: float(value) for s, value in zip(step.states, rms, strict=True)},
         clamped=int(np.count_nonzero(outside[late])),
     )
@@ -162,10 +160,11 @@ class Summary:
 def summary(trial: Trial, each: Sequence[Metrics], alarm_ratio: float | None = None, unit: str = "s") -> Summary:
     """The metrics of all seeds (at least one) in one; `unit`: that of the plant's time."""
     events = list(zip(*(m.responses for m in each), strict=True))
-    settled = [[r.settled for r in event] for event in events]
-    peaks = [_present(r.peak for r in event) for event in events]
-    triggers = [_present(r.triggers for r in event) for event in events]
-    louds = [_present(r.loud for r in event) for event in events]
+    settled: list[list[Any]] = [[r.settled for r in event] for event in events]
+    peaks, triggers, louds = (
+        [[value for r in event if (value := getattr(r, name)) is not None] for event in events]
+        for name in ("peak", "triggers", "loud")
+    )
     return Summary(
         trial=trial.name,
         criterion=criterion(trial, unit),
@@ -173,7 +172,7 @@ def summary(trial: Trial, each: Sequence[Metrics], alarm_ratio: float | None = N
         engine=each[0].engine,
         times=tuple(event[0].time for event in events),
         settled=tuple(map(median, settled)),
-        worst=tuple(None if None in times else max(_present(times)) for times in settled),
+        worst=tuple(None if None in times else max(times) for times in settled),
         peak=tuple((min(p), max(p)) if p else None for p in peaks),
         calm=tuple(median(r.calm for r in event) for event in events),
         triggered=tuple(float(np.mean([n > 0 for n in count])) if count else None for count in triggers),
@@ -183,10 +182,6 @@ def summary(trial: Trial, each: Sequence[Metrics], alarm_ratio: float | None = N
         rms={name: float(np.median([m.rms[name] for m in each])) for name in each[0].rms},
         clamped=sum(m.clamped for m in each),
     )
-
-
-def _present(values: Iterable[Any]) -> list[Any]:
-    return [value for value in values if value is not None]
 
 
 def median(values: Iterable[float | None]) -> float | None:

@@ -1,7 +1,8 @@
 """The results of a campaign in a file: a head that names the campaign, then a line of JSON for each run as it comes.
 
 Anything may have happened to the file since. A line counts only where it can be one of this campaign: its run has the
-values that were drawn for it, and its metrics are those of this trial and of these states.
+values that were drawn for it, and its metrics are those of this trial and of these states. What the runs say together
+are quantiles of their numbers, of which some bytes a run are remembered.
 """
 
 import json
