@@ -4,7 +4,8 @@
 
 `gain`, with `G1` and `G2` if there are any, makes the error system of the plant as `error_system` does; in their place
 Python may give a `system` of its own. `V`, `mu` and `within` are those of `dissipation`. A text, as plain-text models
-have them, is an expression: of the errors in V, which have the names e_STATE, else of the plant's signals.
+have them, is an expression: of the errors in V, which have the names e_STATE, else of the plant's signals. `bounds`
+say how large at most what enters a step is, and what is asked of the errors.
 """
 
 from collections.abc import Mapping

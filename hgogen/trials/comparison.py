@@ -6,7 +6,7 @@
                    until the next event less the |e| at the event itself, which is the start's or the jump's doing
     cost           operations of one call, bytes of the state
     proved         the bound of each state's error, where a model says how large noise and the like are at most, and the
-                   worst that all seeds show of it from when on it holds (`within`)
+                   worst that all seeds show of it from when on it holds (`seen`)
 
 The range of a state: `metrics.ranges`.
 """
