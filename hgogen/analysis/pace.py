@@ -64,7 +64,7 @@ def on_box(plant: System) -> tuple[np.ndarray, Linear, Pace]:
     points = _lattice(signals)
     x, u = points[:, : len(plant.states)], points[:, len(plant.states) :]
     with np.errstate(all="ignore"):
-        slopes, rates = linear(plant, x, u), np.array(_functions(plant)[0](x.T, u.T)).T
+        rates, slopes = _linearised(plant, x, u)
         known = np.isfinite(rates).all(1) & np.isfinite(slopes.A).all((1, 2)) & np.isfinite(slopes.C).all((1, 2))
         if not known.any():
             raise NoSight(f"the model has no value at any of {_POINTS} points of the box")
@@ -77,13 +77,16 @@ def on_box(plant: System) -> tuple[np.ndarray, Linear, Pace]:
 
 def linear(plant: System, x: np.ndarray, u: np.ndarray) -> Linear:
     """The linearisation at x (N, n), u (N, m)."""
-    _, output, slopes = _functions(plant)
+    return _linearised(plant, x, u)[1]
+
+
+def _linearised(plant: System, x: np.ndarray, u: np.ndarray) -> tuple[np.ndarray, Linear]:
+    """f (N, n), and the linearisation, at x (N, n), u (N, m)."""
+    f, y, F, H = (np.array(part) for part in _functions(plant)(x.T, u.T))
     S = np.array([_half(s) for s in plant.states])
     n, count = len(plant.states), len(x)
-    F, H = (np.array(part) for part in slopes(x.T, u.T))
     A = F.T.reshape(count, n, n).transpose(0, 2, 1) * S / S[:, None]  # CasADi counts by columns
     C = H.T.reshape(count, n, len(plant.outputs)).transpose(0, 2, 1) * S
-    y = np.array(output(x.T, u.T))
     R = []  # without a range half of what an output takes on, or its size where it does not move
     for s, row in zip(plant.outputs, y, strict=True):
         if s.bounded:
@@ -92,7 +95,7 @@ def linear(plant: System, x: np.ndarray, u: np.ndarray) -> Linear:
         values = row[np.isfinite(row)]
         half, size = (np.ptp(values) / 2, np.abs(values).max()) if len(values) else (0.0, 0.0)
         R.append(float(half or size or 1.0))
-    return Linear(A, C / np.array(R)[:, None])
+    return f.T, Linear(A, C / np.array(R)[:, None])
 
 
 def slopes(
@@ -116,15 +119,15 @@ def slopes(
     return np.asarray(known)
 
 
-def _functions(plant: System) -> tuple[Any, Any, Any]:
-    """f, h and (df/dx, dh/dx), the latter as columns, as functions of x (n) and u (m)."""
+def _functions(plant: System) -> Any:
+    """f, h, df/dx and dh/dx, the latter as columns, as a function of x (n) and u (m)."""
     x, u = ca.SX.sym("x", len(plant.states)), ca.SX.sym("u", len(plant.inputs))
     symbols = dict(zip(plant.states, ca.vertsplit(x), strict=True))
     symbols |= dict(zip(plant.inputs, ca.vertsplit(u), strict=True)) if plant.inputs else {}
     symbols |= {p: float(value) for p, value in plant.nominal.items()}
     f, h = (ca.densify(ca.vertcat(*to_casadi(part, symbols))) for part in (plant.flow, plant.output))
-    slopes = [ca.vec(ca.densify(ca.jacobian(part, x))) for part in (f, h)]
-    return tuple(ca.Function(name, [x, u], parts) for name, parts in (("f", [f]), ("h", [h]), ("slopes", slopes)))  # type: ignore[return-value]
+    slopes = (ca.vec(ca.densify(ca.jacobian(part, x))) for part in (f, h))
+    return ca.Function("f", [x, u], [f, h, *slopes])
 
 
 def ranged(signals: tuple[Signal, ...]) -> None:

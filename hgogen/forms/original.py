@@ -23,7 +23,7 @@ from hgogen.errors import HgogenError
 from hgogen.form import Asking, Form
 from hgogen.intervals.bounds import nonzero
 from hgogen.reading.given import names as several
-from hgogen.sentence import because
+from hgogen.sentence import NONE, Reason, because
 from hgogen.signal import Signal
 from hgogen.structure.chain import Rows, connected, of_plant, reached
 from hgogen.structure.coordinates import coordinates, form_in, split
@@ -64,16 +64,20 @@ def original(plant: System, order: Sequence[Signal | str] | None = None) -> Form
         by_name = {x.name: x for x in plant.states}
         if isinstance(order, Mapping | Set):
             raise BadOrder(plant.name, (), tuple(by_name), type(order).__name__)
-        names = tuple(map(str, several("order", order)))
-        if sorted(names) != sorted(by_name):
-            raise BadOrder(plant.name, names, tuple(by_name))
-        states = tuple(by_name[name] for name in names)
+        asked = tuple(map(str, several("order", order)))
+        if sorted(asked) != sorted(by_name):
+            raise BadOrder(plant.name, asked, tuple(by_name))
+        states = tuple(by_name[name] for name in asked)
     z = coordinates(plant, states)
     A, b = split(z.flow, z.states)
     flow = (sp.Add(*(a * s for a, s in zip(A.row(i), z.states, strict=True)), row) for i, row in enumerate(b))
+    names = ", ".join(map(str, along))
+    shape = f"in the order ({names}) y and each derivative in turn read states up to the next, with a slope in that"
+    nowhere = because("no slope is zero identically; zeros on the box are not excluded")
+    doubt = _misshapen(along, rows)
     checks = (
         connected("original", hidden, doubtful),
-        _shape(along, rows),
+        Check(ClaimId("original", "order"), shape, Verdict.UNKNOWN if doubt else Verdict.GENERIC, doubt or nowhere),
         lipschitz("original", map(z.back, (*flow, *z.output)), plant, "A x + b with the output"),
         Check(
             ClaimId("original", "convergence"),
@@ -86,29 +90,22 @@ def original(plant: System, order: Sequence[Signal | str] | None = None) -> Form
     return form_in(z, "original", checks, "the plant's own coordinates", parts=(A, b, z.output), levels=levels)
 
 
-def _shape(along: Sequence[sp.Symbol], rows: Rows) -> Check:
-    """Whether in the order `along` each row reads the states up to the next one, with a slope in that which is not zero
-    identically on the box, nor on a part of it, as one with branches may be."""
-    id = ClaimId("original", "order")
-    order = ", ".join(map(str, along))
-    claim = f"in the order ({order}) y and each derivative in turn read states up to the next, with a slope in that"
+def _misshapen(along: Sequence[sp.Symbol], rows: Rows) -> Reason:
+    """Why it is not shown that in the order `along` each row reads the states up to the next one, with a slope in that
+    which is not zero identically on the box, nor on a part of it, as one with branches may be; else `NONE`."""
     if len(rows.output) > 1:
-        return Check(id, claim, Verdict.UNKNOWN, because("the shape is for one output"))
+        return because("the shape is for one output")
     for i, row in enumerate((rows.output[0], *(rows.rate(x) for x in along[:-1]))):
         name = f"{along[i - 1]}'" if i else "y"
         sure, maybe = rows.reads(row, rows.states)
         if along[i] not in {*sure, *maybe}:
-            doubt = because("{row} does not read {state}", row=name, state=along[i])
-            return Check(id, claim, Verdict.UNKNOWN, doubt)
+            return because("{row} does not read {state}", row=name, state=along[i])
         steep = slope(row, along[i])
         if along[i] not in sure or is_zero(steep, rows.box) is not False:
-            doubt = because("{row} is not shown to have a slope in {state}", row=name, state=along[i])
-            return Check(id, claim, Verdict.UNKNOWN, doubt)
+            return because("{row} is not shown to have a slope in {state}", row=name, state=along[i])
         if steep.has(*ROUGH) and nonzero(steep, rows.box).verdict is not Verdict.PROVED:
-            doubt = because("the slope of {row} in {state} may be 0 on a part of the box", row=name, state=along[i])
-            return Check(id, claim, Verdict.UNKNOWN, doubt)
+            return because("the slope of {row} in {state} may be 0 on a part of the box", row=name, state=along[i])
         later = [x.name for x in rows.states if x in along[i + 1 :] and x in {*sure, *maybe}]
         if later:
-            return Check(id, claim, Verdict.UNKNOWN, because("{row} reads {names} too early", row=name, names=later))
-    reason = because("no slope is zero identically; zeros on the box are not excluded")
-    return Check(id, claim, Verdict.GENERIC, reason)
+            return because("{row} reads {names} too early", row=name, names=later)
+    return NONE

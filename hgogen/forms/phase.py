@@ -26,7 +26,7 @@ from hgogen.analysis.on_box import on_box
 from hgogen.analysis.written import asked, if_valued
 from hgogen.check import Check, ClaimId, Verdict
 from hgogen.form import Asking, Form, NoForm, one_output
-from hgogen.intervals.bounds import Sign, nonzero
+from hgogen.intervals.bounds import nonzero
 from hgogen.intervals.digits import Down
 from hgogen.intervals.singular import NONZERO, Condition, reasons
 from hgogen.sentence import NONE, Sentence, because, equations
@@ -78,14 +78,14 @@ def phase(plant: System, *, original: bool = False, recovered: bool = False) -> 
         det = determinant(J)
     except TooLarge as error:
         raise NoPhase(plant.name, f"has no determinant of dPhi/dx here: {error}") from error
-    determinant_check, sign = _rank(whole, det.value, as_written(J, det).value)
+    regular = _rank(whole, det.value, as_written(J, det).value)
     # where the plant has a value: (x1 x3)' = x2 holds for x1' = x2/x3, x3' = 0, but not at x3 = 0
     by_rates = by_construction(ClaimId("phase", "chain"), "y = z_1, z_i' = z_(i+1)", whole.Phi[:-1])
     chain = if_valued(replace(by_rates, proofs=(Derivatives(),)), plant)
     within = {s for e in whole.Phi for s in e.free_symbols}
     names = [u.name if u in within else because("{input} (phi alone)", input=u.name) for u in whole.known]
     inputs = whole.supplied(names, "{names} enter, to be supplied; no range is declared for {loose}", _RANGES)
-    rank, back = if_valued(determinant_check, plant), whole.inverse()
+    rank, back = if_valued(regular, plant), whole.inverse()
     one_to_one = if_valued(_one_to_one(whole, back, rank), plant)
     claim = "phi is Lipschitz in z on the image of the box"
     missing = [c.id for c in (rank, one_to_one) if c.verdict is not Verdict.PROVED]
@@ -93,7 +93,7 @@ def phase(plant: System, *, original: bool = False, recovered: bool = False) -> 
     reason = because("phi is Lipschitz in x, and Phi is smooth, one to one and of full rank on a closed, bounded box")
     steep = on_image("phase", claim, [phi], whole.plant, "phi", doubt, reason)
     checks = (chain, inputs, rank, one_to_one, steep)
-    if original or back is None or sign.verdict is not Verdict.PROVED:
+    if original or back is None or regular.verdict is not Verdict.PROVED:
         return whole.in_x(checks)
     return whole.in_z(back, checks, recovered)
 
@@ -119,39 +119,35 @@ def _map(plant: System) -> Carried:
 # ---------------------------------------------------------------- checks
 
 
-def _rank(whole: Carried, det: sp.Expr, shown: sp.Expr) -> tuple[Check, Sign]:
-    """The check of the rank by rigorous bounds of the determinant, `shown` as it is read, and its sign. The rank is
-    generic where the determinant is not 0 identically and its zeros are not excluded."""
-    id, claim = (
-        ClaimId("phase", "rank"),
-        Sentence.of("det dPhi/dx = {determinant} has no zero on the box", determinant=shown),
-    )
+def _rank(whole: Carried, det: sp.Expr, shown: sp.Expr) -> Check:
+    """The check of the rank by rigorous bounds of the determinant, `shown` as it is read. The rank is generic where the
+    determinant is not 0 identically and its zeros are not excluded."""
+    claim = Sentence.of("det dPhi/dx = {determinant} has no zero on the box", determinant=shown)
     # a sign that the plant itself reads is 0 at 0; one that SymPy took for a slope at a kink is a set
     own = any(row.has(sp.sign, sp.Heaviside) for row in (*whole.before.flow, *whole.before.output))
     sign = nonzero(det if own else at_kinks(det), whole.box, boxes=BOXES)
-    unknown, parts = replace(sign, verdict=Verdict.UNKNOWN), (*whole.Phi, *whole.jacobian)
     fix = "Narrow the ranges, or measure something else; where it is 0 an observer does not correct."
+    unknown = Check(ClaimId("phase", "rank"), claim, Verdict.UNKNOWN, sign.reason, fix=fix)
     if sign.verdict is Verdict.REFUTED:
-        at = witness(sign.witness)
+        there = replace(unknown, witness=witness(sign.witness))
         if _written(whole, det, sign.witness):
-            return Check(id, claim, Verdict.UNKNOWN, because("as it is written it is 0/0 there"), at, fix), unknown
-        return Check(id, claim, Verdict.REFUTED, sign.reason, at, fix), sign
+            return replace(there, reason=because("as it is written it is 0/0 there"))
+        return replace(there, verdict=Verdict.REFUTED)
+    parts = (*whole.Phi, *whole.jacobian)
     rough = without_derivative(parts)
     if rough:
-        fix = _FLATTER if any(row.has(Table) for row in parts) else ""
-        return Check(id, claim, Verdict.UNKNOWN, rough, fix=fix), unknown
+        return replace(unknown, reason=rough, fix=_FLATTER if any(row.has(Table) for row in parts) else "")
     lost = undefined(parts, whole.plant)
     if sign.verdict is Verdict.PROVED and lost is not None:
-        doubt = because("{part} was not shown to be finite on the box", part=lost)
-        return Check(id, claim, Verdict.UNKNOWN, doubt), unknown
+        return replace(unknown, reason=because("{part} was not shown to be finite on the box", part=lost), fix="")
     if sign.verdict is Verdict.PROVED:
         reason = because("|det| >= {margin} on the box, {how}", margin=Down(sign.margin), how=sign.reason)
-        return Check(id, claim, Verdict.PROVED, reason, proofs=(FullRank(),)), sign
+        return replace(unknown, verdict=Verdict.PROVED, reason=reason, fix="", proofs=(FullRank(),))
     read = tuple(s for s in whole.plant.signals if s in det.free_symbols)
     if any(kind(det, point) in ("> 0", "< 0") for point in points(read)):
         reason = because("it is not 0 identically; zeros on the box are not excluded: {why}", why=sign.reason)
-        return Check(id, claim, Verdict.GENERIC, reason, fix=fix), sign
-    return Check(id, claim, Verdict.UNKNOWN, sign.reason, fix=fix), sign
+        return replace(unknown, verdict=Verdict.GENERIC, reason=reason)
+    return unknown
 
 
 def _written(whole: Carried, det: sp.Expr, point: Mapping[sp.Symbol, Fraction]) -> bool:
