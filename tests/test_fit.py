@@ -29,7 +29,7 @@ from hgogen.modelfiles.json_file import BadFile, read_values
 from hgogen.reading.given import BadGain
 from hgogen.reading.text_model import read as read_model
 from hgogen.reading.text_model import to_text
-from hgogen.structure.valued import BadValue, valued
+from hgogen.system import BadValue, valued
 from hgogen.trials.prediction import predictions
 
 X, V = hg.Signal("x", nominal=0.5, low=-5, high=5), hg.Signal("v", nominal=0, low=-20, high=20)

@@ -19,7 +19,7 @@ import hgogen as hg
 from hgogen.commands import fitting
 from hgogen.identification.innovations import SURE
 from hgogen.identification.solution import CannotGoOn, Progress, Searches, Solution, Solver, digests, progress_of
-from hgogen.structure.valued import valued
+from hgogen.system import valued
 from hgogen.trials.prediction import predictions
 
 

@@ -33,7 +33,7 @@ from hgogen.algebra.rank import (
     somewhere,
 )
 from hgogen.algebra.series import Arithmetic, Plant, Point, evaluate, first_gradients
-from hgogen.analysis.on_box import on_branches
+from hgogen.analysis.written import on_branches
 from hgogen.check import Verdict
 from hgogen.sentence import NONE, Reason, because
 from hgogen.system import System

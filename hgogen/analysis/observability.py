@@ -21,8 +21,8 @@ from hgogen.algebra.rank import NowhereDefined, Rank, Ranks, kernel, matrix_rows
 from hgogen.algebra.rank import observability as ranks
 from hgogen.algebra.reached import Branch, Reached
 from hgogen.algebra.series import Arithmetic, Point, first_gradients
-from hgogen.analysis.on_box import on_branches
 from hgogen.analysis.symmetry import Symmetry, symmetries
+from hgogen.analysis.written import on_branches
 from hgogen.check import Check, ClaimId, Verdict
 from hgogen.intervals.glance import enclose
 from hgogen.reading.door import asks_a_plant, remembers

@@ -21,8 +21,7 @@ from hgogen.algebra.rewrite import TooLarge
 from hgogen.algebra.tape import NoTape
 from hgogen.analysis.determinant import Determinant, as_written, determinant, independent
 from hgogen.analysis.lie import along, length, rates, size, without_derivative
-from hgogen.analysis.on_box import on_box
-from hgogen.analysis.written import asked
+from hgogen.analysis.written import asked, on_box
 from hgogen.check import Check, ClaimId, Verdict
 from hgogen.intervals.bounds import nonzero
 from hgogen.intervals.box import box as box_of

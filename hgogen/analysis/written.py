@@ -1,12 +1,23 @@
-"""What a plant reads as it is written, which its rows, or a form of it, may no longer have: (u x + u)/u is x + 1 in a
-form, and has no value at u = 0. Every claim about values on the box rests on the plant's having one there.
+"""A plant on its declared box: what it reads as it is written, and its rows there.
+
+A form of a plant, or its rows as they stand, may no longer have what the plant reads: (u x + u)/u is x + 1 in a form,
+and has no value at u = 0. Every claim about values on the box rests on the plant's having one there.
+
+The box decides on which side of a kink or jump the plant is: |x| is x where x >= 0. Where it does not decide it, the
+plant has several branches (`algebra.reached`).
 """
 
+from collections.abc import Iterable
+from dataclasses import replace
 from functools import lru_cache
 
 import sympy as sp
 
+from hgogen.algebra.rank import at_values
+from hgogen.algebra.reached import Reached, reached
 from hgogen.check import Check, Verdict
+from hgogen.intervals.box import box
+from hgogen.intervals.one_sided import one_sided
 from hgogen.intervals.singular import Condition, conditions, doubtful, put_apart
 from hgogen.sentence import because
 from hgogen.system import System
@@ -44,3 +55,21 @@ def if_valued(check: Check, plant: System) -> Check:
         return check
     reason = because("{part} of the plant is not shown to have a value on the box", part=part)
     return Check(check.id, check.claim, Verdict.UNKNOWN, reason, fix="Narrow the ranges so that it has one.")
+
+
+def on_box(plant: System) -> System:
+    """The plant without kinks and jumps whose side its box decides."""
+    around = plant.box
+    flow, output = (tuple(one_sided(row, around) for row in rows) for rows in (plant.flow, plant.output))
+    return plant if (flow, output) == (plant.flow, plant.output) else replace(plant, flow=flow, output=output)
+
+
+def on_branches(plant: System, loose: Iterable[sp.Symbol]) -> Reached:
+    """The branches of flow and output, in this order, that the declared box reaches: the `loose` parameters in their
+    ranges, the others at their nominal values.
+
+    Raises: `NowhereDefined` where a comparison has no value at these; `NoTape` for a function without a rule.
+    """
+    loose, plain = tuple(loose), on_box(plant)
+    fixed = {p: value for p, value in plant.nominal.items() if p not in loose}
+    return reached(at_values((*plain.flow, *plain.output), fixed), box((*plant.states, *plant.inputs, *loose)))

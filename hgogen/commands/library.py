@@ -33,8 +33,7 @@ from hgogen.reading.content import Unread, content_of
 from hgogen.reading.entry import FORMAT, Entry, entry
 from hgogen.reading.expression import parse
 from hgogen.sentence import Encoded
-from hgogen.structure.chain import Chains, Rows, Shape, levelwise
-from hgogen.structure.several import cascade
+from hgogen.structure.chain import Chains, Rows, Shape, cascade, levelwise
 
 BYTES = 1 << 28  # of a library
 LIMIT = 10.0  # seconds of the processor for each model

@@ -25,9 +25,8 @@ from hgogen.errors import HgogenError
 from hgogen.form import Asking, Form
 from hgogen.reading.given import among
 from hgogen.sentence import because
-from hgogen.structure.chain import Chains, Rows, Shape, cut_off, levelwise, of_plant, structure
+from hgogen.structure.chain import Chains, Rows, Shape, cascade, cut_off, end_aligned, levelwise, of_plant, structure
 from hgogen.structure.coordinates import coordinates, form_in
-from hgogen.structure.several import cascade, end_aligned
 from hgogen.structure.triangle import triangle
 from hgogen.system import System
 

@@ -22,8 +22,7 @@ from hgogen.algebra.points import exact, kind, points, witness
 from hgogen.algebra.rewrite import TooLarge
 from hgogen.analysis.determinant import as_written, determinant
 from hgogen.analysis.lie import along, rates, size, without_derivative
-from hgogen.analysis.on_box import on_box
-from hgogen.analysis.written import asked, if_valued
+from hgogen.analysis.written import asked, if_valued, on_box
 from hgogen.check import Check, ClaimId, Verdict
 from hgogen.form import Asking, Form, NoForm, one_output
 from hgogen.intervals.bounds import nonzero

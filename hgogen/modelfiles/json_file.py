@@ -20,8 +20,8 @@ from hgogen.observer import Observer
 from hgogen.reading.content import Unread, content_of
 from hgogen.signal import Signal
 from hgogen.step import Step
-from hgogen.structure.valued import exchanged, valued
-from hgogen.system import System
+from hgogen.structure.valued import valued
+from hgogen.system import System, exchanged
 
 LARGEST = 10_000_000  # bytes
 
