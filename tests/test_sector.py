@@ -136,20 +136,21 @@ def test_the_form_is_negative_for_slopes_in_their_ranges(
         assert least is not None
         assert fastest is not None
         assert fastest.rate > 0
-        assert bool(least.S) is not corners
+        assert bool(least.weights.S) is not corners
         u, n = np.array([float(unit) for unit in known.error.units]), len(K)
         for function, theta, alpha in ((least, 1, 0), (least, 3, 0), (fastest, 1, float(fastest.alpha))):
             level = float(function.theta) * theta
-            P = np.array([[float(x) for x in row] for row in function.P])
+            P = np.array([[float(x) for x in row] for row in function.weights.P])
+            mu = float(function.others["mu"])
             e = known.error.at(Fraction(level)).floats
             for _ in range(200):
                 d = np.clip(rng.uniform(-2, 2, size=e.G.shape[1]), -1, 1)
                 N = (e.M + (e.G * d) @ e.H) / level
-                whole = adaptation.form(N, u * K, P, float(function.mu), float(function.tau))
-                whole = whole + alpha / level * adaptation.value(P, float(function.mu))
+                whole = adaptation.form(N, u * K, P, mu, float(function.others["tau"]))
+                whole = whole + alpha / level * adaptation.value(P, mu)
                 assert np.linalg.eigvalsh(whole)[-1] < 0
                 assert np.linalg.eigvalsh(N.T @ P + P @ N + alpha / level * P)[-1] < 0
-        assert n == len(least.P)
+        assert n == len(least.weights.P)
 
 
 def test_what_stands_in_the_way_is_told() -> None:
@@ -177,7 +178,7 @@ def test_above_the_bound_the_lyapunov_function_falls_with_the_model_in_it(kind: 
     high = {c.id: c for c in build(swing.form(), theta=theta, decay=1, r=r, poles=(-1, -1)).checks}
     assert high[f"{kind}.theta"].verdict is Verdict.PROVED
     function, K = high[f"{kind}.theta"].proofs[0].fact.falls, np.array([2.0, 1.0])
-    P, mu = np.array([[float(x) for x in row] for row in function.P]), float(function.mu)
+    P, mu = np.array([[float(x) for x in row] for row in function.weights.P]), float(function.others["mu"])
     S = np.array([float(unit) for unit in high[f"{kind}.convergence"].proofs[0].fact.error.units])
     rng = np.random.default_rng(0)
     for _ in range(2000):

@@ -10,12 +10,12 @@ the form; of the dead zone, whose V holds sigma, alpha is l lambda at most. A V 
 one, as J/l shrinks, and 0 is in the ranges (`common_norm`).
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 from functools import cached_property
 from itertools import product
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 from flint import fmpq_mat
@@ -24,25 +24,13 @@ from hgogen.algebra.definite import positive
 from hgogen.chains.columns import as_matrix
 from hgogen.chains.injection import companion
 from hgogen.chains.integrators import Integrators
-from hgogen.evidence.grounds import Evidence
 from hgogen.guarantees.bounded_theta import Nothing
-from hgogen.guarantees.common_norm import (
-    CLOSE,
-    FACTOR,
-    LOWEST,
-    SHARES,
-    SLOW,
-    TIMES,
-    Flow,
-    worth_trying,
-)
-from hgogen.guarantees.contracting import farthest
-from hgogen.guarantees.inclusion import Inclusion, from_form, inclusion, nominal_units, plain
+from hgogen.guarantees.common_norm import CLOSE, SLOW, Falls, Search
+from hgogen.guarantees.inclusion import from_form, inclusion, nominal_units, plain
 from hgogen.guarantees.inequality import one_by_one
-from hgogen.guarantees.quadratic import Array, fractions, rational
+from hgogen.guarantees.quadratic import Array, Weights, fractions, rational
 from hgogen.guarantees.sector import Decay
 from hgogen.guarantees.steepness import obstacle
-from hgogen.intervals import outward
 from hgogen.sentence import Reason, because
 
 _SMALL = 1e-9  # of a form's entries: by how much it is negative where floats take it to be
@@ -50,54 +38,14 @@ _BITS = 24  # of a multiplier
 
 
 @dataclass(frozen=True)
-class Function:
-    """A proof that V' <= -alpha V at `theta`, by `P` (n, n), mu and tau; `S` is empty where corners were taken."""
+class Behind(Search):
+    """The `error` with all of it injected, of gains `K` (n), behind what adapts; the `decays` of its linear core, of
+    which V are those that are sought."""
 
-    theta: Fraction
-    alpha: Fraction
-    P: tuple[tuple[Fraction, ...], ...]
-    mu: Fraction
-    tau: Fraction
-    S: tuple[Fraction, ...]
-
-    @property
-    def rate(self) -> float:
-        """r (1/s) with |error(t)| <= c exp(-r t) (|error(0)| + sqrt sigma(0)), rounded down."""
-        return outward.number(self.alpha / 2)[0]
-
-    @property
-    def written(self) -> Evidence:
-        """P, mu and tau, and S where there are multipliers."""
-        return {"P": self.P, "mu": self.mu, "tau": self.tau} | ({"S": self.S} if self.S else {})
-
-
-@dataclass(frozen=True)
-class Behind:
-    """The `error` with all of it injected, of gains `K` (n), behind what adapts; the `decays` of its linear core."""
-
-    error: Inclusion
-    theta: Fraction
-    K: tuple[Fraction, ...]
-    decays: tuple[Decay, ...]
     how: str = "one function"
-
-    @cached_property
-    def least(self) -> Function | None:
-        """At a theta close to the least; below the one at hand where there is a proof at that."""
-        reaches = [(*reach, one) for one in self.decays for reach in self._reach(one)]
-        if not reaches:
-            return None
-        last, first, one = min(reaches, key=lambda reach: reach[:2])
-        return next(filter(None, (self._proved(one, at) for at in worth_trying(last, first, self.theta))), None)
-
-    @cached_property
-    def fastest(self) -> Function | None:
-        """At theta, with a rate close to the largest that these V give; None where there is none."""
-        best = max(((self._rate(one), k) for k, one in enumerate(self.decays)), default=(Fraction(-1), 0))
-        if best[0] < 0:
-            return None
-        tried = (self._proved(self.decays[best[1]], self.theta, best[0] * share) for share in SHARES)
-        return next(filter(None, tried), None)
+    K: tuple[Fraction, ...] = ()
+    decays: tuple[Decay, ...] = ()
+    close: ClassVar[tuple[float, float]] = (CLOSE, CLOSE)
 
     @property
     def missing(self) -> Reason:
@@ -106,37 +54,31 @@ class Behind:
 
     def obstacle(self, states: Sequence[Any]) -> Reason:
         """Why there is none at theta."""
-        held = self._flow.unstable(states)
-        return held or because("no function is found for all slopes in their ranges")
+        return self.unstable(states) or because("no function is found for all slopes in their ranges")
+
+    def at(self, theta: Fraction, alpha: Fraction = Fraction(0)) -> Falls | None:
+        """A proof of that rate at a theta; None where none of these V shows it."""
+        holding = (one for one in self.decays if self._holds(one, theta, alpha))
+        return next(filter(None, (self._shown(one, theta, alpha) for one in holding)), None)
 
     @cached_property
-    def _flow(self) -> Flow:
-        """The error with all of it injected, at theta."""
-        return Flow(self.error, self.theta)
+    def _known(self) -> Decay | None:
+        """The V that falls at theta, one that has a rate where there is one."""
+        return self._weights(self.theta, self._most * SLOW) or self._weights(self.theta)
 
-    def _reach(self, one: Decay) -> Iterator[tuple[Fraction, Fraction]]:
-        """The least theta of a V in floats, and the first from the declared one on at which it serves, where there is
-        one."""
-        for k in range(TIMES):
-            first = self.theta * FACTOR**k
-            if self._holds(one, first):
-                end = self.theta if k else min(LOWEST, first / 2)
-                yield farthest(lambda at: self._holds(one, at), first, end, CLOSE), first
-                return
+    @property
+    def _most(self) -> Fraction:
+        slowest = [self.theta * one.adaptation.decay for one in self.decays if one.adaptation.shape.most]
+        return min([Fraction(-2 * self.slowest[0]), *slowest])
 
-    def _rate(self, one: Decay) -> Fraction:
-        """The largest alpha of a V at theta, in floats; below 0 where it does not fall."""
-        if not self._holds(one, self.theta):
-            return Fraction(-1)
-        most = Fraction(-2 * self._flow.slowest[0])
-        if one.adaptation.shape.most:
-            most = min(most, self.theta * one.adaptation.decay)
-        first = most * SLOW
+    def _weights(self, theta: Fraction, alpha: Fraction = Fraction(0)) -> Decay | None:
+        return next((one for one in self.decays if self._holds(one, theta, alpha)), None)
 
-        def holds(alpha: Fraction) -> bool:
-            return self._holds(one, self.theta, alpha)
+    def _serves(self, by: Decay, theta: Fraction) -> bool:
+        return self._holds(by, theta)
 
-        return farthest(holds, first, most, CLOSE) if holds(first) else Fraction(0)
+    def _serving(self, by: Decay) -> Callable[[Fraction], bool]:
+        return lambda alpha: self._holds(by, self.theta, alpha)
 
     def _holds(self, one: Decay, theta: Fraction, alpha: Fraction = Fraction(0)) -> bool:
         e, P = self.error.at(theta).floats, np.array(self._P(one), dtype=float)
@@ -144,7 +86,7 @@ class Behind:
         forms = self._forms(one, parts, P, float(one.mu), float(one.tau), float(alpha / theta))
         return all(np.linalg.eigvalsh(form).max() < -_SMALL * np.abs(form).max() for form in forms)
 
-    def _proved(self, one: Decay, theta: Fraction, alpha: Fraction = Fraction(0)) -> Function | None:
+    def _shown(self, one: Decay, theta: Fraction, alpha: Fraction) -> Falls | None:
         e = self.error.at(theta)
         parts = tuple(np.array(fractions(M), dtype=object).reshape(M.shape) for M in (e.M, e.G, e.H))
         M, G, H = parts
@@ -155,7 +97,7 @@ class Behind:
         if not all(positive(fmpq_mat(rational(-form).tolist())) for form in forms):
             return None
         S = () if one_by_one(len(P), len(H)) else tuple(_multiplier(v) for v in (P @ G / theta).T)
-        return Function(theta, alpha, self._P(one), one.mu, one.tau, S)
+        return Falls(theta, alpha, Weights(self._P(one), S), {"mu": one.mu, "tau": one.tau})
 
     def _P(self, one: Decay) -> tuple[tuple[Fraction, ...], ...]:
         """P of a V in the errors of the inclusion."""
@@ -209,4 +151,4 @@ def behind(
     units, gains = [unit / near_z[0] for unit in near_z], [Fraction(k) for k in K.tolist()]
     form, scale = chain.form, from_form(chain.form, units)
     error = inclusion(form, plain(form), companion(np.array(gains)), as_matrix(form, gains), scale, units, numbers)
-    return error if isinstance(error, Nothing) else Behind(error, Fraction(theta), tuple(gains), decays)
+    return error if isinstance(error, Nothing) else Behind(error, Fraction(theta), K=tuple(gains), decays=decays)

@@ -10,16 +10,17 @@ one form has a multiplier S_j >= 0 for each:
 A P that serves a theta at the corners serves every larger one: M/theta is N and the slopes over theta^(degree + 1), and
 those of a degree above -1 have 0 in their ranges, which shrink. What the form shows holds at the corners.
 
-A solver finds P and S, rationals prove them. Without a solver, or of more rows than it is asked for, P is one that is
-at hand, or that of large theta alone, N'P + P N = -I with all that moves in N at its middle: it may serve too, from a
-larger theta on.
+How far theta or the rate goes is searched in floats, with weights that are known as far as these reach and with others
+from there, and proved where that ends. A solver finds P and S, rationals prove them. Without a solver, or of more rows
+than it is asked for, P is one that is at hand, or that of large theta alone, N'P + P N = -I with all that moves in N at
+its middle: it may serve too, from a larger theta on.
 """
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from fractions import Fraction
 from functools import cached_property, lru_cache
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -28,7 +29,7 @@ from hgogen.evidence.grounds import Evidence
 from hgogen.guarantees.contracting import farthest
 from hgogen.guarantees.inclusion import Inclusion, Uncertain
 from hgogen.guarantees.inequality import NOW, corners, falling, flow
-from hgogen.guarantees.lmi import NoSolver, cones
+from hgogen.guarantees.lmi import NoSolver, no_solver
 from hgogen.guarantees.quadratic import (
     Array,
     Quadratic,
@@ -53,7 +54,6 @@ LOWEST = Fraction(1, 100)  # theta that is looked for
 FACTOR, TIMES = 4, 24  # by which theta is raised, and how often, until there is a norm
 _STEP, _ROUNDS = 1.1, 8  # shorter ones are not worth new weights
 CLOSE = 1.003  # where a search with known weights ends
-_FINE, _ABOUT = 1.02, 1.1  # where one for weights ends: for theta, for a rate
 SLOW = Fraction(1, 2**12)  # of the fastest rate: where a rate is looked for first
 SHARES = tuple(Fraction(k, 200) for k in (200, 199, 190, 100, 0))  # of a rate that is proved
 _BEYOND = tuple(Fraction(k, 1000) for k in (1000, 1001, 1010, 1050))  # of a theta that is proved
@@ -67,11 +67,13 @@ Pair = tuple[Array, Array]  # P and S, in floats
 
 @dataclass(frozen=True)
 class Falls:
-    """A proof that V' <= -alpha V at `theta`, by the `weights`; their S is empty where corners stand one by one."""
+    """A proof that V' <= -alpha V at `theta`, by the `weights`; their S is empty where corners stand one by one.
+    `others`: what V holds beside P, by name."""
 
     theta: Fraction
     alpha: Fraction
     weights: Weights
+    others: Evidence = field(default_factory=dict, hash=False)
 
     @property
     def rate(self) -> float:
@@ -80,8 +82,8 @@ class Falls:
 
     @property
     def written(self) -> Evidence:
-        """P, and S where there are multipliers."""
-        return {"P": self.weights.P} | ({"S": self.weights.S} if self.weights.S else {})
+        """P and the others, and S where there are multipliers."""
+        return {"P": self.weights.P, **self.others} | ({"S": self.weights.S} if self.weights.S else {})
 
 
 @dataclass(frozen=True, eq=False)
@@ -119,31 +121,39 @@ STILL = Moved(rational([[0]]))  # of a constant gain
 
 
 @dataclass(frozen=True)
-class Flow:
-    """The `error` of an observer in continuous time, for which norms are sought, at `theta` and beyond; of one whose
-    gain moves, what else it obeys where it is `moved`. `first` (n, n): a P > 0 in floats that may serve."""
+class Search:
+    """The `error` of an observer in continuous time, for which functions that fall are sought, at `theta` and beyond.
+    `how`: what they are. A kind of function says which weights it has in floats at a theta and an alpha (`_weights`),
+    how far these serve (`_serves`, `_serving`), and what it proves there (`at`)."""
 
     error: Inclusion
     theta: Fraction
     how: str = "one norm"
-    moved: Moved = STILL
-    first: Array | None = None
+    close: ClassVar[tuple[float, float]] = (1.02, 1.1)  # where a search for weights ends: for theta, for a rate
+
+    def at(self, theta: Fraction, alpha: Fraction = NOW) -> Falls | None:
+        """A proof of that rate at a theta; None where none is found."""
+        raise NotImplementedError
+
+    def _weights(self, theta: Fraction, alpha: Fraction = NOW) -> Any:
+        raise NotImplementedError
+
+    def _serves(self, by: Any, theta: Fraction) -> bool:
+        raise NotImplementedError
+
+    def _serving(self, by: Any) -> Callable[[Fraction], bool]:
+        """Whether weights serve an alpha at theta, in floats."""
+        raise NotImplementedError
 
     @cached_property
     def fastest(self) -> Falls | None:
         """A proof at theta with a rate close to the largest; None where none is found."""
-        theta, weights, limit = self.theta, self._known, -2 * self.slowest[0]
+        theta, weights = self.theta, self._known
         if weights is None:
             return None
-        most, alpha = Fraction(limit), Fraction(0)
-
-        def holds(by: Pair) -> Callable[[Fraction], bool]:
-            ends = (self._floats(theta, Fraction(0)), self._floats(theta, most))
-            last = most * reach(*ends, *by, self._coordinates)
-            return lambda a: a <= last
-
-        if holds(weights)(most * SLOW):
-            alpha = _reached(most * SLOW, most, weights, holds, lambda a: self._weights(theta, a), _ABOUT)
+        most, alpha = self._most, Fraction(0)
+        if self._serving(weights)(most * SLOW):
+            alpha = self._reached(most * SLOW, most, weights, self._serving, lambda a: self._weights(theta, a), 1)
         tried = (self.at(theta, alpha * share) for share in SHARES)
         return next(filter(None, tried), None)
 
@@ -158,11 +168,96 @@ class Flow:
         lowest = self.theta if theta > self.theta else min(LOWEST, theta / 2)
         end = farthest(lambda at: self._slowest(at)[0] < 0, theta, lowest, CLOSE)
 
-        def holds(by: Pair) -> Callable[[Fraction], bool]:
-            return lambda at: negative(self._floats(at, Fraction(0)), *by, self._coordinates)
+        def serving(by: Any) -> Callable[[Fraction], bool]:
+            return lambda at: self._serves(by, at)
 
-        last = _reached(theta, end, weights, holds, self._weights, _FINE)
+        last = self._reached(theta, end, weights, serving, self._weights, 0)
         return next(filter(None, map(self.at, worth_trying(last, theta, self.theta))), None)
+
+    @property
+    def _most(self) -> Fraction:
+        """What no alpha at theta exceeds."""
+        return Fraction(-2 * self.slowest[0])
+
+    def _reached(
+        self,
+        start: Fraction,
+        end: Fraction,
+        weights: Any,
+        serving: Callable[[Any], Callable[[Fraction], bool]],
+        seek: Callable[[Fraction], Any],
+        of: int,
+    ) -> Fraction:
+        """How far from the start towards the end there are weights: first as far as those reach that are known, and
+        from there again with those that are sought there; then by halving, as `close` as is asked `of` that."""
+        for _ in range(_ROUNDS):
+            value = farthest(serving(weights), start, end, CLOSE)
+            better = seek(value) if not 1 / _STEP < value / start < _STEP else None
+            start = value
+            if better is None:
+                break
+            weights = better
+        return farthest(lambda at: seek(at) is not None, start, end, self.close[of])
+
+    def unstable(self, states: Sequence[Any]) -> Reason:
+        """The slopes at which, held, errors do not decay at theta; `NONE` where none of those tried is so."""
+        speed, d = self.slowest
+        if speed < 0:
+            return NONE
+        return because("with {slopes}, held there, errors do not decay", slopes=point(self.error.named(states, d)))
+
+    @cached_property
+    def _known(self) -> Any:
+        """Weights at theta; None where there are none, or an error does not decay with slopes that are held."""
+        return self._weights(self.theta) if self.slowest[0] < 0 else None
+
+    @cached_property
+    def _first(self) -> tuple[Fraction, Any] | None:
+        """The first theta from the one at hand on at which there are weights, and these."""
+        if self._known is not None:
+            return self.theta, self._known
+        for k in range(1, TIMES):
+            weights = self._weights(self.theta * FACTOR**k)
+            if weights is not None:
+                return self.theta * FACTOR**k, weights
+        return None
+
+    @cached_property
+    def _moving(self) -> Callable[[Fraction], Uncertain]:
+        """What the error obeys at a theta, once for the last ones, as each is asked for at several rates."""
+        return lru_cache(maxsize=_THETAS)(self.error.at)
+
+    def _slowest(self, theta: Fraction) -> tuple[float, Array]:
+        """The largest real part of an eigenvalue at the corners that are tried, and the corner."""
+        e = self._moving(theta).floats
+        d = np.array(self.error.hull, dtype=float) if self.error.hull else corners(e.G.shape[1])
+        parts = np.linalg.eigvals(e.M + (e.G * d[:, None]) @ e.H).real.max(axis=1)
+        return float(parts.max()), d[parts.argmax()]
+
+    @cached_property
+    def slowest(self) -> tuple[float, Array]:
+        """That at theta."""
+        return self._slowest(self.theta)
+
+
+@dataclass(frozen=True)
+class Flow(Search):
+    """Norms for an `error`; of an observer whose gain moves, what else it obeys where it is `moved`. `first` (n, n): a
+    P > 0 in floats that may serve."""
+
+    moved: Moved = STILL
+    first: Array | None = None
+
+    def _serves(self, by: Any, theta: Fraction) -> bool:
+        """Whether weights serve a theta, in floats."""
+        P, S = by
+        return negative(self._floats(theta, Fraction(0)), P, S, self._coordinates)
+
+    def _serving(self, by: Any) -> Callable[[Fraction], bool]:
+        """Whether weights serve an alpha at theta, in floats."""
+        (P, S), theta, most = by, self.theta, self._most
+        last = most * reach(self._floats(theta, Fraction(0)), self._floats(theta, most), P, S, self._coordinates)
+        return lambda a: a <= last
 
     def obstacle(self, states: Sequence[Any]) -> Reason:
         """Why there is no proof at theta: slopes at which, held, errors do not decay, or the one that hinders most."""
@@ -185,21 +280,12 @@ class Flow:
         forms = self._exactly(self.theta, alpha)
         return Falls(self.theta, alpha, weights) if verified(forms, P, S) else None
 
-    def unstable(self, states: Sequence[Any]) -> Reason:
-        """The slopes at which, held, errors do not decay at theta; `NONE` where none of those tried is so."""
-        speed, d = self.slowest
-        if speed < 0:
-            return NONE
-        return because("with {slopes}, held there, errors do not decay", slopes=point(self.error.named(states, d)))
-
     @property
     def missing(self) -> Reason:
         """Why there is no norm at any theta."""
-        try:
-            cones(_WHAT)
-        except NoSolver as missing:
-            return missing.reason
-        return because("no norm is found in which the linear part of the error falls, whatever moves in it")
+        return no_solver(_WHAT) or because(
+            "no norm is found in which the linear part of the error falls, whatever moves in it"
+        )
 
     @cached_property
     def _hindrance(self) -> Slope | None:
@@ -219,29 +305,17 @@ class Flow:
             gains[slope] = sum(float((price * by).sum()) for price, by in zip(best.prices, moved, strict=True))
         return min(gains, key=gains.__getitem__, default=None)
 
-    @cached_property
-    def _known(self) -> Pair | None:
-        """Weights at theta; None where there are none, or an error does not decay with slopes that are held."""
-        return self._weights(self.theta) if self.slowest[0] < 0 else None
-
-    @cached_property
-    def _first(self) -> tuple[Fraction, Pair] | None:
-        """The first theta from the one at hand on at which there are weights, and these."""
-        if self._known is not None:
-            return self.theta, self._known
-        for k in range(1, TIMES):
-            weights = self._weights(self.theta * FACTOR**k)
-            if weights is not None:
-                return self.theta * FACTOR**k, weights
-        return None
-
     def at(self, theta: Fraction, alpha: Fraction = Fraction(0)) -> Falls | None:
         """A proof of that rate at a theta; None where none is found."""
         weights = self._weights(theta, alpha)
-        known = weights and proved(self._exactly(theta, alpha), *weights)
+        known = weights and self._proved(self._exactly(theta, alpha), *weights)
         return Falls(theta, alpha, known) if known else None
 
-    def _weights(self, theta: Fraction, alpha: Fraction = Fraction(0)) -> Pair | None:
+    def _proved(self, forms: Sequence[Quadratic], P: Array, S: Array) -> Weights | None:
+        """Weights near those in floats that prove the forms."""
+        return proved(forms, P, S)
+
+    def _weights(self, theta: Fraction, alpha: Fraction = Fraction(0)) -> Any:
         """Weights in floats with which the forms are negative."""
         forms = self._floats(theta, alpha)
         weights = self._sought(forms)
@@ -298,47 +372,10 @@ class Flow:
     def _floats(self, theta: Fraction, alpha: Fraction) -> tuple[Quadratic, ...]:
         return self._forms(self._moving(theta).floats, theta, float(alpha))
 
-    @cached_property
-    def _moving(self) -> Callable[[Fraction], Uncertain]:
-        """What the error obeys at a theta, once for the last ones, as each is asked for at several rates."""
-        return lru_cache(maxsize=_THETAS)(self.error.at)
-
     def _forms(self, e: Uncertain, theta: Fraction, alpha: Any) -> tuple[Quadratic, ...]:
         return tuple(self.moved.forms(e, theta, alpha, self.error.hull))
-
-    def _slowest(self, theta: Fraction) -> tuple[float, Array]:
-        """The largest real part of an eigenvalue at the corners that are tried, and the corner."""
-        e = self._moving(theta).floats
-        d = np.array(self.error.hull, dtype=float) if self.error.hull else corners(e.G.shape[1])
-        parts = np.linalg.eigvals(e.M + (e.G * d[:, None]) @ e.H).real.max(axis=1)
-        return float(parts.max()), d[parts.argmax()]
-
-    @cached_property
-    def slowest(self) -> tuple[float, Array]:
-        """That at theta."""
-        return self._slowest(self.theta)
 
     @cached_property
     def _coordinates(self) -> Array | None:
         """P^(-1/2) of the first P, near which the P that are sought are."""
         return self.error.coordinates if self.first is None else inverse_root(self.first)
-
-
-def _reached(
-    start: Fraction,
-    end: Fraction,
-    weights: Pair,
-    holds: Callable[[Pair], Callable[[Fraction], bool]],
-    seek: Callable[[Fraction], Pair | None],
-    close: float,
-) -> Fraction:
-    """How far from the start towards the end there are weights: first as far as those reach that are known, and from
-    there again with those that are sought there; then by halving."""
-    for _ in range(_ROUNDS):
-        value = farthest(holds(weights), start, end, CLOSE)
-        better = seek(value) if not 1 / _STEP < value / start < _STEP else None
-        start = value
-        if better is None:
-            break
-        weights = better
-    return farthest(lambda at: seek(at) is not None, start, end, close)

@@ -18,28 +18,23 @@ Kokotovic, "Nonlinear observers: a circle criterion design and robustness analys
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from fractions import Fraction
 from functools import cached_property
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 from flint import fmpq, fmpq_mat
 
-from hgogen.guarantees.common_norm import Falls
-from hgogen.guarantees.inclusion import Inclusion
-from hgogen.guarantees.inequality import falling
-from hgogen.guarantees.lmi import NoSolver
+from hgogen.guarantees.common_norm import CLOSE, Flow
+from hgogen.guarantees.lmi import no_solver
 from hgogen.guarantees.quadratic import Array, Quadratic, Weights, floats, on_grid, rational, verified
-from hgogen.guarantees.semidefinite import CLOSER, Rows, definite, solved
+from hgogen.guarantees.semidefinite import CLOSER, Rows, definite, entries, solved
 from hgogen.guarantees.slope_of_error import Slope
-from hgogen.sentence import NONE, Reason, because
+from hgogen.sentence import Reason, because
 
 _WHAT = "one norm for slopes without an end"
 _LEAST = 1e-3  # of the eigenvalues of a P whose trace is its size
 _MARGIN = 1e-7  # that a form has to have in floats
 _BITS = (20, 30, 44)
-_LOWEST, _FACTOR, _TIMES = Fraction(1, 100), 4, 8  # theta that is looked for, and by which it is raised, how often
-_HALVINGS = 9
 _NONE = (
     "no norm is found that keeps to the slopes without an end: there may be one where they are in the last of two "
     "states of a chain, by an argument that is positive there, or in a state in whose place b reads the sample"
@@ -47,83 +42,37 @@ _NONE = (
 
 
 @dataclass(frozen=True)
-class OneSided:
+class OneSided(Flow):
     """Norms for an `error` some of whose slopes have one end, at `theta` and beyond."""
 
-    error: Inclusion
-    theta: Fraction
     how: str = "one norm that keeps to the signs of slopes without an end,"
+    close: ClassVar[tuple[float, float]] = (CLOSE, CLOSE)
 
     @property
     def endless(self) -> tuple[Slope, ...]:
         """The slopes without an end, of which something is read."""
         return tuple(slope for slope in self.error.endless if any(slope.reads))
 
-    @cached_property
-    def least(self) -> Falls | None:
-        """A proof at a theta close to the least; None where none is found."""
-        first = next(filter(None, (self.at(self.theta * _FACTOR**k) for k in range(_TIMES))), None)
-        if first is None:
-            return None
-        low, best = (self.theta if first.theta > self.theta else min(_LOWEST, self.theta / 2)), first
-        at_end = self.at(low) if low < self.theta else None
-        if at_end is not None:
-            return at_end
-        for _ in range(_HALVINGS):
-            middle = Fraction(f"{float(low * best.theta) ** 0.5:.3g}")
-            one = self.at(middle) if low < middle < best.theta else None
-            low, best = (low, one) if one else (max(low, middle), best)
-        return best
-
-    @cached_property
-    def fastest(self) -> Falls | None:
-        """A proof at theta with a rate close to the largest; None where none is found."""
-        best = self.at(self.theta)
-        if best is None:
-            return None
-        M = self.error.at(self.theta).floats.M
-        low, high = Fraction(0), Fraction(-2 * float(np.linalg.eigvals(M).real.max()))
-        for _ in range(_HALVINGS):
-            middle = (low + high) / 2
-            one = self.at(self.theta, middle)
-            low, high, best = (middle, high, one) if one else (low, middle, best)
-        return best
-
     @property
     def missing(self) -> Reason:
         """Why there is a proof at no theta."""
-        return self._why or because(_NONE)
+        return no_solver(_WHAT) or because(_NONE)
 
     def obstacle(self, states: Sequence[Any]) -> Reason:
         """Why there is none at theta."""
-        return self._why or because("no norm is found for all slopes in their ranges")
+        return no_solver(_WHAT) or because("no norm is found for all slopes in their ranges")
 
-    @property
-    def _why(self) -> Reason:
-        try:
-            self.at(self.theta)
-        except NoSolver as missing:
-            return missing.reason
-        return NONE
-
-    def at(self, theta: Fraction, alpha: Fraction = Fraction(0)) -> Falls | None:
-        """A proof of that rate at a theta; None where none is found.
-
-        Raises: `NoSolver`.
-        """
-        e, basis = self.error.at(theta), self._basis
-        if not len(basis):
-            return None
-        forms = falling(e, alpha)
-        shares = self._shares([form.floats for form in forms])
-        if shares is None:
-            return None
-        y, S = shares
+    def _proved(self, forms: Sequence[Quadratic], P: Array, S: Array) -> Weights | None:
+        """The shares of the basis, rounded, so that P keeps to the equations exactly."""
+        rows = np.array([floats(matrix).ravel() for matrix in self._basis])
+        y = np.linalg.lstsq(rows.T, P.ravel(), rcond=None)[0]
         for bits in _BITS:
-            exactly, multipliers = on_grid(y, bits), on_grid(S, bits)
-            P = sum((share * matrix for share, matrix in zip(exactly, basis, strict=True)), 0 * basis[0])
-            if self._signed(P) and verified(forms, P, multipliers):
-                return Falls(theta, alpha, Weights.of(P, multipliers))
+            multipliers = on_grid(S, bits)
+            whole = sum(
+                (share * one for share, one in zip(on_grid(y, bits), self._basis, strict=True)), 0 * self._basis[0]
+            )
+            if self._signed(whole) and verified(forms, whole, multipliers):
+                return Weights.of(whole, multipliers)
         return None
 
     @cached_property
@@ -156,20 +105,22 @@ class OneSided:
             onto, reads = (onto, reads) if P.dtype == object else (floats(each[None])[0] for each in (onto, reads))
             yield -slope.endless * ((P @ onto) @ reads) / (reads @ reads)
 
-    def _shares(self, forms: Sequence[Quadratic]) -> tuple[Array, Array] | None:
-        """Shares of the basis, and multipliers S, in floats, with which forms of floats are negative by the most.
-
-        Raises: `NoSolver`.
-        """
-        basis, n, k = [floats(matrix) for matrix in self._basis], len(self.error.N), len(forms[0].Q)
-        nothing, none = np.zeros((n, n)), np.zeros(k)
-        count = len(basis) + k
-        rows = list[Rows]()
+    def _sought(self, forms: Sequence[Quadratic]) -> tuple[Array, Array] | None:
+        """P that keeps to the equations, and multipliers S, with which forms of floats are negative by the most."""
+        basis, (n, _), k = [floats(matrix) for matrix in self._basis], self.error.N.shape, len(forms[0].Q)
+        if not basis or no_solver(_WHAT):
+            return None
+        count, each = len(basis) + k, np.array(basis)
+        i, j = np.triu_indices(n)
+        order = np.lexsort((i, j))  # as the entries of P stand, column by column
+        short, rows = each[:, i[order], j[order]], list[Rows]()
         for form in forms:
-            brings = [form.value(matrix, none) for matrix in basis] + [form.value(nothing, one) for one in np.eye(k)]
-            rows.append(definite(np.array(brings), np.eye(form.size)[None], np.zeros((form.size, form.size))))
-        smaller = np.array([*(-matrix for matrix in basis), *[nothing] * k])
-        rows.append(definite(smaller, nothing[None], -_LEAST * np.eye(n)))
+            brings = entries(form)
+            of_basis = np.tensordot(short, brings[: short.shape[1]], 1)
+            whole = np.concatenate([of_basis, brings[short.shape[1] :]])
+            rows.append(definite(whole, np.eye(form.size)[None], np.zeros((form.size, form.size))))
+        nothing = np.zeros((k, n, n))
+        rows.append(definite(np.concatenate([-each, nothing]), np.zeros((1, n, n)), -_LEAST * np.eye(n)))
         signs = np.zeros((len(self.endless) + k, count + 1))
         for at, matrix in enumerate(basis):
             signs[: len(self.endless), at] = [-float(share) for share in self._lambdas(matrix)]
@@ -179,7 +130,8 @@ class OneSided:
         solution = solved(np.append(np.zeros(count), -1.0), rows, CLOSER, _WHAT)
         if solution is None or not solution[0][-1] > _MARGIN:
             return None
-        return solution[0][: len(basis)], np.maximum(solution[0][len(basis) : count], 0.0)
+        x = solution[0]
+        return np.tensordot(x[: len(basis)], each, 1), np.maximum(x[len(basis) : count], 0.0)
 
 
 def _null(rows: Sequence[Sequence[fmpq]], count: int) -> list[list[fmpq]]:

@@ -20,7 +20,7 @@ from flint import fmpq, fmpq_mat
 
 from hgogen.algebra.definite import Matrix, exact, fraction, number, positive, unit
 from hgogen.errors import HgogenError
-from hgogen.sentence import Reason, because
+from hgogen.sentence import NONE, Reason, because
 
 STATES = 12  # beyond it the exact Lyapunov equation has too many unknowns for a check that answers at once
 
@@ -41,6 +41,15 @@ class NoSolver(HgogenError):
 
     def __str__(self) -> str:
         return str(self.reason)
+
+
+def no_solver(what: str) -> Reason:
+    """Why `what` has none, or `NONE`."""
+    try:
+        cones(what)
+    except NoSolver as missing:
+        return missing.reason
+    return NONE
 
 
 @dataclass(frozen=True)
