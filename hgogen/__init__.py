@@ -30,8 +30,7 @@ if TYPE_CHECKING:  # the same as in the tables below, for what reads types; a te
     from hgogen.form import Form
     from hgogen.guarantees import design
     from hgogen.guarantees.dissipation import Dissipation, dissipation
-    from hgogen.guarantees.error_system import ErrorSystem, error_system
-    from hgogen.guarantees.observer_errors import observer_errors
+    from hgogen.guarantees.error_system import ErrorSystem, error_system, observer_errors
     from hgogen.identification.fit import fit
     from hgogen.identification.records import Log, record
     from hgogen.identification.result import Fit
@@ -83,7 +82,7 @@ _NAMES = {  # what else is public, and the file that holds it
     **dict.fromkeys(("StartSet", "start_set"), "certificates.start_set"),
     **dict.fromkeys(("Check", "Verdict"), "check"),
     **dict.fromkeys(("Dissipation", "dissipation"), "guarantees.dissipation"),
-    **dict.fromkeys(("ErrorSystem", "error_system"), "guarantees.error_system"),
+    **dict.fromkeys(("ErrorSystem", "error_system", "observer_errors"), "guarantees.error_system"),
     "HgogenError": "errors",
     "Form": "form",
     "Fit": "identification.result",
@@ -95,7 +94,6 @@ _NAMES = {  # what else is public, and the file that holds it
     **dict.fromkeys(("Model", "load"), "model"),
     "observability": "analysis.observability",
     "Observer": "observer",
-    "observer_errors": "guarantees.observer_errors",
     **dict.fromkeys(("bound", "nonzero"), "analysis.query"),
     "proposed_trial": "trials.proposed",
     "recast": "structure.recast",

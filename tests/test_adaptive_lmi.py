@@ -19,7 +19,7 @@ import hgogen as hg
 from hgogen.algebra.definite import NotHurwitz
 from hgogen.chains.core import core_numbers, nominal
 from hgogen.check import Refuted, Verdict
-from hgogen.guarantees.attenuating import MovingGain
+from hgogen.guarantees.adaptive_gain import MovingGain
 from hgogen.guarantees.design import adaptive_gain, slope
 from hgogen.model import load
 from hgogen.reading.given import BadGain

@@ -16,9 +16,8 @@ import hgogen as hg
 from hgogen.certificates.contraction import Reach, _beyond, _proved, contraction, reach
 from hgogen.chains.sampled import Sampled
 from hgogen.check import Verdict
-from hgogen.guarantees.all_shorter import Piece
 from hgogen.guarantees.bounded_theta import Nothing
-from hgogen.guarantees.contracting import Contracts, Steps, unstable
+from hgogen.guarantees.contracting import Contracts, Piece, Steps, unstable
 from hgogen.guarantees.inclusion import Inclusion
 from hgogen.guarantees.inequality import corners
 from hgogen.guarantees.quadratic import Quadratic, Weights, rational, verified

@@ -14,8 +14,8 @@ from scipy.linalg import expm
 
 import hgogen as hg
 from hgogen.check import Verdict
+from hgogen.guarantees.gain_search import NoGain
 from hgogen.guarantees.lmi import NoSolver
-from hgogen.guarantees.unreached_rate import NoGain
 from hgogen.model import load
 from hgogen.reading.given import BadGain
 from hgogen.recheck.verification import recheck

@@ -18,8 +18,7 @@ from hgogen.chains.injection import companion
 from hgogen.chains.integrators import integrators
 from hgogen.check import Verdict
 from hgogen.guarantees import inequality
-from hgogen.guarantees.behind_sector import Behind, behind
-from hgogen.guarantees.sector import DEAD_ZONE, SATURATION, Adaptation, Shape, core_check, decays
+from hgogen.guarantees.behind_sector import DEAD_ZONE, SATURATION, Adaptation, Behind, Shape, behind, core_check, decays
 
 seeds = st.integers(0, 2**32 - 1)
 

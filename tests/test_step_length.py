@@ -16,7 +16,7 @@ from step_lengths import pairs, row
 from threadpoolctl import ThreadpoolController
 
 import hgogen as hg
-from hgogen.certificates.admitted import Admitted
+from hgogen.certificates.contraction import Admitted
 from hgogen.chains.frozen import frozen
 from hgogen.chains.transient import advised, first_unstable, stable
 from hgogen.commands.checked import checked

@@ -11,7 +11,7 @@ from fractions import Fraction
 import sympy as sp
 
 from hgogen.guarantees.entering import Heads
-from hgogen.guarantees.slope_of_error import Layout
+from hgogen.guarantees.inclusion import Layout
 from hgogen.intervals.bounds import bound
 from hgogen.intervals.box import box
 from hgogen.step import Step

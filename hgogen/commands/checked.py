@@ -6,7 +6,7 @@ from typing import Annotated, Any
 
 import hgogen as hg
 from hgogen.call import CallableStep
-from hgogen.certificates.admitted import Admitted, admitted
+from hgogen.certificates.contraction import Admitted, admitted
 from hgogen.certificates.error_bound import ErrorBound
 from hgogen.check import Check, Refuted, refuted
 from hgogen.commands.stated_bounds import bound_of

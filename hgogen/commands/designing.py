@@ -15,7 +15,7 @@ from hgogen.commands.command import Report, command
 from hgogen.commands.options import ModelArgument, Out, Tuned
 from hgogen.commands.output import Bar, Folder, Written, folder_of, rendered
 from hgogen.commands.process import note
-from hgogen.guarantees.unreached_rate import NoGain
+from hgogen.guarantees.gain_search import NoGain
 from hgogen.model import Model, load
 from hgogen.modelfiles.setting import AS_WRITTEN, Setting
 

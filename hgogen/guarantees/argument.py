@@ -23,8 +23,7 @@ from hgogen.algebra.points import exact
 from hgogen.chains.columns import as_matrix, columns
 from hgogen.form import Form
 from hgogen.guarantees.bounded_theta import Nothing
-from hgogen.guarantees.inclusion import Inclusion
-from hgogen.guarantees.slope_of_error import Slope, of_field
+from hgogen.guarantees.inclusion import Inclusion, Slope, of_field
 from hgogen.sentence import NONE, Reason, because
 from hgogen.structure.polytope import chains, fixed
 from hgogen.structure.spare import entering, weighted

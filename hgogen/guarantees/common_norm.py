@@ -27,7 +27,7 @@ import numpy as np
 from hgogen.algebra.definite import number
 from hgogen.evidence.grounds import Evidence
 from hgogen.guarantees.contracting import farthest
-from hgogen.guarantees.inclusion import Inclusion, Uncertain
+from hgogen.guarantees.inclusion import Inclusion, Slope, Uncertain
 from hgogen.guarantees.inequality import NOW, corners, falling, flow
 from hgogen.guarantees.lmi import NoSolver, no_solver
 from hgogen.guarantees.quadratic import (
@@ -43,7 +43,6 @@ from hgogen.guarantees.quadratic import (
     verified,
 )
 from hgogen.guarantees.semidefinite import Margin, widest
-from hgogen.guarantees.slope_of_error import Slope
 from hgogen.intervals import outward
 from hgogen.intervals.digits import up
 from hgogen.sentence import NONE, Reason, because, point
@@ -121,7 +120,7 @@ STILL = Moved(rational([[0]]))  # of a constant gain
 
 
 @dataclass(frozen=True)
-class Search:
+class FunctionSearch:
     """The `error` of an observer in continuous time, for which functions that fall are sought, at `theta` and beyond.
     `how`: what they are. A kind of function says which weights it has in floats at a theta and an alpha (`_weights`),
     how far these serve (`_serves`, `_serving`), and what it proves there (`at`)."""
@@ -241,7 +240,7 @@ class Search:
 
 
 @dataclass(frozen=True)
-class Flow(Search):
+class Flow(FunctionSearch):
     """Norms for an `error`; of an observer whose gain moves, what else it obeys where it is `moved`. `first` (n, n): a
     P > 0 in floats that may serve."""
 

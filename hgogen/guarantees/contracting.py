@@ -1,7 +1,11 @@
 """How fast a step contracts, and at which step lengths and gains it still does.
 
 A solver finds the weights, rationals prove them; what is searched is only proved where it ends. A proof is of one step
-length and one theta.
+length and one theta, or of every step length up to one, each with the same slopes: for fixed weights the form of an
+explicit method is a polynomial in h, of degree d = 2 s - 1 for s stages. On a piece [a, b] it is a mean of its d + 1
+Bernstein coefficients, so that it is negative there where these are; they are what takes its values at d + 1 points,
+and are exact (Farouki, "The Bernstein polynomial basis: a centennial retrospective", Computer Aided Geometric Design 29
+(2012), 3.1). Pieces that have no weights are halved.
 """
 
 import math
@@ -9,12 +13,15 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from fractions import Fraction
 from functools import cached_property, lru_cache
+from math import comb
 
 import numpy as np
+from flint import fmpq_mat
 
+from hgogen.algebra.definite import positive
 from hgogen.guarantees.inclusion import Inclusion, Uncertain
 from hgogen.guarantees.inequality import NOW, ErrorStep, Inequality, corners, flow
-from hgogen.guarantees.quadratic import Array, Weights, inverse_root, negative, proved
+from hgogen.guarantees.quadratic import Array, Weights, floats, inverse_root, negative, on_grid, proved, rational, times
 from hgogen.guarantees.semidefinite import sought
 
 ROWS = 48  # fields and slopes of all stages: beyond, a solver takes longer than a check may
@@ -27,6 +34,8 @@ _SHARES = (Fraction(1), Fraction(199, 200), Fraction(19, 20), Fraction(0))  # of
 _WHAT = "a proof of the step"
 _NOTHING = Fraction(0)
 _LENGTHS = 16  # of which steps are remembered
+_PIECES = 12  # that are tried before it is given up
+_GRID = 60  # bits after the point of the weights
 
 
 @dataclass(frozen=True)
@@ -141,3 +150,56 @@ def _frozen(step: Inequality) -> tuple[float, Array]:
     radius = np.abs(np.linalg.eigvals(step.frozen(d))).max(axis=1)
     worst = int(radius.argmax())
     return float(radius[worst]), d[worst]
+
+
+@dataclass(frozen=True)
+class Piece:
+    """A proof by the same `weights` at every step length from `low` to `high`."""
+
+    low: Fraction
+    high: Fraction
+    weights: Weights
+
+
+def all_shorter(steps: Steps, longest: Fraction) -> tuple[Piece, ...]:
+    """Proofs of every step length above 0 up to the longest; none where not all are proved, or where the form is no
+    polynomial in the length.
+
+    Raises: `NoSolver`.
+    """
+    if not steps.at(longest).degree:
+        return ()
+    left, pieces, tried = [(Fraction(0), longest)], [], 0
+    while left:
+        low, high = left.pop()
+        tried += 1
+        piece = _piece(steps, low, high)
+        if piece is not None:
+            pieces.append(piece)
+        elif tried >= _PIECES:
+            return ()
+        else:
+            left += [(low, (low + high) / 2), ((low + high) / 2, high)]
+    return tuple(sorted(pieces, key=lambda piece: piece.low))
+
+
+def _piece(steps: Steps, low: Fraction, high: Fraction) -> Piece | None:
+    weights = steps.weights(high, _NOTHING)  # the longest asks for most
+    if weights is None:
+        return None
+    P, S = (on_grid(value, _GRID) for value in weights)
+    degree = steps.at(high).degree
+    values = [steps.at(low + (high - low) * k / degree).falls(_NOTHING).value(P, S) for k in range(degree + 1)]
+    parts = times(_bernstein(degree), np.array([value.ravel() for value in values])).reshape(-1, *values[0].shape)
+    if any(np.linalg.eigvalsh(floats(part)).max() >= 0 for part in parts):
+        return None
+    shown = all(positive(fmpq_mat((-part).tolist())) for part in parts) and positive(fmpq_mat(P.tolist()))
+    return Piece(low, high, Weights.of(P, S)) if shown else None
+
+
+@lru_cache(maxsize=8)
+def _bernstein(degree: int) -> Array:
+    """(d + 1, d + 1): the Bernstein coefficients of a polynomial from its values at k/d, k = 0, .., d."""
+    at = [Fraction(k, degree) for k in range(degree + 1)]
+    basis = rational([[comb(degree, j) * t**j * (1 - t) ** (degree - j) for j in range(degree + 1)] for t in at])
+    return np.array(fmpq_mat(basis.tolist()).inv().tolist(), dtype=object)

@@ -49,11 +49,11 @@ from hgogen.guarantees.formulas import (
     least_gamma,
 )
 from hgogen.guarantees.gain_programs import Optimum, Task, best
+from hgogen.guarantees.gain_search import NoGain
 from hgogen.guarantees.lmi import gains, solver
 from hgogen.guarantees.noise_in_time import noise_bounds
 from hgogen.guarantees.steady_gain import steady_gain
 from hgogen.guarantees.steepness import obstacle
-from hgogen.guarantees.unreached_rate import NoGain
 from hgogen.intervals.digits import down, up
 from hgogen.reading.door import Misfit
 from hgogen.reading.given import BadGain, positive, real, reals

@@ -23,11 +23,9 @@ from hgogen.chains.columns import as_matrix, columns
 from hgogen.form import Form
 from hgogen.guarantees.argument import no_argument, numbers_in_place
 from hgogen.guarantees.constant_gain import entries_of
-from hgogen.guarantees.gain_search import Task
+from hgogen.guarantees.gain_search import Candidate, Search, Task, plain, unreached
 from hgogen.guarantees.noise_in_time import Bounds, bounds, named
 from hgogen.guarantees.quadratic import Array
-from hgogen.guarantees.rate_search import Candidate, Search, plain
-from hgogen.guarantees.unreached_rate import unreached
 from hgogen.intervals.digits import Down, Up, same
 from hgogen.reading.door import Misfit, remembers
 from hgogen.reading.given import BadGain, positive

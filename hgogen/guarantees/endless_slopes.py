@@ -25,10 +25,10 @@ import numpy as np
 from flint import fmpq, fmpq_mat
 
 from hgogen.guarantees.common_norm import CLOSE, Flow
+from hgogen.guarantees.inclusion import Slope
 from hgogen.guarantees.lmi import no_solver
 from hgogen.guarantees.quadratic import Array, Quadratic, Weights, floats, on_grid, rational, verified
 from hgogen.guarantees.semidefinite import CLOSER, Rows, definite, entries, solved
-from hgogen.guarantees.slope_of_error import Slope
 from hgogen.sentence import Reason, because
 
 _WHAT = "one norm for slopes without an end"

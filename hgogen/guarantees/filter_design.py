@@ -22,12 +22,11 @@ import numpy as np
 from hgogen.chains.integrators import Integrators, integrators
 from hgogen.form import Form
 from hgogen.guarantees.bounded_theta import Nothing
-from hgogen.guarantees.inclusion import Inclusion, of_state, on_integrators
+from hgogen.guarantees.inclusion import Inclusion, Layout, of_state, on_integrators
 from hgogen.guarantees.inequality import NOW, driven, flow
 from hgogen.guarantees.quadratic import Array, floats, inverse_root
 from hgogen.guarantees.questions import Bounded, InputBound, bound_at, bound_in_floats
 from hgogen.guarantees.semidefinite import sought
-from hgogen.guarantees.slope_of_error import Layout
 from hgogen.intervals.digits import up
 from hgogen.reading.door import Misfit
 from hgogen.reading.given import BadGain, among, count, positive

@@ -1,4 +1,4 @@
-"""A gain of a small noise bound at a wanted rate, over P and Y = P K together, in floats: no proof of it.
+"""A gain of a small noise bound at a wanted rate: the program over P and Y = P K, and the search for a proved one.
 
     e' = (M - K C) e + (B + K) v + (G - K D) diag(d) (H e + E v),   |d_j| <= 1,   |v_j| <= 1,   V = e'P e
 
@@ -10,24 +10,50 @@ P (M - K C) is [P, Y] times the rows of M and -C, so that the forms are those of
 The last row asks that noise alone moves e by at most `fastest`, per unit of time, in the norm in which e is at most 1:
 without it the gain of a single state, for one, would have no end. Source: Boyd, El Ghaoui, Feron, Balakrishnan, "Linear
 Matrix Inequalities in System and Control Theory", SIAM (1994), 6.1.3, 7.1.
+
+That is one norm for the rate and for noise, though each may have its own. So it is asked for less than the rate, as
+little as leaves a gain of which a norm of its own proves the rate, with noise at a rate that is searched; of these
+gains the one of the least bound is taken, which is found in floats. The rate is proved of rounded numbers. Where no
+gain reaches it, the slope that stands in the way most is told.
 """
 
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+import math
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from fractions import Fraction
 from functools import cached_property
 
 import numpy as np
+import sympy as sp
 
-from hgogen.guarantees.inclusion import Uncertain
+from hgogen.chains.columns import columns
+from hgogen.errors import HgogenError
+from hgogen.form import Form
+from hgogen.guarantees.argument import injected
+from hgogen.guarantees.bounded_theta import Nothing
+from hgogen.guarantees.common_norm import Falls, Flow
+from hgogen.guarantees.inclusion import Inclusion, Slope, Uncertain, with_gains
 from hgogen.guarantees.inequality import ends, flow, one_by_one, pushed
+from hgogen.guarantees.noise_in_time import together_in_floats
 from hgogen.guarantees.quadratic import Array, Quadratic
 from hgogen.guarantees.semidefinite import CLOSER, Rows, basis, definite, entries, reaching, solved
+from hgogen.intervals.digits import Down
+from hgogen.sentence import Reason, because
 
 _WHAT = "the design of a gain"
 _LESS = 1 - 1e-6  # of alpha for the lambda
 _BY = 1e-7  # by which forms are negative
 _DOUBLINGS = 60  # of the pace
 _SMALL = 1e-12
+_SLOW, _FAST, _SEARCHED = 1 / 8, 6, 8  # of the rates of noise: where they begin and end, and how many are tried
+_OF_PACE = 1 / 10  # of the pace of slopes: as fast as it are rates of noise, however slow the wanted one
+_LARGE = 1e30  # in the place of a bound, where there is no gain
+_PARTS = (1.02, 0.7, 0.4)  # of the rate, that the one norm is asked for first
+_LEAST, _HALVINGS = 0.0, 6
+_DIGITS = 6
+_ONE = Fraction(1)
+_BACK, _STEPS = 12, 5  # halvings of the rate; steps from it to the one that is reached
+_NOISY = 0.5  # the share of a rate with which noise is bounded
 
 
 @dataclass(frozen=True, eq=False)
@@ -179,3 +205,188 @@ def opened(without: Uncertain, ones: Uncertain, *, heads: Sequence[int], chain: 
     gain reads."""
     e, C, D = without, without.M - ones.M, without.G - ones.G
     return Open(e.M, e.G, e.H, C[list(heads)], D[list(heads)], e.B, e.E, tuple(chain))
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """A gain K (n, p), with the entries of N in the `argument` of b, with a proof that the error `falls` at the rate;
+    `worth`: its largest bound, about."""
+
+    K: tuple[tuple[float, ...], ...]
+    argument: tuple[float, ...]
+    flow: Flow
+    falls: Falls
+    worth: float = _LARGE
+
+
+@dataclass(frozen=True, eq=False)
+class Search:
+    """For gains of a form, of a `task` under noise of these `sizes` (p), written with `theta`; with the output error in
+    the argument of b by `argument`, the entries of N at theta = 1, or none."""
+
+    form: Form
+    task: Task
+    sizes: Array
+    theta: float
+    argument: tuple[float, ...] = ()
+
+    def best(self) -> Candidate | None:
+        """That of the least worth; None where none is found.
+
+        Raises: `NoSolver`.
+        """
+        tried = list[Candidate]()
+
+        def worth(noisy: float) -> float:
+            one = self._slowest(math.exp(noisy))
+            tried.extend([one] if one else [])
+            return one.worth if one else _LARGE
+
+        from scipy.optimize import minimize_scalar  # which the solver needs as well
+
+        ends = math.log(self.task.rate * _SLOW), math.log(self._fast * _FAST)
+        minimize_scalar(worth, bounds=ends, method="bounded", options={"maxiter": _SEARCHED})
+        return min(tried, key=lambda one: one.worth, default=None)
+
+    @property
+    def _fast(self) -> float:
+        return max(self.task.rate, _OF_PACE * self.task.pace)
+
+    @property
+    def written(self) -> tuple[float, ...]:
+        """The entries of N over their powers of theta, in as many digits as those of K."""
+        places = columns(self.form, len(self.argument)) if self.argument else ()
+        return tuple(self._short(x, at.power - 1) for x, at in zip(self.argument, places, strict=True))
+
+    def _short(self, value: float, power: int) -> float:
+        return float(f"{value / self.theta**power:.{_DIGITS}g}")
+
+    def promise(self) -> float:
+        """The worth with noise at about half of the rate, to two digits.
+
+        Raises: `NoSolver`.
+        """
+        one = self.middle()
+        return float(f"{one.worth:.2g}") if one else _LARGE
+
+    def middle(self) -> Candidate | None:
+        """That with noise at about half of the rate; None where none is found.
+
+        Raises: `NoSolver`.
+        """
+        return self._slowest(math.sqrt(self.task.rate * self._fast) / 2)
+
+    def _slowest(self, noisy: float) -> Candidate | None:
+        """With noise at that rate, the gain of the least rate in one norm that has the wanted one in its own."""
+        start = next(((less, one) for less in _PARTS if (one := self._at(less, noisy))), None)
+        if start is None:
+            return None
+        (high, best), low = start, _LEAST
+        for _ in range(_HALVINGS):
+            middle = (low + high) / 2
+            one = self._at(middle, noisy)
+            low, high, best = (low, middle, one) if one else (middle, high, best)
+        worth = together_in_floats(
+            best.flow.error, self.sizes, self.task.rows, best.falls, 2 * noisy, self.task.fastest
+        )
+        return replace(best, worth=min(worth, _LARGE))
+
+    def _at(self, less: float, noisy: float) -> Candidate | None:
+        """The gain by one norm at so much of the rate, where it has the whole rate in its own."""
+        K = self.task.gain(less * self.task.rate, noisy)
+        if K is None or not np.isfinite(K).all():
+            return None
+        K = K / self.sizes
+        entries = [self._short(K[at.row, at.chain], at.power) for at in columns(self.form, K.size)]
+        error = error_of(self.form, [*map(Fraction, entries)], self.written)
+        if isinstance(error, Nothing):
+            return None
+        flow = Flow(error, Fraction(self.theta))
+        falls = flow.at(flow.theta, 2 * Fraction(self.task.rate))
+        rows = tuple(map(tuple, np.reshape(entries, K.shape).tolist()))
+        return Candidate(rows, self.written, flow, falls) if falls else None
+
+
+def error_of(form: Form, K: Sequence[Fraction], argument: Sequence[float]) -> Inclusion | Nothing:
+    """What the error obeys with a gain of these entries, and with those of N in the argument of b, or none."""
+    error = with_gains(form, K)
+    return injected(error, form, [sp.Rational(Fraction(x)) for x in argument]) if argument else error
+
+
+def plain(form: Form, sizes: Array, narrower: int | None = None, argument: Sequence[float] = ()) -> Open | Reason:
+    """What the error obeys before there is a gain, noise in its sizes (p), with half of the range of the slope of that
+    number; or why there is nothing to design."""
+    if len(form.leads) < len(form.blocks):
+        return because("it is for outputs of which each has a chain of its own")
+    without, ones = (error_of(form, [Fraction(k)] * form.n, argument) for k in (0, 1))
+    if isinstance(without, Nothing) or isinstance(ones, Nothing):
+        return because("{why}", why=without)
+    chain = [k for k, size in enumerate(form.blocks) for _ in range(size)]
+    parts = list[Uncertain]()
+    for error in (without, ones):
+        slopes = tuple(_half(slope) if k == narrower else slope for k, slope in enumerate(error.slopes))
+        parts.append(replace(error, slopes=slopes).at(_ONE).floats)
+    open_ = opened(*parts, heads=form.heads, chain=chain)
+    C, D = (each / sizes[:, None] for each in (open_.C, open_.D))
+    return replace(open_, C=C, D=D, B=open_.B * sizes, E=open_.E * sizes)
+
+
+def _half(slope: Slope) -> Slope:
+    """With half of its range: about its middle, but that of an entry of a Jacobian, which holds 0, about that."""
+    centre = (slope.low + slope.high) / 2 if slope.entry is None else Fraction(0)
+    return replace(slope, low=(slope.low + centre) / 2, high=(slope.high + centre) / 2)
+
+
+@dataclass(eq=False)
+class NoGain(HgogenError):
+    """No gain is found with which errors decay at the wanted `rate`. `reached`: the largest of the smaller rates tried
+    at which one is, 0.0 where none is; `hindrance`: what stands in the way."""
+
+    plant: str
+    rate: float
+    reached: float
+    hindrance: Reason
+
+    def __str__(self) -> str:
+        most = "nor at any smaller one that is tried"
+        if self.reached:
+            most = str(because("at {reached} there is one", reached=Down(self.reached, 2)))
+        what = f"no gain is found with which errors of {self.plant} decay at rate = {self.rate:g}"
+        return f"{what}; {most}; {self.hindrance}"
+
+
+def unreached(form: Form, task: Task, sizes: Array) -> NoGain:
+    """What is said of a task, under noise of these `sizes` (p), for which there is no gain: the slope that is named is
+    that in half of whose range more is reached than in that of any other.
+
+    Raises: `NoSolver`.
+    """
+    error = with_gains(form, [Fraction(0)] * form.n)
+    slopes = () if isinstance(error, Nothing) else error.slopes
+    reached = _reached(task, (task.rate / 2**k for k in range(1, _BACK)))
+    step = (task.rate / reached) ** (1 / _STEPS) if reached else 2.0
+    rates = [task.rate / step**k for k in range(_STEPS if reached else _BACK)]
+    narrower = {}
+    for k, slope in enumerate(slopes):
+        open_ = plain(form, sizes, k)
+        if slope.low < slope.high and not isinstance(open_, Reason):
+            narrower[k] = _reached(replace(task, open=open_), rates)
+    best = max(narrower, key=narrower.__getitem__, default=None)
+    if best is None or narrower[best] <= reached:
+        return NoGain(form.system.name, task.rate, reached, because("no slope hinders, but the solver gets no further"))
+    slope = slopes[best]
+    if slope.entry is None:
+        called = [name for chain in form.gain_names for name in chain][slope.reads.index(1)]
+    else:
+        i, j = slope.entry
+        called = f"db_{i + 1}/d{form.states[j]}"
+    low, high = float(slope.low), float(slope.high)
+    pattern = "{slope} in [{low:.3g}, {high:.3g}] hinders most: in half of that {more} is reached"
+    more = Down(narrower[best], 2)
+    why = because(pattern, slope=called, low=low, high=high, more=more)
+    return NoGain(form.system.name, task.rate, reached, why)
+
+
+def _reached(task: Task, rates: Iterable[float]) -> float:
+    """The first of these rates at which one norm has a gain; 0.0 where none has."""
+    return next((rate for rate in rates if task.gain(rate, rate * _NOISY) is not None), 0.0)

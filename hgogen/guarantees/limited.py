@@ -18,10 +18,9 @@ from hgogen.chains.injection import companion, injection_gains, listed, scaled
 from hgogen.chains.integrators import Integrators, integrators, observer_on, shifted
 from hgogen.check import Check
 from hgogen.form import Form
-from hgogen.guarantees.behind_sector import behind
+from hgogen.guarantees.behind_sector import Adaptation, Shape, behind, core_check, decays
 from hgogen.guarantees.bounded_theta import Nothing, nothing
 from hgogen.guarantees.continuous_time import claims
-from hgogen.guarantees.sector import Adaptation, Shape, core_check, decays
 from hgogen.observer import Observer, founded, gain, high_gain_parameter
 from hgogen.part import Ode
 from hgogen.program import Block, Field, Place, scalar, sym

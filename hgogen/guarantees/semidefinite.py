@@ -336,9 +336,6 @@ def _matrix(entries: Array, size: int) -> Array:
     return matrix
 
 
-_ALIKE = 1e-9  # by how much directions of length 1 may differ
-
-
 def merged(form: Quadratic) -> tuple[tuple[Quadratic], tuple[Group, ...]]:
     """The form of floats with as few columns as it takes, what decays first, then one for each direction; and the
     groups, whose multipliers have no Z in it."""

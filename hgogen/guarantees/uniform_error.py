@@ -33,9 +33,8 @@ from hgogen.evidence.grammar import outward
 from hgogen.evidence.grounds import Evidence
 from hgogen.form import Form
 from hgogen.guarantees.bounded_theta import Nothing
-from hgogen.guarantees.inclusion import Inclusion, inclusion, plain
+from hgogen.guarantees.inclusion import Inclusion, Slope, inclusion, of_field, plain
 from hgogen.guarantees.inequality import one_by_one
-from hgogen.guarantees.slope_of_error import Slope, of_field
 from hgogen.intervals.bounds import Range
 from hgogen.sentence import Reason, because
 from hgogen.structure.polytope import fixed, span

@@ -31,9 +31,17 @@ from hgogen.check import ClaimId, Claims, Verdict, demand
 from hgogen.errors import HgogenError
 from hgogen.form import Form
 from hgogen.graph import Graph
-from hgogen.guarantees.adaptive_gain import Candidate, Disturbance, Given, candidate, checks, numbers, steepness
+from hgogen.guarantees.adaptive_gain import (
+    Candidate,
+    Disturbance,
+    Given,
+    MovingGain,
+    candidate,
+    checks,
+    numbers,
+    steepness,
+)
 from hgogen.guarantees.adaptive_gain import disturbance as as_disturbance
-from hgogen.guarantees.attenuating import MovingGain
 from hgogen.guarantees.bounded_theta import Nothing
 from hgogen.guarantees.design import adaptive_gain
 from hgogen.guarantees.inclusion import on_integrators, plain

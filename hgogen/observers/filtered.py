@@ -27,8 +27,7 @@ from hgogen.check import Claims, Verdict
 from hgogen.form import Form
 from hgogen.graph import Graph
 from hgogen.guarantees.continuous_time import theta_checks
-from hgogen.guarantees.inclusion import on_integrators
-from hgogen.guarantees.slope_of_error import Layout
+from hgogen.guarantees.inclusion import Layout, on_integrators
 from hgogen.intervals.digits import same
 from hgogen.observer import Observer, any_theta, founded
 from hgogen.part import Ode

@@ -16,8 +16,8 @@ import numpy as np
 
 from hgogen.check import Claims, Verdict
 from hgogen.form import Form
+from hgogen.guarantees.behind_sector import SATURATION
 from hgogen.guarantees.limited import REFERENCE, limited
-from hgogen.guarantees.sector import SATURATION
 from hgogen.observer import Observer
 from hgogen.starting import starts
 from hgogen.theorem import FORM, OPERATION, Hypothesis, Theorem
