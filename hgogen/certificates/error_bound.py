@@ -15,17 +15,16 @@ from typing import Any, TypeVar
 from hgogen.certificates.contraction import claimed, contraction, running
 from hgogen.certificates.own_states import slopes_of_states
 from hgogen.certificates.rounding_share import rounding_share
-from hgogen.certificates.start_set import NO_WAY, Start, start_of
+from hgogen.certificates.start_set import NO_WAY, Running, Start, start_of
 from hgogen.certificates.undisturbed import patient, room
 from hgogen.check import Check, ClaimId, Verdict
-from hgogen.form import Form
 from hgogen.guarantees.bounded_theta import Nothing
-from hgogen.guarantees.contracting import Contracts, Steps
-from hgogen.guarantees.entering import Entering, Heads, Share, Sizes, heads_of
+from hgogen.guarantees.contracting import Steps
+from hgogen.guarantees.entering import Entering, Share, Sizes, heads_of
 from hgogen.guarantees.inclusion import NO_SCALES, of_state
 from hgogen.guarantees.plant_step import PlantStep, Unbounded, times
 from hgogen.guarantees.quadratic import rational
-from hgogen.guarantees.questions import InputBound, confined, of_step, reached
+from hgogen.guarantees.questions import InputBound, confined
 from hgogen.guarantees.signed import Signed
 from hgogen.intervals.computed import REALS, Real
 from hgogen.intervals.digits import Down, Up
@@ -131,7 +130,7 @@ def error_bound(
         entering |= {"method": method} if method.sizes.largest else {}
         if not (entering or real):
             return _unknown(step, because("nothing enters the error: that of the start decays, to nothing"))
-        bounded = _bounded(step, known.steps, known.proof, scales, shown, plant, entering, real)
+        bounded = _bounded(Running(step, known.steps, known.proof, plant, scales, shown), entering, real)
     except Unbounded as unbounded:
         return _unknown(step, unbounded.args[0])
     asked = {"noise": noise, "rounded": rounded, "late": late, "disturbance": disturbance, "parameters": parameters}
@@ -183,53 +182,43 @@ def _entering(plant: PlantStep, most: Mapping[str, Sequence[Fraction]]) -> dict[
     return {name: one for name, one in each.items() if one.sizes.largest}
 
 
-def _bounded(
-    step: Step,
-    steps: Steps,
-    proof: Contracts,
-    scales: Sequence[Fraction],
-    shown: Heads,
-    plant: PlantStep,
-    entering: Mapping[str, Entering],
-    real: Real | None,
-) -> ErrorBound:
-    error, form = steps.error, step.observer.form
-    fields = sorted({k for k, fed in enumerate(error.layout.fed) if fed})
-    shares, proofs = list[Share](), dict[Sizes, dict[int, InputBound]]()
+def _bounded(running: Running, entering: Mapping[str, Entering], real: Real | None) -> ErrorBound:
+    step, steps, plant, form = running.step, running.steps, running.plant, running.step.observer.form
+    error, fields = steps.error, running.fields
+    shares, proofs = list[Share](), dict[Sizes, dict[int, InputBound] | None]()
     for name, one in entering.items():
         entered = one.sizes
         relative = entered.over(entered.largest)
         if relative not in proofs:
-            inputs = relative.inputs(steps.at(proof.h), error, scales, shown)
-            tried = {k: of_step(steps, proof.h, inputs, of_state(scales, k), proof.alpha) for k in fields}
-            proofs[relative] = {k: bound for k, bound in tried.items() if bound}
-        if len(proofs[relative]) < len(fields):
+            proofs[relative] = running.bounds(relative)
+        known = proofs[relative]
+        if known is None:
             return _unknown(step, because("no bound is found of what {name} does", name=name))
-        shares.append(Share(name, entered, entered.largest, proofs[relative], one.follows))
+        shares.append(Share(name, entered, entered.largest, known, one.follows))
     each_sample = zip(*(one.sizes.samples for one in entering.values() if one.sizes.samples), strict=True)
     samples = [sum(each, Fraction(0)) for each in each_sample] or [Fraction(0)] * len(form.output)
-    known, without = start_of(step.observer, steps), _totals(fields, shares)
-    begun = _begun(known, form, steps, proof, without)
+    start, without = start_of(step.observer, steps), _totals(fields, shares)
+    begun = _begun(running, start, without)
     early, calls = without, 0
     decayed: Mapping[int, Fraction] = {k: _CLOSE * without[k] for k in error.layout.picks}
     if real:
         if isinstance(begun, Nothing):
             raise Unbounded(because("how much is rounded is not known: {why}", why=begun.reason))
-        rounding = rounding_share(step, real, steps, proof, shares, *begun, samples, shown, plant)
+        rounding = rounding_share(running, real, shares, *begun, samples)
         early, calls, decayed = {k: without[k] + rounding.early[k] for k in fields}, rounding.calls, rounding.left
         shares.append(rounding.share)
-        begun = _begun(known, form, steps, proof, early)
+        begun = _begun(running, start, early)
         if isinstance(begun, Nothing):
             raise Unbounded(because("with what is rounded at first, {why}", why=begun.reason))
-    left = room(step, samples, plant.margins, early, error.layout, shown)
+    left = room(step, samples, plant.margins, early, error.layout, running.shown)
     if isinstance(begun, Nothing):
         multiple, alone, own = None, False, Signed(unsettled=begun.reason)
     else:
-        start, multiple = begun
-        alone = left is not None and _calls(proof, *begun, left) < patient(step)
-        first = [min(multiple, Fraction(1)) * most for most in start.first]
+        known_start, multiple = begun
+        alone = left is not None and _calls(running, *begun, left) < patient(step)
+        first = [min(multiple, Fraction(1)) * most for most in known_start.first]
         own = Signed(
-            settles=step.dt * (_calls(proof, *begun, decayed) + calls),
+            settles=step.dt * (_calls(running, *begun, decayed) + calls),
             begins={x: number(most)[0] for x, most in zip(form.names, first, strict=True)},
             everywhere=multiple >= 1,
         )
@@ -242,25 +231,24 @@ def _totals(fields: Sequence[int], shares: Sequence[Share]) -> dict[int, Fractio
 
 
 def _begun(
-    start: Start | Nothing, form: Form, steps: Steps, proof: Contracts, totals: Mapping[int, Fraction]
+    running: Running, start: Start | Nothing, totals: Mapping[int, Fraction]
 ) -> tuple[Start, Fraction] | Nothing:
     """The start, and of how many times its first errors the limits are not touched, beside what the inputs do."""
     if isinstance(start, Nothing):
         return start
     left = {k: limit - totals[k] for k, limit in start.limits.items()}
     if min(left.values()) <= 0:
-        names = [form.names[steps.error.layout.index[k]] for k, most in left.items() if most <= 0]
-        return Nothing(because(_MET, states=dict.fromkeys(names)))
-    clear = confined(
-        steps, proof.h, start.corners, {k: of_state(start.scales, k) / rational(m) for k, m in left.items()}
-    )
+        names, index = running.step.observer.form.names, running.steps.error.layout.index
+        return Nothing(because(_MET, states=dict.fromkeys(names[index[k]] for k, most in left.items() if most <= 0)))
+    rows = {k: of_state(start.scales, k) / rational(m) for k, m in left.items()}
+    clear = confined(running.steps, running.proof.h, start.corners, rows)
     return (start, 1 / max(clear.bounds.values())) if clear else Nothing(NO_WAY)
 
 
-def _calls(proof: Contracts, start: Start, multiple: Fraction, left: Mapping[int, Fraction]) -> int:
+def _calls(running: Running, start: Start, multiple: Fraction, left: Mapping[int, Fraction]) -> int:
     """The calls after which what is left of the start is that much at most, by field: from V(0) at most the largest of
     the corners V falls to (1 - alpha h)^k of it."""
-    begins = reached(rational(proof.weights.P), start.corners, {k: of_state(start.scales, k) for k in left})
+    begins, proof = running.begins(start, left), running.proof
     falls, calls = -math.log1p(-float(proof.alpha * proof.h)) / 2, 0
     for k, most in left.items():
         ratio = number(begins[k] * min(multiple, Fraction(1)) / most)[1]

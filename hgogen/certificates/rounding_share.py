@@ -23,19 +23,17 @@ from hgogen.algebra.balls import between, magnitude
 from hgogen.algebra.definite import root
 from hgogen.certificates.listed_program import listed
 from hgogen.certificates.one_call import rounding_errors
-from hgogen.certificates.start_set import Start
+from hgogen.certificates.start_set import Running, Start
 from hgogen.evidence.grounds import Evidence
-from hgogen.guarantees.contracting import Contracts, Steps
-from hgogen.guarantees.entering import Heads, Share, Sizes
+from hgogen.guarantees.entering import Share, Sizes
 from hgogen.guarantees.inclusion import of_state
-from hgogen.guarantees.plant_step import SUMMED, PlantStep, Unbounded
+from hgogen.guarantees.plant_step import SUMMED, Unbounded
 from hgogen.guarantees.quadratic import extent, rational
-from hgogen.guarantees.questions import InputBound, of_step, reached
+from hgogen.guarantees.questions import InputBound
 from hgogen.intervals.bounds import bound
 from hgogen.intervals.box import box
 from hgogen.intervals.computed import Real, Unsure
 from hgogen.sentence import because
-from hgogen.step import Step
 from hgogen.structure.polytope import signals
 
 CLOSE = Fraction(1, 20)  # of a bound: what is left of the start, and of rounding, when it is said to have settled
@@ -60,41 +58,29 @@ class Rounding:
 
 
 def rounding_share(
-    step: Step,
-    real: Real,
-    steps: Steps,
-    proof: Contracts,
-    shares: Sequence[Share],
-    start: Start,
-    multiple: Fraction,
-    samples: Sequence[Fraction],
-    shown: Heads,
-    plant: PlantStep,
+    running: Running, real: Real, shares: Sequence[Share], start: Start, multiple: Fraction, samples: Sequence[Fraction]
 ) -> Rounding:
     """The share of a program in a working precision, beside the others, from first errors of `multiple` times what the
-    ranges allow, of samples that err by at most `samples` (p), beside a `plant`.
+    ranges allow, of samples that err by at most `samples` (p).
 
     Raises: `Unbounded`, `NoSolver`.
     """
-    every, scales = range(len(start.scales)), start.scales
-    parts = [_of_share(share.unit, share.proofs, scales) for share in shares]
+    every, plant = range(len(start.scales)), running.plant
+    parts = [_of_share(share.unit, share.proofs, start.scales) for share in shares]
     others = {k: sum((part[k] for part in parts), Fraction(0)) for k in every}
-    begins = reached(rational(proof.weights.P), start.corners, {k: of_state(scales, k) for k in every})
+    begins = running.begins(start, every)
     taken, speeds = min(multiple, Fraction(1)), plant.stated_speeds
     besides = [share.sizes.beside for share in shares if share.sizes.beside]
     rates = [speed + sum((each[i] for each in besides), Fraction(0)) for i, speed in enumerate(speeds)]
     moves = [plant.h * rate for rate in rates]  # of a plant in a call, by row of its form
-    sizes = _Sizing(step, real, steps, start, samples, shown, moves, speeds)
+    sizes = _Sizing(running, real, samples, moves, speeds)
 
     def moved(what: Sizes) -> tuple[dict[int, InputBound], dict[int, Fraction]]:
         """The proofs of what such sizes do, over the largest, and what they say of each field."""
-        inputs = what.over(what.largest).inputs(steps.at(proof.h), steps.error, scales, shown)
-        fed = (k for k in every if steps.error.layout.fed[k])
-        proofs = {k: of_step(steps, proof.h, inputs, of_state(scales, k), proof.alpha) for k in fed}
-        known = {k: one for k, one in proofs.items() if one}
-        if len(known) < len(proofs):
+        known = running.bounds(what)
+        if known is None:
             raise Unbounded(because("no bound is found of what rounding does"))
-        return known, _of_share(what.largest, known, scales)
+        return known, _of_share(what.largest, known, start.scales)
 
     wide = {k: others[k] + taken * begins[k] for k in every}
     first = sizes.beside(wide)
@@ -105,7 +91,7 @@ def rounding_share(
     later = sizes.beside(within)
     proofs, bounds = moved(later)
     left = {k: CLOSE * (others[k] + min(bounds[k], early[k])) for k in every}
-    falls = min(one.alpha for one in proofs.values()) * proof.h
+    falls = min(one.alpha for one in proofs.values()) * running.proof.h
     calls = _calls(float(most * _times(first, later)), float(falls))
     share = Share("rounding", later, later.largest, proofs, sizes.follows([within[k] for k in every]))
     return Rounding(share, early, left, calls)
@@ -149,12 +135,9 @@ class _Sizing:
     """How much a call rounds on the plant's ranges, with errors of its fields beside: the most of pieces of the ranges
     of the first states, as what is injected is small where samples are those of the same piece."""
 
-    step: Step
+    running: Running
     real: Real
-    steps: Steps
-    start: Start
     samples: Sequence[Fraction]
-    shown: Heads
     moves: Sequence[Fraction]
     speeds: Sequence[Fraction]
 
@@ -162,17 +145,17 @@ class _Sizing:
         """Raises: `Unbounded`."""
         rounded = [self._on(ranges, errors) for ranges in self._pieces]
         each = zip(zip(*rounded, strict=True), self._remembered, strict=True)
-        return Sizes(fields=tuple(max(rhos) * e * SUMMED / Fraction(self.step.dt) for rhos, e in each))
+        return Sizes(fields=tuple(max(rhos) * e * SUMMED / Fraction(self.running.step.dt) for rhos, e in each))
 
     def follows(self, within: Sequence[Fraction]) -> Evidence:
         """Of what the sizes follow where the error of each field (N) is within its bound, as a certificate has it;
         empty where it cannot list the program."""
-        listing = listed(self.step, self.steps.error)
+        listing = listed(self.running.step, self.running.steps.error)
         if listing is None:
             return {}
         return {
-            "between": self.step.clock.between,
-            "parameters": list(self.step.observer.form.system.nominal.values()),
+            "between": self.running.step.clock.between,
+            "parameters": list(self.running.step.observer.form.system.nominal.values()),
             "precision": self.real,
             "speeds": self.speeds,
             "within": within,
@@ -184,13 +167,13 @@ class _Sizing:
 
     def _on(self, ranges: Sequence[Side], errors: Sized) -> list[Fraction]:
         """By field, on a piece. Raises: `Unbounded`."""
-        layout, held = self.steps.error.layout, []
+        layout, held = self.running.steps.error.layout, []
         for k, (i, fed, e) in enumerate(zip(layout.index, layout.fed, self._remembered, strict=True)):
             low, high = ranges[i] if fed else (Fraction(0), Fraction(0))
-            unit = self.start.scales[k] / e
+            unit = self.running.scales[k] / e
             held.append(between(unit * (low - errors[k]), unit * (high + errors[k])))
         try:
-            rounded = rounding_errors(self.step, self.real, held, self._samples(ranges), self._inputs)
+            rounded = rounding_errors(self.running.step, self.real, held, self._samples(ranges), self._inputs)
         except Unsure as error:
             raise Unbounded(because("how far rounding goes is not known: {what}", what=error.args[0])) from error
         return list(map(magnitude, rounded))
@@ -198,9 +181,9 @@ class _Sizing:
     @cached_property
     def _pieces(self) -> list[tuple[Side, ...]]:
         """The ranges (n) of the states, those of the first ones in pieces."""
-        heads = {head for head, _ in self.shown.values()}
+        heads = {head for head, _ in self.running.shown.values()}
         count, sides = round(_PIECES ** (1 / len(heads))), list[list[Side]]()
-        for i, state in enumerate(self.step.observer.form.states):
+        for i, state in enumerate(self.running.step.observer.form.states):
             low, high = map(Fraction, state.interval)
             parts = count if i in heads else 1
             cuts = [low + (high - low) * Fraction(part, parts) for part in range(parts + 1)]
@@ -209,7 +192,7 @@ class _Sizing:
 
     @cached_property
     def _remembered(self) -> Sequence[Fraction]:
-        known = self.steps.error.remembered(self.steps.theta)
+        known = self.running.steps.error.remembered(self.running.steps.theta)
         assert known is not None  # as `start.scales` is not
         return known
 
@@ -217,7 +200,7 @@ class _Sizing:
         """The samples of a plant in these ranges at the beginning of a call, at both ends of it."""
         y = []
         for j, (low, high) in enumerate(self._offsets):
-            i, slope = self.shown[j]
+            i, slope = self.running.shown[j]
             ends = [slope * (end + way * self.moves[i]) for end, way in zip(ranges[i], (-1, 1), strict=True)]
             y.append(between(min(ends) + low - self.samples[j], max(ends) + high + self.samples[j]))
         return y
@@ -225,9 +208,9 @@ class _Sizing:
     @cached_property
     def _offsets(self) -> list[Side]:
         """What each output is beside its first state times its slope. Raises: `Unbounded`."""
-        form, offsets = self.step.observer.form, list[Side]()
+        form, offsets = self.running.step.observer.form, list[Side]()
         where = box(signals(form), form.system.nominal)
-        slopes = {output: form.states[i] * sp.Rational(slope) for output, (i, slope) in self.shown.items()}
+        slopes = {output: form.states[i] * sp.Rational(slope) for output, (i, slope) in self.running.shown.items()}
         for j, row in enumerate(form.output):
             known = bound(sp.expand(row - slopes.get(j, 0)), where)
             if not (known.defined and known.finite) or j not in slopes:
@@ -238,7 +221,7 @@ class _Sizing:
     @cached_property
     def _inputs(self) -> list[Any]:
         """Raises: `Unbounded`."""
-        for signal in self.step.inputs:
+        for signal in self.running.step.inputs:
             if not signal.bounded:
                 raise Unbounded(because("{signal} has no range", signal=signal))
-        return [between(*map(Fraction, signal.interval)) for signal in self.step.inputs]
+        return [between(*map(Fraction, signal.interval)) for signal in self.running.step.inputs]

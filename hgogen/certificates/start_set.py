@@ -4,7 +4,7 @@ The program keeps the estimate in an outer box, of which no proof of contraction
 is never met: the errors that begin in a box stay within its distance to the ranges, in which the plant is.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 from functools import lru_cache
@@ -17,9 +17,11 @@ from hgogen.check import Check
 from hgogen.graph import Graph
 from hgogen.guarantees.bounded_theta import Nothing
 from hgogen.guarantees.contracting import Contracts, Steps
+from hgogen.guarantees.entering import Heads, Sizes
 from hgogen.guarantees.inclusion import NO_SCALES, Inclusion, of_state
+from hgogen.guarantees.plant_step import PlantStep
 from hgogen.guarantees.quadratic import Array, rational
-from hgogen.guarantees.questions import confined
+from hgogen.guarantees.questions import InputBound, confined, of_step, reached
 from hgogen.intervals.digits import Down, Up
 from hgogen.intervals.outward import number
 from hgogen.observer import Observer
@@ -59,6 +61,39 @@ def start_set(step: Step) -> StartSet | Nothing:
     if known.steps is None or known.proof is None:
         return Nothing(known.checks[0].reason)
     return _start_set(step.observer, step.code.rule, step.dt, known.steps, known.proof)
+
+
+@dataclass(frozen=True, eq=False)
+class Running:
+    """A `step` that contracts by the `proof`, one of `steps`, of a `plant`; by field (N) the `scales` of its error, and
+    what outputs have `shown`."""
+
+    step: Step
+    steps: Steps
+    proof: Contracts
+    plant: PlantStep
+    scales: Sequence[Fraction]
+    shown: Heads
+
+    @property
+    def fields(self) -> list[int]:
+        """Those that estimate."""
+        return [k for k, fed in enumerate(self.steps.error.layout.fed) if fed]
+
+    def bounds(self, sizes: Sizes) -> dict[int, InputBound] | None:
+        """What inputs of these sizes, over the largest of them, do to each field that estimates; None where that is not
+        proved of all. Raises: `NoSolver`."""
+        h, error = self.proof.h, self.steps.error
+        inputs = sizes.over(sizes.largest).inputs(self.steps.at(h), error, self.scales, self.shown)
+        rows = {k: of_state(self.scales, k) for k in self.fields}
+        tried = {k: of_step(self.steps, h, inputs, c, self.proof.alpha) for k, c in rows.items()}
+        known = {k: one for k, one in tried.items() if one}
+        return known if len(known) == len(tried) else None
+
+    def begins(self, start: "Start", fields: Iterable[int]) -> dict[int, Fraction]:
+        """How far each of these fields errs at most from a start, in the norm of the proof."""
+        rows = {k: of_state(self.scales, k) for k in fields}
+        return reached(rational(self.proof.weights.P), start.corners, rows)
 
 
 @dataclass(frozen=True, eq=False)
