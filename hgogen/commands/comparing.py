@@ -33,7 +33,7 @@ from hgogen.modelfiles.setting import AS_WRITTEN, Setting
 from hgogen.system import System
 from hgogen.trial import Trial
 from hgogen.trials.comparison import Measured, measured
-from hgogen.trials.incidents import Left, left
+from hgogen.trials.incidents import Left, leaving_notes, left
 from hgogen.trials.incidents import guard_notes as guards
 from hgogen.trials.metrics import criterion
 
@@ -80,7 +80,7 @@ class ComparedTrial:
                 f"trial {self.trial.name}: every observer starts on the truth, so that its first time to settle says "
                 "nothing; give the trial an estimate"
             )
-        yield from notes(self.trial.name, self.left, unit)
+        yield from leaving_notes(self.trial.name, self.left, unit)
         for row in self.observers:
             yield from guards(self.trial.name, row.name, row.acted, bool(self.trial.jumps), unit)
 

@@ -134,6 +134,15 @@ class FunctionSearch:
         """A proof of that rate at a theta; None where none is found."""
         raise NotImplementedError
 
+    @property
+    def missing(self) -> Reason:
+        """Why there is a proof at no theta."""
+        raise NotImplementedError
+
+    def obstacle(self, states: Sequence[Any]) -> Reason:
+        """Why there is none at theta."""
+        raise NotImplementedError
+
     def _weights(self, theta: Fraction, alpha: Fraction = NOW) -> Any:
         raise NotImplementedError
 

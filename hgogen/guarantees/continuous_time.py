@@ -1,82 +1,19 @@
 """What an observer of a constant injection claims of its gain theta, by one norm for all slopes in continuous time."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from fractions import Fraction
-from typing import Any, Protocol
+from typing import Any
 
 from hgogen.check import Check, ClaimId, Verdict
 from hgogen.evidence.grounds import Evidence, Grounds
 from hgogen.form import Form
 from hgogen.guarantees.bounded_theta import EXISTS, Nothing, decays, nothing, said
-from hgogen.guarantees.common_norm import Flow
+from hgogen.guarantees.common_norm import Falls, Flow, FunctionSearch
 from hgogen.guarantees.endless_slopes import OneSided
 from hgogen.guarantees.inclusion import Inclusion
 from hgogen.intervals.digits import Up
-from hgogen.sentence import Reason, because
-
-
-class Falling(Protocol):
-    """A proof that a function V of the error falls at `theta`, by V' <= -`alpha` V; `rate` (1/s): at which errors do.
-    `written`: V in a certificate."""
-
-    @property
-    def theta(self) -> Fraction:
-        """Where it falls."""
-        ...
-
-    @property
-    def alpha(self) -> Fraction:
-        """Its rate."""
-        ...
-
-    @property
-    def rate(self) -> float:
-        """r with |error(t)| <= c exp(-r t) |error(0)|."""
-        ...
-
-    @property
-    def written(self) -> Evidence | None:
-        """V, by name; None where a certificate cannot hold it."""
-        ...
-
-
-class Sought(Protocol):
-    """Where functions of the `error` are sought that fall, at `theta` and beyond. `how`: what they are."""
-
-    @property
-    def error(self) -> Inclusion:
-        """What the error obeys."""
-        ...
-
-    @property
-    def theta(self) -> Fraction:
-        """The declared one."""
-        ...
-
-    @property
-    def how(self) -> str:
-        """Words for a function."""
-        ...
-
-    @property
-    def least(self) -> Falling | None:
-        """At a theta close to the least; below the one at hand where there is a proof at that."""
-        ...
-
-    @property
-    def fastest(self) -> Falling | None:
-        """At theta, with a rate close to the largest."""
-        ...
-
-    @property
-    def missing(self) -> Reason:
-        """Why there is a proof at no theta."""
-        ...
-
-    def obstacle(self, states: Sequence[Any]) -> Reason:
-        """Why there is none at theta."""
-        ...
+from hgogen.sentence import because
 
 
 @dataclass(frozen=True)
@@ -84,7 +21,7 @@ class FromTheta:
     """A proof that every theta above `theta` converges: by the norm that falls there."""
 
     error: Inclusion
-    falls: Falling
+    falls: Falls
 
     @property
     def theta(self) -> Fraction:
@@ -101,7 +38,7 @@ class FromTheta:
 class AtTheta:
     """A proof of the rate at which the error decays at the declared theta."""
 
-    falls: Falling
+    falls: Falls
 
     def evidence(self, form: Form) -> Evidence | None:
         """alpha, and the P and S for it; the slopes are those of the claim of convergence."""
@@ -113,12 +50,12 @@ def theta_checks(maker: str, form: Form, theta: float, error: Inclusion | Nothin
     """`MAKER.convergence`, that there is a bound; `MAKER.theta`, that theta is above it, with the rate there."""
     if isinstance(error, Nothing):
         return nothing(maker, theta, error.reason)
-    sought = (OneSided if error.endless else Flow)(error, Fraction(theta))
-    return claims(maker, form, sought, {"theta": theta, **error.numbers})
+    kind = OneSided if error.endless else Flow
+    return claims(maker, form, kind(error, Fraction(theta)), {"theta": theta, **error.numbers})
 
 
 def claims(
-    maker: str, form: Form, flow: Sought, numbers: Mapping[str, Any], name: str = "theta", during: str = ""
+    maker: str, form: Form, flow: FunctionSearch, numbers: Mapping[str, Any], name: str = "theta", during: str = ""
 ) -> tuple[Check, Check]:
     """The same of an observer of these numbers, theta the gain of that name; the error decays `during` some times."""
     try:
@@ -128,7 +65,7 @@ def claims(
 
 
 def _claims(
-    maker: str, form: Form, flow: Sought, numbers: Mapping[str, Any], name: str, during: str
+    maker: str, form: Form, flow: FunctionSearch, numbers: Mapping[str, Any], name: str, during: str
 ) -> tuple[Check, Check]:
     theta, least = float(flow.theta), flow.least
     if least is None:

@@ -21,8 +21,7 @@ from hgogen.identification.whiteness import CORNER, WRONG, alike, corner, deviat
 from hgogen.reading.door import asks_a_plant, switches
 from hgogen.reading.given import count, signals_named
 from hgogen.signal import Signal, resting
-from hgogen.structure.valued import valued
-from hgogen.system import System
+from hgogen.system import System, valued
 
 BETWEEN = ("hold", "line")
 EQUAL = 1e-6  # of a cost, as in `above`: less is rounding, and the first start, that of the nominal values, counts

@@ -20,8 +20,7 @@ from hgogen.observer import Observer
 from hgogen.reading.content import Unread, content_of
 from hgogen.signal import Signal
 from hgogen.step import Step
-from hgogen.structure.valued import valued
-from hgogen.system import System, exchanged
+from hgogen.system import System, exchanged, valued
 
 LARGEST = 10_000_000  # bytes
 
