@@ -210,7 +210,7 @@ def _bounded(running: Running, entering: Mapping[str, Entering], real: Real | No
         begun = _begun(running, start, early)
         if isinstance(begun, Nothing):
             raise Unbounded(because("with what is rounded at first, {why}", why=begun.reason))
-    left = room(step, samples, plant.margins, early, error.layout, running.shown)
+    left = room(running, samples, early)
     if isinstance(begun, Nothing):
         multiple, alone, own = None, False, Signed(unsettled=begun.reason)
     else:

@@ -18,7 +18,7 @@ from hgogen.guarantees.bounded_theta import Nothing
 from hgogen.guarantees.common_norm import Flow
 from hgogen.guarantees.designed_gain import Gain
 from hgogen.guarantees.designed_gain import gain as gain_for
-from hgogen.guarantees.noise_in_time import Bounds, noise_bounds
+from hgogen.guarantees.questions import Bounds, noise_bounds
 from hgogen.observer import Observer
 from hgogen.step import StepTooLong
 

@@ -10,8 +10,7 @@ from fractions import Fraction
 
 import sympy as sp
 
-from hgogen.guarantees.entering import Heads
-from hgogen.guarantees.inclusion import Layout
+from hgogen.certificates.start_set import Running
 from hgogen.intervals.bounds import bound
 from hgogen.intervals.box import box
 from hgogen.step import Step
@@ -21,17 +20,10 @@ from hgogen.stepping.recovery import MARGIN, SHARE
 _CLOSE = 1 - Fraction(1, 10**9)  # of a limit, which a program compares in floats
 
 
-def room(
-    step: Step,
-    samples: Sequence[Fraction],
-    inside: Sequence[Fraction],
-    totals: Mapping[int, Fraction],
-    layout: Layout,
-    shown: Heads,
-) -> dict[int, Fraction] | None:
+def room(running: Running, samples: Sequence[Fraction], totals: Mapping[int, Fraction]) -> dict[int, Fraction] | None:
     """By field, what an error may be beside its bound of the `totals` for no guard to act; None where one may act with
-    no more than these. `samples` (p): by how much a sample may err; `inside` (n): how clear the plant keeps."""
-    form = step.observer.form
+    no more than these. `samples` (p): by how much a sample may err."""
+    form, layout = running.step.observer.form, running.steps.error.layout
     where = box((*form.states, *form.system.inputs, *form.system.parameters), form.system.nominal)
     for y, (low, high), size in zip(form.output, readings(form), samples, strict=True):
         known, width = bound(sp.sympify(y), where), high - low
@@ -39,7 +31,7 @@ def room(
         if not taken:
             return None
     left = dict[int, Fraction]()
-    for state, most in _limits(step, samples, inside, shown):
+    for state, most in _limits(running, samples):
         k = layout.picks[state]
         left[k] = min(most * _CLOSE - totals[k], left.get(k, most))
     return left if all(x > 0 for x in left.values()) else None
@@ -50,13 +42,11 @@ def patient(step: Step) -> int:
     return min((math.floor(sign.time / step.dt * (1 - 1e-9)) for sign in step.code.signs), default=0)
 
 
-def _limits(
-    step: Step, samples: Sequence[Fraction], inside: Sequence[Fraction], shown: Heads
-) -> Iterator[tuple[int, Fraction]]:
+def _limits(running: Running, samples: Sequence[Fraction]) -> Iterator[tuple[int, Fraction]]:
     """States, by place, and up to which error no sign of the estimate being lost shows."""
-    form = step.observer.form
+    form, shown, inside = running.step.observer.form, running.shown, running.plant.margins
     spans = [high - low for low, high in readings(form)]
-    for sign in step.code.signs:
+    for sign in running.step.code.signs:
         if sign.output is not None:
             if sign.output not in shown:  # what else it shows is not followed
                 yield 0, Fraction(0)

@@ -51,7 +51,7 @@ from hgogen.guarantees.formulas import (
 from hgogen.guarantees.gain_programs import Optimum, Task, best
 from hgogen.guarantees.gain_search import NoGain
 from hgogen.guarantees.lmi import gains, solver
-from hgogen.guarantees.noise_in_time import noise_bounds
+from hgogen.guarantees.questions import noise_bounds
 from hgogen.guarantees.steady_gain import steady_gain
 from hgogen.guarantees.steepness import obstacle
 from hgogen.intervals.digits import down, up

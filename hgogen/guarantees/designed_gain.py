@@ -24,8 +24,8 @@ from hgogen.form import Form
 from hgogen.guarantees.argument import no_argument, numbers_in_place
 from hgogen.guarantees.constant_gain import entries_of
 from hgogen.guarantees.gain_search import Candidate, Search, Task, plain, unreached
-from hgogen.guarantees.noise_in_time import Bounds, bounds, named
 from hgogen.guarantees.quadratic import Array
+from hgogen.guarantees.questions import Bounds, bounds, named
 from hgogen.intervals.digits import Down, Up, same
 from hgogen.reading.door import Misfit, remembers
 from hgogen.reading.given import BadGain, positive

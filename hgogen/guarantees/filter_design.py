@@ -5,7 +5,7 @@
 
 For slopes of b anywhere in their ranges the errors decay like exp(-rate t), and the error of the state comes to no more
 than sqrt(c X c') times the largest noise, whatever its course: P = X^-1 is the norm. For a given filter that is a cone
-program, proved in rationals (`noise_in_time`). In the filter and X together it has no one minimum: a search without
+program, proved in rationals (`questions`). In the filter and X together it has no one minimum: a search without
 derivatives (SciPy's, which the solver needs as well) goes from a first filter to where no small change helps, and what
 it finds counts only if it is proved, and better. By similarity G = (1, 0, .., 0), and F has ones below its diagonal,
 and no others than that and the one above.

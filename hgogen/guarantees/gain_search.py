@@ -34,8 +34,8 @@ from hgogen.guarantees.bounded_theta import Nothing
 from hgogen.guarantees.common_norm import Falls, Flow
 from hgogen.guarantees.inclusion import Inclusion, Slope, Uncertain, with_gains
 from hgogen.guarantees.inequality import ends, flow, one_by_one, pushed
-from hgogen.guarantees.noise_in_time import together_in_floats
 from hgogen.guarantees.quadratic import Array, Quadratic
+from hgogen.guarantees.questions import together_in_floats
 from hgogen.guarantees.semidefinite import CLOSER, Rows, basis, definite, entries, reaching, solved
 from hgogen.intervals.digits import Down
 from hgogen.sentence import Reason, because

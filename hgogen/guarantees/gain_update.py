@@ -7,20 +7,20 @@ and L never passes a cap above p_2 + (p_3/p_1) sup Gamma(cap): there L' < 0. Whe
 """
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from fractions import Fraction
 
 import numpy as np
 import sympy as sp
 
-from hgogen.algebra.definite import Matrix, exact, positive, root
+from hgogen.algebra.definite import exact, positive, root
 from hgogen.algebra.tape import NoTape
 from hgogen.chains.injection import companion
 from hgogen.chains.integrators import Integrators
 from hgogen.check import Check, ClaimId, Verdict
 from hgogen.evidence.enclosing import LOOSE, Steep
-from hgogen.evidence.grounds import Evidence, Grounds
-from hgogen.form import Form
+from hgogen.evidence.grounds import Grounds
+from hgogen.guarantees.inclusion import Shown
 from hgogen.guarantees.lmi import Lyapunov, lyapunov
 from hgogen.guarantees.moving import Law, moving_checks
 from hgogen.intervals.bounds import Proof, bound
@@ -55,19 +55,6 @@ def _spread(P: np.ndarray, D: list[Fraction]) -> np.ndarray:
     return np.array([[(D[i] + D[j]) * P[i, j] for j in range(len(D))] for i in range(len(D))])
 
 
-@dataclass(frozen=True)
-class Weighted:
-    """P with b of D; `peak` >= lambda_max(P) where that counts."""
-
-    P: Matrix
-    b: Fraction
-    peak: Fraction | None = None
-
-    def evidence(self, form: Form) -> Evidence:
-        """The matrix P and the b of D."""
-        return {"P": self.P, "b": self.b, **({} if self.peak is None else {"peak": self.peak})}
-
-
 def checks(
     chain: Integrators, K: np.ndarray, b: float, p_1: float, p_2: float, p_3: float, cap: float
 ) -> tuple[Check, ...]:
@@ -77,7 +64,8 @@ def checks(
     """
     proof, spread = weighted(K, b)
     numbers = {"p_1": p_1, "p_2": p_2, "p_3": p_3, "cap": cap, "gains": K}
-    fall, rise = Weighted(proof.P, Fraction(b)), Weighted(proof.P, Fraction(b), proof.peak)
+    weighted_by = {"P": proof.P, "b": Fraction(b)}
+    fall, rise = Shown(None, weighted_by), Shown(None, {**weighted_by, "peak": proof.peak})
     stay = stays(chain, p_1, p_2, p_3, cap)
     each = ((falls(proof, spread, p_1, b), fall), (rises(proof, spread, p_3, b), rise), (stay, *stay.proofs))
     known = (replace(check, proofs=tuple(Grounds(numbers, fact) for fact in facts)) for check, *facts in each)

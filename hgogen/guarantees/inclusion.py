@@ -277,14 +277,15 @@ class Inclusion:
 
 @dataclass(frozen=True)
 class Shown:
-    """What is proved of an `error`: `facts`, by name, as a certificate has them beside how its slopes are bounded."""
+    """What is proved: `facts`, by name, as a certificate has them beside how the slopes of an `error` are bounded, of
+    which some are proved."""
 
-    error: Inclusion
+    error: Inclusion | None
     facts: Evidence = field(hash=False)
 
     def evidence(self, form: Form) -> Evidence:
         """How the slopes are bounded, and the facts."""
-        return {"error": self.error, **self.facts}
+        return self.facts if self.error is None else {"error": self.error, **self.facts}
 
 
 @dataclass(frozen=True, eq=False)

@@ -148,6 +148,14 @@ class Seen:
     W: Array
     g: Array
 
+    @classmethod
+    def paced(cls, forms: Sequence[Quadratic], W: Array) -> tuple["Seen", float]:
+        """Forms in a unit of time of their own, each relation as strong where it enters as where it reads; and how many
+        of these units there are in one of time."""
+        fast = pace(forms[0], W)
+        slow = [form.over(fast) for form in forms]
+        return cls(slow, W, even(slow[0], W)), fast
+
     @cached_property
     def forms(self) -> list[Quadratic]:
         """The forms of x."""
@@ -234,10 +242,8 @@ def reach(forms: Sequence[Quadratic], towards: Sequence[Quadratic], P: Array, S:
 def _valued(forms: Sequence[Quadratic], P: Array, S: Array, W: Array | None) -> tuple[Array, Array]:
     """The values (k, N, N) of forms of floats, and P, in coordinates x of e = W x."""
     if W is not None:
-        fast = pace(forms[0], W)
-        forms = [form.over(fast) for form in forms]
-        g = even(forms[0], W)
-        forms, P, S = Seen(forms, W, g).forms, W.T @ P @ W, S * g**2 / fast
+        view, fast = Seen.paced(forms, W)
+        forms, P, S = view.forms, W.T @ P @ W, S * view.g**2 / fast
     return np.array([form.value(P, S) for form in forms]), P
 
 

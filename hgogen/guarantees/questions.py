@@ -22,10 +22,13 @@ from typing import Any
 
 import numpy as np
 
-from hgogen.algebra.definite import fraction, root
+from hgogen.algebra.definite import fraction, number, root
+from hgogen.form import Form
+from hgogen.guarantees.bounded_theta import Nothing
+from hgogen.guarantees.common_norm import Falls, Flow
 from hgogen.guarantees.contracting import Steps
-from hgogen.guarantees.inclusion import Uncertain
-from hgogen.guarantees.inequality import NOW, Inputs, pushed
+from hgogen.guarantees.inclusion import NO_SCALES, Inclusion, Uncertain, of_state
+from hgogen.guarantees.inequality import NOW, Inputs, driven, pushed
 from hgogen.guarantees.quadratic import (
     MARGINS,
     Array,
@@ -38,8 +41,13 @@ from hgogen.guarantees.quadratic import (
     floats,
     identity,
     inverse_root,
+    rational,
 )
 from hgogen.guarantees.semidefinite import Solution, cheapest, holding, settled, shortest, together
+from hgogen.intervals.outward import number as outward
+from hgogen.observer import Observer, asks_an_observer
+from hgogen.reading.named import names_of
+from hgogen.sentence import Reason, because
 
 _INPUTS, _START, _L2 = "a bound of what inputs do", "a bound of the errors from a start", "a bound of an L2 gain"
 _SHARES = tuple(Fraction(k, 100) for k in (5, 10, 20, 30, 40, 50, 60, 70, 80, 87, 93))  # of the rate, for alpha
@@ -49,8 +57,10 @@ _MARGIN = 1e-6
 _SHARE = Fraction(999_999, 1_000_000)  # of alpha for the lambda, so that they are below it when they are rounded
 _OF_L2 = (1e-7, 1e-6, 1e-5, 1e-4)  # margins of its forms
 _TIMES = np.append(0.0, np.logspace(-4, 4, 400))  # of the speed of the error, at which its response is looked at
+_TRIED = (0.5, 0.7, 1.0, 1.4)  # times an alpha, at which all states are bounded at once
 
 Bounded = Callable[[Fraction], Sequence[Quadratic]]  # by alpha, the forms of which the last multipliers are the lambda
+Bounds = Mapping[tuple[str, str], float]  # by the name of a state of the form, and of an output
 
 # --- inputs
 
@@ -255,3 +265,87 @@ def l2_bound(each: Sequence[Driven], W: Array, growing: Array | None = None) -> 
 
     exactly = confirmed(forms, by_margin, margins=_OF_L2)
     return L2Bound(Weights.of(*exactly), root(fraction(max(exactly[1][-q:].tolist())))) if exactly else None
+
+
+# --- noise in continuous time
+
+
+@asks_an_observer
+def noise_bounds(observer: Observer) -> Bounds | Nothing:
+    """By the name of a state of the form and of an output, how far the estimate of the one goes at most for noise of at
+    most 1 of the other, in continuous time, at the declared gains of an observer of a constant injection; or why that
+    is not known.
+
+    Raises: `lmi.NoSolver`.
+    """
+    error: Inclusion | Nothing | None = observer.error
+    if error is None:
+        return Nothing(because("the proof is for a constant injection: high_gain, filtered and the like, on chains"))
+    if isinstance(error, Nothing):
+        return error
+    (theta,) = (each.initial[0] for each in observer.gains if each.name == "theta")
+    flow = Flow(error, Fraction(theta))
+    if flow.fastest is None:
+        return Nothing(flow.obstacle(observer.form.states))
+    known = bounds(flow, flow.fastest)
+    return Nothing(known) if isinstance(known, Reason) else named(observer.form, known)
+
+
+def named(form: Form, known: Mapping[tuple[int, int], float]) -> Bounds:
+    """Bounds by state of the form and output, by their names."""
+    outputs = names_of(form.system.outputs)
+    return {(form.names[i], outputs[j]): bound for (i, j), bound in known.items()}
+
+
+def bounds(flow: Flow, falls: Falls) -> Mapping[tuple[int, int], float] | Reason:
+    """By state of the form and by output, the proved bound of what noise of at most 1 does, in their units, of an error
+    that `falls`; or why there is none.
+
+    Raises: `NoSolver`.
+    """
+    error, scales = flow.error, flow.error.scales(flow.theta)
+    if scales is None:
+        return NO_SCALES
+    e, W = error.at(flow.theta), inverse_root(floats(rational(falls.weights.P)))
+    e, picks, every = _over(e, number(falls.alpha)), list(enumerate(error.layout.picks)), range(e.B.shape[1])
+    known = {(i, j): 0.0 for i, _ in picks for j in every}  # of an output that enters nowhere
+    for j in np.flatnonzero(np.vstack([e.B, e.E]).any(axis=0)).tolist():
+        alone = e.driven_by(np.eye(len(every), dtype=int)[:, [j]])
+
+        def forms(alpha: Fraction, of: Uncertain = alone) -> tuple[Quadratic, ...]:
+            return driven(of, alpha, error.hull)
+
+        for i, field in picks:
+            one = input_bound(forms, W, 1, of_state(scales, field), Fraction(1))
+            if one is None:
+                return because("no bound is found of what noise does")
+            known[i, j] = outward(one.bound)[1]
+    return known
+
+
+def together_in_floats(
+    error: Inclusion, sizes: Array, rows: Array, falls: Falls, alpha: float, fastest: float
+) -> float:
+    """The largest |c z|, c (r, n) of the `rows`, that one norm bounds under noise of all outputs, of these sizes (p) at
+    most, with an alpha near this one, in floats, z the errors of the form's states; infinite where none is found. What
+    noise alone moves faster than `fastest` (1/time), in that norm, counts for as many times more.
+
+    Raises: `NoSolver`.
+    """
+    scales = error.scales(falls.theta)
+    assert scales is not None
+    e, W = error.at(falls.theta).floats, inverse_root(floats(rational(falls.weights.P)))
+    e, least = _over(e.driven_by(np.diag(sizes)), alpha), float("inf")
+    rows = rows @ np.array([floats(of_state(scales, k)[None])[0] for k in error.layout.picks])
+    for share in _TRIED:
+        candidate = weights_in_floats(driven(e, share, error.hull), rows, share, W, len(sizes), _MARGIN)
+        if candidate is not None and np.linalg.eigvalsh(candidate[0]).min() > 0:
+            squares = np.einsum("ij,ij->i", rows, np.linalg.solve(candidate[0], rows.T).T)
+            speed = alpha * float(np.sqrt(np.linalg.eigvalsh(e.B.T @ candidate[0] @ e.B).max()))
+            least = min(least, float(np.sqrt(squares.max())) * max(1.0, speed / fastest))
+    return least
+
+
+def _over(e: Uncertain, pace: Any) -> Uncertain:
+    """The same in a time that runs `pace` times as fast, so that rates are near 1; in the arithmetic of both."""
+    return replace(e, M=e.M / pace, G=e.G / pace, B=e.B / pace, core=e.core / pace, injected=e.injected / pace)

@@ -28,7 +28,7 @@ import numpy as np
 
 from hgogen.algebra.threads import one_thread
 from hgogen.guarantees.lmi import cones
-from hgogen.guarantees.quadratic import Array, Quadratic, Seen, even, inverse_root, pace
+from hgogen.guarantees.quadratic import Array, Quadratic, Seen, inverse_root
 
 _LEAST = 1e-4  # eigenvalue of P over the mean of all: a P close to singular is none that rationals prove
 _CLOSE = 1e-6  # how well a margin is found
@@ -115,10 +115,7 @@ def widest(forms: Sequence[Quadratic], what: str, W: Array | None = None, priced
     """
     if W is None:
         return margin([form.floats for form in forms], what, priced)
-    fast = pace(forms[0].floats, W)
-    slow = [form.floats.over(fast) for form in forms]
-    g = even(slow[0], W)
-    view = Seen(slow, W, g)
+    view, fast = Seen.paced([form.floats for form in forms], W)
     best = margin(view.forms, what, priced)
     if best is None:
         return None
