@@ -12,7 +12,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
 from sys import float_info
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 
@@ -161,7 +161,7 @@ class Code:
     estimate: Program
     timed: tuple[Section, ...]
     inner: tuple[Section, ...]
-    rule: str
+    rule: Annotated[str, "name of the method"]
     choice: str
     signs: tuple[Sign, ...]
 

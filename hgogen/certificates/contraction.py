@@ -20,6 +20,7 @@ from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field, replace
 from fractions import Fraction
 from functools import lru_cache
+from typing import Annotated
 
 from hgogen.check import Check, ClaimId, Verdict
 from hgogen.evidence.grounds import Evidence, Grounds
@@ -249,16 +250,14 @@ def _proved(certain: Callable[[Fraction], object], start: Fraction, end: Fractio
 
 @dataclass(frozen=True)
 class Admitted:
-    """The step's own `dt`, in the unit of the model's `time`, as the others; `certified`: the largest at which its
-    error is proved to contract, `throughout`: whether at every one up to it; `advised`: up to which nothing was seen to
-    fail at points of the box; `refused`: above which there is no step. None where there is no such dt."""
+    """Limits of a step's dt."""
 
-    dt: float
-    time: str
-    certified: float | None
-    throughout: bool
-    advised: float | None
-    refused: float | None
+    dt: Annotated[float, "the step's own dt"]
+    time: Annotated[str, "unit of time"]
+    certified: Annotated[float | None, "largest dt at which its error is proved to contract; null: none"]
+    throughout: Annotated[bool, "whether that holds at every dt up to it"]
+    advised: Annotated[float | None, "dt up to which nothing was seen to fail at points of the box; null: none"]
+    refused: Annotated[float | None, "dt above which there is no step; null: none"]
 
     @property
     def sentence(self) -> Sentence:

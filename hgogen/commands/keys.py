@@ -58,7 +58,7 @@ def _at(result: Any, path: str) -> tuple[Any, str]:
             annotation, text = hints[name], ""
         else:
             member = getattr(owner, name)
-            made = member if isfunction(member) else member.fget
+            made = member if isfunction(member) else getattr(member, "fget", None) or member.func  # of a cached one
             annotation = get_type_hints(made, include_extras=True)["return"]
             text = " ".join((getdoc(made) or "").split("\n\n")[0].split())
         if get_origin(annotation) is Annotated:

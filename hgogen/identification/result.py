@@ -36,16 +36,14 @@ NONE = 1e-6  # of a direction: less of it is rounding
 
 @dataclass(frozen=True)
 class Structure:
-    """Of `count` parameters, lags and offsets the outputs tell `rank` sums at most, and none of the `hidden` ones by
-    itself, which is proved; of the `doubtful` ones that is not known; `unseen`: what hides them, in words; `repairs`:
-    states and parameters, of which measuring one as well would show all."""
+    """What outputs tell of parameters, lags and offsets."""
 
-    rank: int
-    count: int
-    hidden: tuple[str, ...]
-    doubtful: tuple[str, ...]
-    unseen: tuple[str, ...]
-    repairs: tuple[str, ...]
+    rank: Annotated[int, "how many sums of them the outputs tell at most"]
+    count: Annotated[int, "number of parameters, lags and offsets"]
+    hidden: Annotated[tuple[str, ...], "those that are proved not to be told by themselves"]
+    doubtful: Annotated[tuple[str, ...], "those of which that is not known"]
+    unseen: Annotated[tuple[str, ...], "what hides them, in words"]
+    repairs: Annotated[tuple[str, ...], "states and parameters, of which measuring one as well would show all"]
 
 
 @dataclass(frozen=True)

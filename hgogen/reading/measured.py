@@ -53,38 +53,32 @@ PYTHON = Caller("columns={{{name!r}: COLUMN}}", "time=COLUMN or period=TIME", "p
 class Report:
     """What was found in a log and what was done with it.
 
-    `rows` of the file; `samples` on the grid of `dt`; `period`: typical time between rows; `unit`: of all times;
-    `columns` by signal; by signal too, of the rows with a usable time: `missing` (empty cells) and `not_numbers` (NaN
-    among them), both treated as missing samples; `covered`: those of them that share a grid point with another row and
-    cost no sample; `absent`: samples without a number, in all, which is missing + not_numbers - covered + filled, but
-    of an input that is averaged; `malformed`: rows with more cells than the header, left out; `untimed`: rows without a
-    usable time, left out; `out_of_order`: rows earlier than one before them, sorted; `duplicates`: rows that repeat a
-    time, merged; `surplus`: rows of other times at a grid point that has one, merged; `gaps`: pauses longer than 1.5
-    periods, the longest of `longest_gap`; `filled`: grid points without a row, given as missing samples; `shift`: the
-    farthest a row was moved; `notes`: whatever else was decided on reading, or looks doubtful.
+    `absent` is missing + not_numbers - covered + filled, but of an input that is averaged.
     """
 
-    path: str
-    rows: int
-    samples: int
-    dt: float
-    period: float
-    columns: Mapping[str, str]
-    missing: Mapping[str, int]
-    not_numbers: Mapping[str, int]
-    covered: Mapping[str, int]
-    absent: Mapping[str, int]
-    malformed: int
-    untimed: int
-    out_of_order: int
-    duplicates: int
-    surplus: int
-    gaps: int
-    longest_gap: float
-    filled: int
-    shift: float
-    unit: str
-    notes: tuple[str, ...]
+    path: Annotated[str, "path of the file"]
+    rows: Annotated[int, "rows of the file"]
+    samples: Annotated[int, "samples on the grid of dt"]
+    dt: Annotated[float, "period of the grid"]
+    period: Annotated[float, "typical time between rows"]
+    columns: Annotated[Mapping[str, str], "column by signal"]
+    missing: Annotated[Mapping[str, int], "empty cells by signal, in rows with a usable time"]
+    not_numbers: Annotated[Mapping[str, int], "cells without a finite number by signal, in such rows"]
+    covered: Annotated[
+        Mapping[str, int], "such cells by signal beside another row's at a grid point, which cost no sample"
+    ]
+    absent: Annotated[Mapping[str, int], "samples without a number by signal"]
+    malformed: Annotated[int, "rows with more cells than the header, left out"]
+    untimed: Annotated[int, "rows without a usable time, left out"]
+    out_of_order: Annotated[int, "rows earlier than one before them, sorted"]
+    duplicates: Annotated[int, "rows that repeat a time, merged"]
+    surplus: Annotated[int, "rows of other times at a grid point that has one, merged"]
+    gaps: Annotated[int, "pauses longer than 1.5 periods"]
+    longest_gap: Annotated[float, "the longest pause"]
+    filled: Annotated[int, "grid points without a row, given as missing samples"]
+    shift: Annotated[float, "farthest that a row was moved"]
+    unit: Annotated[str, "unit of all times"]
+    notes: Annotated[tuple[str, ...], "what else was decided on reading, or looks doubtful"]
 
     def sentences(self) -> tuple[str, ...]:
         """What was found and what was done with it, a sentence each; only what there is."""

@@ -87,17 +87,16 @@ class Disagree(HgogenError):
 
 @dataclass(frozen=True)
 class Difference:
-    """Of one state: the `largest` difference, at the time `t`, and its `share` of the `scale`, which is `of` its
-    "range" or "peak"; `status`: samples whose status differs, in the whole run."""
+    """How far a state is from a run in double."""
 
-    state: str
-    unit: str
-    largest: float
-    t: float
-    share: float
-    scale: float
-    of: str
-    status: int
+    state: Annotated[str, "the state"]
+    unit: Annotated[str, "its unit"]
+    largest: Annotated[float, "largest difference"]
+    t: Annotated[float, "time of the largest difference"]
+    share: Annotated[float, "the difference over the scale"]
+    scale: Annotated[float, "width of the state's range, or its peak"]
+    of: Annotated[str, "range or peak: what the scale is"]
+    status: Annotated[int, "samples whose status differs, in the whole run"]
 
 
 def differences(states: Sequence[Signal], single: Run, double: Run) -> tuple[Difference, ...]:

@@ -65,19 +65,19 @@ class Outcome:
 
 @dataclass(frozen=True)
 class Varied:
-    """A quantity and its interval: `what` is "start" of a state, "parameter", or "noise", a factor of each output's."""
+    """A quantity and its interval."""
 
-    name: str
-    what: Literal["start", "parameter", "noise"]
-    low: float
-    high: float
+    name: Annotated[str, "what varies"]
+    what: Annotated[Literal["start", "parameter", "noise"], "what it is; noise: a factor of each output's"]
+    low: Annotated[float, "lower end"]
+    high: Annotated[float, "upper end"]
 
 
 @dataclass(frozen=True, eq=False)
 class Draws:
     """`values` (N, k) of `varied` (k)."""
 
-    varied: tuple[Varied, ...]
+    varied: Annotated[tuple[Varied, ...], "what varies from run to run"]
     values: np.ndarray
 
     def __len__(self) -> int:

@@ -101,14 +101,13 @@ def rises(trajectory: Trajectory) -> np.ndarray:
 
 @dataclass(frozen=True)
 class Seen:
-    """Of a state: the `bound` of its error, and the `worst` from `after` (the model's unit of time) on after each event
-    of a trial, None where it ends before."""
+    """The error of a state in a trial beside its bound."""
 
-    state: str
-    unit: str
-    bound: float
-    after: float
-    worst: float | None
+    state: Annotated[str, "the state"]
+    unit: Annotated[str, "its unit"]
+    bound: Annotated[float, "what is proved of its error"]
+    after: Annotated[float, "how long after an event the bound holds"]
+    worst: Annotated[float | None, "largest error from then on; null where the trial ends before"]
 
 
 def seen(states: Sequence[Signal], trajectory: Trajectory, known: ErrorBound) -> tuple[Seen, ...]:

@@ -2,6 +2,7 @@
 
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
 
@@ -19,11 +20,11 @@ Array = np.ndarray
 
 @dataclass(frozen=True)
 class Interventions:
-    """The times of all `restarts` from the sample and `projections` onto the ranges in so many `runs`."""
+    """When the law of recovery acted."""
 
-    restarts: tuple[float, ...] = ()
-    projections: tuple[float, ...] = ()
-    runs: int = 1
+    restarts: Annotated[tuple[float, ...], "times of restarts from the sample"] = ()
+    projections: Annotated[tuple[float, ...], "times of projections onto the ranges"] = ()
+    runs: Annotated[int, "number of runs"] = 1
 
     def __bool__(self) -> bool:
         return bool(self.restarts or self.projections)
@@ -66,15 +67,14 @@ def guard_notes(trial: str, observer: str, each: Interventions, disturbed: bool,
 
 @dataclass(frozen=True)
 class Left:
-    """A state or an input of the plant that leaves [low, high]: first at `time`, where it is `value`; `farthest`: its
-    value farthest from the range."""
+    """A state or an input of the plant that leaves its range."""
 
-    signal: str
-    low: float
-    high: float
-    time: float
-    value: float
-    farthest: float
+    signal: Annotated[str, "the state or input"]
+    low: Annotated[float, "lower end of its range"]
+    high: Annotated[float, "upper end of its range"]
+    time: Annotated[float, "when it leaves first"]
+    value: Annotated[float, "its value there"]
+    farthest: Annotated[float, "its value farthest from the range"]
 
     def sentence(self, unit: str) -> str:
         """A sentence such as "q leaves its range -4..4 at t = 1.2 s, where it is 4.01, and gets as far as 9"."""

@@ -186,14 +186,13 @@ def _error(step: CallableStep, u: Array, y: Array, j: int, one: Map, engine: Eng
 
 @dataclass(frozen=True)
 class Better:
-    """A signal taken `shift` samples later, or with its `sign`, and the RMS errors, over those of copying, with it and
-    as it is: those of a segment of the record, the median of all."""
+    """A signal taken later, or with another sign; the errors are medians over segments of the record."""
 
-    signal: str
-    shift: int
-    sign: int
-    error: float
-    present: float
+    signal: Annotated[str, "the signal"]
+    shift: Annotated[int, "samples later than it was logged"]
+    sign: Annotated[int, "1 or -1"]
+    error: Annotated[float, "RMS error with it over that of copying"]
+    present: Annotated[float, "RMS error as it is over that of copying"]
 
     def sentence(self, before: int, operand: str) -> str:
         """What to say on the command line, where the signal is shifted by `before` already, and its column in an

@@ -10,7 +10,7 @@ import math
 from array import array
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import asdict, dataclass
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 
@@ -96,15 +96,14 @@ def _is_nan(value: Any) -> bool:
 
 @dataclass(frozen=True)
 class Spread:
-    """A quantity over the runs: its 5 %, 50 % and 95 % quantiles, the worst and the run that had it; None, which counts
-    as the worst, for what never happened."""
+    """A quantity over the runs; None, which counts as the worst, for what never happened."""
 
-    name: str
-    low: float | None
-    middle: float | None
-    high: float | None
-    worst: float | None
-    run: int
+    name: Annotated[str, "the quantity"]
+    low: Annotated[float | None, "5 % quantile; null: never"]
+    middle: Annotated[float | None, "median; null: never"]
+    high: Annotated[float | None, "95 % quantile; null: never"]
+    worst: Annotated[float | None, "the worst; null: never"]
+    run: Annotated[int, "the run that had the worst"]
 
 
 class Tally:
