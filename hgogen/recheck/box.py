@@ -168,9 +168,12 @@ def ranged(expression: Expression, low: End, high: End) -> Callable[[Box], Try]:
         except Undefined:
             return Try(False)
         fails = [(end, sign) for end, sign in ((low, 1), (high, -1)) if not _meets(natural, end, sign)]
-        slopes = _slopes(expression, box) if fails else None
-        if slopes is None:
+        if not fails or unbounded(box):
             return Try(not fails)
+        try:
+            slopes = dict(evaluate(expression, moving(box), _duals).slopes)
+        except Undefined:
+            return Try(False)
         for end, sign in fails:
             face = face_on(box, slopes, sign)
             if not _bounded(expression, face, slopes, end, sign):
@@ -188,16 +191,6 @@ def _meets(value: Interval, limit: End, sign: int) -> bool:
 def moving(box: Box) -> dict[str, Dual]:
     """The box as intervals with slopes in those of its names that are no points, by their places."""
     return seeded(sides(box), (name if low < high else "" for name, (low, high) in box.items()), intervals)
-
-
-def _slopes(expression: Expression, box: Box) -> Slopes | None:
-    """Enclosures of the derivatives by the place of their names; None where there is none, or an unbounded side."""
-    if unbounded(box):
-        return None
-    try:
-        return dict(evaluate(expression, moving(box), _duals).slopes)
-    except Undefined:
-        return None
 
 
 def unbounded(box: Box) -> bool:

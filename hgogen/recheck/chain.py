@@ -10,10 +10,10 @@ from fractions import Fraction
 from typing import Any, TypeVar
 
 from .algebra import Quotient
-from .box import NotShown, covered, ranged
+from .box import Box, NotShown, covered, ranged
 from .context import Context, Shown, declared_box, finite, narrowed, on, only, short
 from .file import Claim, FormFile, Observer, part
-from .matrix import Matrix, column, entries, scalar
+from .matrix import Matrix, column, entries, signless
 from .slope import Norm, continuous, spectral, steep
 from .text import Expression, expression
 
@@ -147,7 +147,7 @@ def integrators(context: Context, evidence: Mapping[str, Any]) -> Scale:
     """The one chain in coordinates S w: the claim's `scale` is units_i a_1 .. a_i, constant in time. Raises:
     `NotShown`."""
     _ = context.equations
-    n, algebra, product = len(context.z), context.algebra, context.algebra.number(Fraction(1))
+    n, algebra, product = len(context.z), context.algebra, context.algebra.one
     if len(context.form.blocks) != 1:
         raise NotShown("the form is not one chain")
     units, scale = column(evidence, "units", n), constants(context, entries(evidence, "scale", n))
@@ -194,7 +194,7 @@ def core_of(context: Context, scale: Sequence[Expression], gains: Sequence[Expre
     """N, with S (A - K C) = N S whatever the parameters. Raises: `NotShown`."""
     algebra, form = context.algebra, context.form
     S, entries = ([context.value(text) for text in texts] for texts in (scale, gains))
-    column, K = {z: k for k, z in enumerate(context.heads)}, gain_of(form.blocks, entries, algebra.number(Fraction(0)))
+    column, K = {z: k for k, z in enumerate(context.heads)}, gain_of(form.blocks, entries, algebra.zero)
     for i, row in enumerate(form.A):
         for j, text in enumerate(row):
             entry, at = context.value(text), column.get(context.z[j])
@@ -210,23 +210,25 @@ def slope(
 ) -> tuple[Fraction, int]:
     """The claim's bound of |S db/dz S^-1| on the box, S the diagonal `scale`, and with how many boxes it is shown.
     Raises: `NotShown`."""
-    rows = context.form.b
-    where = declared_box(evidence, context.form.box, {name for read in (*rows, *scale) for name in read.names})
-    bound = scalar(evidence, "bound")
-    if bound < 0:
-        raise NotShown("its bound is negative")
-    continuous(rows, context.z, where)
-    return bound, covered(where, part(evidence, "tree", str), steep(rows, context.z, bound, scale, norm))
+    bound, _, boxes = _steepness(context, evidence, context.form.b, scale, norm)
+    return bound, boxes
 
 
 def jacobian_bound(context: Context, claim: Claim, rows: Sequence[Expression], name: str) -> Shown:
     """|d rows/dz| <= the claim's bound in the spectral norm, on the form's box. Raises: `NotShown`."""
     _ = context.equations
-    names = {read for row in rows for read in row.names}
-    box = declared_box(claim.evidence, context.form.box, names)
-    bound = scalar(claim.evidence, "bound")
-    if bound < 0:
-        raise NotShown("its bound is negative")
-    continuous(rows, context.z, box)
-    boxes = covered(box, part(claim.evidence, "tree", str), steep(rows, context.z, bound))
+    bound, box, boxes = _steepness(context, claim.evidence, rows)
     return Shown(f"|{name}| <= {short(bound, 1)}{on(box)}", boxes)
+
+
+def _steepness(
+    context: Context,
+    evidence: Mapping[str, Any],
+    rows: Sequence[Expression],
+    scale: Sequence[Expression] = (),
+    norm: Norm = spectral,
+) -> tuple[Fraction, Box, int]:
+    box = declared_box(evidence, context.form.box, {name for read in (*rows, *scale) for name in read.names})
+    bound = signless(evidence, "bound")
+    continuous(rows, context.z, box)
+    return bound, box, covered(box, part(evidence, "tree", str), steep(rows, context.z, bound, scale, norm))

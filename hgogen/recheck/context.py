@@ -154,6 +154,13 @@ class Context:
         self._same(self.value(output) - rest, slope * letters[first], f"the output is not linear in {first}")
         return slope
 
+    def output_slope(self, output: int) -> Fraction:
+        """dy/dz of an output in the state z that it shows, a number other than 0. Raises: `NotShown`."""
+        slope = self.first_gain(output).number
+        if not slope:
+            raise NotShown("the slope of an output is no number")
+        return slope
+
     @property
     def heads(self) -> tuple[str, ...]:
         """The first state of each chain, "" of one without states."""
@@ -188,6 +195,13 @@ def algebra_of(box: Box) -> Algebra:
     free = [name for name, (low, high) in box.items() if low < high]
     fixed = {name: Fraction(low) for name, (low, high) in box.items() if low == high}
     return Algebra(free, [name for name in free if box[name][0] >= 0], fixed)
+
+
+def numbers(rows: Iterable[Sequence[Quotient]]) -> list[list[Fraction]] | None:
+    """The rows as numbers; None where an entry is written otherwise."""
+    values = [[entry.number for entry in row] for row in rows]
+    known = [[value for value in row if value is not None] for row in values]
+    return known if known == values else None
 
 
 def applied(algebra: Algebra, M: Iterable[Sequence[Fraction]], x: Sequence[Quotient]) -> list[Quotient]:

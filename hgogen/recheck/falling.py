@@ -24,6 +24,7 @@ from .matrix import (
     plus,
     scalar,
     scaled,
+    signless,
     times,
     twice,
 )
@@ -84,9 +85,7 @@ class Decay:
         known = f"{name} = {is_above(chosen, scalar(bound.evidence, 'least'))}"
         if not claim.evidence:
             return Shown(known)
-        alpha = scalar(claim.evidence, "alpha")
-        if alpha < 0:
-            raise NotShown("its alpha is negative")
+        alpha = signless(claim.evidence, "alpha")
         boxes = self.falls(context, claim, bound.evidence, chosen, alpha)
         return Shown(f"{known}, where V' <= -{short(alpha, -1)} V", boxes)
 

@@ -270,17 +270,13 @@ def _observer(
     _known("observer", parts, (*wanted, *known.beside))
     if missing := sorted(set(wanted) - parts.keys()):
         raise NoCertificate(f"its observer {name!r} has no part {missing[0]!r}")
-    entries = {key: tuple(_gain(part(parts, key, list), names, blocks)) for key in known.expressions}
-    numbers = (*known.numbers, *(key for key in known.beside if key in parts))
-    return Observer(name, {key: _numbers(parts[key]) for key in numbers}, entries)
-
-
-def _gain(texts: list[Any], names: Mapping[str, Any], blocks: Sequence[int]) -> Iterable[Expression]:
-    """The entries of a gain, one for each state, or one for each state and chain."""
+    entries = {key: part(parts, key, list) for key in known.expressions}
     chains, states = sum(size > 0 for size in blocks), sum(blocks)
-    if len(texts) not in (states, states * chains):
+    if any(len(gain) not in (states, states * chains) for gain in entries.values()):
         raise NoCertificate(f"its gains are not {states} entries, nor {states} for each of {chains} chains")
-    return (expression(text, names) for text in texts)
+    gains = {key: tuple(expression(text, names) for text in gain) for key, gain in entries.items()}
+    numbers = (*known.numbers, *(key for key in known.beside if key in parts))
+    return Observer(name, {key: _numbers(parts[key]) for key in numbers}, gains)
 
 
 def _numbers(value: Any, depth: int = 0) -> Any:

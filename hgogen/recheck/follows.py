@@ -17,7 +17,8 @@ from typing import Any
 from .box import NotShown, covered, ranged
 from .context import Context, narrowed, only
 from .file import part
-from .matrix import Matrix, column, matrix
+from .matrix import Matrix, column, demand_enough, dot, matrix
+from .plant_motion import demand_keys
 from .slope import no_steeper
 
 _TERMS = 60  # of the exponential's series
@@ -33,12 +34,13 @@ def demand_followed(context: Context, h: Fraction, shares: Shares) -> int:
     for name, share in shares.items():
         follows = part(share, "follows", dict)
         keys = _KEYS.get(name, ())
-        if set(follows) != {*keys}:
-            raise NotShown(f"the sizes of {name} do not follow from {', '.join(keys) or 'nothing'}")
+        demand_keys(follows, keys, name)
         if name in _ROWS:
             rows, sizes, seen = _ROWS[name](context, follows)
-            each = [sum((x * size for x, size in zip(row, sizes, strict=True)), Fraction(0)) for row in rows]
-            boxes += seen + _enough(context, h, name, share, each)
+            each = [dot(row, sizes) for row in rows]
+            J = matrix(follows, "steepness", n, n)
+            boxes += seen + no_steeper(context.rates, context.z, J, [Fraction(1)] * n, context.form.box)
+            demand_enough(name, column(share, "beside", n), _on_its_way(h, J, each))
             moved = [x + y for x, y in zip(moved, each, strict=True)]
         elif keys:
             others[name] = follows, _signless(follows, "sizes", p)
@@ -47,13 +49,8 @@ def demand_followed(context: Context, h: Fraction, shares: Shares) -> int:
             sizes, seen = _late(context, follows, sizes, moved)
             boxes += seen
         least = [size / 2 for size in sizes] if name == "rounded" else sizes
-        _demand(name, column(shares[name], "samples", p), least)
+        demand_enough(name, column(shares[name], "samples", p), least)
     return boxes
-
-
-def _demand(name: str, sizes: Sequence[Fraction], least: Sequence[Fraction]) -> None:
-    if any(size < few for size, few in zip(sizes, least, strict=True)):
-        raise NotShown(f"a size of {name} is less than what it follows from")
 
 
 def _signless(follows: Mapping[str, Any], key: str, count: int) -> list[Fraction]:
@@ -74,9 +71,7 @@ def _late(
             least.append(tau)
             continue
         context.demand_seen(j)
-        slope = context.first_gain(j).number
-        if not slope:
-            raise NotShown("the slope of an output is no number")
+        slope = context.output_slope(j)
         only(context.form.output[j].names & set(context.file.inputs), (), "a late output")
         i = context.z.index(context.seen[j])
         most, row = speed / abs(slope), context.rates[i]
@@ -105,15 +100,6 @@ def _by_parameters(context: Context, follows: Mapping[str, Any]) -> tuple[Matrix
     return rows, sizes, no_steeper(context.rates, names, rows, sizes, box)
 
 
-def _enough(context: Context, h: Fraction, name: str, share: Mapping[str, Any], moved: Sequence[Fraction]) -> int:
-    """That the sizes beside a step are those of what moves the rows, and with how many boxes. Raises: `NotShown`."""
-    follows, n = part(share, "follows", dict), len(context.z)
-    J = matrix(follows, "steepness", n, n)
-    boxes = no_steeper(context.rates, context.z, J, [Fraction(1)] * n, context.form.box)
-    _demand(name, column(share, "beside", n), _on_its_way(h, J, moved))
-    return boxes
-
-
 def _on_its_way(h: Fraction, J: Matrix, moved: Sequence[Fraction]) -> list[Fraction]:
     """At least the sum of (h J)^k m/(k + 1)! over all k. Raises: `NotShown`."""
     if any(x < 0 for row in J for x in row):
@@ -123,7 +109,7 @@ def _on_its_way(h: Fraction, J: Matrix, moved: Sequence[Fraction]) -> list[Fract
         raise NotShown("the plant is too fast for its dt")
     term, total = list(moved), list(moved)
     for k in range(2, _TERMS + 2):
-        exact = [h * sum((x * y for x, y in zip(row, term, strict=True)), Fraction(0)) / k for row in J]
+        exact = [h * dot(row, term) / k for row in J]
         term = [Fraction(-(-x.numerator * 2**_BITS // x.denominator), 2**_BITS) for x in exact]  # or a little above
         total = [x + y for x, y in zip(total, term, strict=True)]
     left = max(term, default=Fraction(0))  # each term that is left out is at most half of the one before

@@ -26,10 +26,24 @@ from functools import partial
 from typing import Any
 
 from .box import NotShown
-from .context import Context
+from .context import Context, numbers
 from .file import part
 from .inequality import REALISED, TAKEN, Parts, Weights
-from .matrix import Matrix, column, entries, matrix, minus, plus, scalar, scaled, sizes, times, unit, zeros
+from .matrix import (
+    Matrix,
+    column,
+    demand_enough,
+    entries,
+    matrix,
+    minus,
+    plus,
+    scalar,
+    scaled,
+    sizes,
+    times,
+    unit,
+    zeros,
+)
 from .plant_motion import Derivative, PlantMotion, demand_derivatives, demand_keys, motion_of
 from .slope import no_steeper
 from .transition import core_integral
@@ -114,8 +128,7 @@ def demand_left_by_core(
     _demand_chain(context, parts, lifted, entering)
     step = AtCore(parts, h, REALISED[name](scaled(h, parts.L)), lifted, entering, flow, rest)
     least = step.total(leaves.alpha(step))
-    if any(size < few for size, few in zip(column(share, "fields", len(lifted)), least, strict=True)):
-        raise NotShown("a size of the method is less than what it follows from")
+    demand_enough("the method", column(share, "fields", len(lifted)), least)
     return motion, motion.demand() + shown()
 
 
@@ -160,9 +173,8 @@ def _by_steepness(
 
 def _demand_chain(context: Context, parts: Parts, lifted: Matrix, entering: Matrix) -> None:
     """L s + B C = s A: that X obeys the observer's equations. Raises: `NotShown`."""
-    A = [[context.value(entry).number for entry in row] for row in context.form.A]
-    chain = [[entry for entry in row if entry is not None] for row in A]
-    if any(len(row) < len(A) for row in chain):
+    chain = numbers([context.value(entry) for entry in row] for row in context.form.A)
+    if chain is None:
         raise NotShown("the chain of the plant moves, which its method does not realise")
     if plus(times(parts.L, lifted), entering) != times(lifted, chain):
         raise NotShown("its core is not the plant's chain")

@@ -1,6 +1,6 @@
 """Matrices of fractions as a certificate writes them, and their signs by elimination: exact."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from fractions import Fraction
 from math import lcm
 from operator import mul
@@ -67,6 +67,25 @@ def above_zero(holder: Mapping[str, Any], key: str) -> Fraction:
     return value
 
 
+def signless(holder: Mapping[str, Any], key: str) -> Fraction:
+    """One number that is not negative. Raises: `NotShown`."""
+    value = scalar(holder, key)
+    if value < 0:
+        raise NotShown(f"its {key} is negative")
+    return value
+
+
+def demand_enough(name: str, sizes: Iterable[Fraction], least: Iterable[Fraction]) -> None:
+    """That the sizes of something are at least these. Raises: `NotShown`."""
+    if any(size < few for size, few in zip(sizes, least, strict=True)):
+        raise NotShown(f"a size of {name} is less than what it follows from")
+
+
+def dot(a: Iterable[Fraction], b: Iterable[Fraction]) -> Fraction:
+    """The sum of products."""
+    return sum((x * y for x, y in zip(a, b, strict=True)), _ZERO)
+
+
 def unit(n: int) -> Matrix:
     """The unit matrix (n, n)."""
     return [[Fraction(int(i == j)) for j in range(n)] for i in range(n)]
@@ -104,7 +123,7 @@ def times(A: Matrix, B: Matrix) -> Matrix:
     rows, columns = list(map(_whole, A)), list(map(_whole, transposed(B)))
     if len({len(values) for values, _ in (*rows, *columns)}) > 1 and columns:
         raise ValueError("matrices that do not fit")  # which `map` below would not see
-    return [[Fraction(dot, p * q) if (dot := sum(map(mul, a, b))) else _ZERO for b, q in columns] for a, p in rows]
+    return [[Fraction(sum_, p * q) if (sum_ := sum(map(mul, a, b))) else _ZERO for b, q in columns] for a, p in rows]
 
 
 def _whole(values: Sequence[Fraction]) -> tuple[list[int], int]:

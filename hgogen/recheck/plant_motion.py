@@ -59,10 +59,7 @@ class PlantMotion:
         injected. Raises: `NotShown`."""
         shown = dict[int, tuple[int, Fraction]]()
         for j, z in ((j, z) for j, z in enumerate(self.context.seen) if z):
-            slope = self.context.first_gain(j).number
-            if not slope:
-                raise NotShown("the slope of an output is no number")
-            shown[j] = self.context.z.index(z), slope
+            shown[j] = self.context.z.index(z), self.context.output_slope(j)
         return shown
 
     @property
@@ -91,10 +88,10 @@ def motion_of(context: Context, h: Fraction, follows: Mapping[str, Any]) -> Plan
     return PlantMotion(context, h, rates, speeds)
 
 
-def demand_keys(follows: Mapping[str, Any], keys: tuple[str, ...]) -> None:
-    """That it has these and no others. Raises: `NotShown`."""
+def demand_keys(follows: Mapping[str, Any], keys: tuple[str, ...], name: str = "the method") -> None:
+    """That the sizes of something follow from these and no others. Raises: `NotShown`."""
     if set(follows) != {*keys}:
-        raise NotShown(f"the sizes of the method do not follow from {', '.join(keys)}")
+        raise NotShown(f"the sizes of {name} do not follow from {', '.join(keys) or 'nothing'}")
 
 
 # --- series in time

@@ -32,7 +32,7 @@ from .context import Context, narrowed
 from .file import part
 from .inequality import ONE, Tableau
 from .interval import Interval, point
-from .matrix import Matrix, column, entries, matrix
+from .matrix import Matrix, column, demand_enough, dot, entries, matrix
 from .plant_motion import PlantMotion, PlantSeries, demand_keys, motion_of
 from .slope import no_steeper
 from .text import Expression
@@ -85,9 +85,9 @@ class Remainder:
 
     def _line(self, slopes: list[Fraction], thirds: list[Fraction]) -> list[Fraction]:
         h = self.motion.h
-        bend = sum((x * most for x, most in zip(slopes, self._moving, strict=True)), _ZERO)
+        bend = dot(slopes, self._moving)
         away = [sum(map(abs, row), _ZERO) for row in self.tableau.rows]
-        shares = [sum((abs(w) * far for w, far in zip(row, away, strict=True)), _ZERO) for row in self.tableau.bends]
+        shares = [dot(map(abs, row), away) for row in self.tableau.bends]
         sizes = [h**2 * bend * share for share in shares]
         for i, third in zip(self.tableau.cubic, thirds, strict=False):
             sizes[i] = min(sizes[i], h**_THIRD * third)
@@ -174,8 +174,7 @@ def demand_remainder(
     pairs = [*zip(beside, left.beside, strict=True)]
     for sizes, least in zip(stages, left.stages, strict=True):
         pairs += zip(sizes, least, strict=True)
-    if any(size < least for size, least in pairs):
-        raise NotShown("a size of the method is less than what it follows from")
+    demand_enough("the method", *zip(*pairs, strict=True))
     return motion, left.demand()
 
 
@@ -210,7 +209,7 @@ def left_by_lipschitz(
         for w, before in zip(row, off, strict=False):
             beside = [x + h * abs(w) * y for x, y in zip(beside, _driven(steepness, before), strict=True)]
         off.append(beside)
-    if sum((w * c for w, c in zip(tableau.weights, nodes, strict=True)), _ZERO) != _HALF:  # not exact for lines
+    if dot(tableau.weights, nodes) != _HALF:  # not exact for lines
         return [x / h for x in off[-1]]
     bends = _driven(steepness, W)
     moment = sum((abs(w) * (c - _HALF) ** 2 for w, c in zip(tableau.weights, nodes, strict=True)), _TWELFTH) / 2

@@ -20,7 +20,7 @@ from .file import part
 from .inequality import Tableau
 from .interval import Interval, between, intervals, point
 from .matrix import column
-from .plant_motion import demand_speeds
+from .plant_motion import demand_keys, demand_speeds
 from .program import Equation, StepProgram, Walk, listed
 from .uncertain import ErrorInclusion
 
@@ -123,8 +123,7 @@ def demand_rounding(
 
 def equation_of(context: Context, error: ErrorInclusion, theta: Fraction, follows: Mapping[str, Any]) -> Equation:
     """The equation of the observer whose program is listed. Raises: `NotShown`."""
-    if set(follows) != {*_KEYS}:
-        raise NotShown(f"the sizes of its rounding do not follow from {', '.join(_KEYS)}")
+    demand_keys(follows, _KEYS, "its rounding")
     return Equation(context, error, theta, parameters_of(context, follows))
 
 

@@ -64,12 +64,13 @@ def differentiable(texts: Iterable[Expression], at: Mapping[str, Fraction]) -> N
     values = points(at)
     for text in texts:
         for op, args, _ in text.instructions:
-            if is_table(op) and _meets(op, [evaluate(replace(text, result=arg), values, intervals) for arg in args]):
-                raise NotShown(f"{cut(text.text)} may have no slope at its witness")
-            if op not in KINKS:
+            if op not in KINKS and not is_table(op):
                 continue
             operands = [evaluate(replace(text, result=arg), values, intervals) for arg in args]
             differences = [x - y for x, y in combinations(operands, 2)] if len(operands) > 1 else operands
+            if is_table(op):  # whose argument may be one of its points
+                each = zip(operands, table_of(op)[0].axes, strict=True)
+                differences = [x - point(place) for x, places in each for place in places]
             if any(x.sign == 0 for x in differences):
                 raise NotShown(f"{cut(text.text)} may have no slope at its witness")
 
@@ -89,12 +90,6 @@ def continuous(texts: Iterable[Expression], names: Iterable[str], box: Box) -> N
             orders = tuple(m + moves[arg] for m, arg in zip(order, args, strict=True))
             if table.range(orders, place) is None:
                 raise NotShown(f"{cut(text.text)} is not shown to be continuous")
-
-
-def _meets(table: str, at: Sequence[Interval]) -> bool:
-    """Whether an argument of a table may be one of its points."""
-    axes = table_of(table)[0].axes
-    return any((x - point(place)).sign == 0 for x, places in zip(at, axes, strict=True) for place in places)
 
 
 def steep(

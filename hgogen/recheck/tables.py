@@ -193,18 +193,15 @@ def _range(piece: Piece, a: Fraction, b: Fraction) -> tuple[Fraction, Fraction]:
 def _cubics(points: Sequence[tuple[Fraction, Fraction]]) -> list[Piece]:
     widths = [b - a for (a, _), (b, _) in pairwise(points)]
     chords = [(d - c) / (b - a) for (a, c), (b, d) in pairwise(points)]
-    slopes = _ends(widths, chords)
+    slopes = 2 * chords
+    if len(chords) > 1:
+        inside = map(_between, widths, widths[1:], chords, chords[1:])
+        slopes = [_last(widths[1], widths[0], chords[1], chords[0]), *inside, _last(*widths[-2:], *chords[-2:])]
     pieces: list[Piece] = []
     for k, (h, D) in enumerate(zip(widths, chords, strict=True)):
         p, q = slopes[k] - D, slopes[k + 1] - D  # y + D t + t (t - h) (p (t - h) + q t)/h^2
         pieces.append((points[k][1], slopes[k], -(2 * p + q) / h, (p + q) / h**2))
     return pieces
-
-
-def _ends(h: Sequence[Fraction], D: Sequence[Fraction]) -> list[Fraction]:
-    if len(D) == 1:
-        return [D[0], D[0]]
-    return [_last(h[1], h[0], D[1], D[0]), *map(_between, h, h[1:], D, D[1:]), _last(h[-2], h[-1], D[-2], D[-1])]
 
 
 def _between(g: Fraction, h: Fraction, C: Fraction, D: Fraction) -> Fraction:

@@ -23,7 +23,7 @@ from typing import Any
 
 from .box import NotShown, covered
 from .chain import constants, core_of, gain_of, integrators, invertible, steady, wanted_gain
-from .context import Context, enclosed, narrowed
+from .context import Context, enclosed, narrowed, numbers
 from .file import Observer, part
 from .inequality import Parts
 from .matrix import (
@@ -324,8 +324,8 @@ def argument_of(context: Context, entries: Sequence[Expression], scale: Sequence
     """By the entries of N, for each z_j, in the coordinates `scale` z. Raises: `NotShown` where what b reads of the
     errors is not of numbers."""
     S = [context.value(text) for text in scale]
-    N = gain_of(context.form.blocks, [context.value(text) for text in entries], context.algebra.number(Fraction(0)))
-    reads, takes = unit(len(N)), [[(s * entry).number for entry in row] for s, row in zip(S, N, strict=True)]
+    N = gain_of(context.form.blocks, [context.value(text) for text in entries], context.algebra.zero)
+    reads, takes = unit(len(N)), numbers([s * entry for entry in row] for s, row in zip(S, N, strict=True))
     for k, z in enumerate(context.heads):
         if not z:
             continue
@@ -335,17 +335,15 @@ def argument_of(context: Context, entries: Sequence[Expression], scale: Sequence
             if share is None:
                 raise NotShown("what it injects into the argument of b is not of numbers in these coordinates")
             reads[j][head] -= share
-    known = [[value for value in row if value is not None] for row in takes]
-    return Argument(reads, known if all(len(row) == len(context.heads) for row in known) else [[] for _ in N])
+    return Argument(reads, [[] for _ in N] if takes is None else takes)
 
 
 def _by_chain(context: Context, observer: Observer, scale: list[Expression]) -> Matrix:
     """S K, its columns spread over the outputs that show a state together; empty where its entries are no numbers."""
-    blocks, none = context.form.blocks, context.algebra.number(Fraction(0))
+    blocks, none = context.form.blocks, context.algebra.zero
     K = gain_of(blocks, [context.value(text) for text in observer.gains], none)
-    values = [[(context.value(s) * k).number for k in row] for s, row in zip(scale, K, strict=True)]
-    known = [[value for value in row if value is not None] for row in values]
-    return times(known, _means(context, observer)) if all(len(row) == len(blocks) for row in known) else []
+    known = numbers([context.value(s) * k for k in row] for s, row in zip(scale, K, strict=True))
+    return [] if known is None else times(known, _means(context, observer))
 
 
 def _means(context: Context, observer: Observer) -> Matrix:
@@ -364,10 +362,7 @@ def _means(context: Context, observer: Observer) -> Matrix:
     for k, each in enumerate(together):
         whole = sum((weights[j] for j in each), Fraction(0))
         for j in each:
-            own, ratio = (context.first_gain(at).number for at in (k, j))
-            if not (own and ratio):
-                raise NotShown("the slope of an output is no number")
-            rows[k][j] = weights[j] * own / (ratio * whole)
+            rows[k][j] = weights[j] * context.output_slope(k) / (context.output_slope(j) * whole)
     return rows
 
 
@@ -376,11 +371,10 @@ def _moving(
 ) -> tuple[list[Slope], int]:
     """The a_i in their ranges: a_1 of a chain by its column of -K, others from state to state; S and K are numbers."""
     blocks, slopes, boxes = context.form.blocks, [], 0
-    S, entering = ([context.value(text).number for text in texts] for texts in (scale, observer.gains))
-    K = [k for k in entering if k is not None]
-    if any(s != 1 for s in S) or len(K) < len(entering):
+    S, K = (numbers([[context.value(text) for text in texts]]) for texts in (scale, observer.gains))
+    if S is None or any(s != 1 for s in S[0]) or K is None:
         raise NotShown("its scale is not 1, or its gains are no numbers, which the a_i of ranges want")
-    columns = gain_of(blocks, K, Fraction(0))
+    columns = gain_of(blocks, K[0], Fraction(0))
     places = [(k, i) for k, size in enumerate(blocks, 1) for i in range(1, size + 1)]
     for at, (place, range_) in enumerate(zip(places, entries(evidence, "ranges", len(places)), strict=True)):
         low, high, shown = enclosed(context, range_, *wanted_gain(context, place))

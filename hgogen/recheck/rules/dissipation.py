@@ -25,11 +25,11 @@ from typing import Any
 
 from ..arithmetic import Arithmetic, Dual, Undefined, dual, jacobian, seeded, total
 from ..box import Box, End, NotShown, Try, covered, ranged, sides, unbounded
-from ..context import Context, Shown, algebra_of, cut, inner, narrowed, on, short
+from ..context import Context, Shown, algebra_of, cut, inner, narrowed, numbers, on, short
 from ..error import OBSERVED, PARTS, ErrorSystem, ObservedSystem, error_system, observed_system, smooth
 from ..file import Claim, part
 from ..interval import Interval, intervals, point
-from ..matrix import Matrix, above_zero, demand_nonnegative, entries, fields, matrix, scalar
+from ..matrix import Matrix, above_zero, demand_nonnegative, entries, fields, matrix, scalar, scaled
 from ..rule import Rule
 from ..slope import by_mean_value, positive
 from ..text import Expression, expression
@@ -105,7 +105,7 @@ def inequality(context: Context, claim: Claim) -> Shown:
 def level(context: Context, claim: Claim) -> Shown:
     """Every set {V <= c} with c below the claim's keeps off the faces of the box."""
     claimed, floor = _claimed_gain(context, claim), above_zero(claim.evidence, "floor")
-    faces = [(i, end) for i, name in enumerate(claimed.errors) for end in map(Fraction, claimed.around[name])]
+    faces = [(i, end) for i, name in enumerate(claimed.errors) for end in _ends(claimed, name)]
     P, boxes = _quadratic(claimed), 0
     if P is not None:
         for i, end in faces:
@@ -182,6 +182,11 @@ def _smooth(claimed: ClaimedGain) -> Any:
     return attempt
 
 
+def _ends(claimed: ClaimedGain, name: str) -> tuple[Fraction, Fraction]:
+    low, high = claimed.around[name]
+    return Fraction(low), Fraction(high)
+
+
 def _share(claim: Claim, claimed: ClaimedGain) -> tuple[Fraction, Matrix]:
     """The share of the box on which the matrices are shown to be definite, and the basis T (n, n) to show it in."""
     share, n = above_zero(claim.evidence, "share"), len(claimed.errors)
@@ -195,7 +200,7 @@ def _slabs(claim: Claim, claimed: ClaimedGain, share: Fraction) -> Iterator[tupl
     covers = entries(claim.evidence, "slabs", 0 if share == 1 else 2 * len(claimed.errors))
     inner = dict(claimed.around)
     for k, name in enumerate(claimed.errors if covers else ()):
-        low, high = map(Fraction, claimed.around[name])
+        low, high = _ends(claimed, name)
         for side, slab in enumerate(((low, low * share), (high * share, high))):
             cover = fields(covers[2 * k + side], "a slab", ("tree", "bound"))
             yield {**claimed.box, **inner, name: slab}, part(cover, "tree", str), scalar(cover, "bound")
@@ -221,9 +226,8 @@ def _left(claimed: ClaimedGain, left: Expression) -> None:
 def _quadratic(claimed: ClaimedGain) -> Matrix | None:
     """The matrix P of V = e'P e, None where V is another function."""
     algebra = algebra_of(claimed.around)
-    numbers = [[entry.number for entry in row] for row in _second(claimed, algebra.names, algebra.arithmetic)]
-    P = [[value / 2 for value in row if value is not None] for row in numbers]
-    return P if all(len(row) == len(P) for row in P) else None
+    H = numbers(_second(claimed, algebra.names, algebra.arithmetic))
+    return None if H is None else scaled(Fraction(1, 2), H)
 
 
 def _second(claimed: ClaimedGain, values: Mapping[str, Any], arithmetic: Arithmetic) -> list[list[Any]]:

@@ -35,10 +35,11 @@ from ..matrix import (
     column,
     companion,
     demand_positive,
+    dot,
     matrix,
     plus,
-    scalar,
     scaled,
+    signless,
     similar,
     times,
     twice,
@@ -90,8 +91,8 @@ def _bounded(form: Form, N: Matrix, moves: list[Matrix], H: Matrix, S: list[Frac
     for move, read, s in zip(moves, H, S, strict=True):
         by = plus(form(plus(N, move)), scaled(Fraction(-1), base))
         h = [*read, *[Fraction(0)] * (len(base) - len(read))]
-        along = [sum((x * y for x, y in zip(row, h, strict=True)), Fraction(0)) for row in by]
-        twice_own = sum((x * y for x, y in zip(along, h, strict=True)), Fraction(0))
+        along = [dot(row, h) for row in by]
+        twice_own = dot(along, h)
         v = [x - y * twice_own / 2 for x, y in zip(along, h, strict=True)]
         added = [[s * h[i] * h[j] + v[i] * v[j] / s for j in range(len(h))] for i in range(len(h))]
         whole = plus(whole, added)
@@ -109,9 +110,7 @@ def _forms(observer: Observer, units: list[Fraction], evidence: Mapping[str, Any
     """The forms of N with a times V beside them: (n + 1, n + 1), and (n, n) where all of the error is injected."""
     n, numbers = len(units), observer.numbers
     gains, decay, r = column(numbers, "gains", n), above_zero(numbers, "decay"), above_zero(numbers, "r")
-    mu, tau = above_zero(evidence, "mu"), scalar(evidence, "tau")
-    if tau < 0:
-        raise NotShown("its tau is negative")
+    mu, tau = above_zero(evidence, "mu"), signless(evidence, "tau")
     K, P = [s * k for s, k in zip(units, gains, strict=True)], matrix(evidence, "P", n, n)
     demand_positive({"P": P})
 

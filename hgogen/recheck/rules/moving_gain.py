@@ -53,6 +53,7 @@ from ..matrix import (
     plus,
     scalar,
     scaled,
+    signless,
     times,
     transposed,
     twice,
@@ -166,15 +167,7 @@ def _at(context: Context, claim: Claim, gain: Fraction, **norm: Any) -> tuple[Fr
 def _rate(observer: Observer, P: Matrix) -> Matrix:
     """-N'P - P N - sigma (D P + P D)."""
     N = companion(column(observer.numbers, "gains", len(P)))
-    return scaled(Fraction(-1), plus(twice(P, N), scaled(_sigma(observer), _spread(P, Fraction(1)))))
-
-
-def _sigma(observer: Observer) -> Fraction:
-    """sigma >= 0. Raises: `NotShown`."""
-    sigma = scalar(observer.numbers, "sigma")
-    if sigma < 0:
-        raise NotShown("its sigma is negative")
-    return sigma
+    return scaled(Fraction(-1), plus(twice(P, N), scaled(signless(observer.numbers, "sigma"), _spread(P, Fraction(1)))))
 
 
 def _P(context: Context, claim: Claim) -> Matrix:
@@ -283,7 +276,7 @@ def _adaptive(observer: Observer) -> tuple[Fraction, bool]:
     low, high = column(observer.numbers, "gamma", 2)
     if not 0 < low <= high:
         raise NotShown("its gamma has no range above zero")
-    return _sigma(observer), False
+    return signless(observer.numbers, "sigma"), False
 
 
 def _gain(observer: Observer) -> tuple[str, Fraction]:

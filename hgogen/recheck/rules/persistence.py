@@ -70,7 +70,10 @@ def persistent(context: Context, claim: Claim) -> Shown:
     if moving:
         period = expression(part(evidence, "period", str), {})
         periodic(moving, period)
-        turn: Box = {"t": (Fraction(0), _above(period))}
+        length = _value(period)
+        if length.sign <= 0 or not length.at_most(Fraction(10**9)):
+            raise NotShown(f"the period {cut(period.text)} is not shown to be positive, or is too long")
+        turn: Box = {"t": (Fraction(0), next(Fraction(2**k) for k in range(1, 64) if length.at_most(Fraction(2**k))))}
         for text in moving:
             covered(turn, ".", ranged(text, -math.inf, math.inf))
     inside(context, inputs, at)
@@ -85,15 +88,6 @@ def persistent(context: Context, claim: Claim) -> Shown:
 def _value(text: Expression) -> Any:
     """A constant as an interval."""
     return evaluate(text, {}, intervals)
-
-
-def _above(period: Expression) -> Fraction:
-    """A whole number above a positive constant."""
-    value = _value(period)
-    if value.sign <= 0 or not value.at_most(Fraction(10**9)):
-        raise NotShown(f"the period {cut(period.text)} is not shown to be positive, or is too long")
-    whole = next(k for k in range(1, 64) if value.at_most(Fraction(2**k)))
-    return Fraction(2**whole)
 
 
 def periodic(texts: Sequence[Expression], period: Expression) -> None:

@@ -41,7 +41,10 @@ def _falls(context: Context, claim: Claim, ranges: Mapping[str, Any], level: Fra
     K, s = column(observer.numbers, "gains", n), _above(context)
     only(context.form.output[0].names & set(context.z), context.z[:1], "the output")
     _ = context.first_gain(0)
-    slopes, boxes = _slopes(context, ranges, s)
+    scale, every = constants(context, entries(ranges, "scale", n)), [*range(n)]
+    if [context.value(text).number for text in scale] != [prod(s[:i], start=Fraction(1)) for i in every]:
+        raise NotShown("its scale is not that of the slopes above the diagonal of A")
+    slopes, boxes = bounded_slopes(context, ranges, scale, every, [True] * n, every, every, least=-1)
     shares, more = _shares(context, ranges, s)
     if "S" in claim.evidence:
         demand_decays(_inclusion(n, [*slopes, *_of_products(K, shares)]).at(level), alpha, claim.evidence)
@@ -65,16 +68,6 @@ def _above(context: Context) -> list[Fraction]:
                 raise NotShown(f"A[{i + 1},{j + 1}] is no number, or zero")
             numbers.append(entry.number)
     return numbers
-
-
-def _slopes(context: Context, evidence: Mapping[str, Any], s: list[Fraction]) -> tuple[list[Slope], int]:
-    """The slopes of b, and with how many boxes they are shown. Raises: `NotShown`."""
-    n = len(context.z)
-    scale = constants(context, entries(evidence, "scale", n))
-    if [context.value(text).number for text in scale] != [prod(s[:i], start=Fraction(1)) for i in range(n)]:
-        raise NotShown("its scale is not that of the slopes above the diagonal of A")
-    every = [*range(n)]
-    return bounded_slopes(context, evidence, scale, every, [True] * n, every, every, least=-1)
 
 
 def _shares(context: Context, evidence: Mapping[str, Any], s: list[Fraction]) -> tuple[Shares, int]:
