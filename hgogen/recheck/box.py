@@ -242,27 +242,28 @@ def _centre(side: tuple[End, End], slope: Interval | None, sign: int) -> Fractio
 
 def _at(expression: Expression, at: Mapping[str, Fraction], limit: End, sign: int) -> bool:
     """The bound at one point, in exact fractions where the value is one."""
+    value = _value_at(expression, at)
+    if value is None or isinstance(value, Interval):
+        return value is not None and _meets(value, limit, sign)
+    return value >= limit if sign > 0 else value <= limit
+
+
+def _value_at(expression: Expression, at: Mapping[str, Fraction]) -> Fraction | Interval | None:
+    """The value at a point, exact where it is a fraction; None where there is none."""
+    value: Fraction | Interval
     try:
         try:
             value = evaluate(expression, at, fractions)
-            return bool(value >= limit) if sign > 0 else bool(value <= limit)
         except NotExact:
             value = evaluate(expression, points(at), intervals)
     except (Undefined, ZeroDivisionError):
-        return False
-    return _meets(value, limit, sign)
+        return None
+    return value
 
 
 def witnessed(expression: Expression, at: Mapping[str, Fraction]) -> str:
-    """What the expression is at a point: "zero", "negative", "positive", "undefined", or "" where it is not decided."""
-    try:
-        value = evaluate(expression, at, fractions)
-    except (Undefined, ZeroDivisionError):
-        return "undefined"
-    except NotExact:
-        try:
-            sign = evaluate(expression, points(at), intervals).sign
-        except Undefined:
-            return ""
-        return {1: "positive", -1: "negative", 0: ""}[sign]
-    return "zero" if value == 0 else "positive" if value > 0 else "negative"
+    """What the expression is at a point: "zero", "negative", "positive", or "" where it is not decided."""
+    value = _value_at(expression, at)
+    if isinstance(value, Fraction):
+        return "zero" if not value else "positive" if value > 0 else "negative"
+    return {1: "positive", -1: "negative"}.get(value.sign if value else 0, "")

@@ -75,7 +75,8 @@ class AtCore:
         weight = [[self.h * (abs(x) + width) for x in row] for row in phi_2]
         moved = scaled(self.h, times(sizes(self.lifted), _upright(self.rest[0])))
         ahead = plus(alpha, times(weight, moved))
-        J, parts = sizes(minus(self.parts.M, self.parts.L)), self.parts  # of what the rest makes of an error
+        parts = self.parts
+        J = sizes(minus(parts.M, parts.L))  # at most, of what the rest makes of an error
         J = plus(J, times(sizes(parts.G), sizes(parts.H))) if parts.H else J
         return [x / self.h for (x,) in plus(alpha, times(weight, times(J, ahead)))]
 

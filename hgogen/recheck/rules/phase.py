@@ -152,10 +152,10 @@ def _regular(row: Expression, states: Sequence[str], box: Box) -> int:
     Raises: `NotShown`."""
     if all(math.isfinite(end) for name in row.names for end in box[name]):
         return covered(narrowed(box, row.names), ".", regular([row], [name for name in states if name in row.names]))
-    if any(step.op not in ("number", "symbol", "add", "sub", "mul", "neg", "power") for step in row.instructions):
-        raise NotShown(f"{row.text[:60]} is not shown to be smooth on an unbounded box")
-    if any(step.op == "power" and not (isinstance(step.value, int) and step.value >= 0) for step in row.instructions):
-        raise NotShown(f"{row.text[:60]} is not shown to be smooth on an unbounded box")
+    for op, _, value in row.instructions:
+        whole = op == "power" and isinstance(value, int) and value >= 0
+        if not whole and op not in ("number", "symbol", "add", "sub", "mul", "neg"):
+            raise NotShown(f"{row.text[:60]} is not shown to be smooth on an unbounded box")
     return 0
 
 
