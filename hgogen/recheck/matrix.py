@@ -2,8 +2,9 @@
 
 from collections.abc import Iterable, Mapping, Sequence
 from fractions import Fraction
+from functools import reduce
 from math import lcm
-from operator import mul
+from operator import add, mul
 from typing import Any
 
 from .box import NotShown
@@ -103,9 +104,13 @@ def scaled(factor: Fraction, M: Matrix) -> Matrix:
 
 def plus(*terms: Matrix) -> Matrix:
     """The sum."""
-    return [
-        [sum(filter(None, values), _ZERO) for values in zip(*rows, strict=True)] for rows in zip(*terms, strict=True)
-    ]
+    return [[_sum(values) for values in zip(*rows, strict=True)] for rows in zip(*terms, strict=True)]
+
+
+def _sum(values: Sequence[Fraction]) -> Fraction:
+    """What is 0, as most entries are, costs nothing."""
+    there = [value for value in values if value]
+    return reduce(add, there) if there else _ZERO
 
 
 def minus(first: Matrix, *others: Matrix) -> Matrix:
