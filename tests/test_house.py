@@ -144,7 +144,7 @@ def test_every_folder_gives_all_its_cases() -> None:
 
 
 def test_no_file_is_long() -> None:
-    assert not [name for name, path in FILES.items() if len(path.read_text().splitlines()) > 1000]
+    assert not [name for name, path in FILES.items() if len(path.read_text().splitlines()) > 1_000]
 
 
 def test_everything_public_has_a_docstring() -> None:
