@@ -227,7 +227,6 @@ class Algebra:
         return reduce(lambda a, b: a * b, letters, self._number_root(value, q))
 
     def _number_root(self, value: Fraction, q: int) -> Quotient:
-        """The q-th root of a positive number."""
         if value < 2**40:
             root = [round(part ** (1 / q)) for part in (value.numerator, value.denominator)]
             if root[1] and Fraction(*root) ** q == value:
@@ -297,7 +296,6 @@ class Algebra:
         return self._at(letter)
 
     def _find(self, kernel: _Kernel) -> int | None:
-        """The letter of the same function of the same arguments."""
         for index, known in enumerate(self.letters):
             if (
                 isinstance(known, _Kernel)

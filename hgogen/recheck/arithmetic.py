@@ -175,7 +175,6 @@ def along(
 
 
 def _extreme(name: str, a: Dual, b: Dual, base: Arithmetic) -> Dual:
-    """Min or Max of two."""
     way = a.value - b.value if name == "Max" else b.value - a.value
     return Dual(base.function(name, (a.value, b.value)), _either(way, a, b, base))
 

@@ -131,7 +131,6 @@ def _float(end: object) -> float:
 
 
 def _text(box: Box) -> str:
-    """The box for a sentence."""
     named = (
         f"{name} = {_short(low)}" if low == high else f"{name} in [{_short(low)}, {_short(high)}]"
         for name, (low, high) in box.items()

@@ -109,7 +109,6 @@ def _by_power(x: Interval, exponent: Fraction | int) -> Fraction:
 
 
 def _both(error: Interval) -> Interval:
-    """From -e to e."""
     return hull(-error, error)
 
 

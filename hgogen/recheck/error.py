@@ -132,7 +132,6 @@ def matrix_of(description: Mapping[str, Any], key: str, rows: int, columns: int,
 
 
 def _less(value: Any, row: Sequence[Expression], miss: Sequence[Any], at: Mapping[str, Any], a: Arithmetic) -> Any:
-    """A value less the row of the gain times what is missed."""
     for gain, each in zip(row, miss, strict=True):
         value = value - evaluate(gain, at, a) * each if gain.text != "0" else value
     return value

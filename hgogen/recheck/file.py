@@ -148,7 +148,6 @@ def model_digest(content: Mapping[str, Any]) -> str:
 
 
 def _hashed(value: Mapping[str, Any]) -> str:
-    """SHA-256 of the value as JSON with sorted keys and no white space."""
     return sha256(json.dumps(value, sort_keys=True, separators=(",", ":")).encode()).hexdigest()
 
 
@@ -280,7 +279,6 @@ def _observer(
 
 
 def _numbers(value: Any, depth: int = 0) -> Any:
-    """A number, or a list of numbers, or of such lists."""
     if isinstance(value, list) and depth < 2:
         return [_numbers(each, depth + 1) for each in value]
     return number(value)

@@ -174,7 +174,6 @@ def _cos(x: Interval) -> Interval:
 
 @lru_cache(maxsize=1 << 10)  # the slope of one is the other, so that both are asked of an angle, and again
 def _turned(angle: Ends) -> tuple[Ends, Ends]:
-    """Its cosine and its sine."""
     cosine, sine = libmp.mpi_cos_sin(angle, PRECISION)
     return cosine, sine
 
@@ -212,7 +211,6 @@ def _jump(x: Interval) -> Interval:
 
 
 def _cosh(x: Interval) -> Interval:
-    """From 0 on, cosh rises."""
     return intersection(_rising_cosh(_abs(x)), between(1, math.inf))
 
 
@@ -292,7 +290,6 @@ def _table(name: str, *place: Interval) -> Interval:
 
 
 def _exactly(end: Any) -> Fraction | float:
-    """An end as a fraction, or infinite."""
     if end in (*_INFINITE, libmp.fnan):
         return float(libmp.to_float(end))
     return Fraction(*map(int, libmp.to_rational(end)))

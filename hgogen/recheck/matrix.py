@@ -54,7 +54,6 @@ def scalar(holder: Mapping[str, Any], key: str) -> Fraction:
 
 
 def _number(value: Any, key: str) -> Fraction:
-    """A number, or its text."""
     if not isinstance(value, str | Fraction):
         raise NotShown(f"its {key} has {kind_of(value)} where a number should stand")
     return value if isinstance(value, Fraction) else number(value)

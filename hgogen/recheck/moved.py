@@ -151,7 +151,6 @@ def _coefficient(a: Series, b: Series, k: int) -> Balls:
 
 
 def _parts(series: Series) -> Iterator[tuple[list[list[int]], ...]]:
-    """The middles, and how far off they are."""
     return zip(*((one.mid, one.off) for one in series), strict=True)
 
 

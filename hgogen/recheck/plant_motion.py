@@ -110,13 +110,11 @@ def _flow(rows: Sequence[Expression], states: Sequence[str], started: Series, or
 
 
 def _begun(series: Series, count: int) -> Series:
-    """The same of as many coefficients."""
     cut = {name: {k: begin(slope.coefficients, count) for k, slope in x.slopes.items()} for name, x in series.items()}
     return {name: Dual(begin(x.value.coefficients, count), cut[name]) for name, x in series.items()}
 
 
 def _longer(x: Dual, rate: Dual) -> Dual:
-    """By one coefficient, from the rate."""
     count = len(x.value.coefficients)
     share, none = point(Fraction(1, count)), begin((), count)
 

@@ -247,7 +247,6 @@ class Equation:
         ]
 
     def _saturated(self, algebra: Algebra, x: Quotient, k: int) -> Quotient:
-        """Field k clamped to the range of its state."""
         share, box = self.scales[k] / self.units[k], self.context.form.box[self.context.z[self.error.index[k]]]
         low, high = (end * share if isinstance(end, Fraction) else end for end in box)
         return _clamp(algebra, x, *((low, high) if share > 0 else (high, low)))
@@ -305,7 +304,6 @@ class StepProgram:
 
     @property
     def _names(self) -> list[str]:
-        """Those that the program reads."""
         context, fields = self.equation.context, range(1, len(self.equation.units) + 1)
         many = {"y": len(context.form.output), "u": len(context.file.inputs)}
         ends = [f"{name}{j}{end}" for name, count in many.items() for j in range(1, count + 1) for end in ("_last", "")]
@@ -322,7 +320,6 @@ class StepProgram:
 def _moved(
     algebra: Algebra, x: Sequence[Quotient], rates: Sequence[Sequence[Quotient]], by: Sequence[Fraction]
 ) -> list[Quotient]:
-    """x and each of the rates times its number."""
     result = list(x)
     for weight, rate in zip(by, rates, strict=False):
         if weight:

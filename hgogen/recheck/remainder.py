@@ -107,7 +107,6 @@ class Remainder:
         return boxes + covered(narrowed(box, self.motion.read), self.tree, self._within, _MORE)
 
     def _within(self, box: Box) -> Try:
-        """That coefficients are within their bounds on a box."""
         context, orders, whole = self.context, self.orders, self.context.form.box
         rates = dict(zip(context.file.inputs, self.motion.rates, strict=True))
         plant = PlantSeries(context.rates, context.z, rates, {**whole, **box}, whole)

@@ -148,7 +148,6 @@ def _between(context: Context, follows: Mapping[str, Any], shares: Mapping[str, 
 
 
 def _said(rounded: Rounded) -> str:
-    """What it is of, in words."""
     words = {word for word, _ in rounded.step.program.statements}
     functions = [f"{name} errs by at most {units / 2} ulps" for name, units in UNITS.items() if name in words]
     functions += [f"x^k by {POWER[0] / 2} and {POWER[1] / 2} more for each |k log x|"] if "pow" in words else []

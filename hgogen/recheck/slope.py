@@ -268,7 +268,6 @@ def spectral(J: list[list[Interval]], bound: Fraction) -> bool:
 
 
 def _squared(column: Iterable[Interval]) -> Interval:
-    """The sum of the squares."""
     return _sum(intervals.power(x, 2) for x in column)
 
 

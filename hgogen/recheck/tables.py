@@ -105,7 +105,6 @@ def _rise(places: Sequence[Fraction], k: int) -> Weights:
 
 
 def _sums(weights: Sequence[Sequence[Weights]], values: Any) -> Iterator[Fraction]:
-    """The weighted sums of the values, for all weights along all axes."""
     if not weights:
         yield values
         return

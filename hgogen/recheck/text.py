@@ -118,7 +118,6 @@ def kind_of(value: object) -> str:
 
 
 def _shown(value: object) -> str:
-    """What stands where a text should."""
     return value if isinstance(value, str) else kind_of(value)
 
 
@@ -153,7 +152,6 @@ class _Reader:
         return Unreadable(self.text, reason)
 
     def _tokens(self) -> Iterator[tuple[str, str]]:
-        """Each token of the text with its kind."""
         at, text = 0, self.text.rstrip()
         while at < len(text):
             match = _TOKEN.match(text, at)

@@ -301,7 +301,6 @@ def _unmodelled(context: Context) -> bool:
 
 
 def _unshown(context: Context) -> str:
-    """Why the identities in x are not shown, or ""."""
     try:
         box, speeds = _moving(context)
         algebra = algebra_of(box)

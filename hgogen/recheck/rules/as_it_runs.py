@@ -84,7 +84,6 @@ class _Running:
 
 
 def _running(context: Context, claim: Claim) -> _Running:
-    """Raises: `NotShown`."""
     observer, evidence = built(context, claim), claim.evidence
     theta, h = scalar(observer.numbers, "theta"), scalar(evidence, "dt")
     if not (theta > 0 and h > 0):

@@ -294,7 +294,6 @@ def _values(claimed: ClaimedGain, box: Box, copy: str) -> dict[str, Dual]:
 
 
 def _hessian(claimed: ClaimedGain, box: Box) -> list[list[Dual]]:
-    """The matrix H(c) = V_ee(c) over a box."""
     return _second(claimed, _values(claimed, box, "c"), _duals)
 
 

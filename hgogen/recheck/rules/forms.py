@@ -153,7 +153,6 @@ def _lipschitz(context: Context, claim: Claim) -> Shown:
 
 
 def _every(context: Context) -> Sequence[Expression]:
-    """F, h."""
     return (*context.rates, *context.form.output)
 
 

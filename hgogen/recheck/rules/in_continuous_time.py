@@ -55,7 +55,6 @@ def _least(observer: Observer) -> tuple[str, Fraction]:
 
 
 def _said(observer: Observer) -> str:
-    """Words for what holds above the bound."""
     if "hold" in observer.numbers:
         return "the error decays exponentially between switches, in every gain above {}"
     return "the error converges exponentially for every theta above {}"

@@ -280,7 +280,6 @@ def _adaptive(observer: Observer) -> tuple[Fraction, bool]:
 
 
 def _gain(observer: Observer) -> tuple[str, Fraction]:
-    """The name and the value of the least gain."""
     if observer.name == "updated_gain":
         return "p_2", scalar(observer.numbers, "p_2")
     return "gamma_inf", column(observer.numbers, "gamma", 2)[0]

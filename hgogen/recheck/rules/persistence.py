@@ -86,7 +86,6 @@ def persistent(context: Context, claim: Claim) -> Shown:
 
 
 def _value(text: Expression) -> Any:
-    """A constant as an interval."""
     return evaluate(text, {}, intervals)
 
 

@@ -89,7 +89,6 @@ def _shares(context: Context, evidence: Mapping[str, Any], s: list[Fraction]) ->
 
 
 def _inclusion(n: int, slopes: list[Slope]) -> ErrorInclusion:
-    """The shift and the slopes."""
     shift = zeros(n, n)
     for k in range(n - 1):
         shift[k][k + 1] = Fraction(1)
