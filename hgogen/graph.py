@@ -12,7 +12,7 @@ import casadi as ca
 import sympy as sp
 
 from hgogen.algebra.interpolation import Table
-from hgogen.algebra.lookup import Lookup
+from hgogen.algebra.lookup import Lookup, folded
 from hgogen.algebra.removable import resolved, with_limits
 from hgogen.algebra.tape import plain
 from hgogen.errors import HgogenError
@@ -306,26 +306,24 @@ def to_sympy(function: ca.Function, symbols: Sequence[Sequence[sp.Symbol]]) -> l
 
     Raises: `NoSymbols` for an operation without an expression, and for a constant that is not finite.
     """
-    work: dict[int, sp.Basic] = {}
-    results: list[list[sp.Expr]] = [[sp.S.Zero] * function.nnz_out(k) for k in range(function.n_out())]
-    for k in range(function.n_instructions()):
-        op, read, wrote = function.instruction_id(k), function.instruction_input(k), function.instruction_output(k)
-        if op == ca.OP_INPUT:
-            work[wrote[0]] = symbols[read[0]][read[1]]
-        elif op == ca.OP_CONST:
-            number = function.instruction_constant(k)
-            if not math.isfinite(number):
-                raise NoSymbols(f"constant {number}")
-            work[wrote[0]] = sp.Rational(Fraction(repr(number)))
-        elif op == ca.OP_OUTPUT:
-            results[wrote[0]][wrote[1]] = _value(work[read[0]])
-        elif op == ca.OP_IF_ELSE_ZERO:
-            work[wrote[0]] = _chosen(work[read[0]], _value(work[read[1]]))
-        elif op in _LOGIC:
-            work[wrote[0]] = _LOGIC[op](*(_condition(work[place]) for place in read))
-        elif op in _ARITHMETIC:
-            work[wrote[0]] = _ARITHMETIC[op](*(_value(work[place]) for place in read))
-        else:
-            names = [name for name in dir(ca) if name.startswith("OP_") and getattr(ca, name) == op]
-            raise NoSymbols((names or [f"OP_{op}"])[0].removeprefix("OP_").lower())
-    return results
+
+    def constant(number: float) -> sp.Expr:
+        if not math.isfinite(number):
+            raise NoSymbols(f"constant {number}")
+        return sp.Rational(Fraction(repr(number)))
+
+    def apply(op: int, values: list[sp.Basic]) -> sp.Basic:
+        if op == ca.OP_IF_ELSE_ZERO:
+            return _chosen(values[0], _value(values[1]))
+        if op in _LOGIC:
+            return _LOGIC[op](*map(_condition, values))
+        if op in _ARITHMETIC:
+            return _ARITHMETIC[op](*map(_value, values))
+        names = [name for name in dir(ca) if name.startswith("OP_") and getattr(ca, name) == op]
+        raise NoSymbols((names or [f"OP_{op}"])[0].removeprefix("OP_").lower())
+
+    def call(_: Graph, values: list[sp.Basic]) -> list[sp.Basic]:
+        return [apply(ca.OP_CALL, values)]
+
+    outputs = folded(function, lambda k, i: symbols[k][i], constant, apply, call)
+    return [list(map(_value, column)) for column in outputs]

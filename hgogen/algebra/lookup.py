@@ -19,7 +19,7 @@ CasADi differentiates through a call by the function's own derivative, and mista
 import hashlib
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
-from functools import cached_property, reduce
+from functools import cached_property, lru_cache, reduce
 from itertools import accumulate, pairwise
 from typing import Any
 
@@ -201,26 +201,66 @@ def walked(
     """The outputs of an SX function at other inputs, by `apply(operation, lookup or None, arguments)`, and for a
     function that it calls by `call(function, its arguments)`; without one that is written out. `operations`: those of
     the instructions, CasADi's own without them."""
-    work: dict[int, Graph] = {}
+
+    def of_call(target: Lookup | ca.Function, elements: Sequence[Graph]) -> Sequence[Graph]:
+        if isinstance(target, Lookup):
+            return [apply(ca.OP_CALL, target, *elements)]
+        ends = list(accumulate((target.numel_in(i) for i in range(target.n_in())), initial=0))
+        columns = [ca.vertcat(*elements[a:b]) for a, b in pairwise(ends)]
+        values = call(target, columns) if call else walked(target, columns, apply)
+        return [each for value in values for each in value.nonzeros()]
+
+    def of_operation(op: int, values: Sequence[Graph]) -> Graph:
+        return apply(op, None, *values)
+
+    outputs = folded(function, lambda k, i: inputs[k][i], ca.SX, of_operation, of_call, operations)
     results = [ca.SX(function.sparsity_out(k)) for k in range(function.n_out())]
-    texts = instructions(function)
-    for k, op in enumerate(operations or map(function.instruction_id, range(function.n_instructions()))):
-        read, wrote = function.instruction_input(k), function.instruction_output(k)
-        if op == ca.OP_INPUT:
-            work[wrote[0]] = inputs[read[0]][read[1]]
-        elif op == ca.OP_CONST:
-            work[wrote[0]] = ca.SX(function.instruction_constant(k))
-        elif op == ca.OP_OUTPUT:
-            results[wrote[0]].nz[wrote[1]] = work[read[0]]
-        elif isinstance(target := called(texts[k]) if op == ca.OP_CALL else None, ca.Function):
-            elements = [work[place] for place in read]
-            ends = list(accumulate((target.numel_in(i) for i in range(target.n_in())), initial=0))
-            columns = [ca.vertcat(*elements[a:b]) for a, b in pairwise(ends)]
-            values = call(target, columns) if call else walked(target, columns, apply)
-            work |= zip(wrote, (each for value in values for each in value.nonzeros()), strict=True)
-        else:
-            work[wrote[0]] = apply(op, target, *(work[place] for place in read))
+    for result, elements in zip(results, outputs, strict=True):
+        for k, element in enumerate(elements):
+            result.nz[k] = element
     return results
+
+
+def folded(
+    function: ca.Function,
+    inputs: Callable[[int, int], Any],
+    constant: Callable[[float], Any],
+    apply: Callable[[int, list[Any]], Any],
+    call: Callable[[Any, list[Any]], Sequence[Any]],
+    operations: Sequence[int] = (),
+) -> list[list[Any]]:
+    """The outputs of an SX function in any arithmetic, the nonzeros of each.
+
+    `inputs(k, i)`: element i of argument k; `constant(number)`; `apply(operation, values)`; `call(function, values)`:
+    what a lookup or a function gives, element by element. `operations`: as in `walked`.
+    """
+    work: dict[int, Any] = {}
+    outputs = [[constant(0.0)] * function.nnz_out(k) for k in range(function.n_out())]
+    rows = _rows(function)
+    for (own, read, wrote, more), op in zip(rows, operations or (row[0] for row in rows), strict=True):
+        if own == ca.OP_INPUT:
+            work[wrote[0]] = inputs(*read)
+        elif own == ca.OP_OUTPUT:
+            outputs[wrote[0]][wrote[1]] = work[read[0]]
+        elif own == ca.OP_CONST:
+            work[wrote[0]] = constant(more)
+        elif own == ca.OP_CALL:
+            work |= zip(wrote, call(more, [work[place] for place in read]), strict=True)
+        else:
+            work[wrote[0]] = apply(op, [work[place] for place in read])
+    return outputs
+
+
+@lru_cache(maxsize=256)  # a program is walked on many pieces of a plant's ranges
+def _rows(function: ca.Function) -> list[tuple[int, list[int], list[int], Any]]:
+    """(operation, what it reads, what it writes, its number or what it calls) of each instruction."""
+    rows, texts = [], instructions(function)
+    for k in range(function.n_instructions()):
+        op = function.instruction_id(k)
+        number = function.instruction_constant(k) if op == ca.OP_CONST else None
+        more = called(texts[k]) if op == ca.OP_CALL else number
+        rows.append((op, list(function.instruction_input(k)), list(function.instruction_output(k)), more))
+    return rows
 
 
 def instructions(function: ca.Function) -> list[Graph]:

@@ -3,15 +3,13 @@
 What guards do beside is left out: every sample is there, that of the last call as well.
 """
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
 from functools import lru_cache
 from itertools import islice
 from typing import Any, Protocol
 
-import casadi as ca
-
-from hgogen.algebra.lookup import Lookup, called, instructions
+from hgogen.algebra.lookup import Lookup, folded
 from hgogen.graph import Graph
 from hgogen.intervals.computed import Real, Rounding, Unsure, exactly
 from hgogen.method import Method
@@ -99,42 +97,13 @@ def _plain(program: Program | Iterable[Statement]) -> Iterable[Statement]:
 
 def _outputs(arithmetic: Arithmetic, graph: Graph, arguments: Sequence[Sequence[Any]]) -> Columns:
     """The outputs of an SX function. Raises: `Unsure`."""
-    slots: dict[int, Any] = {}
-    outputs = [[arithmetic.constant(0.0)] * graph.nnz_out(i) for i in range(graph.n_out())]
-    for op, take, give, more in _instructions(graph):
-        if op == ca.OP_INPUT:
-            slots[give[0]] = arguments[take[0]][take[1]]
-        elif op == ca.OP_OUTPUT:
-            outputs[give[0]][give[1]] = slots[take[0]]
-        elif op == ca.OP_CONST:
-            slots[give[0]] = arithmetic.constant(more)
-        elif op == ca.OP_CALL:
-            slots |= zip(give, _called(arithmetic, more, [slots[i] for i in take]), strict=True)
-        else:
-            slots[give[0]] = arithmetic.apply(op, [slots[i] for i in take])
-    return outputs
 
+    def call(function: Graph, values: Sequence[Any]) -> list[Any]:
+        if isinstance(function, Lookup):
+            raise Unsure("a table")
+        rest = iter(values)
+        columns = [list(islice(rest, function.nnz_in(k))) for k in range(function.n_in())]
+        results = arithmetic.call(function, columns, lambda columns: _outputs(arithmetic, function, columns))
+        return [value for column in results for value in column]
 
-def _called(arithmetic: Arithmetic, function: Graph, values: Sequence[Any]) -> list[Any]:
-    """Raises: `Unsure`."""
-    if isinstance(function, Lookup):
-        raise Unsure("a table")
-    rest = iter(values)
-    columns = [list(islice(rest, function.nnz_in(k))) for k in range(function.n_in())]
-    results = arithmetic.call(function, columns, lambda arguments: _outputs(arithmetic, function, arguments))
-    return [value for column in results for value in column]
-
-
-@lru_cache(maxsize=256)
-def _instructions(graph: Graph) -> list[tuple[int, list[int], list[int], Any]]:
-    """(operation, what it takes, what it gives, its constant or what it calls) of each instruction."""
-    rows, texts = [], instructions(graph)
-    more: Mapping[int, Callable[[int], Any]] = {
-        ca.OP_CONST: lambda k: float(graph.instruction_constant(k)),
-        ca.OP_CALL: lambda k: called(texts[k]),
-    }
-    for k in range(graph.n_instructions()):
-        op = graph.instruction_id(k)
-        extra = more[op](k) if op in more else None
-        rows.append((op, list(graph.instruction_input(k)), list(graph.instruction_output(k)), extra))
-    return rows
+    return folded(graph, lambda k, i: arguments[k][i], arithmetic.constant, arithmetic.apply, call)

@@ -2,11 +2,12 @@
 
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
+from functools import cache
 from itertools import islice
 
 import casadi as ca
 
-from hgogen.algebra.lookup import Lookup, called, instructions
+from hgogen.algebra.lookup import Lookup, folded
 from hgogen.discretisation.routine import Argument, Routine
 from hgogen.emit import elementary
 from hgogen.emit.operations import operations
@@ -52,33 +53,27 @@ PATTERNS |= {op: name for name, op in _PRIMITIVES.items()}
 
 def read(function: ca.Function) -> list[list[Node]]:
     """The outputs of an SX function as nodes, one list for each output."""
-    slots: dict[int, Node] = {}
     nodes: list[Node] = []
-    outputs = [[Node(ca.OP_CONST)] * function.nnz_out(i) for i in range(function.n_out())]
-    inputs: dict[tuple[int, int], Node] = {}
-    codes = operations(function)
-    texts = instructions(function) if ca.OP_CALL in codes else []
-    for k, op in enumerate(codes):
-        take, give = function.instruction_input(k), function.instruction_output(k)
-        if op == ca.OP_OUTPUT:
-            outputs[give[0]][give[1]] = slots[take[0]]
-        elif op == ca.OP_INPUT:
-            source = (take[0], take[1])
-            slots[give[0]] = inputs.setdefault(source, Node(op, source=source))
-        elif op == ca.OP_CONST:
-            slots[give[0]] = Node(op, constant=function.instruction_constant(k))
-        elif op == ca.OP_CALL:
-            slots |= zip(give, _called(called(texts[k]), tuple(slots[i] for i in take)), strict=True)
-        else:
-            slots[give[0]] = _node(op, tuple(slots[i] for i in take))
-            nodes.append(slots[give[0]])
+
+    @cache
+    def given_as(argument: int, element: int) -> Node:
+        return Node(ca.OP_INPUT, source=(argument, element))
+
+    def apply(op: int, args: list[Node]) -> Node:
+        nodes.append(_node(op, tuple(args)))
+        return nodes[-1]
+
+    def constant(number: float) -> Node:
+        return Node(ca.OP_CONST, constant=number)
+
+    outputs = folded(function, given_as, constant, apply, _called, operations(function))
     for node in nodes:
         _settle(node)
     return outputs
 
 
-def _called(function: Lookup | ca.Function, args: tuple[Node, ...]) -> list[Node]:
-    """The results of a call, element by element."""
+def _called(function: Lookup | ca.Function, values: list[Node]) -> list[Node]:
+    args = tuple(values)
     if isinstance(function, Lookup):
         return [Node(ca.OP_CALL, args, lookup=function)]
     if function.name() in _PRIMITIVES:

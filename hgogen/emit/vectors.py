@@ -99,16 +99,8 @@ def _run(step: Step, real: Real, u: np.ndarray, y: np.ndarray) -> tuple[np.ndarr
     reader = machine(step, real)
     for place, values in start(step).items():
         reader.memory[place][:] = values
-    results = [reader.memory[place] for place in places(step)]
-    seen, status = np.zeros((SAMPLES, len(results)), DTYPE[real]), np.zeros(SAMPLES, step.layout.word)
-    samples = [reader.memory[Place("input", s.name)] for s in step.inputs]
-    samples += [reader.memory[Place("output", s.name)] for s in step.samples]
-    for k in range(SAMPLES):
-        for array, value in zip(samples, (*u[k], *y[k]), strict=True):
-            array[0] = value
-        status[k] = reader.call()
-        seen[k] = [result[0] for result in results]
-    return seen, status
+    x, traces, status = reader.record(u, y)
+    return np.hstack([x, traces]).astype(DTYPE[real]), status
 
 
 def _ages(step: Step) -> np.ndarray:
