@@ -144,7 +144,6 @@ def lines_of(name: str, folder: str | Path) -> Iterator[tuple[Iterator[str], Cal
 
 
 def _whole(stream: IO[bytes]) -> int:
-    """Where the last whole line of a file ends."""
     end = stream.seek(0, os.SEEK_END)
     while end:
         begin = stream.seek(max(0, end - AT_ONCE))

@@ -98,7 +98,6 @@ class Many:
         )
 
     def _alone(self, u: Array, y: Array, memory: Memories, results: "_Results", engine: Engine) -> Iterator[int]:
-        """One by one."""
         own = self.own
         own.entries(engine)
         for k in range(results.records):
@@ -224,14 +223,12 @@ class _Lanes:
         return memory
 
     def _remembered(self, memory: Array, records: Array) -> None:
-        """The numbers of the memory in the records that it was made of."""
         for there, here, lanes, kind in self._numbers:
             numbers = memory.view(lanes).reshape(len(memory), -1, self.width)[:, there].transpose(0, 2, 1)
             records.view(kind)[:, here] = numbers.reshape(-1, len(here))[: len(records)]
 
 
 def _field(kind: np.dtype, name: str) -> tuple[np.dtype, int]:
-    """The type of a field of a record, and where it lies."""
     assert kind.fields
     inner, offset, *_ = kind.fields[name]
     return inner, offset

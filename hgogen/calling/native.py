@@ -233,7 +233,6 @@ def run(command: Sequence[str], folder: str | Path, failed: Failed = CompilerFai
 
 
 def _end(child: "subprocess.Popen[str]") -> None:
-    """End a command and what it started."""
     if os.name == "posix":
         os.killpg(child.pid, signal.SIGKILL)
     child.kill()

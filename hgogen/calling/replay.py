@@ -75,7 +75,6 @@ class Replay:
         )
 
     def _parts(self) -> Iterator[Innovations]:
-        """Chunk by chunk."""
         memory = Kept(self.step, self.real)
         memory.entries(self.engine)
         memory.whole[:] = self.memory
@@ -109,7 +108,6 @@ class Replay:
         return [remembered(self.step, records, j) for j, records in enumerate(before)], after
 
     def _calls(self, memory: Kept, u: Array, y: Array) -> tuple[Array, Array]:
-        """The memory before and after each sample."""
         call = memory.entries(self.engine)["step"]
         records = np.zeros(len(y) + 1, memory.record.dtype)
         records[0] = memory.record[0]

@@ -66,7 +66,6 @@ def header(step: Step, real: Real, command: str) -> list[str]:
 
 
 def _block(lines: Iterable[str]) -> list[str]:
-    """A comment of several lines that Doxygen reads."""
     return ["/**", *(f" * {line}".rstrip() for line in lines), " */"]
 
 
@@ -123,7 +122,6 @@ def _manual(step: Step, real: Real) -> list[str]:
 
 
 def _body(step: Step) -> list[str]:
-    """What a caller does in a period."""
     assigned = [f"in.{c_name(s.name)} = ...;" for s in step.inputs]
     status = f"{status_type(step)} status"
     if not step.code.timed:
@@ -138,7 +136,6 @@ def _body(step: Step) -> list[str]:
 
 
 def _call(step: Step, section: Section) -> str:
-    """The call of a section by a caller whose structs are named as its parameters are."""
     return prototype(step, of_section(step, section)).call(address)
 
 

@@ -1,7 +1,8 @@
 """Lines of code and what they use, so that headers, casts and helper functions follow from data, not from the text."""
 
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
+from typing import Any
 
 from hgogen.algebra.lookup import Lookup
 
@@ -26,6 +27,7 @@ class Uses:
         return united((self, other))
 
 
+_SETS = tuple(each.name for each in fields(Uses) if each.name != "widest")
 NOTHING = Uses()
 TRUTH = Uses(types=frozenset({"bool"}))
 
@@ -72,15 +74,8 @@ def united(uses: Iterable[Uses]) -> Uses:
     every = {id(each): each for each in uses if each is not NOTHING}.values()
     if len(every) < 2:
         return next(iter(every), NOTHING)
-    return Uses(
-        frozenset[str]().union(*(each.parameters for each in every)),
-        frozenset[str]().union(*(each.helpers for each in every)),
-        frozenset[tuple[str, int]]().union(*(each.kernels for each in every)),
-        frozenset[str]().union(*(each.types for each in every)),
-        max(each.widest for each in every),
-        frozenset[Lookup]().union(*(each.lookups for each in every)),
-        frozenset[str]().union(*(each.routines for each in every)),
-    )
+    sets: dict[str, Any] = {name: frozenset().union(*(getattr(each, name) for each in every)) for name in _SETS}
+    return Uses(**sets, widest=max(each.widest for each in every))
 
 
 def indented(lines: Iterable[str], by: int = 4) -> list[str]:

@@ -7,10 +7,9 @@ from collections.abc import Iterable, Sequence
 import sympy as sp
 
 from hgogen.check import Verdict
-from hgogen.emit.claims import consequence, refuted_and_accepted, verdict
 from hgogen.emit.described import entry
 from hgogen.emit.formula import formulas
-from hgogen.emit.manual import BETWEEN, said_what_for, title
+from hgogen.emit.manual import BETWEEN, consequence, refuted_and_accepted, said_what_for, title, verdict
 from hgogen.intervals.digits import same
 from hgogen.method import equations
 from hgogen.program import INF
@@ -39,18 +38,15 @@ def _plain(text: str) -> str:
 
 
 def _displayed(lines: Iterable[str]) -> list[str]:
-    """Each equation of lines by itself."""
     return [text for line in lines for formula in formulas(line) for text in ("$$", formula, "$$", "")]
 
 
 def _aligned(equations: Sequence[str]) -> list[str]:
-    """Equations below each other."""
     rows = [f"{line} \\\\" for line in equations[:-1]] + list(equations[-1:])
     return ["$$", r"\begin{aligned}", *rows, r"\end{aligned}", "$$", ""]
 
 
 def _table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> list[str]:
-    """A table of cells that are Markdown."""
     lines = [head, ["---"] * len(head), *rows]
     return [f"| {' | '.join(line)} |" for line in lines]
 

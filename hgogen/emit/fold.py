@@ -52,7 +52,6 @@ def _fold(line: str) -> list[str]:
 
 
 def _one_a_line(values: str, indent: str) -> list[str]:
-    """The values of a list, each from a new line on."""
     commas = [k for k, sign in enumerate(values) if values.startswith(", ", k) and not _depth(values[:k])]
     ends = [*(k + 1 for k in commas), len(values)]
     parts = (values[a:b].strip() for a, b in pairwise([0, *ends]))
@@ -68,7 +67,6 @@ def _filled(text: str, indent: str, hanging: str) -> list[str]:
 
 
 def _broken(line: str, indent: int) -> list[str]:
-    """Code, broken at its least nested place in the right half of the line."""
     places = _places(_BREAK, line, indent) or _places(_PRODUCT, line, indent)
     if not places:
         return [line]

@@ -77,7 +77,6 @@ def _latex(text: str) -> str:
 
 
 def _close(text: str, start: int) -> int:
-    """Where the parenthesis that opens at `start` is closed."""
     depth = 0
     for at in range(start, len(text)):
         depth += _DEPTH.get(text[at], 0)
@@ -87,7 +86,6 @@ def _close(text: str, start: int) -> int:
 
 
 def _part(match: re.Match[str]) -> str:
-    """A power, a number, a name or a sign."""
     if match["short"]:
         power = match["short"].removeprefix("-")
         return f"^{{{'-' * match['short'].startswith('-')}{named(power)}}}"

@@ -86,6 +86,5 @@ def direction(entry: Entry, name: str) -> str:
 
 
 def _parameters(step: Step, used: set[str]) -> tuple[str, ...]:
-    """The state and the parameters, and what else is used."""
     others = (*(["in"] if step.inputs else []), "out", "at")
     return ("s", "p", *(name for name in others if name in used))

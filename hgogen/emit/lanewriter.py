@@ -92,7 +92,6 @@ class LaneWriter(Writer):
         return " & ".join(filter(None, (self.masks[-1].name, test)))
 
     def _named(self) -> str:
-        """A name for the next mask."""
         return f"{self.own}_on{len(self.masks)}"
 
     def _declared(self, name: str, test: str) -> Code:
@@ -123,7 +122,6 @@ class LaneWriter(Writer):
         return braced("{", text)
 
     def _where(self, name: str, body: Program, taken: frozenset[str]) -> Code:
-        """Statements for the lanes of a mask."""
         everywhere = self.counted[-1]
         inner = frozenset(
             place for place, n in _counted(body).items() if everywhere[place] == n and place.struct == "work"
@@ -197,7 +195,6 @@ class LaneWriter(Writer):
         return braced("{", before + super()._kernel(kernel, taken) + after)
 
     def _changed(self, kernel: Kernel) -> Iterator["_Array"]:
-        """The arrays that a kernel may write."""
         operands = [*([(kernel.columns, kernel.size)] if kernel.columns else []), *kernel.arguments]
         parameters = functions_of(kernels)[kernel.name].args.args
         for parameter, (place, size) in zip(parameters, operands, strict=False):  # and counts

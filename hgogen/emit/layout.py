@@ -95,9 +95,7 @@ def fresh(step: Step, real: Real = "double") -> bytes:
 
 
 def _stored(step: Step, state: np.ndarray) -> dict[Place, np.ndarray]:
-    """The places of a state, and that of its mark."""
-    field = step.layout.mark
-    marked = {Place("state", field.name): _flat(state, field)} if field else {}
+    marked = {Place("state", step.layout.mark.name): _flat(state, step.layout.mark)} if step.layout.mark else {}
     return marked | state_places(step, state)
 
 

@@ -91,7 +91,6 @@ def demand_distinct(step: Step, syntax: Syntax) -> None:
 
 
 def _structs(step: Step) -> Iterable[tuple[Signal, ...]]:
-    """The signals of each struct."""
     return step.inputs, step.samples, step.states, step.observer.form.system.tunable
 
 

@@ -141,7 +141,6 @@ def passed(syntax: Syntax, kernel: str) -> list[str]:
 
 
 def _calls(there: Mapping[str, ast.FunctionDef], name: str) -> set[str]:
-    """The functions of the same file that one calls."""
     if name not in there:
         return set()
     nodes = (node.func for node in ast.walk(there[name]) if isinstance(node, ast.Call))
@@ -160,7 +159,6 @@ def _array(parameter: ast.arg) -> tuple[str, bool] | None:
 
 
 def _kind_of(parameter: ast.arg) -> str:
-    """The kind of a parameter's values."""
     kinds = {"int": "index", "bool": "bool"}
     return "array" if _array(parameter) else kinds.get(_annotation(parameter.annotation), "real")
 

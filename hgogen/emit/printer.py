@@ -55,7 +55,6 @@ NEVER = 10**9  # times: no loop is made
 
 
 def _binding(node: Node) -> float:
-    """How tightly the text of a value binds."""
     if node.name or node.op in (ELEMENT, AT):
         return ATOM
     if node.op in (CHOOSE, ca.OP_IF_ELSE_ZERO) or boolean(node):
@@ -212,7 +211,6 @@ class Printer:
         return candidate
 
     def _declare_looped(self, node: Node, name: str) -> None:
-        """What a loop computes, with the loop; a table."""
         name = node.name = self.fresh(node.labels.get(0, name))
         node.labels[0] = name
         if node.op == FOLD:
@@ -395,7 +393,6 @@ class Printer:
         self.uses.append(Uses(parameters=frozenset("p" * subprogram.reads_parameters), routines=frozenset({key})))
 
     def _by_reference(self, name: str, column: Sequence[Node]) -> str:
-        """A column as an array."""
         first = column[0]
         by_read = self.syntax.passed[False].format
         if first.op == ARRAY:
@@ -411,7 +408,6 @@ class Printer:
         return by_read(name)
 
     def _array(self, text: str, name: str, size: int, **words: str) -> str:
-        """The declaration of an array."""
         count = self.syntax.literal(size, "unsigned")
         return text.format(type=self.syntax.types[self.real], name=name, size=size, count=count, **words)
 

@@ -56,7 +56,6 @@ def promised(step: Step) -> list[str]:
 
 
 def _when(step: Step, known: Signed) -> str:
-    """From when on it holds, and from which first errors."""
     if known.settles is None:
         decayed = "once what is left of the error at its start has decayed, for which no time is proved"
         return f"{decayed}: {known.unsettled}"
@@ -83,7 +82,6 @@ def _of(value: str, signal: Signal, over: str = "") -> str:
 
 
 def _assumed(step: Step, known: Signed) -> Iterator[str]:
-    """What the bounds rest on, beside that there is nothing else."""
     read = "samples and the exact inputs" if step.inputs else "samples"
     yield f"a call comes every {pace(step.dt, step.time)}, with the {read} of that time"
     yield "gains and parameters are the nominal ones of this file"
@@ -104,7 +102,6 @@ def _assumed(step: Step, known: Signed) -> Iterator[str]:
 
 
 def _derived(known: Signed) -> list[str]:
-    """The states of the plant behind a change of coordinates, whose bounds come of those of the others."""
     return [x for x in known.bounds if x not in known.inside]
 
 

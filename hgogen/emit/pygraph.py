@@ -184,7 +184,6 @@ def defined(text: Sequence[str], names: dict[str, Any], name: str, title: str) -
 
 @cache
 def _function(name: str, real: Real) -> Callable[..., Any]:
-    """An elementary function of numbers."""
     graph, writer = elementary(real)[name], Writer(real)
     (result,) = (node for (node,) in writer.write(graph, lambda argument, _: Operand(f"x{argument}"), real))
     arguments = ", ".join(f"x{k}" for k in range(graph.n_in()))

@@ -152,7 +152,6 @@ class _Writer(Reader[list[str]]):
         return f"w{self.work[place]}_{element}"
 
     def _text(self, place: Place, element: int) -> str:
-        """The text of one element of a place."""
         if place in self.work:
             return self._local(place, element)
         array, line = self.places[place], self.groups.get(place.struct, ())
@@ -164,16 +163,13 @@ class _Writer(Reader[list[str]]):
         return f"{kind}[{' + '.join((*steps, str(offset)))}]"
 
     def _at(self, group: Group) -> str:
-        """The name of the number of the member of a group that a loop is at."""
         return f"m{self.numbers[group.name]}"
 
     def _read(self, place: Place, element: int, kind: Number) -> str:
-        """The text of one element as a number."""
         text = self._text(place, element)
         return f"{self.number}({text})" if self._converted(place, kind) else text
 
     def _converted(self, place: Place, kind: Number) -> bool:
-        """Whether a counter becomes a real number."""
         return kind != "unsigned" and self.kinds.is_index(place)
 
     def _member(self, index: Place, total: int) -> str:

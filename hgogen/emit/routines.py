@@ -60,7 +60,6 @@ class _Function:
         )
 
     def _indexed(self, number: int) -> str:
-        """The text of an argument that is an array, else ""."""
         argument = self.subprogram.routine.arguments[number]
         for each in self.subprogram.passed:
             if each.number == number:

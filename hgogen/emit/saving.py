@@ -229,7 +229,6 @@ def restored(step: Step, real: Real) -> list[str]:
 
 
 def _size(fields: Iterable[Field], groups: Iterable[Group], of: dict[str, int]) -> int:
-    """The bytes of memory whose numbers lie one after the other."""
     inner = sum(group.count * _size(group.fields, group.groups, of) for group in groups)
     return inner + sum(of[field.kind] * field.size for field in fields)
 

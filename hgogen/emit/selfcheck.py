@@ -76,7 +76,6 @@ def block(lines: Iterable[str], by: int = 4) -> str:
 
 
 def _signals(step: Step) -> list[tuple[Place, int]]:
-    """The places of the signals that a call is given, and the sample at which each is no number."""
     no_input, no_output = lost(step)
     inputs = [(Place("input", signal.name), no_input) for signal in step.inputs]
     return inputs + [(Place("output", signal.name), no_output) for signal in step.samples]

@@ -61,7 +61,6 @@ class SharingWriter(Writer):
 
     @cached_property
     def _parts(self) -> dict[tuple[str, ...], Part]:
-        """By the text of their statements."""
         runs = [run for section in self.step.code.called for run in _everywhere(section.program) if _name(run)]
         texts = [self._alone(run) for run in runs]
         times, names, parts = Counter(text.lines for text in texts), Counter[str](), dict[tuple[str, ...], Part]()
@@ -72,7 +71,6 @@ class SharingWriter(Writer):
         return parts
 
     def _prototype(self, run: Program, number: int) -> Prototype:
-        """Of the part that is the `number`th of its name."""
         says = any(place.struct == "status" for place in _written(run))
         name = f"{self.prefix}_{_name(run)}" + (f"_{number}" if number > 1 else "")
         return Prototype(status_type(self.step) if says else "void", name, structs(self.step)[:1], public=False)
@@ -118,7 +116,6 @@ def _runs(program: Iterable[Statement]) -> Iterator[Program]:
 
 
 def _name(run: Program) -> str:
-    """The name of a part; "" of what is none."""
     first = run[0]
     return first.part if isinstance(first, Block) and _closed(first) else ""
 
@@ -135,5 +132,4 @@ def _written(run: Program) -> set[Place]:
 
 
 def _numbers(run: Program) -> int:
-    """How many numbers the text of a part writes."""
     return sum(size for block in blocks(run) for place, size in block.written if place.struct != "status")

@@ -164,7 +164,6 @@ class Writer(Reader[Code]):
         return braced("{", code(declared) + braced(head, before + inner + code(self.syntax.increment.format(i))))
 
     def _repeat(self, repeat: Repeat, taken: frozenset[str]) -> Code:
-        """A loop over tables of its numbers."""
         fixed, k = code(), "r"
         for place, row in repeat.given.items():
             values = ", ".join(self.literal(number, self.real) for number in row)
@@ -205,7 +204,6 @@ class Writer(Reader[Code]):
         return Code((result or f"{call};",), uses)
 
     def _limited(self, block: Block, limited: Callable[[Rows], Sequence[str]]) -> Code:
-        """A loop over a table of ranges."""
         limits, text = block.limits, partial(self.literal, kind=self.real)
         (bit,) = (place for place in block.writes if place.struct == "status")
         rows = Rows(
@@ -221,11 +219,9 @@ class Writer(Reader[Code]):
         return Code((self.syntax.comment(block.title), *limited(rows)), uses)
 
     def _raised(self, place: Place) -> str:
-        """The statement that raises a bit."""
         return self.syntax.raised.format(prefix=self.prefix.upper(), bit=self.bits[place])
 
     def _raised_where(self, place: Place, test: str) -> Sequence[str]:
-        """The lines that raise a bit where a test holds."""
         return self.syntax.condition.format(test), f"    {self._raised(place)}", "}"
 
     def _block(self, block: Block, taken: frozenset[str]) -> Code:

@@ -116,14 +116,12 @@ def typedefs(prefix: str, structs: Mapping[str, Struct], none: str, said: Callab
 
 
 def _nested(struct: Struct, said: Callable[[str], str]) -> list[str]:
-    """A struct in a struct, with its comment before it and beside its name: they are two things to Doxygen."""
     about, text = list(filter(None, [documented(said(struct.said))])), said(struct.said)
     inner = indented(_members(struct.members, said))
     return [*about, "struct {", *inner, f"}} {struct.kind}; {beside(text)}".rstrip()]
 
 
 def _members(members: Iterable[Member], said: Callable[[str], str]) -> list[str]:
-    """Their lines, with the comments in one column."""
     members = tuple(members)
     width = max((len(member.declared) for member in members), default=0)
     return [f"{member.declared:{width}} {beside(said(member.said))}".rstrip() for member in members]

@@ -81,7 +81,6 @@ def _passed(routine: Routine, moving: set[Argument]) -> tuple[Passed, ...]:
 
 
 def _distinct(routines: dict[str, Routine]) -> list[str]:
-    """The names of routines, numbered from the second of one name on."""
     names = [routine.name for routine in routines.values()]
     before = [names[:k].count(name) for k, name in enumerate(names)]
     return [f"{name}_{count + 1}" if count else name for name, count in zip(names, before, strict=True)]

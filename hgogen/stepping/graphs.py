@@ -130,7 +130,6 @@ class Graphs:
 
     @cached_property
     def _rates(self) -> dict[str, Graph]:
-        """SX, by the names of fields."""
         clock, rates = self._clock, dict[str, Graph]()
         u, y = sym("work", "u", clock.inputs), sym("work", "y", clock.outputs)
         for ode in self._odes:
@@ -181,7 +180,6 @@ class Graphs:
 
 
 def _parts(vector: Graph, lies: dict[Place, Shape]) -> Memory:
-    """A vector cut into places, one after the other."""
     memory, start = Memory(), 0
     for place, shape in lies.items():
         memory[place] = ca.reshape(vector[start : start + prod(shape)], *shape)

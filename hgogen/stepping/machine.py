@@ -191,16 +191,15 @@ class Machine(Reading):
         programs = (*sections, *step.code.estimate, *step.code.tuning)
         super().__init__(programs, step.layout.groups, step.layout.bits, bind, dtype)
         self.step = step
-        for kind, fields in (
-            ("plant", step.layout.plant),
-            ("gain", step.layout.gains),
-            ("derived", step.layout.derived),
-            ("state", step.layout.state),
-        ):
-            for field in fields:
-                self.memory[Place(kind, field.name)] = np.zeros(field.size, dtype)
-        for kind, fields in (("plant", step.layout.plant), ("gain", step.layout.gains)):
-            self._fill(kind, fields)
+        kinds = {
+            "plant": step.layout.plant,
+            "gain": step.layout.gains,
+            "derived": step.layout.derived,
+            "state": step.layout.state,
+        }
+        self.memory |= {Place(kind, f.name): np.zeros(f.size, dtype) for kind, fields in kinds.items() for f in fields}
+        for kind in ("plant", "gain"):
+            self._fill(kind, kinds[kind])
         self._tune = self.action(step.code.tuning)
         for section in step.code.called:
             self._sections[section.name] = self.action(section.program)

@@ -111,7 +111,6 @@ class Symbolic(Reader[Memory]):
         return memory
 
     def _inside(self, group: str, memory: Memory) -> list[Place]:
-        """The fields of a group, and of those in it."""
         return [place for place in memory if any(each.name == group for each in self.lines.get(place.struct, ()))]
 
 

@@ -116,7 +116,6 @@ def _functions(writer: SharingWriter) -> Iterator[Code]:
 
 
 def _asked(step: Step, prototype: Prototype, body: Code) -> Code:
-    """A function that asks for the marks, and does nothing without parameters."""
     upper, test = step.name.upper(), "({}->ready != {}_READY)"
     missing = braced(
         f"if ({' || '.join(test.format(name, upper) for name in 'sp')}) {{",
@@ -136,7 +135,6 @@ def _readied(step: Step, mark: Field) -> Code:
 
 
 def _bodies(writer: SharingWriter) -> dict[str, Code]:
-    """The statements of each function that a caller has."""
     step = writer.step
     inner = (section for section in step.code.sections if of_section(step, section).inner)
     bodies = {section.name: called(C, step, section) for section in inner}

@@ -74,7 +74,6 @@ def _section(writer: LaneWriter, name: str, program: Program) -> Code:
 
 
 def _shared(writer: LaneWriter, uses: Uses) -> Sequence[str]:
-    """Small and mathematical functions, kernels, and tables lane by lane."""
     name, real = writer.prefix, writer.real
     looked = (table(name, real, each) for each in sorted(uses.lookups, key=lambda each: each.name))
     matrices = kernels(alike(name, real), name, real, uses.kernels)
@@ -87,7 +86,6 @@ _STRUCTS = {"s": "state", "p": "params", "in": "input", "out": "output", "x": "p
 
 
 def _structs(writer: LaneWriter) -> list[str]:
-    """The structs of the scalar C, of lanes."""
     p, none = writer.prefix, f"{writer.syntax.types[writer.real]} none;"
     known = {"input": Struct("input", "", ())} | structs(writer.step, writer.syntax, writer.real, marked=True)
     lines = [line for each in typedefs(p, known, none, lambda _: "") for line in each]

@@ -3,8 +3,8 @@
 It lies beside the code of any language, whose head names it for what it leaves out.
 """
 
-from hgogen.emit.claims import document_name
 from hgogen.emit.document import document
+from hgogen.emit.manual import document_name
 from hgogen.emit.syntax import Real, demand_real
 from hgogen.step import Step, demand_step
 from hgogen.target import Files

@@ -41,7 +41,6 @@ def _runner(step: Step, real: Real) -> Prototype:
 
 
 def _run(step: Step, traces: list[str]) -> list[str]:
-    """A step for each row."""
     name, declared, m, p, n = step.name, prototypes(step), len(step.inputs), len(step.samples), len(step.states)
     arguments = {"s": "s", "p": "p", "in": "&in", "out": "&out", "x": "&plant"}
     steps, shown = (declared[key].call(lambda each: arguments[each.name]) for key in ("step", "estimate"))
@@ -64,7 +63,6 @@ def _sample(step: Step, real: Real) -> list[str]:
 
 
 def _entries(step: Step, traces: list[str]) -> dict[Prototype, list[str]]:
-    """The functions of a sample."""
     declared = prototypes(step)
     parts = [section.name for section in (*step.code.sections, *step.code.timed)] if step.code.apart else []
     calls = {name: declared[name].call(_held) for name in ("step", *parts)} | {"estimate": "0u"}

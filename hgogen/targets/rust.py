@@ -105,7 +105,6 @@ def _source(step: Step, real: Real, command: str) -> list[str]:
 
 
 def _methods(writer: Writer, memory: Mapping[str, Struct]) -> tuple[Code, Code]:
-    """Those of the state, and those of the parameters."""
     step = writer.step
     known = entries(step)
     functions = (*step.code.inner, *step.code.parts, *step.code.timed)
@@ -144,6 +143,5 @@ def _estimate(entry: Entry, struct: Struct, body: Code) -> Code:
 
 
 def _idle(names: list[str], body: Code) -> list[str]:
-    """Parameters that a function does not use."""
     idle = (RUST.parameters.get(name, name) for name in names if name not in body.uses.parameters)
     return [f"let _ = {name};" for name in idle]
