@@ -21,7 +21,8 @@ from hgogen.algebra.kinks import Direction, bent, slope
 from hgogen.algebra.tape import tape
 from hgogen.certificates.certificate import certificate
 from hgogen.check import ClaimId, Verdict
-from hgogen.emit.pygraph import DTYPE, evaluated
+from hgogen.emit.pygraph import evaluated
+from hgogen.emit.syntax import DTYPE
 from hgogen.intervals.bounds import Cause, bound, nonzero
 from hgogen.intervals.one_sided import computed, one_sided
 from hgogen.intervals.slope import lipschitz_bound

@@ -30,7 +30,8 @@ from hgogen.check import Verdict
 from hgogen.emit.code import code
 from hgogen.emit.cost import cost
 from hgogen.emit.portable import tables
-from hgogen.emit.pygraph import DTYPE, evaluated
+from hgogen.emit.pygraph import evaluated
+from hgogen.emit.syntax import DTYPE
 from hgogen.emit.syntaxes import C
 from hgogen.graph import to_casadi
 from hgogen.intervals.bounds import nonzero

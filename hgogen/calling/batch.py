@@ -23,9 +23,8 @@ from hgogen.calling.readers import Kept
 from hgogen.calling.samples import Engine
 from hgogen.emit import layout
 from hgogen.emit.lanewriter import NoLanes
-from hgogen.emit.pygraph import DTYPE
 from hgogen.emit.saved import mark, sealed
-from hgogen.emit.syntax import Real
+from hgogen.emit.syntax import DTYPE, Real
 from hgogen.reading.door import switches
 from hgogen.reading.given import BadGain, count
 from hgogen.step import Step

@@ -19,10 +19,9 @@ from hgogen import targets
 from hgogen.calling import native
 from hgogen.calling.samples import BadShape, Engine
 from hgogen.emit import layout, pystep
-from hgogen.emit.pygraph import DTYPE
 from hgogen.emit.pystep import Entry
 from hgogen.emit.saved import opened
-from hgogen.emit.syntax import Real
+from hgogen.emit.syntax import DTYPE, Real
 from hgogen.reading.given import among
 from hgogen.step import Step
 

@@ -18,8 +18,7 @@ from hgogen.calling.covariances import Evaluated, Uncertainty, clock_of, motion,
 from hgogen.calling.late import remembered
 from hgogen.calling.readers import Kept
 from hgogen.calling.samples import Engine
-from hgogen.emit.pygraph import DTYPE
-from hgogen.emit.syntax import Real
+from hgogen.emit.syntax import DTYPE, Real
 from hgogen.program import Place, sym
 from hgogen.step import Step
 

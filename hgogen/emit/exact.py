@@ -6,8 +6,8 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from hgogen.emit.pygraph import DTYPE, evaluated
-from hgogen.emit.syntax import Real
+from hgogen.emit.pygraph import evaluated
+from hgogen.emit.syntax import DTYPE, Real
 from hgogen.program import Block
 from hgogen.step import Step
 from hgogen.stepping.machine import Bound, Machine

@@ -10,12 +10,10 @@ import numpy as np
 
 from hgogen.emit.described import parameters
 from hgogen.emit.saved import mark
-from hgogen.emit.syntax import Real
+from hgogen.emit.syntax import DTYPE, Real
 from hgogen.program import Field, Group, Place, lines_of
 from hgogen.step import Step
 from hgogen.stepping.sensors import AT
-
-_NUMBER = {"float": np.float32, "double": np.float64}
 
 
 def state_type(step: Step, real: Real = "double") -> np.dtype:
@@ -38,7 +36,7 @@ def kept_type(step: Step, real: Real = "double") -> np.dtype:
     scalars = {kind: [signal.name for signal in each] for kind, each in signals.items()}
     scalars |= {"traces": list(step.observer.traces)}
     for kind, names in scalars.items():
-        members += [(kind, np.dtype([(name, _NUMBER[real]) for name in names], align=True))] if names else []
+        members += [(kind, np.dtype([(name, DTYPE[real]) for name in names], align=True))] if names else []
     return np.dtype(members, align=True)
 
 
@@ -111,5 +109,5 @@ def _arrays(groups: Iterable[Group], real: Real) -> list[tuple[object, ...]]:
 
 
 def _members(fields: Iterable[Field], real: Real) -> list[tuple[object, ...]]:
-    kinds = {"real": _NUMBER[real], "index": np.uint32}
+    kinds = {"real": DTYPE[real], "index": np.uint32}
     return [(f.name, kinds[f.kind]) if f.size == 1 else (f.name, kinds[f.kind], (f.size,)) for f in fields]

@@ -6,7 +6,7 @@ C, and does not depend on this machine's mathematical library.
 """
 
 from bisect import bisect_right
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from functools import cache, lru_cache
 from math import ldexp
@@ -34,9 +34,8 @@ from hgogen.emit.node import (
 )
 from hgogen.emit.operations import CALLS
 from hgogen.emit.printer import Operand
-from hgogen.emit.syntax import NotPrintable, Number, Real, demand_apart
+from hgogen.emit.syntax import DTYPE, NotPrintable, Number, Real, demand_apart
 
-DTYPE: Mapping[str, Any] = {"float": np.float32, "double": np.float64}
 _SIMPLE: dict[int, str] = {
     ca.OP_ADD: "{} + {}",
     ca.OP_SUB: "{} - {}",

@@ -17,8 +17,7 @@ from hgogen.emit.code import indented
 from hgogen.emit.kinds import Kinds
 from hgogen.emit.node import Node, boolean
 from hgogen.emit.printer import Operand
-from hgogen.emit.pygraph import DTYPE
-from hgogen.emit.syntax import Number, Real
+from hgogen.emit.syntax import DTYPE, Number, Real
 from hgogen.program import (
     Block,
     Call,

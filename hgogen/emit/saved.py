@@ -21,8 +21,7 @@ from typing import Any
 
 import numpy as np
 
-from hgogen.emit.pygraph import DTYPE
-from hgogen.emit.syntax import Real
+from hgogen.emit.syntax import DTYPE, Real
 from hgogen.errors import BadArgument
 from hgogen.observer import STARTS, Observer
 from hgogen.program import Field, Group

@@ -14,9 +14,8 @@ import numpy as np
 from hgogen.emit import pystep
 from hgogen.emit.cfunction import Parameter, Prototype, structs
 from hgogen.emit.code import Code, Uses, indented
-from hgogen.emit.pygraph import DTYPE
 from hgogen.emit.saved import ADDED, CHECKSUM, DIGEST, POLYNOMIAL, layout
-from hgogen.emit.syntax import Real
+from hgogen.emit.syntax import DTYPE, Real
 from hgogen.emit.syntaxes import RUST, C
 from hgogen.program import Field, Group
 from hgogen.step import Step

@@ -8,7 +8,7 @@ from string import Template
 
 from hgogen.emit.cfunction import address, prototypes, status_type, structs
 from hgogen.emit.code import indented
-from hgogen.emit.rustmanual import arguments, rust_status_type
+from hgogen.emit.heads import arguments, rust_status_type
 from hgogen.emit.statements import Writer
 from hgogen.emit.syntax import Real, Syntax
 from hgogen.emit.syntaxes import RUST, C

@@ -7,7 +7,7 @@ between languages and knows none of them. Texts with holes are those of `str.for
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import pairwise
-from typing import Literal
+from typing import Any, Literal
 
 import casadi as ca
 import numpy as np
@@ -20,6 +20,7 @@ from hgogen.reading.given import among
 Real = Literal["float", "double"]
 Number = Literal["float", "double", "unsigned"]  # blocks of counters compute in unsigned
 
+DTYPE: Mapping[str, Any] = {"float": np.float32, "double": np.float64}
 BYTES: Mapping[Real, int] = {"float": 4, "double": 8}
 SUM, PRODUCT, UNARY, ATOM = 4.0, 5.0, 6.0, 7.0  # how tightly an operation binds, loosest first
 SELECT, OR, AND, EQUAL, ORDER = 0.0, 1.0, 2.0, 2.5, 3.0
@@ -64,7 +65,7 @@ class PointsMerge(HgogenError):
 
 def demand_apart(lookup: Lookup, real: Real) -> None:
     """Raise `PointsMerge` for a table whose points the working precision does not tell apart."""
-    number = {"float": np.float32, "double": np.float64}[real]
+    number = DTYPE[real]
     for axis in lookup.axes:
         for pair in pairwise(axis.breaks):
             if number(pair[0]) == number(pair[1]):

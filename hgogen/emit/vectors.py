@@ -17,8 +17,7 @@ import numpy as np
 
 from hgogen.chains.core import nominal, numbers
 from hgogen.emit.exact import machine
-from hgogen.emit.pygraph import DTYPE
-from hgogen.emit.syntax import Real
+from hgogen.emit.syntax import DTYPE, Real
 from hgogen.program import Place, address
 from hgogen.signal import LOST, Signal
 from hgogen.step import Step

@@ -72,10 +72,13 @@ class Graphs:
 
     def step(self) -> ca.Function:
         """One call; its status is a number, or one for each 32 bits."""
-        step, state = self.made, ca.MX.sym("state", len(self.memory))
-        lies = shapes(step.layout.state, step.layout.groups)
-        memory = {**self._tuned(step.code.tuning), **_parts(state, lies)}
-        memory |= _scalars("input", step.inputs, self._u) | _scalars("output", step.samples, self._y)
+        step, state, lies = (
+            self.made,
+            ca.MX.sym("state", len(self.memory)),
+            shapes(self.made.layout.state, self.made.layout.groups),
+        )
+        (u, y, p), memory = self._symbols, {**self._tuned(step.code.tuning), **_parts(state, lies)}
+        memory |= _scalars("input", step.inputs, u) | _scalars("output", step.samples, y)
         for section in step.code.sections:
             memory = self._symbolic.section(section.program, memory)
         x = self._estimated(memory)
@@ -84,9 +87,7 @@ class Graphs:
         words = [raised[k : k + EXACT] for k in range(0, len(raised), EXACT)]
         status = ca.vertcat(*(reduce(add, (2.0**k * each for k, each in enumerate(word))) for word in words))
         arguments, shown = ["state", "u", "y", "p"], ["next", "x", "status"]
-        return ca.Function(
-            f"{step.name}_step", [state, self._u, self._y, self._p], [after, x, status], arguments, shown
-        )
+        return ca.Function(f"{step.name}_step", [state, u, y, p], [after, x, status], arguments, shown)
 
     def flow(self) -> Flow:
         """The continuous observer. Raises: `NoEquation`."""
@@ -95,23 +96,25 @@ class Graphs:
         own = [field for ode in self._odes for field in ode.fields]
         others = read_fields([self.made.observer.z, *self._rates.values()]) | self._rates.keys()
         others -= {"u", *(field.name for field in own)}
-        name, fields = self.made.name, [*own, *(f for f in self.made.layout.state if f.name in others)]
+        (u, y, p), name, fields = (
+            self._symbols,
+            self.made.name,
+            [*own, *(f for f in self.made.layout.state if f.name in others)],
+        )
         state = ca.MX.sym("state", sum(field.size for field in fields))
         derived = chain.from_iterable(tuned(part, self._clock) for part in self.made.observer.parts)
         tuning = limit_parameters(*self.made.layout.limited, tuple(derived))
         memory = {**self._tuned(tuning), **_parts(state, {Place("state", f.name): (f.size, 1) for f in fields})}
-        memory |= {Place("state", "u"): self._u, Place("work", "u"): self._u} if self._u.numel() else {}
-        memory[Place("work", "valid")] = valid = ca.fabs(self._y) <= LARGEST_NUMBER
-        memory[Place("work", "y")] = ca.if_else(valid, self._y, 0)  # which leaves no trace, see `Ode`
+        memory |= {Place("state", "u"): u, Place("work", "u"): u} if u.numel() else {}
+        memory[Place("work", "valid")] = valid = ca.fabs(y) <= LARGEST_NUMBER
+        memory[Place("work", "y")] = ca.if_else(valid, y, 0)  # which leaves no trace, see `Ode`
         rates = [ca.SX(self._rates.get(field.name, ca.SX.zeros(field.size))) for field in fields]
         moved = {Place("work", "rate"): ca.vertcat(*rates)}
         rate = self._symbolic.program((Block("the rates", moved),), memory)[Place("work", "rate")]
         arguments = ["state", "u", "y", "p"]
         return Flow(
-            ca.Function(f"{name}_derivative", [state, self._u, self._y, self._p], [rate], arguments, ["rate"]),
-            ca.Function(
-                f"{name}_estimate", [state, self._u, self._p], [self._estimated(memory)], ["state", "u", "p"], ["x"]
-            ),
+            ca.Function(f"{name}_derivative", [state, u, y, p], [rate], arguments, ["rate"]),
+            ca.Function(f"{name}_estimate", [state, u, p], [self._estimated(memory)], ["state", "u", "p"], ["x"]),
             Vector("continuous state", tuple(entry for field in fields for entry in self._of(field))),
             tuple(field.name for field, rate in zip(fields, rates, strict=True) if rate.is_zero()),
         )
@@ -145,19 +148,8 @@ class Graphs:
 
     @cached_property
     def _symbols(self) -> list[Graph]:
+        """u, y, p."""
         return [ca.MX.sym(name, len(vector)) for name, vector in zip("uyp", self.inputs, strict=True)]
-
-    @property
-    def _u(self) -> Graph:
-        return self._symbols[0]
-
-    @property
-    def _y(self) -> Graph:
-        return self._symbols[1]
-
-    @property
-    def _p(self) -> Graph:
-        return self._symbols[2]
 
     def _of(self, field: Field) -> Iterable[Entry]:
         return of_field(field, self.made.unit(field))
@@ -172,7 +164,7 @@ class Graphs:
         }
         zeros = {Place("derived", f.name): ca.MX.zeros(f.size) for f in step.layout.derived}
         bits = {bit.place: ca.MX(0) for bit in step.layout.bits}
-        return self._symbolic.section(tuning, {**zeros, **bits, **_parts(self._p, lies)})
+        return self._symbolic.section(tuning, {**zeros, **bits, **_parts(self._symbols[2], lies)})
 
     def _estimated(self, memory: Memory) -> Graph:
         shown = self._symbolic.section(self.made.code.estimate, memory)

@@ -9,10 +9,10 @@ from collections.abc import Iterable, Iterator
 from dataclasses import replace
 
 from hgogen.emit.cfunction import Prototype, inside, nominal, own, prototypes, readied
-from hgogen.emit.cheader import header
 from hgogen.emit.code import Code, Uses, braced, code, joined, spaced
 from hgogen.emit.fold import sources
 from hgogen.emit.functions import c_functions, includes
+from hgogen.emit.heads import header
 from hgogen.emit.interface import entries, of_section
 from hgogen.emit.naming import demand_distinct, demand_file
 from hgogen.emit.portable import kernels, tables

@@ -11,11 +11,11 @@ from hgogen.emit import saving
 from hgogen.emit.code import Code, code, indented, joined, spaced
 from hgogen.emit.fold import sources
 from hgogen.emit.functions import functions
+from hgogen.emit.heads import documentation, rust_status, rust_status_type
 from hgogen.emit.interface import Entry, entries
 from hgogen.emit.naming import demand_distinct
 from hgogen.emit.portable import kernels, tables
 from hgogen.emit.routines import routines
-from hgogen.emit.rustmanual import documentation, rust_status_type, status
 from hgogen.emit.selfcheck import rust_check
 from hgogen.emit.statements import Writer, called
 from hgogen.emit.structs import Struct, declared, doc, initial, structs
@@ -88,7 +88,7 @@ def _source(step: Step, real: Real, command: str) -> list[str]:
         *documentation(step, real, command),
         *_ATTRIBUTES,
         "",
-        *status(step),
+        *rust_status(step),
         *saving.constants(step, real),
         *declared(step, memory),
         "impl Parameters {",

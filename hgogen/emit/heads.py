@@ -1,5 +1,7 @@
-"""NAME.h, the manual of emitted C: banner with the mathematics and its claims, structs, status bits, prototypes; its
-comments are Doxygen's, too."""
+"""What stands at the head of emitted code. Of C it is NAME.h: the banner with the mathematics and its claims, the
+manual, structs, status bits and prototypes, whose comments are Doxygen's, too. Of Rust it is the documentation of the
+crate: the banner, how to call it, what it promises, and the status bits.
+"""
 
 # Takes apart: the mathematics, whose words end no comment.
 
@@ -25,10 +27,10 @@ from hgogen.emit.manual import (
 )
 from hgogen.emit.naming import c_name
 from hgogen.emit.saved import ADDED, layout, mark
+from hgogen.emit.structs import doc, typedefs
 from hgogen.emit.structs import structs as of_memory
-from hgogen.emit.structs import typedefs
 from hgogen.emit.syntax import Real
-from hgogen.emit.syntaxes import BESIDE, C, documented, harmless, spoken
+from hgogen.emit.syntaxes import BESIDE, RUST, C, documented, harmless, line, spoken
 from hgogen.program import Section
 from hgogen.reading.optional import version
 from hgogen.reading.time_unit import pace, plural
@@ -179,3 +181,63 @@ def _constants(step: Step, real: Real) -> list[str]:
         *saving.initialiser(step, real),
         "",
     ]
+
+
+_RUST_TIMED = (
+    "{rates} `{function}` and the like of other outputs is told the number of the period in which the sample was "
+    f"taken, `at`: 0 for that of the first `predict`, modulo {ROUND}. {UNTIMELY} Before the first `predict` every "
+    "sample is early."
+)
+_MADE = (
+    "It comes from `State::new`, from `State::restored`, or from you member by member: none of it can be without a "
+    "value, so no call asks whether it was made."
+)
+_BITS = "Bundled functions and IEEE 754 arithmetic give the same bits as the C of the same model; no fused operation."
+
+
+def documentation(step: Step, real: Real, command: str) -> list[str]:
+    """The lines at the head of the crate."""
+    first, *others = title(step, command)
+    every = pace(step.dt, step.time)
+    begin = f"Begin with `let mut s = State::new()` and `let p = Parameters::new()`. Every {every} say"
+    timed = [_RUST_TIMED.format(rates=rates(step), function=step.code.timed[-1].name)] if step.code.timed else []
+    manual = [
+        f"{begin} `let status = s.step({arguments(step)})`, and then `let x = s.estimate(&p)`.",
+        f"{period(step)} No input and no state panics. The result {result(step, 'the bits of `status`')}.",
+        *parts(step, "`step`", "`{}`"),
+        *timed,
+        *late(step, real),
+        gains(step, "`p.gain`", "`p.tune()`"),
+        state(step, _MADE, "before the first call", "`{}`"),
+        _BITS,
+    ]
+    text = [first, "", "```text", *others, "", *mathematics(step, RUST), "```"]
+    text += [part for paragraph in manual for part in ("", paragraph)]
+    return [f"//! {line(part)}".rstrip() for part in text]
+
+
+def arguments(step: Step) -> str:
+    """What a caller gives a step whose values are named as its parameters are."""
+    return ", ".join(["&p", *(["&input"] if step.inputs else []), "&output"])
+
+
+def rust_status_type(step: Step) -> str:
+    """The type of a status."""
+    return f"u{8 * step.layout.word.itemsize}"
+
+
+def rust_status(step: Step) -> list[str]:
+    """The module of the status bits."""
+    kind = rust_status_type(step)
+    bits = [
+        text
+        for k, bit in enumerate(step.layout.raised)
+        for text in (
+            *doc(f"{bit.meaning}. To do: {step.asked(bit)}."),
+            f"pub const {bit.name}: {kind} = 0x{1 << k:04X};",
+        )
+    ]
+    if not bits:
+        return []
+    said = doc("Status bits: what happened, and what it asks of you.")
+    return [*said, "pub mod status {", *indented(bits), "}", ""]
