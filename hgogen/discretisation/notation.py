@@ -5,7 +5,7 @@ A number with a point is real, one without counts. Sizes and limits are compiled
 loops over `range`, `while`, `if`, and expressions of numbers and elements.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from contextlib import suppress
 from functools import cache, wraps
 from math import isqrt
@@ -103,12 +103,18 @@ def _elements(argument: Any, one: bool, kind: Any) -> Any:
 
 
 @cache
-def _bound(name: str, size: int, kind: Any) -> FunctionType:
+def _bound(name: str, size: int, kind: Any) -> Any:
     """A function of one size, with real constants of this type; of objects they are Python's."""
     real = float if kind is object else kind
-    words: dict[str, Any] = {**sizes(size), "range": range, "aligned": aligned, "real": real}
-    words["array"] = lambda size: [real(0)] * size
-    for each, written in _WRITTEN.items():
+    words = {**sizes(size), "aligned": aligned, "array": lambda size: [real(0)] * size}
+    return bound(_WRITTEN, words, real)[name]
+
+
+def bound(functions: Mapping[str, Any], words: Mapping[str, Any], real: Any) -> dict[str, Any]:
+    """The functions, which may call each other, with real constants of the type `real`; `words`: what stands for the
+    other names in them."""
+    names: dict[str, Any] = {**words, "real": real}
+    for name, written in functions.items():
         constants = (real(value) if isinstance(value, float) else value for value in written.__code__.co_consts)
-        words[each] = FunctionType(written.__code__.replace(co_consts=tuple(constants)), words)
-    return cast(FunctionType, words[name])
+        names[name] = FunctionType(written.__code__.replace(co_consts=tuple(constants)), names)
+    return {name: names[name] for name in functions}

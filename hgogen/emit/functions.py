@@ -48,7 +48,7 @@ def arguments(name: str) -> tuple[str, ...]:
     return ("x", "y")[: _graph(name, "double").n_in()]
 
 
-def head(syntax: Syntax, prefix: str, real: Real, name: str) -> list[str]:
+def _head(syntax: Syntax, prefix: str, real: Real, name: str) -> list[str]:
     """The lines that open the function."""
     parameters = ", ".join(syntax.parameter.format(type=syntax.types[real], name=each) for each in arguments(name))
     words = {"type": syntax.types[real], "name": f"{prefix}_{name}", "parameters": parameters}
@@ -73,7 +73,7 @@ def _bundled(syntax: Syntax, prefix: str, real: Real, name: str) -> Code:
     constants, result = printer.body(_graph(name, real), [Target(syntax.result.format)])
     inner = chosen(syntax, real, name, constants + result)
     said = [syntax.comment(_MEANINGS[name])] if name in _MEANINGS else []
-    return joined([code(*said, *head(syntax, prefix, real, name)), inner, code("}")])
+    return joined([code(*said, *_head(syntax, prefix, real, name)), inner, code("}")])
 
 
 # what CMSIS-DSP has in single precision; the rest comes from the C library there
@@ -105,17 +105,12 @@ def c_functions(syntax: Syntax, prefix: str, real: Real, used: Collection[str]) 
     switch = [
         "/* Mathematical functions, bundled by default: no library, the same bits where FLT_EVAL_METHOD is 0.",
         f" * Define {upper}_USE_LIBM for those of <math.h>{cmsis}. */",
-        f"#if defined({upper}_USE_LIBM)",
-        *(line for name in names for line in _library(syntax, prefix, real, name, f"{_WHOLE.get(name, name)}{suffix}")),
     ]
-    if real == "float":
-        switch += [f"#elif defined({upper}_USE_CMSIS)"]
-        known = ((name, _WHOLE.get(name, name)) for name in names)
-        switch += [
-            line for name, of in known for line in _library(syntax, prefix, real, name, _CMSIS.get(of, f"{of}f"))
-        ]
+    libraries = {"LIBM": dict[str, str](), **({"CMSIS": _CMSIS} if real == "float" else {})}
+    for test, (library, own) in zip(("#if", "#elif"), libraries.items(), strict=False):
+        switch.append(f"{test} defined({upper}_USE_{library})")
+        for name in names:
+            whole = _WHOLE.get(name, name)
+            call = f"{own.get(whole, f'{whole}{suffix}')}({', '.join(arguments(name))})"
+            switch += [*_head(syntax, prefix, real, name), f"    return {call};", "}", ""]
     return joined([outside, code(*switch, "#else"), inside, texts, code("#endif", "")])
-
-
-def _library(syntax: Syntax, prefix: str, real: Real, name: str, target: str) -> list[str]:
-    return [*head(syntax, prefix, real, name), f"    return {target}({', '.join(arguments(name))});", "}", ""]

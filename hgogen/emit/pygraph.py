@@ -16,6 +16,8 @@ import casadi as ca
 import numpy as np
 
 from hgogen.algebra.lookup import Lookup
+from hgogen.discretisation.notation import bound
+from hgogen.emit import helpers
 from hgogen.emit.code import indented
 from hgogen.emit.elementary import ALL_WHOLE, ROUNDS, elementary
 from hgogen.emit.node import (
@@ -75,7 +77,8 @@ class Writer:
         number = float if self.real == "double" else DTYPE[self.real]
         self.names |= {"inf": number("inf"), "nan": number("nan"), "zero": number(0), "one": number(1)}
         self.names |= {"rounds": number(ROUNDS[self.real])}
-        self.names |= {"floor": _floor(number, int(ALL_WHOLE[self.real])), "divided": _divided}
+        small = {each.__name__: each for each in (helpers.within, helpers.whole, helpers.floor)}
+        self.names |= bound(small, {"ALL_WHOLE": number(ALL_WHOLE[self.real])}, number) | {"divided": _divided}
         self.names |= {"power_of_two": lambda k: number(ldexp(1.0, int(k)))}
 
     def write(self, function: ca.Function, inputs: Callable[[int, int], Operand], kind: Number) -> list[list[Node]]:
@@ -156,16 +159,6 @@ class Writer:
 
 
 _PLAIN = str.maketrans({"-": "m", "+": "p", ".": "_"})
-
-
-def _floor(number: Any, whole: int) -> Callable[[Any], Any]:
-    def floor(value: Any) -> Any:
-        if not -whole <= value <= whole:
-            return value
-        cut = number(int(value))
-        return cut - number(cut > value)
-
-    return floor
 
 
 def _divided(a: Any, b: Any) -> Any:
