@@ -20,10 +20,10 @@ from typing import Any
 
 import casadi as ca
 import numpy as np
+from exact import evaluate
 
 from hgogen.algebra.lookup import called, instructions
 from hgogen.emit.elementary import elementary
-from hgogen.emit.exact import evaluate
 from hgogen.program import Block
 from hgogen.step import Step
 from hgogen.stepping.machine import Bound, Machine

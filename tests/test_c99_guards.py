@@ -8,13 +8,13 @@ import emitted
 import numpy as np
 import pytest
 from emitted import files, run, step, tool
+from exact import machine
 from native_step import NUMBER, NativeStep, unpack_state
 from oracle import fitzhugh_nagumo as fn
 
 import hgogen as hg
 from hgogen.calling import native
 from hgogen.emit import layout
-from hgogen.emit.exact import machine
 from hgogen.emit.saved import mark
 from hgogen.emit.syntax import Real
 from hgogen.emit.syntaxes import C

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from exact import machine
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from plants import chain, fitzhugh_nagumo, kalman, pendulum, two_outputs, van_der_pol
@@ -18,7 +19,6 @@ from hgogen.call import BadShape, CannotUpdate
 from hgogen.calling import native
 from hgogen.calling.native import CompilerFailed, NoCompiler, NoCompilerWarning
 from hgogen.emit import layout
-from hgogen.emit.exact import machine
 from hgogen.emit.saved import ADDED, NotSaved
 from hgogen.reading.named import BadNames
 from hgogen.step import BadStep

@@ -6,6 +6,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 import pytest
+from exact import machine
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from plants import chain, fitzhugh_nagumo, kalman, two_outputs
@@ -13,7 +14,6 @@ from plants import chain, fitzhugh_nagumo, kalman, two_outputs
 import hgogen as hg
 from hgogen.calling.native import run_check
 from hgogen.discretisation.stability import Limit
-from hgogen.emit.exact import machine
 from hgogen.kalman.square_root import carlson, triangle
 from hgogen.program import Place
 from hgogen.reading.given import BadGain

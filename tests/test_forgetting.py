@@ -12,6 +12,7 @@ import casadi as ca
 import numpy as np
 import pytest
 import sympy as sp
+from exact import machine
 from native_step import NativeStep, unpack_state
 from oracle import kalman_like as oracle
 from plants import MODELS, chain, loaded, model
@@ -22,7 +23,6 @@ import hgogen as hg
 from hgogen.calling import native
 from hgogen.discretisation.stability import Limit
 from hgogen.emit import layout
-from hgogen.emit.exact import machine
 from hgogen.emit.syntax import Real
 from hgogen.kalman.covariance import unpack
 from hgogen.kalman.factored import largest

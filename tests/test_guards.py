@@ -6,9 +6,9 @@ import neuron
 import numpy as np
 import pytest
 import sympy as sp
+from exact import machine
 
 import hgogen as hg
-from hgogen.emit.exact import machine
 from hgogen.program import Block, Place, address, walk
 
 

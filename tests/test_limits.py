@@ -7,10 +7,10 @@ from pathlib import Path
 import emitted
 import numpy as np
 import pytest
+from exact import machine
 from test_rust import built
 
 import hgogen as hg
-from hgogen.emit.exact import machine
 from hgogen.program import INF, Block, Field, Limit, Place
 from hgogen.stepping.guards import limit_parameters
 

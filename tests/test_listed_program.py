@@ -14,13 +14,13 @@ import mpmath
 import numpy as np
 import pytest
 import sympy as sp
+from exact import evaluate, machine
 from forger import sealed
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import hgogen as hg
 from hgogen.certificates.listed_program import Listing, listed
-from hgogen.emit.exact import evaluate, machine
 from hgogen.program import Place
 from hgogen.recheck.algebra import Algebra, Quotient
 from hgogen.recheck.arithmetic import Undefined

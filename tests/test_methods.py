@@ -9,6 +9,7 @@ import casadi as ca
 import neuron
 import numpy as np
 import pytest
+from exact import evaluate, machine
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from plants import chain, fitzhugh_nagumo, pendulum
@@ -17,7 +18,6 @@ import hgogen as hg
 from hgogen.discretisation import kernels
 from hgogen.discretisation.runge_kutta import EULER, HEUN, RK4, Tableau, advance, repeated, rounds
 from hgogen.discretisation.stability import Limit, core_limit
-from hgogen.emit.exact import evaluate, machine
 from hgogen.kalman.covariance import covariance_ode, information_ode, measurement_update, pack, time_update, unpack
 from hgogen.kalman.riccati_part import Riccati
 from hgogen.method import NoCovariance

@@ -10,6 +10,7 @@ from dataclasses import dataclass, replace
 from functools import cache
 from typing import Any
 
+import exact
 import neuron
 import numpy as np
 import pytest
@@ -20,7 +21,7 @@ from oracle import fitzhugh_nagumo as fn
 
 import hgogen as hg
 from hgogen.calling import native
-from hgogen.emit import exact, layout
+from hgogen.emit import layout
 from hgogen.emit.saved import mark
 from hgogen.program import Place
 

@@ -15,6 +15,7 @@ import mpmath
 import numpy as np
 import pytest
 import sympy as sp
+from exact import evaluate, machine
 from flint import arb
 from forger import sealed
 from hypothesis import given, settings
@@ -25,7 +26,6 @@ import hgogen as hg
 from hgogen.certificates import rounding_share
 from hgogen.certificates.one_call import rounding_errors
 from hgogen.check import Verdict
-from hgogen.emit.exact import evaluate, machine
 from hgogen.guarantees.inclusion import Inclusion
 from hgogen.guarantees.plant_step import Unbounded
 from hgogen.guarantees.quadratic import floats

@@ -11,6 +11,7 @@ import neuron
 import numpy as np
 import pages
 import pytest
+from exact import machine
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from native_step import NativeStep
@@ -19,7 +20,6 @@ from plants import MODELS, kalman, pendulum, two_outputs, van_der_pol
 import hgogen as hg
 from hgogen.call import BadShape, CannotUpdate
 from hgogen.calling.native import run_check
-from hgogen.emit.exact import machine
 from hgogen.model import load
 from hgogen.program import Place
 from hgogen.stepping.sensors import BadRate

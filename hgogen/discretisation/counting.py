@@ -56,7 +56,11 @@ class _Counting(Reader[Counter[int]]):
         return Counter()
 
     def _kernel(self, kernel: Kernel) -> Counter[int]:
-        """By running it on numbers that count what is done to them; `add` as if it made one update at a time."""
+        """By running it on numbers that count what is done to them.
+
+        An `add` counts as one update after the other, of 7 + 4 (s - 1) operations where s rows are left; two at a time,
+        as they are carried out, share a few of these.
+        """
         done: Counter[int] = Counter()
         if kernel.name == "add":
             return Counter({OPERATION: sum(s * (2 * s + 5) for s in range(1, kernel.size + 1))})

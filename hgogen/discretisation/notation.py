@@ -56,11 +56,8 @@ def aligned(first: int) -> int:
 
 def sizes(n: int) -> dict[str, int]:
     """The counts that are compiled into a function of size n."""
-    return {"n": n, "square": n * n, "line": n + 1, "half": n // 2} | {
-        "SWEEPS": SWEEPS,
-        "HALVINGS": HALVINGS,
-        "DEGREE": DEGREE,
-    }
+    counts = {"n": n, "square": n * n, "line": n + 1, "half": n // 2}
+    return counts | {"SWEEPS": SWEEPS, "HALVINGS": HALVINGS, "DEGREE": DEGREE}
 
 
 _WRITTEN: dict[str, FunctionType] = {}  # the functions that `on_arrays` runs, by name

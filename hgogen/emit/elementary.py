@@ -95,10 +95,6 @@ def elementary(real: Real) -> Mapping[str, Any]:
     )
 
 
-def _select(condition: Graph, value: Graph | float, otherwise: Graph | float) -> Graph:
-    return ca.if_else(condition, value, otherwise)
-
-
 def _polar(x: Graph) -> tuple[Graph, Graph]:
     """The sign, 1 or -1, and |x|."""
     sign = 1 - when(x < 0, 2.0)
@@ -208,13 +204,13 @@ class _Precision:
     def sqrt(self, x: Graph) -> Graph:
         lift = 2**self.octaves - 2
         y = self.root(x * self.lift_if(x < 1, lift), self.octaves) * self.lower_unless(x >= 1, lift // 2)
-        y = _select(x > self.largest, x, y)
-        return _select(x < self.smallest, when(x < 0, math.nan), y)
+        y = ca.if_else(x > self.largest, x, y)
+        return ca.if_else(x < self.smallest, when(x < 0, math.nan), y)
 
     def hypot(self, x: Graph, y: Graph) -> Graph:
         (_, a), (_, b) = _polar(x), _polar(y)
-        high, low = _select(a < b, b, a), _select(a < b, a, b)
-        slope = low / _select(high > 0, high, 1.0)
+        high, low = ca.if_else(a < b, b, a), ca.if_else(a < b, a, b)
+        slope = low / ca.if_else(high > 0, high, 1.0)
         return high * self.root(1 + slope * slope, 2)
 
     # --- exp and its kin: e^x = 2^k (1 + p)
@@ -230,17 +226,17 @@ class _Precision:
 
     def saturated(self, x: Graph, y: Graph, doublings: int) -> Graph:
         """y, about e^x / 2^doublings, or inf a little beyond the x where y itself overflows."""
-        return _select(x > self.near((2**self.octaves + doublings + Fraction(1, 4)) * LN2), math.inf, y)
+        return ca.if_else(x > self.near((2**self.octaves + doublings + Fraction(1, 4)) * LN2), math.inf, y)
 
     def exp(self, x: Graph) -> Graph:
         k, p = self.split(x)
-        y = _select(x < self.near((2 - 2**self.octaves) * LN2), 0.0, self.scaling(k)(1 + p))
+        y = ca.if_else(x < self.near((2 - 2**self.octaves) * LN2), 0.0, self.scaling(k)(1 + p))
         return self.saturated(x, y, 0)
 
     def expm1(self, x: Graph) -> Graph:
         k, p = self.split(x)
         times = self.scaling(k)
-        y = _select(x < -self.bits, -1.0, times((1 - 1 / times(1.0)) + p))
+        y = ca.if_else(x < -self.bits, -1.0, times((1 - 1 / times(1.0)) + p))
         return self.saturated(x, y, 0)
 
     def halves(self, x: Graph) -> tuple[Callable[[Graph], Graph], Graph, Graph]:
@@ -264,7 +260,7 @@ class _Precision:
     def tanh(self, x: Graph) -> Graph:
         sign, a = _polar(x)
         last = self.bits + 3  # tanh rounds to 1 from (bits + 2) ln 2 / 2 on
-        k, p = self.split(_select(a * 2 > self.near(last * LN2), self.near(last * LN2), a * 2))
+        k, p = self.split(ca.if_else(a * 2 > self.near(last * LN2), self.near(last * LN2), a * 2))
         power = self.power_of_two(k)
         e = power * p + (power - 1)
         return sign * (e / (e + 2))
@@ -289,8 +285,8 @@ class _Precision:
         s, h = f / (2 + f), f * f * 0.5
         z = s * s
         y = k * high - ((h - (s * (h + z * self.polynomial(z, self.log_tail)) + k * low)) - f)
-        y = _select(x > self.largest, x, y)
-        return _select(x < self.smallest, when(x < 0, math.nan) - math.inf, y)
+        y = ca.if_else(x > self.largest, x, y)
+        return ca.if_else(x < self.smallest, when(x < 0, math.nan) - math.inf, y)
 
     def log(self, x: Graph) -> Graph:
         m, k = self.normal(x)
@@ -299,7 +295,7 @@ class _Precision:
     def log1p(self, x: Graph) -> Graph:
         y = 1 + x
         m, k = self.normal(y)
-        return self.logarithm(y, _select(k == 0, x, m - 1), k)
+        return self.logarithm(y, ca.if_else(k == 0, x, m - 1), k)
 
     def asinh(self, x: Graph) -> Graph:
         (sign, a), huge = _polar(x), 2.0 ** (self.bits + 1)  # above it the root is a
@@ -311,7 +307,7 @@ class _Precision:
         huge = 2.0 ** (self.bits + 1)
         root = self.sqrt(when(x < huge, (x - 1) * (x + 1)))
         y = self.log1p((x - 1) + root) + when(x >= huge, self.near(LN2))
-        return _select(x < 1, math.nan, y)
+        return ca.if_else(x < 1, math.nan, y)
 
     def atanh(self, x: Graph) -> Graph:
         sign, a = _polar(x)
@@ -319,18 +315,18 @@ class _Precision:
 
     def pow(self, x: Graph, y: Graph) -> Graph:
         (_, a), (_, b) = _polar(x), _polar(y)
-        magnitude = self.exp(_select(y == 0, 0.0, y * self.log(a)))
+        magnitude = self.exp(ca.if_else(y == 0, 0.0, y * self.log(a)))
         whole = when(b < 2.0**self.bits, y)  # larger numbers are even
         half = whole * 0.5
-        negative = _select(ca.floor(whole) < whole, math.nan, 1 - (half - ca.floor(half)) * 4)
-        return magnitude * _select(x < 0, negative, 1.0)
+        negative = ca.if_else(ca.floor(whole) < whole, math.nan, 1 - (half - ca.floor(half)) * 4)
+        return magnitude * ca.if_else(x < 0, negative, 1.0)
 
     # --- angles
 
     def folded(self, x: Graph) -> tuple[Graph, Graph]:
         """x and x / pi; beyond the limit both are 0 (of inf and NaN: NaN and 0)."""
         inside = ca.fabs(x) <= self.angle_limit
-        return x - _select(inside, 0.0, x), when(inside, x * self.near(1 / PI))
+        return x - ca.if_else(inside, 0.0, x), when(inside, x * self.near(1 / PI))
 
     def arch(self, r: Graph) -> Graph:
         """sin r, |r| <= pi / 2."""
@@ -383,12 +379,12 @@ class _Precision:
         return (high - a) + low
 
     def small_sin(self, x: Graph) -> Graph:
-        turned = _select(x > 0, self.beyond(PI, x), self.beyond(-PI, x))
-        return self.arch(_select(ca.fabs(x) <= self.near(PI / 2), x, turned))
+        turned = ca.if_else(x > 0, self.beyond(PI, x), self.beyond(-PI, x))
+        return self.arch(ca.if_else(ca.fabs(x) <= self.near(PI / 2), x, turned))
 
     def small_cos(self, x: Graph) -> Graph:
         a = ca.fabs(x)
-        return self.arch(_select(a <= self.near(PI), self.beyond(PI / 2, a), -self.beyond(3 * PI / 2, a)))
+        return self.arch(ca.if_else(a <= self.near(PI), self.beyond(PI / 2, a), -self.beyond(3 * PI / 2, a)))
 
     def tan(self, x: Graph) -> Graph:
         sign, a = _polar(x)  # the cosine of a negative angle is not rounded as that of a
@@ -400,7 +396,7 @@ class _Precision:
     def slope_angle(self, b: Graph, a: Graph) -> Graph:
         """atan(b / a) for a, b >= 0, not both 0."""
         steep, upright = b > self.near(SQRT2 - 1) * a, b > self.near(SQRT2 + 1) * a
-        z = _select(upright, -a, _select(steep, b - a, b)) / _select(upright, b, _select(steep, b + a, a))
+        z = ca.if_else(upright, -a, ca.if_else(steep, b - a, b)) / ca.if_else(upright, b, ca.if_else(steep, b + a, a))
         octants = when(steep, 1.0) + when(upright, 1.0)
         high, low = self.pieces(PI / 4, (self.bits, self.bits))
         w = z * z
@@ -414,27 +410,27 @@ class _Precision:
         (_, a), (sign, b) = _polar(x), _polar(y)
         angle = self.slope_angle(b, a + when(a + b == 0, 1.0))
         high, low = self.pieces(PI, (self.bits, self.bits))
-        return sign * _select(x < 0, high - (angle - low), angle)
+        return sign * ca.if_else(x < 0, high - (angle - low), angle)
 
     def arc(self, x: Graph) -> tuple[Graph, Graph, Graph, Graph]:
         """The sign; wide = |x| > 1/2; s = sqrt((1 - |x|)/2) if wide, else |x|; c = asin s - s."""
         (sign, a), octaves = _polar(x), self.bits.bit_length()
         wide = a > 0.5
-        z = _select(wide, (1 - a) * 0.5, a * a)
+        z = ca.if_else(wide, (1 - a) * 0.5, a * a)
         root = self.root(z * 2.0**2**octaves, octaves) * 2.0 ** -(2 ** (octaves - 1))
-        s = _select(wide, when(a < 1, root) + when(a > 1, math.nan), a)
+        s = ca.if_else(wide, when(a < 1, root) + when(a > 1, math.nan), a)
         return sign, wide, s, s * (z * self.polynomial(z, self.asin_tail))
 
     def asin(self, x: Graph) -> Graph:
         sign, wide, s, c = self.arc(x)
         high, low = self.pieces(PI / 2, (self.bits, self.bits))
-        return sign * _select(wide, (high - s * 2) - (c * 2 - low), s + c)
+        return sign * ca.if_else(wide, (high - s * 2) - (c * 2 - low), s + c)
 
     def acos(self, x: Graph) -> Graph:
         sign, wide, s, c = self.arc(x)
         high, low = self.pieces(PI / 2, (self.bits, self.bits))
-        outer = _select(x < 0, (high * 2 - s * 2) - (c * 2 - low * 2), (s + c) * 2)
-        return _select(wide, outer, high - (sign * (s + c) - low))
+        outer = ca.if_else(x < 0, (high * 2 - s * 2) - (c * 2 - low * 2), (s + c) * 2)
+        return ca.if_else(wide, outer, high - (sign * (s + c) - low))
 
 
 # Minimax fits, rounded; in brackets the largest error relative to the function named first.

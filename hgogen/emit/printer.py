@@ -115,9 +115,8 @@ class Printer:
         pairs = [(n, t) for n, t in zip(nodes, targets, strict=False) if n.op != ca.OP_INPUT or n.source != t.source]
         rest = iter(nodes[len(targets) :])
         columns = [(name, list(islice(rest, size))) for name, size in names]
-        for node in ordered(nodes) if self.routines else ():
-            if node.routine:
-                self.arrange(node)
+        for call in [node for node in ordered(nodes) if node.routine] if self.routines else ():
+            self.arrange(call)
         statements = rolled(pairs, self.goes_through, hoist, self.least)
         roots = [statement.node for statement in statements]
         every = ordered(roots)

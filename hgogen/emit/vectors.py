@@ -3,7 +3,7 @@
 The inputs are triangle waves over the declared ranges, with a missing, an absurd, a lost and an excessive sample among
 them, so that guards, correction and adaptation all run; a step without guards gets none of these, and its record ends
 where its estimate is lost. Late samples come with ages of every kind. They use no function of this machine. The outputs
-are those of `emit.exact`.
+are those of `emit.pystep`.
 
 The tolerance is for other roundings, of libm or of contracted operations. These touch a part of the operations by about
 a rounding unit each, as going from float to double touches them all; so the tolerance is 16 times that distance, and in
@@ -16,7 +16,7 @@ import casadi as ca
 import numpy as np
 
 from hgogen.chains.core import nominal, numbers
-from hgogen.emit.exact import machine
+from hgogen.emit import layout, pystep
 from hgogen.emit.syntax import DTYPE, Real
 from hgogen.program import Place, address
 from hgogen.signal import LOST, Signal
@@ -95,11 +95,21 @@ def start(step: Step) -> dict[Place, list[float]]:
 
 
 def _run(step: Step, real: Real, u: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    reader = machine(step, real)
+    memory = layout.made(step, real)
+    views, calls = layout.places(step, memory), pystep.entries(step, memory, real)
+    calls["tune"]()
     for place, values in start(step).items():
-        reader.memory[place][:] = values
-    x, traces, status = reader.record(u, y)
-    return np.hstack([x, traces]).astype(DTYPE[real]), status
+        views[place][:] = values
+    kinds = (("input", step.inputs), ("output", step.samples))
+    signals = [views[Place(kind, signal.name)] for kind, each in kinds for signal in each]
+    results = [views[place] for place in places(step)]
+    seen, status = np.zeros((SAMPLES, len(results)), DTYPE[real]), np.zeros(SAMPLES, step.layout.word)
+    for k in range(SAMPLES):
+        for array, value in zip(signals, (*u[k], *y[k]), strict=True):
+            array[0] = value
+        status[k] = calls["step"]()
+        seen[k] = [result[0] for result in results]
+    return seen, status
 
 
 def _ages(step: Step) -> np.ndarray:

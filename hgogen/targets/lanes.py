@@ -13,9 +13,8 @@ from dataclasses import replace
 
 from hgogen.emit.code import Code, Uses, braced, code, indented, joined
 from hgogen.emit.functions import functions
-from hgogen.emit.lanesyntax import alike, own, prelude
-from hgogen.emit.lanesyntax import lanes as in_lanes
-from hgogen.emit.lanewriter import LaneWriter, table
+from hgogen.emit.lanewriter import LaneWriter, alike, own, prelude, table
+from hgogen.emit.lanewriter import lanes as in_lanes
 from hgogen.emit.naming import c_name, demand_distinct, demand_file
 from hgogen.emit.portable import kernels, tables
 from hgogen.emit.routines import routines
