@@ -27,17 +27,16 @@ the whole number nearest to v. With the bias of the exponent added, a shift by n
 """
 
 import math
-import struct
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 from functools import cache, cached_property, reduce
 from types import MappingProxyType
-from typing import Any, Literal
+from typing import Any
 
 import casadi as ca
 
-from hgogen.emit.syntax import Real
+from hgogen.emit.syntax import DTYPE, Real
 from hgogen.graph import Graph
 
 PI = Fraction("3.14159265358979323846264338327950288419716939937510582")
@@ -110,7 +109,7 @@ def when(condition: Graph, value: Graph | float) -> Graph:
 class _Precision:
     """The numbers of one working precision, minimax polynomials, and the functions."""
 
-    letter: Literal["f", "d"]  # of struct
+    real: Real
     bits: int  # of the significand
     octaves: int  # numbers are below 2^(2^octaves)
     pi_widths: tuple[int, ...]  # bits of the pieces of pi: times k, each but the last is exact
@@ -124,18 +123,13 @@ class _Precision:
     asin_tail: tuple[float, ...]
 
     @property
-    def real(self) -> Real:
-        """What it is called."""
-        return "float" if self.letter == "f" else "double"
-
-    @property
     def nearest(self) -> ca.Function:
         """The whole number nearest to a number."""
         return nearest(self.real)
 
     def near(self, value: Fraction | float) -> float:
         """The nearest number of this precision."""
-        return float(struct.unpack(self.letter, struct.pack(self.letter, float(value)))[0])
+        return float(DTYPE[self.real](float(value)))
 
     def pieces(self, value: Fraction, widths: Sequence[int]) -> list[float]:
         """Numbers of the given widths in bits that sum up to value, the largest first."""
@@ -436,7 +430,7 @@ class _Precision:
 # Minimax fits, rounded; in brackets the largest error relative to the function named first.
 # fmt: off
 _FLOAT = _Precision(
-    letter="f", bits=24, octaves=7, pi_widths=(11, 11, 11, 24), ln2_widths=(16, 24), angle_limit=2.0**17, heron=3,
+    real="float", bits=24, octaves=7, pi_widths=(11, 11, 11, 24), ln2_widths=(16, 24), angle_limit=2.0**17, heron=3,
     # sin r = r + z r s(z), z = r^2, |r| <= pi/2, degree 3 [2^-27.2]
     sin_tail=(-0.166666597, 0.00833306927, -0.000198097681, 2.60605498e-06),
     # e^r - 1 = r + r^2 (1/2 + r e(r)), |r| <= ln 2 / 2, degree 3 [2^-25.8]
@@ -449,7 +443,7 @@ _FLOAT = _Precision(
     asin_tail=(0.166667521, 0.0749530941, 0.0454691537, 0.024184756, 0.0421583615),
 )
 _DOUBLE = _Precision(
-    letter="d", bits=53, octaves=10, pi_widths=(33, 33, 53), ln2_widths=(42, 53), angle_limit=2.0**46, heron=4,
+    real="double", bits=53, octaves=10, pi_widths=(33, 33, 53), ln2_widths=(42, 53), angle_limit=2.0**46, heron=4,
     # the same: degree 7 [2^-60.5]
     sin_tail=(-0.16666666666666666, 0.008333333333333207, -0.00019841269841212476, 2.755731921156885e-06,
         -2.5052106904318463e-08, 1.605894099418856e-10, -7.643019073175594e-13, 2.7214153708237633e-15),
