@@ -16,7 +16,7 @@ import sympy as sp
 from hgogen.algebra.balls import values
 from hgogen.algebra.field import vanishes
 from hgogen.algebra.points import exact, put, settled
-from hgogen.algebra.tape import NoTape, Tape, tape
+from hgogen.algebra.tape import NoTape, tape
 
 Box = Mapping[sp.Symbol, tuple[Any, Any]]
 
@@ -129,13 +129,14 @@ def _seen(expression: sp.Expr, symbols: Sequence[sp.Symbol], box: Box | None) ->
         program = tape((expression,), every)
     except NoTape:
         return set()
-    points = list(_points(every, box, _QUICK + 1))
-    return {s for s in symbols if any(_changes(program, every.index(s), a, b) for a, b in pairwise(points))}
-
-
-def _changes(program: Tape, index: int, point: Sequence[Fraction], other: Sequence[Fraction]) -> bool:
-    moved = [other[i] if i == index else value for i, value in enumerate(point)]
-    return _not_zero(values(program, point, _BITS)[0] - values(program, moved, _BITS)[0])
+    seen = set()
+    for point, other in pairwise(list(_points(every, box, _QUICK + 1))):
+        before = values(program, point, _BITS)[0]
+        for s in symbols:
+            moved = [b if t == s else a for t, a, b in zip(every, point, other, strict=True)]
+            if s not in seen and _not_zero(before - values(program, moved, _BITS)[0]):
+                seen.add(s)
+    return seen
 
 
 def _not_zero(ball: Any) -> bool:

@@ -201,22 +201,11 @@ class Axis:
         takes, at a breakpoint the one above; beyond the ends of a table that is not held, what is at its ends."""
         if self.rounded is None:
             return (low, high), self.met(low, high)
-        low, high = low - self._rounded(low)[0], high + self._rounded(high)[1]
+        low, high = low - self.rounded[0], high + self.rounded[1]
         cells = self._until(low), self._until(high)
         if self.held:
             return (low, high), cells
         return (low if cells[0] else self.x[0], high if cells[1] < len(self.x) else self.x[-1]), cells
-
-    def _rounded(self, end: Number) -> Ends:
-        """`rounded` in floats beside a float, which Python makes of it anyway, but slowly."""
-        assert self.rounded is not None
-        return self._float_rounded if isinstance(end, float) else self.rounded
-
-    @cached_property
-    def _float_rounded(self) -> Ends:
-        assert self.rounded is not None
-        below, above = self.rounded
-        return float(below), float(above)
 
     def part(self, k: int, span: tuple[int, int], low: Number, high: Number) -> tuple[Any, Any]:
         """What of [low, high], which meets the cells of a span, lies in one of them, from its start on: numbers of

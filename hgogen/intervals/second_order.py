@@ -30,6 +30,14 @@ from hgogen.intervals.box import Box, Point, Sides
 from hgogen.intervals.slope import lipschitz_bound
 from hgogen.sentence import NONE, Reason, because
 
+_GRID = 1024  # of a side: samples are exact
+_SCALES = 10  # halvings of the box at which samples are taken
+_SAMPLES, _ROUNDS, _BEST = 2000, 12, 6
+_SMALLEST = 10  # halvings after which N is not tried further
+_RELATIVE = (0.05, 0.002)  # of the norm
+_FEW = 100
+_BITS = 128
+_FAR = Fraction(10)  # for samples of what has no range
 # for SymPy's own, of which version 1.13 makes an array of all arguments, which a number beside arrays does not let it
 _EXTREMES = {sp.Min: sp.Function("least_of"), sp.Max: sp.Function("most_of")}
 _FUNCTIONS = {
@@ -41,23 +49,11 @@ _FUNCTIONS = {
 def on_arrays(symbols: Sequence[sp.Symbol], rows: Sequence[sp.Expr]) -> Callable[..., list[Any]]:
     """The values of rows where the symbols are arrays; of a row that reads none a number. A symbol may have the name of
     a function."""
-    replaced = [sp.sympify(row).replace(lambda e: type(e) in _EXTREMES, _named) for row in rows]
+    replaced = [
+        sp.sympify(row).replace(lambda e: type(e) in _EXTREMES, lambda e: _EXTREMES[type(e)](*e.args)) for row in rows
+    ]
     function: Callable[..., list[Any]] = sp.lambdify(symbols, replaced, [_FUNCTIONS, "numpy"], dummify=True)
     return function
-
-
-def _named(extreme: sp.Expr) -> sp.Expr:
-    return _EXTREMES[type(extreme)](*extreme.args)
-
-
-_GRID = 1024  # of a side: samples are exact
-_SCALES = 10  # halvings of the box at which samples are taken
-_SAMPLES, _ROUNDS, _BEST = 2000, 12, 6
-_SMALLEST = 10  # halvings after which N is not tried further
-_RELATIVE = (0.05, 0.002)  # of the norm
-_FEW = 100
-_BITS = 128
-_FAR = Fraction(10)  # for samples of what has no range
 
 
 @dataclass(frozen=True)
@@ -135,37 +131,72 @@ def negative(claim: SecondOrder, boxes: int, obstacle: Reason = NONE) -> Answer:
 
 
 @dataclass(frozen=True)
+class _Grid:
+    """Points of a box, each a column of whole numbers up to `_GRID`; sides that are not bounded are cut."""
+
+    symbols: tuple[sp.Symbol, ...]
+    sides: tuple[tuple[Fraction, Fraction], ...]
+
+    @classmethod
+    def of(cls, symbols: Sequence[sp.Symbol], box: Box) -> "_Grid":
+        return cls(tuple(symbols), tuple(_cut(box[s]) for s in symbols))
+
+    def floats(self, columns: np.ndarray) -> np.ndarray:
+        low, high = np.array(self.sides, dtype=float).reshape(-1, 2).T[:, :, None]
+        return np.asarray(low + (high - low) * (columns / _GRID))
+
+    def exactly(self, column: np.ndarray) -> dict[sp.Symbol, Fraction]:
+        pairs = zip(self.symbols, self.sides, column, strict=True)
+        return {s: low + (high - low) * int(k) / _GRID for s, (low, high), k in pairs}
+
+
+def _neighbours(column: np.ndarray, step: int, rng: np.random.Generator) -> np.ndarray:
+    """Random points of a grid around one, the closer the later the step."""
+    reach = max(1, _GRID >> (step + 2))
+    return np.clip(column[:, None] + rng.integers(-reach, reach + 1, size=(len(column), 48)), 0, _GRID)
+
+
+def _cut(ends: tuple[Any, Any]) -> tuple[Fraction, Fraction]:
+    low, high = ends
+    first = Fraction(low) if abs(low) != float("inf") else min(-_FAR, Fraction(min(high, 0)) - _FAR)
+    last = Fraction(high) if abs(high) != float("inf") else max(_FAR, first + _FAR)
+    return first, last
+
+
+@dataclass(frozen=True)
 class _Program:
-    """S as a tape and as a numpy function."""
+    """S as a tape and as a numpy function, of e and what else it reads."""
 
     claim: SecondOrder
-    symbols: tuple[sp.Symbol, ...]
+    grid: _Grid
     exactly: Tape
     floats: Any
 
     @classmethod
     def of(cls, claim: SecondOrder) -> "_Program":
-        others = sorted(claim.value.free_symbols - {*claim.errors}, key=str)
-        symbols = (*claim.errors, *others)
+        symbols = (*claim.errors, *sorted(claim.value.free_symbols - {*claim.errors}, key=str))
         graph = on_arrays(symbols, [claim.value])
-        return cls(claim, symbols, tape([claim.value], symbols), lambda *point: graph(*point)[0])
+        grid = _Grid.of(symbols, {**claim.box, **claim.around})
+        return cls(claim, grid, tape([claim.value], symbols), lambda *point: graph(*point)[0])
 
     def violations(self, points: Iterator[Point]) -> Iterator[tuple[Point, float]]:
         """The points where S >= 0 is proved and e is not 0, with the value there."""
-        everything = {**self.claim.box, **self.claim.around}
-        sides = Sides(self.symbols, tuple(everything[s] for s in self.symbols))
+        symbols, everything = self.grid.symbols, {**self.claim.box, **self.claim.around}
+        sides = Sides(symbols, tuple(everything[s] for s in symbols))
         for point in points:
             if not any(point[e] for e in self.claim.errors) or not sides.contains(point):
                 continue
-            (ball,) = values(self.exactly, [point[s] for s in self.symbols], _BITS)
+            (ball,) = values(self.exactly, [point[s] for s in symbols], _BITS)
             if ball >= 0:
                 yield point, float(ball.mid())
 
-    def ratio(self, x: np.ndarray) -> np.ndarray:
-        """The ratios S/|e|^2 at points (number of symbols, k), -inf where one is not finite."""
+    def ratio(self, columns: np.ndarray, scale: np.ndarray) -> np.ndarray:
+        """The ratios S/|e|^2 at points of the grid (number of symbols, k), e scaled, -inf where one is not finite."""
+        x, n = self.grid.floats(columns), len(self.claim.errors)
+        x[:n] = x[:n] * scale
         with np.errstate(all="ignore"):
             value = np.broadcast_to(np.asarray(self.floats(*x), dtype=float), x.shape[1:])
-            ratios = value / (x[: len(self.claim.errors)] ** 2).sum(axis=0)
+            ratios = value / (x[:n] ** 2).sum(axis=0)
         return np.where(np.isfinite(ratios), ratios, -np.inf)
 
 
@@ -177,63 +208,33 @@ def _refuted(violation: tuple[Point, float]) -> Answer:
 def _samples(program: _Program) -> Iterator[Point]:
     """The points with the largest ratios of a fixed set of random ones, each moved uphill; e has scales down to a
     thousandth of its box."""
-    n, rng = len(program.claim.errors), np.random.default_rng(1)
-    sampled = [_sampled(program, s) for s in program.symbols]
-    low, high = np.array([float(a) for a, _ in sampled]), np.array([float(b) for _, b in sampled])
-    size = len(program.symbols)
+    rng, size = np.random.default_rng(1), len(program.grid.symbols)
     whole = rng.integers(0, _GRID + 1, size=(size, _SAMPLES))
     whole[:, : _SAMPLES // 4] = rng.integers(0, 2, size=(size, _SAMPLES // 4)) * _GRID
     scale = 2.0 ** -rng.integers(0, _SCALES, size=_SAMPLES)
-
-    def placed(grid: np.ndarray, scale: np.ndarray) -> np.ndarray:
-        x = low[:, None] + (high - low)[:, None] * (grid / _GRID)
-        x[:n] = x[:n] * scale
-        return np.asarray(x)
-
-    ratio = program.ratio(placed(whole, scale))
+    ratio = program.ratio(whole, scale)
     for k in np.argsort(-ratio, kind="stable")[:_BEST]:
         best, small, most = whole[:, k], scale[k], ratio[k]
         for step in range(_ROUNDS):
-            reach = max(1, _GRID >> (step + 2))
-            neighbours = np.clip(best[:, None] + rng.integers(-reach, reach + 1, size=(size, 48)), 0, _GRID)
+            neighbours = _neighbours(best, step, rng)
             scales = np.minimum(small * 2.0 ** rng.integers(-1, 2, size=48), 1.0)
-            tried = program.ratio(placed(neighbours, scales))
+            tried = program.ratio(neighbours, scales)
             j = int(np.argmax(tried))
             if tried[j] > most:
                 best, small, most = neighbours[:, j], scales[j], tried[j]
-        yield _exactly(program, best, Fraction(float(small)))
-
-
-def _sampled(program: _Program, symbol: sp.Symbol) -> tuple[Fraction, Fraction]:
-    return _cut({**program.claim.box, **program.claim.around}[symbol])
-
-
-def _cut(ends: tuple[Any, Any]) -> tuple[Fraction, Fraction]:
-    """A range for samples, cut where it is not bounded."""
-    low, high = ends
-    first = Fraction(low) if abs(low) != float("inf") else min(-_FAR, Fraction(min(high, 0)) - _FAR)
-    last = Fraction(high) if abs(high) != float("inf") else max(_FAR, first + _FAR)
-    return first, last
-
-
-def _exactly(program: _Program, grid: np.ndarray, scale: Fraction) -> Point:
-    point = {}
-    for symbol, k in zip(program.symbols, grid, strict=True):
-        low, high = _sampled(program, symbol)
-        value = low + (high - low) * int(k) / _GRID
-        point[symbol] = value * scale if symbol in program.claim.errors else value
-    return point
+        point, share = program.grid.exactly(best), Fraction(float(small))
+        yield {s: x * share if s in program.claim.errors else x for s, x in point.items()}
 
 
 def _along(program: _Program) -> Iterator[Point]:
     """Short steps e from points x where N of zero copies is not positive definite, along its worst direction."""
     claim, n = program.claim, len(program.claim.errors)
-    matrix, box = _restricted(claim, Fraction(0))
-    eigenvalues = _Eigenvalues.of(matrix, box)
+    eigenvalues = _Eigenvalues.of(*_restricted(claim, Fraction(0)))
     reach = min(min(-Fraction(a), Fraction(b)) for a, b in claim.around.values())
-    for worst in eigenvalues.worst():
-        x = {s: worst[s] if s in worst else _cut(claim.box[s])[0] for s in program.symbols[n:]}
-        direction = np.linalg.eigh(eigenvalues.matrix(worst))[1][:, 0]
+    for column in eigenvalues.worst():
+        worst = eigenvalues.grid.exactly(column)
+        x = {s: worst[s] if s in worst else _cut(claim.box[s])[0] for s in program.grid.symbols[n:]}
+        direction = np.linalg.eigh(eigenvalues.floats(column[:, None])[0])[1][:, 0]
         e = [Fraction(round(float(d) * _GRID), _GRID) for d in direction]
         for k, sign in product(range(0, 40, 3), (1, -1)):
             yield x | {s: sign * d * reach / 2**k for s, d in zip(claim.errors, e, strict=True)}
@@ -312,37 +313,32 @@ def _short(value: float) -> sp.Rational:
 
 @dataclass(frozen=True)
 class _Eigenvalues:
-    """The eigenvalues of a symmetric matrix of symbols at sample points of their box, as floats that prove nothing.
+    """The eigenvalues of a symmetric matrix of symbols at sample points of their box (`columns` of its grid), as floats
+    that prove nothing.
 
     `least`, `most`: the extremes; `middle`: the matrix in the middle.
     """
 
-    symbols: tuple[sp.Symbol, ...]
-    sides: tuple[tuple[Fraction, Fraction], ...]
-    floats: Any
-    grid: np.ndarray
+    grid: _Grid
+    floats: Callable[[np.ndarray], np.ndarray]
+    columns: np.ndarray
     spectra: np.ndarray
 
     @classmethod
     def of(cls, matrix: sp.Matrix, box: Box) -> "_Eigenvalues":
-        symbols = tuple(box)
-        sides = tuple(_cut(box[s]) for s in symbols)
-        graph = on_arrays(symbols, list(matrix))
-        rng, size = np.random.default_rng(1), len(symbols)
+        grid, graph = _Grid.of(tuple(box), box), on_arrays(tuple(box), list(matrix))
+        rng, size, n = np.random.default_rng(1), len(box), matrix.rows
         corners = rng.integers(0, 2, size=(size, _FEW)) * _GRID
         inner = rng.integers(0, _GRID + 1, size=(size, _FEW))
-        grid = np.concatenate((np.full((size, 1), _GRID // 2), corners, inner), axis=1)
-        n = matrix.rows
+        columns = np.concatenate((np.full((size, 1), _GRID // 2), corners, inner), axis=1)
 
-        def floats(grid: np.ndarray) -> np.ndarray:
-            low = np.array([float(a) for a, _ in sides]).reshape(-1, 1)
-            high = np.array([float(b) for _, b in sides]).reshape(-1, 1)
+        def floats(columns: np.ndarray) -> np.ndarray:
             with np.errstate(all="ignore"):
-                entries = graph(*(low + (high - low) * (grid / _GRID)))
-            whole = np.array([np.broadcast_to(np.asarray(entry, dtype=float), grid.shape[1:]) for entry in entries])
+                entries = graph(*grid.floats(columns))
+            whole = np.array([np.broadcast_to(np.asarray(entry, dtype=float), columns.shape[1:]) for entry in entries])
             return whole.T.reshape(-1, n, n)
 
-        return cls(symbols, sides, floats, grid, _spectrum(floats(grid)))
+        return cls(grid, floats, columns, _spectrum(floats(columns)))
 
     @property
     def least(self) -> float:
@@ -351,34 +347,26 @@ class _Eigenvalues:
 
     @property
     def most(self) -> float:
-        """The largest."""
         return float(self.spectra[:, -1].max())
 
     @property
     def middle(self) -> np.ndarray:
-        """The matrix (n, n) in the middle of the box."""
-        return np.asarray(self.floats(self.grid[:, :1])[0])
+        return np.asarray(self.floats(self.columns[:, :1])[0])
 
-    def matrix(self, point: Point) -> np.ndarray:
-        """The matrix (n, n) at a point of the grid."""
-        shares = [(point[s] - a) / (b - a) * _GRID for s, (a, b) in zip(self.symbols, self.sides, strict=True)]
-        return np.asarray(self.floats(np.array([[float(share)] for share in shares]).reshape(-1, 1))[0])
-
-    def worst(self) -> Iterator[Point]:
+    def worst(self) -> Iterator[np.ndarray]:
         """The points with the smallest eigenvalues, each moved downhill, where they are finite."""
         rng = np.random.default_rng(2)
         for k in np.argsort(self.spectra[:, 0], kind="stable")[:_BEST]:
-            best, least = self.grid[:, k], self.spectra[k, 0]
+            best, least = self.columns[:, k], self.spectra[k, 0]
             if not np.isfinite(least):
                 continue
             for step in range(_ROUNDS):
-                reach = max(1, _GRID >> (step + 2))
-                neighbours = np.clip(best[:, None] + rng.integers(-reach, reach + 1, size=(len(best), 48)), 0, _GRID)
+                neighbours = _neighbours(best, step, rng)
                 smallest = _spectrum(self.floats(neighbours))[:, 0]
                 j = int(np.argmin(np.where(np.isfinite(smallest), smallest, np.inf)))
                 if np.isfinite(smallest[j]) and smallest[j] < least:
                     best, least = neighbours[:, j], smallest[j]
-            yield {s: a + (b - a) * int(i) / _GRID for s, (a, b), i in zip(self.symbols, self.sides, best, strict=True)}
+            yield best
 
 
 def _spectrum(matrices: np.ndarray) -> np.ndarray:

@@ -181,5 +181,4 @@ def _asks(part: sp.Expr, needs: Mapping[sp.Expr, Condition]) -> bool:
 
 
 def _endless(part: sp.Expr) -> bool:
-    power = isinstance(part, sp.Pow) and part.exp.is_Rational and part.exp.is_negative
-    return bool(power) or isinstance(part, _ENDLESS)
+    return isinstance(part, _ENDLESS) or (part.is_Pow and bool(part.exp.is_Rational and part.exp.is_negative))
