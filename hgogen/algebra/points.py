@@ -4,13 +4,11 @@ import math
 import random
 from collections.abc import Iterator, Mapping, Sequence
 from itertools import islice, product
-from typing import Any
+from typing import Any, Protocol
 
 import sympy as sp
 
-from hgogen.signal import Signal
-
-Point = Mapping[Signal, sp.Rational]
+Point = Mapping[sp.Symbol, sp.Rational]
 
 STEEP = 2000  # exponents beyond which exact numbers would
 _CORNERS = 64
@@ -26,7 +24,19 @@ _CLOSE = 0.01  # to an end within it: SymPy takes two digits for the sign of a n
 STRANGE = (sp.I, sp.nan, sp.zoo, sp.oo, -sp.oo, sp.AccumBounds)  # what is no finite real number
 
 
-def points(signals: Sequence[Signal]) -> Iterator[Point]:
+class Ranged(Protocol):
+    """A symbol with a declared range, or none, and perhaps a nominal value: a `Signal`."""
+
+    low: float | None
+    high: float | None
+    nominal: float | None
+
+    @property
+    def bounded(self) -> bool:
+        """Whether it has a range."""
+
+
+def points(signals: Sequence[Ranged]) -> Iterator[Point]:
     """Midpoint, zeros in the box, corners, then random points from a fixed seed; exact rationals."""
     ends = [_ends(s) for s in signals]
     yield {s: (low + high) / 2 for s, (low, high) in zip(signals, ends, strict=True)}
@@ -149,7 +159,7 @@ def exact(expression: sp.Expr) -> sp.Expr:
     return expression.xreplace(rationals)
 
 
-def _ends(signal: Signal) -> tuple[sp.Rational, sp.Rational]:
+def _ends(signal: Ranged) -> tuple[sp.Rational, sp.Rational]:
     """The range of a signal; one without a range may have any value, so a range around its nominal value serves."""
     if signal.bounded:
         return sp.Rational(str(signal.low)), sp.Rational(str(signal.high))

@@ -10,10 +10,9 @@ from typing import TypeAlias
 import numpy as np
 import sympy as sp
 
-from hgogen.algebra.points import STEEP, largest_exponent, settled
+from hgogen.algebra.points import STEEP, Ranged, largest_exponent, settled
 from hgogen.errors import HgogenError
 from hgogen.intervals.outward import Pair, number
-from hgogen.signal import Signal
 
 End: TypeAlias = Fraction | float
 Box: TypeAlias = Mapping[sp.Symbol, tuple[End, End]]
@@ -35,7 +34,7 @@ class EmptyBox(HgogenError):
 
 
 def box(
-    signals: Iterable[Signal], nominal: Mapping[Signal, sp.Rational] | None = None
+    signals: Iterable[Ranged], nominal: Mapping[sp.Symbol, sp.Rational] | None = None
 ) -> dict[sp.Symbol, tuple[End, End]]:
     """The box of the declared ranges; one without a range is at its value in `nominal` (such as
     `system.nominal`, of the parameters), else unbounded. A float is the number that its shortest decimal says."""
