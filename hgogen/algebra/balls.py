@@ -126,10 +126,9 @@ class Balls:
 
     def table(self, arguments: Sequence[Any], cells: Cells, order: Index) -> tuple[Any, ...]:
         """A derivative of a table, and those by each argument, by the cell that the arguments are in."""
-        spans = cells.met([ends(a[0]) for a in arguments])
-        if any(first != last for first, last in spans):
+        cell = cells.cell([ends(a[0]) for a in arguments])
+        if cell is None:
             raise Undecided
-        cell = tuple(last for _, last in spans)
         d = [a - arb(number(start)) for a, start in zip(arguments, cells.starts(cell), strict=True)]
         nothing = 0 * sum(d)  # a series of their length
         orders = [order, *(next_order(order, k) for k in range(len(order)))]

@@ -68,9 +68,8 @@ def _squared(roots: Sequence[Root]) -> list[list[Any]]:
     exponents."""
     exponents = []  # of each value: irreducible monic polynomials and their exponents, by their text
     for root in roots:
-        ends = [(root.value[0], 1), (root.value[1], -1)]
-        monic = [(p / p.leading_coefficient(), sign * int(k)) for end, sign in ends for p, k in end.factor()[1]]
-        exponents.append({str(p): (p, k) for p, k in monic})
+        ends = _irreducible([(root.value[0], Fraction(1)), (root.value[1], Fraction(-1))])
+        exponents.append({str(p): (p, int(k)) for p, k in ends})
     factors = {name: p for one in exponents for name, (p, _) in one.items()}
     parities = [[one[name][1] % 2 if name in one else 0 for one in exponents] for name in factors]
     if not parities:

@@ -322,6 +322,11 @@ class Cells:
         """The cells that have more than an edge in common with a box; `Axis.met` along each axis."""
         return [axis.met(*side) for axis, side in zip(self.axes, box, strict=True)]
 
+    def cell(self, box: Sequence[Ends]) -> Index | None:
+        """The one cell that a box meets; None where it meets several."""
+        spans = self.met(box)
+        return tuple(last for _, last in spans) if all(first == last for first, last in spans) else None
+
     def least_smooth(self, spans: Spans) -> Index:
         """For each axis the first derivative that jumps at a breakpoint between two cells, `NEVER` where none does."""
         return tuple(

@@ -247,8 +247,7 @@ def _decision(test: sp.Basic, balls: Sequence[Any]) -> Any:
     if not all(ball.is_finite() for ball in balls):
         return None
     if isinstance(test, Table):
-        spans = test.cells.met([ends(ball) for ball in balls])
-        return tuple(last for _, last in spans) if all(first == last for first, last in spans) else None
+        return test.cells.cell([ends(ball) for ball in balls])
     (ball,) = balls
     if isinstance(test, (sp.floor, sp.ceiling)):
         whole = None if ball.contains_integer() else ball.floor().unique_fmpz()

@@ -146,13 +146,7 @@ def enclose(expression: sp.Expr, box: Box) -> Interval:
         return around.ends[around.symbols.index(fixed)]
     if fixed.has(*STRANGE):
         return EVERYTHING
-    try:
-        program = tape([rounded(fixed, around)], around.symbols)
-    except NoTape:
-        return EVERYTHING
-    low, high = around.outer
-    (enclosure,) = enclosures(program, low[:, None], high[:, None])
-    return float(enclosure.value[0][0]), float(enclosure.value[1][0])
+    return _range(rounded(fixed, around), around)
 
 
 def contains_zero(interval: Interval) -> bool:
