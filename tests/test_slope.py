@@ -9,8 +9,7 @@ import sympy as sp
 
 from hgogen.algebra.tape import tape
 from hgogen.check import Verdict
-from hgogen.intervals.slope import lipschitz_bound
-from hgogen.intervals.spectral import Field, steepest
+from hgogen.intervals.slope import Field, lipschitz_bound, steepest
 
 x1, x2, x3, u = sp.symbols("x1 x2 x3 u", real=True)
 STATES = (x1, x2, x3)

@@ -3,29 +3,285 @@
 A box is convex, so a continuous b whose Jacobian is bounded is Lipschitz (mean value theorem); kinks (Abs, Min, Max)
 do no harm, jumps in the state do. Not Lipschitz is shown by a point of the box towards which an entry of the Jacobian
 tends to infinity.
+
+The norm is bounded by branch and bound with interval matrices. A matrix on a box is enclosed entry by entry: by the
+slopes of the vector field's tape, and where the field has no kinks by the Jacobian as expressions, in natural and mean
+value form. With M its midpoint and D its radii, |J| <= |M| + |D|_F, also |J|^2 <= |J|_1 |J|_inf, and for a power m of
+two |M|^2 = |M'M| <= |(M'M)^m|_F^(1/m), too large by the factor n^(1/(2m)) at most. A lower bound is |J v| / |v| at
+points, with any v.
 """
 
 import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from fractions import Fraction
-from functools import lru_cache
+from functools import lru_cache, reduce
 from itertools import islice
 
+import numpy as np
 import sympy as sp
 
 from hgogen.algebra.interpolation import Kinked, Stepped, Table
 from hgogen.algebra.kinks import Norm, bent
 from hgogen.algebra.points import STRANGE, exact, kind, put
-from hgogen.algebra.tape import tape
+from hgogen.algebra.tape import Tape, tape
 from hgogen.check import Verdict
-from hgogen.intervals.bisection import Tree
+from hgogen.intervals import outward
+from hgogen.intervals.bisection import Columns, Cover, Indices, Leaves, Tree, bisected, corners, middle
 from hgogen.intervals.bounds import special_point
 from hgogen.intervals.box import Box, End, Point, Sides, sides
+from hgogen.intervals.enclosure import enclose
 from hgogen.intervals.glance import taken
+from hgogen.intervals.outward import Array, Flags, Pair, add, meet, negate, scale, up
 from hgogen.intervals.search import everywhere, search
-from hgogen.intervals.spectral import Field, Steep, steepest
 from hgogen.sentence import NONE, Reason, because, equations
+
+# --- the spectral norm on a box
+
+_BATCH = 128
+_FINE = 2.0**-40  # of the root's width: no box is cut further
+_SQUARINGS = 7
+_SHARP = 8  # rows or columns beyond which the power would cost too much
+_LOST = 1e-290  # far above what underflow can change in a matrix of entries below 1
+
+
+@dataclass(frozen=True)
+class Field:
+    """A vector field as a tape, the indices of its states among the tape's symbols, and those entries of its Jacobian
+    that vary, at `places` (row, column), as a second tape; no entries where the field has kinks or jumps."""
+
+    program: Tape
+    states: tuple[int, ...]
+    jacobian: Tape
+    places: tuple[tuple[int, int], ...]
+
+
+@dataclass(frozen=True)
+class Known(Leaves):
+    """Upper bounds of |J| on boxes, and where it is smooth."""
+
+    norm: Array
+    smooth: Flags
+
+
+Attained = tuple[float, Array | None]  # a number <= |J| at a point, and the point
+
+
+@dataclass(frozen=True)
+class Steep:
+    """Bounds of a slope: high >= |J| on the whole box, and low <= |J| at the point `at`. `smooth` tells whether the
+    field is proved defined; from the `cover` the bisection goes on."""
+
+    low: float
+    high: float
+    at: Array | None
+    smooth: bool
+    boxes: int
+    finished: bool
+    tree: Tree
+    cover: Cover[Known, Attained]
+
+    @property
+    def bounded(self) -> bool:
+        """Whether the field is proved defined, without jumps, with a bounded Jacobian."""
+        return self.smooth and math.isfinite(self.high)
+
+
+def steepest(
+    field: Field, root: Pair, relative: float, limit: int, begun: Cover[Known, Attained] | None = None
+) -> Steep:
+    """Bisect the box until high is within `relative` of low, or `limit` boxes were tried; what was `begun` with a lower
+    limit goes on."""
+
+    def look(low: Array, high: Array, node: Indices, best: Attained) -> tuple[Known, Attained]:
+        return _ends(field, root, (low, high), node, best, middle(low, high))
+
+    def doubtful(cover: Cover[Known, Attained]) -> Indices:
+        leaves = cover.leaves
+        todo = ((leaves.norm > (1.0 + relative) * cover.inner[0]) | ~leaves.smooth) & (leaves.cut >= 0)
+        rows = np.nonzero(todo)[0]
+        return rows[np.argsort(-leaves.norm[rows], kind="stable")][:_BATCH]
+
+    with np.errstate(all="ignore"):
+        if begun is None:
+            whole, points = (root[0][:, None], root[1][:, None]), corners(*root)[:, : limit + 1]
+            first = _ends(field, root, whole, np.zeros(1, dtype=np.int64), (-math.inf, None), points)
+            begun = Cover(*first, [])
+        last, cover = bisected(begun, doubtful, look, limit)
+        most, smooth, (best, at) = float(last.leaves.norm.max()), bool(last.leaves.smooth.all()), last.inner
+        return Steep(best, most, at, smooth, last.boxes, most <= (1.0 + relative) * best, last.tree, cover)
+
+
+@dataclass(frozen=True)
+class _Slopes(Columns):
+    """Enclosures of J (2 x rows x states x k) by the slopes of the tape, where they are `smooth` and can be used, and
+    where the field is `continuous`."""
+
+    matrix: Array
+    smooth: Flags
+    continuous: Flags
+
+
+def _ends(field: Field, root: Pair, box: Pair, node: Indices, best: Attained, points: Array) -> tuple[Known, Attained]:
+    """What is known on boxes (m x k ends), and the best lower bound, also at points (m x l): of one walk of the tape,
+    which costs little more for twice the columns."""
+    low, high = box
+    both = _slopes(field, np.hstack((low, points)), np.hstack((high, points)))
+    k = low.shape[1]
+    slopes, weight = _sharpened(field, low, high, both.only(slice(k)))
+    norm = np.where(slopes.smooth, _norm(slopes.matrix), np.inf)
+    value, at = _attained(both.only(slice(k, None)), points)
+    known = Known(low, high, node, _cuts(root, low, high, weight), norm, slopes.smooth)
+    return known, (value, at) if value > best[0] else best
+
+
+def _slopes(field: Field, low: Array, high: Array) -> _Slopes:
+    rows = enclose(field.program, low, high, slopes=field.states)
+    smooth = np.logical_and.reduce([row.defined for row in rows])  # what jumps in a state has an infinite slope
+    continuous = np.logical_and.reduce([row.continuous for row in rows])
+    matrix = np.stack([row.slope for row in rows if row.slope is not None], axis=1)
+    return _Slopes(matrix, smooth, continuous)
+
+
+def _sharpened(field: Field, low: Array, high: Array, slopes: _Slopes) -> tuple[_Slopes, Array | None]:
+    """The slopes on boxes, sharper where the Jacobian is there as expressions, and how much each variable matters
+    (m x k)."""
+    matrix, smooth, continuous = slopes.matrix, slopes.smooth, slopes.continuous
+    if not field.places:
+        return slopes, None
+    entries = enclose(field.jacobian, low, high, slopes=True)
+    centre = middle(low, high)
+    away = add((low, high), negate((centre, centre)))
+    there = enclose(field.jacobian, centre, centre)
+    weight = np.zeros(low.shape)
+    usable_everywhere = smooth & continuous
+    for place, entry, middle_value in zip(field.places, entries, there, strict=True):
+        value, slope = entry.value, entry.slope
+        assert slope is not None
+        terms = scale(slope, away)
+        weight = weight + np.maximum(np.abs(terms[0]), np.abs(terms[1]))
+        form = middle_value.value
+        for i in np.nonzero(((slope[0] != 0) | (slope[1] != 0)).any(axis=1))[0]:
+            form = add(form, (terms[0][i], terms[1][i]))
+        usable = entry.defined & entry.continuous & middle_value.defined
+        usable = usable & ~np.isnan(form[0]) & ~np.isnan(form[1])
+        form = np.where(usable, form[0], -np.inf), np.where(usable, form[1], np.inf)
+        first, last = matrix[0][place], matrix[1][place]
+        least, most = meet(value, form)
+        joint = meet((first, last), (np.where(entry.defined, least, -np.inf), np.where(entry.defined, most, np.inf)))
+        sound = (joint[0] <= joint[1]) & usable_everywhere
+        matrix[0][place], matrix[1][place] = np.where(sound, joint[0], first), np.where(sound, joint[1], last)
+    return slopes, weight
+
+
+def _norm(matrix: Array) -> Array:
+    """Upper bounds of the spectral norms of interval matrices (2 x rows x columns x k)."""
+    (low, high), exponent = _scaled(matrix)
+    size = np.maximum(np.abs(low), np.abs(high))
+    plain = _frobenius(size)
+    norm = plain if 1 in low.shape[:2] else np.fmin(plain, _sharper(low, high, size, plain))
+    norm = np.where(np.isnan(norm), np.inf, up(norm + _LOST))
+    zero = ((low == 0) & (high == 0)).all(axis=(0, 1))
+    return np.asarray(np.where(zero & (exponent == 0), 0.0, up(np.ldexp(norm, exponent))))
+
+
+def _sharper(low: Array, high: Array, size: Array, plain: Array) -> Array:
+    """Upper bounds of the norms that may lie below those of Frobenius, `plain`; of a single row or column these are the
+    norms themselves."""
+    centre = np.where(np.isfinite(low) & np.isfinite(high), low / 2.0 + high / 2.0, 0.0)
+    radius = np.maximum(up(high - centre), up(centre - low))
+    sharp = plain if max(low.shape[:2]) > _SHARP else up(_point_norm(centre) + _frobenius(radius))
+    sums = _largest_sum(size), _largest_sum(np.swapaxes(size, 0, 1))
+    mixed = up(np.sqrt(up(sums[0] * sums[1])))
+    return np.fmin(mixed, sharp)
+
+
+def _scaled(matrix: Array) -> tuple[Array, Indices]:
+    """The matrices (.. x k) divided by powers of two that bring their largest entries below 1, and the exponents; what
+    underflows changes a norm by less than `_LOST`."""
+    largest = np.abs(matrix).max(axis=tuple(range(matrix.ndim - 1)))
+    usable = (largest > 0) & np.isfinite(largest)
+    exponent = np.where(usable, np.frexp(np.where(usable, largest, 1.0))[1], 0).astype(np.int64)
+    return np.ldexp(matrix, -exponent), exponent
+
+
+def _largest_sum(size: Array) -> Array:
+    """Upper bounds of the largest sum of a row, of nonnegative matrices (rows x columns x k)."""
+    total = np.zeros((size.shape[0], size.shape[2]))
+    for column in np.moveaxis(size, 1, 0):
+        total = up(total + column)
+    return np.asarray(total.max(axis=0))
+
+
+def _frobenius(size: Array) -> Array:
+    """Upper bounds of the root of the sum of squares, of nonnegative matrices (rows x columns x k)."""
+    return outward.root_up(reduce(outward.add_up, outward.power_up(size, 2).reshape(-1, *size.shape[2:])))
+
+
+def _point_norm(matrix: Array) -> Array:
+    """Upper bounds of |M|_2, M of floats (rows x columns x k), by the Frobenius norm of a power of M'M."""
+    matrix, exponent = _scaled(matrix)
+    largest = np.abs(matrix).max(axis=(0, 1))
+    transposed = np.swapaxes(matrix, 0, 1)
+    gram = _product((transposed, transposed), (matrix, matrix))
+    logarithm = np.zeros(largest.shape)  # of what was taken out, base 2, exact
+    times = 1
+    for _ in range(_SQUARINGS):
+        gram, times = _product(gram, gram), 2 * times
+        size = np.abs(gram[1]).max(axis=(0, 1))
+        out = np.where(size > 0, np.frexp(np.where(size > 0, size, 1.0))[1], 0)
+        gram = np.ldexp(gram[0], -out), np.ldexp(gram[1], -out)
+        logarithm = 2.0 * logarithm + out
+    size = np.maximum(np.abs(gram[0]), np.abs(gram[1]))
+    root = _frobenius(size)
+    # |M|^(2 times) <= root 2^logarithm; the roots are square roots, rounded up
+    parts = 2 * times
+    whole = np.floor_divide(logarithm, parts)
+    norm = np.ldexp(root, (logarithm - parts * whole).astype(int))
+    for _ in range(_SQUARINGS + 1):
+        norm = outward.root_up(norm)
+    norm = up(np.ldexp(norm, whole.astype(int)) + _LOST)
+    return np.asarray(np.where(largest > 0, up(np.ldexp(norm, exponent)), 0.0))
+
+
+def _product(a: Pair | Array, b: Pair) -> Pair:
+    """The product of interval matrices (n x m x k) (m x l x k)."""
+    low, high = scale((a[0][:, :, None], a[1][:, :, None]), (b[0][None], b[1][None]))  # n x m x l x k
+    terms = range(low.shape[1])
+    return reduce(outward.add_down, (low[:, j] for j in terms)), reduce(outward.add_up, (high[:, j] for j in terms))
+
+
+def _attained(slopes: _Slopes, points: Array) -> Attained:
+    """The best lower bound of |J| at points (m x k), and the point."""
+    matrix, smooth = slopes.matrix, slopes.smooth
+    usable = smooth & np.isfinite(matrix[0]).all(axis=(0, 1)) & np.isfinite(matrix[1]).all(axis=(0, 1))
+    if not usable.any():
+        return 0.0, None
+    matrix, exponent = _scaled(matrix[..., usable])
+    floats = np.moveaxis(matrix[0] / 2.0 + matrix[1] / 2.0, -1, 0)
+    vectors = np.linalg.svd(floats)[2][:, 0, :].T[:, None, :]  # columns x 1 x k
+    image = _product(matrix, (vectors, vectors))
+    below = reduce(outward.add_down, outward.power_down(outward.absolute(image)[0][:, 0], 2))
+    values = outward.down(outward.root_down(below) / _frobenius(np.abs(vectors)))
+    values = np.maximum(outward.down(np.ldexp(np.maximum(outward.down(values - _LOST), 0.0), exponent)), 0.0)
+    best = int(np.argmax(values))
+    return float(values[best]), points[:, usable][:, best]
+
+
+def _cuts(root: Pair, low: Array, high: Array, weight: Array | None) -> Indices:
+    width = high - low
+    whole = (root[1] - root[0])[:, None]
+    share = np.where(np.isinf(whole), np.where(np.isinf(width), 1.0, 0.5), width / whole)
+    score = share
+    if weight is not None:
+        score = np.where(np.isfinite(weight).all(axis=0), weight + 1e-3 * weight.max(axis=0) * share, share)
+    centre = middle(low, high)
+    possible = (centre > low) & (centre < high) & (share > _FINE) & (np.abs(centre) < 2.0**40)
+    best = np.argmax(np.where(possible, score, -1.0), axis=0)
+    return np.where(possible.any(axis=0), best, -1).astype(np.int64)
+
+
+# --- Lipschitz constants
 
 # What jumps hides from the symbolic derivative, and what bends is better read by slopes.
 JUMPS = (sp.Piecewise, sp.sign, sp.floor, sp.ceiling, sp.frac, sp.Mod, sp.Heaviside, sp.atan2, Stepped)
