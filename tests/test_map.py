@@ -147,11 +147,11 @@ def test_a_slope_jumps_across_its_own_lines_only() -> None:
     half = Fraction(1, 2)
     assert cells.at((half, 1), (1, 0)) == 3
     assert cells.at((1, half), (1, 0)) is None
-    assert cells.range([(1, 1), (half, half)], (1, 0)) == (Fraction(-5, 2), 3)
-    assert cells.range([(1, 1), (1, 1)], (1, 1)) == (Fraction(-5, 2), 2)
-    assert cells.range([(half, 1), (0, 1)], (1, 0)) == (3, 3)  # of a box that ends on a line the patch within
-    assert cells.range([(half, 1.5), (0, 1)], (2, 0)) is None
-    assert cells.range([(half, half), (half, 1.5)], (2, 0)) == (0, 0)
+    assert cells.limits([(1, 1), (half, half)], (1, 0))[0] == (Fraction(-5, 2), 3)
+    assert cells.limits([(1, 1), (1, 1)], (1, 1))[0] == (Fraction(-5, 2), 2)
+    assert cells.limits([(half, 1), (0, 1)], (1, 0))[0] == (3, 3)  # of a box that ends on a line the patch within
+    assert cells.limits([(half, 1.5), (0, 1)], (2, 0))[0] is None
+    assert cells.limits([(half, half), (half, 1.5)], (2, 0))[0] == (0, 0)
     plane = cells_of([[0, 1, 2], [0, 1]], [[0, 1], [2, 3], [4, 5]], "linear", "t")
     assert plane.smooth == ((1, 1000, 1), (1, 1))
 
@@ -183,14 +183,14 @@ def test_ranges_are_exact() -> None:
         for box in (sides(draw, cells) for _ in range(3)):
             at = points(cells, box)
             reached = [exactly(cells, x, y) for x, y in product(*at)]
-            assert cells.range(box, (0, 0)) == (min(reached), max(reached))
+            assert cells.limits(box, (0, 0))[0] == (min(reached), max(reached))
             inside = [[t for t in ts if low < t < high or low == high] for ts, (low, high) in zip(at, box, strict=True)]
             for order in ORDERS:
-                ends, seen = cells.range(box, order), [cells.at(place, order) for place in product(*inside)]
+                ends, seen = cells.limits(box, order)[0], [cells.at(place, order) for place in product(*inside)]
                 smooth = cells.least_smooth(cells.met(box))
                 assert (ends is None) == any(jump < k for jump, k in zip(smooth, order, strict=True))
                 assert ends is None or all(ends[0] <= value <= ends[1] for value in seen if value is not None)
-            low, high = cells.range(box, (1, 0))
+            low, high = cells.limits(box, (1, 0))[0]
             steps = [(exactly(cells, b, y) - exactly(cells, a, y)) / (b - a) for a, b in pairwise(at[0]) for y in at[1]]
             assert not steps or (low <= min(steps) and max(steps) <= high and {low, high} <= {*steps})
 
@@ -271,9 +271,9 @@ def test_on_a_box_it_is_held_where_it_may_leave_its_grid_only() -> None:
     assert not isinstance(free.diff(X), Stepped)
     assert sp.lambdify((X, Y), free + 10 * applied(cells, (X, Y)))(3.0, 0.5) == 6.5 + 45
     on = free.cells
-    assert on.range([(-1, 3), (0, 1)], (0, 0)) == (-2, 7)
-    assert on.range([(-math.inf, 3), (0, 1)], (0, 0)) == (-math.inf, math.inf)
-    assert on.range([(-math.inf, 3), (0, 1)], (1, 0)) == (2, 2)
+    assert on.limits([(-1, 3), (0, 1)], (0, 0))[0] == (-2, 7)
+    assert on.limits([(-math.inf, 3), (0, 1)], (0, 0))[0] == (-math.inf, math.inf)
+    assert on.limits([(-math.inf, 3), (0, 1)], (1, 0))[0] == (2, 2)
 
 
 def test_values_at_points_are_balls_around_the_exact_ones() -> None:
@@ -337,7 +337,7 @@ def test_lipschitz_bounds_hold_the_steepest_chord(
         steepest = max(steepest, abs(float(rise)) / math.hypot(b - a, 0 if diagonal else d - c))
     assert steepest <= bound.high * (1 + 1e-9)
     counted = taken(applied(cells, inner), Sides(names, tuple(ranges[name] for name in names))).cells
-    ends = [counted.range(both, order) for order in ((1, 0), (0, 1))]
+    ends = [counted.limits(both, order)[0] for order in ((1, 0), (0, 1))]
     most = [float(max(map(abs, each))) for each in ends]
     assert bound.high <= 1.03 * (sum(most) if diagonal else math.hypot(*most)) + 1e-9
 
@@ -372,7 +372,7 @@ def test_the_checker_s_own_maps_have_the_same_ranges() -> None:
         for box in [*(sides(draw, cells) for _ in range(4)), [(-math.inf, 0.5), (-math.inf, math.inf)]]:
             for order in ORDERS:
                 name = rechecked.name_of("Bilinear", [*map(Fraction, order), *numbers_of(cells)])
-                assert rechecked.range_on(name, box) == cells.range(box, order)
+                assert rechecked.range_on(name, box) == cells.limits(box, order)[0]
         name = rechecked.name_of("Bilinear", [Fraction(0), Fraction(0), *numbers_of(cells)])
         slopes = [rechecked.next_of(name, k) for k in (0, 1)]
         assert [rechecked.table_of(each)[1] for each in (name, *slopes)] == [(0, 0), (1, 0), (0, 1)]
@@ -779,7 +779,7 @@ def test_the_shipped_map_is_as_it_says() -> None:
     assert all(
         list(row) == [-z for z in other] for row, other in zip(friction.values, friction.values[::-1], strict=True)
     )
-    assert friction.range([(-0.8, 0.8), (-10, 90)], (1, 0)) == (-7, 24)
+    assert friction.limits([(-0.8, 0.8), (-10, 90)], (1, 0))[0] == (-7, 24)
 
 
 def test_a_map_that_goes_on_is_unbounded_where_it_is_not_level() -> None:
@@ -790,7 +790,7 @@ def test_a_map_that_goes_on_is_unbounded_where_it_is_not_level() -> None:
     for k, held in enumerate(((False, True), (True, False))):
         on = whole.holding(*held)
         sides = [(inside, beyond), (beyond, inside)][1 - k]
-        assert on.range(sides, (0, 0)) == (-math.inf, math.inf)
-        assert on.range([level if side == inside else side for side in sides], (0, 0)) is not None
-        assert whole.range(sides, (0, 0)) == (0, 2)
-        assert on.range(sides, (1, 1)) == (1, 1)
+        assert on.limits(sides, (0, 0))[0] == (-math.inf, math.inf)
+        assert on.limits([level if side == inside else side for side in sides], (0, 0))[0] is not None
+        assert whole.limits(sides, (0, 0))[0] == (0, 2)
+        assert on.limits(sides, (1, 1))[0] == (1, 1)

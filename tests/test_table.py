@@ -82,7 +82,7 @@ def span(
     cells: Cells, low: Fraction | float, high: Fraction | float, order: int = 0
 ) -> tuple[Fraction, Fraction] | None:
     """The range of a derivative."""
-    return cells.range([(low, high)], (order,))
+    return cells.limits([(low, high)], (order,))[0]
 
 
 def call(cells: Cells, argument: sp.Expr, order: int = 0) -> sp.Expr:

@@ -356,14 +356,9 @@ class Cells:
         sides, spans = zip(*(axis.taken(*side) for axis, side in zip(self.axes, box, strict=True)), strict=True)
         return list(sides), list(spans)
 
-    def range(self, box: Sequence[Ends], order: Index) -> Ends | None:
-        """Numbers between which a derivative lies on a box, with all its limits where it jumps, as far as a program may
-        take it; None where one before it jumps as well."""
-        return self.limits(box, order)[0]
-
     def limits(self, box: Sequence[Ends], order: Index) -> tuple[Ends | None, tuple[bool, ...]]:
-        """The range of a derivative on a box, and for each axis whether it has no jump there, as far as a program may
-        take it."""
+        """Numbers between which a derivative lies on a box, with all its limits where it jumps, None where one before
+        it jumps as well; and for each axis whether it has no jump there: as far as a program may take it."""
         wide, spans = self.taken(box)
         smooth = self.least_smooth(spans)
         continuous = tuple(k < jump for jump, k in zip(smooth, order, strict=True))

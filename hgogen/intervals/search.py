@@ -47,16 +47,12 @@ class Known(Leaves):
 
 @dataclass(frozen=True)
 class Inner:
-    """Points (m) where a value at most `least`, or at least `most`, is attained; inf and -inf before one is known.
-
-    `lost`: a point where the arithmetic does not show the expression defined, or None.
-    """
+    """Points (m) where a value at most `least`, or at least `most`, is attained; inf and -inf before one is known."""
 
     least: float
     most: float
     at_least: Array | None
     at_most: Array | None
-    lost: Array | None
 
 
 @dataclass(frozen=True)
@@ -158,7 +154,7 @@ def search(
 
     with np.errstate(all="ignore"):
         if begun is None:
-            inner = Inner(math.inf, -math.inf, None, None, None)
+            inner = Inner(math.inf, -math.inf, None, None)
             if goal not in (everywhere, regular):  # these ask for no values
                 inner = _explore(problem, inner)
             first = _boxes(problem, root[0][:, None], root[1][:, None], np.zeros(1, dtype=np.int64), inner)
@@ -316,13 +312,9 @@ def _cuts(problem: _Problem, low: Array, high: Array, slope: Pair, sound: Flags)
 def _better(inner: Inner, x: Array, at: _Values) -> Inner:
     """The inner values, with those at points x (m x k)."""
     value, known = at.value, at.defined
-    lost = inner.lost
-    if lost is None and not known.all():
-        lost = x[:, int(np.argmin(known))]
     least = np.where(known & np.isfinite(value[1]), value[1], np.inf)
     most = np.where(known & np.isfinite(value[0]), value[0], -np.inf)
     i, j = int(np.argmin(least)), int(np.argmax(most))
-    inner = replace(inner, lost=lost)
     if least[i] < inner.least:
         inner = replace(inner, least=float(least[i]), at_least=x[:, i])
     if most[j] > inner.most:

@@ -64,22 +64,18 @@ class Known(Leaves):
     smooth: Flags
 
 
-Attained = tuple[float, Array | None]  # a number <= |J| at a point, and the point
-
-
 @dataclass(frozen=True)
 class Steep:
-    """Bounds of a slope: high >= |J| on the whole box, and low <= |J| at the point `at`. `smooth` tells whether the
-    field is proved defined; from the `cover` the bisection goes on."""
+    """Bounds of a slope: high >= |J| on the whole box, and low <= |J| at a point. `smooth` tells whether the field is
+    proved defined; from the `cover` the bisection goes on."""
 
     low: float
     high: float
-    at: Array | None
     smooth: bool
     boxes: int
     finished: bool
     tree: Tree
-    cover: Cover[Known, Attained]
+    cover: Cover[Known, float]
 
     @property
     def bounded(self) -> bool:
@@ -87,29 +83,27 @@ class Steep:
         return self.smooth and math.isfinite(self.high)
 
 
-def steepest(
-    field: Field, root: Pair, relative: float, limit: int, begun: Cover[Known, Attained] | None = None
-) -> Steep:
+def steepest(field: Field, root: Pair, relative: float, limit: int, begun: Cover[Known, float] | None = None) -> Steep:
     """Bisect the box until high is within `relative` of low, or `limit` boxes were tried; what was `begun` with a lower
     limit goes on."""
 
-    def look(low: Array, high: Array, node: Indices, best: Attained) -> tuple[Known, Attained]:
+    def look(low: Array, high: Array, node: Indices, best: float) -> tuple[Known, float]:
         return _ends(field, root, (low, high), node, best, middle(low, high))
 
-    def doubtful(cover: Cover[Known, Attained]) -> Indices:
+    def doubtful(cover: Cover[Known, float]) -> Indices:
         leaves = cover.leaves
-        todo = ((leaves.norm > (1.0 + relative) * cover.inner[0]) | ~leaves.smooth) & (leaves.cut >= 0)
+        todo = ((leaves.norm > (1.0 + relative) * cover.inner) | ~leaves.smooth) & (leaves.cut >= 0)
         rows = np.nonzero(todo)[0]
         return rows[np.argsort(-leaves.norm[rows], kind="stable")][:_BATCH]
 
     with np.errstate(all="ignore"):
         if begun is None:
             whole, points = (root[0][:, None], root[1][:, None]), corners(*root)[:, : limit + 1]
-            first = _ends(field, root, whole, np.zeros(1, dtype=np.int64), (-math.inf, None), points)
+            first = _ends(field, root, whole, np.zeros(1, dtype=np.int64), -math.inf, points)
             begun = Cover(*first, [])
         last, cover = bisected(begun, doubtful, look, limit)
-        most, smooth, (best, at) = float(last.leaves.norm.max()), bool(last.leaves.smooth.all()), last.inner
-        return Steep(best, most, at, smooth, last.boxes, most <= (1.0 + relative) * best, last.tree, cover)
+        most, smooth, best = float(last.leaves.norm.max()), bool(last.leaves.smooth.all()), last.inner
+        return Steep(best, most, smooth, last.boxes, most <= (1.0 + relative) * best, last.tree, cover)
 
 
 @dataclass(frozen=True)
@@ -122,7 +116,7 @@ class _Slopes(Columns):
     continuous: Flags
 
 
-def _ends(field: Field, root: Pair, box: Pair, node: Indices, best: Attained, points: Array) -> tuple[Known, Attained]:
+def _ends(field: Field, root: Pair, box: Pair, node: Indices, best: float, points: Array) -> tuple[Known, float]:
     """What is known on boxes (m x k ends), and the best lower bound, also at points (m x l): of one walk of the tape,
     which costs little more for twice the columns."""
     low, high = box
@@ -130,9 +124,8 @@ def _ends(field: Field, root: Pair, box: Pair, node: Indices, best: Attained, po
     k = low.shape[1]
     slopes, weight = _sharpened(field, low, high, both.only(slice(k)))
     norm = np.where(slopes.smooth, _norm(slopes.matrix), np.inf)
-    value, at = _attained(both.only(slice(k, None)), points)
     known = Known(low, high, node, _cuts(root, low, high, weight), norm, slopes.smooth)
-    return known, (value, at) if value > best[0] else best
+    return known, max(best, _attained(both.only(slice(k, None))))
 
 
 def _slopes(field: Field, low: Array, high: Array) -> _Slopes:
@@ -251,12 +244,12 @@ def _product(a: Pair | Array, b: Pair) -> Pair:
     return reduce(outward.add_down, (low[:, j] for j in terms)), reduce(outward.add_up, (high[:, j] for j in terms))
 
 
-def _attained(slopes: _Slopes, points: Array) -> Attained:
-    """The best lower bound of |J| at points (m x k), and the point."""
+def _attained(slopes: _Slopes) -> float:
+    """The best lower bound of |J| at points."""
     matrix, smooth = slopes.matrix, slopes.smooth
     usable = smooth & np.isfinite(matrix[0]).all(axis=(0, 1)) & np.isfinite(matrix[1]).all(axis=(0, 1))
     if not usable.any():
-        return 0.0, None
+        return 0.0
     matrix, exponent = _scaled(matrix[..., usable])
     floats = np.moveaxis(matrix[0] / 2.0 + matrix[1] / 2.0, -1, 0)
     vectors = np.linalg.svd(floats)[2][:, 0, :].T[:, None, :]  # columns x 1 x k
@@ -264,8 +257,7 @@ def _attained(slopes: _Slopes, points: Array) -> Attained:
     below = reduce(outward.add_down, outward.power_down(outward.absolute(image)[0][:, 0], 2))
     values = outward.down(outward.root_down(below) / _frobenius(np.abs(vectors)))
     values = np.maximum(outward.down(np.ldexp(np.maximum(outward.down(values - _LOST), 0.0), exponent)), 0.0)
-    best = int(np.argmax(values))
-    return float(values[best]), points[:, usable][:, best]
+    return float(values.max())
 
 
 def _cuts(root: Pair, low: Array, high: Array, weight: Array | None) -> Indices:
