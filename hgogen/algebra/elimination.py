@@ -145,11 +145,7 @@ def expanded(field: Field, rows: Sequence[Sequence[Quotient]], work: Work) -> Qu
 
 
 def _minor(
-    field: Field,
-    row: Sequence[Quotient],
-    columns: tuple[int, ...],
-    minors: dict[tuple[int, ...], Quotient],
-    work: Work,
+    field: Field, row: Sequence[Quotient], columns: tuple[int, ...], minors: dict[tuple[int, ...], Quotient], work: Work
 ) -> Quotient:
     total: Quotient = field.ring.constant(0), field.ring.constant(1)
     for place, j in enumerate(columns):

@@ -281,12 +281,7 @@ def exact_numbers(plant: Plant) -> bool:
 
 
 def somewhere(
-    plant: Plant,
-    answer: Callable[[Arithmetic, Point], _Answer],
-    *,
-    first: int = 0,
-    power: int = 1,
-    balls: bool = False,
+    plant: Plant, answer: Callable[[Arithmetic, Point], _Answer], *, first: int = 0, power: int = 1, balls: bool = False
 ) -> _Answer:
     """`answer` at the first random point at which the plant is defined, with balls at a precision that decides.
 
