@@ -41,18 +41,12 @@ class Work:
     left: list[int]
 
     def times(self, a: Any, b: Any) -> Any:
-        """a b.
-
-        Raises: `TooLarge`.
-        """
+        """a b. Raises: `TooLarge`."""
         self.spend(len(a) * len(b))
         return a * b
 
     def spend(self, terms: int) -> None:
-        """Count products of terms.
-
-        Raises: `TooLarge`.
-        """
+        """Count products of terms. Raises: `TooLarge`."""
         self.left[0] -= terms
         if self.left[0] < 0:
             raise TooLarge("the matrix")
@@ -114,10 +108,7 @@ class Elimination:
 
 
 def cleared(rows: Sequence[Sequence[Quotient]]) -> tuple[Any, list[list[Any]]]:
-    """The least common denominator, and the rows times it.
-
-    Raises: `TooLarge`.
-    """
+    """The least common denominator, and the rows times it. Raises: `TooLarge`."""
     common = rows[0][0][1].context().constant(1)
     for row in rows:
         for _, bottom in row:
@@ -131,10 +122,7 @@ def cleared(rows: Sequence[Sequence[Quotient]]) -> tuple[Any, list[list[Any]]]:
 
 
 def expanded(field: Field, rows: Sequence[Sequence[Quotient]], work: Work) -> Quotient:
-    """The determinant of n x n quotients, reduced by the roots' relations.
-
-    Raises: `TooLarge`.
-    """
+    """The determinant of n x n quotients, reduced by the roots' relations. Raises: `TooLarge`."""
     one = field.ring.constant(1)
     minors: dict[tuple[int, ...], Quotient] = {(): (one, one)}
     for k, row in enumerate(rows):
@@ -177,10 +165,7 @@ class Tower:
     slopes: Mapping[tuple[int, int], Quotient]
 
     def gradient(self, value: Quotient) -> list[Quotient]:
-        """The partial derivatives of a value with respect to the states.
-
-        Raises: `TooLarge`.
-        """
+        """The partial derivatives of a value with respect to the states. Raises: `TooLarge`."""
         ring = self.field.ring
         partials = [(ring.constant(0), ring.constant(1))] * len(self.states)
         for (g, i), slope in self.slopes.items():

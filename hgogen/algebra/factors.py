@@ -98,10 +98,7 @@ _Parts = list[tuple[Any, Fraction]]
 
 
 def powers(field: Field, product: Product) -> tuple[sp.Expr, list[Power]]:
-    """The number and the powers, all whole: the product's value wherever the roots are real.
-
-    Raises: `TooLarge`.
-    """
+    """The number and the powers, all whole: the product's value wherever the roots are real. Raises: `TooLarge`."""
     for root in reversed(field.relations):  # so that equal functions are equal polynomials
         plain = [(*reduced([p], root.index, root.degree, root.value), e) for p, e in product]
         product = [*((p, e) for (p,), _, e in plain), (root.value[1], -sum(k * e for _, k, e in plain))]

@@ -68,10 +68,7 @@ def _apply(instruction: Instruction, args: list[Quotient], ring: Any) -> Quotien
 
 
 def add(one: Quotient, other: Quotient) -> Quotient:
-    """a/b + c/d.
-
-    Raises: `TooLarge`.
-    """
+    """a/b + c/d. Raises: `TooLarge`."""
     (a, b), (c, d) = one, other
     if b == d:
         return _cancelled(a + c, b)
@@ -81,20 +78,14 @@ def add(one: Quotient, other: Quotient) -> Quotient:
 
 
 def multiply(one: Quotient, other: Quotient) -> Quotient:
-    """a/b c/d.
-
-    Raises: `TooLarge`.
-    """
+    """a/b c/d. Raises: `TooLarge`."""
     (a, b), (c, d) = one, other
     (a, d), (c, b) = _cancelled(a, d), _cancelled(c, b)
     return times(a, c), times(b, d)
 
 
 def partial(value: Quotient, generator: int) -> Quotient:
-    """The derivative by one generator, the others held.
-
-    Raises: `TooLarge`.
-    """
+    """The derivative by one generator, the others held. Raises: `TooLarge`."""
     top, bottom = value
     if bottom.is_constant():
         return top.derivative(generator) / bottom, bottom.context().constant(1)
@@ -103,20 +94,14 @@ def partial(value: Quotient, generator: int) -> Quotient:
 
 
 def times(a: Any, b: Any) -> Any:
-    """The product of two polynomials.
-
-    Raises: `TooLarge`.
-    """
+    """The product of two polynomials. Raises: `TooLarge`."""
     if len(a) * len(b) > _TERMS:
         raise TooLarge("a product")
     return a * b
 
 
 def power(base: Any, exponent: int) -> Any:
-    """A whole power of a polynomial.
-
-    Raises: `TooLarge`.
-    """
+    """A whole power of a polynomial. Raises: `TooLarge`."""
     if len(base) > 1:  # of two terms or more; first a bound that costs nothing
         terms = comb(len(base) + exponent - 1, exponent) if exponent < _TERMS else _TERMS + 1
         if terms > _TERMS or terms * exponent > _DIGITS:

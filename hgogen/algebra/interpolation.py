@@ -116,10 +116,6 @@ def _constant(piece: np.ndarray, k: int) -> bool:
 # --- the polynomials between the points of one axis, of numbers or of arrays of them
 
 
-def _linear(x: Sequence[Fraction], y: Any) -> list[tuple[Any, ...]]:
-    return list(zip(y, _rises(x, y), strict=False))
-
-
 def _rises(x: Sequence[Fraction], y: Any) -> list[Any]:
     """The slopes of the chords."""
     return [(d - c) / (b - a) for a, b, c, d in zip(x, x[1:], y, y[1:], strict=False)]
@@ -152,7 +148,10 @@ def _end(h: Fraction, g: Fraction, D: Fraction, E: Fraction) -> Fraction:
     return 3 * D if D * E <= 0 and abs(slope) > 3 * abs(D) else slope
 
 
-KINDS: Mapping[str, Callable[..., list[tuple[Any, ...]]]] = {"linear": _linear, "monotone": _monotone}
+KINDS: Mapping[str, Callable[..., list[tuple[Any, ...]]]] = {
+    "linear": lambda x, y: list(zip(y, _rises(x, y), strict=False)),
+    "monotone": _monotone,
+}
 DEGREES = {"linear": 1, "monotone": 3}
 SEVERAL = ("linear",)  # those that a table of several arguments may have
 

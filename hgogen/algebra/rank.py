@@ -62,10 +62,7 @@ def new_rows(rows: Sequence[Row], modulus: int) -> list[int]:
 
 
 def kernel(rows: Sequence[Row], width: int, modulus: int) -> list[list[Any]]:
-    """A basis v_1, v_2, .. of the vectors v with rows v = 0; an entry that counts as zero is 0.
-
-    Raises: `Blurred`.
-    """
+    """A basis v_1, v_2, .. of the vectors v with rows v = 0; an entry that counts as zero is 0. Raises: `Blurred`."""
     if not rows:
         return [[int(i == j) for i in range(width)] for j in range(width)]
     if modulus:

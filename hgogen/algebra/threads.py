@@ -14,7 +14,4 @@ def one_thread() -> AbstractContextManager[Any]:
     return limit
 
 
-@cache
-def _threads() -> ThreadpoolController:
-    """Those of the process, looked for once, as that takes ten milliseconds."""
-    return ThreadpoolController()
+_threads = cache(ThreadpoolController)  # of the process, looked for once, as that takes ten milliseconds

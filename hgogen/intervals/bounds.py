@@ -23,7 +23,7 @@ from typing import Annotated, Any
 import numpy as np
 import sympy as sp
 
-from hgogen.algebra.factors import Factors, factors
+from hgogen.algebra.factors import factors
 from hgogen.algebra.interpolation import Stepped
 from hgogen.algebra.kinks import jump
 from hgogen.algebra.points import STEEP, STRANGE, exact, kind, largest_exponent, put
@@ -483,28 +483,21 @@ def _by_algebra(expression: sp.Expr, box: Box) -> tuple[bool, End, End]:
     factored = factors(expression)
     if factored is None or (low > 0 or high < 0):
         return low > 0 or high < 0, low, high
-    never, product = _product(factored, expression, box)
-    return never, max(low, product[0]), min(high, product[1])
-
-
-def _product(factored: Factors, expression: sp.Expr, box: Box) -> tuple[bool, Interval]:
-    """Whether no factor is 0, and the product of the factors' ranges; a factor that is proved to have one sign by
-    bisection has the range of that proof."""
-    never, total = True, rational(factored.number, {})
+    never, product = True, rational(factored.number, {})
     for one in factored.factors:
-        low, high = rational(one.base, box)
-        known = one.definite or low > 0 or high < 0
+        least, most = rational(one.base, box)
+        known = one.definite or least > 0 or most < 0
         again = len(factored.factors) == 1 and one.exponent == 1 and one.base.count_ops() >= expression.count_ops()
         other = not again and one.base not in (expression, -expression)  # no more than another way to write it
-        if low <= 0 <= high and one.base.free_symbols and other:
+        if least <= 0 <= most and one.base.free_symbols and other:
             sign = nonzero(one.base, box, boxes=_GLANCE, refute=False)
             known = known or sign.never
-            if sign.verdict is Verdict.PROVED:
+            if sign.verdict is Verdict.PROVED:  # its range is that of the proof
                 seen = sign.exact or fractions((sign.range.low, sign.range.high))
-                low, high = max(low, seen[0]), min(high, seen[1])
+                least, most = max(least, seen[0]), min(most, seen[1])
         never = never and (known or one.exponent < 0)
-        total = multiplied(total, raised((low, high), one.exponent))
-    return never, total
+        product = multiplied(product, raised((least, most), one.exponent))
+    return never, max(low, product[0]), min(high, product[1])
 
 
 def _refutation(problem: Problem, outcome: Outcome, boxes: int) -> tuple[Cause, Reason, Point] | None:
