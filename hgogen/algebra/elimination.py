@@ -195,7 +195,6 @@ def tower(flow: Sequence[sp.Expr], output: Sequence[sp.Expr], states: Sequence[s
 
 
 def _slopes(writer: Writer, states: Sequence[sp.Symbol]) -> Iterator[tuple[tuple[sp.Symbol, int], sp.Expr]]:
-    """The slopes dk/dx_i of every kernel, also of the kernels that the derivatives bring in."""
     done = 0
     while done < len(writer.kernels):
         if done >= _KERNELS:
@@ -230,7 +229,6 @@ class _Flow:
     work: Work
 
     def along(self, row: list[Any]) -> list[Any]:
-        """`common` times the Lie derivative L_f of a row."""
         lie_derivative = []
         for i, entry in enumerate(row):
             total = entry.context().constant(0)

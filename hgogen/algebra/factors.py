@@ -289,8 +289,9 @@ def factored_form(
         if len(total) > _ANGLE_TERMS:
             raise TooLarge("the form in sines and cosines")
     for g in field.angles:
-        (without,), _ = reduced([total], ring.gens().index(cosines[g]), 2, (one - sines[g] ** 2, one))
-        total = min(total, without, key=len)
+        total = min(
+            total, reduced([total], ring.gens().index(cosines[g]), 2, (one - sines[g] ** 2, one))[0][0], key=len
+        )
     meaning = [*field.meaning, *(f(m) for m in field.angles.values() for f in (sp.cos, sp.sin))]
     content, parts = total.factor()
     return _primitive(number(content), [(written(p, meaning), int(k)) for p, k in parts])

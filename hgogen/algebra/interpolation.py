@@ -117,7 +117,6 @@ def _constant(piece: np.ndarray, k: int) -> bool:
 
 
 def _rises(x: Sequence[Fraction], y: Any) -> list[Any]:
-    """The slopes of the chords."""
     return [(d - c) / (b - a) for a, b, c, d in zip(x, x[1:], y, y[1:], strict=False)]
 
 
@@ -538,7 +537,6 @@ def by_power(pieces: np.ndarray) -> np.ndarray:
 
 
 def _exactly(argument: sp.Expr) -> Fraction | None:
-    """The number that an argument is."""
     if isinstance(argument, sp.Float):
         return Fraction(repr(float(argument)))
     return Fraction(int(argument.p), int(argument.q)) if isinstance(argument, sp.Rational) else None

@@ -263,7 +263,6 @@ def _polynomial(e: sp.Expr) -> bool:
 
 
 def _divided(top: sp.Expr, bottom: sp.Expr) -> tuple[sp.Expr, sp.Expr]:
-    """Quotient and remainder of polynomials in symbols and norms."""
     stands = {node: sp.Dummy() for node in top.atoms(Norm) | bottom.atoms(Norm)}
     back = {dummy: node for node, dummy in stands.items()}
     top, bottom = top.xreplace(stands), bottom.xreplace(stands)

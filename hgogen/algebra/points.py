@@ -92,7 +92,6 @@ def _kind(value: sp.Expr) -> str:
 
 
 def _digits(value: sp.Expr) -> str:
-    """What the digits of a number say."""
     if value.is_Float:
         return "?" if _is_noise(value) else "> 0" if value > 0 else "< 0"
     imaginary = value.as_real_imag()[1]

@@ -130,22 +130,18 @@ class _Search:
 
     @cached_property
     def tape(self) -> Tape:
-        """What the tests read, then the rows."""
         arguments = [part for test in self.tests for part in _read(test)]
         return tape((*arguments, *self.rows), tuple(self.sides))
 
     @property
     def limit(self) -> int:
-        """How many points may be asked."""
         return max(_FEWEST, min(_MOST, _WORK // max(len(self.tape.instructions), 1)))
 
     @property
     def ended(self) -> bool:
-        """Whether no more may be asked."""
         return self.counts.total() >= self.limit
 
     def run(self) -> None:
-        """Find what can be found within the limit."""
         count = _RANDOM if self.tests else 2 * _PLACES
         for _ in range(min(count, self.limit)):
             self.ask(self.anywhere())
@@ -157,7 +153,6 @@ class _Search:
         self.between()
 
     def anywhere(self) -> Place:
-        """A random point of the box."""
         return {s: self.on(*side) for s, side in self.sides.items()}
 
     def on(self, low: Any, high: Any) -> Fraction:
@@ -239,7 +234,6 @@ def _ordered(node: sp.Expr) -> list[sp.Expr]:
 
 
 def _read(test: sp.Basic) -> tuple[sp.Expr, ...]:
-    """The expressions whose values a test reads."""
     return tuple(test.args) if isinstance(test, _STEPPED) else (test,)
 
 
@@ -266,7 +260,6 @@ class _Walk:
     where: dict[Boolean, None] = field(default_factory=dict)
 
     def taken(self, node: sp.Expr) -> sp.Expr:
-        """The expression on this branch. Raises: `Undecided`."""
         if not node.args or not node.has(*_KINDS):
             return node
         if isinstance(node, sp.Piecewise):
@@ -284,7 +277,6 @@ class _Walk:
         return self.polynomial(node, args) if isinstance(node, Table) else node.func(*args)
 
     def needs(self, condition: sp.Basic) -> None:
-        """A condition that is more than a constant."""
         if condition not in (sp.true, sp.false):
             self.where[condition.canonical] = None
 
@@ -306,7 +298,6 @@ class _Walk:
         return sp.Integer(way)
 
     def extreme(self, node: sp.Expr) -> sp.Expr:
-        """The argument that attains a minimum or maximum."""
         way, read = 1 if isinstance(node, sp.Max) else -1, _ordered(node)
         args, best = [self.taken(part) for part in read], 0
         for k in range(1, len(args)):
@@ -331,7 +322,6 @@ class _Walk:
         return sp.Integer(low + isinstance(node, sp.ceiling))
 
     def polynomial(self, node: Table, args: Sequence[sp.Expr]) -> sp.Expr:
-        """The polynomial of a table in its cell."""
         cell = self.decided[node]
         if cell is None:
             raise Undecided
@@ -351,7 +341,6 @@ class _Walk:
         raise Undecided  # it has no value here
 
     def holds(self, condition: sp.Basic) -> bool:
-        """Whether a condition holds on the branch."""
         if isinstance(condition, (sp.And, sp.Or)):
             each = [self.holds(part) for part in condition.args]
             return all(each) if isinstance(condition, sp.And) else any(each)

@@ -86,7 +86,6 @@ class _Term:
 
     @property
     def whole(self) -> sp.Expr:
-        """It as an expression of `_X`."""
         return self.number * self.h / _X**self.power
 
 
@@ -140,7 +139,6 @@ def resolved(expression: sp.Expr) -> sp.Expr:
 
 
 def _is_ramp(node: sp.Pow) -> bool:
-    """Whether it is max(e, 0)^p, 0 < p < 1."""
     base, p = node.base, node.exp
     return bool(
         isinstance(base, sp.Max) and len(base.args) == 2 and sp.S.Zero in base.args and p.is_Rational and 0 < p < 1

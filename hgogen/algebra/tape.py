@@ -136,8 +136,6 @@ def tape(expressions: Iterable[sp.Expr], symbols: Iterable[sp.Symbol]) -> Tape:
 
 
 class _Writer:
-    """Instructions in the order in which they are first needed."""
-
     def __init__(self, symbols: tuple[sp.Symbol, ...]) -> None:
         self.index = {symbol: k for k, symbol in enumerate(symbols)}
         self.places: dict[Instruction, int] = {}

@@ -102,7 +102,6 @@ def _rational(point: Point) -> dict[sp.Symbol, sp.Rational]:
 
 
 def _around(points: list[Point], sides: Sides) -> Pair:
-    """Floats around exact points, m x k each."""
     ends = [[number(point[s]) for point in points] for s in sides.symbols]
     table: Array = np.array(ends, dtype=float).reshape(len(sides.symbols), len(points), 2)
     return table[:, :, 0], table[:, :, 1]
@@ -527,7 +526,6 @@ def _refutation(problem: Problem, outcome: Outcome, boxes: int) -> tuple[Cause, 
 
 
 def _crossed(problem: Problem, outcome: Outcome, boxes: int) -> Point | None:
-    """The zero between two values of opposite sign of a continuous expression."""
     least, most = attained(problem, outcome.inner)
     if least is None or most is None or not least.value < 0 < most.value:
         return None

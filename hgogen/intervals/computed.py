@@ -146,7 +146,6 @@ class Rounding:
 
 
 def _extreme(pick: Callable[[Any, Any], Any], a: Computed, b: Computed) -> Computed:
-    """The minimum or maximum."""
     low, high = pick(a.value.lower(), b.value.lower()), pick(a.value.upper(), b.value.upper())
     return Computed(low.union(high), _larger(a.error, b.error))
 

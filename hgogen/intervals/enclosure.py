@@ -269,7 +269,6 @@ class _Walk:
 
     @cached_property
     def _level(self) -> Pair | None:
-        """The slope of a constant."""
         if self.by is None:
             return None
         zero = np.zeros((len(self.by), *self.low.shape[1:]))
@@ -349,7 +348,6 @@ def _jumpy(slope: Pair | None, wild: Flags, reads: list[Enclosure]) -> Pair | No
 
 
 def _flat(slope: Pair | None) -> Pair | None:
-    """0 in the place of a slope."""
     return None if slope is None else (np.zeros(slope[0].shape), np.zeros(slope[0].shape))
 
 
@@ -456,7 +454,6 @@ def _most(args: list[Enclosure]) -> Enclosure:
 
 
 def _extreme(pick: np.ufunc, args: list[Enclosure], first: Flags, second: Flags) -> Enclosure:
-    """The least or most, which is the first of two, or the second, wherever the flags say so."""
     a, b = args
     value, slope = (pick(a.value[0], b.value[0]), pick(a.value[1], b.value[1])), None
     if a.slope is not None and b.slope is not None:

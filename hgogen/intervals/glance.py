@@ -117,7 +117,6 @@ def _largest_size(e: sp.Expr, around: Sides) -> float:
 
 @lru_cache(maxsize=4096)
 def _range(e: sp.Expr, around: Sides) -> tuple[float, float]:
-    """An interval of the values of an expression."""
     low, high = around.outer
     try:
         (there,) = enclosures(tape([e], around.symbols), low[:, None], high[:, None])
@@ -217,7 +216,6 @@ def _ends(e: sp.Expr, box: Box) -> Interval:
 
 
 def _number(e: sp.Expr) -> Interval:
-    """An enclosure of a number, in as many bits as it takes to decide its sign."""
     try:
         program = tape([e], ())
     except NoTape:

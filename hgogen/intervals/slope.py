@@ -156,8 +156,7 @@ def _sharpened(field: Field, low: Array, high: Array, slopes: _Slopes) -> tuple[
         form = middle_value.value
         for i in np.nonzero(((slope[0] != 0) | (slope[1] != 0)).any(axis=1))[0]:
             form = add(form, (terms[0][i], terms[1][i]))
-        usable = entry.defined & entry.continuous & middle_value.defined
-        usable = usable & ~np.isnan(form[0]) & ~np.isnan(form[1])
+        usable = entry.defined & entry.continuous & middle_value.defined & ~np.isnan(form[0]) & ~np.isnan(form[1])
         form = np.where(usable, form[0], -np.inf), np.where(usable, form[1], np.inf)
         first, last = matrix[0][place], matrix[1][place]
         least, most = meet(value, form)
@@ -238,7 +237,6 @@ def _point_norm(matrix: Array) -> Array:
 
 
 def _product(a: Pair | Array, b: Pair) -> Pair:
-    """The product of interval matrices (n x m x k) (m x l x k)."""
     low, high = scale((a[0][:, :, None], a[1][:, :, None]), (b[0][None], b[1][None]))  # n x m x l x k
     terms = range(low.shape[1])
     return reduce(outward.add_down, (low[:, j] for j in terms)), reduce(outward.add_up, (high[:, j] for j in terms))
@@ -356,7 +354,6 @@ def _answer(verdict: Verdict, outcome: Steep, reason: Reason, around: Sides) -> 
 
 
 def _constant(rows: list[sp.Expr], around: Sides, boxes: int) -> Lipschitz:
-    """The answer for rows that do not depend on the state, which are Lipschitz where they are defined."""
     outcomes = [search(tape([row], around.symbols), around.outer, around.inner, everywhere, boxes) for row in rows]
     tried = sum(one.boxes for one in outcomes)
     if all(one.defined for one in outcomes):
