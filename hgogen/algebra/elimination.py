@@ -229,6 +229,7 @@ class _Flow:
     work: Work
 
     def along(self, row: list[Any]) -> list[Any]:
+        """`common` times the Lie derivative L_f of a row."""
         lie_derivative = []
         for i, entry in enumerate(row):
             total = entry.context().constant(0)
