@@ -240,10 +240,10 @@ def _since(start: Any, end: Any) -> Any:
 
 def _first_jump(width: Fraction, below: np.ndarray, above: np.ndarray) -> int:
     """By the coefficients of both about the breakpoint between them."""
-    moved = taylor(below, width)
-    return next(
-        (order for order, pair in enumerate(zip(moved, above, strict=True)) if np.any(np.not_equal(*pair))), NEVER
-    )
+    for order, (left, right) in enumerate(zip(taylor(below, width), above, strict=True)):
+        if np.any(np.not_equal(left, right)):
+            return order
+    return NEVER
 
 
 # --- a table
