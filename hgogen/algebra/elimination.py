@@ -122,7 +122,13 @@ def cleared(rows: Sequence[Sequence[Quotient]]) -> tuple[Any, list[list[Any]]]:
 
 
 def expanded(field: Field, rows: Sequence[Sequence[Quotient]], work: Work) -> Quotient:
-    """The determinant of n x n quotients, reduced by the roots' relations. Raises: `TooLarge`."""
+    """The determinant of n x n quotients without a division, reduced by the roots' relations: by minors of the first k
+    rows, each from those of k - 1,
+
+        M_k(S) = sum_(j in S) +- a_kj M_(k-1)(S without j)        S: k columns
+
+    Raises: `TooLarge`.
+    """
     one = field.ring.constant(1)
     minors: dict[tuple[int, ...], Quotient] = {(): (one, one)}
     for k, row in enumerate(rows):

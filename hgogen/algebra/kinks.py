@@ -4,6 +4,14 @@
 
 At e = 0 any s in the unit ball stands for the slope: the hull of the limits of the slope there (F. H. Clarke,
 "Optimization and nonsmooth analysis", 1983, theorem 2.5.1). SymPy's sign(0) = 0 would be one number of them.
+
+Kinks that bend at the same place have one side for all of them:
+
+    2 max(v, 0) - (v where v > 0, else -v) = v
+
+As norms they add up where they are the same: the slope of this row is 1. A program takes the slope of each kink by
+itself, at v = 0 half of 2 and 1, which leave 0, and of max(v + 1000, 0 + 1000) what its own rounding makes of it. So
+where kinks share a norm an expression is computed as the proofs read it (`shared`).
 """
 
 from collections.abc import Callable, Iterable, Mapping

@@ -54,11 +54,7 @@ def new_rows(rows: Sequence[Row], modulus: int) -> list[int]:
         return [i for i, _, _ in _eliminated(rows)]
     entries = [e for row in rows for e in row]
     reduced, rank = flint.nmod_mat(len(rows), len(rows[0]), entries, modulus).transpose().rref()
-    pivots: list[int] = []
-    for i in range(rank):
-        start = pivots[-1] + 1 if pivots else 0
-        pivots.append(next(j for j in range(start, len(rows)) if reduced[i, j] != 0))
-    return pivots
+    return [next(j for j in range(len(rows)) if reduced[i, j] != 0) for i in range(rank)]  # the pivots
 
 
 def kernel(rows: Sequence[Row], width: int, modulus: int) -> list[list[Any]]:

@@ -210,7 +210,7 @@ _SLACK = Fraction(1, 2**40)  # of the size, so that another arithmetic, or other
 
 @dataclass(frozen=True)
 class Proof:
-    """A fact on a closed box, on which the `expressions` are defined.
+    """A fact on a closed box, on which the `expressions` are defined, so that another arithmetic can verify it again.
 
     Of a range: low <= value <= high, of the one expression; of a slope: the spectral norm of the expressions' Jacobian
     in the states is at most `high`, and `low` is None. Both are exact; `variables`, `tree`: the bisection, ("split",

@@ -47,8 +47,8 @@ _FUNCTIONS = {
 
 
 def on_arrays(symbols: Sequence[sp.Symbol], rows: Sequence[sp.Expr]) -> Callable[..., list[Any]]:
-    """The values of rows where the symbols are arrays; of a row that reads none a number. A symbol may have the name of
-    a function."""
+    """The values of rows where the symbols are arrays, in floats, for what is found by samples and proved of none; of a
+    row that reads no symbol a number. A symbol may have the name of a function."""
     replaced = [
         sp.sympify(row).replace(lambda e: type(e) in _EXTREMES, lambda e: _EXTREMES[type(e)](*e.args)) for row in rows
     ]

@@ -4,6 +4,7 @@ x/x is 1, which has a value where x/x has none. A Piecewise does not read a bran
 its value at 0 elsewhere: what stands in these asks for nothing by itself, and each of them is one part.
 """
 
+import math
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from fractions import Fraction
@@ -12,12 +13,11 @@ import sympy as sp
 
 from hgogen.algebra.interpolation import Table
 from hgogen.algebra.points import exact
-from hgogen.intervals.box import Box, sides
-from hgogen.intervals.glance import Interval, contains_zero, enclose
+from hgogen.intervals.box import Box, End, sides
+from hgogen.intervals.glance import contains_zero, enclose
 from hgogen.intervals.search import is_defined
 from hgogen.sentence import Reason, because
 
-_ONE, _THREE_HALVES = Fraction(1), Fraction(3, 2)
 POSITIVE, NONZERO = "{of} > 0", "{of} != 0"
 
 
@@ -48,27 +48,13 @@ class Condition:
         return self.of == other.of and (self.relation, other.relation) == (POSITIVE, NONZERO)
 
 
-def _inside(end: Fraction) -> Callable[[Interval], bool]:
-    return lambda t: -end < t[0] and t[1] < end
-
-
-def _positive(argument: sp.Expr) -> Condition:
-    return Condition(POSITIVE, argument)
-
-
-def _within_one(argument: sp.Expr) -> Condition:
-    return Condition("-1 < {of} < 1", argument)
-
-
-# index of the argument, whether its range keeps clear of singular points, what must hold of it
-_SINGULAR: dict[type, tuple[int, Callable[[Interval], bool], Callable[[sp.Expr], Condition]]] = {
-    sp.log: (0, lambda t: t[0] > 0, _positive),
-    sp.tan: (0, _inside(_THREE_HALVES), lambda angle: Condition(NONZERO, sp.cos(angle))),
-    sp.asin: (0, _inside(_ONE), _within_one),
-    sp.acos: (0, _inside(_ONE), _within_one),
-    sp.atanh: (0, _inside(_ONE), _within_one),
-    sp.acosh: (0, lambda t: t[0] > _ONE, lambda argument: Condition("{of} > 1", argument)),
-    sp.atan2: (1, lambda t: t[0] > 0, _positive),
+# index of the argument, between which numbers it keeps clear of singular points, what must hold (tan(m): of cos(m))
+_SINGULAR: dict[type, tuple[int, End, End, str]] = {
+    sp.log: (0, 0, math.inf, POSITIVE),
+    sp.tan: (0, Fraction(-3, 2), Fraction(3, 2), NONZERO),
+    **dict.fromkeys((sp.asin, sp.acos, sp.atanh), (0, -1, 1, "-1 < {of} < 1")),
+    sp.acosh: (0, 1, math.inf, "{of} > 1"),
+    sp.atan2: (1, 0, math.inf, POSITIVE),
 }
 # Defined everywhere; those that jump are the business of whoever needs continuity.
 _ENTIRE = (
@@ -98,8 +84,11 @@ def minimal(conditions: Iterable[Condition]) -> tuple[Condition, ...]:
 def _condition(node: sp.Expr, box: Box) -> Condition | None:
     """What must hold for `node` to be smooth; None if outward-rounded intervals show that it does on the whole box."""
     if type(node) in _SINGULAR:
-        index, clear, condition = _SINGULAR[type(node)]
-        return None if clear(enclose(node.args[index], box)) else condition(node.args[index])
+        index, low, high, relation = _SINGULAR[type(node)]
+        argument = node.args[index]
+        least, most = enclose(argument, box)
+        clear = low < least and (most < high or high == math.inf)
+        return None if clear else Condition(relation, sp.cos(argument) if isinstance(node, sp.tan) else argument)
     if not isinstance(node, sp.Pow):
         return None if type(node) in _ENTIRE or isinstance(node, Table) else Condition("{of} is smooth", node)
     base = enclose(node.base, box)
