@@ -63,7 +63,7 @@ class Writer:
 
     def measure(self, expression: sp.Expr) -> None:
         """The greatest common divisors g of the factors of all arguments."""
-        for node in _nodes(expression):
+        for node in sp.preorder_traversal(expression):
             kind = _kind(node)
             if kind:
                 for factor, monomial in _terms(_argument(node)):
@@ -225,7 +225,9 @@ def _canonical(argument: sp.Expr) -> sp.Expr:
     """An argument in one form for equal rational functions of its symbols and functions."""
     if argument.is_Atom:
         return argument
-    inverse = any(node.is_Pow and not (node.exp.is_Integer and node.exp > 0) for node in _nodes(argument))
+    inverse = any(
+        node.is_Pow and not (node.exp.is_Integer and node.exp > 0) for node in sp.preorder_traversal(argument)
+    )
     if inverse and argument.count_ops() <= _OPERATIONS:
         try:
             top, bottom = sp.fraction(sp.cancel(sp.together(argument)))
@@ -233,7 +235,3 @@ def _canonical(argument: sp.Expr) -> sp.Expr:
         except sp.PolynomialError:  # Piecewise
             return argument
     return sp.expand(argument)
-
-
-def _nodes(expression: sp.Expr) -> Iterator[sp.Basic]:
-    return iter(sp.preorder_traversal(expression))
