@@ -113,8 +113,7 @@ def _monotone(name: str, rule: Monotone, a: Pair) -> tuple[Pair, Flags]:
         inside, outside = (a[0] > first) & ((a[1] < last) | (last == _INF)), (a[1] <= first) | (a[0] >= last)
     low, high = np.clip(a[0], first, last), np.clip(a[1], first, last)
     below, above = _at(name, np.array((high, low) if rule.falls else (low, high)))
-    least, most = below[0], above[1]
-    return (np.where(outside, -np.inf, least), np.where(outside, np.inf, most)), inside
+    return outward.where_known(~outside, (below[0], above[1])), inside
 
 
 def _turns(a: Pair, phase: float) -> Flags:
@@ -137,8 +136,7 @@ def _wave(name: str, a: Pair) -> Pair:
 def _tangent(a: Pair) -> tuple[Pair, Flags]:
     clear = ~(_turns(a, _HALF_PI[0]) | _turns(a, -_HALF_PI[0]))
     low, high = np.where(clear, a[0], 0.0), np.where(clear, a[1], 0.0)
-    least, most = _at("tan", low)[0], _at("tan", high)[1]
-    return (np.where(clear, least, -np.inf), np.where(clear, most, np.inf)), clear
+    return outward.where_known(clear, (_at("tan", low)[0], _at("tan", high)[1])), clear
 
 
 def _at(name: str, x: Array) -> Pair:
@@ -334,9 +332,7 @@ def _joint(a: Enclosure, b: Enclosure, first: Pair | None, second: Pair | None) 
 
 def _nowhere(slope: Pair | None, wild: Flags) -> Pair | None:
     """The whole line for the slope where `wild`."""
-    if slope is None:
-        return None
-    return np.where(wild, -np.inf, slope[0]), np.where(wild, np.inf, slope[1])
+    return None if slope is None else outward.where_known(~wild, slope)
 
 
 def _jumpy(slope: Pair | None, wild: Flags, reads: list[Enclosure]) -> Pair | None:
@@ -523,7 +519,7 @@ def _piecewise(args: list[Enclosure]) -> Enclosure:
         count += here
         left &= condition.value[0] <= 0
     lost = count == 0
-    value = np.where(lost, -np.inf, value[0]), np.where(lost, np.inf, value[1])
+    value = outward.where_known(~lost, value)
     continuous &= (count == 1) & ~left
     if slope is None:
         return Enclosure(value, defined & ~left, continuous)

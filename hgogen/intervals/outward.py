@@ -209,6 +209,11 @@ def meet(a: Pair, b: Pair) -> Pair:
     return np.maximum(a[0], b[0]), np.minimum(a[1], b[1])
 
 
+def where_known(known: Flags, a: Pair) -> Pair:
+    """An interval where it is known, else the whole line."""
+    return np.where(known, a[0], -np.inf), np.where(known, a[1], np.inf)
+
+
 def _share(e: Array, rest: Array) -> Pair:
     """e/sqrt(e^2 + rest), between -1 and 1; not for e = rest = 0."""
     whole = square_root(add(power((e, e), 2), (rest, rest)))

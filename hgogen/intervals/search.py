@@ -25,7 +25,7 @@ from hgogen.algebra.tape import NoTape, Tape, tape
 from hgogen.intervals.bisection import Columns, Cover, Indices, Leaves, Tree, bisected, corners, middle, placed, spread
 from hgogen.intervals.box import Box, sides
 from hgogen.intervals.enclosure import Enclosure, enclose
-from hgogen.intervals.outward import Array, Flags, Pair, add, meet, negate, scale
+from hgogen.intervals.outward import Array, Flags, Pair, add, meet, negate, scale, where_known
 
 _BATCH = 256  # boxes a round
 _GLANCE = 60  # boxes to show that a part is defined
@@ -199,8 +199,7 @@ def _boxes(problem: _Problem, low: Array, high: Array, node: Indices, inner: Inn
     for side, centre in enumerate(centres):
         here = at.only(slice(side * k, (side + 1) * k))
         form = _mean_value((here.value[0], here.value[1]), (low, high), centre, slope)
-        known = sound & here.defined
-        value = _meet(value, (np.where(known, form[0], -np.inf), np.where(known, form[1], np.inf)))
+        value = _meet(value, where_known(sound & here.defined, form))
     if faces:
         least, most = at.only(slice(2 * k, 3 * k)), at.only(slice(3 * k, None))
         bottom, top = np.where(least.defined, least.value[0], -np.inf), np.where(most.defined, most.value[1], np.inf)
@@ -242,7 +241,7 @@ def _slopes(parts: list[Enclosure], sound: Flags) -> Pair:
     for part in parts:
         one = _slope(part)
         known = sound & part.defined & part.continuous & ~np.isnan(one[0]) & ~np.isnan(one[1])
-        low, high = _meet((low, high), (np.where(known, one[0], -np.inf), np.where(known, one[1], np.inf)))
+        low, high = _meet((low, high), where_known(known, one))
     return low, high
 
 

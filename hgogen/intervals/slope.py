@@ -32,7 +32,7 @@ from hgogen.intervals.bounds import special_point
 from hgogen.intervals.box import Box, End, Point, Sides, sides
 from hgogen.intervals.enclosure import enclose
 from hgogen.intervals.glance import taken
-from hgogen.intervals.outward import Array, Flags, Pair, add, meet, negate, scale, up
+from hgogen.intervals.outward import Array, Flags, Pair, add, meet, negate, scale, up, where_known
 from hgogen.intervals.search import everywhere, search
 from hgogen.sentence import NONE, Reason, because, equations
 
@@ -157,10 +157,9 @@ def _sharpened(field: Field, low: Array, high: Array, slopes: _Slopes) -> tuple[
         for i in np.nonzero(((slope[0] != 0) | (slope[1] != 0)).any(axis=1))[0]:
             form = add(form, (terms[0][i], terms[1][i]))
         usable = entry.defined & entry.continuous & middle_value.defined & ~np.isnan(form[0]) & ~np.isnan(form[1])
-        form = np.where(usable, form[0], -np.inf), np.where(usable, form[1], np.inf)
+        form = where_known(usable, form)
         first, last = matrix[0][place], matrix[1][place]
-        least, most = meet(value, form)
-        joint = meet((first, last), (np.where(entry.defined, least, -np.inf), np.where(entry.defined, most, np.inf)))
+        joint = meet((first, last), where_known(entry.defined, meet(value, form)))
         sound = (joint[0] <= joint[1]) & usable_everywhere
         matrix[0][place], matrix[1][place] = np.where(sound, joint[0], first), np.where(sound, joint[1], last)
     return slopes, weight
