@@ -225,9 +225,7 @@ def _canonical(argument: sp.Expr) -> sp.Expr:
     """An argument in one form for equal rational functions of its symbols and functions."""
     if argument.is_Atom:
         return argument
-    inverse = any(
-        node.is_Pow and not (node.exp.is_Integer and node.exp > 0) for node in sp.preorder_traversal(argument)
-    )
+    inverse = any(not (node.exp.is_Integer and node.exp > 0) for node in argument.atoms(sp.Pow))
     if inverse and argument.count_ops() <= _OPERATIONS:
         try:
             top, bottom = sp.fraction(sp.cancel(sp.together(argument)))
