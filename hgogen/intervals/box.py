@@ -90,10 +90,6 @@ class Sides:
         some = {s: ends for s, ends in self.box.items() if s in asked}
         return Sides(tuple(some), tuple(some.values()))
 
-    def centre(self) -> Point:
-        """A point inside."""
-        return next(self.spread())
-
     def spread(self) -> Iterator[Point]:
         """Some points inside, the first near the middle, no two coordinates at the same share of their sides."""
         for shift in (0, 3, 7, 11, 17, 23):

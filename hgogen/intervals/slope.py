@@ -404,7 +404,7 @@ def _suspects(row: sp.Expr, around: Sides) -> Iterator[Point]:
             continue
         special = special_point(argument, tape([argument], own.symbols), own, ("= 0",))
         if special:
-            yield around.centre() | special[1]
+            yield next(around.spread()) | special[1]
 
 
 def _singular_arguments(row: sp.Expr) -> Iterator[sp.Expr]:
