@@ -39,15 +39,16 @@ def magnitude(ball: Any) -> Fraction:
     return fraction(ball.abs_upper().fmpq())
 
 
+def draws(seed: int, name: str) -> random.Random:
+    """The random numbers of one purpose; the same for the same seed and name, at every call."""
+    return random.Random(f"{seed} {name}")
+
+
 @dataclass(frozen=True)
 class Balls:
     """Series with balls of the precision of `flint.ctx`, at points that `seed` draws in wider and wider ranges."""
 
     seed: int
-
-    def draws(self, name: str) -> random.Random:
-        """The random numbers of one purpose; the same for the same seed and name, at every call."""
-        return random.Random(f"{self.seed} {name}")
 
     def draw(self, source: random.Random) -> Any:
         """A random number of the range of this seed."""

@@ -22,7 +22,7 @@ from typing import Any
 
 import flint
 
-from hgogen.algebra.balls import Balls
+from hgogen.algebra.balls import Balls, draws
 from hgogen.algebra.tape import Tape
 
 # --- modulo a prime
@@ -42,10 +42,6 @@ class Modular:
     prime: int
     seed: int
 
-    def draws(self, name: str) -> random.Random:
-        """The random numbers of one purpose; the same for the same seed and name, at every call."""
-        return random.Random(f"{self.seed} {name}")
-
     def draw(self, source: random.Random) -> int:
         """A random number, not zero modulo the prime."""
         return source.randrange(1, self.prime)
@@ -62,7 +58,7 @@ class Modular:
 
     def constant(self, name: str, order: int) -> Any:
         """A transcendental constant as a series."""
-        return self.series([self.draw(self.draws(f"constant {name}"))], order)
+        return self.series([self.draw(draws(self.seed, f"constant {name}"))], order)
 
     def mul(self, a: Any, b: Any, order: int) -> Any:
         """a b below t^order."""
@@ -157,7 +153,7 @@ class Point:
 
 def random_point(plant: Plant, numbers: Arithmetic) -> Point:
     """A random point, of balls near one of the plant's places, with inputs whose derivatives are all random."""
-    source = numbers.draws("point")
+    source = draws(numbers.seed, "point")
     if isinstance(numbers, Balls) and plant.places:
         point = [numbers.near(value, source) for value in source.choice(plant.places)]
     else:
@@ -165,7 +161,7 @@ def random_point(plant: Plant, numbers: Arithmetic) -> Point:
     forced = point[plant.n : plant.n + plant.m]
 
     def inputs(j: int, order: int) -> list[Any]:
-        source = numbers.draws(f"input {j}")
+        source = draws(numbers.seed, f"input {j}")
         return [forced[j], *(numbers.draw(source) for _ in range(order - 1))]
 
     return Point(tuple(point[: plant.n]), tuple(point[plant.n + plant.m :]), inputs)

@@ -121,6 +121,12 @@ class Cover(Generic[_Leaves, _Inner]):
         return made.get(0, "leaf")
 
 
+def best_cuts(score: Array, possible: Flags) -> Indices:
+    """The variable of the largest score (m x k) in each box among those that can be cut, -1 where none can be."""
+    best = np.argmax(np.where(possible, score, -1.0), axis=0)
+    return np.where(possible.any(axis=0), best, -1).astype(np.int64)
+
+
 Look = Callable[[Array, Array, Indices, _Inner], tuple[_Leaves, _Inner]]
 
 

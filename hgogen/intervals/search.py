@@ -22,7 +22,8 @@ import sympy as sp
 
 from hgogen.algebra.points import STRANGE, exact
 from hgogen.algebra.tape import NoTape, Tape, tape
-from hgogen.intervals.bisection import Columns, Cover, Indices, Leaves, Tree, bisected, corners, middle, placed, spread
+from hgogen.intervals import bisection
+from hgogen.intervals.bisection import Columns, Cover, Indices, Leaves, Tree, corners, middle, placed, spread
 from hgogen.intervals.box import Box, sides
 from hgogen.intervals.enclosure import Enclosure, enclose
 from hgogen.intervals.outward import Array, Flags, Pair, add, meet, negate, scale, where_known
@@ -159,7 +160,7 @@ def search(
                 inner = _explore(problem, inner)
             first = _boxes(problem, root[0][:, None], root[1][:, None], np.zeros(1, dtype=np.int64), inner)
             begun = Cover(*first, [])
-        last, cover = bisected(begun, doubtful, partial(_boxes, problem), limit)
+        last, cover = bisection.bisected(begun, doubtful, partial(_boxes, problem), limit)
         finished = not (goal(last.leaves, last.inner) > 0.0).any()
         return Outcome(last.leaves, last.inner, last.boxes, finished, last.tree, cover)
 
@@ -300,9 +301,7 @@ def _cuts(problem: _Problem, low: Array, high: Array, slope: Pair, sound: Flags)
     centre = middle(low, high)
     within_reach = (np.minimum(np.abs(low), np.abs(high)) < _FAR) | (np.isinf(low) & np.isinf(high))
     possible = (centre > low) & (centre < high) & np.where(np.isinf(width), within_reach, share > _FINE)
-    score = np.where(possible, score, -1.0)
-    best = np.argmax(score, axis=0)
-    return np.where(possible.any(axis=0), best, -1).astype(np.int64)
+    return bisection.best_cuts(score, possible)
 
 
 # --- values that are attained

@@ -27,7 +27,7 @@ from hgogen.algebra.points import STRANGE, exact, kind, put
 from hgogen.algebra.tape import Tape, tape
 from hgogen.check import Verdict
 from hgogen.intervals import outward
-from hgogen.intervals.bisection import Columns, Cover, Indices, Leaves, Tree, bisected, corners, middle
+from hgogen.intervals.bisection import Columns, Cover, Indices, Leaves, Tree, best_cuts, bisected, corners, middle
 from hgogen.intervals.bounds import special_point
 from hgogen.intervals.box import Box, End, Point, Sides, sides
 from hgogen.intervals.enclosure import enclose
@@ -266,8 +266,7 @@ def _cuts(root: Pair, low: Array, high: Array, weight: Array | None) -> Indices:
         score = np.where(np.isfinite(weight).all(axis=0), weight + 1e-3 * weight.max(axis=0) * share, share)
     centre = middle(low, high)
     possible = (centre > low) & (centre < high) & (share > _FINE) & (np.abs(centre) < 2.0**40)
-    best = np.argmax(np.where(possible, score, -1.0), axis=0)
-    return np.where(possible.any(axis=0), best, -1).astype(np.int64)
+    return best_cuts(score, possible)
 
 
 # --- Lipschitz constants
