@@ -11,8 +11,7 @@ from typer.core import TyperCommand
 import hgogen as hg
 from hgogen.commands.options import numbers_in
 from hgogen.commands.responding import response_
-from hgogen.commands.running import noise_
-from hgogen.commands.showing import window_
+from hgogen.commands.running import noise_, window_
 from hgogen.errors import HgogenError
 from hgogen.model import load
 from hgogen.modelfiles.tuning import Tuning

@@ -29,10 +29,10 @@ _FILES = {
     "advise": "advising",
     "fit": "fitting",
     "tune": "calibrating",
-    "window": "showing",
+    "window": "running",
     "list": "listing",
-    "new": "beginning",
-    "schema": "schema",
+    "new": "listing",
+    "schema": "listing",
 }  # each command, and the file of this folder that holds it
 
 

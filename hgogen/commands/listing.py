@@ -1,15 +1,24 @@
-"""The command `list`: what there is of each kind. Nothing of it is imported, nor is what computes."""
+"""The commands `list`, `new` and `schema`: what there is of each kind, a model file to begin with, and keys of JSON.
+
+Nothing of what is listed is imported, nor is what computes.
+"""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Annotated, Any
 
+import typer
 from rich.text import Text
 
+from hgogen.commands.app import command_of, known
 from hgogen.commands.command import Report, command
-from hgogen.commands.output import headed
+from hgogen.commands.keys import meanings
+from hgogen.commands.output import Folder, Written, headed, show
+from hgogen.modelfiles import template
 from hgogen.modelfiles.place import available
 from hgogen.modelfiles.place import summary as meaning
+from hgogen.modelfiles.setting import demand_known
 from hgogen.registry import cases, summary
 
 _KINDS = ("forms", "observers", "methods", "targets")
@@ -42,3 +51,44 @@ def list_() -> Inventory:
     known = {"models": {name: meaning(path) for name, path in available().items()}}
     known |= {kind: {name: summary(kind, name) for name in cases(kind)} for kind in _KINDS}
     return Inventory(**{kind: tuple(each) for kind, each in known.items()}, summaries=known)
+
+
+@dataclass(frozen=True)
+class Begun(Report):
+    """A new model file."""
+
+    model: Annotated[str, "name of the model"]
+    files: Written
+
+
+@command(Begun)
+def new_(
+    name: Annotated[str, typer.Argument(metavar="NAME", help="The name of the model, of its file and of its C.")],
+    out: Annotated[Path, typer.Option("--out", "-o", help="Folder of the file; by default this one.")] = Path(),
+) -> Begun:
+    """Write NAME.py, a small model that builds at once, each part explained by a comment; NAME.py is taken for its name
+    as well. A file that is there is never replaced.
+    """
+    name = name.removesuffix(".py")
+    return Begun(name, tuple(Folder(out).write(template.model(name, out))))
+
+
+@command()
+def schema_(
+    name: Annotated[str, typer.Argument(metavar="COMMAND", help="A command that has --json, such as run.")],
+) -> None:
+    """Print every key of the JSON that a command prints, with its type and what it means. Keys of objects stand below
+    them, further to the right. A command with several kinds of answer has a table for each, such as `simulate` with and
+    without a campaign.
+    """
+    demand_known("command", name, known())
+    reports = getattr(command_of(name), "reports", ())
+    if not reports:
+        raise typer.BadParameter(f"{name} has no --json", param_hint="COMMAND")
+    for report in reports:
+        title = f"hgogen {name} --json: {(report.__doc__ or '').split('. ')[0].rstrip('.')}"
+        table = headed(" ".join(title.split()), "key", "type", "meaning")
+        for one in meanings(report):
+            kind = f"{one.kind}, or left out" if one.optional else one.kind
+            table.add_row(Text("  " * one.depth + one.name), Text(kind), Text(one.text))
+        show(False, None, table, "")

@@ -1,4 +1,4 @@
-"""The commands `run` and `noise`: a measured record, and what a quiet one says of noise."""
+"""The commands `run`, `noise` and `window`: a measured record, what a quiet one says of noise, and what windows show."""
 
 import csv
 import io
@@ -14,9 +14,10 @@ from typing import Annotated, Any
 import numpy as np
 import typer
 
+import hgogen as hg
 from hgogen.call import CallableStep
 from hgogen.calling.samples import Engine, Run
-from hgogen.commands import drawings, log_tables, tables
+from hgogen.commands import drawings, log_tables, tables, trial_runs
 from hgogen.commands.command import Report, command
 from hgogen.commands.logs import too_far, truth_name, truth_of, truth_options
 from hgogen.commands.options import (
@@ -30,6 +31,8 @@ from hgogen.commands.options import (
     engine_here,
     horizons,
     numbers_by_name,
+    numbers_in,
+    one_or_all,
 )
 from hgogen.commands.output import Bar, Written, folder_of, rendered
 from hgogen.identification.records import Log, beyond
@@ -44,6 +47,7 @@ from hgogen.signal import Signal
 from hgogen.trials import noise
 from hgogen.trials.agreement import Difference, coarse, differences
 from hgogen.trials.consistency import Consistency, consistency, no_better
+from hgogen.trials.gramian import Gramian
 from hgogen.trials.incidents import Interventions, before_loss, interventions, loss
 from hgogen.trials.noise import Suggestion
 from hgogen.trials.prediction import Prediction, predictions, rejected, rms
@@ -380,3 +384,42 @@ def innovation_window(model: Model, option: str, observer: str | None = None) ->
             return float(innovation.d)
     reason = f"its tuning has no adaptive theta, whose window would be the default; give one by {option}"
     raise MissingPart(model.path, reason)
+
+
+@dataclass(frozen=True, eq=False)
+class Windows(Report):
+    """What windows show along a trial."""
+
+    json_keys = ("model", "trial", "windows")
+
+    model: Annotated[str, "path of the model"]
+    trial: Annotated[str, "name of the trial"]
+    windows: Annotated[tuple[Gramian, ...], "the observability Gramian of each window"]
+    unit: str
+
+    def tables(self) -> Iterator[Any]:
+        """A row for each window."""
+        yield tables.windows(self.trial, self.windows, self.unit)
+
+
+@command(Windows)
+def window_(
+    model: ModelArgument,
+    lengths: Annotated[str, typer.Option("--d", help="Windows d, in the model's time, such as 0.5,1,2.")] = "",
+    observer: Tuned = None,
+    trial: Annotated[str | None, typer.Option(help="The trial of this name; by default the first.")] = None,
+) -> Windows:
+    """Tell how well windows d of the innovation show the state along a trial: the observability Gramian of each.
+
+    By default half of the window d of the model, or of one of its tunings, itself, twice and four times it, as far as
+    the trial is long.
+    """
+    loaded = load(model)
+    chosen, *_ = one_or_all(trial_runs.trials(loaded), trial)
+    if lengths:
+        windows = numbers_in(lengths, "times, such as 0.5,1,2", "--d")
+    else:
+        d = innovation_window(loaded, "--d", observer)
+        windows = tuple(d * k for k in (0.5, 1.0, 2.0, 4.0) if d * k <= chosen.duration)
+    gramians = hg.gramian(loaded.plant, chosen, windows)
+    return Windows(loaded.path, chosen.name, gramians, loaded.plant.time)
