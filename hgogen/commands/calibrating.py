@@ -43,7 +43,6 @@ from hgogen.modelfiles.json_file import equations
 from hgogen.modelfiles.setting import AS_WRITTEN, Setting
 from hgogen.reading.averaged import WINDOWS
 from hgogen.reading.differences import derived, said_of
-from hgogen.reading.measured import Report as RecordReport
 from hgogen.sentence import because
 from hgogen.which_forms import Row, of
 
@@ -91,13 +90,25 @@ class TuneReport(Report):
     """Observers tuned to measured records."""
 
     json_keys = (
-        *("model", "equations", "records", "take", "tuning", "ahead", "truth", "segments", "rows", "refused", "notes"),
+        *(
+            "model",
+            "equations",
+            "records=logs.reports",
+            "take",
+            "tuning",
+            "ahead",
+            "truth",
+            "segments",
+            "rows",
+            "refused",
+            "notes",
+        ),
         "files",
     )
 
     model: Annotated[str, "path of the model"]
     equations: Annotated[list[str], "the plant's equations"]
-    records: Annotated[tuple[RecordReport, ...], "what was found in each log"]
+    logs: Logs
     calibration: Calibration
     ahead: Annotated[int, "samples ahead by which gains are chosen"]
     segments: Annotated[int, "segments of each record, by which gains that others chose are judged"]
@@ -128,7 +139,7 @@ class TuneReport(Report):
 
     def tables(self) -> Iterator[Any]:
         """The records, and the observers."""
-        yield from map(log_tables.report, self.records)
+        yield from map(log_tables.report, self.logs.reports)
         yield log_tables.tuned(self.rows, self.take, self.notes, self.refused, self.held_out, self.truth)
 
 
@@ -199,9 +210,8 @@ def tune_(
         )
     calibration = replace(calibration, rows=renamed(loaded, calibration.rows, "tuned"))
     rows, notes = _judged(loaded, calibration, logs, measured, aheads, bool(held_out))
-    found = tuple(record.report for record in logs.records)
     lines = equations(plant)
-    report = TuneReport(loaded.path, lines, found, calibration, ahead, segments, rows, notes, bool(held_out))
+    report = TuneReport(loaded.path, lines, logs, calibration, ahead, segments, rows, notes, bool(held_out))
     return folder.save(report, "tuned.json")
 
 

@@ -1,4 +1,4 @@
-"""The commands `run`, `noise` and `window`: a measured record, what a quiet one says of noise, and what windows show."""
+"""The commands `run`, `noise` and `window`: a measured record, what a quiet one says of noise, what windows show."""
 
 import csv
 import io
