@@ -70,7 +70,7 @@ class Check(Encoded):
     `subject`: the expression that the claim is about, such as a_i, where it is about one.
     """
 
-    json_keys = ("id", "claim", "verdict", "reason", "reason_data=reason.as_dict", "witness", "fix=advice")
+    json_keys = "id claim verdict reason reason_data=reason.as_dict witness fix=advice"
 
     id: Annotated[ClaimId, "stable name of the claim, for `accept`"]
     claim: Annotated[Sentence | str, "the claim, a sentence where expressions enter it"]

@@ -119,12 +119,12 @@ def _data(value: Any) -> Any:
 class Encoded:
     """A result, a dataclass, as data for JSON; a dataclass whose `json_keys` is None is its text.
 
-    `json_keys`: its keys, by default its fields. A key is the name of a field or property; "key=path" reads it
-    elsewhere, with dots between names and indices, and is None where something on the way is; "*path" has all keys of
-    the value there, none where it is None; "key?" is left out where it is None.
+    `json_keys`: its keys with spaces between, by default its fields. A key is the name of a field or property;
+    "key=path" reads it elsewhere, with dots between names and indices, and is None where something on the way is;
+    "*path" has all keys of the value there, none where it is None; "key?" is left out where it is None.
     """
 
-    json_keys: ClassVar[tuple[str, ...]] = ()
+    json_keys: ClassVar[str] = ""
 
     def as_dict(self) -> dict[str, Any]:
         """Return the result as plain data for JSON."""
@@ -143,7 +143,7 @@ class Key(NamedTuple):
 @cache
 def keys_of(result: type) -> tuple[Key, ...]:
     """The keys of a result in JSON."""
-    return tuple(map(_key, getattr(result, "json_keys", ()) or [one.name for one in fields(result)]))
+    return tuple(map(_key, getattr(result, "json_keys", "").split() or [one.name for one in fields(result)]))
 
 
 def _key(text: str) -> Key:
@@ -160,7 +160,7 @@ def encoded(value: Any) -> Any:
         return {key: encoded(each) for key, each in value.items()}
     if isinstance(value, list | tuple):
         return [encoded(each) for each in value]
-    if is_dataclass(value) and getattr(value, "json_keys", ()) is not None:
+    if is_dataclass(value) and getattr(value, "json_keys", "") is not None:
         return _of_result(value)
     if hasattr(value, "tolist"):
         return encoded(value.tolist())

@@ -85,7 +85,7 @@ class Theorem:
 class Row(Encoded):
     """A hypothesis with what is known of it: `verdict`, None where it is left to the user."""
 
-    json_keys = ("claim", "verdict=standing", "reason", "reason_data=reason.as_dict", "checks", "reference")
+    json_keys = "claim verdict=standing reason reason_data=reason.as_dict checks reference"
 
     claim: Annotated[str, "the hypothesis"]
     verdict: Verdict | None

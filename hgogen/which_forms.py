@@ -36,7 +36,7 @@ class Row(Encoded):
     which.
     """
 
-    json_keys = ("name", "verdict", "why", "why_data=why.as_dict", "fix", "order", "witness")
+    json_keys = "name verdict why why_data=why.as_dict fix order witness"
 
     kind: str
     verdict: Annotated[Verdict | None, "the worst of the checks'; null: not asked, or refuses the plant"]

@@ -122,7 +122,7 @@ class Inner:
 class Outer(Encoded):
     """A result."""
 
-    json_keys = ("size", "again=inner.a", "second=inner.b.1", "*inner", "*more", "left?", "each", "why")
+    json_keys = "size again=inner.a second=inner.b.1 *inner *more left? each why"
 
     inner: Inner | None
     more: Inner | None

@@ -44,9 +44,8 @@ class Answer(Encoded):
     """
 
     json_keys = (
-        *("rank=rank.rank", "dimension=rank.dimension", "order=rank.order", "observable=rank.observable"),
-        *("unobservable=rank.unobservable", "proved_unobservable=hidden"),
-        *("symmetries", "repairs", "where", "elsewhere"),
+        "rank=rank.rank dimension=rank.dimension order=rank.order observable=rank.observable "
+        "unobservable=rank.unobservable proved_unobservable=hidden symmetries repairs where elsewhere"
     )
 
     rank: Rank
@@ -135,7 +134,7 @@ class Answer(Encoded):
 class Observability(Encoded):
     """What is generically observable of a plant."""
 
-    json_keys = ("known", "joint", "method", "asked", "checks")
+    json_keys = "known joint method asked checks"
 
     system: System
     known: Annotated[Answer, "with known parameters, on the branch where most is observable"]

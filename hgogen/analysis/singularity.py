@@ -77,7 +77,7 @@ class Singularity(Encoded):
     too large, or the plant jumps, as `reason` says.
     """
 
-    json_keys = ("factors", "inputs", "determinants", "checks")
+    json_keys = "factors inputs determinants checks"
 
     plant: System
     jets: tuple[Jet, ...]

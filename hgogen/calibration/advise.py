@@ -40,7 +40,7 @@ LEFT = 0.01  # of a first error
 class Tried:
     """A theta on the trial; `settling`: the wanted time that gives this theta."""
 
-    json_keys = ("theta", "settled", "noise")
+    json_keys = "theta settled noise"
 
     theta: Annotated[float, "the gain theta; 0 for an observer without one"]
     settled: Annotated[float | None, "time to settle from the start of the trial; null: never"]

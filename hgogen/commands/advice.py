@@ -43,10 +43,7 @@ KNOWN = {  # of the convergence, with the rank of those of which it is known; No
 class Admitted:
     """An observer that the plant admits; `convergence`: None where no theorem covers it."""
 
-    json_keys = (
-        *("observer", "name", "form", "known", "where", "line", "proposed"),
-        *("operations=cost.operations", "functions=cost.functions"),
-    )
+    json_keys = "observer name form known where line proposed operations=cost.operations functions=cost.functions"
 
     observer: Annotated[str, "name of the observer"]
     name: Annotated[str, "name of its tuning, empty for a first proposal"]
@@ -76,7 +73,7 @@ class Admitted:
 class Advice:
     """What to take for a model; `plain`: whether it is plain text, whose language the lines are in."""
 
-    json_keys = ("take=admitted", "advice=notes")
+    json_keys = "take=admitted advice=notes"
 
     plant: str
     admitted: Annotated[tuple[Admitted, ...], "the observers admitted, best first"]

@@ -29,8 +29,8 @@ class AdvisedRow:
     """Proposed gains of an observer as JSON has them."""
 
     json_keys = (
-        *("name=gains.name", "form", "theta=gains.theta", "certified=gains.certified", "settles"),
-        *("settled=gains.own.settled", "noise", "sigma=gains.sigma", "known", "operations", "tried=gains.tried"),
+        "name=gains.name form theta=gains.theta certified=gains.certified settles settled=gains.own.settled noise "
+        "sigma=gains.sigma known operations tried=gains.tried"
     )
 
     gains: Advised
@@ -76,7 +76,7 @@ class AdvisedRow:
 class AdviceReport(Report):
     """Gains without a record."""
 
-    json_keys = ("model", "equations", "take", "tuning", "trial", "rows", "refused", "notes", "files")
+    json_keys = "model equations take tuning trial rows refused notes files"
 
     model: Annotated[str, "path of the model"]
     equations: Annotated[list[str], "the plant's equations"]

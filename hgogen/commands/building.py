@@ -106,7 +106,7 @@ def _real(model: Model) -> Real:
 class Built(Report):
     """A model checked, its code generated, and its trials in C and in Python."""
 
-    json_keys = (*("model", "*claims", "c_names", "compiler", "self_check", "trials", "comparison", "files"),)
+    json_keys = "model *claims c_names compiler self_check trials comparison files"
 
     model: Annotated[str, "path of the model"]
     claims: Checked
@@ -282,7 +282,7 @@ def _figures(model: Model, step: CallableStep, known: ErrorBound | None, engine:
 class SimulatedTrial:
     """A trial of a step as JSON has it."""
 
-    json_keys = ("*row", "bounds", "falling", "each=row.tried.each")
+    json_keys = "*row bounds falling each=row.tried.each"
 
     row: TrialRow
     bounds: Annotated[tuple[Seen, ...], "each state's error beside what is proved of it"]
@@ -293,7 +293,7 @@ class SimulatedTrial:
 class Simulated(Report):
     """A model's observer on its trials."""
 
-    json_keys = ("model", "gains", "trials", "files")
+    json_keys = "model gains trials files"
 
     model: Annotated[str, "path of the model"]
     step: CallableStep
@@ -318,7 +318,7 @@ class Simulated(Report):
 class SimulatedCampaigns(Report):
     """Campaigns of a model's observer, with --vary or --runs."""
 
-    json_keys = ("model", "gains", "campaigns")
+    json_keys = "model gains campaigns"
 
     model: Annotated[str, "path of the model"]
     gains: Annotated[dict[str, Any], "the observer's gains, those of several coordinates by the name of each"]

@@ -75,7 +75,7 @@ class TunedGains:
 class TunedRow:
     """An observer with tuned or declared gains; those alone have `gains`."""
 
-    json_keys = ("name", "*gains", "held_out", "hidden", "nis", "coloured")
+    json_keys = "name *gains held_out hidden nis coloured"
 
     name: Annotated[str, "name of the tuning"]
     gains: TunedGains | None
@@ -89,22 +89,7 @@ class TunedRow:
 class TuneReport(Report):
     """Observers tuned to measured records."""
 
-    json_keys = (
-        *(
-            "model",
-            "equations",
-            "records=logs.reports",
-            "take",
-            "tuning",
-            "ahead",
-            "truth",
-            "segments",
-            "rows",
-            "refused",
-            "notes",
-        ),
-        "files",
-    )
+    json_keys = "model equations records=logs.reports take tuning ahead truth segments rows refused notes files"
 
     model: Annotated[str, "path of the model"]
     equations: Annotated[list[str], "the plant's equations"]

@@ -31,8 +31,8 @@ class CampaignRow:
     """The campaign of a step on a trial, called `name`."""
 
     json_keys = (
-        *("trial=campaign.trial.name", "observer=name", "engine=campaign.engine", "criterion", "runs"),
-        *("failed", "varied=campaign.draws.varied", "quantiles", "run?"),
+        "trial=campaign.trial.name observer=name engine=campaign.engine criterion runs failed "
+        "varied=campaign.draws.varied quantiles run?"
     )
 
     name: Annotated[str, "name of the tuning"]

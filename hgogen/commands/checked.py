@@ -26,7 +26,7 @@ from hgogen.which_forms import Survey
 class ListedCheck:
     """A check of a list, as JSON has it."""
 
-    json_keys = ("*check", "accepted")
+    json_keys = "*check accepted"
 
     check: Check
     accepted: Annotated[bool, "whether the model accepts it where it is refuted"]
@@ -36,7 +36,7 @@ class ListedCheck:
 class AppliedTheorem:
     """A theorem on a step, as JSON has it."""
 
-    json_keys = ("conclusion=theorem.conclusion", "reference=theorem.reference", "hypotheses")
+    json_keys = "conclusion=theorem.conclusion reference=theorem.reference hypotheses"
 
     theorem: Theorem
     hypotheses: Annotated[tuple[Row, ...], "what the theorem assumes, and what is known of it"]
@@ -52,8 +52,7 @@ class Checked(Encoded):
     """
 
     json_keys = (
-        *("plant", "form=form.kind", "coordinates", "flow", "outputs", "gains=gain_values", "dt", "checks=listed"),
-        *("refuted", "theorem=applied", "notes"),
+        "plant form=form.kind coordinates flow outputs gains=gain_values dt checks=listed refuted theorem=applied notes"
     )
 
     plant: Annotated[str, "name of the plant"]

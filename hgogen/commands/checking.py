@@ -66,7 +66,7 @@ class OptionalFile(TyperCommand):
 class ObservedPlant:
     """What is observable of a plant as JSON has it."""
 
-    json_keys = ("*seen", "least_seen")
+    json_keys = "*seen least_seen"
 
     seen: Observability
     least_seen: Annotated[Sight | None, "the direction that the outputs show least; null where it is not measured"]
@@ -76,7 +76,7 @@ class ObservedPlant:
 class NamedRange:
     """The range of an expression as JSON has it."""
 
-    json_keys = ("expression", "*range")
+    json_keys = "expression *range"
 
     expression: Annotated[str, "the expression"]
     range: Range
@@ -86,10 +86,7 @@ class NamedRange:
 class CheckReport(Report):
     """What is known of a model."""
 
-    json_keys = (
-        *("model", "headline", "observability", "forms=survey.rows", "bounds", "*claims", "undefined", "singular"),
-        "*advice",
-    )
+    json_keys = "model headline observability forms=survey.rows bounds *claims undefined singular *advice"
 
     model: Annotated[str, "path of the model"]
     headline: Annotated[str, "the whole in one line"]

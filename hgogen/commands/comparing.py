@@ -47,10 +47,7 @@ Names = Annotated[
 class ComparedTrial:
     """Observers on a trial of a plant."""
 
-    json_keys = (
-        *("trial=trial.name", "seeds", "criterion", "times=trial.events", "estimate", "start=trial.start", "left"),
-        "observers",
-    )
+    json_keys = "trial=trial.name seeds criterion times=trial.events estimate start=trial.start left observers"
 
     plant: System
     trial: Trial
@@ -89,7 +86,7 @@ class ComparedTrial:
 class Comparison(Report):
     """Several observers of one model, each on the same noise."""
 
-    json_keys = ("model", "dt", "engine", "trials", "refused", "files")
+    json_keys = "model dt engine trials refused files"
 
     model: Annotated[str, "path of the model"]
     dt: Annotated[float, "sampling period of all observers"]

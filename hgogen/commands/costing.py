@@ -52,7 +52,7 @@ def _most(what: str) -> typer.models.OptionInfo:
 class CostReport(Report):
     """The costs of a model's C."""
 
-    json_keys = ("model", "*costs", "files")
+    json_keys = "model *costs files"
 
     model: Annotated[str, "path of the model"]
     costs: Costs

@@ -38,8 +38,8 @@ class DesignedPoint:
     """A gain as JSON has it."""
 
     json_keys = (
-        *("observer=point.observer.name", "designed=point.wanted", "theta", "K=point.gain.K"),
-        *("argument=point.gain.argument", "rate=point.rate", "longest=point.longest", "noise"),
+        "observer=point.observer.name designed=point.wanted theta K=point.gain.K argument=point.gain.argument "
+        "rate=point.rate longest=point.longest noise"
     )
 
     point: Point
@@ -62,14 +62,8 @@ class Designs(Report):
     """Gains for wanted rates beside a model's tuning."""
 
     json_keys = (
-        *(
-            "model",
-            "observer=step.observer.name",
-            "form=step.observer.form.kind",
-            "method=step.code.rule",
-            "dt=step.dt",
-        ),
-        *("points=rows", "refused", "files"),
+        "model observer=step.observer.name form=step.observer.form.kind method=step.code.rule dt=step.dt points=rows "
+        "refused files"
     )
 
     model: Annotated[str, "path of the model"]

@@ -76,7 +76,7 @@ class HeldOutError:
 class FitReport(Report):
     """A fit, and how well it predicts the rows held out."""
 
-    json_keys = ("model", "equations", "records=logs.reports", "*result", "predictions", "unjudged", "notes", "files")
+    json_keys = "model equations records=logs.reports *result predictions unjudged notes files"
 
     model: Annotated[str, "path of the model"]
     equations: Annotated[list[str], "the plant's equations"]

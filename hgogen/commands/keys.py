@@ -74,7 +74,7 @@ def _alternatives(annotation: Any) -> tuple[Any, ...]:
 def _result_in(annotation: Any) -> type | None:
     """The result in a type, by itself, in a list, by name or with alternatives."""
     if is_dataclass(annotation):
-        return annotation if isinstance(annotation, type) and getattr(annotation, "json_keys", ()) is not None else None
+        return annotation if isinstance(annotation, type) and getattr(annotation, "json_keys", "") is not None else None
     return next(filter(None, map(_result_in, get_args(annotation))), None)
 
 

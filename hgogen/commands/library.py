@@ -77,7 +77,7 @@ FIELDS = tuple(one.name for one in dataclasses.fields(Answers))
 class LibraryAnswer(Answers):
     """The answers, and where they apply what went wrong."""
 
-    json_keys = (*FIELDS, "error?", "partial?", "notes?")
+    json_keys = f"{' '.join(FIELDS)} error? partial? notes?"
 
     error: Annotated[str | None, "what is wrong with the model"] = None
     partial: Annotated[bool | None, "true where the time limit struck"] = None

@@ -23,8 +23,8 @@ class Verification(Report):
     """What was verified of a certificate."""
 
     json_keys = (
-        *("plant=outcome.plant", "form=outcome.form", "observer", "model=outcome.model", "verified"),
-        *("counts=outcome.counts", "claims=outcome.rows", "unexamined=outcome.unexamined", "points=outcome.points"),
+        "plant=outcome.plant form=outcome.form observer model=outcome.model verified counts=outcome.counts "
+        "claims=outcome.rows unexamined=outcome.unexamined points=outcome.points"
     )
 
     outcome: Rechecked

@@ -37,7 +37,7 @@ class Gain:
 class Gains(Report):
     """What sinusoidal noise does to estimates."""
 
-    json_keys = ("model", "observer", "coordinates=continuous.coordinates", "dt", "omega", "gains", "files")
+    json_keys = "model observer coordinates=continuous.coordinates dt omega gains files"
 
     model: Annotated[str, "path of the model"]
     observer: Annotated[str, "name of the observer"]

@@ -65,9 +65,8 @@ class RecordRun(Report):
     """A run over a measured record, and what it says of the observer and of the record."""
 
     json_keys = (
-        *("model", "engine=run.engine", "record=record.report", "status", "acted", "initial", "predictions", "hidden"),
-        *("innovations=sure.outputs", "nees=sure.states", "real=step.real", "better", "rejected", "from_double"),
-        *("notes", "files"),
+        "model engine=run.engine record=record.report status acted initial predictions hidden "
+        "innovations=sure.outputs nees=sure.states real=step.real better rejected from_double notes files"
     )
 
     model: Annotated[str, "path of the model"]
@@ -335,7 +334,7 @@ def _csv(header: Sequence[str], numbers: np.ndarray, status: np.ndarray | None =
 class QuietRecord(Report):
     """What a quiet record says of noise."""
 
-    json_keys = ("model", "record=record.report", "noise")
+    json_keys = "model record=record.report noise"
 
     model: Annotated[str, "path of the model"]
     record: Record
@@ -390,7 +389,7 @@ def innovation_window(model: Model, option: str, observer: str | None = None) ->
 class Windows(Report):
     """What windows show along a trial."""
 
-    json_keys = ("model", "trial", "windows")
+    json_keys = "model trial windows"
 
     model: Annotated[str, "path of the model"]
     trial: Annotated[str, "name of the trial"]

@@ -53,7 +53,7 @@ class Tried:
 class TrialRow:
     """A trial as JSON has it."""
 
-    json_keys = ("*summary", "left=tried.left", "acted=tried.acted")
+    json_keys = "*summary left=tried.left acted=tried.acted"
 
     summary: Summary
     tried: Tried

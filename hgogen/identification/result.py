@@ -85,9 +85,8 @@ class Fit(Encoded):
     """
 
     json_keys = (
-        *("by", "parameters=values", "deviation", "nominal", "at_end", "lags=lag_values", "offsets=offset_values"),
-        *("first", "error", "spread", "unfitted", "alike", "untold", "joint", "confined", "outlying", "whiteness"),
-        *("rivals", "noise=levels", "starts=ends"),
+        "by parameters=values deviation nominal at_end lags=lag_values offsets=offset_values first error spread "
+        "unfitted alike untold joint confined outlying whiteness rivals noise=levels starts=ends"
     )
 
     by: Annotated[str, "the error that is least, of which the residuals are: simulation or prediction"]

@@ -39,7 +39,7 @@ WRONG = 5.0  # sigma: what lies beyond is an outlier
 class Whiteness(Encoded):
     """Ljung and Box's test of a sequence."""
 
-    json_keys = ("test", "statistic", "limit", "lags", "white")
+    json_keys = "test statistic limit lags white"
 
     statistic: Annotated[float, "the statistic of the correlations"]
     limit: Annotated[float, "what one in 20 white sequences exceeds"]

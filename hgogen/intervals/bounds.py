@@ -256,7 +256,7 @@ class Range(Encoded):
     bisection, ("split", index, left, right) and "leaf", sides cut as `floats.middle` says.
     """
 
-    json_keys = ("low", "high", "defined", "boxes", "note")
+    json_keys = "low high defined boxes note"
 
     low: Annotated[float, "lower bound; null where there is none"]
     high: Annotated[float, "upper bound; null where there is none"]

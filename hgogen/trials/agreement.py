@@ -35,7 +35,7 @@ class Agreement(Encoded):
     Times to settle may differ by one sample, because an error that just touches the band may lie on either side of it.
     """
 
-    json_keys = ("trial", "seed", "until", "before", "after", "settled", "dt", "agreed")
+    json_keys = "trial seed until before after settled dt agreed"
 
     trial: Annotated[str, "name of the trial"]
     seed: Annotated[int, "seed of its noise"]

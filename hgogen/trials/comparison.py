@@ -32,10 +32,7 @@ from hgogen.trials.metrics import median, metrics, ranges
 class Measured(Encoded):
     """What an observer does on a trial; `first`: the trajectory of the first seed."""
 
-    json_keys = (
-        *("name", "observer", "method", "settled", "rms", "peak", "clamped", "acted", "proved", "worst", "unproved"),
-        "*cost",
-    )
+    json_keys = "name observer method settled rms peak clamped acted proved worst unproved *cost"
 
     name: Annotated[str, "name of its tuning"]
     observer: Annotated[str, "name of the observer"]

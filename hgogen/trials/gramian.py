@@ -44,7 +44,7 @@ class Gramian(Encoded):
     the unit eigenvector of the smallest; `states`: names.
     """
 
-    json_keys = ("d", "least=range.0", "median", "most=range.1", "weakest=weakest.0", "share=weakest.1")
+    json_keys = "d least=range.0 median most=range.1 weakest=weakest.0 share=weakest.1"
 
     d: Annotated[float, "length of the window, in the plant's time"]
     states: tuple[str, ...]

@@ -45,7 +45,7 @@ _GROWTH, _SAMPLES = 5.0, (20, 1000)
 class Sight(Encoded):
     """What the outputs show of the least seen direction of the state, v."""
 
-    json_keys = ("least", "median", "window", "unit", "trial", "by_motion", "hopeless", "where", "direction")
+    json_keys = "least median window unit trial by_motion hopeless where direction"
 
     least: Annotated[float, "least sigma over the windows of a trial, or the points of the box"]
     median: Annotated[float, "median of sigma over them"]
