@@ -3,7 +3,7 @@
 import types
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import is_dataclass
-from inspect import getdoc, isfunction
+from inspect import getdoc
 from typing import Annotated, Any, NamedTuple, Union, get_args, get_origin, get_type_hints
 
 from hgogen.sentence import keys_of
@@ -58,7 +58,7 @@ def _at(result: Any, path: str) -> tuple[Any, str]:
             annotation, text = hints[name], ""
         else:
             member = getattr(owner, name)
-            made = member if isfunction(member) else getattr(member, "fget", None) or member.func  # of a cached one
+            made = getattr(member, "fget", None) or getattr(member, "func", member)  # of a property, cached or not
             annotation = get_type_hints(made, include_extras=True)["return"]
             text = " ".join((getdoc(made) or "").split("\n\n")[0].split())
         if get_origin(annotation) is Annotated:
