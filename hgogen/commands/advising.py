@@ -11,7 +11,7 @@ from hgogen.calibration.advise import Advised, advise
 from hgogen.commands import log_tables
 from hgogen.commands.advice import KNOWN
 from hgogen.commands.calibrating import Names, forms_asked, renamed
-from hgogen.commands.command import Report, command
+from hgogen.commands.command import ModelReport, command
 from hgogen.commands.options import Deep, Jobs, ModelArgument, OneTrial, Out, names_in, numbers_by_name, one_or_all
 from hgogen.commands.output import Bar, Written, folder_of, rendered
 from hgogen.commands.process import note
@@ -73,12 +73,11 @@ class AdvisedRow:
 
 
 @dataclass(frozen=True, eq=False)
-class AdviceReport(Report):
+class AdviceReport(ModelReport):
     """Gains without a record."""
 
     json_keys = "model equations take tuning trial rows refused notes files"
 
-    model: Annotated[str, "path of the model"]
     equations: Annotated[list[str], "the plant's equations"]
     trial: Annotated[str | None, "name of the trial; null where none is tried"]
     rows: Annotated[tuple[AdvisedRow, ...], "the gains of each observer"]

@@ -17,7 +17,7 @@ from hgogen.certificates.error_bound import ErrorBound
 from hgogen.commands import drawings, stated_bounds, tables, trial_runs
 from hgogen.commands.campaigning import CampaignRow, campaigns
 from hgogen.commands.checked import Checked, checked
-from hgogen.commands.command import Report, command, early
+from hgogen.commands.command import ModelReport, Report, command, early
 from hgogen.commands.options import (
     NO_RUNS,
     ModelArgument,
@@ -103,12 +103,11 @@ def _real(model: Model) -> Real:
 
 
 @dataclass(frozen=True, eq=False)
-class Built(Report):
+class Built(ModelReport):
     """A model checked, its code generated, and its trials in C and in Python."""
 
     json_keys = "model *claims c_names compiler self_check trials comparison files"
 
-    model: Annotated[str, "path of the model"]
     claims: Checked
     c_names: Annotated[dict[str, str], "by signal, its name in the language, where that is another"]
     self_check: Annotated[str | None, "what the self-check of the code printed; null where it was not run"]
@@ -290,12 +289,11 @@ class SimulatedTrial:
 
 
 @dataclass(frozen=True, eq=False)
-class Simulated(Report):
+class Simulated(ModelReport):
     """A model's observer on its trials."""
 
     json_keys = "model gains trials files"
 
-    model: Annotated[str, "path of the model"]
     step: CallableStep
     trials: Annotated[tuple[SimulatedTrial, ...], "what followed each event of each trial"]
     files: Written
@@ -315,12 +313,11 @@ class Simulated(Report):
 
 
 @dataclass(frozen=True, eq=False)
-class SimulatedCampaigns(Report):
+class SimulatedCampaigns(ModelReport):
     """Campaigns of a model's observer, with --vary or --runs."""
 
     json_keys = "model gains campaigns"
 
-    model: Annotated[str, "path of the model"]
     gains: Annotated[dict[str, Any], "the observer's gains, those of several coordinates by the name of each"]
     campaigns: Annotated[tuple[CampaignRow, ...], "the campaign on each trial"]
 

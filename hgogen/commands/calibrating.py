@@ -16,7 +16,7 @@ from hgogen.call import CallableStep
 from hgogen.check import worst
 from hgogen.commands import log_tables
 from hgogen.commands.advice import KNOWN
-from hgogen.commands.command import Report, command
+from hgogen.commands.command import ModelReport, command
 from hgogen.commands.logs import Logs, logs_of, too_far, truth_of, truth_options
 from hgogen.commands.options import (
     NO_COLUMNS,
@@ -86,12 +86,11 @@ class TunedRow:
 
 
 @dataclass(frozen=True, eq=False)
-class TuneReport(Report):
+class TuneReport(ModelReport):
     """Observers tuned to measured records."""
 
     json_keys = "model equations records=logs.reports take tuning ahead truth segments rows refused notes files"
 
-    model: Annotated[str, "path of the model"]
     equations: Annotated[list[str], "the plant's equations"]
     logs: Logs
     calibration: Calibration

@@ -18,7 +18,7 @@ from hgogen.check import Check, Refuted
 from hgogen.commands import findings, library, tables
 from hgogen.commands.advice import Advice, advice
 from hgogen.commands.checked import Checked, checked
-from hgogen.commands.command import Report, command
+from hgogen.commands.command import ModelReport, command
 from hgogen.commands.latex import fragment
 from hgogen.commands.options import Tuned
 from hgogen.commands.output import Bar, json_text, show
@@ -83,12 +83,11 @@ class NamedRange:
 
 
 @dataclass(frozen=True)
-class CheckReport(Report):
+class CheckReport(ModelReport):
     """What is known of a model."""
 
     json_keys = "model headline observability forms=survey.rows bounds *claims undefined singular *advice"
 
-    model: Annotated[str, "path of the model"]
     headline: Annotated[str, "the whole in one line"]
     observability: Annotated[ObservedPlant, "what is generically observable"]
     survey: Survey
@@ -147,10 +146,10 @@ def check_(
     _demand_places(certificate, _file(as_json))
     options: dict[str, Any] = {"--certificate": certificate, "--latex": latex, "--bound": bounds, "--deep": deep}
     options |= {"--observer": observer, **dict(word.split(maxsplit=1) for word in setting.words)}
-    unused = [name for name, value in ({"--limit": limit} if many is None else options).items() if value]
-    if unused:
+    asked = {"--limit": limit} if many is None else options
+    if unused := next((name for name, value in asked.items() if value), None):
         reason = "is for --library" if many is None else "does nothing beside --library, and is for a MODEL"
-        raise typer.BadParameter(reason, param_hint=unused[0])
+        raise typer.BadParameter(reason, param_hint=unused)
     if many is not None:
         _library(many, limit or library.LIMIT, as_json)
         return
@@ -210,8 +209,7 @@ def _checked(
     note(*loaded.notes)  # before anything is called proved
     ranges = {text: hg.bound(text, plant) for text in bounds}
     gaps = (*undefined_values(plant), *undefined_slopes(plant))
-    if gaps:
-        say(findings.undefined(gaps))
+    say(findings.undefined(gaps))
     seen = hg.observability(plant)
     least = _least(loaded) if seen.rank == seen.n else None
     try:
@@ -228,13 +226,20 @@ def _checked(
     if seen.rank == seen.n:
         say(tables.checks(singular.head, singular.checks, ()))
     say(tables.theorem(claims.theorem, claims.hypotheses))
-    written = loaded.set(AS_WRITTEN)  # what to take is asked of the file
-    own = checked(written, forms, observer) if loaded.setting else claims
-    take = advice(written, seen, forms, own, deep=deep) if advised else None
+    take = _advice(loaded, observer, seen, forms, claims, deep) if advised else None
     if take:
         say(findings.taking(take))
     named = tuple(NamedRange(text, one) for text, one in ranges.items())
     return CheckReport(loaded.path, first, ObservedPlant(seen, least), forms, named, claims, gaps, singular, take)
+
+
+def _advice(
+    loaded: Model, observer: str | None, seen: Observability, forms: Survey, claims: Checked, deep: bool
+) -> Advice:
+    """What to take, which is asked of the file, without what is set."""
+    written = loaded.set(AS_WRITTEN)
+    own = checked(written, forms, observer) if loaded.setting else claims
+    return advice(written, seen, forms, own, deep=deep)
 
 
 def _least(model: Model) -> Sight | None:

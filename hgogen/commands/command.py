@@ -2,8 +2,10 @@
 
 import traceback
 import warnings
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from contextlib import contextmanager
 from contextvars import ContextVar
+from dataclasses import dataclass
 from functools import wraps
 from inspect import Parameter, Signature, getdoc, signature
 from typing import Annotated, Any
@@ -24,7 +26,7 @@ _AS_JSON: ContextVar[bool] = ContextVar("as_json", default=False)
 
 
 class Report(Encoded):
-    """What a command found, a dataclass: what it prints, as JSON or as tables, and how it ends."""
+    """What a command found, a dataclass: what it prints, as JSON or as tables, with its `files`, and how it ends."""
 
     def tables(self) -> Iterable[Any]:
         """What is printed unless JSON is asked for."""
@@ -32,6 +34,13 @@ class Report(Encoded):
 
     def demand(self) -> None:
         """Raise what ends the command after it has printed, with an exit status of its own."""
+
+
+@dataclass(frozen=True, eq=False)
+class ModelReport(Report):
+    """What a command found of a model."""
+
+    model: Annotated[str, "path of the model"]
 
 
 def _with_options(
@@ -118,36 +127,43 @@ def command(
 
         @app.command(cls=cls, help=documented)
         @wraps(function)
-        def command(*args: Any, **kwargs: Any) -> None:
-            try:
-                listen()
-                with interruptible(), printing(), warnings.catch_warnings():
-                    warnings.showwarning = _warned
-                    function(*args, **kwargs)
-                    results().flush()
-            except BrokenPipeError:  # as after `| head`
-                raise typer.Exit(dropped()) from None
-            except (HgogenError, RecheckError) as error:
-                note(str(error))
-                raise typer.Exit(error.status) from None
-            except (OSError, MemoryError, RecursionError) as error:
-                note(next((text for kind, text in _FAILURES.items() if isinstance(error, kind)), str(error)))
-                raise typer.Exit(2) from None
-            except BaseException as error:
-                if isinstance(error, Exception):  # typer's own, or a fault of this program
-                    raise
-                if isinstance(error, KeyboardInterrupt) and interrupted():
-                    note("interrupted")
-                    raise typer.Exit(INTERRUPTED) from None
-                at = traceback.extract_tb(error.__traceback__)[-1]
-                note(f"{at.filename}, line {at.lineno}: {ends_python(error)}")
-                raise typer.Exit(2) from None
+        def command(**arguments: Any) -> None:
+            with _ending():
+                function(**arguments)
+                results().flush()
 
         made = typer.main.get_command(app)
         vars(made)["reports"] = reports
         return made
 
     return register
+
+
+@contextmanager
+def _ending() -> Iterator[None]:
+    """Within it an error is one sentence and an exit status."""
+    try:
+        listen()
+        with interruptible(), printing(), warnings.catch_warnings():
+            warnings.showwarning = _warned
+            yield
+    except BrokenPipeError:  # as after `| head`
+        raise typer.Exit(dropped()) from None
+    except (HgogenError, RecheckError) as error:
+        note(str(error))
+        raise typer.Exit(error.status) from None
+    except (OSError, MemoryError, RecursionError) as error:
+        note(next((text for kind, text in _FAILURES.items() if isinstance(error, kind)), str(error)))
+        raise typer.Exit(2) from None
+    except BaseException as error:
+        if isinstance(error, Exception):  # typer's own, or a fault of this program
+            raise
+        if isinstance(error, KeyboardInterrupt) and interrupted():
+            note("interrupted")
+            raise typer.Exit(INTERRUPTED) from None
+        at = traceback.extract_tb(error.__traceback__)[-1]
+        note(f"{at.filename}, line {at.lineno}: {ends_python(error)}")
+        raise typer.Exit(2) from None
 
 
 _FAILURES = {

@@ -12,7 +12,7 @@ from hgogen.calling.samples import Engine
 from hgogen.certificates.error_bound import ErrorBound
 from hgogen.commands import drawings, log_tables, stated_bounds, tables, trial_runs
 from hgogen.commands.campaigning import CampaignRow, campaigns
-from hgogen.commands.command import Report, command
+from hgogen.commands.command import ModelReport, command
 from hgogen.commands.options import (
     NO_RUNS,
     ModelArgument,
@@ -83,12 +83,11 @@ class ComparedTrial:
 
 
 @dataclass(frozen=True, eq=False)
-class Comparison(Report):
+class Comparison(ModelReport):
     """Several observers of one model, each on the same noise."""
 
     json_keys = "model dt engine trials refused files"
 
-    model: Annotated[str, "path of the model"]
     dt: Annotated[float, "sampling period of all observers"]
     engine: Annotated[Engine, "who runs the steps: c or python"]
     unit: str
@@ -105,10 +104,9 @@ class Comparison(Report):
 
 
 @dataclass(frozen=True, eq=False)
-class ComparedCampaigns(Report):
+class ComparedCampaigns(ModelReport):
     """Campaigns of several observers, with --vary or --runs."""
 
-    model: Annotated[str, "path of the model"]
     dt: Annotated[float, "sampling period of all observers"]
     engine: Annotated[Engine, "who runs the steps: c or python"]
     campaigns: Annotated[tuple[CampaignRow, ...], "the campaign of each observer on each trial"]

@@ -11,7 +11,7 @@ from hgogen import targets
 from hgogen.board.costs import Costs, measured
 from hgogen.board.qemu import demand_board
 from hgogen.commands import trial_runs
-from hgogen.commands.command import Report, command
+from hgogen.commands.command import ModelReport, command
 from hgogen.commands.options import ModelArgument, Tuned
 from hgogen.commands.output import Folder, Written, headed, json_text, named
 from hgogen.commands.packing import COSTS, Prefix
@@ -49,12 +49,11 @@ def _most(what: str) -> typer.models.OptionInfo:
 
 
 @dataclass(frozen=True)
-class CostReport(Report):
+class CostReport(ModelReport):
     """The costs of a model's C."""
 
     json_keys = "model *costs files"
 
-    model: Annotated[str, "path of the model"]
     costs: Costs
     files: Written
     title: str

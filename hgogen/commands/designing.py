@@ -11,7 +11,7 @@ from hgogen.call import CallableStep
 from hgogen.certificates.contraction import theta_of
 from hgogen.certificates.rate_and_noise import Point, designed, tuned
 from hgogen.commands import tables
-from hgogen.commands.command import Report, command
+from hgogen.commands.command import ModelReport, command
 from hgogen.commands.options import ModelArgument, Out, Tuned
 from hgogen.commands.output import Bar, Folder, Written, folder_of, rendered
 from hgogen.commands.process import note
@@ -58,7 +58,7 @@ class DesignedPoint:
 
 
 @dataclass(frozen=True, eq=False)
-class Designs(Report):
+class Designs(ModelReport):
     """Gains for wanted rates beside a model's tuning."""
 
     json_keys = (
@@ -66,7 +66,6 @@ class Designs(Report):
         "refused files"
     )
 
-    model: Annotated[str, "path of the model"]
     step: CallableStep
     points: list[Point]
     refused: Annotated[dict[str, str], "why, by rate"]

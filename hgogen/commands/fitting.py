@@ -15,7 +15,7 @@ import typer
 
 from hgogen.call import CallableStep
 from hgogen.commands import log_tables
-from hgogen.commands.command import Report, command
+from hgogen.commands.command import ModelReport, command
 from hgogen.commands.logs import Logs, logs_of
 from hgogen.commands.options import (
     NO_COLUMNS,
@@ -73,12 +73,11 @@ class HeldOutError:
 
 
 @dataclass(frozen=True, eq=False)
-class FitReport(Report):
+class FitReport(ModelReport):
     """A fit, and how well it predicts the rows held out."""
 
     json_keys = "model equations records=logs.reports *result predictions unjudged notes files"
 
-    model: Annotated[str, "path of the model"]
     equations: Annotated[list[str], "the plant's equations"]
     result: Fit
     logs: Logs

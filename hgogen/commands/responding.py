@@ -11,7 +11,7 @@ import typer
 
 import hgogen as hg
 from hgogen.commands import tables
-from hgogen.commands.command import Report, command
+from hgogen.commands.command import ModelReport, command
 from hgogen.commands.options import ModelArgument, Tuned, numbers_in
 from hgogen.commands.output import Folder, Written, rendered
 from hgogen.commands.process import note
@@ -34,12 +34,11 @@ class Gain:
 
 
 @dataclass(frozen=True, eq=False)
-class Gains(Report):
+class Gains(ModelReport):
     """What sinusoidal noise does to estimates."""
 
     json_keys = "model observer coordinates=continuous.coordinates dt omega gains files"
 
-    model: Annotated[str, "path of the model"]
     observer: Annotated[str, "name of the observer"]
     dt: Annotated[float, "sampling period"]
     omega: Annotated[tuple[float, ...], "frequencies in rad per unit of the model's time"]

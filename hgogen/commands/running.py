@@ -18,7 +18,7 @@ import hgogen as hg
 from hgogen.call import CallableStep
 from hgogen.calling.samples import Engine, Run
 from hgogen.commands import drawings, log_tables, tables, trial_runs
-from hgogen.commands.command import Report, command
+from hgogen.commands.command import ModelReport, command
 from hgogen.commands.logs import too_far, truth_name, truth_of, truth_options
 from hgogen.commands.options import (
     NO_COLUMNS,
@@ -61,7 +61,7 @@ STAGES = 5  # of `run` until the figures, besides a sample ahead of each predict
 
 
 @dataclass(frozen=True, eq=False)
-class RecordRun(Report):
+class RecordRun(ModelReport):
     """A run over a measured record, and what it says of the observer and of the record."""
 
     json_keys = (
@@ -69,7 +69,6 @@ class RecordRun(Report):
         "innovations=sure.outputs nees=sure.states real=step.real better rejected from_double notes files"
     )
 
-    model: Annotated[str, "path of the model"]
     step: CallableStep
     record: Record
     run: Run
@@ -331,12 +330,11 @@ def _csv(header: Sequence[str], numbers: np.ndarray, status: np.ndarray | None =
 
 
 @dataclass(frozen=True, eq=False)
-class QuietRecord(Report):
+class QuietRecord(ModelReport):
     """What a quiet record says of noise."""
 
     json_keys = "model record=record.report noise"
 
-    model: Annotated[str, "path of the model"]
     record: Record
     noise: Annotated[tuple[Suggestion, ...], "what the record suggests for each output"]
     unit: str
@@ -386,12 +384,11 @@ def innovation_window(model: Model, option: str, observer: str | None = None) ->
 
 
 @dataclass(frozen=True, eq=False)
-class Windows(Report):
+class Windows(ModelReport):
     """What windows show along a trial."""
 
     json_keys = "model trial windows"
 
-    model: Annotated[str, "path of the model"]
     trial: Annotated[str, "name of the trial"]
     windows: Annotated[tuple[Gramian, ...], "the observability Gramian of each window"]
     unit: str
