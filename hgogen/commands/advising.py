@@ -5,6 +5,8 @@ from dataclasses import dataclass
 from typing import Annotated, Any
 
 import typer
+from rich.console import Group
+from rich.text import Text
 
 from hgogen import observers as kinds
 from hgogen.calibration.advise import Advised, advise
@@ -13,7 +15,7 @@ from hgogen.commands.advice import KNOWN
 from hgogen.commands.calibrating import Names, forms_asked, renamed
 from hgogen.commands.command import ModelReport, command
 from hgogen.commands.options import Deep, Jobs, ModelArgument, OneTrial, Out, names_in, numbers_by_name, one_or_all
-from hgogen.commands.output import Bar, Written, folder_of, rendered
+from hgogen.commands.output import Bar, Written, folder_of, headed, rendered
 from hgogen.commands.process import note
 from hgogen.commands.trial_runs import trials
 from hgogen.emit.cost import cost
@@ -115,7 +117,18 @@ class AdviceReport(ModelReport):
 
     def tables(self) -> Iterator[Any]:
         """The gains, and what they do on the trial."""
-        yield log_tables.advised(self.rows, self.take, self.unit, self.notes, self.refused)
+        states = list(dict.fromkeys(state for row in self.rows for state in row.noise))
+        numbers = ("theta", "certified from", "settles from", f"settles in ({self.unit})")
+        table = headed("gains from ranges, noise and period", "", "observer", "form", *numbers, numbers=len(numbers))
+        sigmas = ", ".join(f"{output} = {sigma:.3g}" for output, sigma in self.rows[0].gains.sigma.items())
+        title = f"noise: the RMS that it alone makes of an estimate on the trial, of samples with sigma {sigmas}"
+        alone = headed(title, "", "observer", "convergence", *states, numbers=len(states))
+        for row in self.rows:
+            first = "take" if row.gains.name == self.take else "", row.gains.name
+            gains = (row.gains.theta, row.gains.certified, row.settles, row.settled)
+            table.add_row(*first, row.form, *map(log_tables.cell, gains))
+            alone.add_row(*first, row.known, *map(log_tables.cell, map(row.noise.get, states)))
+        yield Group(table, "", alone, "", *map(Text, self.notes), "", *log_tables.without(self.refused))
 
 
 @command(AdviceReport)

@@ -7,6 +7,8 @@ from typing import Annotated, Any, Literal, TypeVar
 
 import numpy as np
 import typer
+from rich.console import Group
+from rich.text import Text
 
 from hgogen.calibration.advise import Advised
 from hgogen.calibration.grid import Calibration, Tuned
@@ -33,7 +35,7 @@ from hgogen.commands.options import (
     horizons,
     names_in,
 )
-from hgogen.commands.output import Bar, Written, folder_of
+from hgogen.commands.output import Bar, Written, folder_of, headed
 from hgogen.commands.process import note
 from hgogen.emit.cost import cost
 from hgogen.errors import HgogenError
@@ -124,7 +126,25 @@ class TuneReport(ModelReport):
     def tables(self) -> Iterator[Any]:
         """The records, and the observers."""
         yield from map(log_tables.report, self.logs.reports)
-        yield log_tables.tuned(self.rows, self.take, self.notes, self.refused, self.held_out, self.truth)
+        ahead = [(h, y) for h, errors in self.rows[0].held_out.items() for y in errors]
+        hidden = list(self.rows[0].hidden)
+        where = "in the rows held out" if self.held_out else "in all rows, since none were held out"
+        title = f"RMS errors {where}: of predictions, by output and samples ahead, and of hidden states"
+        columns = *(f"{y} {h}" for h, y in ahead), *hidden
+        errors = headed(title, "", "observer", *columns, numbers=len(columns))
+        copying = "of predictions, over that of copying the last value"
+        of = f"of {', '.join(self.truth)}, over that of the mean" if self.truth else copying
+        names = ("", "observer", "form", "cross-validated", "NIS", "operations", "state", "convergence")
+        worth = headed(f"tuned observers; cross-validated: {of}", *names)
+        for row in self.rows:
+            mark, gains = "take" if row.name == self.take else "", row.gains
+            numbers = *(row.held_out[h][y] for h, y in ahead), *map(row.hidden.get, hidden)
+            errors.add_row(mark, row.name, *map(log_tables.cell, numbers))
+            if gains is not None:
+                nis = ", ".join(f"{each:.2g}" for each in row.nis.values())
+                cost = f"{gains.operations}", f"{gains.state} B"
+                worth.add_row(mark, row.name, gains.form, f"{gains.error:.3g}", nis, *cost, gains.known)
+        yield Group(errors, "", worth, "", *map(Text, self.notes), "", *log_tables.without(self.refused))
 
 
 @command(TuneReport)

@@ -6,16 +6,19 @@ from dataclasses import dataclass, replace
 from typing import Annotated, Any, Self
 
 import typer
+from rich.console import Group
+from rich.text import Text
 
 from hgogen.call import CallableStep
 from hgogen.certificates.contraction import theta_of
 from hgogen.certificates.rate_and_noise import Point, designed, tuned
-from hgogen.commands import tables
 from hgogen.commands.command import ModelReport, command
 from hgogen.commands.options import ModelArgument, Out, Tuned
-from hgogen.commands.output import Bar, Folder, Written, folder_of, rendered
+from hgogen.commands.output import Bar, Folder, Written, folder_of, headed, rendered
 from hgogen.commands.process import note
+from hgogen.guarantees.designed_gain import Gain
 from hgogen.guarantees.gain_search import NoGain
+from hgogen.intervals.digits import down, same, up
 from hgogen.model import Model, load
 from hgogen.modelfiles.setting import AS_WRITTEN, Setting
 
@@ -84,7 +87,27 @@ class Designs(ModelReport):
 
     def tables(self) -> Iterator[Any]:
         """Gains with their rates."""
-        yield tables.designs(self.points, self.step)
+        step, time = self.step, self.step.observer.form.system.time
+        head = f"what is proved of gains: how far noise of 1 moves an estimate, by {step.code.rule} at dt = {step.dt:g} {time}"
+        columns = ("gain", "error of", "noise of", f"rate (1/{time})", f"dt up to ({time})", "continuous", "step")
+        table = headed(head, *columns, numbers=4)
+        for one in self.points:
+            name = f"{one.observer.name}, the tuning" if one.gain is None else f"theta = {same(one.gain.theta)}"
+            first = name, *("-" if value is None else down(value, 3) for value in (one.rate, one.longest))
+            form = one.observer.form
+            for pair in [(x, y) for x in form.names for y in map(str, form.system.outputs)]:
+                known = (each.get(pair) for each in (one.continuous, one.step))
+                bounds = ("-" if value is None else up(value, 3) for value in known)
+                table.add_row(*map(Text, (first[0], *pair)), *first[1:], *bounds)
+                first = ("", "", "")
+        gains = [Text(f"  {_call(one.gain)}") for one in self.points if one.gain is not None]
+        yield Group(table, "", Text("the gains", style="bold"), *gains, "")
+
+
+def _call(gain: Gain) -> str:
+    """The observer of a gain as Python makes it."""
+    taken = {**gain.taken, "theta": same(gain.theta)}
+    return f"hg.observers.{gain.observer}(form, {', '.join(f'{name}={value}' for name, value in taken.items())})"
 
 
 @command(Designs)

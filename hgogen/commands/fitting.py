@@ -12,6 +12,8 @@ from typing import Annotated, Any
 
 import numpy as np
 import typer
+from rich.console import Group
+from rich.text import Text
 
 from hgogen.call import CallableStep
 from hgogen.commands import log_tables
@@ -29,7 +31,7 @@ from hgogen.commands.options import (
     engine_here,
     names_in,
 )
-from hgogen.commands.output import Bar, Folder, Written, folder_of, json_text, rendered
+from hgogen.commands.output import Bar, Folder, Written, folder_of, headed, json_text, rendered
 from hgogen.commands.process import interruptible, note
 from hgogen.errors import HgogenError
 from hgogen.identification.fit import AGAIN, fit
@@ -112,7 +114,17 @@ class FitReport(ModelReport):
         """The records, the fit and its predictions."""
         yield from map(log_tables.report, self.logs.reports)
         yield log_tables.fitted(self.result, self.logs.notes())
-        yield log_tables.judged(self.predictions, self.verdicts, self.unjudged)
+        if not self.predictions:
+            yield Text(f"nothing judges the fit; {self.unjudged}\n")
+            return
+        title = "RMS prediction error in the rows held out, from an observer's estimate"
+        table = headed(title, "output", "samples ahead", "fitted", "before", "copying the last value", numbers=5)
+        several = len({one.record for one in self.predictions}) > 1
+        for one in self.predictions:
+            name = f"{one.output} in {one.record}" if several else one.output
+            ahead = "all, open loop" if one.ahead is None else str(one.ahead)
+            table.add_row(name, ahead, *map(log_tables.cell, (one.fitted, one.unfitted, one.copying)))
+        yield Group(table, *map(Text, self.verdicts), "")
 
 
 @command(FitReport)

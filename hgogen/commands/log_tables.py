@@ -2,7 +2,6 @@
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
-from typing import Any
 
 from rich.console import Group, RenderableType
 from rich.text import Text
@@ -13,7 +12,6 @@ from hgogen.reading.measured import Report
 from hgogen.signal import Signal
 from hgogen.trials.agreement import Difference
 from hgogen.trials.consistency import Consistency
-from hgogen.trials.noise import Suggestion
 from hgogen.trials.prediction import Prediction
 
 
@@ -63,62 +61,6 @@ def _spread(deviation: float) -> str:
     return f"{deviation:.2g}" if math.isfinite(deviation) else "not told"
 
 
-def judged(each: Sequence[Any], notes: Iterable[str], otherwise: str) -> RenderableType:
-    """Prediction errors in the rows held out, with what they say; `otherwise`: why there are none."""
-    if not each:
-        return Text(f"nothing judges the fit; {otherwise}\n")
-    table = headed(
-        "RMS prediction error in the rows held out, from an observer's estimate",
-        *("output", "samples ahead", "fitted", "before", "copying the last value"),
-        numbers=5,
-    )
-    paths = {one.record for one in each}
-    for one in each:
-        ahead = "all, open loop" if one.ahead is None else str(one.ahead)
-        errors = (one.fitted, one.unfitted, one.copying)
-        name = f"{one.output} in {one.record}" if len(paths) > 1 else one.output
-        table.add_row(name, ahead, *("" if error is None else f"{error:.4g}" for error in errors))
-    return Group(table, *map(Text, notes), "")
-
-
-def tuned(
-    rows: Sequence[Any],
-    best: str,
-    notes: Iterable[str],
-    refused: Mapping[str, str],
-    held_out: bool,
-    truth: Sequence[str] = (),
-) -> RenderableType:
-    """Tuned observers, what they are worth and cost, which to take, and why others have no gains; `truth`: the states
-    that chose the gains."""
-    ahead = [(h, y) for h, errors in rows[0].held_out.items() for y in errors]
-    hidden = list(rows[0].hidden)
-    where = "in the rows held out" if held_out else "in all rows, since none were held out"
-    errors = headed(
-        f"RMS errors {where}: of predictions, by output and samples ahead, and of hidden states",
-        *("", "observer", *(f"{y} {h}" for h, y in ahead), *hidden),
-        numbers=len(ahead) + len(hidden),
-    )
-    of = (
-        f"of {', '.join(truth)}, over that of the mean"
-        if truth
-        else "of predictions, over that of copying the last value"
-    )
-    worth = headed(
-        f"tuned observers; cross-validated: {of}",
-        *("", "observer", "form", "cross-validated", "NIS", "operations", "state", "convergence"),
-    )
-    for row in rows:
-        mark, gains = "take" if row.name == best else "", row.gains
-        cells = [_cell(row.held_out[h][y]) for h, y in ahead]
-        errors.add_row(mark, row.name, *cells, *(_cell(row.hidden.get(x)) for x in hidden))
-        if gains is not None:
-            nis = ", ".join(f"{each:.2g}" for each in row.nis.values())
-            cost = f"{gains.operations}", f"{gains.state} B"
-            worth.add_row(mark, row.name, gains.form, f"{gains.error:.3g}", nis, *cost, gains.known)
-    return Group(errors, "", worth, "", *map(Text, notes), "", *without(refused))
-
-
 def report(read: Report, begins: Mapping[str, float] | None = None) -> RenderableType:
     """What was found in a log; `begins`: the states that it gives the estimate to start from."""
     lines = list(read.sentences())
@@ -135,7 +77,7 @@ def hidden(errors: Mapping[str, float | None], states: Sequence[Signal]) -> list
     units = {x.name: x.unit for x in states}
     table = headed("RMS error of the estimate, by the truth", "state", "error", "unit")
     for name, error in errors.items():
-        table.add_row(name, _cell(error) or "nothing measured", Text(units[name]))
+        table.add_row(name, cell(error) or "nothing measured", Text(units[name]))
     return [Group(table, "")]
 
 
@@ -148,10 +90,10 @@ def consistent(whole: Consistency, notes: Iterable[str]) -> RenderableType:
     table = headed(title, "output", "samples", "RMS", *sure, "Ljung-Box", "limit", numbers=4 + len(sure))
     for one in whole.outputs:
         share = "" if one.outside is None else f"{100 * one.outside:.3g} %"
-        size = (_cell(one.nis), _band(one.band), share) if known else ()
+        size = (cell(one.nis), _band(one.band), share) if known else ()
         test = one.whiteness
         white = ("", "") if test is None else (f"{test.statistic:.4g}", f"{test.limit:.4g}")
-        table.add_row(one.output, f"{one.count}", _cell(one.rms), *size, *white)
+        table.add_row(one.output, f"{one.count}", cell(one.rms), *size, *white)
     lines = [
         f"NEES of {', '.join(one.states)}: {one.nees:.4g}, its 95 % band {_band(one.band)}, from {one.count} samples "
         f"of which {one.alike:.3g} tell as much as one"
@@ -178,40 +120,6 @@ def _band(ends: tuple[float, float] | None) -> str:
     return "" if ends is None else f"{ends[0]:.4g} .. {ends[1]:.4g}"
 
 
-def suggestion(noise: Suggestion, unit: str) -> RenderableType:
-    """What a quiet record suggests."""
-    table = headed(f"noise of {noise.output}, from {noise.samples} samples", "value", "", "meaning")
-    rows = (
-        ("sigma", f"{noise.sigma:.4g}", "standard deviation about a straight line"),
-        ("tau", f"{noise.tau:.4g} {unit}", "correlation time" if noise.tau else "white noise"),
-        ("d", f"{noise.d:g} {unit}", "window of the innovation"),
-        ("gamma_0", f"{noise.gamma_0:.4g}", f"sigma^2 d (1 + 6.5 x {noise.spread:.3g}): theta may rise above it"),
-        ("gamma_1", f"{noise.gamma_1:.4g}", "2 gamma_0: theta rises fully above it"),
-        ("R", f"{noise.R:.4g}", "spectral density of the noise; a larger R smooths more"),
-    )
-    for row in rows:
-        table.add_row(*row)
-    return Group(table, *(Text(f"doubt: {note}", style="yellow") for note in noise.notes), "")
-
-
-def advised(
-    rows: Sequence[Any], best: str, unit: str, notes: Iterable[str], refused: Mapping[str, str]
-) -> RenderableType:
-    """Gains without a record, and what they do on the trial."""
-    states = list(dict.fromkeys(state for row in rows for state in row.noise))
-    numbers = ("theta", "certified from", "settles from", f"settles in ({unit})")
-    table = headed("gains from ranges, noise and period", "", "observer", "form", *numbers, numbers=len(numbers))
-    sigmas = ", ".join(f"{output} = {sigma:.3g}" for output, sigma in rows[0].sigma.items())
-    title = f"noise: the RMS that it alone makes of an estimate on the trial, of samples with sigma {sigmas}"
-    alone = headed(title, "", "observer", "convergence", *states, numbers=len(states))
-    for row in rows:
-        mark = "take" if row.name == best else ""
-        gains = (row.gains.theta, row.gains.certified, row.settles, row.settled)
-        table.add_row(mark, row.gains.name, row.form, *map(_cell, gains))
-        alone.add_row(mark, row.gains.name, row.known, *(_cell(row.noise.get(state)) for state in states))
-    return Group(table, "", alone, "", *map(Text, notes), "", *without(refused))
-
-
 def without(refused: Mapping[str, str], title: str = "without gains") -> list[RenderableType]:
     """Why observers have no gains, or no step, if any."""
     table = headed(title, "observer", "why")
@@ -220,5 +128,6 @@ def without(refused: Mapping[str, str], title: str = "without gains") -> list[Re
     return [Group(table, "")] if refused else []
 
 
-def _cell(value: float | None) -> str:
+def cell(value: float | None) -> str:
+    """A number; empty where there is none."""
     return "" if value is None or math.isnan(value) else f"{value:.4g}"

@@ -8,12 +8,13 @@ from typing import Annotated, Any
 
 import numpy as np
 import typer
+from rich.console import Group
+from rich.text import Text
 
 import hgogen as hg
-from hgogen.commands import tables
 from hgogen.commands.command import ModelReport, command
 from hgogen.commands.options import ModelArgument, Tuned, numbers_in
-from hgogen.commands.output import Folder, Written, rendered
+from hgogen.commands.output import Folder, Written, headed, rendered
 from hgogen.commands.process import note
 from hgogen.model import load
 from hgogen.modelfiles.setting import AS_WRITTEN, Setting
@@ -50,12 +51,13 @@ class Gains(ModelReport):
     @property
     def gains(self) -> list[Gain]:
         """The gains of each output and state."""
-        step = np.where(self.sampled.aliased[:, None, None], np.nan, self.sampled.gain)
-        return [
-            Gain(output, state, self.continuous.gain[:, i, j].tolist(), step[:, i, j].tolist())
-            for j, output in enumerate(self.continuous.outputs)
-            for i, state in enumerate(self.continuous.states)
-        ]
+        gains = list[Gain]()
+        for j, output in enumerate(self.continuous.outputs):
+            for i, state in enumerate(self.continuous.states):
+                values = zip(self.sampled.aliased, self.sampled.gain[:, i, j].tolist(), strict=True)
+                step = [None if alias else gain for alias, gain in values]
+                gains.append(Gain(output, state, self.continuous.gain[:, i, j].tolist(), step))
+        return gains
 
     def notes(self) -> Iterator[str]:
         """What limits the gains."""
@@ -73,7 +75,18 @@ class Gains(ModelReport):
 
     def tables(self) -> Iterator[Any]:
         """A row for each pair and frequency."""
-        yield tables.responses(self.continuous, self.sampled, self.unit)
+        head = f"|H(j omega)| from noise to estimate: the linear error core, and its step of {self.dt:g} {self.unit}"
+        columns = ("noise of", "error of", f"omega (rad/{self.unit})", "continuous", "step")
+        table = headed(head, *columns, numbers=3)
+        for column in table.columns[2:]:
+            column.no_wrap = True  # half a number is another number
+        for one in self.gains:
+            first = one.output, one.state
+            for w, exact, discrete in zip(self.omega, one.continuous, one.step, strict=True):
+                step = "-" if discrete is None else f"{discrete:.4g}"
+                table.add_row(*map(Text, first), f"{w:g}", f"{exact:.4g}", step)
+                first = ("", "")
+        yield Group(table, "")
 
 
 @command(Gains)

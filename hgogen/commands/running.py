@@ -13,6 +13,8 @@ from typing import Annotated, Any
 
 import numpy as np
 import typer
+from rich.console import Group
+from rich.text import Text
 
 import hgogen as hg
 from hgogen.call import CallableStep
@@ -34,7 +36,7 @@ from hgogen.commands.options import (
     numbers_in,
     one_or_all,
 )
-from hgogen.commands.output import Bar, Written, folder_of, rendered
+from hgogen.commands.output import Bar, Written, folder_of, headed, rendered
 from hgogen.identification.records import Log, beyond
 from hgogen.model import MissingPart, Model, load
 from hgogen.modelfiles.setting import AS_WRITTEN, Setting
@@ -342,7 +344,19 @@ class QuietRecord(ModelReport):
     def tables(self) -> Iterator[Any]:
         """The record, and what it suggests."""
         yield log_tables.report(self.record.report)
-        yield from (log_tables.suggestion(one, self.unit) for one in self.noise)
+        for one in self.noise:
+            rows = (
+                ("sigma", f"{one.sigma:.4g}", "standard deviation about a straight line"),
+                ("tau", f"{one.tau:.4g} {self.unit}", "correlation time" if one.tau else "white noise"),
+                ("d", f"{one.d:g} {self.unit}", "window of the innovation"),
+                ("gamma_0", f"{one.gamma_0:.4g}", f"sigma^2 d (1 + 6.5 x {one.spread:.3g}): theta may rise above it"),
+                ("gamma_1", f"{one.gamma_1:.4g}", "2 gamma_0: theta rises fully above it"),
+                ("R", f"{one.R:.4g}", "spectral density of the noise; a larger R smooths more"),
+            )
+            table = headed(f"noise of {one.output}, from {one.samples} samples", "value", "", "meaning")
+            for row in rows:
+                table.add_row(*row)
+            yield Group(table, *(Text(f"doubt: {note}", style="yellow") for note in one.notes), "")
 
 
 @command(QuietRecord)

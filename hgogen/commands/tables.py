@@ -10,12 +10,10 @@ from rich.console import Group, RenderableType
 from rich.text import Text
 from sympy.printing.str import StrPrinter
 
-from hgogen.certificates.rate_and_noise import Point
 from hgogen.check import Check, Verdict
 from hgogen.commands.output import headed
-from hgogen.guarantees.designed_gain import Gain
 from hgogen.intervals.bounds import Range
-from hgogen.intervals.digits import down, same, up
+from hgogen.intervals.digits import down, up
 from hgogen.sentence import NONE, Reason, Sentence, because, plain, point
 from hgogen.step import Step
 from hgogen.theorem import Row, Theorem
@@ -23,7 +21,6 @@ from hgogen.trials.agreement import Agreement
 from hgogen.trials.comparison import Measured, Seen
 from hgogen.trials.gramian import Gramian
 from hgogen.trials.metrics import ITSELF, Summary
-from hgogen.trials.response import Response
 from hgogen.which_forms import Survey
 
 COLOURS = {Verdict.PROVED: "green", Verdict.REFUTED: "red", Verdict.UNKNOWN: "yellow"}
@@ -307,52 +304,3 @@ def windows(trial: str, gramians: Iterable[Gramian], unit: str) -> RenderableTyp
         "noise."
     )
     return Group(table, Text(advice), "")
-
-
-def responses(continuous: Response, sampled: Response, unit: str) -> RenderableType:
-    """The gains from noise to estimates: a row for each pair and frequency, continuous and as a step has them, "-"
-    where it sees an alias."""
-    head = f"|H(j omega)| from noise to estimate: the linear error core, and its step of {sampled.dt:g} {unit}"
-    table = headed(head, "noise of", "error of", f"omega (rad/{unit})", "continuous", "step", numbers=3)
-    for column in table.columns[2:]:
-        column.no_wrap = True  # half a number is another number
-    for j, output in enumerate(continuous.outputs):
-        for i, state in enumerate(continuous.states):
-            gains = zip(continuous.omega, continuous.gain[:, i, j], sampled.gain[:, i, j], sampled.aliased, strict=True)
-            for k, (w, exact, discrete, alias) in enumerate(gains):
-                labels = (output, state) if k == 0 else ("", "")
-                table.add_row(*map(Text, labels), f"{w:g}", f"{exact:.4g}", "-" if alias else f"{discrete:.4g}")
-    return Group(table, "")
-
-
-def designs(points: Sequence[Point], step: Step) -> RenderableType:
-    """Gains with their rates, longest dt, and what noise does, a row for each pair of state and output; and each gain
-    as a call takes it."""
-    time = step.observer.form.system.time
-    by = f"by {step.code.rule} at dt = {step.dt:g} {time}"
-    head = f"what is proved of gains: how far noise of 1 moves an estimate, {by}"
-    columns = ("gain", "error of", "noise of", f"rate (1/{time})", f"dt up to ({time})", "continuous", "step")
-    table = headed(head, *columns, numbers=4)
-    for one in points:
-        name = f"{one.observer.name}, the tuning" if one.gain is None else f"theta = {same(one.gain.theta)}"
-        first = name, _down(one.rate), _down(one.longest)
-        for x, y in [(x, y) for x in one.observer.form.names for y in map(str, one.observer.form.system.outputs)]:
-            bounds = (_up(each.get((x, y))) for each in (one.continuous, one.step))
-            table.add_row(Text(first[0]), Text(x), Text(y), *first[1:], *bounds)
-            first = ("", "", "")
-    gains = [Text(f"  {_call(one.gain)}") for one in points if one.gain is not None]
-    return Group(table, "", Text("the gains", style="bold"), *gains, "")
-
-
-def _call(gain: Gain) -> str:
-    """The observer of a gain as Python makes it."""
-    taken = {**gain.taken, "theta": same(gain.theta)}
-    return f"hg.observers.{gain.observer}(form, {', '.join(f'{name}={value}' for name, value in taken.items())})"
-
-
-def _down(value: float | None) -> str:
-    return "-" if value is None else down(value, 3)
-
-
-def _up(value: float | None) -> str:
-    return "-" if value is None else up(value, 3)
