@@ -316,8 +316,6 @@ class Simulated(ModelReport):
 class SimulatedCampaigns(ModelReport):
     """Campaigns of a model's observer, with --vary or --runs."""
 
-    json_keys = "model gains campaigns"
-
     gains: Annotated[dict[str, Any], "the observer's gains, those of several coordinates by the name of each"]
     campaigns: Annotated[tuple[CampaignRow, ...], "the campaign on each trial"]
 

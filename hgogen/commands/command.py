@@ -8,7 +8,7 @@ from contextvars import ContextVar
 from dataclasses import dataclass
 from functools import wraps
 from inspect import Parameter, Signature, getdoc, signature
-from typing import Annotated, Any
+from typing import Annotated, Any, get_type_hints
 
 import typer
 from typer.core import TyperCommand
@@ -73,15 +73,13 @@ def _with_options(
     return taking
 
 
-def _with_group(
-    function: Callable[..., Any], group: Any, options: Mapping[str, Any], there: bool
-) -> Callable[..., Any]:
+def _with_group(function: Callable[..., Any], group: Any, options: type, there: bool) -> Callable[..., Any]:
     """A command with an option for each part of a group, as a `Setting`, for its argument of that type, if any."""
     parameters = signature(function).parameters
     place = next((name for name, each in parameters.items() if each.annotation is group), None)
     if place is None:
         return function
-    known = {name: (Annotated[kind | None, option], None) for name, (kind, option) in options.items()}
+    known = {name: (each, None) for name, each in get_type_hints(options, include_extras=True).items()}
 
     def grouped(arguments: Mapping[str, Any], chosen: Mapping[str, Any]) -> Any:
         return function(**arguments, **{place: group(**chosen)})

@@ -3,7 +3,7 @@
 from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal, TypeVar
+from typing import TYPE_CHECKING, Annotated, Literal, TypedDict, TypeVar
 
 import typer
 
@@ -54,13 +54,27 @@ HeldOut = Annotated[
 class Runs:
     """A campaign as a user asks for it; None where nothing is said."""
 
-    vary: str | None = None
-    runs: int | None = None
-    draw: int | None = None
-    jobs: int | None = None
-    scheduler: str | None = None
-    results: Path | None = None
-    repeat: int | None = None
+    vary: Annotated[
+        str | None,
+        typer.Option(
+            metavar="LIST",
+            help="What differs from run to run, in its range, by 10%, by 0.2 or in 0.8..1.2: states by name or x0, "
+            "parameters by name or `parameters`, noise, as in x0,a=10%,noise=0.5..2.",
+        ),
+    ] = None
+    runs: Annotated[
+        int | None, typer.Option(metavar="N", help="How many runs, 1000 by default; run k has noise seed k.")
+    ] = None
+    draw: Annotated[int | None, typer.Option(metavar="SEED", help="Seed of what varies, by default 0.")] = None
+    jobs: Jobs = None
+    scheduler: Annotated[str | None, typer.Option(metavar="ADDRESS", help="Scheduler of a Dask cluster that runs.")] = (
+        None
+    )
+    results: Annotated[
+        Path | None,
+        typer.Option(metavar="FOLDER", help="Folder of the runs' numbers as they come; runs there are not repeated."),
+    ] = None
+    repeat: Annotated[int | None, typer.Option(metavar="K", min=0, help="Run number K of the campaign alone.")] = None
 
     def __bool__(self) -> bool:
         """Whether anything is said."""
@@ -71,81 +85,54 @@ class Runs:
 class Columns:
     """How the columns of a log are read: which holds times, else the `period` between rows, and which are signals."""
 
-    time: str | None = None
-    period: float | None = None
-    map_: list[str] | None = None
-
-
-NO_RUNS = Runs()
-NO_COLUMNS = Columns()
-
-_SET = {  # what a user may set of every step that a command makes
-    "form": (str, typer.Option("--form", metavar="NAME", help="The form, in the place of the model's.")),
-    "method": (str, typer.Option("--method", metavar="NAME", help="The method, in the place of the model's.")),
-    "dt": (float, typer.Option("--dt", help="The sampling period, in the model's unit of time.")),
-    "real": (
-        Literal["float", "double"],
-        typer.Option("--real", help="float or double; by default C is written in float and samples run in double."),
-    ),
-    "guards": (
-        Literal["all", "none"],
-        typer.Option("--guards", help="all, or none: the mathematics alone, without clamps, tests and restarts."),
-    ),
-    "prefer": (
-        Literal["speed", "flash"],
-        typer.Option("--prefer", help="speed, or flash: what repeats in loops, a shorter program that takes longer."),
-    ),
-    "parameters": (
-        Path,
-        typer.Option("--parameters", metavar="FILE", help="Values of parameters, as `hgogen fit` writes them."),
-    ),
-    "tuning": (
-        Path,
-        typer.Option(
-            "--tuning", metavar="FILE", help="Tunings, as `hgogen tune` writes them; of these the row to take is."
-        ),
-    ),
-}
-_CAMPAIGN = {  # what a user may say of runs that differ
-    "vary": (
-        str,
-        typer.Option(
-            "--vary",
-            metavar="LIST",
-            help="What differs from run to run, in its range, by 10%, by 0.2 or in 0.8..1.2: states by name or x0, "
-            "parameters by name or `parameters`, noise, as in x0,a=10%,noise=0.5..2.",
-        ),
-    ),
-    "runs": (int, typer.Option("--runs", metavar="N", help="How many runs, 1000 by default; run k has noise seed k.")),
-    "draw": (int, typer.Option("--draw", metavar="SEED", help="Seed of what varies, by default 0.")),
-    "jobs": (int, typer.Option("--jobs", metavar="N", min=1, help="Processes, by default one for each core.")),
-    "scheduler": (str, typer.Option("--scheduler", metavar="ADDRESS", help="Scheduler of a Dask cluster that runs.")),
-    "results": (
-        Path,
-        typer.Option(
-            "--results", metavar="FOLDER", help="Folder of the runs' numbers as they come; runs there are not repeated."
-        ),
-    ),
-    "repeat": (int, typer.Option("--repeat", metavar="K", min=0, help="Run number K of the campaign alone.")),
-}
-_COLUMNS = {  # what a user may say of the columns of a log
-    "time": (str, typer.Option("--time", help="The column of times, in the unit of the model's time.")),
-    "period": (
-        float,
-        typer.Option(
-            "--period", help="The time between rows, in the unit of the model's time, where no column has times."
-        ),
-    ),
-    "map_": (
-        list[str],
+    time: Annotated[str | None, typer.Option(help="The column of times, in the unit of the model's time.")] = None
+    period: Annotated[
+        float | None,
+        typer.Option(help="The time between rows, in the unit of the model's time, where no column has times."),
+    ] = None
+    map_: Annotated[
+        list[str] | None,
         typer.Option(
             "--map",
             metavar="SIGNAL=COLUMN",
             help="Which column is a signal, or what of columns, such as y='T1 + 273.15' or i='-[I (A)]'; repeat it.",
         ),
-    ),
-}
-GROUPS = ((Setting, _SET, False), (Runs, _CAMPAIGN, False), (Columns, _COLUMNS, True))  # and whether in its place
+    ] = None
+
+
+NO_RUNS = Runs()
+NO_COLUMNS = Columns()
+
+
+class _Set(TypedDict):
+    """What a user may set of every step that a command makes: the options of a `Setting`."""
+
+    form: Annotated[str | None, typer.Option(metavar="NAME", help="The form, in the place of the model's.")]
+    method: Annotated[str | None, typer.Option(metavar="NAME", help="The method, in the place of the model's.")]
+    dt: Annotated[float | None, typer.Option(help="The sampling period, in the model's unit of time.")]
+    real: Annotated[
+        Literal["float", "double"] | None,
+        typer.Option(help="float or double; by default C is written in float and samples run in double."),
+    ]
+    guards: Annotated[
+        Literal["all", "none"] | None,
+        typer.Option(help="all, or none: the mathematics alone, without clamps, tests and restarts."),
+    ]
+    prefer: Annotated[
+        Literal["speed", "flash"] | None,
+        typer.Option(help="speed, or flash: what repeats in loops, a shorter program that takes longer."),
+    ]
+    parameters: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="Values of parameters, as `hgogen fit` writes them.")
+    ]
+    tuning: Annotated[
+        Path | None,
+        typer.Option(metavar="FILE", help="Tunings, as `hgogen tune` writes them; of these the row to take is."),
+    ]
+
+
+# a value that a command takes, the class that holds its options, and whether they stand in its place or behind
+GROUPS = ((Setting, _Set, False), (Runs, Runs, False), (Columns, Columns, True))
 
 
 def engine_here(reader: Reader | None = None) -> "Engine":
