@@ -137,27 +137,10 @@ class Realising(Sampled):
 
 
 @dataclass(frozen=True)
-class Explicit:
-    """An explicit Runge-Kutta method: of a Riccati observer it integrates (z, S) or (z, P), in the view (z, S) any
-    other part too."""
+class Staged:
+    """What moves a differential equation, and the model while samples are missing, by the stages of a tableau."""
 
-    tableau: Tableau
-    view: Literal["information", "covariance"]
-
-    @property
-    def prediction(self) -> Tableau:
-        """Its own."""
-        return self.tableau
-
-    @property
-    def name(self) -> str:
-        """The name of the method in reports."""
-        return f"{self.tableau.name}, {self.view} form" if self.view == "covariance" else self.tableau.name
-
-    @property
-    def equations(self) -> tuple[str, ...]:
-        """The stages of the tableau, and what they lead to."""
-        return self.tableau.equations
+    prediction: Tableau = RK4
 
     def obstacle(self, error: Inclusion) -> Reason:
         """None: whatever the error obeys, the stages read it."""
@@ -165,22 +148,21 @@ class Explicit:
 
     def error_step(self, h: Fraction, e: Uncertain) -> Inequality:
         """The stages of the tableau."""
-        return stagewise(self.tableau, h, e)
+        return stagewise(self.prediction, h, e)
 
     def beside(self, plant: PlantStep, error: Inclusion, theta: Fraction) -> Entering:
         """The plant beside its step by the tableau, and beside the line between two samples."""
-        return BesideStages(plant, self.tableau).entering
+        return BesideStages(plant, self.prediction).entering
 
     def ode(self, part: Ode, clock: Clock) -> Pieces:
-        """One step of every field of the part at once. Raises: `NoCovariance` in the view (z, P)."""
-        if self.view == "covariance":
-            raise NoCovariance(self.name)
+        """One step of every field of the part at once."""
         return self.step(part, clock)
 
     def ode_lengths(self, part: Ode, observer: Observer, dt: float) -> Lengths:
         """The step lengths that the linear core admits, and the core with the model's Jacobian."""
-        why = f"beyond it the linear error core leaves the stability region of {self.tableau.name}"
-        return lengths(part, observer, dt, self, Limit(paced(part, observer, self.tableau), why), self.tableau.name)
+        name = self.prediction.name
+        why = f"beyond it the linear error core leaves the stability region of {name}"
+        return lengths(part, observer, dt, self, Limit(paced(part, observer, self.prediction), why), name)
 
     @property
     def exact(self) -> bool:
@@ -189,11 +171,11 @@ class Explicit:
 
     def transition(self, core: np.ndarray, M: np.ndarray, h: float) -> np.ndarray:
         """R(h M) (k, N, N), R the stability polynomial."""
-        return polynomial(h * M, self.tableau.polynomial)
+        return polynomial(h * M, self.prediction.polynomial)
 
     def refused(self, core: np.ndarray, M: np.ndarray) -> np.ndarray:
         """The h at which h times an eigenvalue of M leaves the stability region (k)."""
-        return decay_limits(M, self.tableau.polynomial)
+        return decay_limits(M, self.prediction.polynomial)
 
     def step(self, part: Ode, clock: Clock) -> Pieces:
         """One step of every field of the part at once, whatever the part is of."""
@@ -215,20 +197,20 @@ class Explicit:
             tune=part.tune,
             predict=tuple(self._blocks(rate, start, clock)),
             uses_output=True,
-            rule=self.tableau.name,
+            rule=self.prediction.name,
         )
 
     def _blocks(self, rate: Rate, start: Values, clock: Clock) -> Iterator[Block | Repeat]:
         """The step as one block, or where a stage needs little of those before it a loop over the stages, whose slopes
         then need not stay in memory."""
-        title = f"{', '.join(start)}: one step of {self.tableau.name}"
-        if not self.tableau.chained:
-            stages = advance(self.tableau, rate, start, clock.dt)
+        title = f"{', '.join(start)}: one step of {self.prediction.name}"
+        if not self.prediction.chained:
+            stages = advance(self.prediction, rate, start, clock.dt)
             writes = {Place("state", name): value for name, value in stages.result.items()}
             yield Block(title, writes, {"u_mid": clock.u(0.5), "y_mid": clock.y(0.5)} | stages.names)
             return
 
-        plan = rounds(self.tableau, clock.dt)
+        plan = rounds(self.prediction, clock.dt)
         fraction, share, ahead = numbers = [sym("work", name) for name in ("fraction", "share", "ahead")]
         at, total = ({n: sym("work", f"{n}_{kind}", v.numel()) for n, v in start.items()} for kind in ("at", "sum"))
         slopes = rate(at, fraction)
@@ -243,6 +225,35 @@ class Explicit:
         yield Repeat({place: row for number, row in rows if (place := address(number)[0]) in read}, (stage,))
         ends = {Place("state", key): value + plan.last * total[key] for key, value in start.items()}
         yield Block("the slopes of all stages", ends)
+
+
+@dataclass(frozen=True)
+class Explicit(Staged):
+    """An explicit Runge-Kutta method: of a Riccati observer it integrates (z, S) or (z, P), in the view (z, S) any
+    other part too."""
+
+    view: Literal["information", "covariance"] = "information"
+
+    @property
+    def tableau(self) -> Tableau:
+        """The tableau of an explicit method."""
+        return self.prediction
+
+    @property
+    def name(self) -> str:
+        """The name of the method in reports."""
+        return f"{self.tableau.name}, {self.view} form" if self.view == "covariance" else self.tableau.name
+
+    @property
+    def equations(self) -> tuple[str, ...]:
+        """The stages of the tableau, and what they lead to."""
+        return self.tableau.equations
+
+    def ode(self, part: Ode, clock: Clock) -> Pieces:
+        """One step of every field of the part at once. Raises: `NoCovariance` in the view (z, P)."""
+        if self.view == "covariance":
+            raise NoCovariance(self.name)
+        return self.step(part, clock)
 
     def riccati(self, part: Riccati, clock: Clock) -> Pieces:
         """z and S, or z and P, as one differential equation."""

@@ -387,14 +387,7 @@ def any_theta(theta: Any) -> Field:
 def parameter_fields(parameters: Iterable[Signal]) -> tuple[Field, ...]:
     """The plant's parameters that have a range, as fields of places `plant.NAME`."""
     return tuple(
-        Field(
-            s.name,
-            (float(s.nominal or 0),),
-            low=(low,),
-            high=(high,),
-            unit=s.unit,
-            meaning=s.meaning,
-        )
+        Field(s.name, (float(s.nominal or 0),), low=(low,), high=(high,), unit=s.unit, meaning=s.meaning)
         for s in parameters
         if s.bounded
         for low, high in (s.interval,)

@@ -23,16 +23,7 @@ from hgogen.guarantees.signed import Signed
 from hgogen.method import Method, OnErrors
 from hgogen.observer import Observer, parameter_fields
 from hgogen.part import Clock, Guards, Pieces, Prefer
-from hgogen.program import (
-    INF,
-    Bit,
-    Field,
-    Group,
-    Program,
-    Section,
-    in_capitals,
-    places,
-)
+from hgogen.program import INF, Bit, Field, Group, Program, Section, in_capitals, places
 from hgogen.reading.given import among
 from hgogen.reading.time_unit import of_time, plural
 from hgogen.signal import Signal

@@ -69,11 +69,7 @@ def scaled(K: Sequence[float] | np.ndarray, level: Graph) -> Graph:
 
 
 def moving_gain(
-    chain: Integrators,
-    w: Field,
-    K: np.ndarray,
-    level: Field,
-    law: Callable[[Graph], Graph] = lambda e: ca.SX(1, 1),
+    chain: Integrators, w: Field, K: np.ndarray, level: Field, law: Callable[[Graph], Graph] = lambda e: ca.SX(1, 1)
 ) -> Ode:
     """The observer with i(e) = e whose gain is the field `level`, l' = law(e); by default a jump moves it."""
 

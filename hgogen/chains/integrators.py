@@ -53,11 +53,6 @@ class Integrators:
         """Number of states."""
         return self.form.n
 
-    @property
-    def sizes(self) -> tuple[int, ...]:
-        """Length of each chain."""
-        return tuple(map(len, self.gains))
-
     @cached_property
     def products(self) -> tuple[sp.Expr, ...]:
         """The products a_(i,1) .. a_(i,j) (n), which scale z to w."""
@@ -185,12 +180,12 @@ def rows(field: Field, name: str, wanted: Iterable[int], meaning: str) -> Field:
     )
 
 
-def integrators(observer: str, form: Form, *, several: bool = False) -> Integrators:
+def integrators(observer: str, form: Form) -> Integrators:
     """The form as chains of integrators, for the observer of that name; no a_i is 0 at the nominal parameters.
 
-    Raises: `BadGain` for a form that is none, or has `several` outputs where the observer takes one.
+    Raises: `BadGain` for a form that is none, or has several outputs.
     """
-    if len(form.output) > 1 and not several:
+    if len(form.output) > 1:
         raise BadGain(observer, f"takes one output, {form.system.name} has {len(form.output)}; use riccati")
     demand_linear_rows(observer, form)
     if form.jacobian is not None:

@@ -10,7 +10,7 @@ missing, M and B are those of `Ode.linear` without it. The core sets no limit to
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from itertools import product
+from itertools import chain, product
 
 import casadi as ca
 import numpy as np
@@ -55,15 +55,6 @@ class Matrices:
     Psi_1: Graph
 
 
-@dataclass(frozen=True, eq=False)
-class _Update:
-    """The step for one pattern of samples: its matrices as derived values, how `tune` has them, what `predict` does."""
-
-    derived: tuple[Field, ...]
-    tune: Program
-    block: Block
-
-
 @dataclass(frozen=True)
 class Sampled:
     """A method by its `matrices`, of a core and a step length (s), and `numbers`: (Phi, Psi_0, Psi_1) (N, N) of h M;
@@ -91,8 +82,8 @@ class Sampled:
         named = Block("is there a sample?", {flag: clock.valid[j] > 0 for j, flag in enumerate(flags)})
         return Pieces(
             fields=part.fields,
-            derived=(*part.derived, *(item for update in updates.values() for item in update.derived)),
-            tune=(*part.tune, *(statement for update in updates.values() for statement in update.tune)),
+            derived=(*part.derived, *chain.from_iterable(update.derived for update in updates.values())),
+            tune=(*part.tune, *chain.from_iterable(update.tune for update in updates.values())),
             predict=(named, *_chosen(flags, (), updates)),
             uses_output=True,
         )
@@ -130,15 +121,16 @@ class Sampled:
         return Lengths()
 
 
-def _chosen(flags: list[Place], known: Pattern, updates: Mapping[Pattern, _Update]) -> Program:
+def _chosen(flags: list[Place], known: Pattern, updates: Mapping[Pattern, Pieces]) -> Program:
     """The update for the samples that are there."""
     if not flags:
-        return (updates[known].block,)
+        return updates[known].predict
     there, missing = (_chosen(flags[1:], (*known, value), updates) for value in (True, False))
     return (When(flags[0], there, missing),)
 
 
-def _update(method: Sampled, part: Ode, clock: Clock, seen: Pattern) -> _Update:
+def _update(method: Sampled, part: Ode, clock: Clock, seen: Pattern) -> Pieces:
+    """The step for one pattern of samples: its matrices as derived values, how `tune` has them, what `predict` does."""
     line = core(part, clock.outputs, tuple(map(float, seen)))
     assert line is not None
     (label, suffix), valid = _named(seen), ca.SX(ca.DM(list(map(float, seen))))
@@ -160,17 +152,18 @@ def _update(method: Sampled, part: Ode, clock: Clock, seen: Pattern) -> _Update:
     after = guess + held["Psi_1"] @ (rest(guess, 1.0) - start)[bent, :]
     nonempty = {name: matrix for name, matrix in matrices.items() if matrix.nnz()}
     stored = {Place("derived", f"{name}{label}"): ca.vertcat(*matrix.nonzeros()) for name, matrix in nonempty.items()}
-    return _Update(
+    step = Block(
+        f"{', '.join(field.name for field in part.fields)}: one step by {method.name}{suffix}",
+        {Place("state", name): piece for name, piece in _split(part, after).items()},
+        {f"guess_{name}": piece for name, piece in _split(part, guess).items()},
+    )
+    return Pieces(
         derived=tuple(
             Field(f"{name}{label}", (0.0,) * matrix.nnz(), meaning=f"{MEANINGS[name]}{suffix}, by columns")
             for name, matrix in nonempty.items()
         ),
         tune=(*whole.program, Block(f"the core over a step{suffix}", stored)),
-        block=Block(
-            f"{', '.join(field.name for field in part.fields)}: one step by {method.name}{suffix}",
-            {Place("state", name): piece for name, piece in _split(part, after).items()},
-            {f"guess_{name}": piece for name, piece in _split(part, guess).items()},
-        ),
+        predict=(step,),
     )
 
 

@@ -39,11 +39,7 @@ class Saturating(Ode):
         return dict(self.whole(values, u, y, valid))
 
 
-def saturating(
-    chain: Integrators,
-    fields: tuple[Field, ...],
-    lines: Lines,
-) -> Saturating:
+def saturating(chain: Integrators, fields: tuple[Field, ...], lines: Lines) -> Saturating:
     """The estimator field' = lines(values, y - o(u), valid, saturate, c): saturate(value, i) is clamped to the range of
     w_i, c(w) are the chain's nonlinear terms (n)."""
 

@@ -107,7 +107,12 @@ def advance(tableau: Tableau, rate: Callable[[Values, float], Values], start: Va
                 stage = {key: value + h * a * slope[key] for key, value in stage.items()}
         arguments.append(stage)
         slopes.append(dict(rate(stage, c)))
-    return Stages(_weighted(start, slopes, tableau.b, h), tuple(arguments), tuple(slopes))
+    result, ratios = {}, _ratios(tableau.b)
+    for key, value in start.items():  # z + h b_1 (k_1 + b_2/b_1 k_2 + ..): whole ratios cost no multiplication
+        each = zip(ratios, slopes, strict=True)
+        total = reduce(add, (slope[key] if ratio == 1 else ratio * slope[key] for ratio, slope in each))
+        result[key] = value + h * tableau.b[0] * total
+    return Stages(result, tuple(arguments), tuple(slopes))
 
 
 @dataclass(frozen=True)
@@ -125,16 +130,6 @@ def rounds(tableau: Tableau, h: float) -> Rounds:
     """The rounds of one step of length h: k = f(at, c), sum <- sum + share k, at <- z + ahead k; z+ = z + last sum."""
     ahead = (*(h * row[-1] for row in tableau.a[1:]), 0.0)
     return Rounds(tuple(tableau.c), tuple(_ratios(tableau.b)), ahead, h * tableau.b[0])
-
-
-def _weighted(start: Values, slopes: list[dict[str, Graph]], b: tuple[float, ...], h: float) -> dict[str, Graph]:
-    """z + h b_1 (k_1 + b_2/b_1 k_2 + ...): whole ratios cost no multiplication."""
-    result = {}
-    for key, value in start.items():
-        shares = zip(_ratios(b), slopes, strict=True)
-        total = reduce(add, (slope[key] if ratio == 1 else ratio * slope[key] for ratio, slope in shares))
-        result[key] = value + h * b[0] * total
-    return result
 
 
 def _ratios(b: tuple[float, ...]) -> list[float]:

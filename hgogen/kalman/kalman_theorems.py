@@ -95,12 +95,7 @@ HIGH_GAIN = Theorem(
 )
 DECAYING = Theorem(
     f"{_ANYWHERE}, for theta_0 large and the rate small enough",
-    (
-        *FORM,
-        *_BUILT,
-        _large("0 < rate <= lambda_0, and theta_0 large enough for that rate", "theorem"),
-        *_OPERATION,
-    ),
+    (*FORM, *_BUILT, _large("0 < rate <= lambda_0, and theta_0 large enough for that rate", "theorem"), *_OPERATION),
     "Busvelle, Parallel high-gain and non high-gain extended Kalman filters (slides), theorem",
 )
 ADAPTIVE = Theorem(
@@ -123,10 +118,7 @@ ADAPTIVE = Theorem(
 _MODIFIED = "R is not scaled, and Q_theta = theta^2 Delta^-1 Q Delta^-1"
 SCALED_AS = {  # by what theta scales
     "process": Hypothesis(
-        _MODIFIED,
-        verdict=Verdict.PROVED,
-        reason="by construction",
-        reference="the modified extended Kalman filter",
+        _MODIFIED, verdict=Verdict.PROVED, reason="by construction", reference="the modified extended Kalman filter"
     ),
     "both": Hypothesis(
         _MODIFIED,
@@ -144,10 +136,7 @@ _LATE = replace(
 )
 
 SMOOTHSTEP = Hypothesis(
-    "mu = 0 up to gamma_0, mu = 1 from gamma_1 on",
-    verdict=Verdict.PROVED,
-    reason="by its formula",
-    reference="(6)",
+    "mu = 0 up to gamma_0, mu = 1 from gamma_1 on", verdict=Verdict.PROVED, reason="by its formula", reference="(6)"
 )
 LOGISTIC = Hypothesis(
     "mu = 0 up to gamma_0, mu = 1 from gamma_1 on",

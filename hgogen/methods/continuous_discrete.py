@@ -12,22 +12,13 @@ Bierman's.
 """
 
 from dataclasses import dataclass
-from fractions import Fraction
 
 from hgogen.discretisation.lengths import Lengths
-from hgogen.discretisation.runge_kutta import RK4, Tableau
-from hgogen.guarantees.beside_stages import BesideStages
-from hgogen.guarantees.entering import Entering
-from hgogen.guarantees.inclusion import Inclusion, Uncertain
-from hgogen.guarantees.inequality import Inequality, stagewise
-from hgogen.guarantees.plant_step import PlantStep
 from hgogen.kalman.chosen import chosen
 from hgogen.kalman.factored import factored_lengths
 from hgogen.kalman.riccati_part import Riccati
-from hgogen.method import Explicit
-from hgogen.observer import Observer
-from hgogen.part import Clock, Ode, Pieces
-from hgogen.sentence import NONE, Reason
+from hgogen.method import Staged
+from hgogen.part import Clock, Pieces
 
 EQUATIONS = (
     "z <- z after classical Runge-Kutta of z' = f(z, u)",
@@ -38,36 +29,15 @@ EQUATIONS = (
 
 
 @dataclass(frozen=True)
-class ContinuousDiscrete:
+class ContinuousDiscrete(Staged):
     """P = L D L' of a Riccati observer by predict and correct; any other part by classical Runge-Kutta."""
 
     name: str = "continuous-discrete, L D L'"
     equations: tuple[str, ...] = EQUATIONS
-    prediction: Tableau = RK4
-
-    def obstacle(self, error: Inclusion) -> Reason:
-        """None, as of every tableau."""
-        return NONE
-
-    def error_step(self, h: Fraction, e: Uncertain) -> Inequality:
-        """Its stages."""
-        return stagewise(RK4, h, e)
-
-    def beside(self, plant: PlantStep, error: Inclusion, theta: Fraction) -> Entering:
-        """As classical Runge-Kutta."""
-        return BesideStages(plant, RK4).entering
-
-    def ode(self, part: Ode, clock: Clock) -> Pieces:
-        """The step of an ordinary differential equation by classical Runge-Kutta."""
-        return Explicit(RK4, "information").ode(part, clock)
 
     def riccati(self, part: Riccati, clock: Clock) -> Pieces:
         """Predict, then one scalar update for each output, as statements or as loops."""
         return chosen(part, clock)
-
-    def ode_lengths(self, part: Ode, observer: Observer, dt: float) -> Lengths:
-        """The step lengths that classical Runge-Kutta admits."""
-        return Explicit(RK4, "information").ode_lengths(part, observer, dt)
 
     def riccati_lengths(self, part: Riccati, dt: float) -> Lengths:
         """The step lengths that the closed loop of the filter admits."""

@@ -81,11 +81,7 @@ THEOREM = Theorem(
             reason="by its law, also where it slides along r = d",
             reference="assumption 3, (55)",
         ),
-        Hypothesis(
-            "gamma_inf is large enough",
-            (Claims("adaptive_lmi", "theta"),),
-            reference="in place of (56), (62)",
-        ),
+        Hypothesis("gamma_inf is large enough", (Claims("adaptive_lmi", "theta"),), reference="in place of (56), (62)"),
         Hypothesis(
             "the L2 gain from the declared disturbance to the error in w is at most mu",
             (Claims("adaptive_lmi", "attenuation"),),
@@ -184,10 +180,7 @@ def adaptive_lmi(
             f"P = {tuple(map(tuple, reals('P', P).tolist()))}",
         ),
         reference=REFERENCE,
-        claims=lambda: (
-            *known,
-            *moving_checks("adaptive_lmi", chain, design.K, moves, numbers(design, guarantees)),
-        ),
+        claims=lambda: (*known, *moving_checks("adaptive_lmi", chain, design.K, moves, numbers(design, guarantees))),
         accepted=accept,
         traces=("gamma",),
     )

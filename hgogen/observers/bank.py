@@ -34,10 +34,7 @@ _NONE = (
     "time that it takes to settle"
 )
 HYSTERESIS = {"window": 0.6, "newest": 1.0}
-RULES = {
-    "window": "smallest innovation over a window",
-    "newest": "smallest output error of the newest sample",
-}
+RULES = {"window": "smallest innovation over a window", "newest": "smallest output error of the newest sample"}
 SELECTED = Hypothesis(
     "the selected member's estimate has converged",
     verdict=Verdict.UNKNOWN,

@@ -42,12 +42,7 @@ EQUATIONS = (
 )
 THEOREM = Theorem(
     "the estimate converges exponentially from any initial state",
-    (
-        *FORM,
-        HURWITZ,
-        large_theta("circle_criterion"),
-        *OPERATION,
-    ),
+    (*FORM, HURWITZ, large_theta("circle_criterion"), *OPERATION),
     REFERENCE,
 )
 

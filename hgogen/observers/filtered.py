@@ -96,10 +96,7 @@ def filtered(
     n, level = chain.n, sym("gain", "theta")
     a, b = positive("alpha", alpha), positive("beta", beta)
     L = _gains(poles, gains, n, a, b)
-    fields = (
-        chain.field(initial, high.initial[0]),
-        Field("eta", (0.0,) * n, meaning="filtered output injection"),
-    )
+    fields = (chain.field(initial, high.initial[0]), Field("eta", (0.0,) * n, meaning="filtered output injection"))
 
     def linear(values: Mapping[str, Graph], y: Graph, valid: Graph) -> dict[str, Graph]:
         w, eta = values["w"], values["eta"]

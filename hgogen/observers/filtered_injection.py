@@ -63,10 +63,7 @@ def _starting(scale: Scale) -> Gains:
 
 
 @starts(
-    "you have a filter of your own for the injection",
-    "F, G, H, N; its core must be Hurwitz",
-    "n + filter",
-    _starting,
+    "you have a filter of your own for the injection", "F, G, H, N; its core must be Hurwitz", "n + filter", _starting
 )
 def filtered_injection(
     form: Form,

@@ -43,11 +43,7 @@ REFERENCE = (
     "Alessandri, On Hamilton-Jacobi approaches to state reconstruction for dynamic systems, "
     "Mathematical Problems in Engineering (2020), (18)"
 )
-EQUATIONS = (
-    "xhat' = f + Pi^-1 h_x' R (y - h)",
-    "Pi' = -Pi f_x - f_x' Pi - Pi Q^-1 Pi + h_x' R h_x",
-    "P = Pi^-1",
-)
+EQUATIONS = ("xhat' = f + Pi^-1 h_x' R (y - h)", "Pi' = -Pi f_x - f_x' Pi - Pi Q^-1 Pi + h_x' R h_x", "P = Pi^-1")
 CURVED = (*EQUATIONS[:1], f"{EQUATIONS[1]} - s sum_j R_j (y_j - h_j) d2h_j", EQUATIONS[2])
 THEOREM = KALMAN.under(
     Hypothesis(
@@ -69,10 +65,7 @@ def _starting(scale: Scale) -> Gains:
 
 
 @starts(
-    "you think in weights of a cost",
-    "as `riccati`, with the output's curvature if you want it",
-    "n(n+3)/2",
-    _starting,
+    "you think in weights of a cost", "as `riccati`, with the output's curvature if you want it", "n(n+3)/2", _starting
 )
 def hamilton_jacobi(
     form: Form,

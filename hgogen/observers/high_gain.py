@@ -46,12 +46,7 @@ _WHOLE = "z' = A z + b(sat z, u) + (theta^(p(i) - p(k) + 1) K_ik) (y - C z), p(i
 _ORIGINAL = "z' = f(sat z, u) + (dPhi/dx)^-1 diag(theta, .., theta^n) K (y - h(z, u)), Phi = (h, L h, .., L^(n-1) h)"
 THEOREM = Theorem(
     "the estimate converges exponentially from any initial state",
-    (
-        *FORM,
-        HURWITZ,
-        large_theta("high_gain"),
-        *OPERATION,
-    ),
+    (*FORM, HURWITZ, large_theta("high_gain"), *OPERATION),
     REFERENCE,
 )
 DRIVEN = Hypothesis(

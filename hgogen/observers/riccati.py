@@ -97,12 +97,7 @@ def riccati(
         claims=lambda: (*form.checks, *evaluated(form), *clamped("riccati", form), convergence),
         accepted=accept,
         theorem=LINEAR if proved else of_form(theta.theorem, form, definite=is_definite(filter.part.nominal[0])),
-        equations=(
-            *EQUATIONS,
-            noise_equation(form, theta.scaled),
-            theta.law(form.system.time),
-            *filter.equations,
-        ),
+        equations=(*EQUATIONS, noise_equation(form, theta.scaled), theta.law(form.system.time), *filter.equations),
         reference=REFERENCE,
         traces=theta.traces,
     )

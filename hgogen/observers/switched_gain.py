@@ -70,12 +70,7 @@ def _starting(scale: Scale) -> Gains:
     return scale.high | {"theta": max(scale.theta, 2 * low), "theta_low": low, "threshold": threshold, "hold": hold}
 
 
-@starts(
-    "it should settle fast and then be quiet",
-    "a threshold above the noise",
-    "n + 1",
-    _starting,
-)
+@starts("it should settle fast and then be quiet", "a threshold above the noise", "n + 1", _starting)
 def switched_gain(
     form: Form,
     *,

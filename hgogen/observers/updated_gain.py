@@ -99,12 +99,7 @@ def _starting(scale: Scale) -> Gains:
     return {"p_1": 0.15, "p_2": least, "p_3": 6, "cap": cap, "poles": scale.poles, "b": scale.n / 2}
 
 
-@starts(
-    "the model is steep in places only",
-    "three numbers, and their inequality",
-    "n + 1",
-    _starting,
-)
+@starts("the model is steep in places only", "three numbers, and their inequality", "n + 1", _starting)
 def updated_gain(
     form: Form,
     *,

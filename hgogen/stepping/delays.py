@@ -98,10 +98,7 @@ def _delayed(observer: Observer, *, late: tuple[tuple[str, int], ...]) -> Observ
     says = ", ".join(f"{name} up to {most}" for name, most in late)
     line = f"samples come late, of {says} periods: fused in the period in which they were taken, then run to now again"
     return replace(
-        observer,
-        theorem=observer.theorem.under(IN_TIME),
-        equations=(*observer.equations, line),
-        delays=late,
+        observer, theorem=observer.theorem.under(IN_TIME), equations=(*observer.equations, line), delays=late
     )
 
 

@@ -29,14 +29,8 @@ STRUCTS = ("state", "input", "output", "plant", "gain", "derived", "work")  # ot
 SIGNALS = ("u", "y", "y_valid")  # fields of the state that remember signals, not estimates
 
 SIGNAL_BITS: dict[str, tuple[str, str]] = {
-    "MISSING": (
-        "{} is not finite, or beyond 3e38: predicted only",
-        "none; watch for a sensor that stays silent",
-    ),
-    "REJECTED": (
-        "{} is implausible, {beyond}: predicted only",
-        "check the sensor and the declared range",
-    ),
+    "MISSING": ("{} is not finite, or beyond 3e38: predicted only", "none; watch for a sensor that stays silent"),
+    "REJECTED": ("{} is implausible, {beyond}: predicted only", "check the sensor and the declared range"),
     "LATE": (
         "the sample of {} was taken in a period before this one: not used",
         "none if rare; a sensor that is always late is one for hg.delayed",
@@ -64,10 +58,7 @@ SIGNAL_BITS: dict[str, tuple[str, str]] = {
         "derivatives has none: 0 was used",
         "none if brief; if it stays, the estimate is driven by an old rate",
     ),
-    "CLAMPED": (
-        "{} was clamped to its range",
-        "the proofs hold on the range only; widen it or limit the input",
-    ),
+    "CLAMPED": ("{} was clamped to its range", "the proofs hold on the range only; widen it or limit the input"),
 }
 OR_LOWER = "{or_lower}"  # where `or_lower` stands in what a bit asks of the caller
 STEP_BITS: dict[str, tuple[str, str]] = {
@@ -271,11 +262,7 @@ def measure(observer: Observer, clock: Clock, j: int) -> Program:
     error = raw - observer.dynamics.output(observer.z, clock.u_now)[j]
     valid, status = _judged(signal, readings(observer.form)[j], raw, error)
     status |= undefined_bits
-    values = {
-        Place("work", "e"): error,
-        Place("work", "output_error"): error,
-        Place("work", "valid"): valid,
-    }
+    values = {Place("work", "e"): error, Place("work", "output_error"): error, Place("work", "valid"): valid}
     return (measurement, Block(f"guard the measurement of {signal}", {**values, **status}))
 
 
@@ -304,11 +291,7 @@ def guard_outputs(observer: Observer, clock: Clock) -> Block:
 
 
 def guard_state(
-    program: Program,
-    state: tuple[Field, ...],
-    others: Program = (),
-    before: Program = (),
-    keep: Program = (),
+    program: Program, state: tuple[Field, ...], others: Program = (), before: Program = (), keep: Program = ()
 ) -> Program:
     """Keep what a program wrote to the state in its box; if one of its values is lost, all of the state's restart, by
     `others` those that it writes, and what else there is. Of values that are in their boxes, as nearly always, nothing

@@ -94,20 +94,22 @@ class Moved:
                 return replace(statement, columns=columns, arguments=arguments, result=result)
 
 
+_PROGRAMS = ("tune", "predict", "adapt", "project")
+_IN_ORDER = ("fields", "groups", "derived", "bits", "inner", *_PROGRAMS)
+
+
 def renamed(pieces: Pieces, name: Callable[[str], str], places: Mapping[Place, Graph]) -> Pieces:
     """The pieces with other names for their fields and groups; `places` as in `Moved`, for what else they read."""
     fields = {Place("state", field.name): Place("state", name(field.name)) for field in pieces.fields}
     moved = Moved({**places, **fields}, {group.name: name(group.name) for group in pieces.groups})
+    programs: dict[str, Any] = {name: moved.program(getattr(pieces, name)) for name in _PROGRAMS}
     return replace(
         pieces,
         fields=tuple(replace(field, name=name(field.name)) for field in pieces.fields),
         groups=tuple(replace(group, name=name(group.name)) for group in pieces.groups),
-        tune=moved.program(pieces.tune),
-        predict=moved.program(pieces.predict),
         update=tuple(map(moved.program, pieces.update)),
-        adapt=moved.program(pieces.adapt),
-        project=moved.program(pieces.project),
         covariance=None if pieces.covariance is None else moved.values(pieces.covariance)[0],
+        **programs,
     )
 
 
@@ -115,25 +117,14 @@ def joined(pieces: Iterable[Pieces]) -> Pieces:
     """Parts one after the other as one."""
     pieces = tuple(pieces)
     correcting = [piece for piece in pieces if piece.update]
-
-    def every(part: Callable[[Pieces], tuple[Any, ...]]) -> tuple[Any, ...]:
-        return tuple(item for piece in pieces for item in part(piece))
-
     outputs = range(len(correcting[0].update) if correcting else 0)
+    every: dict[str, Any] = {n: tuple(item for piece in pieces for item in getattr(piece, n)) for n in _IN_ORDER}
     return Pieces(
-        fields=every(lambda piece: piece.fields),
-        groups=every(lambda piece: piece.groups),
-        derived=every(lambda piece: piece.derived),
-        bits=every(lambda piece: piece.bits),
-        tune=every(lambda piece: piece.tune),
-        predict=every(lambda piece: piece.predict),
+        **every,
         update=tuple(tuple(s for piece in correcting for s in piece.update[j]) for j in outputs),
-        adapt=every(lambda piece: piece.adapt),
-        inner=every(lambda piece: piece.inner),
         uses_output=any(piece.uses_output for piece in pieces),
         rule=next((piece.rule for piece in pieces if piece.rule), ""),
         covariance=next((piece.covariance for piece in pieces if piece.covariance is not None), None),
-        project=every(lambda piece: piece.project),
     )
 
 
