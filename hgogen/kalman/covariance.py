@@ -34,31 +34,35 @@ def lower(n: int, first: int = 0) -> list[tuple[int, int]]:
     return [(i, j) for j in range(n) for i in range(j + first, n)]
 
 
-def pack(matrix: Graph) -> Graph:
-    """The lower triangle of a symmetric SX matrix, column by column (n (n + 1)/2)."""
-    return ca.vertcat(*(matrix[i, j] for i, j in lower(matrix.shape[0])))
+def pack(matrix: Graph, first: int = 0) -> Graph:
+    """The lower triangle of an SX matrix, column by column, as `lower` has its places."""
+    return column(matrix[i, j] for i, j in lower(matrix.shape[0], first))
 
 
 def unpack(packed: Graph, n: int) -> Graph:
     """The symmetric SX matrix (n, n) of its packed lower triangle."""
-    matrix = ca.SX(n, n)
-    for k, (i, j) in enumerate(lower(n)):
-        matrix[i, j] = matrix[j, i] = packed[k]
-    return matrix
+    matrix = unpack_lower(packed, n)
+    return ca.tril(matrix) + ca.tril(matrix, False).T
 
 
-def unit_lower(packed: Graph, n: int) -> Graph:
-    """The unit lower triangular SX matrix (n, n) of its packed strict lower triangle (n (n - 1)/2)."""
-    matrix = ca.SX.eye(n)
-    for k, (i, j) in enumerate(lower(n, 1)):
+def unpack_lower(packed: Graph, n: int, first: int = 0) -> Graph:
+    """The lower triangular SX matrix (n, n) of its packed triangle; of a strict one the diagonal is 1."""
+    matrix = ca.SX.eye(n) if first else ca.SX(n, n)
+    for k, (i, j) in enumerate(lower(n, first)):
         matrix[i, j] = packed[k]
     return matrix
 
 
-def pack_unit_lower(matrix: Graph) -> Graph:
-    """The strict lower triangle of an SX matrix, column by column (n (n - 1)/2)."""
-    n = matrix.shape[0]
-    return ca.vertcat(*(matrix[i, j] for i, j in lower(n, 1))) if n > 1 else ca.SX(0, 1)
+Ends = tuple[float, ...]
+
+
+def packed_triangle(
+    name: str, matrix: np.ndarray, meaning: str, first: int = 0, low: Ends = (), high: Ends = ()
+) -> Field:
+    """The field of a packed lower triangle, which begins with that of the matrix; `low`, `high`: its box."""
+    pairs = lower(len(matrix), first)
+    start, entries = tuple(float(matrix[i, j]) for i, j in pairs), tuple((i + 1, j + 1) for i, j in pairs)
+    return Field(name, start, entries=entries, meaning=f"{meaning} by columns", low=low, high=high)
 
 
 def factor(matrix: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -90,7 +94,7 @@ def information_ode(part: Riccati) -> Ode:
         return {part.z.name: part.flow(z, u, y, valid) + correction, "S": pack(slope)}
 
     start = np.linalg.inv(part.covariance)
-    return Ode((part.z, _symmetric("S", start, "inverse covariance")), rate)
+    return Ode((part.z, packed_triangle("S", start, "inverse covariance, lower triangle")), rate)
 
 
 def covariance_ode(part: Riccati) -> Ode:
@@ -105,7 +109,7 @@ def covariance_ode(part: Riccati) -> Ode:
         slope += part.rho * (P - P @ ca.diag(ca.SX(ca.DM(1 / part.cap))) @ P)
         return {part.z.name: part.flow(z, u, y, valid) + gain @ error, "P": pack(slope)}
 
-    return Ode((part.z, _symmetric("P", part.covariance, "covariance")), rate)
+    return Ode((part.z, packed_triangle("P", part.covariance, "covariance, lower triangle")), rate)
 
 
 def covariance_of_view(part: Riccati, view: str) -> Graph:
@@ -122,15 +126,6 @@ def _along(part: Riccati, z: Graph, u: Graph, y: Graph, valid: Graph) -> tuple[G
     theta, outputs = part.theta.value, part.dynamics.outputs
     weights = ca.vertcat(*(part.scaling.weight(part.R[j], theta, j) for j in range(outputs)))
     return F, C, valid * weights, y - part.dynamics.output(z, u)
-
-
-def _symmetric(name: str, start: np.ndarray, meaning: str) -> Field:
-    return Field(
-        name,
-        tuple(float(start[i, j]) for i, j in lower(len(start))),
-        entries=tuple((i + 1, j + 1) for i, j in lower(len(start))),
-        meaning=f"{meaning}, lower triangle by columns",
-    )
 
 
 def pivots(S: Graph) -> tuple[Graph, list[Graph]]:

@@ -28,10 +28,11 @@ from hgogen.kalman.covariance import (
     factor,
     lower,
     measurement_update,
-    pack_unit_lower,
+    pack,
+    packed_triangle,
     prior_status,
     time_update,
-    unit_lower,
+    unpack_lower,
 )
 from hgogen.kalman.riccati_part import Riccati
 from hgogen.part import Clock, Pieces
@@ -217,28 +218,21 @@ def unrolled(part: Riccati, clock: Clock) -> Pieces:
 def _factors(part: Riccati, clock: Clock) -> tuple[Field, ...]:
     n, deviation = part.dynamics.n, np.sqrt(part.cap)
     start, values = factor(part.covariance)
-    pairs = lower(n, 1)
-    if not pairs:
+    if n == 1:
         return (diagonal(part, clock, values),)
-    L = Field(
-        "L",
-        tuple(float(start[i, j]) for i, j in pairs),
-        low=tuple(float(-LARGEST * deviation[i] / deviation[j]) for i, j in pairs),
-        high=tuple(float(LARGEST * deviation[i] / deviation[j]) for i, j in pairs),
-        entries=tuple((i + 1, j + 1) for i, j in pairs),
-        meaning="unit lower factor of P, strict lower triangle by columns",
-    )
+    ends = tuple(float(LARGEST * deviation[i] / deviation[j]) for i, j in lower(n, 1))
+    meaning = "unit lower factor of P, strict lower triangle"
+    L = packed_triangle("L", start, meaning, 1, low=tuple(-end for end in ends), high=ends)
     return (L, diagonal(part, clock, values))
 
 
 def _symbols(part: Riccati) -> tuple[Graph, Graph]:
     n = part.dynamics.n
-    L = unit_lower(sym("state", "L", n * (n - 1) // 2), n) if n > 1 else ca.SX.eye(1)
-    return L, sym("state", "D", n)
+    return unpack_lower(sym("state", "L", n * (n - 1) // 2), n, 1), sym("state", "D", n)
 
 
 def _written(L: Graph, d: Graph) -> dict[Place, Graph]:
-    written = {Place("state", "L"): ca.densify(pack_unit_lower(L))} if d.numel() > 1 else {}
+    written = {Place("state", "L"): ca.densify(pack(L, 1))} if d.numel() > 1 else {}
     return written | {Place("state", "D"): d}
 
 

@@ -16,11 +16,11 @@ import casadi as ca
 import numpy as np
 
 from hgogen.graph import Graph
-from hgogen.kalman.covariance import factor, lower, prior_status
+from hgogen.kalman.covariance import factor, lower, pack, packed_triangle, prior_status, unpack_lower
 from hgogen.kalman.factored import Moved, capped, common, entries, largest, smallest
 from hgogen.kalman.riccati_part import Riccati
 from hgogen.part import Clock, Pieces
-from hgogen.program import Block, Field, Place, Program, column, sym
+from hgogen.program import Block, Field, Place, Program, sym
 from hgogen.reading.given import BadGain
 
 RULE = "continuous-discrete, S S'"
@@ -87,28 +87,21 @@ def _root(part: Riccati, clock: Clock) -> Field:
     n, deviation = part.dynamics.n, np.sqrt(largest(part))
     start = np.linalg.cholesky(part.covariance)
     floor = np.sqrt(smallest(part, clock, factor(part.covariance)[1]))
-    return Field(
-        "root",
-        tuple(float(start[i, j]) for i, j in lower(n)),
-        low=tuple(float(floor[i] if i == j else -deviation[i]) for i, j in lower(n)),
-        high=tuple(float(deviation[i]) for i, j in lower(n)),
-        entries=tuple((i + 1, j + 1) for i, j in lower(n)),
-        meaning="S of the covariance P = S S', lower triangle by columns",
-    )
+    ends = [(floor[i] if i == j else -deviation[i], deviation[i]) for i, j in lower(n)]
+    low, high = (tuple(map(float, each)) for each in zip(*ends, strict=True))
+    meaning = "S of the covariance P = S S', lower triangle"
+    return packed_triangle("root", start, meaning, low=low, high=high)
 
 
 def symbols(part: Riccati) -> Graph:
     """S (n, n) as it stands in the state."""
     n = part.dynamics.n
-    packed, S = sym("state", "root", n * (n + 1) // 2), ca.SX(n, n)
-    for k, (i, j) in enumerate(lower(n)):
-        S[i, j] = packed[k]
-    return S
+    return unpack_lower(sym("state", "root", n * (n + 1) // 2), n)
 
 
 def written(S: Graph) -> dict[Place, Graph]:
     """What makes S (n, n) that of the state."""
-    return {Place("state", "root"): column(S[i, j] for i, j in lower(S.shape[0]))}
+    return {Place("state", "root"): pack(S)}
 
 
 def _predict(part: Riccati, clock: Clock) -> Block:
