@@ -14,10 +14,9 @@ from hgogen.chains.sampled import Sampled
 from hgogen.chains.transient import lengths
 from hgogen.discretisation import explicit_covariance
 from hgogen.discretisation.growth import polynomial
-from hgogen.discretisation.lengths import Lengths
 from hgogen.discretisation.routine import RATE, Values, routine
 from hgogen.discretisation.runge_kutta import RK4, Tableau, advance, rounds
-from hgogen.discretisation.stability import EVERYWHERE, Limit, core_limit, decay_limits, pace
+from hgogen.discretisation.stability import EVERYWHERE, Lengths, Limit, core_limit, decay_limits, pace
 from hgogen.errors import HgogenError
 from hgogen.graph import Graph
 from hgogen.guarantees.beside_core import BesideCore, Leaves

@@ -16,7 +16,7 @@ from typing import Annotated, Any
 
 import numpy as np
 
-from hgogen.discretisation.lengths import Lengths
+from hgogen.discretisation.stability import Lengths
 from hgogen.errors import BadArgument, HgogenError
 from hgogen.guarantees.bounded_theta import Nothing
 from hgogen.guarantees.signed import Signed

@@ -17,8 +17,7 @@ import numpy as np
 
 from hgogen.chains.core import Core, core
 from hgogen.chains.transient import first_unstable, lengths
-from hgogen.discretisation.lengths import Lengths
-from hgogen.discretisation.stability import Limit
+from hgogen.discretisation.stability import Lengths, Limit
 from hgogen.errors import BadArgument
 from hgogen.graph import Graph
 from hgogen.kalman.riccati_part import Riccati

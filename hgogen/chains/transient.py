@@ -23,8 +23,7 @@ import numpy as np
 from hgogen.chains.frozen import Frozen, frozen
 from hgogen.discretisation.growth import BY_TRIAL, GROWTH, WIDER, continuous, growth, longest
 from hgogen.discretisation.kernels import balance
-from hgogen.discretisation.lengths import Lengths
-from hgogen.discretisation.stability import AXIS, Limit, pace
+from hgogen.discretisation.stability import AXIS, Lengths, Limit, pace
 from hgogen.observer import Observer
 from hgogen.part import Ode
 

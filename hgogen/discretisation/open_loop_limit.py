@@ -19,9 +19,8 @@ from functools import lru_cache
 
 import numpy as np
 
-from hgogen.discretisation.lengths import Lengths
 from hgogen.discretisation.runge_kutta import Tableau
-from hgogen.discretisation.stability import AXIS, spectral_limit
+from hgogen.discretisation.stability import AXIS, Lengths, spectral_limit
 
 Array = np.ndarray
 Slopes = Callable[[Array], Array]

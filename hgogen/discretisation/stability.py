@@ -20,7 +20,25 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hgogen.errors import HgogenError
+from hgogen.program import INF
 from hgogen.structure.scaling import Scaling
+
+
+@dataclass(frozen=True)
+class Lengths:
+    """Two step lengths, in the unit of the model's time.
+
+    Above `refused` a step is refused: `why` says what happens there, and `other` which method has no such limit. Up to
+    `take` a step is advised, and `basis` says how that is known. `rule`: by what the part goes, "" for the method.
+    """
+
+    refused: float = INF
+    take: float = INF
+    why: str = ""
+    other: str = ""
+    basis: str = ""
+    rule: str = ""
+
 
 AXIS = 1e-9  # for eig's rounding: |Re z| below which a unit z is imaginary, |z|/max below which it is 0
 

@@ -17,8 +17,8 @@ from typing import Any
 
 import casadi as ca
 
-from hgogen.discretisation.lengths import Lengths
 from hgogen.discretisation.runge_kutta import RK4
+from hgogen.discretisation.stability import Lengths
 from hgogen.graph import Graph
 from hgogen.kalman.covariance import covariance_ode, information_ode, pack, pivots, solve, unpack
 from hgogen.kalman.riccati_part import Around

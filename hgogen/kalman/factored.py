@@ -19,9 +19,9 @@ import casadi as ca
 import numpy as np
 
 from hgogen.discretisation.growth import BY_TRIAL
-from hgogen.discretisation.lengths import Lengths
 from hgogen.discretisation.routine import routine
 from hgogen.discretisation.runge_kutta import RK4, Stages, advance
+from hgogen.discretisation.stability import Lengths
 from hgogen.graph import Graph
 from hgogen.kalman.closed_loop import advised
 from hgogen.kalman.covariance import (

@@ -6,10 +6,9 @@ from typing import Protocol, TypeAlias, runtime_checkable
 
 import casadi as ca
 
-from hgogen.discretisation.lengths import Lengths
 from hgogen.discretisation.routine import routine
 from hgogen.discretisation.runge_kutta import Tableau, advance
-from hgogen.discretisation.stability import EVERYWHERE, decay_limits
+from hgogen.discretisation.stability import EVERYWHERE, Lengths, decay_limits
 from hgogen.errors import BadArgument, HgogenError
 from hgogen.graph import Graph
 from hgogen.part import Clock, Part, Pieces

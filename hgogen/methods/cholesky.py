@@ -11,8 +11,8 @@ covariance; its numbers span half the decades, for 2n square roots, and n (n + 1
 
 from dataclasses import dataclass
 
-from hgogen.discretisation.lengths import Lengths
 from hgogen.discretisation.runge_kutta import RK4, Tableau
+from hgogen.discretisation.stability import Lengths
 from hgogen.kalman.factored import factored_lengths
 from hgogen.kalman.riccati_part import Riccati
 from hgogen.kalman.square_root import RULE, square_root

@@ -13,7 +13,7 @@ Bierman's.
 
 from dataclasses import dataclass
 
-from hgogen.discretisation.lengths import Lengths
+from hgogen.discretisation.stability import Lengths
 from hgogen.kalman.chosen import chosen
 from hgogen.kalman.factored import factored_lengths
 from hgogen.kalman.riccati_part import Riccati

@@ -9,9 +9,9 @@ from typing import Literal
 import numpy as np
 
 from hgogen.chains.frozen import errors_at
-from hgogen.discretisation.lengths import Lengths
 from hgogen.discretisation.open_loop_limit import Ranges, open_loop_lengths
 from hgogen.discretisation.runge_kutta import RK4, Tableau
+from hgogen.discretisation.stability import Lengths
 from hgogen.errors import HgogenError
 from hgogen.kalman.covariance import covariance_ode, information_ode
 from hgogen.kalman.curvature import Curved, curved, curved_lengths

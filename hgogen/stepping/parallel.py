@@ -11,7 +11,7 @@ from typing import Any
 import casadi as ca
 
 from hgogen.chains.core import nominal, numbers
-from hgogen.discretisation.lengths import Lengths
+from hgogen.discretisation.stability import Lengths
 from hgogen.errors import HgogenError
 from hgogen.graph import Graph
 from hgogen.kalman.innovation import Innovation, staggered

@@ -7,7 +7,7 @@
 A notice tells of the estimate of this call: it stands at the end of the last section before which that still moves.
 """
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
@@ -20,19 +20,22 @@ from hgogen.program import (
     Block,
     Call,
     Field,
+    Loop,
     Place,
     Program,
+    Repeat,
     Section,
     Statement,
     When,
     address,
+    column,
     pruned,
     scalar,
     sym,
     walk,
 )
 from hgogen.signal import Signal, resting
-from hgogen.stepping import sensors, unguarded
+from hgogen.stepping import sensors
 from hgogen.stepping.guards import (
     boxed,
     guard_inputs,
@@ -139,7 +142,7 @@ class Assembly:
         for k, section in enumerate(sections):
             says = k == last or (self.rated and section.corrects)
             program = (*section.program, *notices) if says else section.program
-            program = program if self.clock.guarded else unguarded.silent(program)
+            program = program if self.clock.guarded else silent(program)
             finished.append(replace(section, program=pruned(program)))
         return tuple(finished)
 
@@ -199,7 +202,7 @@ class Assembly:
         law of recovery is evaluated here."""
         observer, clock = self.observer, self.clock
         follow = following_groups("state", self.whole.fields, self.whole.groups, observer.z)
-        taken, read = (guard_inputs, guard_outputs) if clock.guarded else (unguarded.inputs, unguarded.outputs)
+        taken, read = (guard_inputs, guard_outputs) if clock.guarded else (plain_inputs, plain_outputs)
         program: list[Statement] = [taken(observer)] if clock.inputs else []
         program += [read(observer, clock)] if self.uses_output else []
         program += [tick(observer.form.system.outputs, bool(self.adapt))] if self.rated else []
@@ -230,7 +233,7 @@ class Assembly:
         output = self.observer.form.system.outputs[j]
         program = self._guarded(self._correct(j), before=self.whole.predict)
         if not self.clock.guarded:
-            plain = (unguarded.sample(self.observer, self.clock, j), *program)
+            plain = (plain_sample(self.observer, self.clock, j), *program)
             return Section(f"update_{output}", f"correct with {output}", plain, output.name)
         valid = (*program, *((use(output),) if self.rated or output in self._ordered else ()))
         sample = {j: Sampled(sym("work", "measurement"), sym("work", "valid"), sym("work", "output_error"))}
@@ -255,3 +258,46 @@ class Assembly:
 def flat(tuples: Iterable[tuple[Any, ...]]) -> tuple[Any, ...]:
     """All entries of all tuples."""
     return tuple(item for items in tuples for item in items)
+
+
+# --- in the place of guards, in a step without: signals as they come, every sample used, and a status of 0 ------
+
+
+def plain_inputs(observer: Observer) -> Block:
+    """The input now."""
+    values = column(sym("input", signal.name) for signal in observer.form.system.inputs)
+    return Block("the input", {Place("work", "u"): values})
+
+
+def plain_outputs(observer: Observer, clock: Clock) -> Block:
+    """All samples at once for a part that integrates with the measurement: y now, y at the last call."""
+    now = column(sym("output", signal.name) for signal in observer.form.system.outputs)
+    return Block("the samples", {Place("work", "y"): now, Place("work", "y_last"): sym("state", "y", clock.outputs)})
+
+
+def plain_sample(observer: Observer, clock: Clock, j: int) -> Block:
+    """The sample of output j and its innovation."""
+    signal = observer.form.system.outputs[j]
+    raw = sym("output", signal.name)
+    error = raw - observer.dynamics.output(observer.z, clock.u_now)[j]
+    values = {"measurement": raw, "e": error}
+    return Block(f"the sample of {signal}", {Place("work", name): value for name, value in values.items()})
+
+
+def silent(program: Sequence[Statement]) -> Program:
+    """The program without what it says in the status, and without statements that do nothing else."""
+    return tuple(statement for each in program for statement in _silent(each))
+
+
+def _silent(statement: Statement) -> Program:
+    if isinstance(statement, Block):
+        writes = {place: value for place, value in statement.writes.items() if place.struct != "status"}
+        if len(writes) == len(statement.writes):
+            return (statement,)
+        return (replace(statement, writes=writes),) * bool(writes)
+    if isinstance(statement, When):
+        body, otherwise = silent(statement.body), silent(statement.otherwise)
+        return (replace(statement, body=body, otherwise=otherwise),) * bool(body or otherwise)
+    if isinstance(statement, Loop | Repeat):
+        return (replace(statement, body=body),) if (body := silent(statement.body)) else ()
+    return (statement,)

@@ -22,8 +22,8 @@ import casadi as ca
 import numpy as np
 
 from hgogen.calling.samples import Run, table
-from hgogen.discretisation.lengths import Lengths
 from hgogen.discretisation.runge_kutta import RK4, repeated
+from hgogen.discretisation.stability import Lengths
 from hgogen.errors import BadArgument
 from hgogen.graph import CVODES, Graph
 from hgogen.kalman.covariance import information_ode
