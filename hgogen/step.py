@@ -16,6 +16,7 @@ from typing import Annotated, Any
 
 import numpy as np
 
+from hgogen.algebra.threads import one_thread
 from hgogen.discretisation.stability import Lengths
 from hgogen.errors import BadArgument, HgogenError
 from hgogen.guarantees.bounded_theta import Nothing
@@ -305,25 +306,30 @@ def plan(
         _demand_room(system.name, certain_bits(system.outputs, system.inputs, dated))
     clock = Clock(float(dt), between, len(system.inputs), len(system.outputs), every, guards, prefer)
     _pieces(observer, method, clock)  # whose demands come before those of the step's length
-    lengths = _lengths(observer, method, float(dt))
+    _demand_length(observer, method, float(dt))
+    step = _assembled(observer, method, clock)
+    if every and not step.code.apart:
+        raise CannotUpdate(observer.name, step.code.rule)
+    return step
+
+
+def _demand_length(observer: Observer, method: Method, dt: float) -> None:
+    """Warn of a step length beyond what is advised. Raises: `StepTooLong` beyond what is refused."""
+    lengths, time = _lengths(observer, method, dt), observer.form.system.time
     tightest, advised = min(lengths, key=lambda each: each.refused), min(lengths, key=lambda each: each.take)
     proof = _CERTIFIED if _certifiable(observer, method) else ""
     if dt > tightest.refused:
         rule, take = tightest.rule or method.name, min(tightest.refused, advised.take)
         why = "; ".join(filter(None, (tightest.why, tightest.other)))
-        raise StepTooLong(dt, tightest.refused, take, rule, why, advised.basis, system.time, proof)
+        raise StepTooLong(dt, tightest.refused, take, rule, why, advised.basis, time, proof)
     if dt > advised.take:
-        rule, above = advised.rule or method.name, f"; above {_time(tightest.refused, system.time)} it is refused"
+        rule, above = advised.rule or method.name, f"; above {_time(tightest.refused, time)} it is refused"
         warnings.warn(
             f"dt = {dt:g} may fail in a part of the declared box by {rule}{above * (tightest.refused < INF)}; "
-            f"{_advice(advised.take, system.time, advised.basis)}{proof}",
+            f"{_advice(advised.take, time, advised.basis)}{proof}",
             StepMayFail,
-            stacklevel=3,
+            stacklevel=4,
         )
-    step = _assembled(observer, method, clock)
-    if every and not step.code.apart:
-        raise CannotUpdate(observer.name, step.code.rule)
-    return step
 
 
 def _certifiable(observer: Observer, method: Method) -> bool:
@@ -343,7 +349,8 @@ def _demand_plain(observer: Observer, every: tuple[int, ...]) -> None:
 
 @lru_cache(maxsize=_LAST)
 def _lengths(observer: Observer, method: Method, dt: float) -> tuple[Lengths, ...]:
-    return (Lengths(), *discretise.lengths(observer, method, dt))
+    with one_thread():
+        return (Lengths(), *discretise.lengths(observer, method, dt))
 
 
 @lru_cache(maxsize=_LAST)

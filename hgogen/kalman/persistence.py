@@ -111,6 +111,18 @@ def _judged(answer: Callable[..., Check], form: Form, waveforms: Mapping[str, sp
         constants = {u: e for u, e in (waveforms or {}).items() if u in {x.name for x in read}}
         known = answer(Verdict.UNKNOWN, doubt) if doubt else _constant(answer, form, A, C)
         return replace(known if waveforms else if_valued(known, form.system), proofs=(Persistent(constants),))
+    return _periodic(answer, form, waveforms, A, C, period)
+
+
+def _periodic(
+    answer: Callable[..., Check],
+    form: Form,
+    waveforms: Mapping[str, sp.Expr],
+    A: sp.Matrix,
+    C: sp.Matrix,
+    period: Any,
+) -> Check:
+    """The check for inputs that vary, with A(t) and C(t). Raises: `TooLarge`."""
     if period is None:
         reason = because("the input varies, and no period is given")
         return answer(Verdict.UNKNOWN, reason, f"Give its period. {_EXACTLY}")
