@@ -2,7 +2,7 @@
 be."""
 
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from fractions import Fraction
 from typing import Literal, Protocol, runtime_checkable
 
@@ -140,6 +140,7 @@ class Staged:
     """What moves a differential equation, and the model while samples are missing, by the stages of a tableau."""
 
     prediction: Tableau = RK4
+    exact = False  # every eigenvalue of the core limits the step
 
     def obstacle(self, error: Inclusion) -> Reason:
         """None: whatever the error obeys, the stages read it."""
@@ -162,11 +163,6 @@ class Staged:
         name = self.prediction.name
         why = f"beyond it the linear error core leaves the stability region of {name}"
         return lengths(part, observer, dt, self, Limit(paced(part, observer, self.prediction), why), name)
-
-    @property
-    def exact(self) -> bool:
-        """Every eigenvalue of the core limits the step."""
-        return False
 
     def transition(self, core: np.ndarray, M: np.ndarray, h: float) -> np.ndarray:
         """R(h M) (k, N, N), R the stability polynomial."""
@@ -259,11 +255,10 @@ class Explicit(Staged):
         views = {"information": information_ode, "covariance": covariance_ode}
         pieces = self.step(views[self.view](part), clock)
         forgets = part.forgetting is not None
-        return Pieces(
-            fields=pieces.fields,
+        return replace(
+            pieces,
             bits=(part.limited,) if forgets else (),
             predict=(*pieces.predict, prior_status_of_view(part, self.view)) if forgets else pieces.predict,
-            uses_output=True,
             rule=self.name,
             covariance=covariance_of_view(part, self.view),
         )

@@ -63,6 +63,8 @@ class Sampled:
     matrices: Callable[[Core, float], Matrices]
     numbers: Callable[[np.ndarray, float], tuple[np.ndarray, np.ndarray, np.ndarray]]
     equations: tuple[str, ...]
+    exact = True  # the core is realised, not integrated
+    prediction = None
 
     def ode(self, part: Ode, clock: Clock) -> Pieces:
         """One step of every field of the part at once.
@@ -90,16 +92,6 @@ class Sampled:
     def ode_lengths(self, part: Ode, observer: Observer, dt: float) -> Lengths:
         """The step lengths of the nonlinear rest: the core sets no limit."""
         return lengths(part, observer, dt, self, Limit(INF, ""))
-
-    @property
-    def prediction(self) -> None:
-        """None: the core is realised."""
-        return None
-
-    @property
-    def exact(self) -> bool:
-        """The core is realised, not integrated."""
-        return True
 
     def transition(self, core: np.ndarray, M: np.ndarray, h: float) -> np.ndarray:
         """a = (Phi + Psi_0 J) e, e+ = a + Psi_1 J (a - e), J = M - core the rest's slope (k, N, N)."""

@@ -11,15 +11,16 @@ from hgogen.form import Form
 from hgogen.kalman.covariance import factor
 from hgogen.kalman.riccati_part import Riccati
 from hgogen.kalman.theta import Theta, constant
-from hgogen.kalman.weights import cap, limited, positive, reached_by, spd, wide
+from hgogen.kalman.weights import cap, positive, reached_by, spd, wide
 from hgogen.observer import state_field
-from hgogen.program import Field, sym
+from hgogen.program import Bit, Field, sym
 from hgogen.reading.named import Matrix, Values, names_of, of_coordinates, of_outputs, whole
 from hgogen.structure.dynamics import Dynamics
 from hgogen.structure.jacobians import jacobians_on_box
 from hgogen.structure.scaling import scaling
 
-LIMITED = limited(
+LIMITED = Bit(
+    "COVARIANCE_LIMITED",
     "the covariance reached its cap: a long loss of measurements, or Q and R much too large for the declared ranges",
     "wait for measurements; if it stays while they come, scale Q and R down together",
 )

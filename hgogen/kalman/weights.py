@@ -12,7 +12,7 @@ from hgogen.algebra import definite
 from hgogen.algebra.definite import symmetric, unsymmetric
 from hgogen.discretisation.stability import steady_covariance
 from hgogen.observer import gain
-from hgogen.program import Bit, Field
+from hgogen.program import Field
 from hgogen.reading.given import BadGain, reals
 from hgogen.signal import LOST
 from hgogen.structure.dynamics import HUGE, Dynamics
@@ -43,11 +43,6 @@ def cap(
     steady = np.diagonal(steady_covariance(F, C, noise, np.array(variances), peak, scaling), axis1=1, axis2=2)
     largest = np.where(np.isfinite(steady), steady, 0.0).max(axis=0)
     return np.asarray(np.minimum(np.maximum.reduce([cap, 100 * largest, 4 * np.diag(start)]), LOST))
-
-
-def limited(meaning: str, action: str) -> Bit:
-    """The bit of a covariance at its cap, in the words of the observer."""
-    return Bit("COVARIANCE_LIMITED", meaning, action)
 
 
 def spd(name: str, value: Any, n: int, reaches: Callable[[np.ndarray], bool] | None = None) -> np.ndarray:

@@ -26,10 +26,10 @@ from hgogen.kalman.curvature import Curved
 from hgogen.kalman.kalman_theorems import KALMAN, OTHER_COORDINATES
 from hgogen.kalman.riccati_part import Riccati
 from hgogen.kalman.theta import constant
-from hgogen.kalman.weights import cap, limited, positive, spd, wide
+from hgogen.kalman.weights import cap, positive, spd, wide
 from hgogen.observer import Observer, founded, gain, state_field
 from hgogen.part import Jump, Pieces
-from hgogen.program import Block, Field, Place, sym
+from hgogen.program import Bit, Block, Field, Place, sym
 from hgogen.reading.given import BadGain, real
 from hgogen.reading.named import Matrix, Values, names_of, of_coordinates, of_outputs, whole
 from hgogen.sentence import because
@@ -53,7 +53,8 @@ THEOREM = KALMAN.under(
     )
 )
 
-LIMITED = limited(
+LIMITED = Bit(
+    "COVARIANCE_LIMITED",
     "P = Pi^-1 reached its cap: a long loss of measurements, or weights much too small for the declared ranges",
     "wait for measurements; if it stays while they come, scale the weights Q and R up together",
 )

@@ -48,9 +48,9 @@ from hgogen.kalman.least_shown import least_shown
 from hgogen.kalman.persistence import persistent, seconds
 from hgogen.kalman.riccati_part import Riccati
 from hgogen.kalman.theta import constant
-from hgogen.kalman.weights import limited, positive, spd, wide
+from hgogen.kalman.weights import positive, spd, wide
 from hgogen.observer import Observer, founded, gain, state_field
-from hgogen.program import sym
+from hgogen.program import Bit, sym
 from hgogen.reading.given import BadGain
 from hgogen.reading.given import positive as above_zero
 from hgogen.reading.named import Matrix, Values, names_of, of_coordinates, of_outputs
@@ -92,7 +92,8 @@ THEOREM = Theorem(
     REFERENCE,
 )
 
-LIMITED = limited(
+LIMITED = Bit(
+    "COVARIANCE_LIMITED",
     "the sum of P_ii S_0ii is above 1/2, and s may be 1 or more: samples are missing, or the input shows too little",
     "wait for samples, excite the plant; if it stays while the input varies, lower rho, or scale R down",
 )
