@@ -281,8 +281,7 @@ class CallableStep(Step):
 
     def __copy__(self) -> "CallableStep":
         """A step of the same program with a memory of its own, which goes on from the state of this one."""
-        other = CallableStep(**{f.name: getattr(self, f.name) for f in fields(self) if f.init})
-        return other._resumed(*self._memory)
+        return replace(self)._resumed(*self._memory)
 
     def __deepcopy__(self, memo: Any) -> "CallableStep":
         return copy(self)

@@ -24,7 +24,7 @@ from hgogen.check import Refuted, UnknownCheck, Verdict
 from hgogen.emit.cost import cost
 from hgogen.forms.uniform_chain import NoUniformChain
 from hgogen.guarantees.bounded_theta import nothing
-from hgogen.kalman.predictor import BadWindow, BadWindowSize
+from hgogen.kalman.innovation import BadWindow, BadWindowSize
 from hgogen.kalman.theta import rise
 from hgogen.model import load
 from hgogen.part import Clock

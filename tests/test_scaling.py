@@ -15,7 +15,7 @@ import hgogen as hg
 from hgogen.discretisation.explicit_covariance import covariance_limits
 from hgogen.discretisation.runge_kutta import RK4
 from hgogen.discretisation.stability import Limit, steady_covariance
-from hgogen.kalman.predictor import BadWindowSize
+from hgogen.kalman.innovation import BadWindowSize
 from hgogen.model import load
 from hgogen.reading.given import BadGain
 from hgogen.structure.scaling import SCALED, Scaling

@@ -17,8 +17,7 @@ from threadpoolctl import ThreadpoolController
 
 import hgogen as hg
 from hgogen.certificates.contraction import Admitted
-from hgogen.chains.frozen import frozen
-from hgogen.chains.transient import advised, first_unstable, stable
+from hgogen.chains.transient import advised, first_unstable, frozen, stable
 from hgogen.commands.checked import checked
 from hgogen.discretisation.growth import growth, polynomial
 from hgogen.discretisation.runge_kutta import EULER, RK4

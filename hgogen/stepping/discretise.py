@@ -8,7 +8,7 @@ from typing import Literal
 
 import numpy as np
 
-from hgogen.chains.frozen import errors_at
+from hgogen.chains.transient import errors_at
 from hgogen.discretisation.open_loop_limit import Ranges, open_loop_lengths
 from hgogen.discretisation.runge_kutta import RK4, Tableau
 from hgogen.discretisation.stability import Lengths
@@ -16,7 +16,7 @@ from hgogen.errors import HgogenError
 from hgogen.kalman.covariance import covariance_ode, information_ode
 from hgogen.kalman.curvature import Curved, curved, curved_lengths
 from hgogen.kalman.factored import factored_lengths
-from hgogen.kalman.predictor import Predictors
+from hgogen.kalman.innovation import Predictors
 from hgogen.kalman.riccati_part import AtSamples, Riccati
 from hgogen.method import Method
 from hgogen.observer import Observer

@@ -27,7 +27,7 @@ from hgogen.discretisation.stability import Lengths
 from hgogen.errors import BadArgument
 from hgogen.graph import CVODES, Graph
 from hgogen.kalman.covariance import information_ode
-from hgogen.kalman.predictor import Predictors
+from hgogen.kalman.innovation import Predictors
 from hgogen.kalman.riccati_part import Riccati
 from hgogen.kalman.theta import Decaying
 from hgogen.observer import Observer
