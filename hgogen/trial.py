@@ -425,8 +425,8 @@ def _outside(plant: System, trial: Trial) -> Iterator[str]:
     """Jumps out of what the plant declares of its states: no observer is made for them."""
     states = {s.name: s for s in plant.states}
     for jump in trial.jumps:
-        low, high = states[jump.state].low, states[jump.state].high
-        if (low is not None and jump.value < low) or (high is not None and jump.value > high):
+        low, high = states[jump.state].interval
+        if not low <= jump.value <= high:
             yield f"{jump} leaves the range {low}..{high} of {jump.state}; declare a wider one, or jump less far"
 
 

@@ -335,7 +335,7 @@ def _gridded(
     timed = np.flatnonzero(np.isfinite(stamps))
     ordered = timed[np.argsort(stamps[timed], kind="stable")]
     times = stamps[ordered]
-    distinct = np.unique(times)
+    distinct = times[np.diff(times, prepend=-np.inf) > 0]
     steps = np.diff(distinct)
     period = _typical(distinct) or step or 0.0
     dt = step or period
@@ -349,7 +349,7 @@ def _gridded(
         raise BadRecord(log.path, f"{many}; are they {plural(unit)}, and is dt right? {other}")
     point = np.floor((times - times[0]) / dt + 0.5).astype(int)
     away = np.abs(times - times[0] - point * dt)
-    samples, used = int(point[-1]) + 1, len(np.unique(point))
+    samples, used = int(point[-1]) + 1, 1 + int(np.count_nonzero(np.diff(point)))
     if samples < 2:
         one = f"its rows with a time, {len(timed)}, make 1 sample of {dt:g} {unit}"
         raise BadRecord(log.path, f"{one}; give a record of at least 2")
