@@ -5,7 +5,7 @@ from none, and of more than a quarter of a record too little is seen.
 """
 
 import math
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any, Literal
@@ -23,7 +23,7 @@ from hgogen.reading.given import count, signals_named
 from hgogen.signal import Signal, resting
 from hgogen.system import System, valued
 
-BETWEEN = ("hold", "line")
+BETWEEN, BY = ("hold", "line"), ("simulation", "prediction")
 EQUAL = 1e-6  # of a cost, as in `above`: less is rounding, and the first start, that of the nominal values, counts
 AGAIN = 4  # passes of a robust fit, each with the corner of the last one's residuals
 LEAST, FIRST, MOST = 0.5, 2.0, 0.25  # of tau: of a sample; of a sample; of a record
@@ -81,7 +81,11 @@ class Task:
         steps, growing = paced(self.plant, period)
         samples = max(len(record.y) for record in self.records)
         scale = np.where(self.spread > 0, self.spread, 1.0)
-        return BY[self.by](self, scale, samples, steps, growing * period)
+        if self.by == "simulation":
+            return self.shooting(scale, samples, steps, growing * period)
+        parts = (self.plant, self.free, self.records, scale, samples, steps, self.between, self.offset)
+        unit = np.array([_unit(x) for x in self.plant.states])
+        return Predicting(*parts, unit=unit, corner=math.inf if self.corner is None else CORNER)
 
     def shooting(self, scale: Array, samples: int, steps: int, growing: float) -> Problem:
         """In segments in which errors, `growing` in a sample, do so by no more than exp(GROWN)."""
@@ -89,12 +93,6 @@ class Task:
         length = max(1, min(length, int(GROWN / growing))) if growing else length
         parts = (self.plant, self.free, self.records, scale, length, steps, self.between, self.offset)
         return Shooting(*parts, corner=self.corner)
-
-    def predicting(self, scale: Array, samples: int, steps: int, growing: float) -> Problem:
-        """Along whole records."""
-        parts = (self.plant, self.free, self.records, scale, samples, steps, self.between, self.offset)
-        unit = np.array([_unit(x) for x in self.plant.states])
-        return Predicting(*parts, unit=unit, corner=math.inf if self.corner is None else CORNER)
 
     @cached_property
     def solver(self) -> Solver:
@@ -280,7 +278,7 @@ def fit(
     """
     if not records or not all(isinstance(record, Log) for record in records):
         raise CannotFit("records", "are missing; give logs, such as hg.Log(u, y, dt)")
-    for name, value, ways in (("between", between, BETWEEN), ("by", by, tuple(BY))):
+    for name, value, ways in (("between", between, BETWEEN), ("by", by, BY)):
         if value not in ways:
             raise CannotFit(f"{name}={value!r}", f"is none of {', '.join(ways)}")
     starts, seed = count("starts", starts, 1, 1000), count("seed", seed, 0, 2**53)
@@ -365,12 +363,6 @@ def _parts(names: Sequence[str], direction: Array) -> dict[str, float]:
     """The parts of a direction, the largest positive."""
     signed = direction * np.sign(direction[np.argmax(np.abs(direction))])
     return {name: float(part) for name, part in zip(names, signed, strict=True) if abs(part) > PART}
-
-
-BY: Mapping[str, Callable[[Task, Array, int, int, float], Problem]] = {
-    "simulation": Task.shooting,
-    "prediction": Task.predicting,
-}
 
 
 def _rms(e: Array) -> float:

@@ -65,8 +65,8 @@ class Information:
 
 
 @dataclass(frozen=True, eq=False)
-class Problem:
-    """Of a plant on records.
+class _OnRecords:
+    """What both problems of a plant on records share.
 
     `free`: the parameters that are fitted, the others at their nominal values; `scale` (p): of each output, by which
     residuals are divided; `length`: samples of a segment; `steps`: Runge-Kutta steps a sample; `between`: how inputs
@@ -89,22 +89,9 @@ class Problem:
         """Of the unknowns that are of the problem alone: where they begin, and their bounds."""
         return ()
 
-    @property
-    def graph(self) -> tuple[Any, Any, Any]:
-        """The unknowns (MX), what is minimised, and what must be 0."""
-        raise NotImplementedError
-
     def noise(self, unknowns: Array) -> tuple[dict[str, float], dict[str, float]]:
         """The density of process noise by state, and the deviation of a sample by output, where they are fitted."""
         return {}, {}
-
-    def residuals(self, unknowns: Array) -> tuple[Array, ...]:
-        """Those of each output where it was measured, record after record, over their scale."""
-        raise NotImplementedError
-
-    def information(self, unknowns: Array, unit: Array) -> Information:
-        """What the records tell, at the unknowns (v), whose sizes are `unit` (v)."""
-        raise NotImplementedError
 
     @cached_property
     def step(self) -> Any:
@@ -227,7 +214,7 @@ def rates(plant: System) -> tuple[float, float]:
 
 
 @dataclass(frozen=True, eq=False)
-class Shooting(Problem):
+class Shooting(_OnRecords):
     """Multiple shooting: a plant on measured records as one nonlinear least-squares problem.
 
         minimise   1/2 sum_k sum_j ((y_k,j - h_j(x_k, u_k; p) - o_j)/s_j)^2
@@ -273,7 +260,8 @@ class Shooting(Problem):
         return self.by_output(ca.Function("residuals", [v], [errors])(unknowns).full().ravel())
 
     def information(self, unknowns: Array, unit: Array) -> Information:
-        """What is left where the states fit best beside each p with the gaps closed."""
+        """What the records tell, at the unknowns (v), whose sizes are `unit` (v): what is left where the states fit
+        best beside each p with the gaps closed."""
         v, errors, gaps = self.followed
         at = ca.Function("at", [v], [ca.jacobian(errors, v), ca.jacobian(gaps, v)])
         J, A = (table @ ca.diag(unit) for table in at(unknowns))
@@ -312,7 +300,7 @@ class Shooting(Problem):
 
 
 @dataclass(frozen=True, eq=False)
-class Predicting(Problem):
+class Predicting(_OnRecords):
     """Prediction error: a plant that noise moves, on measured records, by the likelihood of what a filter predicts.
 
         x' = f(x, u; p) + w,   y = h(x, u; p) + o + v,   w of the density Q, v of the variance r at a sample
@@ -364,7 +352,8 @@ class Predicting(Problem):
         return self.by_output(np.divide(*self._at(unknowns)))
 
     def information(self, unknowns: Array, unit: Array) -> Information:
-        """What is left where the first states and the levels of noise fit best beside each p."""
+        """What the records tell, at the unknowns (v), whose sizes are `unit` (v): what is left where the first states
+        and the levels of noise fit best beside each p."""
         v, _, e, s = self._series
         F = ca.Function("fisher", [v], [self._fisher(v, e, s)])(unknowns) * ca.DM(np.outer(unit, unit))
         tell = self.residuals(unknowns)
@@ -422,6 +411,9 @@ class Predicting(Problem):
         shares = dict(zip(self.noisy, ca.vertsplit(levels[: len(self.noisy)]), strict=True))
         each = [ca.exp(shares[x.name]) if x.name in shares else SURE for x in self.plant.states]
         return ca.vertcat(*each) * ca.DM(np.asarray(self.unit) ** 2 / duration)
+
+
+Problem = Shooting | Predicting
 
 
 def gathered(Phi: Any, Q: Any) -> Any:
