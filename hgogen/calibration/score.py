@@ -15,7 +15,7 @@ import math
 from collections.abc import Hashable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Protocol, TypeVar
+from typing import TypeVar
 
 import numpy as np
 
@@ -34,25 +34,16 @@ ALIKE = 2e-3  # of E: a thousandth of an error, as two filters that differ by ro
 BEGIN = 0.05  # of a record, in which an estimate may find its way
 
 
-class Yardstick(Protocol):
-    """What errors are measured by. Errors are NaN where there is nothing to compare, infinite where an estimate is
-    lost."""
-
-    def rival(self, records: Sequence[Log]) -> list[Array]:
-        """Of each record the squared errors (N, q) of what does without a model."""
-
-    def errors(self, k: int, step: CallableStep, run: Run, record: Log) -> Array:
-        """Those (N, q) of a run of a step along record number k."""
-
-
 @dataclass(frozen=True)
 class Ahead:
-    """Predictions of the outputs so many `samples` ahead, beside copying the last value."""
+    """Predictions of the outputs so many `samples` ahead, beside copying the last value. Errors are NaN where there is
+    nothing to compare, infinite where an estimate is lost."""
 
     samples: int
 
     def rival(self, records: Sequence[Log]) -> list[Array]:
-        """(y_j(k+h) - y_j(k))^2 at each sample that has a last value."""
+        """Of each record the squared errors (N, p) of what does without a model: (y_j(k+h) - y_j(k))^2 at each sample
+        that has a last value."""
         h, moves = self.samples, []
         for record in records:
             squares = np.full(record.y.shape, np.nan)
@@ -61,7 +52,7 @@ class Ahead:
         return moves
 
     def errors(self, k: int, step: CallableStep, run: Run, record: Log) -> Array:
-        """e_j(k+h|k) where the step used a sample."""
+        """Those (N, p) of a run of a step along record number k: e_j(k+h|k) where the step used a sample."""
         one = next(forecasts(step, run, record.u, record.y, (self.samples,)))
         return np.where(one.compared, np.where(np.isfinite(one.model), one.model, np.inf), np.nan)
 
@@ -90,7 +81,7 @@ class Judge:
     `engine`."""
 
     records: Sequence[Log]
-    yardstick: Yardstick
+    yardstick: Ahead | Hidden
     segments: int
     engine: Engine
 
