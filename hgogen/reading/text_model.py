@@ -145,10 +145,7 @@ def from_table(table: Any, file: str = "model") -> PlainModel:
     groups = {kind: table.get(kind, {}) for kind in _KINDS}
     signals: dict[str, list[Signal]] = {}
     for kind, group in groups.items():
-        keys, needed = _KINDS[kind]
-        for name, entry in group.items():
-            demand_keys(file, f"{kind}.{name}", entry, keys, needed)
-        signals[kind] = [_signal(file, f"{kind}.{name}", name, entry) for name, entry in group.items()]
+        signals[kind] = [_signal(file, kind, name, entry, *_KINDS[kind]) for name, entry in group.items()]
     symbols = {signal.name: signal for kind in _KINDS for signal in signals[kind]}
     tables = {name: _points(file, name, entry) for name, entry in table.get("tables", {}).items()}
     for name in tables.keys() & symbols.keys():
@@ -165,10 +162,9 @@ def from_table(table: Any, file: str = "model") -> PlainModel:
     readings = {"flow": [one.reading for one in flow], "output": [one.reading for one in output]}
     plant = named(file, "", System, table["name"], **readings, **signals, time=table.get("time", "s"))
     for name, entry in table.get("disturbances", {}).items():
-        where = f"disturbances.{name}"
-        demand_keys(file, where, entry, _DISTURBANCE, "on")
-        signal = _signal(file, where, name, entry)
-        plant = named(file, where, with_disturbance, plant, entry["on"], entry.get("order", 1), signal=signal)
+        signal = _signal(file, "disturbances", name, entry, _DISTURBANCE, "on")
+        on, order = entry["on"], entry.get("order", 1)
+        plant = named(file, f"disturbances.{name}", with_disturbance, plant, on, order, signal=signal)
     beside = {key: table.get(key, "" if _TOP[key] == TEXT else {}) for key in BESIDE}
     return PlainModel(file, plant, **beside, folds=tuple(one for one in (*flow, *output) if one.lost))
 
@@ -218,7 +214,9 @@ def _shown(value: Any) -> str:
     return "a huge number" if huge else repr(value)[:40]
 
 
-def _signal(file: str, where: str, name: str, entry: Mapping[str, Any]) -> Signal:
+def _signal(file: str, kind: str, name: str, entry: Any, keys: Mapping[str, str], needed: str | None) -> Signal:
+    where = f"{kind}.{name}"
+    demand_keys(file, where, entry, keys, needed)
     declared = {key: entry[key] for key in ("unit", "meaning", "low", "high", "rates") if key in entry}
     return named(file, where, Signal, name, nominal=entry.get("value"), **declared)
 

@@ -18,7 +18,7 @@ import numpy as np
 from hgogen.calling.covariances import raised
 from hgogen.calling.samples import Run, held_last
 from hgogen.discretisation.open_loop import evaluated, open_loop
-from hgogen.signal import Signal
+from hgogen.signal import Signal, resting
 from hgogen.step import Step
 
 MOST = 100_000  # predictions of each horizon: independent errors have their root mean square to half a percent
@@ -135,12 +135,8 @@ def rms(error: np.ndarray) -> float:
 
 def _as_the_step_takes_it(u: np.ndarray, inputs: tuple[Signal, ...]) -> np.ndarray:
     """A missing input is the last one there was; each lies in its range."""
-    held = held_last(u)
-    for i, signal in enumerate(inputs):
-        low, high = signal.interval
-        resting = signal.nominal if signal.nominal is not None else min(max(0.0, low), high)
-        held[:, i] = np.clip(np.where(np.isnan(held[:, i]), resting, held[:, i]), low, high)
-    return held
+    held, (low, high) = held_last(u), np.array([s.interval for s in inputs]).reshape(-1, 2).T
+    return np.asarray(np.clip(np.where(np.isnan(held), list(map(resting, inputs)), held), low, high))
 
 
 def _limited(y: np.ndarray, outputs: tuple[Signal, ...], held: bool) -> np.ndarray:
