@@ -140,14 +140,10 @@ def _names(name: str, key: str, value: Any) -> tuple[str, ...]:
 def _texts(name: str, key: str, value: Any) -> tuple[str, ...]:
     texts = []
     for one in _list(name, key, value):
-        if isinstance(one, bool) or not isinstance(one, str | int | float) or _is_nan(one):
+        if isinstance(one, bool) or not isinstance(one, str | int | float) or one != one:
             raise BadEntry(name, f"{key} holds {shown(one)}; write each expression as text")
         texts.append(str(one))
     return tuple(texts)
-
-
-def _is_nan(value: Any) -> bool:
-    return isinstance(value, float) and math.isnan(value)
 
 
 def _boxes(
@@ -186,7 +182,7 @@ def _end(name: str, what: str, value: Any) -> tuple[End, End]:
         if not ball.is_finite():
             raise BadEntry(name, f"{what} holds {value!r}, which is no finite real number")
         return of_ball(ball)
-    if isinstance(value, bool) or not isinstance(value, int | float) or _is_nan(value):
+    if isinstance(value, bool) or not isinstance(value, int | float) or value != value:
         raise BadEntry(name, f'{what} holds {shown(value)}, which is no number; write 0.5 or "pi/3"')
     if isinstance(value, float) and math.isinf(value):
         return value, value

@@ -70,14 +70,14 @@ def _was_measured(each: Campaign, one: Outcome) -> bool:
         and all(_is_response(response, longest, samples) for response in made.responses)
         and isinstance(made.rms, Mapping)
         and list(made.rms) == [state.name for state in each.step.states]
-        and all(_is_number(value, 0, math.inf) or _is_nan(value) for value in made.rms.values())
+        and all(_is_number(value, 0, math.inf, nan=True) for value in made.rms.values())
         and _is_count(made.clamped, samples)
     )
 
 
 def _is_response(one: Response, longest: float, samples: int) -> bool:
     times = all(value is None or _is_number(value, 0, longest) for value in (one.settled, one.calm))
-    peak = one.peak is None or _is_number(one.peak, -math.inf, math.inf) or _is_nan(one.peak)
+    peak = one.peak is None or _is_number(one.peak, -math.inf, math.inf, nan=True)
     share = one.loud is None or _is_number(one.loud, 0, 1)
     return times and peak and share and (one.triggers is None or _is_count(one.triggers, samples))
 
@@ -86,12 +86,8 @@ def _is_count(value: Any, most: int) -> bool:
     return isinstance(value, int) and not isinstance(value, bool) and 0 <= value <= most
 
 
-def _is_number(value: Any, low: float, high: float) -> bool:
-    return isinstance(value, float) and low <= value <= high
-
-
-def _is_nan(value: Any) -> bool:
-    return isinstance(value, float) and math.isnan(value)
+def _is_number(value: Any, low: float, high: float, nan: bool = False) -> bool:
+    return isinstance(value, float) and (low <= value <= high or (nan and math.isnan(value)))
 
 
 @dataclass(frozen=True)
