@@ -41,8 +41,6 @@ from hgogen.system import System
 MEMORY = 1 << 30  # bytes of one seed's truth, measurements and estimates
 _TOGETHER = 1 << 20  # numbers of measurements that are made at once
 _BESIDE = 4  # numbers a sample beside states, inputs and outputs: its time, status and traces
-
-
 FEW = 16  # columns, up to which lists are faster than rows of an array; the numbers are the same
 t = Signal("t", "", "time")  # inputs of a trial are expressions of this
 

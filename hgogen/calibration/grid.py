@@ -37,8 +37,6 @@ GRID = 9  # values of theta, or of the longest time
 LONG = np.geomspace(1e-2, 1e2, GRID)  # of the longest time
 SHAPES: dict[str, tuple[float, ...]] = {"spread": (2, 4), "corner": (1.5, 6)}  # of poles, and of filters
 FASTER = (1.0, 1.4)  # times theta, with another shape
-
-
 _RANK = {Convergence.PROVED: 0, Convergence.ABOVE: 0, Convergence.BELOW: 1, Convergence.UNKNOWN: 1, None: 2}
 
 
@@ -159,8 +157,6 @@ class Attempt:
 
 
 Piece = Start | Attempt
-
-
 Asking = Generator[list[Piece], list[Any], Result]  # asks for pieces of work, is told their results, and ends with one
 
 

@@ -23,8 +23,6 @@ from hgogen.trials.prediction import forecasts, rms
 
 Array = np.ndarray
 COPYING, DIFFERENCING = "copying", "differencing"
-
-
 AS_WELL = 1.05  # times an error: as well
 HELD_OUT, ALL = "in the rows held out", "in all rows"
 COLOURED = 5  # of the first correlations: more in one white record of 5,000

@@ -27,8 +27,6 @@ from hgogen.which_forms import Row
 
 SEGMENTS = 5
 SAME = 1e-3  # relative: periods of one grid, as typical times between rows tell them
-
-
 FILTER, ADAPTIVE = "riccati", "adaptive"  # what the second adds to is the first
 HUGE = 1e12  # times a threshold: never reached, or passed by any innovation
 PREDICTORS = 4

@@ -27,8 +27,6 @@ BETWEEN, BY = ("hold", "line"), ("simulation", "prediction")
 EQUAL = 1e-6  # of a cost, as in `above`: less is rounding, and the first start, that of the nominal values, counts
 AGAIN = 4  # passes of a robust fit, each with the corner of the last one's residuals
 LEAST, FIRST, MOST = 0.5, 2.0, 0.25  # of tau: of a sample; of a sample; of a record
-
-
 SEGMENTS = 60  # of a record, about
 WIDE = 100.0  # times its nominal value, to which a parameter without a range may go, and the same part of it
 GROWN = 3.0  # of log growth in a segment, at most
@@ -36,8 +34,6 @@ PART = 0.05  # of a direction: less of a parameter in it is none
 UNTOLD = 1.0  # of a unit: a direction with a larger standard error is not told by the records
 ROUNDED = 1e-10  # of the largest eigenvalue of the information: less is rounding
 AT = 1e-6  # of a unit, from the end of a range
-
-
 Array = np.ndarray
 
 

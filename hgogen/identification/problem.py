@@ -37,8 +37,6 @@ from hgogen.signal import Signal, resting
 from hgogen.system import System
 
 Array = np.ndarray
-
-
 SOMEWHERE = 1e-10
 POINTS = 40
 FOLLOWED = 1.0  # |h lambda| of a Runge-Kutta step, at most

@@ -20,8 +20,6 @@ Array = np.ndarray
 Place = Literal["", "low", "high"]
 FINE = 1e-4  # of the spread of an output: smaller residuals are those of the method
 SAME = 1e-2  # of the cost, or of its logarithm where it is one, by which starts may differ that ended at one minimum
-
-
 _COLOURED = {
     "simulation": "the plant does more than the model, or the noise is slow, as that of a coarse encoder; where noise "
     "moves the plant, --by prediction (by=) fits it along",

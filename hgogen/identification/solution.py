@@ -26,8 +26,6 @@ ITERATIONS = 200
 TOLERANCE = 1e-8
 _QUIET = {"print_level": 0, "sb": "yes", "max_iter": ITERATIONS, "tol": TOLERANCE}
 _THERE = {"bound_push": 1e-8, "bound_frac": 1e-8}  # to begin where an iterate was, close to a bound too
-
-
 _OTHER = {"plant": "another plant", "records": "other records", "options": "other options"}
 
 

@@ -27,8 +27,6 @@ Array = np.ndarray
 LAGS = 20  # correlations that a test of whiteness asks at most
 LEAST = 3  # samples for each of them
 NORMAL = {0.025: -1.959963985, 0.95: 1.644853627, 0.975: 1.959963985}  # quantiles of the normal distribution
-
-
 OF_MEDIAN = 1.4826  # sigma over the median of |e|
 CORNER = 1.345  # c over sigma: 5 % less than the best where all residuals are right
 ROUNDING = 1e-9  # of the scale of an output: smaller residuals are rounding

@@ -23,8 +23,6 @@ from hgogen.step import Step
 from hgogen.system import System, exchanged, valued
 
 LARGEST = 10_000_000  # bytes
-
-
 _MADE = (System, Form, Observer, Step)
 
 

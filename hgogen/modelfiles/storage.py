@@ -25,8 +25,6 @@ from hgogen.system import System
 
 _SYSTEM = ("gain", "G1", "G2")
 _STORED = ("V", "mu", "within")
-
-
 _GAINS = "gains"
 
 

@@ -20,8 +20,6 @@ KINDS = {
     stat.S_IFCHR: "a device",
     stat.S_IFBLK: "a device",
 }
-
-
 BYTES = 4_000_000  # of one model
 SIGNALS = ("states", "inputs", "parameters", "outputs")  # the tables in which a model declares its plant
 

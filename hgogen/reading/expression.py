@@ -35,7 +35,6 @@ BITS, TOTAL_BITS = 4096, 100_000  # of one number computed, of all the coefficie
 EXPONENT = 10**6  # of a power
 LARGEST_EXP = 700  # beyond it exp of a number is no double
 ARGUMENTS = 20  # of Min, Max and Piecewise
-
 _BINDING = {"<": 1, "<=": 1, ">": 1, ">=": 1, "|": 2, "&": 3, "+": 4, "-": 4, "*": 5, "/": 5, "**": 7}
 _SIGN, _POWER = 6, 6  # a sign binds more tightly than *, less than **; the exponent may carry a sign
 _COMPLEX = "is not a real number; keep roots, logarithms and asin, acos in their domain"

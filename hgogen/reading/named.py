@@ -29,8 +29,6 @@ Matrix: TypeAlias = Mapping[str, float | Mapping[str, float]] | Sequence[float] 
 NOTHING: Mapping[str, Any] = MappingProxyType({})
 _BLANK: Any = object()  # an entry of a matrix that its row leaves out
 _LENGTH = 120  # of a definition in a sentence
-
-
 Each = Mapping[str, float] | None
 _SIZE = "must be a finite number, not negative"
 

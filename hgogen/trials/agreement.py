@@ -23,8 +23,6 @@ from hgogen.trial import Trajectory
 from hgogen.trials.metrics import Metrics, crossings
 
 ROUNDING = 1e-11  # of the trajectory's peak: some 1e3 operations a step, each 1e-16, forgotten within 1e2 steps
-
-
 COARSE = 1e-3  # of a state's range: more than rounding does where nothing amplifies it
 
 

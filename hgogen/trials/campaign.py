@@ -40,8 +40,6 @@ MANY = 64  # runs: fewer are integrated sooner than it takes to compile what doe
 BATCH, ALONE = 64, 8  # runs that go out together; where each has a truth of its own
 WORTH = 5_000_000  # samples of a step from which on it takes less time than to compile what takes them together
 HELD = 1 << 20  # numbers of measurements of runs that differ by more than their seeds
-
-
 STATES, PARAMETERS, NOISE = "x0", "parameters", "noise"  # all of a kind
 _NUMBER = r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?"
 _INTERVAL = re.compile(rf"({_NUMBER})\.\.({_NUMBER})")

@@ -12,8 +12,6 @@ from hgogen.system import System
 from hgogen.trial import Trajectory
 
 _SHOWN = 3  # times that a sentence names
-
-
 _ROUNDING = 1e-9  # of a range, by which a truth that runs along its end may be beyond it
 Array = np.ndarray
 

@@ -27,8 +27,6 @@ CALM = 1.05  # theta under this: Kalman mode again
 LATE = 5  # the last fifth of the time between two events is late
 LATCHED = 0.5  # theta above 1.5 in more than this share of the late time: it does not come back
 WARM_UP = 0.05  # the first part of a trial, in which the estimate may be anywhere
-
-
 ALARM_SEEDS = 3  # a mean over many windows varies little from seed to seed
 ITSELF = 1.0  # the alarm ratio above which the alarm can feed itself
 

@@ -37,8 +37,6 @@ FITS = 0.9  # of the values in the declared range: a map that fits
 AHEAD = 5  # samples ahead, of the predictions by which maps, shifts and signs are compared
 AS_WELL = 1.5  # times the least error
 ANGLES, TEMPERATURES = ("rad", "deg", "°"), ("K", "degC", "°C", "C")
-
-
 MOST_SHIFT = 3  # samples of the shifts tried
 LONGEST = 20_000  # samples that are looked at
 CLEAR = 0.8  # times the RMS error: clearly less; an observer that lags gains some by an input that comes early
