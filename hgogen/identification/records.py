@@ -94,15 +94,12 @@ def record(
 
     Raises: `BadRecord`; `NotInstalled` for a file whose library is not there.
     """
-    signals = (*plant.inputs, *plant.outputs)
-    named = dict(columns or {})
-    unknown = [name for name in (*named, *(shift or {})) if name not in [s.name for s in signals]]
-    if unknown:
-        raise BadSignal(unknown[0], f"is no signal; the signals are {', '.join(s.name for s in signals)}")
+    units = {s.name: s.unit for s in (*plant.inputs, *plant.outputs)}
+    columns, shift = columns or {}, shift or {}
+    if unknown := [name for name in (*columns, *shift) if name not in units]:
+        raise BadSignal(unknown[0], f"is no signal; the signals are {', '.join(units)}")
     inputs = {s.name: WINDOWS[between] for s in plant.inputs}
-    wanted: dict[str, str] = {str(s.name): named.get(s.name, str(s.name)) for s in signals}
-    units = {s.name: s.unit for s in signals}
+    wanted = {name: columns.get(name, name) for name in units}
     words: dict[str, Any] = {"time": time, "period": period, "unit": plant.time, "units": units, "caller": PYTHON}
-    got = read(source, wanted, dt=dt, inputs=inputs, **words)
-    got = got.shifted(shift or {})
+    got = read(source, wanted, dt=dt, inputs=inputs, **words).shifted(shift)
     return Log(got.of(plant.inputs), got.of(plant.outputs), got.report.dt)

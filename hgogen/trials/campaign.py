@@ -306,32 +306,29 @@ def _split(text: str) -> Iterator[tuple[str, str | None]]:
 
 def _of(name: str, width: str | float | None, plant: System, trial: Trial) -> Iterator[Varied]:
     states, parameters = ({s.name: s for s in signals} for signals in (plant.states, plant.parameters))
+
+    def start(state: Signal) -> Varied:
+        return Varied(state.name, "start", *_interval(state, width, float(trial.start[state.name])))
+
+    def parameter(p: Signal) -> Varied:
+        return Varied(p.name, "parameter", *_interval(p, width, float(p.nominal or 0)))
+
     if name == NOISE:
         yield Varied(NOISE, "noise", *_factor(width, trial))
     elif name == STATES:
-        yield from (_start(s, width, trial) for s in plant.states)
+        yield from map(start, plant.states)
     elif name == PARAMETERS:
         several = [p for p in plant.parameters if p.bounded or width is not None]
         if not several:
             raise BadVariation(name, f"{plant.name} has no parameter with a range; declare low= and high=, or name one")
-        yield from (_parameter(p, width) for p in several)
+        yield from map(parameter, several)
     elif name in states:
-        yield _start(states[name], width, trial)
+        yield start(states[name])
     elif name in parameters:
-        yield _parameter(parameters[name], width)
+        yield parameter(parameters[name])
     else:
         known = (STATES, PARAMETERS, NOISE, *states, *parameters)
         raise BadVariation(name, nearest(name, known, f"what can vary is {', '.join(known)}"))
-
-
-def _start(state: Signal, width: str | float | None, trial: Trial) -> Varied:
-    low, high = _interval(state, width, float(trial.start[state.name]))
-    return Varied(state.name, "start", low, high)
-
-
-def _parameter(parameter: Signal, width: str | float | None) -> Varied:
-    low, high = _interval(parameter, width, float(parameter.nominal or 0))
-    return Varied(parameter.name, "parameter", low, high)
 
 
 def _interval(signal: Signal, width: str | float | None, middle: float) -> tuple[float, float]:
