@@ -20,7 +20,7 @@ from hgogen.analysis.written import if_valued
 from hgogen.check import Check, ClaimId, Verdict
 from hgogen.form import Asking, Form, NoForm, one_output
 from hgogen.sentence import NONE, because
-from hgogen.structure.carried import ROUGH, Carried, by_construction, carried, on_image, undefined
+from hgogen.structure.carried import ROUGH, Carried, by_construction, on_image, undefined
 from hgogen.structure.chain import Chains, Shape, levelwise, of_plant
 from hgogen.structure.hypotheses import apart, without_jumps
 from hgogen.system import System
@@ -114,7 +114,7 @@ def _map(plant: System, chains: Chains, c: sp.Expr, offset: sp.Expr) -> Carried:
         raise NoUniformChain(plant.name, f"has not the derivatives of these coordinates: {rough or 'something'}")
     if size([*xi, *b]) > LIMIT:
         raise NoUniformChain(plant.name, f"has coordinates of more than {LIMIT} nodes; use the form uniform")
-    return carried(_MAKER, _REFERENCE, plant, xi, b, 1, offset)
+    return Carried(_MAKER, _REFERENCE, plant, tuple(xi), tuple(b), 1, offset)
 
 
 # ---------------------------------------------------------------- checks
