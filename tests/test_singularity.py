@@ -12,8 +12,7 @@ import hgogen as hg
 from hgogen.algebra.points import exact
 from hgogen.analysis.determinant import determinant, independent
 from hgogen.analysis.lie import along, derivatives, input_derivatives, rates
-from hgogen.analysis.singular_set import singular_set
-from hgogen.analysis.singularity import singularity
+from hgogen.analysis.singularity import singular_set, singularity
 from hgogen.check import Verdict
 from hgogen.model import load
 

@@ -14,25 +14,33 @@ from fractions import Fraction
 import sympy as sp
 from sympy.combinatorics import Permutation
 
-from hgogen.algebra.factors import ROUGH
+from hgogen.algebra.branches import branches
+from hgogen.algebra.codistribution import Row
+from hgogen.algebra.elimination import tower
+from hgogen.algebra.factors import ROUGH, powers
 from hgogen.algebra.identity import is_zero
 from hgogen.algebra.points import exact
+from hgogen.algebra.rank import NowhereDefined, believe_zeros, matrix_rows, modulus, new_rows, plant_of, somewhere
 from hgogen.algebra.rewrite import TooLarge
+from hgogen.algebra.series import Arithmetic, Point, first_gradients
 from hgogen.algebra.tape import NoTape
-from hgogen.analysis.determinant import Determinant, as_written, determinant, independent
+from hgogen.analysis.determinant import Determinant, alive, as_written, determinant, independent, zero_set
 from hgogen.analysis.lie import along, length, rates, size, without_derivative
 from hgogen.analysis.written import asked, on_box
 from hgogen.check import Check, ClaimId, Verdict
+from hgogen.discretisation.kernels import product
 from hgogen.intervals.bounds import nonzero
 from hgogen.intervals.box import box as box_of
 from hgogen.intervals.glance import Interval
 from hgogen.intervals.singular import minimal, reasons, singular
 from hgogen.reading.door import asks_a_plant, remembers
 from hgogen.sentence import NONE, Encoded, Reason, Sentence, because, equations, joined
+from hgogen.structure.coordinates import split
 from hgogen.system import System
 
 # An observability matrix of more nodes is left alone: its determinant takes seconds and fills pages.
 LIMIT = 4000
+ELIMINATION = 300_000  # products of terms, of a determinant with the inputs at 0
 # Of the derivatives of an output too, counted as they are written out: the next one has a term for each node.
 _WRITTEN = 30_000
 _WITH_ROOTS = 2_000  # of one with roots or real powers, whose slopes take SymPy a millisecond for each node
@@ -40,7 +48,6 @@ _WITH_ROOTS = 2_000  # of one with roots or real powers, whose slopes take SymPy
 _FURTHER, _DEPTH = 2, 2
 _BOXES = 500  # of the question whether a factor is 0
 _SHOWN = 8  # terms of a sum that are shown
-Row = tuple[int, int]  # (output, order of the derivative), both from 0
 Where = tuple[tuple[sp.Symbol, sp.Expr], ...]
 _STATES = ClaimId("singularity", "regular")
 
@@ -300,6 +307,71 @@ def _root(factor: sp.Expr) -> tuple[sp.Symbol, sp.Expr] | None:
         if slope.is_number and slope != 0:
             return symbol, sp.expand(symbol - factor / slope)
     return None
+
+
+# ---------------------------------------------------------------- with the inputs at 0, for a library of models
+
+
+def singular_set(
+    flow: Sequence[sp.Expr],
+    output: Sequence[sp.Expr],
+    states: Sequence[sp.Symbol],
+    inputs: Sequence[sp.Symbol] = (),
+    limit: int = ELIMINATION,
+) -> tuple[sp.Expr, ...] | str | None:
+    """Factors whose zero sets together are that of det d(h, L_f h, .., L_f^(n-1) h)/dx with the inputs at 0.
+
+    "none": it has no zero; "all": it is 0 everywhere, at random numbers as generic ranks are. With several outputs the
+    rows are taken until they have rank n; whether all outputs come before the next derivative, or all derivatives
+    before the next output, must make no difference. Parameters are symbols, and a factor of them is one.
+
+    None: no answer, because it does make one, for a function with kinks, roots that depend on each other, or beyond
+    `limit` products of terms.
+    """
+    off = dict.fromkeys(inputs, sp.S.Zero)
+    drift, h = ([sp.sympify(e).subs(off) for e in rows] for rows in (flow, output))
+    if any(e.has(*ROUGH) for e in (*drift, *h)):
+        return None
+    try:
+        choices = _choices(drift, h, states)
+        full = all(len(rows) == len(states) for rows in choices)
+        if not full and all(p.exp.is_Integer for e in (*drift, *h) for p in e.atoms(sp.Pow)):
+            return "all"
+        plant = tower(drift, h, states)
+        if branches(plant.field):
+            return None
+        if not full:
+            return "all"
+        zero_sets = set()
+        for rows in {frozenset(rows): rows for rows in choices}.values():  # of those in another order one
+            factors = product(plant, rows, limit)
+            if not alive(plant.field, factors):
+                return None
+            zero_sets.add(zero_set(plant.field, split(plant.field, powers(plant.field, factors)[1])))
+    except (TooLarge, NoTape, NowhereDefined, ZeroDivisionError):
+        return None
+    one = zero_sets.pop()
+    return None if zero_sets else "none" if one == () else one
+
+
+def _choices(flow: Sequence[sp.Expr], output: Sequence[sp.Expr], states: Sequence[sp.Symbol]) -> list[tuple[Row, ...]]:
+    """The first independent rows, by order of derivative and by output, at a random point."""
+    plant, _ = plant_of(flow, output, states, ())
+    n = len(states)
+    by_order = [(j, k) for k in range(n) for j in range(len(output))]
+
+    def chosen(numbers: Arithmetic, point: Point) -> list[tuple[Row, ...]]:
+        every = [matrix_rows(matrix) for matrix in first_gradients(plant, numbers, point, n)]
+        prime = modulus(numbers)
+        choices = []
+        for order in (by_order, sorted(by_order)):
+            new = new_rows([every[k][j] for j, k in order], prime)
+            choices.append(tuple(order[i] for i in new))
+        if any(len(rows) < n for rows in choices):
+            believe_zeros(prime)
+        return choices
+
+    return somewhere(plant, chosen)
 
 
 # ---------------------------------------------------------------- words

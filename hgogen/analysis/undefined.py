@@ -86,11 +86,6 @@ def undefined_slopes(plant: System) -> tuple[Check, ...]:
     return tuple(check for row in slopes if (check := _check(plant, *row)))
 
 
-def claim_id(signal: Signal) -> ClaimId:
-    """Return the id of the check of the row of a state or an output."""
-    return ClaimId(MAKER, signal.name)
-
-
 def _rows(plant: System) -> Iterator[tuple[Signal, str, sp.Expr]]:
     """Each row with its signal and its name."""
     yield from ((x, f"{x.name}'", row) for x, row in zip(plant.states, plant.flow, strict=True))
@@ -113,7 +108,7 @@ def _check(
     reason = because(_REASONS[worst], what=what, places=[gap.condition.failure for gap in worse], names=loose)
     claim = Sentence.of("{what} has a finite value on the declared ranges", what=what)
     follows = (_LEFT_OUT if signal in plant.outputs else accepted).format(name=signal.name)
-    check = Check(claim_id(signal), claim, worst, reason, fix=FIX, consequence=follows)
+    check = Check(ClaimId(MAKER, signal.name), claim, worst, reason, fix=FIX, consequence=follows)
     if worst is Verdict.WHERE:
         return replace(check, fix=f"Declare low= and high= for {', '.join(loose)}.")
     point = worse[0].point

@@ -21,7 +21,7 @@ from hgogen.algebra.identity import is_zero
 from hgogen.algebra.points import kind
 from hgogen.algebra.rank import observability
 from hgogen.analysis.gauthier_bornard import gauthier_bornard
-from hgogen.analysis.singular_set import singular_set
+from hgogen.analysis.singularity import singular_set
 from hgogen.check import Verdict
 from hgogen.commands.workers import End, run
 from hgogen.errors import HgogenError

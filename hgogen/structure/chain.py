@@ -206,7 +206,7 @@ def levelwise(rows: Rows) -> Chains:
                 links[j] = link(name, row, (*sure, *maybe), rows)
         both = twice(links.values())
         if both:
-            return broken(same_state(*both))
+            return broken(both)
         if not links:
             return broken(because("no row brings in {states}", states=left))
         for j, new in links.items():
@@ -273,20 +273,15 @@ def _at(row: sp.Expr, state: sp.Symbol, value: int) -> sp.Expr:
     return sp.nan if at_value is None else at_value
 
 
-def twice(links: Iterable[Link]) -> tuple[Link, Link] | None:
-    """The first two links with the same state, or None."""
+def twice(links: Iterable[Link]) -> Reason:
+    """The first two links that bring in the same state, in words; `NONE` if there are none."""
     seen: dict[sp.Symbol, Link] = {}
     for later in links:
-        if later.state in seen:
-            return seen[later.state], later
-        seen[later.state] = later
-    return None
-
-
-def same_state(one: Link, other: Link) -> Reason:
-    """That two links, as of `twice`, have one state."""
-    pattern = "{row} and {other} bring in the same state, {state}"
-    return because(pattern, row=one.name, other=other.name, state=one.state)
+        first = seen.setdefault(later.state, later)
+        if first is not later:
+            pattern = "{row} and {other} bring in the same state, {state}"
+            return because(pattern, row=first.name, other=later.name, state=later.state)
+    return NONE
 
 
 # ---------------------------------------------------------------- several outputs, one after the other or by their ends
@@ -333,7 +328,7 @@ def _heads(rows: Rows) -> list[Link] | Chains:
             return Chains((), because("{output} may not show {state}", output=name, state=maybe[0]), certain=False)
         heads.append(link(name, row, (*sure, *maybe), rows))
     both = twice(heads)
-    return Chains((), same_state(*both)) if both else heads
+    return Chains((), both) if both else heads
 
 
 def _path(

@@ -19,7 +19,8 @@ from functools import cached_property, reduce
 import casadi as ca
 import sympy as sp
 
-from hgogen.analysis.undefined import claim_id, gaps
+from hgogen.analysis.undefined import MAKER, gaps
+from hgogen.check import ClaimId
 from hgogen.form import Form
 from hgogen.graph import Graph
 from hgogen.program import sym
@@ -100,7 +101,7 @@ def holding(form: Form, accepted: Iterable[str]) -> Form:
     """
     accepted = {id for id in accepted if isinstance(id, str)}
     rows = dict.fromkeys((*form.system.states, *form.system.outputs, *form.states))
-    names = tuple(s.name for s in rows if claim_id(s) in accepted)
+    names = tuple(s.name for s in rows if ClaimId(MAKER, s.name) in accepted)
     if not names:
         return form
     held = replace(form, held=names)

@@ -156,14 +156,16 @@ def checks(change: Change) -> tuple[Check, ...]:
 
     proved: outward-rounded intervals, exact substitution. refuted: at a sample point. unknown: neither, or no range.
     """
-    fixed = {p: value for p, value in change.plant.nominal.items() if not p.bounded}
     signed = stand_ins((*change.old, *change.forward))
     plain = {dummy: s for s, dummy in signed.items()}
 
     def tidy(maps: Mapping[Signal, sp.Expr]) -> dict[Signal, sp.Expr]:
         return {s: e.xreplace(signed).xreplace(plain) for s, e in maps.items()}
 
-    maps = ({s: exact(e.xreplace(fixed)) for s, e in maps.items()} for maps in (change.forward, change.backward))
+    maps = (
+        {s: exact(e.xreplace(change.plant.constants)) for s, e in maps.items()}
+        for maps in (change.forward, change.backward)
+    )
     written = Change(change.plant, *maps)
     tidied = Change(change.plant, tidy(written.forward), tidy(written.backward))
     return _inverse(written, tidied, signed), _range(tidied)
