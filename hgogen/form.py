@@ -42,10 +42,12 @@ def one_output(plant: System, taken: str, error: type[NoForm] = OneOutput) -> No
 
 @dataclass(frozen=True)
 class Asking:
-    """How a form is asked whether it takes a plant: its `place` among the others, the narrowest first; the `options` of
-    each variant; the least and most outputs it is for (0: any number); whether it takes seconds to ask it (`costly`),
-    and to build an observer on it (`slow`); whether it may be the best, which one that says nothing of observability
-    may not (`candidate`)."""
+    """The way in which a form is asked whether it takes a plant.
+
+    `place`: among the others, the narrowest first; `options` of each variant; `least` and `most` outputs that it is for
+    (0: any number); whether it takes seconds to ask it (`costly`), and to build an observer on it (`slow`); whether it
+    may be the best, which one that says nothing of observability may not (`candidate`).
+    """
 
     place: int = 100
     options: tuple[Mapping[str, Any], ...] = ({},)
@@ -127,7 +129,7 @@ class Form:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """What a gain calls z_1..z_n: by the name of a state where z_i is that state or minus it, else by its own."""
+        """The names of z_1..z_n in a gain: the name of a state where z_i is that state or minus it, else its own."""
         states = {sign * x: x.name for x in self.system.states for sign in (1, -1)}
         return tuple(str(states.get(e, z.name)) for z, e in zip(self.states, self.to_form, strict=True))
 
@@ -138,7 +140,7 @@ class Form:
 
     @property
     def heads(self) -> tuple[int, ...]:
-        """Where the chain of each block begins in z."""
+        """The index in z at which the chain of each block begins."""
         return tuple(sum(self.blocks[:i]) for i in range(len(self.blocks)))
 
     @property
@@ -157,7 +159,7 @@ class Form:
 
     @property
     def gain_names(self) -> tuple[tuple[str, ...], ...]:
-        """What the gains are called: a_1, .., of one chain, a_(1,1), .., of several."""
+        """The names of the gains: a_1, .., of one chain, a_(1,1), .., of several."""
         name = "a_({},{})" if len(self.blocks) > 1 else "a_{1}"
         return tuple(tuple(name.format(i, j) for j in range(1, size + 1)) for i, size in enumerate(self.blocks, 1))
 
@@ -172,7 +174,7 @@ class Form:
 
     @cached_property
     def estimates(self) -> tuple[tuple[Signal, sp.Expr], ...]:
-        """What an observer reports, each state of the plant as first declared, in terms of z."""
+        """The estimates that an observer reports, each state of the plant as first declared, in terms of z."""
         back = dict(zip(self.system.states, self.from_form, strict=True))
         return tuple((signal, expression.subs(back)) for signal, expression in self.system.reported)
 

@@ -30,7 +30,7 @@ class BadValue(BadArgument):
 
 @dataclass(frozen=True)
 class Origin:
-    """Where a recast plant comes from: the plant, the new states in its states, its states in the new ones."""
+    """The origin of a recast plant: the plant, the new states in its states, its states in the new ones."""
 
     plant: "System"
     forward: tuple[sp.Expr, ...]
@@ -110,7 +110,7 @@ class System:
 
     @property
     def reported(self) -> tuple[tuple[Signal, sp.Expr], ...]:
-        """What an observer reports: each state of the plant as first declared, in terms of the states here."""
+        """The values that an observer reports: each state of the plant as first declared, in the states here."""
         if self.origin is None:
             return tuple((s, s) for s in self.states)
         return tuple(zip(self.origin.plant.states, self.origin.backward, strict=True))
@@ -208,7 +208,7 @@ def _validate(system: System) -> None:
 
 
 def _unknown(expression: sp.Expr, error: NoTape) -> str:
-    """What is wrong with an expression that has a function without a rule, and what to write in its place."""
+    """The fault of an expression that has a function without a rule, and what to write in its place."""
     calculus = sorted(expression.atoms(sp.Integral, sp.Derivative, sp.Sum, sp.Product), key=str)
     if calculus:
         return f"there is no rule for {calculus[0]}; write it in closed form, or make an integral a state"

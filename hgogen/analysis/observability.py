@@ -60,7 +60,7 @@ class Answer(Encoded):
 
     @property
     def verdict(self) -> Verdict:
-        """What is known of the claim that all is observable on this branch."""
+        """The verdict of the claim that all is observable on this branch."""
         if not self.rank.unobservable:
             return Verdict.GENERIC
         return Verdict.REFUTED if self.hidden else Verdict.UNKNOWN
@@ -82,7 +82,7 @@ class Answer(Encoded):
 
     @property
     def advice(self) -> str:
-        """What to measure as well, in words, where something is proved to be unobservable on every branch; else ""."""
+        """The advice what to measure as well, where something is proved to be unobservable on every branch; else ""."""
         if not self.lost:
             return ""
         shown = " or ".join(s.name for s in self.repairs)
@@ -92,7 +92,7 @@ class Answer(Encoded):
 
     @property
     def condition(self) -> Reason:
-        """Where the branch is, in words; `NONE` of a plant without branches."""
+        """The conditions of the branch, in words; `NONE` of a plant without branches."""
         if not self.where:
             return NONE
         shown, more = self.where[:_CONDITIONS], len(self.where[_CONDITIONS:])
@@ -101,7 +101,7 @@ class Answer(Encoded):
 
     @property
     def unseen(self) -> tuple[Reason, ...]:
-        """What is not observable on this branch, and what is not known to be, in words."""
+        """The unknowns that are not observable on this branch, and those not known to be, in words."""
         place = because(" where {condition}", condition=self.condition) if self.where else NONE
         are = "is" if len(self.hidden) == 1 else "are"
         hidden = because("{names} {are} not observable{place}", names=self.hidden, are=are, place=place)
@@ -110,7 +110,7 @@ class Answer(Encoded):
 
     @property
     def exceptions(self) -> tuple[Reason, ...]:
-        """The same of the other branches, of the first of them."""
+        """The unknowns that the other branches hide, in words, of the first of them."""
         said = [one for answer in self.elsewhere for one in answer.unseen]
         more = because("so on {more} other branches", more=len(said) - _SHOWN)
         return (*said[:_SHOWN], *((more,) if len(said) > _SHOWN else ()))
@@ -131,8 +131,8 @@ class Answer(Encoded):
 
 
 @dataclass(frozen=True)
-class Observability(Encoded):
-    """What is generically observable of a plant."""
+class Observability:
+    """The generic observability of a plant: `known` with known parameters, `joint` with those that have a range.
 
     json_keys = "known joint method asked checks"
 
@@ -254,7 +254,7 @@ class _Question:
         return tuple(one for one in self.branch.where if not enclose(one.gts - one.lts, around)[0] >= 0)
 
     def answer(self, rank: Rank, *, proofs: bool = True) -> Answer:
-        """What is observable on the branch; without `proofs`, what hides the rest is not asked."""
+        """The answer on the branch; without `proofs`, what hides the rest is not asked."""
         hidden = rank.unobservable
         if not hidden or not proofs:
             return Answer(rank, self.orders(rank) if proofs else (), where=self.where if hidden else ())

@@ -23,7 +23,7 @@ _POINTS = 32
 
 @dataclass(eq=False)
 class NoSight(HgogenError):
-    """What is missing for a measure of how much the outputs show."""
+    """A measure of how observable the states are from the outputs is not made; `reason`: what is missing."""
 
     reason: str
 
@@ -41,7 +41,7 @@ class Linear:
 
 @dataclass(frozen=True)
 class Pace:
-    """How fast a plant is on its box: the shortest and the longest time that a state takes to cross its range, at its
+    """The pace of a plant on its box: the shortest and the longest time that a state takes to cross its range, at its
     fastest among fixed points, and the fastest mode of its linearisation there (1/time); 0 where nothing moves."""
 
     shortest: float

@@ -152,7 +152,7 @@ def _chooses_values(part: sp.Expr, around: Box) -> bool:
 
 
 def _condition(part: sp.Expr) -> Condition:
-    """What must hold for a part to have a finite value."""
+    """The condition for a part to have a finite value."""
     if isinstance(part, sp.Pow):
         base, exponent = part.base, part.exp
         if exponent.is_Integer and exponent.is_negative:

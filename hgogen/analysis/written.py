@@ -44,7 +44,7 @@ def valueless(plant: System) -> sp.Expr | None:
 
 @lru_cache(maxsize=16)
 def asked(plant: System) -> tuple[Condition, ...]:
-    """What must hold for the plant as it is written to have a value, as far as it is not shown on the whole box."""
+    """The conditions for the plant as it is written to have a value, as far as they are not shown on the whole box."""
     return conditions(written(plant), plant.box)
 
 

@@ -19,7 +19,7 @@ class ByForm:
     """The form itself, with its plant: the claim is verified of their equations alone."""
 
     def evidence(self, form: Form) -> Evidence:
-        """Nothing beside the form."""
+        """No evidence beside the form."""
         return {}
 
 
@@ -32,7 +32,7 @@ class Grounds:
     fact: Any = field(hash=False)
 
     def evidence(self, form: Form) -> Evidence | None:
-        """That of the fact, None for a kind that has none; nothing where it follows from another claim's."""
+        """The evidence of the fact, None for a kind that has none; nothing where it follows from another claim's."""
         if self.fact is None:
             return {}
         return self.fact.evidence(form) if hasattr(self.fact, "evidence") else None

@@ -124,7 +124,7 @@ class Dynamics:
         return self._limited(self._graphs(self._argument(z), u)[1])
 
     def _argument(self, z: Graph) -> Graph:
-        """What b takes: z clamped to the box, or as it is where values alone are limited."""
+        """The argument of b: z clamped to the box, or as it is where values alone are limited."""
         return z if self.form.free else self.saturated(z)
 
     def _limited(self, b: Graph) -> Graph:

@@ -153,7 +153,7 @@ def _varying(a: sp.Expr, system: System) -> tuple[sp.Expr, tuple[Signal, ...]]:
 
 
 def _fix(name: str, signals: tuple[Signal, ...], system: System) -> tuple[str, str]:
-    """What to do about it, and what follows for him who accepts it."""
+    """The fix, and the consequence for a user who accepts the claim all the same."""
     if not signals:
         return f"{name} is a constant; correct the model or the parameter's value.", ""
     names, inputs = (", ".join(s.name for s in some) for some in (signals, [u for u in signals if u in system.inputs]))

@@ -159,7 +159,7 @@ def _roots(equation: sp.Expr, x: sp.Symbol) -> Iterator[sp.Expr]:
 
 
 def _behind(f: sp.Expr, value: sp.Expr) -> sp.Expr | None:
-    """What is 0 where f = value, with the function undone; None for one without an inverse here."""
+    """An expression that is 0 where f = value, with the function undone; None for one without an inverse here."""
     if isinstance(f, sp.Pow):
         return f.base - value ** (1 / f.exp) if f.exp.is_Rational else None
     back = _BACK.get(type(f))

@@ -44,13 +44,13 @@ class Change:
 
     @property
     def states(self) -> tuple[Signal, ...]:
-        """Those of the recast plant: the new ones in the place of the replaced, in order."""
+        """The states of the recast plant: the new ones in the place of the replaced, in order."""
         places = dict(zip(self.backward, self.forward, strict=True))
         return tuple(places.get(s, s) for s in self.plant.states)
 
     @property
     def old(self) -> tuple[Signal, ...]:
-        """What `forward` may read."""
+        """The signals that `forward` may read."""
         return (*self.plant.states, *self.plant.tunable)
 
     @property
@@ -92,7 +92,7 @@ def recast(plant: System, coordinates: Mapping[Signal, Any], inverse: Mapping[Si
 
 
 def _at_once(change: Change, before: Origin) -> Change:
-    """Of a plant that is recast: the change of the plant that it was recast `before` from, which does both."""
+    """The change that does both, of the plant that a recast plant was recast `before` from."""
     first, forward = before.plant, dict(zip(change.plant.states, before.forward, strict=True))
     forward |= {w: e.xreplace(forward) for w, e in change.forward.items()}
     back = {x: e.xreplace(change.backward) for x, e in zip(first.states, before.backward, strict=True)}
@@ -200,7 +200,7 @@ def _inverse(written: Change, change: Change, signed: Mapping[Signal, sp.Dummy])
 
 
 def _roughness(maps: list[tuple[Signal, sp.Expr, tuple[Signal, ...]]]) -> Reason | None:
-    """Where a map or a slope of it may be singular, jump or have a kink; None if nowhere."""
+    """The reason why a map or a slope of it may be singular, jump or have a kink; None if it does nowhere."""
     for s, e, signals in maps:
         rough = sorted(e.atoms(*JUMPS, *KINKS), key=str)
         if rough:

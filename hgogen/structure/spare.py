@@ -33,7 +33,7 @@ class Shown:
 
 
 def shown(form: Form) -> tuple[tuple[Shown, ...], ...]:
-    """Of each chain the outputs that show its first state, the one that it begins with first."""
+    """The outputs that show the first state of each chain, the one that it begins with first."""
     spare = [j for j, size in enumerate(form.blocks) if not size]
     chains = ((i, form.states[form.heads[i]]) for i in form.leads)
     return tuple(
@@ -54,8 +54,8 @@ def of_used(form: Form, sizes: Sequence[Fraction]) -> list[Fraction]:
 
 
 def entering(form: Form, weights: Sequence[float]) -> np.ndarray:
-    """By how much the error of each output (p) is in those of the chains' outputs (q, p), of samples that are all
-    there, as fractions."""
+    """The share of the error of each output (p) in those of the chains' outputs (q, p), where all samples are there, as
+    fractions."""
     rows = np.full((len(form.leads), len(form.output)), Fraction(0), dtype=object)
     for row, chain in zip(rows, shown(form), strict=True):
         whole = sum(Fraction(weights[each.output]) for each in chain)
