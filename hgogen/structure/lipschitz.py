@@ -103,28 +103,25 @@ def clamped(observer: str, form: Form, *, boxes: int = BOXES) -> tuple[Check, ..
     if not any(form.b) or all(any(z in (x, -x) for x in form.system.states) for z in form.to_form):
         return ()
     claim = "b is Lipschitz in z on the whole box of z, to which its argument is clamped"
+    check = Check(ClaimId(observer, "lipschitz"), claim, Verdict.UNKNOWN, because("it is not clamped"))
     if form.free:
-        return (Check(ClaimId(observer, "lipschitz"), claim, Verdict.UNKNOWN, because("it is not clamped")),)
-    verdict, reason, *proofs = _bounded_slope(form, boxes)
-    return (Check(ClaimId(observer, "lipschitz"), claim, verdict, reason, proofs=tuple(map(Slopes, proofs))),)
-
-
-def _bounded_slope(form: Form, boxes: int) -> tuple[Verdict, Reason] | tuple[Verdict, Reason, Proof]:
-    """The verdict, the reason and the proof. The verdict is PROVED or UNKNOWN: beyond the image of the plant's box b is
-    not the plant's, and nothing there refutes."""
+        return (check,)
     if form.behind is None:
         proof = _steepest(form.b, form.states, form, boxes)
         if isinstance(proof, Reason):
-            return Verdict.UNKNOWN, proof
+            return (replace(check, reason=proof),)
         assert proof.high is not None
-        return Verdict.PROVED, because("L_b <= {L_b}, by outward-rounded intervals", L_b=Up(proof.high)), proof
+        reason = because("L_b <= {L_b}, by outward-rounded intervals", L_b=Up(proof.high))
+        return (replace(check, verdict=Verdict.PROVED, reason=reason, proofs=(Slopes(proof),)),)
+    # unknown, not refuted: beyond the image of the plant's box b is not the plant's
     if isinstance(_steepest(form.from_form, form.states, form, boxes), Reason):
         poles = "{taken}, of which no slope is proved: Psi may have poles in the box of z"
-        return Verdict.UNKNOWN, because(poles, taken=_TAKEN)
+        return (replace(check, reason=because(poles, taken=_TAKEN)),)
     why = _steepest(form.behind, form.system.states, form, boxes)
     if isinstance(why, Reason):
-        return Verdict.UNKNOWN, joined(_TAKEN, why)
-    return Verdict.PROVED, because("{taken}, both of bounded slope, by outward-rounded intervals", taken=_TAKEN)
+        return (replace(check, reason=joined(_TAKEN, why)),)
+    reason = because("{taken}, both of bounded slope, by outward-rounded intervals", taken=_TAKEN)
+    return (replace(check, verdict=Verdict.PROVED, reason=reason),)
 
 
 def _steepest(rows: Sequence[sp.Expr], states: Sequence[Signal], form: Form, boxes: int) -> Proof | Reason:
