@@ -260,7 +260,7 @@ class Dynamics:
     def recovered(self, z: Graph, u: Graph) -> tuple[Graph, Graph]:
         """The states of the form's system from z, each in its range, and whether the inverse is a number there.
 
-        A state for which it is not takes its resting value. Denominators keep their sign (structure/sided.py).
+        A state for which it is not takes its resting value. Denominators keep their sign (`inverse.sided`).
         """
         return self._ranged(self._unranged(z, u))
 
