@@ -193,10 +193,7 @@ def _fix(far: Reach) -> str:
 
 
 def reach(steps: Steps, h: Fraction, limit: float) -> Reach:
-    """The reach of a step of length h, which is refused above `limit`.
-
-    Raises: `NoSolver`.
-    """
+    """The reach of a step of length h, which is refused above `limit`. Raises: `NoSolver`."""
     theta, far = steps.theta, h * _ROOM if limit == float("inf") else Fraction(limit)
 
     def at(level: Fraction) -> Steps:
@@ -220,9 +217,7 @@ def reach(steps: Steps, h: Fraction, limit: float) -> Reach:
 
 def enough(steps: Steps, h: Fraction) -> Fraction | None:
     """Of a step that is not proved, the largest share of the ranges of its slopes with which it is; None of none.
-
-    Raises: `NoSolver`.
-    """
+    Raises: `NoSolver`."""
 
     def of(share: Fraction) -> Steps:
         return replace(steps, error=steps.error.narrowed(share))

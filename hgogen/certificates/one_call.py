@@ -45,10 +45,7 @@ def after_call(
     inputs: Sequence[Sequence[Any]],
 ) -> list[Any]:
     """The elements of the observer's fields (N) after a call: of `fields` (N) before it, of the `samples` (2, p) and
-    the `inputs` (2, m) of the last call and of this one.
-
-    Raises: `Unsure`.
-    """
+    the `inputs` (2, m) of the last call and of this one. Raises: `Unsure`."""
     (part,) = step.observer.parts
     p = len(samples[0])
     if not isinstance(part, Ode) or step.clock.periods != (step.dt,) * p or step.observer.delays:

@@ -46,10 +46,7 @@ class Point:
 
 
 def tuned(step: CallableStep) -> Point:
-    """The point of a step of a constant injection.
-
-    Raises: `NoSolver`.
-    """
+    """The point of a step of a constant injection. Raises: `NoSolver`."""
     error, known = step.observer.error, noise_bounds(step.observer)
     falls = None if error is None or isinstance(error, Nothing) else Flow(error, theta_of(step.observer)).fastest
     bounds: Mapping[tuple[str, str], float] = {} if isinstance(known, Nothing) else known
@@ -58,10 +55,7 @@ def tuned(step: CallableStep) -> Point:
 
 def designed(like: CallableStep, rate: float, argument: bool = False) -> Point:
     """The point of a gain that is designed for a rate, on the form, at the dt and by the method of a step; with an
-    `argument` of b that is searched.
-
-    Raises: `NoSolver`; as `hg.design.gain`, its observer and `sample` do.
-    """
+    `argument` of b that is searched. Raises: `NoSolver`; as `hg.design.gain`, its observer and `sample` do."""
     form = like.observer.form
     gain = gain_for(form, rate=rate, argument=argument)
     observer = getattr(observers, gain.observer)(form, **gain.taken)

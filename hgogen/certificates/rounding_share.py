@@ -61,10 +61,7 @@ def rounding_share(
     running: Running, real: Real, shares: Sequence[Share], start: Start, multiple: Fraction, samples: Sequence[Fraction]
 ) -> Rounding:
     """The share of a program in a working precision, beside the others, from first errors of `multiple` times what the
-    ranges allow, of samples that err by at most `samples` (p).
-
-    Raises: `Unbounded`, `NoSolver`.
-    """
+    ranges allow, of samples that err by at most `samples` (p). Raises: `Unbounded`, `NoSolver`."""
     every, plant = range(len(start.scales)), running.plant
     parts = [_of_share(share.unit, share.proofs, start.scales) for share in shares]
     others = {k: sum((part[k] for part in parts), Fraction(0)) for k in every}

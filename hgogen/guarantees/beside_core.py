@@ -74,9 +74,7 @@ class BesideCore:
 
     def enters(self, realisation: inequality.Realisation, leaves: "Leaves") -> Entering:
         """What comes to each field of an estimate that begins at the plant's own state, and of what that follows.
-
-        Raises: `Unbounded`.
-        """
+        Raises: `Unbounded`."""
         self._demand_chain()
         try:
             return self._by_derivatives(realisation, leaves)
@@ -140,9 +138,7 @@ class BesideCore:
 
     def most(self, order: int, rows: Sequence[sp.Expr]) -> Array:
         """sup of sizes (n) of the derivatives of rows in time, of the order 1 or 2, or what stands for the second.
-
-        Raises: `Unbounded`.
-        """
+        Raises: `Unbounded`."""
         if self.smooth:
             return rational(self._derivatives(order, rows))
         rates = times(self.plant.steep(rows), (*self.plant.stated_speeds, *self.plant.moving))

@@ -70,9 +70,7 @@ class BesideStages:
 
     def line(self, output: int) -> tuple[Fraction, ...]:
         """By how much the line between two samples of an output is beside what the plant shows at each stage (s).
-
-        Raises: `Unbounded`.
-        """
+        Raises: `Unbounded`."""
         (a, _, _), moving = self._coefficients, (*self.plant.stated_speeds, *self.plant.moving)
         bend = sum((x * most for x, most in zip(self._bent[output], moving, strict=True)), _NONE)
         away = [sum(map(abs, row), _NONE) for row in a]  # of a stage from the start, over h sup|F|

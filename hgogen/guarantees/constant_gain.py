@@ -57,10 +57,7 @@ def constant_gain(
 ) -> ConstantGain:
     """The gain on a form in chains, from `poles` or `gains`: a sequence (n), or for several outputs one for each; gains
     may be a matrix (n, q), of a column for each chain's output, the mean of outputs by their `weights` (p); `endless`
-    as of `inclusion`.
-
-    Raises: `BadGain`, `BadPoles`, `NotHurwitz`.
-    """
+    as of `inclusion`. Raises: `BadGain`, `BadPoles`, `NotHurwitz`."""
     if (poles is None) == (gains is None):
         raise BadGain(observer, "takes either the poles of A - K C or the gains K; give one of the two")
     each = constant_chains(observer, form)
@@ -117,19 +114,14 @@ def _from_gains(
 
 
 def entries_of(what: str, values: Any, form: Form) -> tuple[float, ...]:
-    """The entries of a gain of chains (n, or n q: `columns`), given as K is.
-
-    Raises: `BadGain`.
-    """
+    """The entries of a gain of chains (n, or n q: `columns`), given as K is. Raises: `BadGain`."""
     groups = _groups(what, values, [chain for chain in chains(form) if chain])
     return tuple(x for _, k in groups for x in k.ravel().tolist())
 
 
 def _groups(what: str, gains: Any, each: Sequence[Chain]) -> Iterator[tuple[Sequence[Chain], np.ndarray]]:
     """Chains that the gain ties to each other, with its block for them: all for a matrix, else one after the other.
-
-    Raises: `BadGain`.
-    """
+    Raises: `BadGain`."""
     sizes = tuple(map(len, each))
     n, q = sum(sizes), len(sizes)
     whole = _shape(gains) == (n, q)

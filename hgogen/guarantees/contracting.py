@@ -72,10 +72,7 @@ class Steps:
         return self.error.at(self.theta)
 
     def may_contract(self, h: Fraction) -> bool:
-        """Whether floats find a proof, so that one in rationals is worth a try.
-
-        Raises: `NoSolver`.
-        """
+        """Whether floats find a proof, so that one in rationals is worth a try. Raises: `NoSolver`."""
         step = self.at(h)
         return step.rows <= ROWS and unstable(step) is None and self.weights(h, Fraction(0)) is not None
 
@@ -103,10 +100,8 @@ class Steps:
         return W
 
     def proved(self, h: Fraction) -> Contracts | None:
-        """A proof with a rate that is close to the largest that the inequality gives; None where none is found.
-
-        Raises: `NoSolver`.
-        """
+        """A proof with a rate that is close to the largest that the inequality gives; None where none is found. Raises:
+        `NoSolver`."""
         if not self.may_contract(h):
             return None
         slow, fast = Fraction(0), Fraction((1 - _frozen(self.at(h))[0] ** 2) / float(h))
@@ -120,10 +115,8 @@ class Steps:
         return None
 
     def certain(self, h: Fraction, alpha: Fraction = _NOTHING) -> Weights | None:
-        """Weights in rationals that prove |e+|_P^2 <= (1 - alpha h) |e|_P^2; None where none are found.
-
-        Raises: `NoSolver`.
-        """
+        """Weights in rationals that prove |e+|_P^2 <= (1 - alpha h) |e|_P^2; None where none are found. Raises:
+        `NoSolver`."""
         weights = self.weights(h, alpha)
         return weights and proved((self.at(h).falls(alpha),), *weights)
 
@@ -163,10 +156,7 @@ class Piece:
 
 def all_shorter(steps: Steps, longest: Fraction) -> tuple[Piece, ...]:
     """Proofs of every step length above 0 up to the longest; none where not all are proved, or where the form is no
-    polynomial in the length.
-
-    Raises: `NoSolver`.
-    """
+    polynomial in the length. Raises: `NoSolver`."""
     if not steps.at(longest).degree:
         return ()
     left, pieces, tried = [(Fraction(0), longest)], [], 0

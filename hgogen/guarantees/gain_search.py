@@ -123,9 +123,7 @@ class Task:
 
     def gain(self, rate: float, noisy: float) -> Array | None:
         """K (n, p) by a norm that falls at this rate, and with noise at the rate `noisy`; None where there is none.
-
-        Raises: `NoSolver`.
-        """
+        Raises: `NoSolver`."""
         T = self.open.scale(self.pace)
         rows = self.rows * T
         rows = rows / np.linalg.norm(rows, axis=1).max()
@@ -231,10 +229,7 @@ class Search:
     argument: tuple[float, ...] = ()
 
     def best(self) -> Candidate | None:
-        """That of the least worth; None where none is found.
-
-        Raises: `NoSolver`.
-        """
+        """That of the least worth; None where none is found. Raises: `NoSolver`."""
         tried = list[Candidate]()
 
         def worth(noisy: float) -> float:
@@ -262,18 +257,12 @@ class Search:
         return float(f"{value / self.theta**power:.{_DIGITS}g}")
 
     def promise(self) -> float:
-        """The worth with noise at about half of the rate, to two digits.
-
-        Raises: `NoSolver`.
-        """
+        """The worth with noise at about half of the rate, to two digits. Raises: `NoSolver`."""
         one = self.middle()
         return float(f"{one.worth:.2g}") if one else _LARGE
 
     def middle(self) -> Candidate | None:
-        """That with noise at about half of the rate; None where none is found.
-
-        Raises: `NoSolver`.
-        """
+        """That with noise at about half of the rate; None where none is found. Raises: `NoSolver`."""
         return self._slowest(math.sqrt(self.task.rate * self._fast) / 2)
 
     def _slowest(self, noisy: float) -> Candidate | None:
@@ -357,10 +346,7 @@ class NoGain(HgogenError):
 
 def unreached(form: Form, task: Task, sizes: Array) -> NoGain:
     """What is said of a task, under noise of these `sizes` (p), for which there is no gain: the slope that is named is
-    that in half of whose range more is reached than in that of any other.
-
-    Raises: `NoSolver`.
-    """
+    that in half of whose range more is reached than in that of any other. Raises: `NoSolver`."""
     error = with_gains(form, [Fraction(0)] * form.n)
     slopes = () if isinstance(error, Nothing) else error.slopes
     reached = _reached(task, (task.rate / 2**k for k in range(1, _BACK)))

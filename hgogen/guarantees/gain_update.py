@@ -33,10 +33,8 @@ BOXES = 500  # sup Gamma need not be the least
 
 
 def weighted(K: np.ndarray, b: float) -> tuple[Lyapunov, np.ndarray]:
-    """P with N'P + P N <= -I, and D P + P D in rationals.
-
-    Raises: `BadGain` where it is not proved to be positive definite.
-    """
+    """P with N'P + P N <= -I, and D P + P D in rationals. Raises: `BadGain` where it is not proved to be positive
+    definite."""
     exactly = np.array([Fraction(float(k)) for k in K])
     proof = lyapunov(tuple(map(tuple, companion(exactly))))
     assert proof is not None  # N is Hurwitz
@@ -58,10 +56,8 @@ def _spread(P: np.ndarray, D: list[Fraction]) -> np.ndarray:
 def checks(
     chain: Integrators, K: np.ndarray, b: float, p_1: float, p_2: float, p_3: float, cap: float
 ) -> tuple[Check, ...]:
-    """`updated_gain.p_1`, `.p_3` and `.cap`, of the gains K (n), and the claims about p_2 alone of `moving`.
-
-    Raises: `BadGain` where D P + P D is not proved to be positive definite.
-    """
+    """`updated_gain.p_1`, `.p_3` and `.cap`, of the gains K (n), and the claims about p_2 alone of `moving`. Raises:
+    `BadGain` where D P + P D is not proved to be positive definite."""
     proof, spread = weighted(K, b)
     numbers = {"p_1": p_1, "p_2": p_2, "p_3": p_3, "cap": cap, "gains": K}
     weighted_by = {"P": proof.P, "b": Fraction(b)}

@@ -105,10 +105,7 @@ class PlantStep:
 
     def change(self, most: Sequence[Fraction]) -> Rows:
         """sup|dT_i/dx_j| (n, n) of the form's coordinates T in the plant's states x as first declared, 0 where `most`
-        (n) is.
-
-        Raises: `Unbounded`.
-        """
+        (n) is. Raises: `Unbounded`."""
         system, form, plant = self.form.system, self.form, self.form.system.declared
         where = box((*plant.states, *system.inputs, *system.parameters), system.nominal)
         rows = [sp.sympify(row).xreplace(self._recast) for row in form.to_form]
@@ -126,10 +123,7 @@ class PlantStep:
 
     def by_parameters(self, most: Sequence[Fraction]) -> Rows:
         """sup|dF_i/dp| (n, q) of parameters p of the plant that are beside the program's by at most these sizes (q), 0
-        where `most` is.
-
-        Raises: `Unbounded`.
-        """
+        where `most` is. Raises: `Unbounded`."""
         form, system = self.form, self.form.system
         wrong = {p: size for p, size in zip(system.parameters, most, strict=True) if size}
         read = sp.Matrix([*form.to_form, *form.output, *self._recast.values()]).free_symbols & wrong.keys()
@@ -164,10 +158,8 @@ class PlantStep:
         return loose(row, steepness_in(row, x, box(signals(self.form), self.form.system.nominal)))
 
     def disturbed(self, most: Sequence[Fraction]) -> tuple[Fraction, ...]:
-        """|delta|/h (n) of disturbances of at most these sizes (n) in the rows of F, of any course.
-
-        Raises: `Unbounded`.
-        """
+        """|delta|/h (n) of disturbances of at most these sizes (n) in the rows of F, of any course. Raises:
+        `Unbounded`."""
         n = self.form.n
         M = [[*(x * self.h for x in row), size] for row, size in zip(self.steepness, most, strict=True)]
         whole = flint.arb_mat([[flint.arb(number(x)) for x in row] for row in [*M, [Fraction(0)] * (n + 1)]]).exp()

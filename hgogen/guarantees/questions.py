@@ -83,10 +83,7 @@ class InputBound:
 def input_bound(bounded: Bounded, W: Array | None, q: int, c: Array, most: Fraction) -> InputBound | None:
     """A small bound of |c e|, c (N) of FLINT's rationals, of the forms that are negative at an alpha, with `q` inputs
     among what multiplies them; alpha is searched in floats up to `most`, and the least bound that is proved counts.
-    None where none is proved. `W`: coordinates x, e = W x, near which P is expected.
-
-    Raises: `NoSolver`.
-    """
+    None where none is proved. `W`: coordinates x, e = W x, near which P is expected. Raises: `NoSolver`."""
     if W is None:
         return None
     tried, coordinates = dict[Fraction, float](), W
@@ -148,9 +145,7 @@ def weights_in_floats(
     forms: Sequence[Quadratic], rows: Array, alpha: float, W: Array, q: int, margin: float
 ) -> tuple[Array, Array] | None:
     """P and S in floats with a small largest c P^-1 c' of the `rows` c (r, n), sought from coordinates x of e = W x on.
-
-    Raises: `NoSolver`.
-    """
+    Raises: `NoSolver`."""
 
     def sought_in(W: Array) -> Solution | None:
         """In these coordinates, with the inputs in a unit in which x is near 1."""
@@ -176,9 +171,7 @@ class Confined:
 def confined(steps: Steps, h: Fraction, corners: Array, rows: Mapping[int, Array]) -> Confined | None:
     """A proof that makes the largest |c e| small, each c (N) of the `rows` in the unit in which it counts, from the
     `corners` (k, N) of a box, one of each two that are opposite; of FLINT's rationals. None where none is found.
-
-    Raises: `NoSolver`.
-    """
+    Raises: `NoSolver`."""
     form, W = steps.at(h).falls(NOW), steps.coordinates
     if W is None:
         return None
@@ -241,10 +234,7 @@ class L2Bound:
 def l2_bound(each: Sequence[Driven], W: Array, growing: Array | None = None) -> L2Bound | None:
     """A small bound of the L2 gain that all of the systems have; None where none is proved. `W` (N, N): coordinates x,
     e = W x, in which P is expected to be near the unit matrix; `growing` (N, N), of rationals: D of a term -r D e, r >=
-    0 of any size, so that D'P + P D >= 0 is asked for.
-
-    Raises: `NoSolver`.
-    """
+    0 of any size, so that D'P + P D >= 0 is asked for. Raises: `NoSolver`."""
     forms, q, n = [one.form for one in each], each[0].e.B.shape[1], len(W)
     k, back, most = len(forms[0].Q), np.linalg.inv(W), max(one.seen for one in each)
     if growing is not None:
@@ -274,10 +264,7 @@ def l2_bound(each: Sequence[Driven], W: Array, growing: Array | None = None) -> 
 def noise_bounds(observer: Observer) -> Bounds | Nothing:
     """By the name of a state of the form and of an output, how far the estimate of the one goes at most for noise of at
     most 1 of the other, in continuous time, at the declared gains of an observer of a constant injection; or why that
-    is not known.
-
-    Raises: `lmi.NoSolver`.
-    """
+    is not known. Raises: `lmi.NoSolver`."""
     error: Inclusion | Nothing | None = observer.error
     if error is None:
         return Nothing(because("the proof is for a constant injection: high_gain, filtered and the like, on chains"))
@@ -299,10 +286,7 @@ def named(form: Form, known: Mapping[tuple[int, int], float]) -> Bounds:
 
 def bounds(flow: Flow, falls: Falls) -> Mapping[tuple[int, int], float] | Reason:
     """By state of the form and by output, the proved bound of what noise of at most 1 does, in their units, of an error
-    that `falls`; or why there is none.
-
-    Raises: `NoSolver`.
-    """
+    that `falls`; or why there is none. Raises: `NoSolver`."""
     error, scales = flow.error, flow.error.scales(flow.theta)
     if scales is None:
         return NO_SCALES

@@ -99,20 +99,15 @@ def settled(solve: Callable[[Array], Solution | None], W: Array) -> tuple[Array,
 
 def sought(forms: Sequence[Quadratic], what: str, W: Array | None = None) -> tuple[Array, Array] | None:
     """Weights in floats with which a solver takes all forms to be negative; None where it finds none. `W` (n, n): what
-    decays is W times coordinates in which P is expected to be near the unit matrix.
-
-    Raises: `NoSolver` of `what` needs it.
-    """
+    decays is W times coordinates in which P is expected to be near the unit matrix. Raises: `NoSolver` of `what` needs
+    it."""
     best = widest(forms, what, W)
     return (best.P, best.S) if best is not None and best.margin > 0 else None
 
 
 def widest(forms: Sequence[Quadratic], what: str, W: Array | None = None, priced: bool = False) -> Margin | None:
     """The same weights, also where the forms are not negative: by the largest margin in those coordinates; `priced`:
-    whether prices are asked.
-
-    Raises: `NoSolver`.
-    """
+    whether prices are asked. Raises: `NoSolver`."""
     if W is None:
         return margin([form.floats for form in forms], what, priced)
     view, fast = Seen.paced([form.floats for form in forms], W)
@@ -126,10 +121,7 @@ def widest(forms: Sequence[Quadratic], what: str, W: Array | None = None, priced
 @np.errstate(over="ignore", invalid="ignore")
 def margin(forms: Sequence[Quadratic], what: str, priced: bool = False) -> Margin | None:
     """The margin of forms of floats, with the same P and S; None where the solver leaves no numbers. Of one form whose
-    prices are not asked, columns are merged.
-
-    Raises: `NoSolver` of `what` needs it.
-    """
+    prices are not asked, columns are merged. Raises: `NoSolver` of `what` needs it."""
     n, whole = len(forms[0].pairs[0][0]), forms
     forms, groups = merged(forms[0]) if len(forms) == 1 and not priced else (forms, ())
     of_forms, others = _at_most(forms, groups, 1.0, 0.0), len(whole[0].Q) + len(groups) + 1
@@ -147,11 +139,9 @@ def margin(forms: Sequence[Quadratic], what: str, priced: bool = False) -> Margi
 
 @np.errstate(over="ignore", invalid="ignore")
 def shortest(view: Seen, reads: Array, limits: Limits, by: float, unit: float, what: str) -> Solution | None:
-    """P and S of forms of x that are negative `by` that, within `limits` of x / `unit`, with a small largest
-    c P^-1 c' of what rows read of x, `reads` (r, n); None where the solver leaves no numbers.
-
-    Raises: `NoSolver` of `what` needs it.
-    """
+    """P and S of forms of x that are negative `by` that, within `limits` of x / `unit`, with a small largest c P^-1 c'
+    of what rows read of x, `reads` (r, n); None where the solver leaves no numbers. Raises: `NoSolver` of `what` needs
+    it."""
     whole, (A, b) = view.forms, limits
     forms, groups = merged(whole[0]) if len(whole) == 1 else (whole, ())
     of_rows = [reaching(c, A.shape[1] + len(groups)) for c in reads / np.linalg.norm(reads, axis=1).max()]
@@ -170,10 +160,7 @@ def shortest(view: Seen, reads: Array, limits: Limits, by: float, unit: float, w
 @np.errstate(over="ignore", invalid="ignore")
 def cheapest(forms: Sequence[Quadratic], q: int, by: float, what: str) -> tuple[Array, Array] | None:
     """P and S with a small largest of the last `q` of S, of forms of floats that are negative `by` that; None where the
-    solver leaves no numbers.
-
-    Raises: `NoSolver` of `what` needs it.
-    """
+    solver leaves no numbers. Raises: `NoSolver` of `what` needs it."""
     n, k = len(forms[0].pairs[0][0]), len(forms[0].Q)
     last = np.hstack([np.zeros((q, n * (n + 1) // 2 + k - q)), np.eye(q), -np.ones((q, 1))])
     rows = [*_at_most(forms, (), 0.0, by), _positive(n, k + 1, by), (last, np.zeros(q), False)]
