@@ -41,7 +41,7 @@ from typing import Any
 
 import numpy as np
 import sympy as sp
-from flint import fmpq, fmpq_mat
+from flint import fmpq_mat
 
 from hgogen.algebra.definite import (
     Matrix,
@@ -276,19 +276,11 @@ def steepness(chain: Integrators, gamma: float) -> Steep | Nothing:
 
 def attenuation(candidate: Candidate, decay: Fraction, alpha_1: Fraction, alpha_2: Fraction) -> Any:
     """The block matrix of (87), FLINT's, times -1."""
-    n, P = candidate.n, exact(candidate.P)
-    M = candidate.rate - unit(n) * number(decay)
-    Y = P * fmpq_mat([[number(value)] for value in candidate.K])
-    size = 2 * n + 1
-    block = [[fmpq(0)] * size for _ in range(size)]
-    for i in range(n):
-        block[n + i][n + i] = number(alpha_1)
-        block[i][2 * n] = block[2 * n][i] = -Y[i, 0]
-        for j in range(n):
-            block[i][j] = M[i, j]
-            block[i][n + j] = block[n + j][i] = -P[i, j]
-    block[2 * n][2 * n] = number(alpha_2)
-    return fmpq_mat(block)
+    n, P = candidate.n, rational(candidate.P)
+    M = np.array((candidate.rate - unit(n) * number(decay)).tolist(), dtype=object)
+    Y, last = P @ rational(candidate.K)[:, None], rational([[alpha_2]])
+    one, zero = identity(n) * number(alpha_1), 0 * P[:, :1]
+    return fmpq_mat(np.block([[M, -P, -Y], [-P, one, zero], [-Y.T, zero.T, last]]).tolist())
 
 
 def facts(maker: str, candidate: Candidate, decay: Fraction | None = None) -> tuple[Check, Check, Check]:

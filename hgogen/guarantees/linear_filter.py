@@ -61,11 +61,7 @@ def linear(form: Form) -> Linear | Reason:
         return because("its coefficients vary with {names}", names=moving)
     if not all(e.is_Rational for e in (*A, *C)):
         return because("a coefficient is not rational")
-    return Linear(_fractions(A), _fractions(C))
-
-
-def _fractions(M: sp.Matrix) -> Matrix:
-    return tuple(tuple(Fraction(int(e.p), int(e.q)) for e in M.row(i)) for i in range(M.rows))
+    return Linear(*(tuple(tuple(Fraction(int(e.p), int(e.q)) for e in row) for row in M.tolist()) for M in (A, C)))
 
 
 def settles(plant: Linear, Q: np.ndarray, theta: float) -> Reason | None:

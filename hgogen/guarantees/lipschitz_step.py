@@ -17,6 +17,8 @@ from collections.abc import Sequence
 from fractions import Fraction
 from itertools import pairwise
 
+import numpy as np
+
 _ZERO, _ONE, _HALF = Fraction(0), Fraction(1), Fraction(1, 2)
 Column = Sequence[Fraction]
 Rows = Sequence[Column]
@@ -29,29 +31,16 @@ def left(
     `moving` so fast (n + m), of rows that are `linear` (n) or not; None of a method that is not exact for constants."""
     if sum(b) != 1 or any(sum(row) != at for row, at in zip(a, c, strict=True)):
         return None
-    bent = _times(steepness, moving)
-    second = _times(steepness, [*bent, *[_ZERO] * (len(moving) - len(bent))])
-    away = list[list[Fraction]]()
-
-    def carried(weights: Column) -> list[Fraction]:
-        """h sum_j |w_j| L d_j."""
-        total = [_ZERO] * len(bent)
-        for w, off in zip(weights, away, strict=False):
-            total = [x + h * abs(w) * y for x, y in zip(total, _times(steepness, off), strict=True)]
-        return total
-
-    for row, at in zip(a, c, strict=True):
-        own = h**2 * _kernel(at, row, c)
-        away.append([own * x + y for x, y in zip(bent, carried(row), strict=True)])
-    first = h * _kernel(_ONE, b, c)
-    exact = sum(w * at for w, at in zip(b, c, strict=True)) == _HALF
-    spread = Fraction(1, 24) + sum((abs(w) * (at - _HALF) ** 2 / 2 for w, at in zip(b, c, strict=True)), _ZERO)
-    ends = zip(bent, second, linear, carried(b), strict=True)
-    return tuple((min(first * x, h**2 * spread * y) if exact and line else first * x) + z / h for x, y, line, z in ends)
-
-
-def _times(rows: Rows, column: Column) -> list[Fraction]:
-    return [sum((x * y for x, y in zip(row, column, strict=False)), _ZERO) for row in rows]
+    L = np.array(steepness, dtype=object)
+    in_states, bent, away = L[:, : len(L)], L @ np.array(moving, dtype=object), list[np.ndarray]()
+    for row, at in zip((*a, b), (*c, _ONE), strict=True):
+        stages = (h * abs(w) * (in_states @ off) for w, off in zip(row, away, strict=False))
+        away.append(sum(stages, h**2 * _kernel(at, row, c) * bent))
+    over_h, less = away[-1] / h, 0 * bent
+    if sum(w * at for w, at in zip(b, c, strict=True)) == _HALF:
+        spread = Fraction(1, 24) + sum((abs(w) * (at - _HALF) ** 2 / 2 for w, at in zip(b, c, strict=True)), _ZERO)
+        less = h * _kernel(_ONE, b, c) * bent - h**2 * spread * (in_states @ bent)
+    return tuple(x - max(y, _ZERO) if line else x for x, y, line in zip(over_h, less, linear, strict=True))
 
 
 def _kernel(end: Fraction, weights: Column, places: Column) -> Fraction:

@@ -63,7 +63,7 @@ class Lyapunov:
     @property
     def condition(self) -> float:
         """The condition number of P, in floats: for reports."""
-        return float(np.linalg.cond(_floats(self.P)))
+        return float(np.linalg.cond(np.array(self.P, dtype=float)))
 
 
 def verified(candidate: Lyapunov) -> bool:
@@ -106,7 +106,7 @@ def gains(corners: Iterable[tuple[Matrix, Sequence[Fraction]]], largest: float) 
     Raises: `NoSolver`.
     """
     cp = solver("a gain for a range of a_i")
-    pairs = [(_floats(A), np.array([list(map(float, C))])) for A, C in corners]
+    pairs = [(np.array(A, dtype=float), np.array([list(map(float, C))])) for A, C in corners]
     n = len(pairs[0][0])
     P, Y, peak, least = cp.Variable((n, n), PSD=True), cp.Variable((n, 1)), cp.Variable(), cp.Variable()
     one = np.eye(n)
@@ -158,14 +158,10 @@ def _rounded(P: Sequence[Sequence[Fraction]], vertices: tuple[Matrix, ...]) -> L
     for slack in _SLACKS:
         step = Fraction(1, 2 ** (int(4 * n * n * steepest / slack).bit_length()))
         grid = tuple(tuple(round((1 + slack) * value / step) * step for value in row) for row in P)
-        peak = float(np.linalg.eigvalsh(_floats(grid)).max())
+        peak = float(np.linalg.eigvalsh(np.array(grid, dtype=float)).max())
         short = slack * Fraction(2) ** int(np.ceil(np.log2(max(peak, 1e-300))))
         above = -(-Fraction(peak) * (1 + slack) // short) * short  # by that share at least, a few times that at most
         candidate = Lyapunov(grid, above, vertices)
         if verified(candidate):
             return candidate
     return None
-
-
-def _floats(M: Matrix) -> np.ndarray:
-    return np.array([[float(value) for value in row] for row in M])

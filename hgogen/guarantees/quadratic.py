@@ -180,11 +180,11 @@ class Seen:
         return (back + back.T) / 2, S / self.g**2  # rounding leaves it not quite symmetric
 
 
-def lyapunov(N: Array) -> Array | None:
-    """P (n, n) with N'P + P N = -I, in floats; None where there is none."""
+def lyapunov(N: Array, W: Array | None = None) -> Array | None:
+    """P (n, n) with N'P + P N = -W, by default -I, in floats; None where there is none."""
     n, one = len(N), np.eye(len(N))
     try:
-        P = np.linalg.solve(np.kron(N.T, one) + np.kron(one, N.T), -one.ravel()).reshape(n, n)
+        P = np.linalg.solve(np.kron(N.T, one) + np.kron(one, N.T), -(one if W is None else W).ravel()).reshape(n, n)
     except np.linalg.LinAlgError:
         return None
     return np.asarray((P + P.T) / 2) if np.isfinite(P).all() else None

@@ -22,6 +22,7 @@ from hgogen.algebra.definite import demand_hurwitz, hurwitz
 from hgogen.discretisation.stability import steady_covariance
 from hgogen.form import Form
 from hgogen.guarantees.constant_gain import constant_chains
+from hgogen.guarantees.quadratic import lyapunov
 from hgogen.intervals.digits import same
 from hgogen.kalman.weights import positive, spd
 from hgogen.observer import state_field
@@ -131,17 +132,11 @@ def _settled(N: np.ndarray, C: np.ndarray, Q: np.ndarray, R: np.ndarray, said: s
         raise BadGain(f"the point {said}", f"{what}; take one, or an input, at which the outputs show all of them")
     for _ in range(_ROUNDS):
         K = P @ C.T / R
-        P = _lyapunov(N - K @ C, Q + K * R @ K.T)
+        refined = lyapunov((N - K @ C).T, Q + K * R @ K.T)
+        P = P if refined is None else refined
     K = P @ C.T / R
     rest = np.abs(N @ P + P @ N.T + Q - K * R @ K.T).max()
     sound = rest <= _SETTLED * max(np.abs(N @ P).max(), np.abs(Q).max())
     if not (sound and definite.positive(definite.exact(definite.rationals(P))) and hurwitz(N - K @ C)):
         raise BadGain(f"the point {said}", "has an equation too badly scaled to be solved; take units nearer to 1")
     return np.asarray(K)
-
-
-def _lyapunov(M: np.ndarray, W: np.ndarray) -> np.ndarray:
-    """P with M P + P M' + W = 0."""
-    one = np.eye(len(M))
-    P = np.linalg.solve(np.kron(M, one) + np.kron(one, M), -W.ravel()).reshape(M.shape)
-    return np.asarray((P + P.T) / 2)
