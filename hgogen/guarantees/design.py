@@ -11,7 +11,7 @@ and what papers give by formula, which asks for no solver: `formulas` lists it.
 
 For `adaptive_gain` `gain_programs` minimises the bound (88) on gamma, or the bound (89) on the L2 gain, under (54),
 D P + P D >= 0 and |Y| <= largest, Y = P K: the cone (54) alone has no bound. What is said of the rounded K and P is
-computed and proved of them, by `convergence.adaptive_gain`. Of a form the slope k(gamma), for every gamma from that one
+computed and proved of them, by `guarantees.adaptive_gain`. Of a form the slope k(gamma), for every gamma from that one
 on, falls as gamma grows, and the bound on gamma with it: k is taken where the two meet, by bisection, for the bound of
 k(1) can be many times too large. Source: Alessandri, "On Hamilton-Jacobi approaches to state reconstruction for dynamic
 systems" (2020), section 4.
@@ -162,7 +162,7 @@ def verified(
     K: Any, P: Any, sigma: Any, decay: float | None = None, alphas: tuple[float, float] | None = None
 ) -> Checks:
     """Whether P > 0, D P + P D >= 0, (54) with lambda = `decay`, by default any, and (87) with `alphas`, in the
-    notation of `convergence.adaptive_gain`: each proved, or refuted with the eigenvalue.
+    notation of `guarantees.adaptive_gain`: each proved, or refuted with the eigenvalue.
 
     Raises: `BadGain`.
     """

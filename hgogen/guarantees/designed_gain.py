@@ -3,7 +3,7 @@
     z' = A z + b(sat z, u) + diag(theta, .., theta^n) K (y - C z)
 
 theta is only the unit of time in which K is written, by default one in which its numbers are near 1, or in which a
-proof is accurate. The gain is that of `rate_search`; what is said of it is proved of its rounded numbers in rationals,
+proof is accurate. The gain is that of `gain_search`; what is said of it is proved of its rounded numbers in rationals,
 the bound of each state by a norm of its own.
 
 b may read e_j - N_j (C e - v) in the place of e_j. With N given, all else is the convex program of `gain_search`; N is

@@ -28,11 +28,10 @@ from hgogen.guarantees.common_norm import CLOSE, Flow
 from hgogen.guarantees.inclusion import Slope
 from hgogen.guarantees.lmi import no_solver
 from hgogen.guarantees.quadratic import Array, Quadratic, Weights, floats, on_grid, rational, verified
-from hgogen.guarantees.semidefinite import CLOSER, Rows, definite, entries, solved
+from hgogen.guarantees.semidefinite import margin
 from hgogen.sentence import Reason, because
 
 _WHAT = "one norm for slopes without an end"
-_LEAST = 1e-3  # of the eigenvalues of a P whose trace is its size
 _MARGIN = 1e-7  # that a form has to have in floats
 _BITS = (20, 30, 44)
 _NONE = (
@@ -107,31 +106,12 @@ class OneSided(Flow):
 
     def _sought(self, forms: Sequence[Quadratic]) -> tuple[Array, Array] | None:
         """P that keeps to the equations, and multipliers S, with which forms of floats are negative by the most."""
-        basis, (n, _), k = [floats(matrix) for matrix in self._basis], self.error.N.shape, len(forms[0].Q)
+        basis = [floats(matrix) for matrix in self._basis]
         if not basis or no_solver(_WHAT):
             return None
-        count, each = len(basis) + k, np.array(basis)
-        i, j = np.triu_indices(n)
-        order = np.lexsort((i, j))  # as the entries of P stand, column by column
-        short, rows = each[:, i[order], j[order]], list[Rows]()
-        for form in forms:
-            brings = entries(form)
-            of_basis = np.tensordot(short, brings[: short.shape[1]], 1)
-            whole = np.concatenate([of_basis, brings[short.shape[1] :]])
-            rows.append(definite(whole, np.eye(form.size)[None], np.zeros((form.size, form.size))))
-        nothing = np.zeros((k, n, n))
-        rows.append(definite(np.concatenate([-each, nothing]), np.zeros((1, n, n)), -_LEAST * np.eye(n)))
-        signs = np.zeros((len(self.endless) + k, count + 1))
-        for at, matrix in enumerate(basis):
-            signs[: len(self.endless), at] = [-float(share) for share in self._lambdas(matrix)]
-        signs[len(self.endless) :, len(basis) : count] = -np.eye(k)
-        trace = np.array([[np.trace(matrix) for matrix in basis] + [0.0] * (k + 1)])
-        rows += [(signs, np.zeros(len(signs)), False), (trace, np.array([float(n)]), False)]
-        solution = solved(np.append(np.zeros(count), -1.0), rows, CLOSER, _WHAT)
-        if solution is None or not solution[0][-1] > _MARGIN:
-            return None
-        x = solution[0]
-        return np.tensordot(x[: len(basis)], each, 1), np.maximum(x[len(basis) : count], 0.0)
+        signs = np.array([[float(share) for share in self._lambdas(matrix)] for matrix in basis]).T
+        best = margin(forms, _WHAT, span=(np.array(basis), signs))
+        return (best.P, best.S) if best is not None and best.margin > _MARGIN else None
 
 
 def _null(rows: Sequence[Sequence[fmpq]], count: int) -> list[list[fmpq]]:

@@ -51,7 +51,7 @@ def limited(
     accept: Iterable[str],
     theorem: Theorem,
 ) -> Observer:
-    """The observer of that name and shape; its checks `NAME.core`, `NAME.convergence` and `NAME.theta` are by `sector`.
+    """The observer of that name and shape; its checks `NAME.core`, `.convergence` and `.theta` are by `behind_sector`.
 
     Raises: `Refuted`; `BadPoles`; `NotHurwitz`; `BadGain`.
     """

@@ -38,7 +38,10 @@ _GAIN, _ROUND = 0.01, 4  # what ends them: a gain, and a condition number of P, 
 _ALIKE = 1e-9  # by how much directions of length 1 may differ
 _USABLE = ("Solved", "AlmostSolved")  # what the solver says of its solution
 
-Limits = tuple[Array, Array]  # A and b of A (P, S) <= b, P by its entries as `_short` has them
+Limits = tuple[Array, Array]  # A and b of A (P, S) <= b, P by its entries as `short` has them
+Span = tuple[
+    Array, Array
+]  # matrices (q, n, n), and rows (r, q) of which the shares of these are to make nothing below 0
 Rows = tuple[Array, Array, bool]  # A and b of one cone, and whether it is that of definite matrices, or of signs
 
 
@@ -119,16 +122,16 @@ def widest(forms: Sequence[Quadratic], what: str, W: Array | None = None, priced
 
 
 @np.errstate(over="ignore", invalid="ignore")
-def margin(forms: Sequence[Quadratic], what: str, priced: bool = False) -> Margin | None:
-    """The margin of forms of floats, with the same P and S; None where the solver leaves no numbers. Of one form whose
-    prices are not asked, columns are merged. Raises: `NoSolver` of `what` needs it."""
+def margin(forms: Sequence[Quadratic], what: str, priced: bool = False, span: Span | None = None) -> Margin | None:
+    """The margin of forms of floats, with the same P and S, P in a `span`; None where the solver leaves no numbers. Of
+    one form whose prices are not asked, columns are merged. Raises: `NoSolver` of `what` needs it."""
     n, whole = len(forms[0].pairs[0][0]), forms
-    forms, groups = merged(forms[0]) if len(forms) == 1 and not priced else (forms, ())
+    forms, groups = merged(forms[0]) if len(forms) == 1 and not (priced or span) else (forms, ())
     of_forms, others = _at_most(forms, groups, 1.0, 0.0), len(whole[0].Q) + len(groups) + 1
-    one = np.hstack([_short(np.eye(n)[None]).T, np.zeros((1, others))])
+    one = np.hstack([short(np.eye(n)[None]).T, np.zeros((1, others))])
     trace: Rows = (one, np.array([float(n)]), False)
     rows = [*of_forms, _positive(n, others, _LEAST), trace]
-    solution = _solved(whole[0], groups, rows, -1.0, _CLOSE, what)
+    solution = _solved(whole[0], groups, rows, -1.0, CLOSER if span else _CLOSE, what, span)
     if solution is None:
         return None
     (P, S, largest), prices = solution
@@ -193,17 +196,29 @@ def _positive(n: int, others: int, least: float) -> Rows:
 
 
 def _solved(
-    form: Quadratic, groups: Sequence[Group], rows: Sequence[Rows], cost: float, close: float, what: str
+    form: Quadratic,
+    groups: Sequence[Group],
+    rows: Sequence[Rows],
+    cost: float,
+    close: float,
+    what: str,
+    span: Span | None = None,
 ) -> tuple[tuple[Array, Array, float], Array] | None:
     """P, S and the last variable where its `cost` is least, S >= 0, and the prices. Raises: `NoSolver`."""
     n, k, t = len(form.pairs[0][0]), len(form.Q), len(groups)
-    p = n * (n + 1) // 2
-    signs = np.hstack([np.zeros((k, p)), -np.eye(k), np.zeros((k, t + 1))]), np.zeros(k), False
-    solution = solved(np.append(np.zeros(p + k + t), cost), [*rows, signs], close, what)
+    p = q = n * (n + 1) // 2
+    if span:
+        each, signs = short(span[0]), span[1]
+        q = each.shape[1]
+        rows = [(np.hstack([A[:, :p] @ each, A[:, p:]]), b, kind) for A, b, kind in rows]
+        rows.append((np.hstack([-signs, np.zeros((len(signs), k + t + 1))]), np.zeros(len(signs)), False))
+    signed = np.hstack([np.zeros((k, q)), -np.eye(k), np.zeros((k, t + 1))]), np.zeros(k), False
+    solution = solved(np.append(np.zeros(q + k + t), cost), [*rows, signed], close, what)
     if solution is None:
         return None
     x, prices = solution
-    return (_matrix(x[:p], n), np.maximum(x[p : p + k], 0.0), float(x[-1])), prices
+    of_P = each @ x[:q] if span else x[:p]
+    return (_matrix(of_P, n), np.maximum(x[q : q + k], 0.0), float(x[-1])), prices
 
 
 def together(form: Quadratic, q: int, most: float) -> Limits:
@@ -289,7 +304,7 @@ def basis(n: int) -> Array:
     return np.array([_matrix(row, n) for row in np.eye(n * (n + 1) // 2)])
 
 
-def _short(matrices: Array) -> Array:
+def short(matrices: Array) -> Array:
     """Symmetric matrices (q, N, N) as the columns of their entries on and above the diagonal, column by column."""
     i, j = _places(matrices.shape[-1])
     return np.asarray(matrices[:, i, j].T)
@@ -297,7 +312,7 @@ def _short(matrices: Array) -> Array:
 
 def _packed(matrices: Array) -> Array:
     """The same as the solver takes them, so that a scalar product is that of the matrices."""
-    return np.asarray(_short(matrices) * _weights(matrices.shape[-1])[:, None])
+    return np.asarray(short(matrices) * _weights(matrices.shape[-1])[:, None])
 
 
 @cache
