@@ -385,11 +385,12 @@ def test_no_run_in_floats_is_further_from_one_in_doubles(dt: float, seconds: flo
 def test_errors_that_push_one_way_come_close_to_the_share(observer: str, dt: float) -> None:
     """Added to the fields of a run in doubles after each call, by the sign of the response to one."""
     step, known = step_of("pendulum", observer, dt), bounded(observer, dt)
-    (one,) = (each for each in known.check.proofs[0].fact.shares if each.what == "rounding")  # type: ignore[union-attr]
+    (proof,) = known.check.proofs
+    (one,) = (each for each in proof.fact.facts["shares"] if each["inputs"] == "rounding")  # type: ignore[union-attr]
     error = step.observer.error
     assert isinstance(error, Inclusion)
     remembered = np.array(error.remembered(Fraction(20)), dtype=float)
-    rho, count = dt * np.array(one.sizes.fields, dtype=float) / remembered, round(6 / dt)
+    rho, count = dt * np.array(one["fields"], dtype=float) / remembered, round(6 / dt)
 
     def run(pushes: np.ndarray) -> np.ndarray:
         each, states = machine(step, "double"), []
@@ -472,7 +473,7 @@ def test_from_larger_first_errors_more_is_rounded_at_first(monkeypatch: pytest.M
 
     monkeypatch.setattr("hgogen.certificates.error_bound.rounding_share", share)
     hg.error_bound(step_of(), noise={"y": 1e-3}, rates={"tau": 5}, real="float")
-    before, multiple, after = taken[:6], taken[6], taken[7:]
+    before, multiple, after = taken[:4], taken[4], taken[5:]
     small, large = (rounding_share.rounding_share(*before, multiple * k, *after) for k in (Fraction(1, 1000), 1))
     assert all(large.early[k] > Fraction(6, 5) * small.early[k] for k in small.early)
     assert small.share.unit <= large.share.unit < Fraction(6, 5) * small.share.unit
