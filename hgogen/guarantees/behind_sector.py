@@ -236,10 +236,10 @@ class Behind(FunctionSearch):
     def _weights(self, theta: Fraction, alpha: Fraction = Fraction(0)) -> Decay | None:
         return next((one for one in self.decays if self._holds(one, theta, alpha)), None)
 
-    def _serves(self, by: Decay, theta: Fraction) -> bool:
-        return self._holds(by, theta)
+    def _thetas(self, by: Decay) -> Callable[[Fraction], bool]:
+        return lambda theta: self._holds(by, theta)
 
-    def _serving(self, by: Decay) -> Callable[[Fraction], bool]:
+    def _alphas(self, by: Decay) -> Callable[[Fraction], bool]:
         return lambda alpha: self._holds(by, self.theta, alpha)
 
     def _holds(self, one: Decay, theta: Fraction, alpha: Fraction = Fraction(0)) -> bool:

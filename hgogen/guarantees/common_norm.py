@@ -123,7 +123,7 @@ STILL = Moved(rational([[0]]))  # of a constant gain
 class FunctionSearch:
     """The `error` of an observer in continuous time, for which functions that fall are sought, at `theta` and beyond.
     `how`: what they are. A kind of function says which weights it has in floats at a theta and an alpha (`_weights`),
-    how far these serve (`_serves`, `_serving`), and what it proves there (`at`)."""
+    which thetas and alphas these serve (`_thetas`, `_alphas`), and what it proves there (`at`)."""
 
     error: Inclusion
     theta: Fraction
@@ -146,11 +146,10 @@ class FunctionSearch:
     def _weights(self, theta: Fraction, alpha: Fraction = NOW) -> Any:
         raise NotImplementedError
 
-    def _serves(self, by: Any, theta: Fraction) -> bool:
+    def _thetas(self, by: Any) -> Callable[[Fraction], bool]:
         raise NotImplementedError
 
-    def _serving(self, by: Any) -> Callable[[Fraction], bool]:
-        """Whether weights serve an alpha at theta, in floats."""
+    def _alphas(self, by: Any) -> Callable[[Fraction], bool]:
         raise NotImplementedError
 
     @cached_property
@@ -160,8 +159,9 @@ class FunctionSearch:
         if weights is None:
             return None
         most, alpha = self._most, Fraction(0)
-        if self._serving(weights)(most * SLOW):
-            alpha = self._reached(most * SLOW, most, weights, self._serving, lambda a: self._weights(theta, a), 1)
+        if self._alphas(weights)(most * SLOW):
+            ends = most * SLOW, most
+            alpha = _reached(*ends, weights, self._alphas, lambda a: self._weights(theta, a), self.close[1])
         tried = (self.at(theta, alpha * share) for share in SHARES)
         return next(filter(None, tried), None)
 
@@ -175,37 +175,13 @@ class FunctionSearch:
         theta, weights = first
         lowest = self.theta if theta > self.theta else min(LOWEST, theta / 2)
         end = farthest(lambda at: self._slowest(at)[0] < 0, theta, lowest, CLOSE)
-
-        def serving(by: Any) -> Callable[[Fraction], bool]:
-            return lambda at: self._serves(by, at)
-
-        last = self._reached(theta, end, weights, serving, self._weights, 0)
+        last = _reached(theta, end, weights, self._thetas, self._weights, self.close[0])
         return next(filter(None, map(self.at, worth_trying(last, theta, self.theta))), None)
 
     @property
     def _most(self) -> Fraction:
         """What no alpha at theta exceeds."""
         return Fraction(-2 * self.slowest[0])
-
-    def _reached(
-        self,
-        start: Fraction,
-        end: Fraction,
-        weights: Any,
-        serving: Callable[[Any], Callable[[Fraction], bool]],
-        seek: Callable[[Fraction], Any],
-        of: int,
-    ) -> Fraction:
-        """How far from the start towards the end there are weights: first as far as those reach that are known, and
-        from there again with those that are sought there; then by halving, as `close` as is asked `of` that."""
-        for _ in range(_ROUNDS):
-            value = farthest(serving(weights), start, end, CLOSE)
-            better = seek(value) if not 1 / _STEP < value / start < _STEP else None
-            start = value
-            if better is None:
-                break
-            weights = better
-        return farthest(lambda at: seek(at) is not None, start, end, self.close[of])
 
     def unstable(self, states: Sequence[Any]) -> Reason:
         """The slopes at which, held, errors do not decay at theta; `NONE` where none of those tried is so."""
@@ -256,13 +232,11 @@ class Flow(FunctionSearch):
     moved: Moved = STILL
     first: Array | None = None
 
-    def _serves(self, by: Any, theta: Fraction) -> bool:
-        """Whether weights serve a theta, in floats."""
+    def _thetas(self, by: Any) -> Callable[[Fraction], bool]:
         P, S = by
-        return negative(self._floats(theta, Fraction(0)), P, S, self._coordinates)
+        return lambda theta: negative(self._floats(theta, NOW), P, S, self._coordinates)
 
-    def _serving(self, by: Any) -> Callable[[Fraction], bool]:
-        """Whether weights serve an alpha at theta, in floats."""
+    def _alphas(self, by: Any) -> Callable[[Fraction], bool]:
         (P, S), theta, most = by, self.theta, self._most
         last = most * reach(self._floats(theta, Fraction(0)), self._floats(theta, most), P, S, self._coordinates)
         return lambda a: a <= last
@@ -387,3 +361,23 @@ class Flow(FunctionSearch):
     def _coordinates(self) -> Array | None:
         """P^(-1/2) of the first P, near which the P that are sought are."""
         return self.error.coordinates if self.first is None else inverse_root(self.first)
+
+
+def _reached(
+    start: Fraction,
+    end: Fraction,
+    weights: Any,
+    serving: Callable[[Any], Callable[[Fraction], bool]],
+    seek: Callable[[Fraction], Any],
+    close: float,
+) -> Fraction:
+    """How far from the start towards the end there are weights: first as far as those reach that are known, and from
+    there again with those that are sought there; then by halving."""
+    for _ in range(_ROUNDS):
+        value = farthest(serving(weights), start, end, CLOSE)
+        better = seek(value) if not 1 / _STEP < value / start < _STEP else None
+        start = value
+        if better is None:
+            break
+        weights = better
+    return farthest(lambda at: seek(at) is not None, start, end, close)
