@@ -352,7 +352,8 @@ def merged(form: Quadratic) -> tuple[tuple[Quadratic], tuple[Group, ...]]:
             first = columns[:, places[0]]
             weights = tuple(float(columns[:, k] @ first / (first @ first)) for k in places)
             groups.append(Group(tuple(places), weights, at))
-    return (Quadratic(pairs, form.Q @ T, Z),), tuple(groups)
+    constant = None if form.constant is None else T.T @ form.constant @ T
+    return (Quadratic(pairs, form.Q @ T, Z, constant),), tuple(groups)
 
 
 def _columns(form: Quadratic) -> Array:
