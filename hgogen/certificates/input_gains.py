@@ -32,7 +32,7 @@ from hgogen.sentence import Reason, Sentence, because
 from hgogen.structure.polytope import fixed
 from hgogen.structure.spare import of_used
 
-_FIX = "Validate by trials."
+_FIX, _NO_V = "Validate by trials.", because("no V is found for all slopes in their ranges")
 _WHILE = Sentence.of("while the estimate keeps to its outer box; in rational arithmetic")
 
 
@@ -79,9 +79,7 @@ def l2_gain(observer: Observer, *, noise: Each = None, disturbance: Each = None,
     driven = Driven(known.driven, stacked(rows, len(known.scales)))
     bound = l2_bound([driven], inverse_root(floats(rational(known.falls.weights.P))))
     if bound is None:
-        return L2Gain(
-            None, _unknown(observer, "l2_gain", claim, because("no V is found for all slopes in their ranges"))
-        )
+        return L2Gain(None, _unknown(observer, "l2_gain", claim, _NO_V))
     reason = because("at most {mu}, {inputs}, {while_}", mu=Up(bound.mu, 3), inputs=known.said, while_=_WHILE)
     facts = {"noise": known.noise, "beside": known.beside, "counts": weights, "mu": bound.mu, **bound.weights.written}
     return L2Gain(number(bound.mu)[1], claimed(observer, "l2_gain", claim, reason, known.error, facts))
@@ -104,9 +102,7 @@ def iss_gain(observer: Observer, *, noise: Each = None, disturbance: Each = None
     each = [input_bound(lambda alpha: (pushed(known.driven, alpha),), W, q, c, fastest) for c in rows]
     bounds = [one for one in each if one]
     if len(bounds) < len(each):
-        return IssGain(
-            {}, _unknown(observer, "iss_gain", claim, because("no V is found for all slopes in their ranges"))
-        )
+        return IssGain({}, _unknown(observer, "iss_gain", claim, _NO_V))
     by_name = dict(zip(observer.form.names, bounds, strict=True))
     said = [Sentence.of("{state} to {bound}", state=x, bound=Up(one.bound, 3)) for x, one in by_name.items()]
     reason = because("{said}, {inputs}, {while_}", said=said, inputs=known.said, while_=_WHILE)

@@ -27,7 +27,7 @@ from hgogen.intervals.bounds import Proof, bound
 from hgogen.intervals.box import box
 from hgogen.intervals.digits import Up, down, up
 from hgogen.reading.given import BadGain
-from hgogen.sentence import NONE, Reason, because
+from hgogen.sentence import NONE, because
 
 BOXES = 500  # sup Gamma need not be the least
 
@@ -74,27 +74,26 @@ def falls(proof: Lyapunov, spread: np.ndarray, p_1: float, b: float) -> Check:
     P, N = np.array(proof.P), np.array(proof.vertices[0])
     gap = -(N.T @ P + P @ N)
     most = 1 / np.linalg.eigvals(np.linalg.solve(gap.astype(float), spread.astype(float))).real.max()
-    id, claim = ClaimId("updated_gain", "p_1"), "p_1 is small enough: N'P + P N + p_1 (D P + P D) < 0"
-    if positive(exact(gap - Fraction(p_1) * spread)):
-        return Check(id, claim, Verdict.PROVED, because("in rational arithmetic, {about}", about=_about(b)))
-    reason = because("not {about}; another P or b may do", about=_about(b))
-    return Check(id, claim, Verdict.UNKNOWN, reason, fix=f"Take p_1 <= {down(0.99 * float(most))}.")
+    claim, fix = "p_1 is small enough: N'P + P N + p_1 (D P + P D) < 0", f"Take p_1 <= {down(0.99 * float(most))}."
+    return _positive("p_1", claim, gap - Fraction(p_1) * spread, b, "not {about}; another P or b may do", fix)
 
 
 def rises(proof: Lyapunov, spread: np.ndarray, p_3: float, b: float) -> Check:
     """p_3 (D P + P D) >= 2 lambda_max(P)."""
     least = 2 * float(proof.peak) / np.linalg.eigvalsh(spread.astype(float))[0]
-    id, claim = ClaimId("updated_gain", "p_3"), "p_3 is large enough: p_3 (D P + P D) >= 2 lambda_max(P)"
+    claim, fix = "p_3 is large enough: p_3 (D P + P D) >= 2 lambda_max(P)", f"Take p_3 >= {up(1.01 * float(least))}."
     room = Fraction(p_3) * spread - 2 * proof.peak * np.eye(len(spread), dtype=int)
-    if positive(exact(room)):
-        return Check(id, claim, Verdict.PROVED, because("in rational arithmetic, {about}", about=_about(b)))
-    reason = because("not {about}; another P or b may do, or a gain that stays far above Gamma", about=_about(b))
-    return Check(id, claim, Verdict.UNKNOWN, reason, fix=f"Take p_3 >= {up(1.01 * float(least))}.")
+    pattern = "not {about}; another P or b may do, or a gain that stays far above Gamma"
+    return _positive("p_3", claim, room, b, pattern, fix)
 
 
-def _about(b: float) -> Reason:
-    """Of which P and D an inequality is said: with another b it is another."""
-    return because("for the P of N'P + P N = -I and D = diag(b, .., b + n - 1), b = {b}", b=float(b))
+def _positive(fact: str, claim: str, M: np.ndarray, b: float, pattern: str, fix: str) -> Check:
+    """Whether M > 0: said of this P and D, as with another b it is another."""
+    about = because("for the P of N'P + P N = -I and D = diag(b, .., b + n - 1), b = {b}", b=float(b))
+    id = ClaimId("updated_gain", fact)
+    if positive(exact(M)):
+        return Check(id, claim, Verdict.PROVED, because("in rational arithmetic, {about}", about=about))
+    return Check(id, claim, Verdict.UNKNOWN, because(pattern, about=about), fix=fix)
 
 
 def stays(chain: Integrators, p_1: float, p_2: float, p_3: float, cap: float) -> Check:
