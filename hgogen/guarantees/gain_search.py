@@ -33,7 +33,7 @@ from hgogen.guarantees.argument import injected
 from hgogen.guarantees.bounded_theta import Nothing
 from hgogen.guarantees.common_norm import Falls, Flow
 from hgogen.guarantees.inclusion import Inclusion, Slope, Uncertain, with_gains
-from hgogen.guarantees.inequality import ends, flow, one_by_one, pushed
+from hgogen.guarantees.inequality import ends, flow, pushed
 from hgogen.guarantees.quadratic import Array, Quadratic
 from hgogen.guarantees.questions import together_in_floats
 from hgogen.guarantees.semidefinite import CLOSER, Rows, basis, definite, entries, reaching, solved
@@ -154,10 +154,15 @@ class _Program:
         return np.linalg.solve(P, Y) if np.linalg.eigvalsh(P).min() > 0 else None
 
     @cached_property
+    def _ends(self) -> tuple[Uncertain, ...]:
+        """At each corner, or with multipliers."""
+        return ends(self.open.with_gain)
+
+    @cached_property
     def _sizes(self) -> tuple[int, int, int]:
         """How many entries P and Y have, and how many slopes have multipliers: none at corners one by one."""
-        n, m = self.open.G.shape
-        return n * (n + 1) // 2, self.open.C.size, 0 if one_by_one(n, m) else m
+        n = len(self.open.M)
+        return n * (n + 1) // 2, self.open.C.size, len(self._ends[0].H)
 
     @cached_property
     def _size(self) -> int:
@@ -166,9 +171,9 @@ class _Program:
         return of_P + of_Y + 2 * k + len(self.open.C)
 
     def _falling(self) -> Iterator[Rows]:
-        """The forms of the rate, and with noise, at each corner or with multipliers."""
+        """The forms of the rate, and with noise."""
         of_P, of_Y, k = self._sizes
-        for e in ends(self.open.with_gain):
+        for e in self._ends:
             yield self._negative(flow(e).falls(2 * self.rate), of_P + of_Y)
             yield self._negative(pushed(e, self.alpha), of_P + of_Y + k)
 
