@@ -23,7 +23,7 @@ the stages before it are, times L.
 from collections.abc import Container, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
-from itertools import pairwise
+from itertools import chain, pairwise
 from typing import Any
 
 from .arithmetic import Undefined
@@ -170,10 +170,7 @@ def demand_remainder(
     tree = part(follows, "tree", str)
     left = Remainder(context, tableau, motion, slopes, _lines(follows, p, tableau), orders, *rows, steepness, tree)
     stages, beside = matrix(share, "stages", p, len(tableau.nodes)), column(share, "beside", n)
-    pairs = [*zip(beside, left.beside, strict=True)]
-    for sizes, least in zip(stages, left.stages, strict=True):
-        pairs += zip(sizes, least, strict=True)
-    demand_enough("the method", *zip(*pairs, strict=True))
+    demand_enough("the method", (*beside, *chain(*stages)), (*left.beside, *chain(*left.stages)))
     return motion, left.demand()
 
 
