@@ -12,8 +12,8 @@ from typing import Any, TypeVar
 from .algebra import Quotient
 from .box import Box, NotShown, covered, ranged
 from .context import Context, Shown, declared_box, finite, narrowed, on, only, short
-from .file import Claim, FormFile, Observer, part
-from .matrix import Matrix, column, entries, signless
+from .file import Claim, FormFile, Observer, column, entries, part, signless
+from .matrix import Matrix
 from .slope import Norm, continuous, spectral, steep
 from .text import Expression, expression
 

@@ -19,8 +19,7 @@ from typing import Any
 from .algebra import Algebra, Quotient, TooLarge
 from .arithmetic import Undefined, along, total
 from .box import Box, NotShown, covered, ranged
-from .file import Certificate, Claim, NoCertificate, ends, part
-from .matrix import fields, scalar
+from .file import Certificate, Claim, NoCertificate, ends, fields, part, scalar
 from .text import Expression, Unreadable, expression, number
 
 

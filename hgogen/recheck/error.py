@@ -29,9 +29,8 @@ from typing import Any
 from .arithmetic import Arithmetic, Undefined, evaluate
 from .box import Box, NotShown, points
 from .context import Context, algebra_of, cut, finite, inside
-from .file import Equations, part, signals
+from .file import Equations, entries, part, signals
 from .interval import intervals
-from .matrix import entries
 from .text import Expression, expression
 
 Rows = tuple[tuple[Expression, ...], ...]

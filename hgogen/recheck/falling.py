@@ -14,20 +14,9 @@ from typing import Any
 from .box import NotShown
 from .chain import CARRIED, built, jacobian_bound
 from .context import Context, Shown, is_above, on, short
-from .file import Claim, Observer
+from .file import Claim, Observer, above_zero, matrix, scalar, signless
 from .inequality import FLOW, NOW, Parts, demand_falls, demand_negative
-from .matrix import (
-    Matrix,
-    above_zero,
-    demand_positive,
-    matrix,
-    plus,
-    scalar,
-    scaled,
-    signless,
-    times,
-    twice,
-)
+from .matrix import Matrix, demand_positive, plus, scaled, times, twice
 from .rule import STEEP, STRUCTURE, Keys, Rule, of_observer, on_chains
 
 # V' <= -alpha V at a theta, by the claim's V, whatever the slopes that the second evidence bounds; in how many boxes

@@ -16,8 +16,8 @@ from typing import Any
 
 from .box import NotShown, covered, ranged
 from .context import Context, narrowed, only
-from .file import part
-from .matrix import Matrix, column, demand_enough, dot, matrix
+from .file import column, matrix, part
+from .matrix import Matrix, demand_enough, dot
 from .plant_motion import demand_keys
 from .slope import no_steeper
 

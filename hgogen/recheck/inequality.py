@@ -27,19 +27,16 @@ from operator import mul
 from typing import Any
 
 from .box import NotShown
-from .file import part
+from .file import column, matrix, part, scalar
 from .interval import point
 from .matrix import (
     Matrix,
-    column,
     demand_nonnegative,
     demand_positive,
     inverse,
-    matrix,
     minus,
     outer,
     plus,
-    scalar,
     scaled,
     sizes,
     times,

@@ -27,23 +27,9 @@ from typing import Any
 
 from .box import NotShown
 from .context import Context, numbers
-from .file import part
+from .file import column, entries, matrix, part, scalar
 from .inequality import REALISED, TAKEN, Parts, Weights
-from .matrix import (
-    Matrix,
-    column,
-    demand_enough,
-    entries,
-    matrix,
-    minus,
-    plus,
-    scalar,
-    scaled,
-    sizes,
-    times,
-    unit,
-    zeros,
-)
+from .matrix import Matrix, demand_enough, minus, plus, scaled, sizes, times, unit, zeros
 from .plant_motion import Derivative, PlantMotion, demand_derivatives, demand_keys, motion_of
 from .slope import no_steeper
 from .transition import core_integral

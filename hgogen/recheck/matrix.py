@@ -1,78 +1,15 @@
-"""Matrices of fractions as a certificate writes them, and their signs by elimination: exact."""
+"""Matrices of fractions, and their signs by elimination: exact."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from fractions import Fraction
 from functools import reduce
 from math import lcm
 from operator import add, mul
-from typing import Any
 
 from .box import NotShown
-from .text import kind_of, number
 
-LARGEST = 40  # rows or columns: beyond, an elimination in fractions takes too long
 Matrix = list[list[Fraction]]
 _ZERO = Fraction(0)  # as most entries are
-
-
-def entries(holder: Mapping[str, Any], key: str, count: int) -> list[Any]:
-    """The list under a key, which must have `count` entries. Raises: `NotShown`."""
-    values = holder.get(key)
-    if not isinstance(values, list) or len(values) != count:
-        raise NotShown(f"its {key} has not {count} entries")
-    return values
-
-
-def fields(one: Any, what: str, keys: Sequence[str]) -> Mapping[str, Any]:
-    """A JSON object that has these parts and no others; `what` it is, in words. Raises: `NotShown`."""
-    if not isinstance(one, dict) or set(one) != set(keys):
-        *first, last = keys
-        raise NotShown(f"{what} is no object of {', '.join(first)} and {last}")
-    return one
-
-
-def column(holder: Mapping[str, Any], key: str, count: int) -> list[Fraction]:
-    """`count` numbers. Raises: `NotShown`."""
-    return [_number(value, key) for value in entries(holder, key, count)]
-
-
-def matrix(holder: Mapping[str, Any], key: str, rows: int, columns: int) -> Matrix:
-    """The matrix of numbers under a key, of the size (rows, columns). Raises: `NotShown`."""
-    lists = entries(holder, key, rows)
-    if max(rows, columns) > LARGEST:
-        raise NotShown(f"its {key} has more than {LARGEST} rows or columns")
-    if any(not isinstance(row, list) or len(row) != columns for row in lists):
-        raise NotShown(f"its {key} is not {rows} x {columns}")
-    return [[_number(value, key) for value in row] for row in lists]
-
-
-def scalar(holder: Mapping[str, Any], key: str) -> Fraction:
-    """One number. Raises: `NotShown`."""
-    if holder.get(key) is None:
-        raise NotShown(f"its {key} is missing")
-    return _number(holder[key], key)
-
-
-def _number(value: Any, key: str) -> Fraction:
-    if not isinstance(value, str | Fraction):
-        raise NotShown(f"its {key} has {kind_of(value)} where a number should stand")
-    return value if isinstance(value, Fraction) else number(value)
-
-
-def above_zero(holder: Mapping[str, Any], key: str) -> Fraction:
-    """One number > 0. Raises: `NotShown`."""
-    value = scalar(holder, key)
-    if value <= 0:
-        raise NotShown(f"its {key} is not positive")
-    return value
-
-
-def signless(holder: Mapping[str, Any], key: str) -> Fraction:
-    """One number that is not negative. Raises: `NotShown`."""
-    value = scalar(holder, key)
-    if value < 0:
-        raise NotShown(f"its {key} is negative")
-    return value
 
 
 def demand_enough(name: str, sizes: Iterable[Fraction], least: Iterable[Fraction]) -> None:

@@ -18,9 +18,9 @@ from typing import Any
 from .arithmetic import Dual, dual, evaluate
 from .box import Box, End, NotShown, covered, moving, ranged, sides
 from .context import Context, narrowed, only, short
+from .file import column
 from .inequality import Tableau
 from .interval import Interval, between, intersection, point
-from .matrix import column
 from .slope import on_faces
 from .taylor import Taylor, begin, taylor
 from .text import Expression

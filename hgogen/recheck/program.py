@@ -31,10 +31,9 @@ from .arithmetic import Arithmetic, Undefined, evaluate
 from .box import End, NotShown
 from .computed import Computed
 from .context import Context, applied, inner
-from .file import part
+from .file import entries, part
 from .inequality import Tableau
 from .interval import Interval, intervals
-from .matrix import entries
 from .text import HIGHEST, ONE_ARGUMENT, OPERATIONS, Expression, Unreadable, expression, is_number, number
 from .uncertain import ErrorInclusion
 

@@ -29,10 +29,10 @@ from typing import Any
 from .arithmetic import Undefined
 from .box import Box, NotShown, Try, covered
 from .context import Context, narrowed
-from .file import part
+from .file import column, entries, matrix, part
 from .inequality import ONE, Tableau
 from .interval import Interval, point
-from .matrix import Matrix, column, demand_enough, dot, entries, matrix
+from .matrix import Matrix, demand_enough, dot
 from .plant_motion import PlantMotion, PlantSeries, demand_keys, motion_of
 from .slope import no_steeper
 from .text import Expression

@@ -16,10 +16,9 @@ from .arithmetic import Undefined, evaluate
 from .box import End, NotShown
 from .computed import POWER, PRECISIONS, UNITS, Computed, constant, precision
 from .context import Context, short
-from .file import part
+from .file import column, part
 from .inequality import Tableau
 from .interval import Interval, between, intervals, point
-from .matrix import column
 from .plant_motion import demand_keys, demand_speeds
 from .program import Equation, StepProgram, Walk, listed
 from .uncertain import ErrorInclusion

@@ -24,26 +24,9 @@ from typing import Any
 from .box import NotShown, covered
 from .chain import constants, core_of, gain_of, integrators, invertible, steady, wanted_gain
 from .context import Context, enclosed, narrowed, numbers
-from .file import Observer, part
+from .file import Observer, column, entries, fields, matrix, part, scalar
 from .inequality import Parts
-from .matrix import (
-    Matrix,
-    column,
-    companion,
-    entries,
-    fields,
-    matrix,
-    minus,
-    outer,
-    plus,
-    scalar,
-    scaled,
-    similar,
-    times,
-    transposed,
-    unit,
-    zeros,
-)
+from .matrix import Matrix, companion, minus, outer, plus, scaled, similar, times, transposed, unit, zeros
 from .slope import continuous, in_ranges
 from .text import Expression
 

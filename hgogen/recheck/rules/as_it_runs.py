@@ -22,7 +22,7 @@ from typing import Any
 from ..box import NotShown
 from ..chain import built
 from ..context import Context, Shown, short
-from ..file import Claim, part
+from ..file import Claim, above_zero, column, entries, fields, matrix, part, scalar
 from ..follows import demand_followed
 from ..inequality import (
     Input,
@@ -39,7 +39,7 @@ from ..inequality import (
     within,
 )
 from ..left_by_core import demand_left_by_core
-from ..matrix import Matrix, above_zero, column, entries, fields, inverse, matrix, scalar, times, transposed, unit
+from ..matrix import Matrix, inverse, times, transposed, unit
 from ..remainder import demand_remainder
 from ..rounding import demand_rounding, equation_of
 from ..rule import on_chains

@@ -27,9 +27,9 @@ from ..arithmetic import Arithmetic, Dual, Undefined, dual, jacobian, seeded, to
 from ..box import Box, End, NotShown, Try, covered, ranged, sides, unbounded
 from ..context import Context, Shown, algebra_of, cut, inner, narrowed, numbers, on, short
 from ..error import OBSERVED, PARTS, ErrorSystem, ObservedSystem, error_system, observed_system, smooth
-from ..file import Claim, part
+from ..file import Claim, above_zero, entries, fields, matrix, part, scalar
 from ..interval import Interval, intervals, point
-from ..matrix import Matrix, above_zero, demand_nonnegative, entries, fields, matrix, scalar, scaled
+from ..matrix import Matrix, demand_nonnegative, scaled
 from ..rule import Rule
 from ..slope import by_mean_value, positive
 from ..text import Expression, expression

@@ -37,10 +37,10 @@ from ..box import NotShown
 from ..chain import built
 from ..context import Context, Shown, short
 from ..falling import Decay, clamped, decays, demand_decays
-from ..file import Built, Claim, Observer, part
+from ..file import Built, Claim, Observer, above_zero, column, entries, fields, matrix, part, scalar
 from ..inequality import FLOW, NOW, Input, Parts, demand_kept, demand_negative, form_of, multipliers, within
 from ..interval import intervals, point
-from ..matrix import above_zero, column, demand_nonnegative, entries, fields, matrix, minus, scalar, scaled, unit
+from ..matrix import demand_nonnegative, minus, scaled, unit
 from ..rule import on_chains
 from ..uncertain import ERROR, INJECTED, ErrorInclusion, error_inclusion, with_endless
 

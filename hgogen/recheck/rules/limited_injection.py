@@ -27,23 +27,9 @@ from ..box import NotShown
 from ..chain import built
 from ..context import Context, Shown
 from ..falling import WORK, Decay, clamped, decays
-from ..file import Built, Claim, Observer
+from ..file import Built, Claim, Observer, above_zero, column, matrix, signless
 from ..inequality import demand_negative
-from ..matrix import (
-    Matrix,
-    above_zero,
-    column,
-    companion,
-    demand_positive,
-    dot,
-    matrix,
-    plus,
-    scaled,
-    signless,
-    similar,
-    times,
-    twice,
-)
+from ..matrix import Matrix, companion, demand_positive, dot, plus, scaled, similar, times, twice
 from ..rule import of_observer
 from ..uncertain import error_inclusion
 

@@ -11,8 +11,8 @@ by rows and columns, so that it must be positive definite. Source: R. E. Kalman,
 from ..box import NotShown
 from ..chain import built
 from ..context import Context, Shown, inner, only
-from ..file import Built, Claim
-from ..matrix import Matrix, column, demand_nonnegative, demand_positive, matrix, plus, scalar, times, transposed
+from ..file import Built, Claim, column, matrix, scalar
+from ..matrix import Matrix, demand_nonnegative, demand_positive, plus, times, transposed
 from ..rule import Rule
 
 _NAME = "riccati"

@@ -38,22 +38,17 @@ from ..box import NotShown
 from ..chain import built, integrators, slope
 from ..context import Context, Shown, on, short
 from ..falling import Decay, clamped, decays, demand_decays
-from ..file import Built, Claim, Observer, part
+from ..file import Built, Claim, Observer, above_zero, column, matrix, part, scalar, signless
 from ..inequality import FLOW, NOW, Input, demand_negative, form_of, multipliers
 from ..matrix import (
     Matrix,
-    above_zero,
-    column,
     companion,
     decaying,
     demand_nonnegative,
     demand_positive,
-    matrix,
     minus,
     plus,
-    scalar,
     scaled,
-    signless,
     times,
     transposed,
     twice,

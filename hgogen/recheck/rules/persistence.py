@@ -28,9 +28,9 @@ from ..arithmetic import Undefined, determinant, evaluate, total
 from ..box import Box, NotShown, Try, covered, ranged
 from ..chain import CHAINS
 from ..context import Context, Shown, algebra_of, cut, narrowed, only, short
-from ..file import Claim, part
+from ..file import Claim, above_zero, column, part, scalar
 from ..interval import Interval, between, intervals, point
-from ..matrix import above_zero, column, demand_nonnegative, scalar
+from ..matrix import demand_nonnegative
 from ..moved import ORDER, Series, balls, piece
 from ..moved import Shown as Moved
 from ..rule import Rule

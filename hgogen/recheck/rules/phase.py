@@ -17,9 +17,9 @@ from ..algebra import Algebra, Quotient
 from ..arithmetic import determinant
 from ..box import Box, NotShown, covered, ranged
 from ..context import RANGE, Context, Shown, algebra_of, applied, declared_box, finite, narrowed, short
-from ..file import Claim, part
+from ..file import Claim, fields, matrix, part, scalar
 from ..inequality import place
-from ..matrix import fields, inverse, matrix, scalar
+from ..matrix import inverse
 from ..rule import Needed, Rule
 from ..slope import regular
 from ..tables import jumps

@@ -23,9 +23,9 @@ from ..box import NotShown
 from ..chain import built, constants
 from ..context import Context, enclosed, only
 from ..falling import Decay, corners_of, decays, demand_decays
-from ..file import Built, Claim
+from ..file import Built, Claim, column, entries
 from ..inequality import Parts
-from ..matrix import column, entries, zeros
+from ..matrix import zeros
 from ..slope import at_kinks, continuous
 from ..text import Expression
 from ..uncertain import ErrorInclusion, Slope, bounded_slopes, of_field
