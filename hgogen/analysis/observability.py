@@ -131,8 +131,8 @@ class Answer(Encoded):
 
 
 @dataclass(frozen=True)
-class Observability:
-    """The generic observability of a plant: `known` with known parameters, `joint` with those that have a range.
+class Observability(Encoded):
+    """The generic observability of a plant."""
 
     json_keys = "known joint method asked checks"
 

@@ -14,10 +14,8 @@ from fractions import Fraction
 import sympy as sp
 from sympy.combinatorics import Permutation
 
-from hgogen.algebra.branches import branches
-from hgogen.algebra.codistribution import Row
-from hgogen.algebra.elimination import tower
-from hgogen.algebra.factors import ROUGH, powers
+from hgogen.algebra.elimination import Row, codistribution_product, tower
+from hgogen.algebra.factors import ROUGH, branches, powers, split_roots
 from hgogen.algebra.identity import is_zero
 from hgogen.algebra.points import exact
 from hgogen.algebra.rank import NowhereDefined, believe_zeros, matrix_rows, modulus, new_rows, plant_of, somewhere
@@ -28,14 +26,12 @@ from hgogen.analysis.determinant import Determinant, alive, as_written, determin
 from hgogen.analysis.lie import along, length, rates, size, without_derivative
 from hgogen.analysis.written import asked, on_box
 from hgogen.check import Check, ClaimId, Verdict
-from hgogen.discretisation.kernels import product
 from hgogen.intervals.bounds import nonzero
 from hgogen.intervals.box import box as box_of
 from hgogen.intervals.glance import Interval
 from hgogen.intervals.singular import minimal, reasons, singular
 from hgogen.reading.door import asks_a_plant, remembers
 from hgogen.sentence import NONE, Encoded, Reason, Sentence, because, equations, joined
-from hgogen.structure.coordinates import split
 from hgogen.system import System
 
 # An observability matrix of more nodes is left alone: its determinant takes seconds and fills pages.
@@ -344,10 +340,10 @@ def singular_set(
             return "all"
         zero_sets = set()
         for rows in {frozenset(rows): rows for rows in choices}.values():  # of those in another order one
-            factors = product(plant, rows, limit)
+            factors = codistribution_product(plant, rows, limit)
             if not alive(plant.field, factors):
                 return None
-            zero_sets.add(zero_set(plant.field, split(plant.field, powers(plant.field, factors)[1])))
+            zero_sets.add(zero_set(plant.field, split_roots(plant.field, powers(plant.field, factors)[1])))
     except (TooLarge, NoTape, NowhereDefined, ZeroDivisionError):
         return None
     one = zero_sets.pop()

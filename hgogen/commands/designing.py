@@ -88,7 +88,8 @@ class Designs(ModelReport):
     def tables(self) -> Iterator[Any]:
         """Gains with their rates."""
         step, time = self.step, self.step.observer.form.system.time
-        head = f"what is proved of gains: how far noise of 1 moves an estimate, by {step.code.rule} at dt = {step.dt:g} {time}"
+        running = f"by {step.code.rule} at dt = {step.dt:g} {time}"
+        head = f"what is proved of gains: how far noise of 1 moves an estimate, {running}"
         columns = ("gain", "error of", "noise of", f"rate (1/{time})", f"dt up to ({time})", "continuous", "step")
         table = headed(head, *columns, numbers=4)
         for one in self.points:

@@ -133,40 +133,18 @@ def correct(L: Columns, D: Vector, c: FixedVector, r: float, gain: Vector, read:
         j = read - 1 - k
         f = c[j]
         for i in range(j + 1, read):
-            f = f + columns[j, i] * c[i]
-        alpha = _measured(columns, d, gain, j, f, alpha)
-    gain[:] = gain / alpha
-
-
-def _measured(columns: Array, d: Array, gain: Array, j: int, f: Any, alpha: Any) -> Any:
-    """Column j after a measurement that reads f of it; alpha after it, of alpha before it."""
-    v = d[j] * f
-    after = alpha + v * f
-    d[j] = d[j] * alpha / after
-    old = columns[j, j + 1 :].copy()
-    columns[j, j + 1 :] = old - f * gain[j + 1 :] / alpha
-    gain[j + 1 :] = gain[j + 1 :] + old * v
-    gain[j] = v
-    return after
-
-
-def cap(columns: Array, d: Array, caps: Array) -> bool:
-    """Scale row i by cap_i/P_ii where P_ii > cap_i; whether one did, or is not a number, or a D is negative. A D that
-    then is none of a covariance below its cap, as no step makes it, is the cap."""
-    n, variance = len(d), variances(columns, d)
-    scale = np.where(variance > caps, caps / variance, np.ones(n, d.dtype))
-    if (variance <= caps).all() and (d >= 0).all():
-        return False
-    for k in range(n):
-        columns[k, k + 1 :] = columns[k, k + 1 :] * scale[k + 1 :] / scale[k]
-    scaled = d * scale * scale
-    d[:] = np.where((scaled >= 0) & (scaled <= caps), scaled, caps)
-    return True
-
-
-def renew(columns: Array, d: Array, caps: Array, c: Array) -> bool:
-    """Measure each state to the variance 1/c_i^2; whether the P_ii/cap_i then do not add up to 1/2 or less."""
-    return not share(columns, d, caps, c) <= 0.5
+            f = f + L[j].v[i] * c[i]
+        v = D[j] * f
+        before = alpha
+        alpha = before + v * f
+        D[j] = D[j] * before / alpha
+        for i in range(j + 1, n):
+            old = L[j].v[i]
+            L[j].v[i] = old - f * gain[i] / before
+            gain[i] = gain[i] + old * v
+        gain[j] = v
+    for i in range(n):
+        gain[i] = gain[i] / alpha
 
 
 @on_arrays
@@ -198,30 +176,35 @@ def renew(L: Columns, D: Vector, caps: FixedVector, c: FixedVector) -> bool:
     gain = array(n)
     share = 0.0
     for i in range(n):
-        alpha, gain = d.dtype.type(1), np.zeros(n, d.dtype)
-        for j in reversed(range(i + 1)):
-            f = c[i] if j == i else columns[j, i] * c[i]
-            alpha = _measured(columns, d, gain, j, f, alpha)
-    total = d.dtype.type(0)
-    for variance, limit in zip(variances(columns, d), caps, strict=True):
-        total = total + variance / limit
-    return total
+        alpha = 1.0
+        for k in range(n):
+            gain[k] = 0.0
+        for k in range(i + 1):
+            j = i - k
+            f = c[i] if j == i else L[j].v[i] * c[i]
+            v = D[j] * f
+            before = alpha
+            alpha = before + v * f
+            D[j] = D[j] * before / alpha
+            for m in range(j + 1, n):
+                old = L[j].v[m]
+                L[j].v[m] = old - f * gain[m] / before
+                gain[m] = gain[m] + old * v
+            gain[j] = v
+    for i in range(n):
+        variance = D[i]
+        for k in range(i):
+            variance = variance + L[k].v[i] * L[k].v[i] * D[k]
+        share = share + variance / caps[i]
+    return not share <= 0.5
 
 
-def variances(columns: Array, d: Array) -> Array:
-    """P_ii, summed from the diagonal's own, then from the first column on."""
-    variance = d.copy()
-    for k in range(len(d)):
-        variance[k + 1 :] = variance[k + 1 :] + columns[k, k + 1 :] * columns[k, k + 1 :] * d[k]
-    return variance
-
-
-def balance(x: Array, scale: Array) -> None:
-    """x in and out; the diagonal of S."""
-    n = len(scale)
-    X, two = x.reshape(n, n), x.dtype.type(2)
-    scale[:] = 1
-    for _ in range(SWEEPS):
+@on_arrays
+def balance(x: Matrix, scale: Vector) -> None:
+    """X <- S^-1 X S, S diagonal of powers of two: row i and column i of about the same size"""
+    for i in range(n):
+        scale[i] = 1.0
+    for sweep in range(SWEEPS):  # noqa: B007
         for i in range(n):
             f = 1.0
             column = 0.0
