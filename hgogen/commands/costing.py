@@ -61,10 +61,8 @@ class CostReport(ModelReport):
 
     def tables(self) -> Iterator[Any]:
         """A row for each cost."""
-        table = headed(self.title, "what", "how much", numbers=1)
-        for key, meaning in _MEANINGS.items():
-            table.add_row(meaning, str(getattr(self.costs, key)))
-        yield table
+        rows = ((meaning, str(getattr(self.costs, key))) for key, meaning in _MEANINGS.items())
+        yield headed(self.title, "what", "how much", numbers=1, rows=rows)
         yield f"{self.costs.compiler} {self.costs.flags}\n"
 
     def demand(self) -> None:

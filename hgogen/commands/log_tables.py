@@ -6,7 +6,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from rich.console import Group, RenderableType
 from rich.text import Text
 
-from hgogen.commands.output import headed
+from hgogen.commands.output import filled, headed
 from hgogen.identification.result import Fit
 from hgogen.reading.measured import Report
 from hgogen.signal import Signal
@@ -72,13 +72,9 @@ def report(read: Report, begins: Mapping[str, float] | None = None) -> Renderabl
 
 def hidden(errors: Mapping[str, float | None], states: Sequence[Signal]) -> list[RenderableType]:
     """Errors of states whose truth was measured, if any."""
-    if not errors:
-        return []
-    units = {x.name: x.unit for x in states}
-    table = headed("RMS error of the estimate, by the truth", "state", "error", "unit")
-    for name, error in errors.items():
-        table.add_row(name, cell(error) or "nothing measured", Text(units[name]))
-    return [Group(table, "")]
+    units = {x.name: Text(x.unit) for x in states}
+    rows = ((name, cell(error) or "nothing measured", units[name]) for name, error in errors.items())
+    return filled(headed("RMS error of the estimate, by the truth", "state", "error", "unit", rows=rows))
 
 
 def consistent(whole: Consistency, notes: Iterable[str]) -> RenderableType:
@@ -105,15 +101,12 @@ def consistent(whole: Consistency, notes: Iterable[str]) -> RenderableType:
 
 def from_double(each: Sequence[Difference], time: str) -> list[RenderableType]:
     """How far a run in float is from double, if it is one."""
-    if not each:
-        return []
-    table = headed(
-        "in float, the bits that fly: the largest difference from double",
-        *("state", "difference", "unit", f"at ({time})", "share", "of its"),
+    title = "in float, the bits that fly: the largest difference from double"
+    columns = ("state", "difference", "unit", f"at ({time})", "share", "of its")
+    rows = (
+        (one.state, f"{one.largest:.3g}", Text(one.unit), f"{one.t:.4g}", f"{one.share:.2g}", one.of) for one in each
     )
-    for one in each:
-        table.add_row(one.state, f"{one.largest:.3g}", Text(one.unit), f"{one.t:.4g}", f"{one.share:.2g}", one.of)
-    return [Group(table, "")]
+    return filled(headed(title, *columns, rows=rows))
 
 
 def _band(ends: tuple[float, float] | None) -> str:
@@ -122,10 +115,7 @@ def _band(ends: tuple[float, float] | None) -> str:
 
 def without(refused: Mapping[str, str], title: str = "without gains") -> list[RenderableType]:
     """Why observers have no gains, or no step, if any."""
-    table = headed(title, "observer", "why")
-    for name, reason in refused.items():
-        table.add_row(name, Text(reason))
-    return [Group(table, "")] if refused else []
+    return filled(headed(title, "observer", "why", rows=((name, Text(why)) for name, why in refused.items())))
 
 
 def cell(value: float | None) -> str:

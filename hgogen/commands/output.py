@@ -39,7 +39,7 @@ def json_text(value: Any, indent: int = 2) -> str:
     return json.dumps(encoded(value), indent=indent, allow_nan=False)
 
 
-def headed(title: str, *columns: str, numbers: int = 0) -> Table:
+def headed(title: str, *columns: str, numbers: int = 0, rows: Iterable[Iterable[RenderableType]] = ()) -> Table:
     """A table whose last `numbers` columns are flushed right, and never broken, as the text before them may be."""
     table = Table(
         title=title, box=None, pad_edge=False, padding=(0, 2, 0, 0), min_width=min(len(title), console().width)
@@ -49,7 +49,14 @@ def headed(title: str, *columns: str, numbers: int = 0) -> Table:
         table.add_column(name, overflow="fold")
     for name in columns[len(columns) - numbers :]:
         table.add_column("\n".join(wrap(name, _NARROW)), justify="right", overflow="fold", no_wrap=True)
+    for row in rows:
+        table.add_row(*row)
     return table
+
+
+def filled(table: Table) -> list[RenderableType]:
+    """A table and a line under it; nothing of one without rows."""
+    return [table, ""] if table.row_count else []
 
 
 def file_list(paths: Iterable[Any]) -> RenderableType:

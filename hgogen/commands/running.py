@@ -353,9 +353,8 @@ class QuietRecord(ModelReport):
                 ("gamma_1", f"{one.gamma_1:.4g}", "2 gamma_0: theta rises fully above it"),
                 ("R", f"{one.R:.4g}", "spectral density of the noise; a larger R smooths more"),
             )
-            table = headed(f"noise of {one.output}, from {one.samples} samples", "value", "", "meaning")
-            for row in rows:
-                table.add_row(*row)
+            title = f"noise of {one.output}, from {one.samples} samples"
+            table = headed(title, "value", "", "meaning", rows=rows)
             yield Group(table, *(Text(f"doubt: {note}", style="yellow") for note in one.notes), "")
 
 

@@ -11,7 +11,7 @@ from rich.text import Text
 from sympy.printing.str import StrPrinter
 
 from hgogen.check import Check, Verdict
-from hgogen.commands.output import headed
+from hgogen.commands.output import filled, headed
 from hgogen.intervals.bounds import Range
 from hgogen.intervals.digits import down, up
 from hgogen.sentence import NONE, Reason, Sentence, because, plain, point
@@ -111,12 +111,12 @@ def survey(forms: Survey, below: Iterable[Check] = ()) -> RenderableType:
 
 def ranges(bounds: Mapping[str, Range]) -> RenderableType:
     """The ranges of expressions; nothing without one."""
-    if not bounds:
-        return Group()
-    table = headed("ranges on the declared box, outward-rounded", "expression", "from", "to", "boxes", "")
-    for text, one in bounds.items():
-        table.add_row(Text(text), down(one.low, 9), up(one.high, 9), str(one.boxes), Text(str(one.note)))
-    return Group(table, "")
+    rows = (
+        (Text(text), down(one.low, 9), up(one.high, 9), str(one.boxes), Text(str(one.note)))
+        for text, one in bounds.items()
+    )
+    title, columns = "ranges on the declared box, outward-rounded", ("expression", "from", "to", "boxes", "")
+    return Group(*filled(headed(title, *columns, rows=rows)))
 
 
 def few(names: Iterable[Any], most: int = 8) -> str:
@@ -218,7 +218,7 @@ def _proved(each: Sequence[Measured], states: Sequence[str]) -> list[RenderableT
             seen = "-" if worst is None else f"{worst:.3g}"
             cells.append("-" if bound is None else f"{up(bound, 3)} ({seen})")
         table.add_row(one.name, *cells)
-    return [table, ""]
+    return filled(table)
 
 
 def _state(values: Mapping[str, float]) -> str:
@@ -285,9 +285,8 @@ def status(step: Step, counts: Mapping[str, int], samples: int) -> RenderableTyp
     raised = [bit for bit in step.layout.bits if counts.get(bit.name)]
     if not raised:
         return Text(f"status: 0 (ok) in all {samples} samples\n")
-    table = headed(f"status over {samples} samples", "samples", "bit", "meaning", "what to do")
-    for bit in raised:
-        table.add_row(str(counts[bit.name]), bit.name, Text(bit.meaning), Text(step.asked(bit)))
+    rows = ((str(counts[bit.name]), bit.name, Text(bit.meaning), Text(step.asked(bit))) for bit in raised)
+    table = headed(f"status over {samples} samples", "samples", "bit", "meaning", "what to do", rows=rows)
     return Group(table, "")
 
 
