@@ -29,7 +29,7 @@ class Report(Encoded):
     """What a command found, a dataclass: what it prints, as JSON or as tables, with its `files`, and how it ends."""
 
     def tables(self) -> Iterable[Any]:
-        """What is printed unless JSON is asked for."""
+        """Return the tables that are printed in the place of JSON."""
         return ()
 
     def demand(self) -> None:
@@ -55,7 +55,10 @@ def _with_options(
     `there`."""
     known: dict[str, tuple[Any, Any]] = {}
     for name, each in signature(function).parameters.items():
-        known |= {name: (each.annotation, each.default)} if name != place else options if there else {}
+        if name != place:
+            known[name] = each.annotation, each.default
+        elif there:
+            known |= options
     known |= options
 
     @wraps(function)
@@ -90,7 +93,7 @@ def _with_group(function: Callable[..., Any], group: Any, options: type, there: 
 def _reporting(function: Callable[..., Report]) -> Callable[..., None]:
     """A command that prints the report of a function."""
 
-    def printing_(arguments: Mapping[str, Any], chosen: Mapping[str, bool]) -> None:
+    def printed(arguments: Mapping[str, Any], chosen: Mapping[str, bool]) -> None:
         token = _AS_JSON.set(chosen["as_json"])
         try:
             report = function(**arguments)
@@ -101,7 +104,7 @@ def _reporting(function: Callable[..., Report]) -> Callable[..., None]:
             _AS_JSON.reset(token)
         report.demand()
 
-    return _with_options(function, {"as_json": (Json, False)}, printing_)
+    return _with_options(function, {"as_json": (Json, False)}, printed)
 
 
 def early(*parts: Any) -> None:
