@@ -13,8 +13,7 @@ import hgogen as hg
 from hgogen.calling import native
 from hgogen.calling.samples import Engine
 from hgogen.emit import layout
-from hgogen.emit.cfunction import Prototype, address, prototypes, structs
-from hgogen.emit.interface import entries
+from hgogen.emit.interface import Prototype, address, entries, prototypes, structs
 from hgogen.emit.naming import prefixed
 from hgogen.emit.saved import mark
 from hgogen.stepping import ready

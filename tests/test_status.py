@@ -10,7 +10,7 @@ from emitted import files, run, step, tool
 import hgogen as hg
 from hgogen import step as steps
 from hgogen.calling import native
-from hgogen.emit.cfunction import status_type
+from hgogen.emit.interface import status_type
 from hgogen.step import BadStep
 from hgogen.stepping.status import certain_bits
 

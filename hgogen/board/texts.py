@@ -6,8 +6,8 @@ from string import Template
 
 import numpy as np
 
-from hgogen.emit.cfunction import Parameter, assigned, prototypes, structs
 from hgogen.emit.code import indented
+from hgogen.emit.interface import Parameter, assigned, prototypes, structs
 from hgogen.emit.naming import c_name
 from hgogen.emit.syntax import Real
 from hgogen.step import Step

@@ -7,10 +7,10 @@ from typing import Any
 
 from hgogen.ecosystems.ecosystem import Ecosystem, Text, common, template
 from hgogen.ecosystems.price import priced
-from hgogen.emit.cfunction import address, assigned, prototypes, status_type, structs
 from hgogen.emit.code import indented
 from hgogen.emit.described import described, of_signal, parameters
 from hgogen.emit.fold import folded
+from hgogen.emit.interface import address, assigned, prototypes, status_type, structs
 from hgogen.emit.manual import marked
 from hgogen.emit.naming import c_name
 from hgogen.emit.syntax import Real

@@ -8,9 +8,18 @@ crate: the banner, how to call it, what it promises, and the status bits.
 from collections.abc import Iterable
 
 from hgogen.emit import saving
-from hgogen.emit.cfunction import address, prototype, prototypes, status_type, structs
 from hgogen.emit.code import indented
-from hgogen.emit.interface import MEANINGS, direction, entries, of_section
+from hgogen.emit.interface import (
+    MEANINGS,
+    address,
+    direction,
+    entries,
+    of_section,
+    prototype,
+    prototypes,
+    status_type,
+    structs,
+)
 from hgogen.emit.manual import (
     UNTIMELY,
     gains,

@@ -12,8 +12,8 @@ from string import Template
 import numpy as np
 
 from hgogen.emit import pystep
-from hgogen.emit.cfunction import Parameter, Prototype, structs
 from hgogen.emit.code import Code, Uses, indented
+from hgogen.emit.interface import Parameter, Prototype, structs
 from hgogen.emit.saved import ADDED, CHECKSUM, DIGEST, POLYNOMIAL, layout
 from hgogen.emit.syntax import DTYPE, Real
 from hgogen.emit.syntaxes import RUST, C

@@ -6,9 +6,9 @@ from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from string import Template
 
-from hgogen.emit.cfunction import address, prototypes, status_type, structs
 from hgogen.emit.code import indented
 from hgogen.emit.heads import arguments, rust_status_type
+from hgogen.emit.interface import address, prototypes, status_type, structs
 from hgogen.emit.statements import Writer
 from hgogen.emit.syntax import Real, Syntax
 from hgogen.emit.syntaxes import RUST, C

@@ -12,8 +12,8 @@ from functools import cache, cached_property
 
 import numpy as np
 
-from hgogen.emit.cfunction import Prototype, own, status_type, structs
 from hgogen.emit.code import Code, code, joined
+from hgogen.emit.interface import Prototype, own, status_type, structs
 from hgogen.emit.statements import Writer
 from hgogen.program import Block, Loop, Place, Program, Statement, blocks, lines_of, places, walk
 from hgogen.stepping.machine import Reading

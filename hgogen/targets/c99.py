@@ -8,12 +8,11 @@ FLT_EVAL_METHOD is 0.
 from collections.abc import Iterable, Iterator
 from dataclasses import replace
 
-from hgogen.emit.cfunction import Prototype, inside, nominal, own, prototypes, readied
 from hgogen.emit.code import Code, Uses, braced, code, joined, spaced
 from hgogen.emit.fold import sources
 from hgogen.emit.functions import c_functions, includes
 from hgogen.emit.heads import header
-from hgogen.emit.interface import entries, of_section
+from hgogen.emit.interface import Prototype, entries, inside, nominal, of_section, own, prototypes, readied
 from hgogen.emit.naming import demand_distinct, demand_file
 from hgogen.emit.portable import kernels, tables
 from hgogen.emit.printer import LEAST, NEVER

@@ -5,8 +5,8 @@
 `NAME_kept_step`, or `NAME_kept_SECTION` for a part of it, takes a sample from it and leaves the estimate in it.
 """
 
-from hgogen.emit.cfunction import Parameter, Prototype, prototypes, status_type, structs
 from hgogen.emit.code import indented
+from hgogen.emit.interface import Parameter, Prototype, prototypes, status_type, structs
 from hgogen.emit.naming import c_name
 from hgogen.emit.statements import Writer
 from hgogen.emit.syntax import Real, demand_real
