@@ -341,17 +341,13 @@ def _written(program: Program) -> dict[Place, set[int]]:
     for block, place, size in ((s, *item) for s in blocks for item in s.written if item[0].struct == "state"):
         values, same = dense(block.writes[place]).nonzeros(), sym(*place, size).nonzeros()
         elements = {k for k in range(size) if values[k].element_hash() != same[k].element_hash()}
-        if elements and not _of_member(block, place):
+        sources = block.copies.get(place, (place,))
+        if elements and any(source.struct in STRUCTS for source in sources):  # else a member's, in its box there
             changed.setdefault(place, set()).update(elements)
     for kernel in (s for s in walk(program) if isinstance(s, Kernel)):
         for place, size in kernel.arguments:
             changed.get(place, set()).update(range(size))
     return changed
-
-
-def _of_member(block: Block, place: Place) -> bool:
-    """Whether the value written is that of a field of a group, which is kept in its box there."""
-    return place in block.copies and all(source.struct not in STRUCTS for source in block.copies[place])
 
 
 def _in_its_box(field: Field, each: bool) -> Block:
