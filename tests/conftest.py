@@ -29,6 +29,8 @@ settings.register_profile(
 )
 settings.load_profile("hgogen")
 
+collect_ignore = ["fixtures"]  # cases for a copy of the project, where their tests are run
+
 RUN = pytest.StashKey[tuple[str, ...]]()  # the names of the tests that a run takes
 ABSENT = pytest.StashKey[tuple[str, ...]]()  # and of representatives that there are not
 
