@@ -10,8 +10,6 @@ import pytest
 
 import hgogen as hg
 
-SOURCE = ast.parse(Path(str(hg.__file__)).read_text())
-
 
 def python(code: str) -> str:
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
@@ -19,18 +17,20 @@ def python(code: str) -> str:
 
 
 def test_types_and_values_come_from_the_same_files() -> None:
-    (block,) = (node for node in SOURCE.body if isinstance(node, ast.If))
+    stub = ast.parse(Path(f"{hg.__file__}i").read_text())
     typed = {
-        alias.name: str(node.module).partition(".")[2]
-        for node in block.body
+        alias.asname: (str(node.module), alias.name)
+        for node in stub.body
         if isinstance(node, ast.ImportFrom)
         for alias in node.names
     }
-    tables = vars(hg)
-    folders = {name: path.rpartition(".")[0] for name, path in tables["_MODULES"].items()}
-    assert typed == {**folders, **tables["_NAMES"]}
-    assert hg.__all__ == sorted(typed)
+    assert hg.__all__ == sorted(map(str, typed))
     assert set(hg.__all__) <= set(dir(hg))
+    for name, (file, there) in typed.items():
+        assert name == there
+        space: dict[str, object] = {}
+        exec(f"from {file} import {name}", space)
+        assert getattr(hg, name) is space[name], name
 
 
 @pytest.mark.full
