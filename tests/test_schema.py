@@ -81,7 +81,7 @@ def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return tmp_path
 
 
-@pytest.mark.ordinary("check --library", "compare neuron --runs", "design")
+@pytest.mark.ordinary("check --library*", "compare neuron --runs*", "design*")
 @pytest.mark.parametrize("call", CALLS)
 def test_the_keys_of_every_answer_are_described(here: Path, call: str) -> None:
     if call.startswith("cost") and not all(map(shutil.which, (COMPILER, EMULATOR))):
