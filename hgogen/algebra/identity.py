@@ -1,6 +1,6 @@
 """Exact zero tests: whether an expression is 0 wherever it is defined, and which symbols a function depends on.
 
-True is proved by exact algebra (`algebra.vanishes`); False by a value at an exact rational point whose ball excludes
+True is proved by exact algebra (`vanishes`); False by a value at an exact rational point whose ball excludes
 0, or by a polynomial that is not 0. None: neither. A box restricts the points, not the algebra: |x| - x is not
 refuted on x >= 1, and not proved either.
 """

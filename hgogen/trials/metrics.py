@@ -150,7 +150,7 @@ class Summary:
     triggered: Annotated[tuple[float | None, ...], "share of seeds in which theta rose through 1.5"]
     loud: Annotated[tuple[float | None, ...], "mean share of the last fifth before the next event with theta above 1.5"]
     latched: Annotated[int, "seeds in which theta did not come back after some event"]
-    alarm_ratio: Annotated[float | None, "innovation at the largest theta over its threshold (`commands.alarm`)"]
+    alarm_ratio: Annotated[float | None, "innovation at the largest theta over its threshold"]
     rms: Annotated[Mapping[str, float], "median steady error by state"]
     clamped: Annotated[int, "samples after the first 5% outside the declared or the outer box"]
 
