@@ -44,6 +44,12 @@ def tree(name: str) -> ast.Module:
     return parsed(FILES[name])
 
 
+def stub(name: str) -> ast.Module:
+    """The syntax of what says which names a module gives, where it imports them when they are asked for."""
+    path = FILES[name].with_suffix(".pyi")
+    return parsed(path) if path.is_file() else ast.Module([], [])
+
+
 @cache
 def parsed(path: Path) -> ast.Module:
     """The syntax of a file."""
@@ -83,7 +89,7 @@ def imports(name: str) -> frozenset[str]:
     """The modules of the package that a module imports, anywhere in it, for types as well; a folder imports its
     cases. Relative are the imports of the checker alone, whose folder can be copied."""
     modules = set()
-    for node in within(tree(name)):
+    for node in (*within(tree(name)), *within(stub(name))):
         if isinstance(node, ast.Import):
             modules |= {alias.name for alias in node.names}
         elif isinstance(node, ast.ImportFrom):
