@@ -431,10 +431,15 @@ def test_what_rationals_do_not_confirm_is_no_proof(monkeypatch: pytest.MonkeyPat
     """A solver that errs, or floats that do, prove nothing."""
     flow = flow_of(model("pendulum"), (-1, -1), 3.0)  # below the least
     assert flow.fastest is None
+    above = flow_of(model("pendulum"), (-1, -1), 20.0)
+    known = above._weights(Fraction(20))
     monkeypatch.setattr(common_norm, "negative", lambda *_: True)
     wrong = np.eye(2), np.zeros(0)
     monkeypatch.setattr(Flow, "_sought", lambda *_: wrong)
     assert flow_of(model("pendulum"), (-1, -1), 3.0).least is None
+    monkeypatch.setattr(Flow, "_sought", lambda *_: known)
+    assert above.at(Fraction(20), Fraction(1))
+    assert above.at(Fraction(20), Fraction(1000)) is None  # faster than the core of theta = 20
 
 
 # --- a_i in a range, and without a solver -------------------------------------------------------------------
