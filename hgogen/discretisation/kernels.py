@@ -235,7 +235,6 @@ def balance(x: Matrix, scale: Vector) -> None:
                 scale[i] = scale[i] * f
 
 
-@on_arrays
 def product(c: Matrix, a: FixedMatrix, b: FixedMatrix) -> None:
     """c = a b"""
     for i in range(n):
