@@ -136,6 +136,22 @@ def test_a_header_of_a_model_without_a_certificate_says_so() -> None:
         of(emitted.step("functions").observer)
 
 
+@pytest.mark.parametrize("gone", ["states", "outputs", "form"])
+def test_a_plant_without_states_or_outputs_is_none(gone: str) -> None:
+    """Nobody declares one, so the rules need not ask."""
+    content = of(emitted.step("pendulum").observer)
+    plant, form = {**content["plant"]}, {**content["form"]}
+    if gone == "outputs":
+        plant |= {"outputs": [], "output": []}
+        form |= {"output": []}
+    else:
+        form |= {"from_form": []} if gone == "states" else {"states": [], "to_form": [], "A": [], "b": [], "blocks": []}
+        plant |= {"states": [], "flow": [], "output": ["0"]} if gone == "states" else {}
+    forged = {**content, "plant": plant, "form": form, "observer": None, "claims": []}
+    with pytest.raises(NoCertificate, match="has no states, or there are no outputs"):
+        recheck(json.dumps({**forged, "digest": digest(forged)}))
+
+
 # --- the observer ---------------------------------------------------------------------------------------------------
 
 

@@ -207,6 +207,8 @@ def _read(content: Mapping[str, Any], observers: Mapping[str, Built]) -> Certifi
     if len(x_box) < len(states) + len(inputs) + len(parameters) or len(z_box) < len(z) + len(common):
         raise NoCertificate("a name is declared twice")
     n, m = len(states), len(part(plant, "outputs", list))
+    if not (n and m and z):
+        raise NoCertificate("its plant or its form has no states, or there are no outputs")
     return Certificate(
         name=part(plant, "name", str),
         plant=Equations(tuple(states), x_box, _rows(plant, "flow", x_box, n), _rows(plant, "output", x_box, m)),
