@@ -277,11 +277,11 @@ class Cells:
         return (0,) * len(self.axes)
 
     def holding(self, *held: bool) -> "Cells":
-        """The same points, held at the ends of these axes; of all without any."""
+        """The table held at the ends of these axes; of all without any."""
         return self._with("held", held or (True,) * len(self.axes))
 
     def rounding(self, *rounded: Ends) -> "Cells":
-        """The same points, with arguments that are rounded."""
+        """The table with arguments that are rounded."""
         return self._with("rounded", rounded)
 
     def _with(self, name: str, values: Sequence[Any]) -> "Cells":

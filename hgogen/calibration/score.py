@@ -52,7 +52,7 @@ class Ahead:
         return moves
 
     def errors(self, k: int, step: CallableStep, run: Run, record: Log) -> Array:
-        """Those (N, p) of a run of a step along record number k: e_j(k+h|k) where the step used a sample."""
+        """The errors (N, p) of a run of a step along record number k: e_j(k+h|k) where the step used a sample."""
         one = next(forecasts(step, run, record.u, record.y, (self.samples,)))
         return np.where(one.compared, np.where(np.isfinite(one.model), one.model, np.inf), np.nan)
 

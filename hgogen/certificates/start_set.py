@@ -77,7 +77,7 @@ class Running:
 
     @property
     def fields(self) -> list[int]:
-        """Those that estimate."""
+        """The fields that estimate a state."""
         return [k for k, fed in enumerate(self.steps.error.layout.fed) if fed]
 
     def bounds(self, sizes: Sizes) -> dict[int, InputBound] | None:

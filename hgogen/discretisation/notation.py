@@ -64,7 +64,7 @@ _WRITTEN: dict[str, FunctionType] = {}  # the functions that `on_arrays` runs, b
 
 
 def _product(c: list[Any], a: list[Any], b: list[Any]) -> None:
-    """The same operations in the same order as those of `kernels.product`, whose loops take ten times as long."""
+    """c = a b by the operations of `kernels.product` in their order, by columns: its loops take ten times as long."""
     size = isqrt(len(a))
     A, B = np.array(a).reshape(size, size), np.array(b).reshape(size, size)
     total = np.zeros_like(B)
