@@ -14,10 +14,10 @@ import paper_panels
 from matplotlib.figure import Figure
 
 import hgogen as hg
-from hgogen.kalman.theta import logistic, smoothstep
+from hgogen.estimators.theta import logistic, smoothstep
 from hgogen.model import load
+from hgogen.run import figures
 from hgogen.trial import Trajectory, Trial, simulate
-from hgogen.trials import figures
 
 MODELS = Path(__file__).parent.parent / "models"
 REAL = (-2.5 + 0.3j, -2.5 - 0.3j, -2, -1.3)

@@ -18,10 +18,10 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
-from hgogen.guarantees.formulas import core_eigenvalues, gain_of_poles, inside_parabola
-from hgogen.kalman.theta import Logistic, Smoothstep
+from hgogen.estimators.theta import Logistic, Smoothstep
 from hgogen.program import sym
-from hgogen.trials.figures import COLOURS, DASHES, ESTIMATE, STYLE, TRUTH, WIDTH, look, panels, thin
+from hgogen.prove.formulas import core_eigenvalues, gain_of_poles, inside_parabola
+from hgogen.run.figures import COLOURS, DASHES, ESTIMATE, STYLE, TRUTH, WIDTH, look, panels, thin
 
 _HEIGHT, _POINTS = 2.6, 600
 _OUT = "#cc00cc"  # the paper's magenta

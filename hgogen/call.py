@@ -10,14 +10,6 @@ from typing import Annotated, Any
 import numpy as np
 
 from hgogen import methods
-from hgogen.algebra.threads import one_thread
-from hgogen.calling import native
-from hgogen.calling.asked import Asked, Starts, tunable
-from hgogen.calling.batch import Batch, Each, Many
-from hgogen.calling.late import arriving, in_time
-from hgogen.calling.readers import Kept
-from hgogen.calling.replay import Replay
-from hgogen.calling.samples import BadShape, Engine, Legend, Run, Sample, Take, door, numbers, table
 from hgogen.emit.pystep import Entry
 from hgogen.emit.saved import sealed
 from hgogen.emit.syntax import Real
@@ -28,6 +20,14 @@ from hgogen.part import Guards, Prefer
 from hgogen.program import dangling
 from hgogen.reading.named import in_order
 from hgogen.reading.time_unit import plural
+from hgogen.rigor.threads import one_thread
+from hgogen.run import native
+from hgogen.run.asked import Asked, Starts, tunable
+from hgogen.run.batch import Batch, Each, Many
+from hgogen.run.late import arriving, in_time
+from hgogen.run.readers import Kept
+from hgogen.run.replay import Replay
+from hgogen.run.samples import BadShape, Engine, Legend, Run, Sample, Take, door, numbers, table
 from hgogen.step import BadStep, CannotUpdate, Step, StepMayFail, demand_choice, plan
 from hgogen.stepping.delays import arranged
 from hgogen.stepping.resolution import demand_motion

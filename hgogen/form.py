@@ -15,7 +15,7 @@ import sympy as sp
 from hgogen.analysis.undefined import MAKER, undefined_values
 from hgogen.check import Check, Verdict
 from hgogen.errors import BadArgument
-from hgogen.intervals.box import End, box
+from hgogen.rigor.box import End, box
 from hgogen.sentence import Sentence, equations
 from hgogen.signal import Signal
 from hgogen.system import System

@@ -11,11 +11,11 @@ from typing import Any, TypeAlias
 import casadi as ca
 import sympy as sp
 
-from hgogen.algebra.interpolation import Table
-from hgogen.algebra.lookup import Lookup, folded
-from hgogen.algebra.removable import resolved, with_limits
-from hgogen.algebra.tape import plain
 from hgogen.errors import HgogenError
+from hgogen.rigor.interpolation import Table
+from hgogen.rigor.lookup import Lookup, folded
+from hgogen.rigor.removable import resolved, with_limits
+from hgogen.rigor.tape import plain
 
 Graph: TypeAlias = Any  # an SX, MX or DM of any shape: one code takes all three, and CasADi has no type for that
 

@@ -9,29 +9,29 @@ from typing import Literal, Protocol, runtime_checkable
 import casadi as ca
 import numpy as np
 
-from hgogen.chains.core import core, nominal, numbers
-from hgogen.chains.sampled import Sampled
-from hgogen.chains.transient import lengths
+from hgogen.analysis.jacobians import jacobians_on_box
 from hgogen.discretisation import explicit_covariance
 from hgogen.discretisation.growth import polynomial
 from hgogen.discretisation.routine import RATE, Values, routine
 from hgogen.discretisation.runge_kutta import RK4, Tableau, advance, rounds
 from hgogen.discretisation.stability import EVERYWHERE, Lengths, Limit, core_limit, decay_limits, pace
 from hgogen.errors import HgogenError
+from hgogen.estimators.core import core, nominal, numbers
+from hgogen.estimators.covariance import covariance_ode, covariance_of_view, information_ode, prior_status_of_view
+from hgogen.estimators.riccati_part import Riccati
+from hgogen.estimators.sampled import Sampled
+from hgogen.estimators.transient import lengths
 from hgogen.graph import Graph
-from hgogen.guarantees.beside_core import BesideCore, Leaves
-from hgogen.guarantees.beside_stages import BesideStages
-from hgogen.guarantees.entering import Entering
-from hgogen.guarantees.inclusion import Inclusion, Uncertain
-from hgogen.guarantees.inequality import Inequality, Realisation, realised, stagewise
-from hgogen.guarantees.plant_step import PlantStep
-from hgogen.kalman.covariance import covariance_ode, covariance_of_view, information_ode, prior_status_of_view
-from hgogen.kalman.riccati_part import Riccati
 from hgogen.observer import Observer
 from hgogen.part import Clock, Ode, Pieces
 from hgogen.program import INF, Block, Place, Repeat, address, sym
+from hgogen.prove.beside_core import BesideCore, Leaves
+from hgogen.prove.beside_stages import BesideStages
+from hgogen.prove.entering import Entering
+from hgogen.prove.inclusion import Inclusion, Uncertain
+from hgogen.prove.inequality import Inequality, Realisation, realised, stagewise
+from hgogen.prove.plant_step import PlantStep
 from hgogen.sentence import NONE, Reason, because
-from hgogen.structure.jacobians import jacobians_on_box
 
 POINTS = 6  # corners, and as many points inside, at which the covariance equation is judged
 Rate = Callable[[Values, float | Graph], Values]

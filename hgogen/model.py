@@ -17,8 +17,6 @@ from hgogen import observers
 from hgogen.call import CallableStep
 from hgogen.check import Refuted
 from hgogen.errors import BadArgument, HgogenError, nearest
-from hgogen.guarantees.dissipation import Dissipation
-from hgogen.intervals.box import box
 from hgogen.modelfiles.first import NoFirst, everywhere, first
 from hgogen.modelfiles.json_file import put, read_tunings, read_values
 from hgogen.modelfiles.place import PYTHON, NoModel, listed, located
@@ -27,11 +25,13 @@ from hgogen.modelfiles.recipe import trial_of
 from hgogen.modelfiles.setting import AS_WRITTEN, Setting
 from hgogen.modelfiles.storage import Bounds, NoBounds, bounds, stored
 from hgogen.modelfiles.tuning import Start, Tuning, arguments
+from hgogen.prove.dissipation import Dissipation
 from hgogen.reading import filename
 from hgogen.reading.content import BYTES, READERS, Unread, content_of
 from hgogen.reading.door import Misfit
 from hgogen.reading.folding import Fold
 from hgogen.reading.text_model import BadModelFile, read
+from hgogen.rigor.box import box
 from hgogen.system import System
 from hgogen.trial import Trial
 from hgogen.which_forms import of

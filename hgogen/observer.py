@@ -10,8 +10,11 @@ from typing import Annotated, Any
 import numpy as np
 import sympy as sp
 
-from hgogen.algebra.threads import one_thread
+from hgogen.analysis.dynamics import Dynamics
+from hgogen.analysis.holding import holding
+from hgogen.analysis.jacobians import evaluated
 from hgogen.analysis.lie import without_rates
+from hgogen.analysis.scaling import exponents
 from hgogen.check import Check, ClaimId, Refuted, demand
 from hgogen.form import Form
 from hgogen.part import Part
@@ -19,11 +22,8 @@ from hgogen.program import INF, Block, Field
 from hgogen.reading.door import asks
 from hgogen.reading.given import BadGain, names, positive, real, reals
 from hgogen.reading.named import Values, in_order, names_of
+from hgogen.rigor.threads import one_thread
 from hgogen.signal import Signal, resting
-from hgogen.structure.dynamics import Dynamics
-from hgogen.structure.holding import holding
-from hgogen.structure.jacobians import evaluated
-from hgogen.structure.scaling import exponents
 from hgogen.system import System
 from hgogen.theorem import Theorem
 

@@ -16,17 +16,17 @@ from typing import Annotated, Any
 
 import numpy as np
 
-from hgogen.algebra.threads import one_thread
 from hgogen.discretisation.stability import Lengths
 from hgogen.errors import BadArgument, HgogenError
-from hgogen.guarantees.bounded_theta import Nothing
-from hgogen.guarantees.signed import Signed
 from hgogen.method import Method, OnErrors
 from hgogen.observer import Observer, parameter_fields
 from hgogen.part import Clock, Guards, Pieces, Prefer
 from hgogen.program import INF, Bit, Field, Group, Program, Section, in_capitals, places
+from hgogen.prove.bounded_theta import Nothing
+from hgogen.prove.signed import Signed
 from hgogen.reading.given import among
 from hgogen.reading.time_unit import of_time, plural
+from hgogen.rigor.threads import one_thread
 from hgogen.signal import Signal
 from hgogen.stepping import discretise
 from hgogen.stepping.guards import OR_LOWER, implausible, limit_parameters, or_lower, readings

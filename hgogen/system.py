@@ -7,13 +7,13 @@ from typing import Any
 
 import sympy as sp
 
-from hgogen.algebra.interpolation import Cells, Stepped, Table
-from hgogen.algebra.tape import NEAREST, NoTape, plain, tape
 from hgogen.check import Check, Verdict
 from hgogen.errors import BadArgument, nearest
-from hgogen.intervals.box import End, box
 from hgogen.reading import filename
 from hgogen.reading.time_unit import is_unit
+from hgogen.rigor.box import End, box
+from hgogen.rigor.interpolation import Cells, Stepped, Table
+from hgogen.rigor.tape import NEAREST, NoTape, plain, tape
 from hgogen.sentence import NONE, Reason, because
 from hgogen.signal import Signal, check_name
 

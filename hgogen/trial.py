@@ -5,7 +5,7 @@ makes of it.
     n_{k+1} = rho n_k + sigma sqrt(1 - rho^2) g_k,  rho = exp(-dt/tau),  n_0 = sigma g_0;  or a tone, a sin(omega t)
 
 The truth is integrated by CVODES (absolute and relative tolerance 1e-13 a step), from jump to jump; many truths of one
-plant by `calling/marched.py` where that is as accurate. The noise is the exact discretisation of a stationary
+plant by `run/marched.py` where that is as accurate. The noise is the exact discretisation of a stationary
 Ornstein-Uhlenbeck process, g from numpy's default_rng(seed); tau = 0 is white noise.
 """
 
@@ -22,10 +22,6 @@ import numpy as np
 import sympy as sp
 
 from hgogen.call import CallableStep
-from hgogen.calling.interrupt import heard
-from hgogen.calling.late import at_their_times
-from hgogen.calling.marched import March
-from hgogen.calling.samples import Engine
 from hgogen.errors import HgogenError
 from hgogen.form import Form
 from hgogen.graph import CVODES, Graph, to_casadi
@@ -35,6 +31,10 @@ from hgogen.reading.differences import derived
 from hgogen.reading.door import scalar
 from hgogen.reading.expression import parse
 from hgogen.reading.time_unit import plural
+from hgogen.run.interrupt import heard
+from hgogen.run.late import at_their_times
+from hgogen.run.marched import March
+from hgogen.run.samples import Engine
 from hgogen.signal import Signal, resting
 from hgogen.system import System
 

@@ -13,7 +13,7 @@ from budget import Budget
 from forgetful import forget, know
 from hypothesis import HealthCheck, settings
 
-from hgogen.calling import native
+from hgogen.run import native
 
 # Each run, and each process that a test starts, would compile the whole package, and each worker all tests.
 os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
@@ -71,7 +71,7 @@ def interruptible() -> Iterator[None]:
 def undrawn() -> Iterator[None]:
     """Figures are made and their files written, but not drawn into these: for tests that ask something else of a
     command, which takes less time than to draw. The others draw."""
-    from hgogen.trials import figures
+    from hgogen.run import figures
 
     def empty(name: str, _: Any) -> dict[str, bytes]:
         return {f"{name}.{kind}": b"" for kind in ("svg", "png")}

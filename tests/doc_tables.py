@@ -19,9 +19,9 @@ from hgogen.model import load
 from hgogen.modelfiles.first import First, first, places
 from hgogen.modelfiles.place import shipped
 from hgogen.registry import summary
+from hgogen.run.metrics import metrics
 from hgogen.starting import rule
 from hgogen.trial import Trial, try_out
-from hgogen.trials.metrics import metrics
 
 ROOT = Path(__file__).resolve().parents[1]
 TABLE = re.compile(r"^<!-- table: (\w+) -->\n(.*?)^<!-- end -->$", re.MULTILINE | re.DOTALL)

@@ -16,10 +16,10 @@ import pytest
 import sympy as sp
 
 import hgogen as hg
-from hgogen.board.qemu import M4F as M4F
-from hgogen.calling.native import WARNINGS, with_main
+from hgogen.extras.qemu import M4F as M4F
 from hgogen.model import load
 from hgogen.program import Field, lines_of
+from hgogen.run.native import WARNINGS, with_main
 
 HERE = Path(__file__).parent
 M7 = ("-mcpu=cortex-m7", "-mthumb", "-mfloat-abi=hard", "-mfpu=fpv5-d16")

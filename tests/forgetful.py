@@ -5,7 +5,7 @@ import gc
 from typing import Any
 
 MAKERS = (
-    *("hgogen.observer", "hgogen.step", "hgogen.calling.readers", "hgogen.emit.manual"),
+    *("hgogen.observer", "hgogen.step", "hgogen.run.readers", "hgogen.emit.manual"),
     *("hgogen.certificates.one_call", "hgogen.recheck.verification", "hgogen.emit.subprograms"),
     "hgogen.discretisation.open_loop",
 )

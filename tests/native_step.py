@@ -6,10 +6,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from hgogen.calling.readers import Kept
 from hgogen.emit import layout
 from hgogen.emit.syntax import Real
 from hgogen.program import Place
+from hgogen.run.readers import Kept
 from hgogen.step import Step
 
 NUMBER = {"float": np.float32, "double": np.float64}

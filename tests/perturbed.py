@@ -17,8 +17,8 @@ import pytest
 from plants import MODELS, model, pendulum
 
 import hgogen as hg
-from hgogen.guarantees import gain_programs, lmi, semidefinite
 from hgogen.model import load
+from hgogen.prove import gain_programs, lmi, semidefinite
 
 RATIO = 1.05  # the largest ratio of two bounds that are found of one thing
 KERNELS = ("Haswell", "SkylakeX", "Zen", "Nehalem")  # of OpenBLAS; one that it does not know leaves its own choice

@@ -22,9 +22,9 @@ import casadi as ca
 import numpy as np
 from exact import evaluate
 
-from hgogen.algebra.lookup import called, instructions
 from hgogen.emit.elementary import elementary
 from hgogen.program import Block
+from hgogen.rigor.lookup import called, instructions
 from hgogen.step import Step
 from hgogen.stepping.machine import Bound, Machine
 

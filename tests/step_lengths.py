@@ -21,9 +21,9 @@ from hgogen.errors import HgogenError
 from hgogen.method import Method
 from hgogen.model import Model, load
 from hgogen.observer import Observer
+from hgogen.run.metrics import metrics
 from hgogen.step import StepMayFail, StepTooLong
 from hgogen.trial import Trial, try_out
-from hgogen.trials.metrics import metrics
 
 MODELS = sorted(path for path in (Path(__file__).resolve().parents[1] / "models").glob("*.[pt]*"))
 SAMPLES = 3000  # from that many on compiled

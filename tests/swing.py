@@ -9,7 +9,7 @@ import sympy as sp
 from plants import model
 
 import hgogen as hg
-from hgogen.chains.core import core_numbers, nominal
+from hgogen.estimators.core import core_numbers, nominal
 from hgogen.program import Place
 from hgogen.trial import Trial, Truth, simulate, t
 

@@ -11,10 +11,10 @@ from hypothesis import strategies as st
 from oracle.adaptive_lmi import SIGMA, K, P
 
 import hgogen as hg
-from hgogen.algebra.definite import exact, largest, nonnegative, positive, rationals, root, smallest
 from hgogen.check import Check, Verdict
-from hgogen.guarantees.adaptive_gain import Candidate, Given, candidate, checks, disturbance, gain
+from hgogen.prove.adaptive_gain import Candidate, Given, candidate, checks, disturbance, gain
 from hgogen.reading.given import BadGain
+from hgogen.rigor.definite import exact, largest, nonnegative, positive, rationals, root, smallest
 
 LAMBDA, ALPHAS, SLOPE = 0.1666, (3.2950, 3.4810), Fraction("0.71")
 TORQUE = (((0, 0), (0, 0), (0, 1)), (1, 0))  # G_1, G_2 of (92)

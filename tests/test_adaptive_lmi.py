@@ -16,17 +16,17 @@ from oracle import adaptive_lmi as oracle
 from plants import MODELS, chain, fitzhugh_nagumo, model, two_outputs
 
 import hgogen as hg
-from hgogen.algebra.definite import NotHurwitz
-from hgogen.chains.core import core_numbers, nominal
 from hgogen.check import Refuted, Verdict
-from hgogen.guarantees.adaptive_gain import MovingGain
-from hgogen.guarantees.design import adaptive_gain, slope
+from hgogen.estimators.core import core_numbers, nominal
 from hgogen.model import load
+from hgogen.prove.adaptive_gain import MovingGain
+from hgogen.prove.design import adaptive_gain, slope
 from hgogen.reading.given import BadGain
 from hgogen.recheck.verification import recheck
+from hgogen.rigor.definite import NotHurwitz
+from hgogen.run import figures as figure
 from hgogen.theorem import rows
 from hgogen.trial import Trial, simulate
-from hgogen.trials import figures as figure
 
 NAN = float("nan")
 TUNING: dict[str, Any] = {

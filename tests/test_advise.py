@@ -12,7 +12,7 @@ from scipy.stats import gamma
 from test_cli import hgogen
 
 import hgogen as hg
-from hgogen.calibration.advise import Advised, advise, tau
+from hgogen.logs.advise import Advised, advise, tau
 from hgogen.model import load
 from hgogen.modelfiles.setting import Setting
 from hgogen.reading.given import BadGain
@@ -118,7 +118,7 @@ def test_the_noise_is_that_of_the_steady_part(monkeypatch: pytest.MonkeyPatch) -
             yield replace(one, x=one.x + before[:, None])
 
     (row,), _ = advise(MODEL.plant, dt=5e-3, observers=["riccati"], trial=trial)
-    monkeypatch.setattr("hgogen.calibration.advise.tried", worse_before)
+    monkeypatch.setattr("hgogen.logs.advise.tried", worse_before)
     (other,), _ = advise(MODEL.plant, dt=5e-3, observers=["riccati"], trial=trial)
     assert row.own is not None
     assert other.own == row.own
@@ -214,7 +214,7 @@ def test_a_truth_is_simulated_once_a_period(monkeypatch: pytest.MonkeyPatch) -> 
         periods.append(dt)
         return hg.trial.simulate(plant, trial, dt)
 
-    monkeypatch.setattr("hgogen.calibration.advise.simulate", counted)
+    monkeypatch.setattr("hgogen.logs.advise.simulate", counted)
     advise(MODEL.plant, dt=5e-3, observers=["high_gain", "low_power"], trial=hg.proposed_trial(MODEL.plant))
     assert periods == [5e-3]
 
@@ -240,7 +240,7 @@ def test_bad_input_is_refused(words: tuple[str, str], reason: str, tmp_path: Pat
 def test_bad_input_is_refused_before_a_process_is_started(
     words: dict[str, Any], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("hgogen.trials.spread.Workers.results", lambda *_: pytest.fail("work began"))
+    monkeypatch.setattr("hgogen.run.spread.Workers.results", lambda *_: pytest.fail("work began"))
     with pytest.raises(BadGain):
         advise(MODEL.plant, **words)
 

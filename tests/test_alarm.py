@@ -12,12 +12,11 @@ from typer.testing import CliRunner
 
 import hgogen as hg
 from hgogen import cli, model
-from hgogen.calling import native
 from hgogen.commands import trial_runs
 from hgogen.program import Place
+from hgogen.run import native, noise
+from hgogen.run.metrics import Summary, alarm_complaints, alarm_ratio
 from hgogen.trial import Jump, OrnsteinUhlenbeck, Trial, t
-from hgogen.trials import noise
-from hgogen.trials.metrics import Summary, alarm_complaints, alarm_ratio
 
 NEURON = model.load(Path(__file__).resolve().parents[1] / "models" / "fitzhugh_nagumo.py")
 SIGMA, DT, D = 0.05, 0.01, 1.0

@@ -18,11 +18,11 @@ from oracle import fitzhugh_nagumo as trial
 from plants import MODELS, chain, model, pendulum, two_outputs
 
 import hgogen as hg
-from hgogen.calling.native import run_check
-from hgogen.kalman.theta import log_growth
+from hgogen.estimators.theta import log_growth
 from hgogen.model import load
 from hgogen.program import Block, Loop, Place, address, walk
 from hgogen.reading.given import BadGain
+from hgogen.run.native import run_check
 from hgogen.stepping.parallel import BadPeriod
 
 NAN = float("nan")

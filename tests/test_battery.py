@@ -7,8 +7,8 @@ import pytest
 import sympy as sp
 
 import hgogen as hg
-from hgogen.calling import native
 from hgogen.model import load
+from hgogen.run import native
 from hgogen.trial import try_out
 
 MODEL = load(Path(__file__).resolve().parents[1] / "models" / "battery.toml")

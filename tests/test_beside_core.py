@@ -13,18 +13,18 @@ from forger import sealed
 from scipy.integrate import quad, solve_ivp
 
 import hgogen as hg
-from hgogen.algebra.definite import number
 from hgogen.certificates.contraction import theta_of
 from hgogen.check import Verdict
-from hgogen.guarantees.beside_core import by_matrix_exponential
-from hgogen.guarantees.inclusion import Inclusion
-from hgogen.guarantees.plant_step import PlantStep
-from hgogen.guarantees.quadratic import rational
 from hgogen.method import Realising
 from hgogen.model import load
 from hgogen.part import Ode
 from hgogen.program import Place
+from hgogen.prove.beside_core import by_matrix_exponential
+from hgogen.prove.inclusion import Inclusion
+from hgogen.prove.plant_step import PlantStep
+from hgogen.prove.quadratic import rational
 from hgogen.recheck.verification import recheck
+from hgogen.rigor.definite import number
 from hgogen.stepping.machine import Machine
 
 RATE = 5  # at most, of inputs between two samples

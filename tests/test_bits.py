@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 import hgogen as hg
-from hgogen.calling import native
 from hgogen.program import Bit, in_capitals
-from hgogen.trials.prediction import rejected
+from hgogen.run import native
+from hgogen.run.prediction import rejected
 
 NAN = float("nan")
 KINDS = ("MISSING", "REJECTED", "REUSED", "CLAMPED", "LATE", "EARLY", "REPEATED", "UNDATED")

@@ -13,9 +13,9 @@ from test_cli import as_json, hgogen
 from test_packing import here as here  # the fixture
 
 import hgogen as hg
-from hgogen.board import qemu, texts
-from hgogen.board.costs import FLAGS, measured
-from hgogen.board.texts import driver, head, hostile, literal
+from hgogen.extras import qemu, texts
+from hgogen.extras.costs import FLAGS, measured
+from hgogen.extras.texts import driver, head, hostile, literal
 from hgogen.model import load
 from hgogen.trial import rows_given
 

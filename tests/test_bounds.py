@@ -9,12 +9,12 @@ import sympy as sp
 from hypothesis import reject
 from hypothesis import strategies as st
 
-from hgogen.algebra.points import STEEP, largest_exponent
 from hgogen.check import Verdict
-from hgogen.intervals.bounds import Range, bound, nonzero, problem_of
-from hgogen.intervals.box import EmptyBox, box
-from hgogen.intervals.glance import multiplied
-from hgogen.intervals.search import tight
+from hgogen.rigor.bounds import Range, bound, nonzero, problem_of
+from hgogen.rigor.box import EmptyBox, box
+from hgogen.rigor.glance import multiplied
+from hgogen.rigor.points import STEEP, largest_exponent
+from hgogen.rigor.search import tight
 from hgogen.signal import Signal
 from tests.sweep import sweep
 

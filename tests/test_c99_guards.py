@@ -13,12 +13,12 @@ from native_step import NUMBER, NativeStep, unpack_state
 from oracle import fitzhugh_nagumo as fn
 
 import hgogen as hg
-from hgogen.calling import native
 from hgogen.emit import layout
 from hgogen.emit.saved import mark
 from hgogen.emit.syntax import Real
 from hgogen.emit.syntaxes import C
 from hgogen.program import Place, lines_of
+from hgogen.run import native
 
 NAMES = list(emitted.STEPS)
 needs_compiler = pytest.mark.skipif(native.compiler() is None, reason="no C compiler")

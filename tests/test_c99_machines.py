@@ -12,10 +12,10 @@ import pytest
 from emitted import M4F, M7, files, run, step, tool
 
 import hgogen as hg
-from hgogen.board import qemu
-from hgogen.board.texts import harness
-from hgogen.calling.native import WARNINGS
 from hgogen.emit.syntaxes import C
+from hgogen.extras import qemu
+from hgogen.extras.texts import harness
+from hgogen.run.native import WARNINGS
 from hgogen.signal import resting
 from tests.sweep import by_turns
 

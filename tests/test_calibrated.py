@@ -10,12 +10,12 @@ import pytest
 from scipy.stats import gamma
 
 import hgogen as hg
-from hgogen.calibration.advise import advise
-from hgogen.calibration.grid import Search, Tuned, thetas, together
-from hgogen.calibration.judged import Judged, verdicts
-from hgogen.calibration.likelihood import Likelihood, Noise
-from hgogen.calibration.tune import FILTER, adaptive
-from hgogen.identification.records import Log
+from hgogen.logs.advise import advise
+from hgogen.logs.grid import Search, Tuned, thetas, together
+from hgogen.logs.judged import Judged, verdicts
+from hgogen.logs.likelihood import Likelihood, Noise
+from hgogen.logs.records import Log
+from hgogen.logs.tune import FILTER, adaptive
 from hgogen.modelfiles.first import First
 from hgogen.modelfiles.json_file import BadFile, read_tunings
 from hgogen.starting import Scale, Starting, scale, two

@@ -16,11 +16,11 @@ from plants import chain, fitzhugh_nagumo, kalman, pendulum, two_outputs, van_de
 
 import hgogen as hg
 from hgogen.call import BadShape, CannotUpdate
-from hgogen.calling import native
-from hgogen.calling.native import CompilerFailed, NoCompiler, NoCompilerWarning
 from hgogen.emit import layout
 from hgogen.emit.saved import ADDED, NotSaved
 from hgogen.reading.named import BadNames
+from hgogen.run import native
+from hgogen.run.native import CompilerFailed, NoCompiler, NoCompilerWarning
 from hgogen.step import BadStep
 
 NAN, INF = float("nan"), float("inf")

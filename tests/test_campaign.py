@@ -27,19 +27,19 @@ import hgogen as hg
 from hgogen import cli
 from hgogen import trial as trial_module
 from hgogen.call import CallableStep
-from hgogen.calling import native
-from hgogen.calling.marched import March
 from hgogen.model import load
 from hgogen.reading.given import BadGain
 from hgogen.reading.optional import NotInstalled
+from hgogen.run import campaign as campaign_module
+from hgogen.run import native
+from hgogen.run import results as results_module
+from hgogen.run.campaign import BadCampaign, BadVariation, Campaign, Outcome, Varied, hypercube, varied
+from hgogen.run.marched import March
+from hgogen.run.metrics import Metrics, Response, metrics
+from hgogen.run.results import Spread, Tally, earlier, head, line, outcome
+from hgogen.run.spread import NoScheduler
 from hgogen.target import CannotWrite, lines_of
 from hgogen.trial import BadTrial, Jump, OrnsteinUhlenbeck, Plant, Sine, Trial, simulate, t, try_out
-from hgogen.trials import campaign as campaign_module
-from hgogen.trials import results as results_module
-from hgogen.trials.campaign import BadCampaign, BadVariation, Campaign, Outcome, Varied, hypercube, varied
-from hgogen.trials.metrics import Metrics, Response, metrics
-from hgogen.trials.results import Spread, Tally, earlier, head, line, outcome
-from hgogen.trials.spread import NoScheduler
 
 NAN, INF = float("nan"), float("inf")
 
@@ -329,7 +329,7 @@ def test_a_cluster_gives_the_same_numbers() -> None:
 @pytest.mark.parametrize("address", ["nowhere", "tcp://127.0.0.1:1"])
 def test_a_scheduler_that_does_not_answer_is_said(address: str, monkeypatch: pytest.MonkeyPatch) -> None:
     pytest.importorskip("distributed")
-    monkeypatch.setattr("hgogen.trials.spread.PATIENCE", "1s")
+    monkeypatch.setattr("hgogen.run.spread.PATIENCE", "1s")
     with pytest.raises(NoScheduler, match=f"scheduler {address} does not answer"):
         list(hg.campaign(step(), TRIAL, 2).run(scheduler=address))
 

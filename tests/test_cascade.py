@@ -15,10 +15,10 @@ from plants import chain, fitzhugh_nagumo, model, two_outputs
 from scipy.integrate import solve_ivp
 
 import hgogen as hg
-from hgogen.calling import native
-from hgogen.chains.core import core_numbers, nominal
-from hgogen.chains.gains import BadPoles
+from hgogen.estimators.core import core_numbers, nominal
+from hgogen.estimators.gains import BadPoles
 from hgogen.reading.given import BadGain
+from hgogen.run import native
 from hgogen.theorem import rows
 
 NAN = float("nan")

@@ -9,7 +9,7 @@ import sympy as sp
 
 from hgogen.check import Verdict
 from hgogen.model import load
-from hgogen.trials.prediction import Prediction, predictions
+from hgogen.run.prediction import Prediction, predictions
 
 ROOT = Path(__file__).parent.parent
 RECORD = Path(os.environ.get("HGOGEN_DATA", ROOT / "../shared/data")) / "cascaded_tanks.csv"

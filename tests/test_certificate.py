@@ -26,11 +26,10 @@ from typer.testing import CliRunner
 
 import hgogen as hg
 from hgogen import cli
+from hgogen.analysis.evidence import NotCertifiable, outward
 from hgogen.certificates.certificate import certificate
 from hgogen.check import Check, Verdict
 from hgogen.commands.checked import Checked, checked
-from hgogen.evidence.grammar import outward
-from hgogen.evidence.head import NotCertifiable
 from hgogen.model import load
 from hgogen.recheck.file import VERSION, digest, model_digest
 from hgogen.recheck.verification import NoCertificate, Unreadable, read, recheck

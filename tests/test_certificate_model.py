@@ -14,8 +14,8 @@ from typer.testing import CliRunner
 
 import hgogen as hg
 from hgogen import cli
+from hgogen.analysis.evidence import NotCertifiable, fingerprint
 from hgogen.certificates.certificate import certificate
-from hgogen.evidence.head import NotCertifiable, fingerprint
 from hgogen.recheck.file import SHOWN, digest, model_digest
 from hgogen.recheck.verification import NoCertificate, Row, recheck
 

@@ -11,10 +11,9 @@ import plants
 import pytest
 
 import hgogen as hg
+from hgogen.analysis.evidence import Grounds, OtherNumbers, fingerprint
 from hgogen.certificates.certificate import certificate, stated
-from hgogen.evidence.grounds import Grounds
-from hgogen.evidence.head import OtherNumbers, fingerprint
-from hgogen.guarantees.continuous_time import AtTheta, FromTheta, claims
+from hgogen.prove.continuous_time import AtTheta, FromTheta, claims
 from hgogen.recheck.verification import recheck
 
 

@@ -22,8 +22,8 @@ from oracle.text import read as as_sympy
 import hgogen as hg
 from hgogen.certificates.certificate import certificate
 from hgogen.commands.checked import checked
-from hgogen.guarantees import inequality
 from hgogen.model import load
+from hgogen.prove import inequality
 from hgogen.recheck.file import digest, model_digest
 from hgogen.recheck.verification import NoCertificate, Unreadable, recheck
 

@@ -16,7 +16,7 @@ import hgogen as hg
 from hgogen.certificates.certificate import certificate
 from hgogen.check import ClaimId
 from hgogen.commands.checked import checked
-from hgogen.kalman.persistence import persistent
+from hgogen.estimators.persistence import persistent
 from hgogen.model import load
 from hgogen.recheck.file import digest, model_digest
 from hgogen.recheck.verification import recheck

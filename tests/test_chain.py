@@ -10,7 +10,7 @@ import sympy as sp
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from hgogen.structure.chain import Chains, Rows, Shape, cascade, end_aligned, levelwise
+from hgogen.analysis.chain import Chains, Rows, Shape, cascade, end_aligned, levelwise
 from tests.sweep import sweep
 
 x = sp.symbols("x1:13")

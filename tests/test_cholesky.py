@@ -12,11 +12,11 @@ from hypothesis import strategies as st
 from plants import chain, fitzhugh_nagumo, kalman, two_outputs
 
 import hgogen as hg
-from hgogen.calling.native import run_check
 from hgogen.discretisation.stability import Limit
-from hgogen.kalman.square_root import carlson, triangle
+from hgogen.estimators.square_root import carlson, triangle
 from hgogen.program import Place
 from hgogen.reading.given import BadGain
+from hgogen.run.native import run_check
 
 EPS = np.finfo(float).eps
 NAN = float("nan")

@@ -21,10 +21,10 @@ from test_cli import as_json, hgogen
 import hgogen as hg
 from hgogen.certificates.certificate import certificate
 from hgogen.certificates.rate_and_noise import tuned
-from hgogen.guarantees import gain_search, semidefinite
-from hgogen.guarantees.inclusion import Inclusion
-from hgogen.guarantees.inequality import pushed
 from hgogen.model import load
+from hgogen.prove import gain_search, semidefinite
+from hgogen.prove.inclusion import Inclusion
+from hgogen.prove.inequality import pushed
 from hgogen.reading.given import BadGain
 from hgogen.recheck.context import Context
 from hgogen.recheck.text import expression

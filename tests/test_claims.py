@@ -13,7 +13,7 @@ from hgogen import excitation
 from hgogen.certificates.certificate import certificate
 from hgogen.check import Check, ClaimId, Claims, UnknownCheck, Verdict, refuted
 from hgogen.model import load
-from hgogen.trials.gramian import Gramian
+from hgogen.run.gramian import Gramian
 
 TEXTS = {
     "triangular.a_3": ("triangular", "a", 3),

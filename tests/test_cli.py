@@ -21,7 +21,6 @@ from typer.testing import CliRunner
 
 import hgogen as hg
 from hgogen import cli
-from hgogen.calling import native
 from hgogen.check import Check, ClaimId, Verdict
 from hgogen.commands import building, tables, trial_runs
 from hgogen.commands import process as process_
@@ -30,9 +29,10 @@ from hgogen.commands.keys import Meaning, meanings
 from hgogen.commands.options import names_in, numbers_by_name
 from hgogen.modelfiles.place import summary
 from hgogen.modelfiles.setting import UnknownCase
+from hgogen.run import native
+from hgogen.run.agreement import Agreement
+from hgogen.run.proposed import proposed_trial
 from hgogen.target import Files
-from hgogen.trials.agreement import Agreement
-from hgogen.trials.proposed import proposed_trial
 
 MODELS = Path(__file__).resolve().parents[1] / "models"
 NEURON = MODELS / "fitzhugh_nagumo.py"

@@ -8,9 +8,9 @@ import pytest
 from emitted import tool
 
 import hgogen as hg
-from hgogen.calling.native import WARNINGS
 from hgogen.emit.naming import HidesHeader, OneName, c_name, renamed
 from hgogen.emit.syntaxes import C
+from hgogen.run.native import WARNINGS
 
 C_HEADERS = """
     assert complex ctype errno fenv float inttypes iso646 limits locale math setjmp signal stdalign stdarg stdatomic

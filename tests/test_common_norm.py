@@ -14,18 +14,18 @@ from plants import chain, fitzhugh_nagumo, model, pendulum, van_der_pol
 from scipy.integrate import solve_ivp
 
 import hgogen as hg
-from hgogen.chains.gains import coefficients
-from hgogen.chains.integrators import Integrators
 from hgogen.check import Check, Verdict
-from hgogen.guarantees import common_norm, inequality
-from hgogen.guarantees.bounded_theta import Nothing
-from hgogen.guarantees.common_norm import Falls, Flow
-from hgogen.guarantees.continuous_time import theta_checks
-from hgogen.guarantees.inclusion import Inclusion, on_companion, with_gains
-from hgogen.guarantees.inequality import falling
-from hgogen.guarantees.quadratic import Quadratic, negative, rational, reach, verified
-from hgogen.intervals.digits import same, up
+from hgogen.estimators.gains import coefficients
+from hgogen.estimators.integrators import Integrators
 from hgogen.model import load
+from hgogen.prove import common_norm, inequality
+from hgogen.prove.bounded_theta import Nothing
+from hgogen.prove.common_norm import Falls, Flow
+from hgogen.prove.continuous_time import theta_checks
+from hgogen.prove.inclusion import Inclusion, on_companion, with_gains
+from hgogen.prove.inequality import falling
+from hgogen.prove.quadratic import Quadratic, negative, rational, reach, verified
+from hgogen.sentence import same, up
 from tests.sweep import sweep
 
 pytest.importorskip("clarabel")

@@ -19,11 +19,11 @@ from hgogen.commands.app import app
 from hgogen.emit.cost import cost
 from hgogen.model import MissingPart, Model, load
 from hgogen.program import Block, Kernel, Loop, Place, Statement, When, sym
+from hgogen.run import figures as figure
+from hgogen.run.comparison import measured, rises
+from hgogen.run.metrics import SHARE, criterion
 from hgogen.step import Step
 from hgogen.trial import Jump, Trajectory, Trial, Truth, try_out
-from hgogen.trials import figures as figure
-from hgogen.trials.comparison import measured, rises
-from hgogen.trials.metrics import SHARE, criterion
 
 ROOT = Path(__file__).resolve().parents[1]
 HYPERJERK = load(ROOT / "models" / "hyperjerk.py")

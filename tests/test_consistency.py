@@ -8,11 +8,11 @@ import pytest
 from test_cli import hgogen
 
 import hgogen as hg
-from hgogen.calling.samples import BadShape
-from hgogen.identification.whiteness import quantile, whiteness
-from hgogen.trials import consistency as consistency_module
-from hgogen.trials.consistency import no_better
-from hgogen.trials.prediction import Prediction
+from hgogen.run import consistency as consistency_module
+from hgogen.run.consistency import no_better
+from hgogen.run.prediction import Prediction
+from hgogen.run.samples import BadShape
+from hgogen.run.whiteness import quantile, whiteness
 
 Array = np.ndarray
 DT, N = 0.02, 400

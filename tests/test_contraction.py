@@ -14,15 +14,15 @@ from plants import MODELS, model
 
 import hgogen as hg
 from hgogen.certificates.contraction import Reach, _beyond, _proved, contraction, reach
-from hgogen.chains.sampled import Sampled
 from hgogen.check import Verdict
-from hgogen.guarantees.bounded_theta import Nothing
-from hgogen.guarantees.contracting import Contracts, Piece, Steps, unstable
-from hgogen.guarantees.inclusion import Inclusion
-from hgogen.guarantees.inequality import corners
-from hgogen.guarantees.quadratic import Quadratic, Weights, rational, verified
+from hgogen.estimators.sampled import Sampled
 from hgogen.model import load
 from hgogen.program import Place
+from hgogen.prove.bounded_theta import Nothing
+from hgogen.prove.contracting import Contracts, Piece, Steps, unstable
+from hgogen.prove.inclusion import Inclusion
+from hgogen.prove.inequality import corners
+from hgogen.prove.quadratic import Quadratic, Weights, rational, verified
 from hgogen.stepping.machine import Machine
 
 FIVE = ("high_gain", "filtered", "filtered_injection", "low_power", "peaking_free")

@@ -17,8 +17,6 @@ from plants import chain, kalman, two_outputs
 from typer.testing import CliRunner
 
 import hgogen as hg
-from hgogen.calling import native
-from hgogen.calling.samples import BadShape
 from hgogen.commands.app import app
 from hgogen.emit.cost import cost
 from hgogen.emit.interface import entries, of_section
@@ -26,6 +24,8 @@ from hgogen.emit.saved import mark, sealed
 from hgogen.emit.syntax import Real
 from hgogen.program import Call, Place, Program, walk
 from hgogen.reading.given import BadGain
+from hgogen.run import native
+from hgogen.run.samples import BadShape
 from hgogen.step import CannotUpdate
 from hgogen.stepping import delays
 from hgogen.stepping.discretise import NoEquation

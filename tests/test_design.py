@@ -12,13 +12,13 @@ import pytest
 from oracle.adaptive_lmi import SIGMA, K
 
 import hgogen as hg
-from hgogen.algebra.definite import NotHurwitz
 from hgogen.check import Verdict
-from hgogen.guarantees.design import Design, Infeasible, adaptive_gain, slope
-from hgogen.guarantees.lmi import NoSolver
 from hgogen.model import load
+from hgogen.prove.design import Design, Infeasible, adaptive_gain, slope
+from hgogen.prove.lmi import NoSolver
 from hgogen.reading.door import Misfit
 from hgogen.reading.given import BadGain
+from hgogen.rigor.definite import NotHurwitz
 
 pytest.importorskip("clarabel")
 pytest.importorskip("cvxpy")

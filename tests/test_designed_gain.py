@@ -14,9 +14,9 @@ from scipy.linalg import expm
 
 import hgogen as hg
 from hgogen.check import Verdict
-from hgogen.guarantees.gain_search import NoGain
-from hgogen.guarantees.lmi import NoSolver
 from hgogen.model import load
+from hgogen.prove.gain_search import NoGain
+from hgogen.prove.lmi import NoSolver
 from hgogen.reading.given import BadGain
 from hgogen.recheck.verification import recheck
 

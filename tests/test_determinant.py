@@ -7,12 +7,12 @@ import mpmath
 import pytest
 import sympy as sp
 
-from hgogen.algebra.factors import branches
-from hgogen.algebra.field import field
-from hgogen.algebra.rewrite import Writer
 from hgogen.analysis.determinant import determinant
 from hgogen.check import Verdict
-from hgogen.intervals.bounds import nonzero
+from hgogen.rigor.bounds import nonzero
+from hgogen.rigor.factors import branches
+from hgogen.rigor.field import field
+from hgogen.rigor.rewrite import Writer
 
 V, W = sp.symbols("v w", real=True)
 SQUARE, OTHER = sp.expand((W - 1) ** 2), sp.expand((V - W) ** 2)

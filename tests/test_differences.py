@@ -12,11 +12,11 @@ import hgogen as hg
 from hgogen import forms, methods, observers
 from hgogen.call import CallableStep
 from hgogen.discretisation.open_loop import open_loop
-from hgogen.identification.records import Log
+from hgogen.logs.records import Log
 from hgogen.reading.differences import derived, difference
 from hgogen.reading.measured import read
-from hgogen.trials.prediction import predictions
-from hgogen.trials.rejected import _others
+from hgogen.run.prediction import predictions
+from hgogen.run.rejected import _others
 from hgogen.which_forms import of
 
 X, V = hg.Signal("x", low=-3, high=3), hg.Signal("v", low=-3, high=3)

@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import hgogen as hg
-from hgogen.intervals.digits import down, same, up
+from hgogen.sentence import down, same, up
 
 NUMBERS = st.floats(allow_nan=False, allow_infinity=False) | st.fractions()
 

@@ -15,11 +15,11 @@ from scipy.linalg import eigh, solve_continuous_are, solve_continuous_lyapunov
 
 import hgogen as hg
 from hgogen.check import Verdict
-from hgogen.guarantees.error_system import BadErrorSystem
-from hgogen.intervals import second_order
 from hgogen.model import load
+from hgogen.prove.error_system import BadErrorSystem
 from hgogen.reading.door import Misfit
 from hgogen.reading.named import BadNames
+from hgogen.rigor import second_order
 
 MODELS = Path(__file__).resolve().parents[1] / "models"
 e, f = sp.symbols("e f", real=True)

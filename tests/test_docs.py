@@ -16,7 +16,6 @@ from pinned import differing
 from typer.testing import CliRunner
 
 import hgogen as hg
-from hgogen.calling import native
 from hgogen.commands.app import _FILES as COMMANDS
 from hgogen.commands.app import app
 from hgogen.commands.library import answers
@@ -25,6 +24,7 @@ from hgogen.modelfiles import recipe, tuning
 from hgogen.modelfiles.place import shipped
 from hgogen.reading import text_model
 from hgogen.reading.entry import entry
+from hgogen.run import native
 from hgogen.stepping.guards import STEP_BITS
 
 CHECKS = shown("hgogen check models/")

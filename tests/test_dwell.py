@@ -14,12 +14,12 @@ from plants import model
 from scipy.linalg import expm
 
 import hgogen as hg
-from hgogen.chains.integrators import integrators
 from hgogen.check import Check, Verdict
-from hgogen.guarantees.bounded_theta import Nothing
-from hgogen.guarantees.common_norm import Falls, Flow
-from hgogen.guarantees.dwell import Held, switching
-from hgogen.guarantees.inclusion import Inclusion, on_companion
+from hgogen.estimators.integrators import integrators
+from hgogen.prove.bounded_theta import Nothing
+from hgogen.prove.common_norm import Falls, Flow
+from hgogen.prove.dwell import Held, switching
+from hgogen.prove.inclusion import Inclusion, on_companion
 from hgogen.recheck.verification import recheck
 from hgogen.theorem import Convergence, convergence
 

@@ -15,7 +15,6 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from hgogen.algebra.lookup import called, instructions
 from hgogen.emit.elementary import (
     ARITHMETIC,
     BINARY,
@@ -33,6 +32,7 @@ from hgogen.emit.elementary import (
 from hgogen.emit.functions import functions
 from hgogen.emit.pygraph import evaluated
 from hgogen.emit.syntaxes import C
+from hgogen.rigor.lookup import called, instructions
 
 Real = Literal["float", "double"]
 REALS: tuple[Real, ...] = ("float", "double")

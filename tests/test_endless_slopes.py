@@ -13,11 +13,11 @@ from forger import sealed
 
 import hgogen as hg
 from hgogen.certificates.certificate import certificate
-from hgogen.guarantees.argument import injected
-from hgogen.guarantees.bounded_theta import Nothing
-from hgogen.guarantees.endless_slopes import OneSided
-from hgogen.guarantees.inclusion import with_gains
-from hgogen.guarantees.quadratic import rational
+from hgogen.prove.argument import injected
+from hgogen.prove.bounded_theta import Nothing
+from hgogen.prove.endless_slopes import OneSided
+from hgogen.prove.inclusion import with_gains
+from hgogen.prove.quadratic import rational
 from hgogen.recheck.verification import recheck
 
 

@@ -25,17 +25,17 @@ from hgogen import cli
 from hgogen.check import Verdict
 from hgogen.commands.checked import checked
 from hgogen.discretisation.runge_kutta import EULER, HEUN, RK4, Tableau
-from hgogen.guarantees.beside_stages import BesideStages
-from hgogen.guarantees.plant_step import PlantStep, Unbounded
 from hgogen.model import MissingPart, load
 from hgogen.program import Place
+from hgogen.prove.beside_stages import BesideStages
+from hgogen.prove.plant_step import PlantStep, Unbounded
 from hgogen.reading.given import BadGain
 from hgogen.reading.named import BadNames
 from hgogen.recheck.rules.as_it_runs import _root
 from hgogen.recheck.verification import recheck
+from hgogen.run.comparison import seen
+from hgogen.run.figures import errors
 from hgogen.stepping.machine import Machine
-from hgogen.trials.comparison import seen
-from hgogen.trials.figures import errors
 
 FIVE = (
     "high_gain",

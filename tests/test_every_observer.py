@@ -22,7 +22,6 @@ from plants import chain, loaded
 
 import hgogen as hg
 from hgogen.call import CallableStep
-from hgogen.calling import native
 from hgogen.certificates.certificate import certificate, stated
 from hgogen.check import Refuted
 from hgogen.emit.syntax import Real
@@ -34,6 +33,7 @@ from hgogen.program import Place
 from hgogen.reading.given import BadGain
 from hgogen.recheck.text import RecheckError
 from hgogen.recheck.verification import recheck
+from hgogen.run import native
 from hgogen.trial import Trial, try_out
 from hgogen.which_forms import asking
 

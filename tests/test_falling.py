@@ -8,8 +8,8 @@ import sympy as sp
 from scipy.linalg import eigvalsh
 
 import hgogen as hg
+from hgogen.run.falling import SMALL, falling
 from hgogen.trial import Jump, OrnsteinUhlenbeck, Trial, simulate
-from hgogen.trials.falling import SMALL, falling
 
 
 def plant() -> hg.System:

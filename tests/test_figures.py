@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from matplotlib import rc_context
 
-from hgogen.trials import figures
+from hgogen.run import figures
 
 T = np.linspace(0, 1, 100)
 

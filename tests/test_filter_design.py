@@ -9,9 +9,9 @@ from plants import MODELS, chain, model, two_outputs
 from scipy.linalg import expm
 
 import hgogen as hg
-from hgogen.chains.integrators import integrators
-from hgogen.guarantees.filter_design import InjectionFilter, _Search, injected
+from hgogen.estimators.integrators import integrators
 from hgogen.model import load
+from hgogen.prove.filter_design import InjectionFilter, _Search, injected
 from hgogen.reading.door import Misfit
 from hgogen.reading.given import BadGain
 

@@ -8,8 +8,8 @@ import pytest
 from step_lengths import pairs, row
 
 import hgogen as hg
-from hgogen.kalman.closed_loop import advised
-from hgogen.kalman.riccati_part import Riccati
+from hgogen.estimators.closed_loop import advised
+from hgogen.estimators.riccati_part import Riccati
 from hgogen.model import load
 from hgogen.step import StepMayFail
 

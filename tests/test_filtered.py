@@ -11,14 +11,14 @@ from oracle import filtered as oracle
 from plants import MODELS, chain, fitzhugh_nagumo, model, two_outputs
 
 import hgogen as hg
-from hgogen.algebra.definite import NotHurwitz
-from hgogen.calling import native
-from hgogen.chains.core import core as linear_core
-from hgogen.chains.core import core_numbers, nominal, numbers
-from hgogen.chains.gains import BadPoles, OutsideParabola, coefficients, filtered_spectrum
+from hgogen.estimators.core import core as linear_core
+from hgogen.estimators.core import core_numbers, nominal, numbers
+from hgogen.estimators.gains import BadPoles, OutsideParabola, coefficients, filtered_spectrum
 from hgogen.model import load
 from hgogen.part import Ode
 from hgogen.reading.given import BadGain
+from hgogen.rigor.definite import NotHurwitz
+from hgogen.run import native
 from hgogen.theorem import rows
 
 POLES = (-1 + 1j, -1 - 1j, -2 + 1j, -2 - 1j)

@@ -18,19 +18,19 @@ from test_cli import hgogen
 
 import hgogen as hg
 from hgogen.commands.fitting import By, HeldOutError, _verdicts, _without_offset
-from hgogen.identification import whiteness as whiteness_module
-from hgogen.identification.fit import CannotFit, Task, best_of, lagged
-from hgogen.identification.problem import Shooting
-from hgogen.identification.records import BadLog
-from hgogen.identification.result import parted
-from hgogen.identification.solution import Progress, Solution
-from hgogen.identification.whiteness import alike
+from hgogen.logs.fit import CannotFit, Task, best_of, lagged
+from hgogen.logs.problem import Shooting
+from hgogen.logs.records import BadLog
+from hgogen.logs.result import parted
+from hgogen.logs.solution import Progress, Solution
 from hgogen.modelfiles.json_file import BadFile, read_values
 from hgogen.reading.given import BadGain
 from hgogen.reading.text_model import read as read_model
 from hgogen.reading.text_model import to_text
+from hgogen.run import whiteness as whiteness_module
+from hgogen.run.prediction import predictions
+from hgogen.run.whiteness import alike
 from hgogen.system import BadValue, valued
-from hgogen.trials.prediction import predictions
 
 X, V = hg.Signal("x", nominal=0.5, low=-5, high=5), hg.Signal("v", nominal=0, low=-20, high=20)
 U, Y = hg.Signal("u", low=-2, high=2), hg.Signal("y")

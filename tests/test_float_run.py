@@ -9,8 +9,8 @@ from test_cli import hgogen
 from test_mapped import RUN, record
 
 import hgogen as hg
-from hgogen.calling.samples import Run
-from hgogen.trials.agreement import coarse, differences
+from hgogen.run.agreement import coarse, differences
+from hgogen.run.samples import Run
 
 STATES = (hg.Signal("p", low=0, high=4), hg.Signal("v", "m/s"))
 

@@ -12,10 +12,10 @@ import pytest
 from emitted import run, step, tool
 
 import hgogen as hg
-from hgogen.calling.native import WARNINGS
-from hgogen.ecosystems.ecosystem import ReservedName, UnknownEcosystem, chosen, known
-from hgogen.ecosystems.folder import folder
-from hgogen.ecosystems.price import digest
+from hgogen.extras.ecosystem import ReservedName, UnknownEcosystem, chosen, known
+from hgogen.extras.folder import folder
+from hgogen.extras.price import digest
+from hgogen.run.native import WARNINGS
 
 NAMES = ("pendulum", "bank", "no_input", "delayed", "tunable", "wide")
 EVERY = {"README.md", "example/main.c", "src/pendulum.h", "src/pendulum.c", "src/pendulum_check.c", "pendulum.md"}

@@ -10,9 +10,9 @@ from emitted import M4F, run, step, tool
 from test_folder import lying, made
 
 import hgogen as hg
-from hgogen.ecosystems.ecosystem import chosen
-from hgogen.ecosystems.folder import folder
 from hgogen.emit.naming import prefixed
+from hgogen.extras.ecosystem import chosen
+from hgogen.extras.folder import folder
 
 USE = """
 cmake_minimum_required(VERSION 3.16)

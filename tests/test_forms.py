@@ -14,12 +14,12 @@ from hypothesis import strategies as st
 
 import hgogen as hg
 from hgogen import forms, observers
+from hgogen.analysis.hypotheses import positive
 from hgogen.check import Check, ClaimId, Refuted, UnknownCheck, Verdict, demand
 from hgogen.form import Form, OneOutput
 from hgogen.forms.original import BadOrder
 from hgogen.registry import NoCase, load
 from hgogen.signal import Signal
-from hgogen.structure.hypotheses import positive
 from hgogen.system import System
 from tests.sweep import sweep
 

@@ -8,12 +8,12 @@ from hypothesis import strategies as st
 
 import hgogen as hg
 from hgogen import forms
+from hgogen.analysis.jacobians import jacobians_on_box
 from hgogen.check import Refuted, demand
 from hgogen.form import OneOutput
 from hgogen.forms.block_triangular import NoAlignment
 from hgogen.reading.given import BadGain
 from hgogen.signal import Signal
-from hgogen.structure.jacobians import jacobians_on_box
 from hgogen.system import System
 from tests.sweep import sweep
 

@@ -9,9 +9,9 @@ import pytest
 from oracle.adaptive_lmi import SIGMA, K, P
 
 from hgogen import design
-from hgogen.algebra.definite import NotHurwitz
-from hgogen.chains.gains import BadPoles
+from hgogen.estimators.gains import BadPoles
 from hgogen.reading.given import BadGain
+from hgogen.rigor.definite import NotHurwitz
 
 TORQUE = (((0, 0), (0, 0), (0, 1)), (1, 0))
 PRINTED: dict[str, Any] = {"K": K, "P": P, "sigma": SIGMA, "slope": 0.71}

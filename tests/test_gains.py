@@ -9,8 +9,7 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from oracle import filtered as oracle
 
-from hgogen.algebra.definite import hurwitz
-from hgogen.chains.gains import (
+from hgogen.estimators.gains import (
     OutsideParabola,
     coefficients,
     demand_parabola,
@@ -19,6 +18,7 @@ from hgogen.chains.gains import (
     least_ratio,
     parabola_advice,
 )
+from hgogen.rigor.definite import hurwitz
 
 REST = (-2.5 + 0.3j, -2.5 - 0.3j, -2, -1.3, -0.1, -0.4)
 FIRST, SECOND = (*REST, -1 + 0.2j, -1 - 0.2j), (*REST, -1 + 0.6j, -1 - 0.6j)  # examples 1 and 2

@@ -10,11 +10,11 @@ from plants import model, two_outputs
 
 import hgogen as hg
 from hgogen.call import CallableStep
-from hgogen.calling.samples import BadShape
 from hgogen.forms.original import BadOrder
 from hgogen.reading.given import BadGain, real, reals
 from hgogen.reading.measured import Record
 from hgogen.reading.named import BadNames
+from hgogen.run.samples import BadShape
 
 NAN = np.nan
 MASKED = np.ma.array([[1, 2], [3, 4], [5, 6]], mask=[[0, 1], [0, 0], [1, 0]])  # of whole numbers

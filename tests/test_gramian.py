@@ -13,8 +13,8 @@ from scipy.integrate import solve_ivp
 import hgogen as hg
 from hgogen.commands.tables import windows
 from hgogen.model import load
+from hgogen.run.gramian import BadWindows, gramian
 from hgogen.trial import Jump, Trial, t
-from hgogen.trials.gramian import BadWindows, gramian
 
 
 def neuron() -> tuple[hg.System, Trial]:

@@ -18,21 +18,21 @@ from scipy.integrate import solve_ivp
 from scipy.linalg import block_diag
 
 import hgogen as hg
-from hgogen.algebra.definite import NotHurwitz, hurwitz
-from hgogen.calling import native
-from hgogen.chains.core import core_numbers, nominal
-from hgogen.chains.gains import BadPoles, coefficients
-from hgogen.chains.integrators import Integrators
+from hgogen.analysis.scaling import exponents
 from hgogen.check import Verdict
 from hgogen.discretisation.runge_kutta import RK4
 from hgogen.discretisation.stability import core_limit
-from hgogen.guarantees.bounded_theta import Nothing
-from hgogen.guarantees.common_norm import Flow
-from hgogen.guarantees.inclusion import Inclusion, on_companion, with_gains
+from hgogen.estimators.core import core_numbers, nominal
+from hgogen.estimators.gains import BadPoles, coefficients
+from hgogen.estimators.integrators import Integrators
 from hgogen.modelfiles.tuning import Tuning
 from hgogen.program import Place
+from hgogen.prove.bounded_theta import Nothing
+from hgogen.prove.common_norm import Flow
+from hgogen.prove.inclusion import Inclusion, on_companion, with_gains
 from hgogen.reading.given import BadGain
-from hgogen.structure.scaling import exponents
+from hgogen.rigor.definite import NotHurwitz, hurwitz
+from hgogen.run import native
 from hgogen.theorem import rows
 
 NAN = float("nan")

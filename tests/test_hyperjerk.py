@@ -8,9 +8,9 @@ import pytest
 from plants import MODELS
 
 import hgogen as hg
-from hgogen.calling import native
 from hgogen.check import Verdict
 from hgogen.model import load
+from hgogen.run import native
 from hgogen.trial import BadTrial, Sine, Truth, noisy, simulate
 
 MODEL = load(MODELS / "hyperjerk.py")

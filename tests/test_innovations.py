@@ -9,8 +9,8 @@ import pytest
 from scipy.integrate import quad
 
 import hgogen as hg
-from hgogen.identification.innovations import Innovations
-from hgogen.identification.problem import Predicting
+from hgogen.logs.innovations import Innovations
+from hgogen.logs.problem import Predicting
 
 F, G, THEN = np.array([[0.9, 0.2], [-0.1, 0.8]]), np.array([0.3, -0.5]), np.array([0.7, 0.4])
 H, Q, R = np.array([[1.0, 0.5], [-0.3, 2.0]]), np.array([[0.04, 0.01], [0.01, 0.09]]), np.array([0.05, 0.2])

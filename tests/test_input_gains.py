@@ -18,10 +18,10 @@ from scipy.linalg import expm
 import hgogen as hg
 from hgogen.certificates.certificate import certificate
 from hgogen.check import Verdict
-from hgogen.guarantees.inclusion import Uncertain
-from hgogen.guarantees.quadratic import identity, rational, verified
-from hgogen.guarantees.questions import Driven
 from hgogen.model import load
+from hgogen.prove.inclusion import Uncertain
+from hgogen.prove.quadratic import identity, rational, verified
+from hgogen.prove.questions import Driven
 from hgogen.reading.given import BadGain
 from hgogen.reading.named import BadNames
 from hgogen.recheck.rules import RULES

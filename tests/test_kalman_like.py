@@ -17,18 +17,18 @@ from plants import MODELS, chain, model
 
 import hgogen as hg
 from hgogen import excitation
-from hgogen.calling import native
-from hgogen.calling.native import run_check
+from hgogen.analysis.affine import measurements
 from hgogen.certificates.certificate import certificate
 from hgogen.check import Check, ClaimId, Refuted, Verdict
 from hgogen.discretisation.stability import Limit
 from hgogen.emit import layout
-from hgogen.kalman.covariance import unpack
-from hgogen.kalman.persistence import persistent
+from hgogen.estimators.covariance import unpack
+from hgogen.estimators.persistence import persistent
 from hgogen.model import load
 from hgogen.reading.given import BadGain
 from hgogen.recheck.verification import recheck
-from hgogen.structure.affine import measurements
+from hgogen.run import native
+from hgogen.run.native import run_check
 from hgogen.theorem import rows
 from hgogen.trial import Truth, simulate, t, try_out
 
@@ -322,7 +322,7 @@ def test_every_view_is_of_one_equation() -> None:
 def test_loops_are_the_unrolled_step(monkeypatch: pytest.MonkeyPatch) -> None:
     samples = record(0.01, 3.0)
     unrolled = hg.sample(kalman_like(), dt=0.01).run(**samples, engine="python").x
-    monkeypatch.setattr("hgogen.kalman.chosen.LONGER", {"speed": -(10**9)})
+    monkeypatch.setattr("hgogen.estimators.chosen.LONGER", {"speed": -(10**9)})
     looped = hg.sample(kalman_like(), dt=0.01).run(**samples, engine="python").x
     assert looped == pytest.approx(unrolled, abs=1e-9 * np.abs(unrolled).max())
 

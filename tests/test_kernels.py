@@ -11,10 +11,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from hgogen.calling import native
 from hgogen.discretisation import kernels
 from hgogen.emit.portable import kernels as kernels_of
 from hgogen.emit.syntaxes import C
+from hgogen.run import native
 
 EPS = float(np.finfo(float).eps)
 sizes, seeds = st.integers(1, 9), st.integers(0, 2**32 - 1)

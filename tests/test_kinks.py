@@ -15,20 +15,20 @@ from hypothesis import strategies as st
 
 import hgogen as hg
 from hgogen import forms
-from hgogen.algebra.balls import values
-from hgogen.algebra.identity import is_zero
-from hgogen.algebra.kinks import Direction, bent, slope
-from hgogen.algebra.tape import tape
+from hgogen.analysis.dynamics import Dynamics
+from hgogen.analysis.hypotheses import apart, positive
 from hgogen.certificates.certificate import certificate
 from hgogen.check import ClaimId, Verdict
 from hgogen.emit.pygraph import evaluated
 from hgogen.emit.syntax import DTYPE
-from hgogen.intervals.bounds import Cause, bound, nonzero
-from hgogen.intervals.one_sided import computed, one_sided
-from hgogen.intervals.slope import lipschitz_bound
 from hgogen.recheck.verification import recheck
-from hgogen.structure.dynamics import Dynamics
-from hgogen.structure.hypotheses import apart, positive
+from hgogen.rigor.balls import values
+from hgogen.rigor.bounds import Cause, bound, nonzero
+from hgogen.rigor.identity import is_zero
+from hgogen.rigor.kinks import Direction, bent, slope
+from hgogen.rigor.one_sided import computed, one_sided
+from hgogen.rigor.slope import lipschitz_bound
+from hgogen.rigor.tape import tape
 
 x, y, z = sp.symbols("x y z", real=True)
 ONE = (Fraction(-1), Fraction(1))

@@ -15,10 +15,10 @@ import pytest
 from native_step import NativeStep
 
 import hgogen as hg
-from hgogen.calling import native
+from hgogen.run import native
+from hgogen.run.metrics import metrics, settling, summary
 from hgogen.stepping import recovery
 from hgogen.trial import Jump, Trajectory, Trial, try_out
-from hgogen.trials.metrics import metrics, settling, summary
 
 ONE, SIX = neuron.MODEL.trials()
 SIGMA = ONE.noise["y"].sigma

@@ -16,14 +16,14 @@ from plants import MODELS, model
 from scipy.signal import lsim
 
 import hgogen as hg
-from hgogen.algebra.definite import NotHurwitz
-from hgogen.chains.injection import companion
 from hgogen.check import Verdict
-from hgogen.guarantees.lmi import lyapunov
+from hgogen.estimators.injection import companion
 from hgogen.model import load
 from hgogen.program import Place
+from hgogen.prove.lmi import lyapunov
 from hgogen.reading.given import BadGain
 from hgogen.recheck.verification import recheck
+from hgogen.rigor.definite import NotHurwitz
 from hgogen.theorem import rows
 from hgogen.trial import Truth, simulate, try_out
 

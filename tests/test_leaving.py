@@ -8,8 +8,8 @@ import pytest
 from test_cli import hgogen
 
 import hgogen as hg
+from hgogen.run.incidents import leaving_notes, left
 from hgogen.trial import Jump, Trial, t, try_out
-from hgogen.trials.incidents import leaving_notes, left
 
 ESCAPING = """name = "escaping"
 states.x1 = {unit = "V", low = -3, high = 3, flow = "x1 + u"}

@@ -17,9 +17,9 @@ from hgogen import cli
 from hgogen.commands.library import FIELDS, BadLibrary, answers, check, read
 from hgogen.commands.workers import End, Event, run
 from hgogen.errors import HgogenError
-from hgogen.intervals.bounds import bound
 from hgogen.reading.entry import FORMAT, entry
 from hgogen.reading.expression import parse
+from hgogen.rigor.bounds import bound
 
 GOOD: dict[str, Any] = {
     "name": "good",

@@ -11,8 +11,8 @@ from pathlib import Path
 
 import pytest
 
-from hgogen.calling import library_cache, native
-from hgogen.calling.library_cache import cache_folder, is_kept, keep
+from hgogen.run import library_cache, native
+from hgogen.run.library_cache import cache_folder, is_kept, keep
 from hgogen.target import write
 
 pytestmark = pytest.mark.skipif(os.name != "posix", reason="the files of other systems have no owner and no mode")
@@ -35,7 +35,7 @@ def cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 def loaded(number: int) -> int:
     """What a library returns in a process that has not loaded it before."""
-    code = f"from hgogen.calling import native\nprint(native.library({returning(number)!r}).f())"
+    code = f"from hgogen.run import native\nprint(native.library({returning(number)!r}).f())"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     return int(done.stdout)
 

@@ -17,9 +17,9 @@ from hypothesis import strategies as st
 import hgogen as hg
 from hgogen.check import Verdict
 from hgogen.discretisation.runge_kutta import EULER, HEUN, RK4, Tableau
-from hgogen.guarantees import lipschitz_step
-from hgogen.guarantees.beside_stages import BesideStages
-from hgogen.guarantees.plant_step import PlantStep
+from hgogen.prove import lipschitz_step
+from hgogen.prove.beside_stages import BesideStages
+from hgogen.prove.plant_step import PlantStep
 from hgogen.recheck.box import NotShown
 from hgogen.recheck.inequality import Tableau as Rechecked
 from hgogen.recheck.inequality import tableau_of

@@ -11,10 +11,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.linalg import solve_continuous_lyapunov
 
-from hgogen.algebra.definite import Matrix
-from hgogen.guarantees.lmi import NoSolver, gains, lyapunov, verified
-from hgogen.guarantees.quadratic import Quadratic
-from hgogen.guarantees.semidefinite import sought, widest
+from hgogen.prove.lmi import NoSolver, gains, lyapunov, verified
+from hgogen.prove.quadratic import Quadratic
+from hgogen.prove.semidefinite import sought, widest
+from hgogen.rigor.definite import Matrix
 
 try:
     import clarabel

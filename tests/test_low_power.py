@@ -16,14 +16,14 @@ from plants import chain, fitzhugh_nagumo, model, two_outputs
 from scipy.integrate import solve_ivp
 
 import hgogen as hg
-from hgogen.algebra.definite import NotHurwitz, hurwitz
-from hgogen.calling import native
-from hgogen.chains.core import core_numbers, nominal
-from hgogen.chains.gains import BadPoles
-from hgogen.chains.integrators import integrators
-from hgogen.chains.pairs import from_poles
+from hgogen.estimators.core import core_numbers, nominal
+from hgogen.estimators.gains import BadPoles
+from hgogen.estimators.integrators import integrators
+from hgogen.estimators.pairs import from_poles
 from hgogen.program import sym
 from hgogen.reading.given import BadGain
+from hgogen.rigor.definite import NotHurwitz, hurwitz
+from hgogen.run import native
 from hgogen.theorem import rows
 
 NAN = float("nan")

@@ -22,10 +22,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import hgogen as hg
-from hgogen.algebra.balls import Balls, Undecided, values
-from hgogen.algebra.interpolation import Cells, Kinked, Stepped, applied
-from hgogen.algebra.lookup import Lookup, hessian, jacobian
-from hgogen.algebra.tape import tape
 from hgogen.check import Verdict
 from hgogen.emit.code import code
 from hgogen.emit.cost import cost
@@ -34,12 +30,6 @@ from hgogen.emit.pygraph import evaluated
 from hgogen.emit.syntax import DTYPE
 from hgogen.emit.syntaxes import C
 from hgogen.graph import to_casadi
-from hgogen.intervals.bounds import nonzero
-from hgogen.intervals.box import Sides
-from hgogen.intervals.enclosure import enclose
-from hgogen.intervals.glance import taken
-from hgogen.intervals.one_sided import one_sided
-from hgogen.intervals.slope import lipschitz_bound
 from hgogen.reading import text_model
 from hgogen.reading.table import MOST, BadTable, cells_of
 from hgogen.recheck import tables as rechecked
@@ -48,6 +38,16 @@ from hgogen.recheck.file import digest, model_digest
 from hgogen.recheck.slope import differentiable
 from hgogen.recheck.text import Unreadable, expression
 from hgogen.recheck.verification import recheck
+from hgogen.rigor.balls import Balls, Undecided, values
+from hgogen.rigor.bounds import nonzero
+from hgogen.rigor.box import Sides
+from hgogen.rigor.enclosure import enclose
+from hgogen.rigor.glance import taken
+from hgogen.rigor.interpolation import Cells, Kinked, Stepped, applied
+from hgogen.rigor.lookup import Lookup, hessian, jacobian
+from hgogen.rigor.one_sided import one_sided
+from hgogen.rigor.slope import lipschitz_bound
+from hgogen.rigor.tape import tape
 from hgogen.system import BadSystem
 
 X, Y = sp.symbols("x y", real=True)

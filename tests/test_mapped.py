@@ -8,7 +8,7 @@ import pytest
 from test_cli import hgogen
 
 import hgogen as hg
-from hgogen.identification.records import beyond
+from hgogen.logs.records import beyond
 from hgogen.reading.log import BadRecord, table
 from hgogen.reading.mapped import column
 

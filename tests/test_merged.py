@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from hgogen.guarantees.quadratic import Quadratic
-from hgogen.guarantees.semidefinite import margin, merged
+from hgogen.prove.quadratic import Quadratic
+from hgogen.prove.semidefinite import margin, merged
 
 Array = np.ndarray
 

@@ -18,8 +18,8 @@ import hgogen as hg
 from hgogen.discretisation import kernels
 from hgogen.discretisation.runge_kutta import EULER, HEUN, RK4, Tableau, advance, repeated, rounds
 from hgogen.discretisation.stability import Limit, core_limit
-from hgogen.kalman.covariance import covariance_ode, information_ode, measurement_update, pack, time_update, unpack
-from hgogen.kalman.riccati_part import Riccati
+from hgogen.estimators.covariance import covariance_ode, information_ode, measurement_update, pack, time_update, unpack
+from hgogen.estimators.riccati_part import Riccati
 from hgogen.method import NoCovariance
 from hgogen.program import Place, Repeat, sym, walk
 from hgogen.step import BadStep, CannotUpdate, StepMayFail, StepTooLong
@@ -396,7 +396,7 @@ def test_beyond_its_cap_the_covariance_is_scaled_by_rows_and_columns(
 ) -> None:
     """S P S with S = diag(min(1, cap_i/P_ii)), a congruence; the states stand still and Q adds some 1e-12 of P."""
     if loops:
-        monkeypatch.setattr("hgogen.kalman.chosen.LONGER", {"speed": -(10**9)})
+        monkeypatch.setattr("hgogen.estimators.chosen.LONGER", {"speed": -(10**9)})
     x = [hg.Signal(f"x{i}", low=-1, high=1) for i in (1, 2, 3)]
     plant = hg.System("still", states=x, outputs=(hg.Signal("y"),), flow=[0, 0, 0], output=[x[0] + x[1] + x[2]])
     observer = hg.observers.riccati(hg.forms.original(plant), Q=(1e-12,) * 3, R=1.0)

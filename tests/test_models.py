@@ -11,9 +11,9 @@ from plants import loaded
 
 import hgogen as hg
 from hgogen.call import CallableStep
-from hgogen.calling import native
 from hgogen.emit.syntax import Real
 from hgogen.model import Model, load
+from hgogen.run import native
 from hgogen.trial import try_out
 
 FILES = sorted((Path(__file__).resolve().parents[1] / "models").glob("*.py"))

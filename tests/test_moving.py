@@ -14,13 +14,13 @@ from oracle import adaptive_lmi as oracle
 from plants import MODELS, model
 
 import hgogen as hg
-from hgogen.chains.gains import coefficients
-from hgogen.chains.integrators import integrators
 from hgogen.check import Check, Verdict
-from hgogen.guarantees import lmi
-from hgogen.guarantees.continuous_time import AtTheta, FromTheta
-from hgogen.guarantees.moving import Law, moving_checks
+from hgogen.estimators.gains import coefficients
+from hgogen.estimators.integrators import integrators
 from hgogen.model import load
+from hgogen.prove import lmi
+from hgogen.prove.continuous_time import AtTheta, FromTheta
+from hgogen.prove.moving import Law, moving_checks
 from hgogen.recheck.verification import recheck
 from hgogen.theorem import Convergence, convergence, rows
 from tests.sweep import sweep
@@ -238,7 +238,7 @@ def test_without_a_solver_the_declared_p_serves(monkeypatch: pytest.MonkeyPatch)
 
     with_solver = bound((claim(disturbed(20.53), "convergence"), claim(disturbed(20.53), "theta")))
     disturbed.cache_clear()
-    monkeypatch.setattr("hgogen.guarantees.semidefinite.cones", missing)
+    monkeypatch.setattr("hgogen.prove.semidefinite.cones", missing)
     alone = disturbed(20.53)
     disturbed.cache_clear()
     assert with_solver < bound((claim(alone, "convergence"), claim(alone, "theta"))) < 6.347

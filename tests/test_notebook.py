@@ -11,7 +11,7 @@ import pytest
 from notebook import NOTEBOOK, PAGE, cells, notebook
 from pages import text
 
-from hgogen.calling import native
+from hgogen.run import native
 
 DATA = Path(os.environ.get("HGOGEN_DATA", Path(__file__).resolve().parents[2] / "shared" / "data"))
 MEASURED = DATA / "pendulum_energy_shaping.csv"

@@ -10,12 +10,12 @@ from oracle import observability as oracle
 from test_rank import here, library
 
 import hgogen as hg
-from hgogen.algebra.rank import NowhereDefined
-from hgogen.algebra.rank import observability as ranks
 from hgogen.analysis.gauthier_bornard import of_plant
 from hgogen.analysis.observability import observability
 from hgogen.analysis.symmetry import symmetries
 from hgogen.check import Verdict
+from hgogen.rigor.rank import NowhereDefined
+from hgogen.rigor.rank import observability as ranks
 
 a, b, c = (hg.Signal(name, "m", "") for name in "abc")
 u, y = hg.Signal("u", "", ""), hg.Signal("y", "", "")

@@ -17,20 +17,20 @@ from plants import chain, fitzhugh_nagumo, model, pendulum, two_outputs
 from scipy.integrate import solve_ivp
 
 import hgogen as hg
-from hgogen.algebra.definite import NotHurwitz
-from hgogen.chains.core import core_numbers, nominal
-from hgogen.chains.gains import BadPoles, coefficients
 from hgogen.check import Refuted, UnknownCheck, Verdict
 from hgogen.emit.cost import cost
+from hgogen.estimators.core import core_numbers, nominal
+from hgogen.estimators.gains import BadPoles, coefficients
+from hgogen.estimators.innovation import BadWindow, BadWindowSize
+from hgogen.estimators.theta import rise
 from hgogen.forms.uniform_chain import NoUniformChain
-from hgogen.guarantees.bounded_theta import nothing
-from hgogen.kalman.innovation import BadWindow, BadWindowSize
-from hgogen.kalman.theta import rise
 from hgogen.model import load
 from hgogen.part import Clock
 from hgogen.program import Place
+from hgogen.prove.bounded_theta import nothing
 from hgogen.reading.given import BadGain
 from hgogen.reading.named import BadNames
+from hgogen.rigor.definite import NotHurwitz
 from hgogen.sentence import because
 
 NAN = float("nan")
@@ -578,7 +578,7 @@ def test_a_proof_is_sought_once_when_its_check_is_first_read(monkeypatch: pytest
         return nothing(maker, 20.0, because("it is not sought here"))
 
     for user in ("continuous_time", "limited", "dwell", "moving"):
-        monkeypatch.setattr(f"hgogen.guarantees.{user}.claims", counted)
+        monkeypatch.setattr(f"hgogen.prove.{user}.claims", counted)
     shipped = load(MODELS / "pendulum.py")
     observer = getattr(hg.observers, name)(hg.forms.triangular(shipped.plant), **shipped.module.tuning[name])
     bank = hg.observers.bank(observer, count=2, period=0.1)

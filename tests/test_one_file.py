@@ -51,7 +51,7 @@ def asked(folder: Path, *words: str) -> str:
 def test_there_is_one_of_each() -> None:
     """An observer without a proof and one with a proof of its own; models in Python and in plain text."""
     assert sorted(path.parent.name for path in FIXTURES.rglob("*.*") if path.suffix in (".py", ".toml")) == [
-        *("forms", "guarantees", "methods", "models", "models", "observers", "observers", "rules", "targets", "tests")
+        *("forms", "methods", "models", "models", "observers", "observers", "prove", "rules", "targets", "tests")
     ]
 
 

@@ -10,7 +10,7 @@ import pytest
 import hgogen as hg
 from hgogen.discretisation.open_loop_limit import Ranges, open_loop_limit
 from hgogen.discretisation.runge_kutta import EULER, HEUN, RK4, Tableau
-from hgogen.kalman.closed_loop import Loops
+from hgogen.estimators.closed_loop import Loops
 from hgogen.model import load
 from hgogen.step import StepMayFail
 from hgogen.stepping.discretise import unmeasured

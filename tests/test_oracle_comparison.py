@@ -20,10 +20,10 @@ from oracle import adaptive_ekf as ekf
 from oracle import fitzhugh_nagumo as fn
 
 import hgogen as hg
-from hgogen.calling import native
 from hgogen.emit import layout
 from hgogen.emit.saved import mark
 from hgogen.program import Place
+from hgogen.run import native
 
 REFERENCE = fn.Scenario(((50.0, -6.0),), 70.0)
 SHORT = fn.Scenario(((12.0, -6.0),), 26.0)  # the same jump as soon as the first estimate has settled

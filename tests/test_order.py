@@ -10,8 +10,8 @@ import pytest
 from test_rust import built
 
 import hgogen as hg
-from hgogen.calling import native
 from hgogen.program import Block, Place, walk
+from hgogen.run import native
 
 NAN = float("nan")
 BIT = "OUT_OF_ORDER"

@@ -5,8 +5,8 @@ import pytest
 import sympy as sp
 
 import hgogen as hg
-from hgogen.calling import native
 from hgogen.program import Block, Place, dangling, sym
+from hgogen.run import native
 
 SAMPLES = 400
 THETAS = {

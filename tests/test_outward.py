@@ -9,9 +9,9 @@ from flint import arb, ctx
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
-from hgogen.intervals import outward
-from hgogen.intervals.enclosure import FUNCTIONS, arctangent, elementary
-from hgogen.intervals.outward import Pair
+from hgogen.rigor import outward
+from hgogen.rigor.enclosure import FUNCTIONS, arctangent, elementary
+from hgogen.rigor.outward import Pair
 
 _FLOATS = st.one_of(
     st.floats(allow_nan=False, allow_infinity=False),

@@ -37,7 +37,7 @@ def test_types_and_values_come_from_the_same_files() -> None:
 def test_a_function_is_never_its_file() -> None:
     """Python binds a file to its package when it is imported, by whatever way, over what was there."""
     code = """from hgogen import survey, response
-import hgogen.trials.gramian, hgogen.which_forms
+import hgogen.run.gramian, hgogen.which_forms
 import hgogen.commands.checking  # and with it nearly all, before anything is asked for by name
 from types import ModuleType
 import hgogen as hg

@@ -6,8 +6,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from hgogen.kalman.theta import logistic, smoothstep
-from hgogen.trials.figures import svg
+from hgogen.estimators.theta import logistic, smoothstep
+from hgogen.run.figures import svg
 
 sys.path.append(str(Path(__file__).parent.parent / "docs"))
 import paper_panels as drawn

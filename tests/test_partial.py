@@ -6,10 +6,10 @@ import pytest
 import sympy as sp
 
 import hgogen as hg
-from hgogen.algebra.points import kind, put, settled
 from hgogen.check import Verdict
-from hgogen.intervals.bounds import bound, nonzero
-from hgogen.intervals.slope import lipschitz_bound
+from hgogen.rigor.bounds import bound, nonzero
+from hgogen.rigor.points import kind, put, settled
+from hgogen.rigor.slope import lipschitz_bound
 
 x, y, z = sp.symbols("x y z", real=True)
 MINUS, ZERO = (Fraction(-1), Fraction(-1)), (Fraction(0), Fraction(0))

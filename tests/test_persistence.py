@@ -8,7 +8,7 @@ import sympy as sp
 
 import hgogen as hg
 from hgogen.check import ClaimId, Verdict
-from hgogen.kalman.persistence import persistent, t
+from hgogen.estimators.persistence import persistent, t
 
 SHOWN = ClaimId("input", "persistence")
 

@@ -14,13 +14,13 @@ from plants import model, van_der_pol
 
 import hgogen as hg
 from hgogen.analysis.determinant import Determinant
+from hgogen.analysis.dynamics import Dynamics
+from hgogen.analysis.inverse import inverse
+from hgogen.analysis.jacobians import NoDeterminant, largest_determinant
 from hgogen.check import Check, Refuted, Verdict
 from hgogen.forms.phase import NoPhase
-from hgogen.intervals.bounds import variants
 from hgogen.reading.given import BadGain
-from hgogen.structure.dynamics import Dynamics
-from hgogen.structure.inverse import inverse
-from hgogen.structure.jacobians import NoDeterminant, largest_determinant
+from hgogen.rigor.bounds import variants
 from hgogen.theorem import rows
 from hgogen.trial import Trial, simulate, t
 

@@ -10,10 +10,10 @@ import pytest
 import sympy as sp
 
 import hgogen as hg
-from hgogen.algebra.balls import values
-from hgogen.algebra.tape import plain, tape
 from hgogen.graph import to_casadi
 from hgogen.recheck.verification import recheck
+from hgogen.rigor.balls import values
+from hgogen.rigor.tape import plain, tape
 
 a, b, c = sp.symbols("a b c", real=True)
 SIGNS = [sp.Symbol(name) for name in "pqr"]

@@ -12,7 +12,6 @@ import plants
 import pytest
 
 import hgogen as hg
-from hgogen.calling import native
 from hgogen.discretisation import kernels as matrix_loops
 from hgogen.discretisation import notation
 from hgogen.discretisation.kernels import KERNELS
@@ -23,6 +22,7 @@ from hgogen.emit.statements import Writer
 from hgogen.emit.syntax import Number, Syntax
 from hgogen.emit.syntaxes import RUST, C
 from hgogen.program import Kernel, walk
+from hgogen.run import native
 
 
 @cache

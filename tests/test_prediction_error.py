@@ -6,7 +6,7 @@ import pytest
 from scipy.linalg import expm
 
 import hgogen as hg
-from hgogen.identification.problem import Predicting, gathered
+from hgogen.logs.problem import Predicting, gathered
 
 X = hg.Signal("x", low=-5, high=5)
 U, Y = hg.Signal("u", low=-20, high=20), hg.Signal("y")

@@ -17,10 +17,10 @@ from typer.testing import CliRunner
 from hgogen import cli
 from hgogen.commands import process, tables
 from hgogen.commands.output import json_text
-from hgogen.identification.whiteness import Whiteness
 from hgogen.reading.content import Unread, content_of
 from hgogen.recheck import verification as recheck
-from hgogen.trials.consistency import OfOutput
+from hgogen.run.consistency import OfOutput
+from hgogen.run.whiteness import Whiteness
 
 COMMAND = [sys.executable, "-c", "from hgogen.cli import main; main()"]
 PENDULUM, NEURON = (

@@ -17,10 +17,10 @@ from test_fit import DT, PLANT, TRUE, here, log  # noqa: F401, the fixture
 
 import hgogen as hg
 from hgogen.commands import fitting
-from hgogen.identification.innovations import SURE
-from hgogen.identification.solution import CannotGoOn, Progress, Searches, Solution, Solver, digests, progress_of
+from hgogen.logs.innovations import SURE
+from hgogen.logs.solution import CannotGoOn, Progress, Searches, Solution, Solver, digests, progress_of
+from hgogen.run.prediction import predictions
 from hgogen.system import valued
-from hgogen.trials.prediction import predictions
 
 
 class Stopped(Exception):

@@ -16,10 +16,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from oracle import observability as oracle
 
-from hgogen.algebra.balls import Balls
-from hgogen.algebra.rank import NothingMeasured, NowhereDefined, observability
-from hgogen.algebra.series import Modular, Plant, gradients, random_point
-from hgogen.algebra.tape import NoTape, tape
+from hgogen.rigor.balls import Balls
+from hgogen.rigor.rank import NothingMeasured, NowhereDefined, observability
+from hgogen.rigor.series import Modular, Plant, gradients, random_point
+from hgogen.rigor.tape import NoTape, tape
 
 PRIME = 2**61 - 1
 x1, x2, x3, k, u = sp.symbols("x1 x2 x3 k u")

@@ -10,12 +10,12 @@ import pytest
 from emitted import files, step, tool
 
 import hgogen as hg
-from hgogen.calling import native
-from hgogen.calling.samples import Engine
 from hgogen.emit import layout
 from hgogen.emit.interface import Prototype, address, entries, prototypes, structs
 from hgogen.emit.naming import prefixed
 from hgogen.emit.saved import mark
+from hgogen.run import native
+from hgogen.run.samples import Engine
 from hgogen.stepping import ready
 from hgogen.stepping.ready import NO_PARAMETERS, UNINITIALISED
 from tests.sweep import by_turns

@@ -18,18 +18,18 @@ from plants import MODELS, model
 from scipy.linalg import expm
 
 import hgogen as hg
-from hgogen.algebra.definite import definite, fraction, number
 from hgogen.check import Verdict
 from hgogen.discretisation import kernels
-from hgogen.guarantees import inequality as maker
-from hgogen.guarantees.contracting import Steps, unstable
-from hgogen.guarantees.inclusion import Inclusion
-from hgogen.guarantees.quadratic import BALLS, floats, rational
 from hgogen.model import load
 from hgogen.program import Place
+from hgogen.prove import inequality as maker
+from hgogen.prove.contracting import Steps, unstable
+from hgogen.prove.inclusion import Inclusion
+from hgogen.prove.quadratic import BALLS, floats, rational
 from hgogen.recheck import inequality
 from hgogen.recheck.transition import weight
 from hgogen.recheck.verification import recheck
+from hgogen.rigor.definite import definite, fraction, number
 from hgogen.stepping.machine import Machine
 
 

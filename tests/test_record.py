@@ -16,15 +16,15 @@ from hypothesis import strategies as st
 
 import hgogen as hg
 from hgogen.call import CallableStep
-from hgogen.calling.samples import Run
 from hgogen.commands import running
 from hgogen.reading import log as log_module
 from hgogen.reading.log import BadRecord, _ragged, _regular, parsed, table
 from hgogen.reading.mapped import mapping
 from hgogen.reading.measured import Record, read
+from hgogen.run import noise, prediction
+from hgogen.run.prediction import predictions
+from hgogen.run.samples import Run
 from hgogen.trial import OrnsteinUhlenbeck, Trial, noisy, simulate
-from hgogen.trials import noise, prediction
-from hgogen.trials.prediction import predictions
 
 U, Y, Z = hg.Signal("pump"), hg.Signal("level"), hg.Signal("flow")
 

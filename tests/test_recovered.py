@@ -13,9 +13,9 @@ import pytest
 import sympy as sp
 
 import hgogen as hg
+from hgogen.analysis.dynamics import Dynamics
 from hgogen.check import Verdict
-from hgogen.kalman.riccati_part import Riccati
-from hgogen.structure.dynamics import Dynamics
+from hgogen.estimators.riccati_part import Riccati
 from hgogen.theorem import rows
 
 

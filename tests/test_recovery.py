@@ -14,10 +14,10 @@ from hypothesis import strategies as st
 
 import hgogen as hg
 from hgogen.call import CallableStep
-from hgogen.calling import native
 from hgogen.model import load
 from hgogen.observer import Observer
 from hgogen.program import Place
+from hgogen.run import native
 from hgogen.stepping.recovery import MARGIN, SHARE
 from hgogen.stepping.settling import FINE
 

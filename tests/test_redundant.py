@@ -14,16 +14,16 @@ from plants import two_outputs
 from worst import Worst
 
 import hgogen as hg
+from hgogen.analysis.scaling import scaling
+from hgogen.analysis.spare import shown, unused
 from hgogen.check import Verdict
-from hgogen.guarantees.entering import Heads, Sizes, heads_of
 from hgogen.modelfiles.first import NoFirst, first
 from hgogen.program import Place
+from hgogen.prove.entering import Heads, Sizes, heads_of
 from hgogen.reading.given import BadGain
 from hgogen.reading.named import BadNames
 from hgogen.recheck.verification import recheck
 from hgogen.stepping.machine import Machine
-from hgogen.structure.scaling import scaling
-from hgogen.structure.spare import shown, unused
 from hgogen.which_forms import of
 
 x1, x2 = hg.Signal("x1", low=-2, high=2), hg.Signal("x2", low=-2, high=2)

@@ -7,8 +7,8 @@ from scipy.integrate import solve_ivp
 
 import hgogen as hg
 from hgogen.call import BadShape
+from hgogen.run.reference import CannotIntegrate
 from hgogen.step import BadStep
-from hgogen.trials.reference import CannotIntegrate
 
 DT, SAMPLES = 0.1, 21
 T = DT * np.arange(SAMPLES)

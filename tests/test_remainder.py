@@ -18,8 +18,8 @@ from plants import model
 import hgogen as hg
 from hgogen.check import Verdict
 from hgogen.discretisation.runge_kutta import RK4
-from hgogen.guarantees.beside_stages import BesideStages
-from hgogen.guarantees.plant_step import PlantStep
+from hgogen.prove.beside_stages import BesideStages
+from hgogen.prove.plant_step import PlantStep
 from hgogen.recheck.arithmetic import Dual, Undefined, dual, evaluate
 from hgogen.recheck.inequality import Tableau, tableau_of
 from hgogen.recheck.interval import Interval, between, point

@@ -10,11 +10,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import hgogen as hg
-from hgogen.algebra.points import exact
-from hgogen.algebra.removable import _X, _enough, _numerator, _regular, _series, _Term, resolved, with_limits
+from hgogen.analysis.dynamics import Dynamics
 from hgogen.analysis.undefined import undefined_slopes, undefined_values
 from hgogen.graph import to_casadi
-from hgogen.structure.dynamics import Dynamics
+from hgogen.rigor.points import exact
+from hgogen.rigor.removable import _X, _enough, _numerator, _regular, _series, _Term, resolved, with_limits
 
 W, V = hg.Signal("w", low=-20, high=20), hg.Signal("v", low=-20, high=20)
 H = hg.Signal("h", low=0, high=20)

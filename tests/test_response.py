@@ -19,8 +19,8 @@ import hgogen as hg
 from hgogen.model import load
 from hgogen.reading.door import Misfit
 from hgogen.reading.given import BadGain
-from hgogen.trials import figures as figure
-from hgogen.trials.response import BadFrequency, NoResponse
+from hgogen.run import figures as figure
+from hgogen.run.response import BadFrequency, NoResponse
 
 HYPERJERK = str(MODELS / "hyperjerk.py")
 POLES = (-1 + 1j, -1 - 1j, -2 + 1j, -2 - 1j)

@@ -14,11 +14,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import hgogen as hg
-from hgogen.calling import native
 from hgogen.emit.code import Code
 from hgogen.emit.printer import LEAST, NEVER, Operand, Printer
 from hgogen.emit.rolled import Target
 from hgogen.emit.syntaxes import C
+from hgogen.run import native
 
 N = 9
 ARRAYS = ("a", "z", "w")  # of which the last two are written

@@ -26,17 +26,17 @@ import hgogen as hg
 from hgogen.certificates import rounding_share
 from hgogen.certificates.one_call import rounding_errors
 from hgogen.check import Verdict
-from hgogen.guarantees.inclusion import Inclusion
-from hgogen.guarantees.plant_step import Unbounded
-from hgogen.guarantees.quadratic import floats
-from hgogen.intervals.computed import REALS, Computed, Real, Rounding, Unsure, exactly
 from hgogen.model import MissingPart, load
 from hgogen.modelfiles.storage import Bounds
 from hgogen.program import Place
+from hgogen.prove.inclusion import Inclusion
+from hgogen.prove.plant_step import Unbounded
+from hgogen.prove.quadratic import floats
 from hgogen.recheck import rounding as recheck_rounding
 from hgogen.recheck.box import NotShown
 from hgogen.recheck.rules.as_it_runs import _sizes
 from hgogen.recheck.verification import recheck
+from hgogen.rigor.computed import REALS, Computed, Real, Rounding, Unsure, exactly
 from hgogen.step import BadStep
 
 TYPE: dict[Real, Any] = {"float": np.float32, "double": np.float64}

@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 
 import hgogen as hg
-from hgogen.algebra.lookup import called, instructions
 from hgogen.discretisation.routine import Routine, routine
 from hgogen.emit.subprograms import Subprogram, _distinct, subprograms
 from hgogen.graph import Graph
 from hgogen.program import Block, Place, sym, walk
+from hgogen.rigor.lookup import called, instructions
 
 Z, U = ca.SX.sym("z", 3), ca.SX.sym("u")
 

@@ -8,15 +8,15 @@ import plants
 import pytest
 
 import hgogen as hg
-from hgogen.calling import native
-from hgogen.calling.batch import Batch
-from hgogen.calling.samples import BadShape, Engine, Run
 from hgogen.emit import lanewriter
 from hgogen.emit.saved import NotSaved
 from hgogen.emit.syntax import Real
 from hgogen.model import load
 from hgogen.program import Place
 from hgogen.reading.given import BadGain
+from hgogen.run import native
+from hgogen.run.batch import Batch
+from hgogen.run.samples import BadShape, Engine, Run
 
 COUNT, SAMPLES = 21, 1200  # of no register's width
 STEPS = sorted({path.stem for path in plants.MODELS.glob("*.py")} | set(emitted.STEPS))

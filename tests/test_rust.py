@@ -16,12 +16,12 @@ from emitted import run, signals, step
 
 import hgogen as hg
 from hgogen.call import CallableStep
-from hgogen.calling import native
 from hgogen.emit.fold import COLUMNS
 from hgogen.emit.naming import OneName
 from hgogen.emit.syntax import BeyondFloat, Real
 from hgogen.emit.syntaxes import PRELUDE, keywords
 from hgogen.model import load
+from hgogen.run import native
 from hgogen.targets.rust import NoCrate
 from tests.sweep import by_turns
 

@@ -26,12 +26,12 @@ from test_call import BUILD, NAN, STEPS, built, needs_compiler, record
 
 import hgogen as hg
 from hgogen.call import CallableStep
-from hgogen.calling.native import NoCompiler
-from hgogen.calling.samples import BadShape
 from hgogen.discretisation.kernels import KERNELS
 from hgogen.emit import pygraph
 from hgogen.emit.operations import CALLS
 from hgogen.reading.named import BadNames
+from hgogen.run.native import NoCompiler
+from hgogen.run.samples import BadShape
 from hgogen.step import BadStep
 
 OURS = "D I B V run operands array status fresh shown tune one zero inf nan floor divided source target bytes tolist"

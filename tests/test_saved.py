@@ -17,11 +17,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import hgogen as hg
-from hgogen.calling import native
 from hgogen.emit import pystep
 from hgogen.emit.naming import prefixed
 from hgogen.emit.saved import ADDED, NotSaved, layout, sealed
 from hgogen.program import Field, Group
+from hgogen.run import native
 
 SANITIZE = ("-O1", "-g1", "-fsanitize=address,undefined", "-fno-sanitize-recover=all")
 needs_compiler = pytest.mark.skipif(native.compiler() is None, reason="there is no C compiler")

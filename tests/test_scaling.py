@@ -12,13 +12,13 @@ from oracle import block_ekf as oracle
 from plants import MODELS, fitzhugh_nagumo, model
 
 import hgogen as hg
+from hgogen.analysis.scaling import SCALED, Scaling
 from hgogen.discretisation.explicit_covariance import covariance_limits
 from hgogen.discretisation.runge_kutta import RK4
 from hgogen.discretisation.stability import Limit, steady_covariance
-from hgogen.kalman.innovation import BadWindowSize
+from hgogen.estimators.innovation import BadWindowSize
 from hgogen.model import load
 from hgogen.reading.given import BadGain
-from hgogen.structure.scaling import SCALED, Scaling
 from hgogen.theorem import rows
 
 EPS = np.finfo(float).eps
@@ -199,7 +199,7 @@ def test_many_states_by_loops_are_the_few_unrolled(align: str, monkeypatch: pyte
         return hg.sample(observer, dt=0.01).run(**samples, engine="python").x
 
     unrolled = estimates()
-    monkeypatch.setattr("hgogen.kalman.chosen.LONGER", {"speed": -(10**9)})
+    monkeypatch.setattr("hgogen.estimators.chosen.LONGER", {"speed": -(10**9)})
     assert estimates() == pytest.approx(unrolled, abs=1e-9 * np.abs(unrolled).max())
 
 

@@ -9,9 +9,9 @@ from typing import Annotated
 import numpy as np
 import pytest
 
-from hgogen.board.qemu import COMPILER, EMULATOR
 from hgogen.commands.app import command_of, known
 from hgogen.commands.keys import Meaning, meanings, names
+from hgogen.extras.qemu import COMPILER, EMULATOR
 from hgogen.sentence import Encoded, because, encoded
 from tests.test_cli import NEURON, SHORT, as_json, hgogen, undescribed
 

@@ -14,11 +14,11 @@ from oracle.swing import c
 from scipy.linalg import solve_continuous_lyapunov
 
 import hgogen as hg
-from hgogen.chains.injection import companion
-from hgogen.chains.integrators import integrators
 from hgogen.check import Verdict
-from hgogen.guarantees import inequality
-from hgogen.guarantees.behind_sector import DEAD_ZONE, SATURATION, Adaptation, Behind, Shape, behind, core_check, decays
+from hgogen.estimators.injection import companion
+from hgogen.estimators.integrators import integrators
+from hgogen.prove import inequality
+from hgogen.prove.behind_sector import DEAD_ZONE, SATURATION, Adaptation, Behind, Shape, behind, core_check, decays
 
 seeds = st.integers(0, 2**32 - 1)
 

@@ -19,9 +19,9 @@ from plants import MODELS, kalman, pendulum, two_outputs, van_der_pol
 
 import hgogen as hg
 from hgogen.call import BadShape, CannotUpdate
-from hgogen.calling.native import run_check
 from hgogen.model import load
 from hgogen.program import Place
+from hgogen.run.native import run_check
 from hgogen.stepping.sensors import BadRate
 from hgogen.trial import try_out
 

@@ -21,10 +21,9 @@ import hgogen as hg
 from hgogen.check import Check, Verdict
 from hgogen.commands.tables import _short
 from hgogen.form import Form
-from hgogen.intervals.digits import Down, Up, down, up
-from hgogen.intervals.singular import singular
 from hgogen.model import load
-from hgogen.sentence import NONE, Reason, Sentence, because, equations, joined, point
+from hgogen.rigor.singular import singular
+from hgogen.sentence import NONE, Down, Reason, Sentence, Up, because, down, equations, joined, point, up
 from hgogen.theorem import rows
 
 PACKAGE = Path(hg.__file__).parent

@@ -10,14 +10,13 @@ from test_cli import hgogen
 
 import hgogen as hg
 from hgogen.call import CallableStep
-from hgogen.calling import native
 from hgogen.model import load
 from hgogen.reading.log import BadRecord
 from hgogen.reading.mapped import shifts_of
 from hgogen.reading.measured import shifted
+from hgogen.run import native, rejected
+from hgogen.run.rejected import better
 from hgogen.trial import noisy, simulate
-from hgogen.trials import rejected
-from hgogen.trials.rejected import better
 
 DT, N = 0.01, 1500
 U, Y, Z = hg.Signal("pump"), hg.Signal("level"), hg.Signal("flow")

@@ -10,10 +10,10 @@ import pytest
 import sympy as sp
 
 import hgogen as hg
+from hgogen.analysis.dynamics import Dynamics, regular_at
+from hgogen.analysis.inverse import sided
 from hgogen.observers.high_gain import high_gain
 from hgogen.program import Place
-from hgogen.structure.dynamics import Dynamics, regular_at
-from hgogen.structure.inverse import sided
 
 
 @cache

@@ -11,8 +11,8 @@ from scipy.linalg import expm, solve_continuous_lyapunov
 import hgogen as hg
 from hgogen.analysis.pace import NoSight
 from hgogen.model import load
+from hgogen.run.sight import HOPELESS, Sight, sight
 from hgogen.trial import BadTrial, Jump, Trial, t
-from hgogen.trials.sight import HOPELESS, Sight, sight
 
 
 def integrator(rate: float = 2.0, low: float = -1.0) -> hg.System:

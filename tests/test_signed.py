@@ -19,11 +19,10 @@ from hgogen.call import CallableStep
 from hgogen.certificates import contraction
 from hgogen.commands.checked import checked
 from hgogen.emit.promised import promised
-from hgogen.guarantees import questions
-from hgogen.guarantees.signed import Signed
-from hgogen.intervals.digits import up
 from hgogen.model import load
-from hgogen.sentence import because
+from hgogen.prove import questions
+from hgogen.prove.signed import Signed
+from hgogen.sentence import because, up
 
 INPUTS: dict[str, Any] = {
     "noise": {"y": 1e-3},

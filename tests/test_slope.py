@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 import sympy as sp
 
-from hgogen.algebra.tape import tape
 from hgogen.check import Verdict
-from hgogen.intervals.slope import Field, lipschitz_bound, steepest
+from hgogen.rigor.slope import Field, lipschitz_bound, steepest
+from hgogen.rigor.tape import tape
 
 x1, x2, x3, u = sp.symbols("x1 x2 x3 u", real=True)
 STATES = (x1, x2, x3)

@@ -15,10 +15,10 @@ from plants import MODELS, model
 import hgogen as hg
 from hgogen.certificates.contraction import contraction
 from hgogen.certificates.start_set import Start, start_of
-from hgogen.guarantees.quadratic import rational
-from hgogen.guarantees.questions import reached
 from hgogen.model import load
 from hgogen.program import Place
+from hgogen.prove.quadratic import rational
+from hgogen.prove.questions import reached
 from hgogen.recheck.verification import recheck
 from hgogen.stepping.machine import Machine
 

@@ -20,9 +20,9 @@ from hgogen.modelfiles.first import First, NoFirst, first, places
 from hgogen.modelfiles.setting import Setting
 from hgogen.observers import high_gain
 from hgogen.reading.given import BadGain
+from hgogen.run.metrics import metrics
 from hgogen.starting import Rule, gains_of, rule, scale
 from hgogen.trial import try_out
-from hgogen.trials.metrics import metrics
 
 RULED = [name for name in hg.observers.__all__ if name != "bank"]
 BARE = """

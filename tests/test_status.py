@@ -9,8 +9,8 @@ from emitted import files, run, step, tool
 
 import hgogen as hg
 from hgogen import step as steps
-from hgogen.calling import native
 from hgogen.emit.interface import status_type
+from hgogen.run import native
 from hgogen.step import BadStep
 from hgogen.stepping.status import certain_bits
 

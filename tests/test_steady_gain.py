@@ -12,13 +12,13 @@ from test_high_gain import blocks
 from test_whole_gain import C, pair
 
 import hgogen as hg
-from hgogen.algebra.definite import NotHurwitz
 from hgogen.check import Verdict
-from hgogen.guarantees.steady_gain import steady_gain
+from hgogen.prove.steady_gain import steady_gain
 from hgogen.reading.door import Misfit
 from hgogen.reading.given import BadGain
 from hgogen.reading.named import BadNames
 from hgogen.recheck.verification import recheck
+from hgogen.rigor.definite import NotHurwitz
 
 ORIGIN = {f"x{i}": 0.0 for i in range(1, 6)}
 

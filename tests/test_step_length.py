@@ -17,12 +17,12 @@ from threadpoolctl import ThreadpoolController
 
 import hgogen as hg
 from hgogen.certificates.contraction import Admitted
-from hgogen.chains.transient import advised, first_unstable, frozen, stable
 from hgogen.commands.checked import checked
 from hgogen.discretisation.growth import growth, polynomial
 from hgogen.discretisation.runge_kutta import EULER, RK4
 from hgogen.discretisation.stability import core_limit
-from hgogen.kalman.closed_loop import loops
+from hgogen.estimators.closed_loop import loops
+from hgogen.estimators.transient import advised, first_unstable, frozen, stable
 from hgogen.method import Method
 from hgogen.model import load
 from hgogen.step import StepMayFail, StepTooLong

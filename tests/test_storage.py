@@ -13,9 +13,9 @@ from hgogen import cli
 from hgogen.check import Verdict
 from hgogen.commands.checked import checked
 from hgogen.errors import HgogenError
-from hgogen.guarantees.error_system import BadErrorSystem
 from hgogen.model import MissingPart, load
 from hgogen.modelfiles.storage import stored
+from hgogen.prove.error_system import BadErrorSystem
 from hgogen.reading.door import Misfit
 
 ROOT = Path(__file__).resolve().parents[1]

@@ -12,10 +12,10 @@ from plants import chain
 from quadratic import falls
 
 import hgogen as hg
-from hgogen.algebra.definite import NotHurwitz
-from hgogen.chains.gains import BadPoles
 from hgogen.check import Verdict
+from hgogen.estimators.gains import BadPoles
 from hgogen.reading.given import BadGain
+from hgogen.rigor.definite import NotHurwitz
 
 GAINS: dict[str, Any] = {"theta": 20, "decay": 0.5, "r": 3, "poles": (-1, -1)}
 NAN = float("nan")

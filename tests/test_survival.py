@@ -16,9 +16,9 @@ from oracle import fitzhugh_nagumo as oracle
 
 import hgogen as hg
 from hgogen import method
-from hgogen.calling import native
 from hgogen.discretisation.stability import Limit
 from hgogen.emit import layout
+from hgogen.run import native
 from hgogen.step import StepMayFail, StepTooLong
 from hgogen.stepping import recovery
 

@@ -12,9 +12,9 @@ from oracle import switched_gain as oracle
 from plants import two_outputs
 
 import hgogen as hg
-from hgogen.algebra.definite import NotHurwitz
-from hgogen.chains.gains import BadPoles
+from hgogen.estimators.gains import BadPoles
 from hgogen.reading.given import BadGain
+from hgogen.rigor.definite import NotHurwitz
 
 GAINS: dict[str, Any] = {"theta": 40, "theta_low": 10, "threshold": 0.01, "hold": 0.2, "poles": (-1, -1)}
 NAN = float("nan")

@@ -8,11 +8,11 @@ import sympy as sp
 from scipy.linalg import solve_continuous_lyapunov
 
 import hgogen as hg
-from hgogen.algebra.definite import symmetric
-from hgogen.guarantees.adaptive_gain import candidate
-from hgogen.guarantees.error_system import BadErrorSystem
-from hgogen.kalman.weights import spd
+from hgogen.estimators.weights import spd
+from hgogen.prove.adaptive_gain import candidate
+from hgogen.prove.error_system import BadErrorSystem
 from hgogen.reading.given import BadGain
+from hgogen.rigor.definite import symmetric
 
 
 def fractions(M: np.ndarray) -> list[list[Fraction]]:

@@ -21,8 +21,28 @@ import pytest
 import sympy as sp
 
 import hgogen as hg
-from hgogen.algebra.balls import values
-from hgogen.algebra.interpolation import (
+from hgogen.check import Verdict
+from hgogen.emit.code import code
+from hgogen.emit.cost import cost
+from hgogen.emit.portable import tables
+from hgogen.emit.pygraph import evaluated
+from hgogen.emit.syntax import DTYPE, PointsMerge
+from hgogen.emit.syntaxes import C
+from hgogen.graph import to_casadi
+from hgogen.reading import text_model
+from hgogen.reading.table import MOST, BadTable, cells_of
+from hgogen.recheck import tables as rechecked
+from hgogen.recheck import tables as tables_module
+from hgogen.recheck.interval import between, intervals
+from hgogen.recheck.verification import recheck
+from hgogen.rigor import glance
+from hgogen.rigor.balls import values
+from hgogen.rigor.bounds import bound as bound_of
+from hgogen.rigor.bounds import nonzero
+from hgogen.rigor.box import Sides, box
+from hgogen.rigor.enclosure import enclose
+from hgogen.rigor.glance import rounded, taken
+from hgogen.rigor.interpolation import (
     Axis,
     Cells,
     Kinked,
@@ -32,30 +52,10 @@ from hgogen.algebra.interpolation import (
     polynomial_range,
     polynomial_value,
 )
-from hgogen.algebra.lookup import Lookup, hessian, jacobian
-from hgogen.algebra.tape import tape
-from hgogen.check import Verdict
-from hgogen.emit.code import code
-from hgogen.emit.cost import cost
-from hgogen.emit.portable import tables
-from hgogen.emit.pygraph import evaluated
-from hgogen.emit.syntax import DTYPE, PointsMerge
-from hgogen.emit.syntaxes import C
-from hgogen.graph import to_casadi
-from hgogen.intervals import glance
-from hgogen.intervals.bounds import bound as bound_of
-from hgogen.intervals.bounds import nonzero
-from hgogen.intervals.box import Sides, box
-from hgogen.intervals.enclosure import enclose
-from hgogen.intervals.glance import rounded, taken
-from hgogen.intervals.one_sided import one_sided
-from hgogen.intervals.slope import lipschitz_bound
-from hgogen.reading import text_model
-from hgogen.reading.table import MOST, BadTable, cells_of
-from hgogen.recheck import tables as rechecked
-from hgogen.recheck import tables as tables_module
-from hgogen.recheck.interval import between, intervals
-from hgogen.recheck.verification import recheck
+from hgogen.rigor.lookup import Lookup, hessian, jacobian
+from hgogen.rigor.one_sided import one_sided
+from hgogen.rigor.slope import lipschitz_bound
+from hgogen.rigor.tape import tape
 from hgogen.signal import BadName
 from hgogen.system import BadSystem
 

@@ -12,14 +12,14 @@ from test_cli import hgogen
 
 import hgogen as hg
 from hgogen.call import CallableStep
-from hgogen.calling.samples import BadShape
-from hgogen.identification.records import BadSignal
+from hgogen.logs.records import BadSignal
 from hgogen.model import load
 from hgogen.reading import binary_log
 from hgogen.reading.log import BadRecord, log_of
 from hgogen.reading.mapped import column
 from hgogen.reading.measured import read
 from hgogen.reading.optional import NotInstalled
+from hgogen.run.samples import BadShape
 
 pandas = pytest.importorskip("pandas")
 NAN = np.nan

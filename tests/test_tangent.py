@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import hgogen as hg
-from hgogen.structure.dynamics import Dynamics
+from hgogen.analysis.dynamics import Dynamics
 
 s, v = hg.Signal("s", low=0, high=1), hg.Signal("v", low=-0.5, high=0.5)
 

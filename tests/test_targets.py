@@ -9,9 +9,9 @@ import emitted
 import pytest
 
 import hgogen as hg
-from hgogen.calling import native
 from hgogen.commands.building import _languages
 from hgogen.errors import HgogenError
+from hgogen.run import native
 from hgogen.target import Files, Sources
 
 TARGETS = hg.targets.__all__

@@ -6,9 +6,9 @@ import sympy as sp
 from plants import MODELS, fitzhugh_nagumo, kalman, model, pendulum, van_der_pol
 
 import hgogen as hg
+from hgogen.analysis.dynamics import Dynamics
 from hgogen.check import Check, ClaimId, Claims, Refuted, Verdict
 from hgogen.model import load
-from hgogen.structure.dynamics import Dynamics
 from hgogen.theorem import YOURS, Beyond, Hypothesis, Row, Theorem, rows
 
 

@@ -17,10 +17,10 @@ from hgogen.model import load
 from hgogen.modelfiles.tuning import Tuning
 from hgogen.reading.text_model import BadModelFile, from_table, read, to_text
 from hgogen.reading.time_unit import of_time, pace, plural
+from hgogen.run import excitation, noise
 from hgogen.system import BadSystem
 from hgogen.targets import c99
 from hgogen.trial import Trial
-from hgogen.trials import excitation, noise
 
 MODELS = Path(__file__).parent.parent / "models"
 x = hg.Signal("x", "m", low=-1, high=1)

@@ -12,10 +12,10 @@ from oracle import fitzhugh_nagumo as oracle
 
 import hgogen as hg
 from hgogen import model
-from hgogen.calling import native
+from hgogen.run import native
+from hgogen.run.agreement import agreement
+from hgogen.run.metrics import crossings, metrics, settling, summary
 from hgogen.trial import BadTrial, Jump, OrnsteinUhlenbeck, Settled, Trial, noisy, read_field, simulate, t, try_out
-from hgogen.trials.agreement import agreement
-from hgogen.trials.metrics import crossings, metrics, settling, summary
 
 NEURON = model.load(Path(__file__).resolve().parents[1] / "models" / "fitzhugh_nagumo.py")
 ONE_JUMP = NEURON.trials()[0]

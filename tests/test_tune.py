@@ -19,17 +19,17 @@ from scipy.signal import lfilter
 from test_cli import hgogen
 
 import hgogen as hg
-from hgogen.calibration import judged as judged_module
-from hgogen.calibration import tune as tune_module
-from hgogen.calibration.grid import Calibration, Task, Tuned
-from hgogen.calibration.judged import DIFFERENCING, Held, Judged, coloured, judged, verdicts
-from hgogen.calibration.likelihood import STARTS, Likelihood, Noise
-from hgogen.calibration.score import Ahead, Hidden, Judge, as_good, chosen, readable
-from hgogen.calibration.tune import CannotTune
 from hgogen.check import Verdict
 from hgogen.commands.calibrating import _own_forms, renamed
 from hgogen.errors import BadArgument
-from hgogen.identification.records import BadLog
+from hgogen.logs import judged as judged_module
+from hgogen.logs import tune as tune_module
+from hgogen.logs.grid import Calibration, Task, Tuned
+from hgogen.logs.judged import DIFFERENCING, Held, Judged, coloured, judged, verdicts
+from hgogen.logs.likelihood import STARTS, Likelihood, Noise
+from hgogen.logs.records import BadLog
+from hgogen.logs.score import Ahead, Hidden, Judge, as_good, chosen, readable
+from hgogen.logs.tune import CannotTune
 from hgogen.model import load
 from hgogen.modelfiles.json_file import BadFile, OtherPlant, equations, read_tunings
 from hgogen.modelfiles.setting import Setting

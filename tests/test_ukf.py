@@ -13,8 +13,8 @@ from plants import chain, two_outputs
 from scipy.optimize import minimize
 
 import hgogen as hg
-from hgogen.calling import native
 from hgogen.reading.given import BadGain
+from hgogen.run import native
 from hgogen.stepping.discretise import MovesAtSamples, NoEquation
 
 NAN = float("nan")

@@ -11,10 +11,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import hgogen as hg
+from hgogen.analysis.dynamics import HUGE
 from hgogen.analysis.undefined import undefined_slopes, undefined_values
 from hgogen.check import Refuted, UnknownCheck, Verdict
-from hgogen.structure.dynamics import HUGE
-from hgogen.trials.prediction import predictions
+from hgogen.run.prediction import predictions
 
 X, V = hg.Signal("x", low=-2, high=2), hg.Signal("v", low=-2, high=2)
 H = hg.Signal("h", low=0, high=2)

@@ -13,16 +13,16 @@ from test_cli import hgogen
 
 import hgogen as hg
 from hgogen.call import CallableStep
-from hgogen.calling import native
-from hgogen.chains.core import nominal, numbers
 from hgogen.emit import vectors
+from hgogen.estimators.core import nominal, numbers
 from hgogen.model import load
 from hgogen.program import Place, places, sym
 from hgogen.reading.given import BadGain
+from hgogen.run import native
+from hgogen.run.metrics import metrics
+from hgogen.run.prediction import rejected
 from hgogen.step import BadStep
 from hgogen.trial import try_out
-from hgogen.trials.metrics import metrics
-from hgogen.trials.prediction import rejected
 
 NAMES = (
     *("cascaded_tanks", "exponential", "fitzhugh_nagumo", "integrated", "many_states", "no_input", "pendulum"),

@@ -13,13 +13,13 @@ import sympy as sp
 from oracle.uniform_injection import uniform_injection
 
 import hgogen as hg
-from hgogen.algebra.definite import NotHurwitz
 from hgogen.check import Refuted, Verdict
-from hgogen.guarantees.quadratic import Quadratic
-from hgogen.guarantees.semidefinite import margin
+from hgogen.prove.quadratic import Quadratic
+from hgogen.prove.semidefinite import margin
 from hgogen.reading.given import BadGain
 from hgogen.recheck.file import digest, model_digest
 from hgogen.recheck.verification import recheck
+from hgogen.rigor.definite import NotHurwitz
 
 u = hg.Signal("u", low=-1, high=1)
 y = hg.Signal("y")

@@ -12,12 +12,12 @@ import sympy as sp
 from hypothesis import strategies as st
 
 import hgogen as hg
+from hgogen.analysis.univalent import subsets, univalent
 from hgogen.certificates.certificate import certificate
 from hgogen.check import Check, Verdict
-from hgogen.intervals.box import box
 from hgogen.recheck.file import digest, model_digest
 from hgogen.recheck.verification import recheck
-from hgogen.structure.univalent import subsets, univalent
+from hgogen.rigor.box import box
 from tests.sweep import sweep
 
 

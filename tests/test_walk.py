@@ -54,7 +54,7 @@ def test_a_step_becomes_text_without_climbing_back(name: str, check: bool) -> No
     seen = calls(lambda: hg.targets.c99(step, check=check))
     assert ("targets", "emit") in seen
     climbs = {pair for pair in seen if COLUMN.index(pair[0]) < COLUMN.index(pair[1])}
-    assert climbs <= {("algebra", "emit"), ("emit", "targets")}
+    assert climbs <= {("rigor", "emit"), ("emit", "targets")}
 
 
 def test_a_call_of_a_folder_is_seen() -> None:

@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 from conftest import ABSENT, every, stand_for_others
 
-from hgogen.calling import native
+from hgogen.run import native
 
 
 class Case:

@@ -13,17 +13,17 @@ from oracle.sampled import run
 from test_high_gain import blocks, model
 
 import hgogen as hg
-from hgogen.algebra.definite import NotHurwitz
-from hgogen.calling import native
-from hgogen.chains.core import core_numbers, nominal
-from hgogen.guarantees.common_norm import Flow
-from hgogen.guarantees.inclusion import Inclusion, with_gains
+from hgogen.analysis.scaling import exponents
+from hgogen.estimators.core import core_numbers, nominal
 from hgogen.modelfiles.tuning import Tuning
 from hgogen.program import Place
+from hgogen.prove.common_norm import Flow
+from hgogen.prove.inclusion import Inclusion, with_gains
 from hgogen.reading.given import BadGain
 from hgogen.recheck.file import NoCertificate
 from hgogen.recheck.verification import recheck
-from hgogen.structure.scaling import exponents
+from hgogen.rigor.definite import NotHurwitz
+from hgogen.run import native
 
 Content = dict[str, Any]
 

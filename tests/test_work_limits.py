@@ -6,11 +6,11 @@ import pytest
 import sympy as sp
 
 import hgogen as hg
-from hgogen.algebra.field import quotients, ring_of
-from hgogen.algebra.points import kind
-from hgogen.algebra.rewrite import TooLarge
 from hgogen.check import Verdict
-from hgogen.guarantees.uniform_error import slopes_on
+from hgogen.prove.uniform_error import slopes_on
+from hgogen.rigor.field import quotients, ring_of
+from hgogen.rigor.points import kind
+from hgogen.rigor.rewrite import TooLarge
 
 SECONDS = 60  # of processor time, of what takes well below one; without the limits it takes minutes
 x, z, w = (hg.Signal(name, low=1, high=2) for name in "xzw")

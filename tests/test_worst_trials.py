@@ -21,9 +21,9 @@ from worst import Worst
 import hgogen as hg
 from hgogen.check import Verdict
 from hgogen.errors import HgogenError
-from hgogen.guarantees.bounded_theta import Nothing
 from hgogen.method import Realising
 from hgogen.model import load
+from hgogen.prove.bounded_theta import Nothing
 
 Array = np.ndarray
 EVERY = {

@@ -13,12 +13,12 @@ from hgogen.certificates.contraction import contraction
 from hgogen.certificates.start_set import _in_form, start_of
 from hgogen.emit import layout
 from hgogen.emit.saved import sealed
-from hgogen.guarantees.entering import Sizes, heads_of
-from hgogen.guarantees.inclusion import of_state
-from hgogen.guarantees.inequality import Inputs, corners
-from hgogen.guarantees.quadratic import floats, rational
-from hgogen.guarantees.questions import reached
 from hgogen.program import Field
+from hgogen.prove.entering import Sizes, heads_of
+from hgogen.prove.inclusion import of_state
+from hgogen.prove.inequality import Inputs, corners
+from hgogen.prove.quadratic import floats, rational
+from hgogen.prove.questions import reached
 from hgogen.signal import LOST
 
 Array = np.ndarray

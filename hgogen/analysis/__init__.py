@@ -1,1 +1,1 @@
-"""What a plant's equations tell: Lie derivatives, determinants and their zeros, symmetries, what outputs observe."""
+"""What a plant's equations tell: observability, the structure of forms and their hypotheses, their evidence."""

@@ -13,16 +13,16 @@ import flint
 import sympy as sp
 from sympy.functions.elementary.hyperbolic import HyperbolicFunction
 
-from hgogen.algebra.balls import values
-from hgogen.algebra.elimination import Elimination, Product, Work, cleared, expanded
-from hgogen.algebra.factors import Power, branches, degrees, even_degrees, factored_form, one_sign, powers, split_roots
-from hgogen.algebra.field import Field, Quotient, field
-from hgogen.algebra.identity import is_zero
-from hgogen.algebra.points import exact
-from hgogen.algebra.rank import SURE_BITS, Blurred, new_rows
-from hgogen.algebra.rewrite import TooLarge, Writer
-from hgogen.algebra.tape import tape
-from hgogen.intervals.bounds import nonzero
+from hgogen.rigor.balls import values
+from hgogen.rigor.bounds import nonzero
+from hgogen.rigor.elimination import Elimination, Product, Work, cleared, expanded
+from hgogen.rigor.factors import Power, branches, degrees, even_degrees, factored_form, one_sign, powers, split_roots
+from hgogen.rigor.field import Field, Quotient, field
+from hgogen.rigor.identity import is_zero
+from hgogen.rigor.points import exact
+from hgogen.rigor.rank import SURE_BITS, Blurred, new_rows
+from hgogen.rigor.rewrite import TooLarge, Writer
+from hgogen.rigor.tape import tape
 
 _Row = TypeVar("_Row")
 LIMIT = 300_000  # products of terms

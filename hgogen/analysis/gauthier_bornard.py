@@ -20,8 +20,10 @@ from typing import Any
 
 import sympy as sp
 
-from hgogen.algebra.identity import is_zero
-from hgogen.algebra.rank import (
+from hgogen.analysis.written import on_branches
+from hgogen.check import Verdict
+from hgogen.rigor.identity import is_zero
+from hgogen.rigor.rank import (
     NowhereDefined,
     Places,
     believe_zeros,
@@ -32,9 +34,7 @@ from hgogen.algebra.rank import (
     plant_of,
     somewhere,
 )
-from hgogen.algebra.series import Arithmetic, Plant, Point, evaluate, first_gradients
-from hgogen.analysis.written import on_branches
-from hgogen.check import Verdict
+from hgogen.rigor.series import Arithmetic, Plant, Point, evaluate, first_gradients
 from hgogen.sentence import NONE, Reason, because
 from hgogen.system import System
 

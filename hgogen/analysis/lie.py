@@ -11,9 +11,9 @@ from dataclasses import replace
 
 import sympy as sp
 
-from hgogen.algebra.points import exact
-from hgogen.intervals.slope import JUMPS, KINKS
 from hgogen.reading.differences import derived
+from hgogen.rigor.points import exact
+from hgogen.rigor.slope import JUMPS, KINKS
 from hgogen.sentence import NONE, Reason, because
 from hgogen.signal import Signal
 from hgogen.system import System

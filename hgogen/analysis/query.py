@@ -11,12 +11,12 @@ import sympy as sp
 
 from hgogen.check import Verdict
 from hgogen.errors import BadArgument, HgogenError
-from hgogen.intervals import bounds
-from hgogen.intervals.bounds import LIMIT, Range, Sign
-from hgogen.intervals.box import Box, End, box
 from hgogen.reading.door import limits, scalar
 from hgogen.reading.expression import read
 from hgogen.reading.folding import Fold
+from hgogen.rigor import bounds
+from hgogen.rigor.bounds import LIMIT, Range, Sign
+from hgogen.rigor.box import Box, End, box
 from hgogen.sentence import Reason, joined
 from hgogen.system import System
 

@@ -14,23 +14,23 @@ from fractions import Fraction
 import sympy as sp
 from sympy.combinatorics import Permutation
 
-from hgogen.algebra.elimination import Row, codistribution_product, tower
-from hgogen.algebra.factors import ROUGH, branches, powers, split_roots
-from hgogen.algebra.identity import is_zero
-from hgogen.algebra.points import exact
-from hgogen.algebra.rank import NowhereDefined, believe_zeros, matrix_rows, modulus, new_rows, plant_of, somewhere
-from hgogen.algebra.rewrite import TooLarge
-from hgogen.algebra.series import Arithmetic, Point, first_gradients
-from hgogen.algebra.tape import NoTape
 from hgogen.analysis.determinant import Determinant, alive, as_written, determinant, independent, zero_set
 from hgogen.analysis.lie import along, length, rates, size, without_derivative
 from hgogen.analysis.written import asked, on_box
 from hgogen.check import Check, ClaimId, Verdict
-from hgogen.intervals.bounds import nonzero
-from hgogen.intervals.box import box as box_of
-from hgogen.intervals.glance import Interval
-from hgogen.intervals.singular import minimal, reasons, singular
 from hgogen.reading.door import asks_a_plant, remembers
+from hgogen.rigor.bounds import nonzero
+from hgogen.rigor.box import box as box_of
+from hgogen.rigor.elimination import Row, codistribution_product, tower
+from hgogen.rigor.factors import ROUGH, branches, powers, split_roots
+from hgogen.rigor.glance import Interval
+from hgogen.rigor.identity import is_zero
+from hgogen.rigor.points import exact
+from hgogen.rigor.rank import NowhereDefined, believe_zeros, matrix_rows, modulus, new_rows, plant_of, somewhere
+from hgogen.rigor.rewrite import TooLarge
+from hgogen.rigor.series import Arithmetic, Point, first_gradients
+from hgogen.rigor.singular import minimal, reasons, singular
+from hgogen.rigor.tape import NoTape
 from hgogen.sentence import NONE, Encoded, Reason, Sentence, because, equations, joined
 from hgogen.system import System
 

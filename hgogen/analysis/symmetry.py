@@ -17,9 +17,9 @@ from typing import Any, ClassVar
 import flint
 import sympy as sp
 
-from hgogen.algebra.points import exact
-from hgogen.algebra.rank import FEW_BITS, Blurred, Places, kernel, matrix_rows, modulus, new_rows, plant_of, somewhere
-from hgogen.algebra.series import Arithmetic, Plant, Point, first_gradients
+from hgogen.rigor.points import exact
+from hgogen.rigor.rank import FEW_BITS, Blurred, Places, kernel, matrix_rows, modulus, new_rows, plant_of, somewhere
+from hgogen.rigor.series import Arithmetic, Plant, Point, first_gradients
 
 TERMS = 400  # of the vector field that is looked for
 OPERATIONS = 4000  # of the model, beyond which the exact proof is left out

@@ -16,13 +16,13 @@ from math import inf
 
 import sympy as sp
 
-from hgogen.algebra.kinks import slope
-from hgogen.algebra.removable import Resolved, bounded_logs, resolved
-from hgogen.algebra.tape import NoTape
 from hgogen.check import Check, ClaimId, Verdict
-from hgogen.intervals.bounds import Cause, bound, nonzero, problem_of, special_point
-from hgogen.intervals.box import Box, Point
-from hgogen.intervals.singular import NONZERO, POSITIVE, Condition, doubtful, minimal
+from hgogen.rigor.bounds import Cause, bound, nonzero, problem_of, special_point
+from hgogen.rigor.box import Box, Point
+from hgogen.rigor.kinks import slope
+from hgogen.rigor.removable import Resolved, bounded_logs, resolved
+from hgogen.rigor.singular import NONZERO, POSITIVE, Condition, doubtful, minimal
+from hgogen.rigor.tape import NoTape
 from hgogen.sentence import Sentence, because
 from hgogen.signal import Signal, resting
 from hgogen.system import System

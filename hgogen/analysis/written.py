@@ -13,12 +13,12 @@ from functools import lru_cache
 
 import sympy as sp
 
-from hgogen.algebra.rank import at_values
-from hgogen.algebra.reached import Reached, reached
 from hgogen.check import Check, Verdict
-from hgogen.intervals.box import box
-from hgogen.intervals.one_sided import one_sided
-from hgogen.intervals.singular import Condition, conditions, doubtful, put_apart
+from hgogen.rigor.box import box
+from hgogen.rigor.one_sided import one_sided
+from hgogen.rigor.rank import at_values
+from hgogen.rigor.reached import Reached, reached
+from hgogen.rigor.singular import Condition, conditions, doubtful, put_apart
 from hgogen.sentence import because
 from hgogen.system import System
 

@@ -45,10 +45,9 @@ import json
 from collections.abc import Iterable, Mapping
 from typing import Any
 
+from hgogen.analysis.evidence import NotCertifiable, head, sealed, texts
 from hgogen.check import Check, Verdict
 from hgogen.errors import BadArgument
-from hgogen.evidence.grounds import texts
-from hgogen.evidence.head import NotCertifiable, head, sealed
 from hgogen.form import Form
 from hgogen.recheck.text import Unreadable
 from hgogen.recheck.verification import recheck

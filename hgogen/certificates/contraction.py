@@ -22,17 +22,16 @@ from fractions import Fraction
 from functools import lru_cache
 from typing import Annotated
 
+from hgogen.analysis.evidence import Evidence, Grounds
 from hgogen.check import Check, ClaimId, Verdict
-from hgogen.evidence.grounds import Evidence, Grounds
-from hgogen.guarantees.bounded_theta import Nothing
-from hgogen.guarantees.common_norm import Flow
-from hgogen.guarantees.contracting import ROWS, Contracts, Piece, Steps, all_shorter, farthest, unstable
-from hgogen.guarantees.inclusion import Inclusion, Shown
-from hgogen.intervals.digits import Down, down, same, up
 from hgogen.method import Method, OnErrors
 from hgogen.observer import Observer
 from hgogen.program import INF
-from hgogen.sentence import Reason, Sentence, because, point
+from hgogen.prove.bounded_theta import Nothing
+from hgogen.prove.common_norm import Flow
+from hgogen.prove.contracting import ROWS, Contracts, Piece, Steps, all_shorter, farthest, unstable
+from hgogen.prove.inclusion import Inclusion, Shown
+from hgogen.sentence import Down, Reason, Sentence, because, down, point, same, up
 from hgogen.step import Step, demand_step
 
 _ROOM = 2**10  # how much longer a dt is looked for where nothing is refused

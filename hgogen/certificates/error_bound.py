@@ -12,28 +12,27 @@ from dataclasses import dataclass, field, replace
 from fractions import Fraction
 from typing import Any, TypeVar
 
+from hgogen.analysis.spare import of_used
 from hgogen.certificates.contraction import claimed, contraction, running
 from hgogen.certificates.own_states import slopes_of_states
 from hgogen.certificates.rounding_share import rounding_share
 from hgogen.certificates.start_set import NO_WAY, Running, Start, start_of
 from hgogen.certificates.undisturbed import patient, room
 from hgogen.check import Check, ClaimId, Verdict
-from hgogen.guarantees.bounded_theta import Nothing
-from hgogen.guarantees.contracting import Steps
-from hgogen.guarantees.entering import Entering, Share, Sizes, heads_of
-from hgogen.guarantees.inclusion import NO_SCALES, of_state
-from hgogen.guarantees.plant_step import PlantStep, Unbounded, times
-from hgogen.guarantees.quadratic import rational
-from hgogen.guarantees.questions import InputBound, confined
-from hgogen.guarantees.signed import Signed
-from hgogen.intervals.computed import REALS, Real
-from hgogen.intervals.digits import Down, Up
-from hgogen.intervals.outward import number
 from hgogen.method import OnErrors
+from hgogen.prove.bounded_theta import Nothing
+from hgogen.prove.contracting import Steps
+from hgogen.prove.entering import Entering, Share, Sizes, heads_of
+from hgogen.prove.inclusion import NO_SCALES, of_state
+from hgogen.prove.plant_step import PlantStep, Unbounded, times
+from hgogen.prove.quadratic import rational
+from hgogen.prove.questions import InputBound, confined
+from hgogen.prove.signed import Signed
 from hgogen.reading.named import Each, each_by_name, names_of, size, sizes
-from hgogen.sentence import NONE, Reason, Sentence, because, joined
+from hgogen.rigor.computed import REALS, Real
+from hgogen.rigor.outward import number
+from hgogen.sentence import NONE, Down, Reason, Sentence, Up, because, joined
 from hgogen.step import Step, demand_choice, demand_step
-from hgogen.structure.spare import of_used
 
 AnyStep = TypeVar("AnyStep", bound=Step)
 _CLOSE = Fraction(1, 10)  # of the bound: what is left of the start when it is said to have settled

@@ -14,23 +14,22 @@ from fractions import Fraction
 import numpy as np
 import sympy as sp
 
-from hgogen.algebra.points import exact
+from hgogen.analysis.polytope import fixed
+from hgogen.analysis.spare import of_used
 from hgogen.certificates.contraction import claimed, theta_of
 from hgogen.check import Check, ClaimId, Verdict
 from hgogen.form import Form
-from hgogen.guarantees.bounded_theta import Nothing
-from hgogen.guarantees.common_norm import Falls, Flow
-from hgogen.guarantees.inclusion import NO_SCALES, Inclusion, Uncertain, of_state
-from hgogen.guarantees.inequality import pushed
-from hgogen.guarantees.quadratic import floats, inverse_root, rational, stacked
-from hgogen.guarantees.questions import Driven, input_bound, l2_bound
-from hgogen.intervals.digits import Up
-from hgogen.intervals.outward import number
 from hgogen.observer import Observer, asks_an_observer
+from hgogen.prove.bounded_theta import Nothing
+from hgogen.prove.common_norm import Falls, Flow
+from hgogen.prove.inclusion import NO_SCALES, Inclusion, Uncertain, of_state
+from hgogen.prove.inequality import pushed
+from hgogen.prove.quadratic import floats, inverse_root, rational, stacked
+from hgogen.prove.questions import Driven, input_bound, l2_bound
 from hgogen.reading.named import Each, names_of, sizes
-from hgogen.sentence import Reason, Sentence, because
-from hgogen.structure.polytope import fixed
-from hgogen.structure.spare import of_used
+from hgogen.rigor.outward import number
+from hgogen.rigor.points import exact
+from hgogen.sentence import Reason, Sentence, Up, because
 
 _FIX, _NO_V = "Validate by trials.", because("no V is found for all slopes in their ranges")
 _WHILE = Sentence.of("while the estimate keeps to its outer box; in rational arithmetic")

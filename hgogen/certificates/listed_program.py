@@ -18,15 +18,15 @@ from typing import Any
 import casadi as ca
 import sympy as sp
 
-from hgogen.algebra.points import exact
+from hgogen.analysis.evidence import text
 from hgogen.certificates.one_call import Columns, after_call
 from hgogen.discretisation.routine import RATE
-from hgogen.evidence.grammar import text
 from hgogen.form import Form
 from hgogen.graph import Graph
-from hgogen.guarantees.inclusion import Inclusion
-from hgogen.intervals.box import box
-from hgogen.intervals.computed import FOLDED, Unsure
+from hgogen.prove.inclusion import Inclusion
+from hgogen.rigor.box import box
+from hgogen.rigor.computed import FOLDED, Unsure
+from hgogen.rigor.points import exact
 from hgogen.step import Step
 
 _SIMPLE = 10**6  # the largest denominator of a simple quotient, far from those of doubles

@@ -5,20 +5,19 @@ from dataclasses import dataclass
 from fractions import Fraction
 from functools import lru_cache
 
+from hgogen.analysis.spare import heads
 from hgogen.certificates.contraction import claimed, contraction, running
 from hgogen.check import Check
-from hgogen.guarantees.bounded_theta import Nothing
-from hgogen.guarantees.contracting import Contracts, Steps
-from hgogen.guarantees.inclusion import NO_SCALES, of_state
-from hgogen.guarantees.inequality import Inputs
-from hgogen.guarantees.questions import InputBound, of_step
-from hgogen.intervals.digits import Up
-from hgogen.intervals.outward import number
 from hgogen.observer import Observer
+from hgogen.prove.bounded_theta import Nothing
+from hgogen.prove.contracting import Contracts, Steps
+from hgogen.prove.inclusion import NO_SCALES, of_state
+from hgogen.prove.inequality import Inputs
+from hgogen.prove.questions import InputBound, of_step
 from hgogen.reading.named import in_order, sizes
-from hgogen.sentence import Sentence, because
+from hgogen.rigor.outward import number
+from hgogen.sentence import Sentence, Up, because
 from hgogen.step import Step, demand_step
-from hgogen.structure.spare import heads
 
 
 @dataclass(frozen=True)

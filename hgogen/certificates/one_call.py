@@ -9,12 +9,12 @@ from functools import lru_cache
 from itertools import islice
 from typing import Any, Protocol
 
-from hgogen.algebra.lookup import Lookup, folded
 from hgogen.graph import Graph
-from hgogen.intervals.computed import Real, Rounding, Unsure, exactly
 from hgogen.method import Method
 from hgogen.part import Clock, Ode
 from hgogen.program import Block, Place, Program, Repeat, Statement
+from hgogen.rigor.computed import Real, Rounding, Unsure, exactly
+from hgogen.rigor.lookup import Lookup, folded
 from hgogen.step import Step
 
 Columns = list[list[Any]]

@@ -12,13 +12,13 @@ from fractions import Fraction
 
 import sympy as sp
 
+from hgogen.analysis.coordinates import linear_terms
+from hgogen.analysis.dynamics import moved, reach
+from hgogen.analysis.inverse import sided
+from hgogen.analysis.polytope import signals
 from hgogen.form import Form
-from hgogen.guarantees.plant_step import Unbounded, steepness_in
-from hgogen.intervals.box import Box, box
-from hgogen.structure.coordinates import linear_terms
-from hgogen.structure.dynamics import moved, reach
-from hgogen.structure.inverse import sided
-from hgogen.structure.polytope import signals
+from hgogen.prove.plant_step import Unbounded, steepness_in
+from hgogen.rigor.box import Box, box
 
 Slopes = Mapping[str, tuple[Fraction, ...]]
 

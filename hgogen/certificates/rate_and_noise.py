@@ -14,12 +14,12 @@ from hgogen import observers
 from hgogen.call import CallableStep, sample
 from hgogen.certificates.contraction import contraction, theta_of
 from hgogen.certificates.noise_gain import NoiseGain, noise_gain
-from hgogen.guarantees.bounded_theta import Nothing
-from hgogen.guarantees.common_norm import Flow
-from hgogen.guarantees.designed_gain import Gain
-from hgogen.guarantees.designed_gain import gain as gain_for
-from hgogen.guarantees.questions import Bounds, noise_bounds
 from hgogen.observer import Observer
+from hgogen.prove.bounded_theta import Nothing
+from hgogen.prove.common_norm import Flow
+from hgogen.prove.designed_gain import Gain
+from hgogen.prove.designed_gain import gain as gain_for
+from hgogen.prove.questions import Bounds, noise_bounds
 from hgogen.step import StepTooLong
 
 _HALVINGS = 20  # of a dt that is refused

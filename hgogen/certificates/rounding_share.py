@@ -19,22 +19,22 @@ from typing import Any
 
 import sympy as sp
 
-from hgogen.algebra.balls import between, magnitude
-from hgogen.algebra.definite import root
+from hgogen.analysis.evidence import Evidence
+from hgogen.analysis.polytope import signals
 from hgogen.certificates.listed_program import listed
 from hgogen.certificates.one_call import rounding_errors
 from hgogen.certificates.start_set import Running, Start
-from hgogen.evidence.grounds import Evidence
-from hgogen.guarantees.entering import Share, Sizes
-from hgogen.guarantees.inclusion import of_state
-from hgogen.guarantees.plant_step import SUMMED, Unbounded
-from hgogen.guarantees.quadratic import extent, rational
-from hgogen.guarantees.questions import InputBound
-from hgogen.intervals.bounds import bound
-from hgogen.intervals.box import box
-from hgogen.intervals.computed import Real, Unsure
+from hgogen.prove.entering import Share, Sizes
+from hgogen.prove.inclusion import of_state
+from hgogen.prove.plant_step import SUMMED, Unbounded
+from hgogen.prove.quadratic import extent, rational
+from hgogen.prove.questions import InputBound
+from hgogen.rigor.balls import between, magnitude
+from hgogen.rigor.bounds import bound
+from hgogen.rigor.box import box
+from hgogen.rigor.computed import Real, Unsure
+from hgogen.rigor.definite import root
 from hgogen.sentence import because
-from hgogen.structure.polytope import signals
 
 CLOSE = Fraction(1, 20)  # of a bound: what is left of the start, and of rounding, when it is said to have settled
 _ROOM = Fraction(11, 10)  # of the other shares, with what is left of the start

@@ -15,19 +15,18 @@ import casadi as ca
 from hgogen.certificates.contraction import claimed, contraction, running
 from hgogen.check import Check
 from hgogen.graph import Graph
-from hgogen.guarantees.bounded_theta import Nothing
-from hgogen.guarantees.contracting import Contracts, Steps
-from hgogen.guarantees.entering import Heads, Sizes
-from hgogen.guarantees.inclusion import NO_SCALES, Inclusion, of_state
-from hgogen.guarantees.plant_step import PlantStep
-from hgogen.guarantees.quadratic import Array, rational
-from hgogen.guarantees.questions import InputBound, confined, of_step, reached
-from hgogen.intervals.digits import Down, Up
-from hgogen.intervals.outward import number
 from hgogen.observer import Observer
 from hgogen.part import Ode
 from hgogen.program import Field, sym
-from hgogen.sentence import Sentence, because
+from hgogen.prove.bounded_theta import Nothing
+from hgogen.prove.contracting import Contracts, Steps
+from hgogen.prove.entering import Heads, Sizes
+from hgogen.prove.inclusion import NO_SCALES, Inclusion, of_state
+from hgogen.prove.plant_step import PlantStep
+from hgogen.prove.quadratic import Array, rational
+from hgogen.prove.questions import InputBound, confined, of_step, reached
+from hgogen.rigor.outward import number
+from hgogen.sentence import Down, Sentence, Up, because
 from hgogen.signal import LOST
 from hgogen.step import Step, demand_step
 

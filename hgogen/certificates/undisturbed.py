@@ -11,8 +11,8 @@ from fractions import Fraction
 import sympy as sp
 
 from hgogen.certificates.start_set import Running
-from hgogen.intervals.bounds import bound
-from hgogen.intervals.box import box
+from hgogen.rigor.bounds import bound
+from hgogen.rigor.box import box
 from hgogen.step import Step
 from hgogen.stepping.guards import readings
 from hgogen.stepping.recovery import MARGIN, SHARE

@@ -9,7 +9,6 @@ from rich.console import Group
 from rich.text import Text
 
 from hgogen import observers as kinds
-from hgogen.calibration.advise import Advised, advise
 from hgogen.commands import log_tables
 from hgogen.commands.advice import KNOWN
 from hgogen.commands.calibrating import Names, forms_asked, renamed
@@ -19,11 +18,12 @@ from hgogen.commands.output import Bar, Written, folder_of, headed, rendered
 from hgogen.commands.process import note
 from hgogen.commands.trial_runs import trials
 from hgogen.emit.cost import cost
+from hgogen.logs.advise import Advised, advise
 from hgogen.model import load
 from hgogen.modelfiles.json_file import equations
 from hgogen.modelfiles.setting import AS_WRITTEN, Setting
+from hgogen.run.proposed import NoTrial
 from hgogen.system import System
-from hgogen.trials.proposed import NoTrial
 
 
 @dataclass(frozen=True, eq=False)
@@ -104,7 +104,7 @@ class AdviceReport(ModelReport):
 
     def figures(self, plant: System) -> dict[str, Any]:
         """Time to settle and noise over theta; none where one theta alone was tried."""
-        from hgogen.trials import figures
+        from hgogen.run import figures
 
         shown = [row.gains for row in self.rows if len(row.gains.tried) > 1]
         widths = {x.name: x.interval[1] - x.interval[0] if x.bounded else 1.0 for x in plant.states}

@@ -11,8 +11,6 @@ import typer
 
 from hgogen import targets
 from hgogen.call import CallableStep
-from hgogen.calling import native
-from hgogen.calling.samples import Engine
 from hgogen.certificates.error_bound import ErrorBound
 from hgogen.commands import drawings, stated_bounds, tables, trial_runs
 from hgogen.commands.campaigning import CampaignRow, campaigns
@@ -40,11 +38,13 @@ from hgogen.model import Model, load
 from hgogen.modelfiles.setting import AS_WRITTEN, Setting, UnknownCase, demand_known
 from hgogen.reading.filename import same
 from hgogen.reading.named import by_name, written
+from hgogen.run import native
+from hgogen.run.agreement import Agreement, Disagree
+from hgogen.run.comparison import Seen, seen
+from hgogen.run.falling import Falling, falling
+from hgogen.run.samples import Engine
 from hgogen.target import Files, Sources
 from hgogen.trial import Trial
-from hgogen.trials.agreement import Agreement, Disagree
-from hgogen.trials.comparison import Seen, seen
-from hgogen.trials.falling import Falling, falling
 
 C99 = "c99"
 _TAKES = ("command", "real", "check")  # what a language takes beside the step

@@ -10,16 +10,12 @@ import typer
 from rich.console import Group
 from rich.text import Text
 
-from hgogen.calibration.advise import Advised
-from hgogen.calibration.grid import Calibration, Tuned
-from hgogen.calibration.judged import ALL, HELD_OUT, Held, Judged, judged, verdicts
-from hgogen.calibration.tune import tune
 from hgogen.call import CallableStep
 from hgogen.check import worst
 from hgogen.commands import log_tables
 from hgogen.commands.advice import KNOWN
 from hgogen.commands.command import ModelReport, command
-from hgogen.commands.logs import Logs, logs_of, too_far, truth_of, truth_options
+from hgogen.commands.data import Logs, logs_of, too_far, truth_of, truth_options
 from hgogen.commands.options import (
     NO_COLUMNS,
     Columns,
@@ -39,6 +35,10 @@ from hgogen.commands.output import Bar, Written, folder_of, headed
 from hgogen.commands.process import note
 from hgogen.emit.cost import cost
 from hgogen.errors import HgogenError
+from hgogen.logs.advise import Advised
+from hgogen.logs.grid import Calibration, Tuned
+from hgogen.logs.judged import ALL, HELD_OUT, Held, Judged, judged, verdicts
+from hgogen.logs.tune import tune
 from hgogen.model import Model, load
 from hgogen.modelfiles.first import everywhere
 from hgogen.modelfiles.json_file import equations

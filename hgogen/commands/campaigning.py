@@ -12,15 +12,15 @@ from rich.console import RenderableType
 from rich.text import Text
 
 from hgogen.call import CallableStep
-from hgogen.calling.samples import Engine
 from hgogen.commands.options import Runs
 from hgogen.commands.output import Bar, headed
 from hgogen.commands.process import note
+from hgogen.run.campaign import BadCampaign, Campaign, Outcome, campaign
+from hgogen.run.metrics import criterion
+from hgogen.run.results import Spread, Tally, earlier, head, line
+from hgogen.run.samples import Engine
 from hgogen.target import lines_of
 from hgogen.trial import Trial
-from hgogen.trials.campaign import BadCampaign, Campaign, Outcome, campaign
-from hgogen.trials.metrics import criterion
-from hgogen.trials.results import Spread, Tally, earlier, head, line
 
 RUNS = 1000  # where nothing is said
 NAMED = 5  # lines that are left out

@@ -11,10 +11,10 @@ from hgogen.certificates.error_bound import ErrorBound
 from hgogen.check import Check, Refuted, refuted
 from hgogen.commands.stated_bounds import bound_of
 from hgogen.form import Form
-from hgogen.guarantees.bounded_theta import Nothing
-from hgogen.guarantees.lmi import NoSolver
 from hgogen.model import Model
 from hgogen.program import Field
+from hgogen.prove.bounded_theta import Nothing
+from hgogen.prove.lmi import NoSolver
 from hgogen.reading.named import by_name, written
 from hgogen.sentence import Encoded, Sentence, equations
 from hgogen.signal import Signal

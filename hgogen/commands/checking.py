@@ -24,12 +24,12 @@ from hgogen.commands.options import Tuned
 from hgogen.commands.output import Bar, json_text, show
 from hgogen.commands.process import note, results
 from hgogen.errors import HgogenError
-from hgogen.intervals.bounds import Range
 from hgogen.model import Model, load
 from hgogen.modelfiles.setting import AS_WRITTEN, Setting
+from hgogen.rigor.bounds import Range
+from hgogen.run.sight import Sight, sight
 from hgogen.target import demand as demand_place
 from hgogen.trial import Trial
-from hgogen.trials.sight import Sight, sight
 from hgogen.which_forms import Survey
 
 CertificateFile = Annotated[

@@ -8,7 +8,6 @@ import typer
 
 from hgogen import observers as every
 from hgogen.call import CallableStep
-from hgogen.calling.samples import Engine
 from hgogen.certificates.error_bound import ErrorBound
 from hgogen.commands import drawings, log_tables, stated_bounds, tables, trial_runs
 from hgogen.commands.campaigning import CampaignRow, campaigns
@@ -27,15 +26,16 @@ from hgogen.commands.options import (
 from hgogen.commands.output import Bar, Written, folder_of, rendered
 from hgogen.commands.process import note
 from hgogen.errors import HgogenError
-from hgogen.guarantees.lmi import NoSolver
 from hgogen.model import MissingPart, Model, load
 from hgogen.modelfiles.setting import AS_WRITTEN, Setting
+from hgogen.prove.lmi import NoSolver
+from hgogen.run.comparison import Measured, measured
+from hgogen.run.incidents import Left, leaving_notes, left
+from hgogen.run.incidents import guard_notes as guards
+from hgogen.run.metrics import criterion
+from hgogen.run.samples import Engine
 from hgogen.system import System
 from hgogen.trial import Trial
-from hgogen.trials.comparison import Measured, measured
-from hgogen.trials.incidents import Left, leaving_notes, left
-from hgogen.trials.incidents import guard_notes as guards
-from hgogen.trials.metrics import criterion
 
 Names = Annotated[
     str | None,

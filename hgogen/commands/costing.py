@@ -8,8 +8,6 @@ from typing import Annotated, Any, ClassVar
 import typer
 
 from hgogen import targets
-from hgogen.board.costs import Costs, measured
-from hgogen.board.qemu import demand_board
 from hgogen.commands import trial_runs
 from hgogen.commands.command import ModelReport, command
 from hgogen.commands.options import ModelArgument, Tuned
@@ -18,6 +16,8 @@ from hgogen.commands.packing import COSTS, Prefix
 from hgogen.commands.process import note
 from hgogen.emit.naming import demand_prefix, prefixed
 from hgogen.errors import HgogenError
+from hgogen.extras.costs import Costs, measured
+from hgogen.extras.qemu import demand_board
 from hgogen.model import load
 from hgogen.modelfiles.setting import AS_WRITTEN, Setting
 from hgogen.sentence import encoded

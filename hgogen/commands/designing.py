@@ -16,11 +16,11 @@ from hgogen.commands.command import ModelReport, command
 from hgogen.commands.options import ModelArgument, Out, Tuned
 from hgogen.commands.output import Bar, Folder, Written, folder_of, headed, rendered
 from hgogen.commands.process import note
-from hgogen.guarantees.designed_gain import Gain
-from hgogen.guarantees.gain_search import NoGain
-from hgogen.intervals.digits import down, same, up
 from hgogen.model import Model, load
 from hgogen.modelfiles.setting import AS_WRITTEN, Setting
+from hgogen.prove.designed_gain import Gain
+from hgogen.prove.gain_search import NoGain
+from hgogen.sentence import down, same, up
 
 _AROUND = (1 / 3, 1.0, 3.0)  # times the rate of the tuning
 _MOST = 20  # rates
@@ -76,7 +76,7 @@ class Designs(ModelReport):
 
     def drawn(self, folder: Folder) -> Self:
         """The report with its figure in a folder."""
-        from hgogen.trials.figures import curve
+        from hgogen.run.figures import curve
 
         return replace(self, files=tuple(folder.write(rendered({"design": curve(self.points, self.step)}))))
 

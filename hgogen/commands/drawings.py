@@ -6,11 +6,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from hgogen.call import CallableStep
-from hgogen.calling.samples import Run
 from hgogen.certificates.error_bound import ErrorBound
 from hgogen.commands.trial_runs import Tried
 from hgogen.reading.measured import Record
-from hgogen.trials.comparison import Measured
+from hgogen.run.comparison import Measured
+from hgogen.run.samples import Run
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 def figures(step: CallableStep, done: Iterable[Tried], known: ErrorBound | None = None) -> dict[str, "Figure"]:
     """The figures of each trial, by file name without ending: the states, what theta did, and where bounds of the
     errors are `known` the errors with them."""
-    from hgogen.trials import figures as figure
+    from hgogen.run import figures as figure
 
     drawn = {}
     for one in done:
@@ -36,7 +36,7 @@ def figures(step: CallableStep, done: Iterable[Tried], known: ErrorBound | None 
 
 def errors(each: Sequence[Measured], unit: str) -> "Figure":
     """The errors of several observers on the first seed of one trial; `unit`: that of the plant's time."""
-    from hgogen.trials import figures as figure
+    from hgogen.run import figures as figure
 
     first = each[0].first
     of = {one.name: one.first.error for one in each}
@@ -47,7 +47,7 @@ def record_figures(
     step: CallableStep, name: str, record: Record, run: Run, truth: Mapping[str, np.ndarray]
 ) -> dict[str, "Figure"]:
     """The figures of a measured record, by file name without ending; `truth` (N,) by state."""
-    from hgogen.trials import figures as figure
+    from hgogen.run import figures as figure
 
     drawn = {
         f"{name}_states": figure.record_states(step, record.t, run, record.of(step.outputs), truth),

@@ -19,9 +19,9 @@ from hgogen.commands.advice import Advice
 from hgogen.commands.checked import Checked
 from hgogen.commands.tables import COLOURS, few
 from hgogen.form import Form
+from hgogen.run.sight import Sight, as_share
 from hgogen.sentence import Sentence, point
 from hgogen.theorem import convergence
-from hgogen.trials.sight import Sight, as_share
 from hgogen.which_forms import Survey
 
 _PLAIN: Any = {"box": None, "pad_edge": False, "padding": (0, 2, 0, 0)}

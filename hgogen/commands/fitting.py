@@ -18,7 +18,7 @@ from rich.text import Text
 from hgogen.call import CallableStep
 from hgogen.commands import log_tables
 from hgogen.commands.command import ModelReport, command
-from hgogen.commands.logs import Logs, logs_of
+from hgogen.commands.data import Logs, logs_of
 from hgogen.commands.options import (
     NO_COLUMNS,
     Columns,
@@ -34,16 +34,16 @@ from hgogen.commands.options import (
 from hgogen.commands.output import Bar, Folder, Written, folder_of, headed, json_text, rendered
 from hgogen.commands.process import interruptible, note
 from hgogen.errors import HgogenError
-from hgogen.identification.fit import AGAIN, fit
-from hgogen.identification.result import Fit
-from hgogen.identification.solution import ITERATIONS, Progress, progress_of
+from hgogen.logs.fit import AGAIN, fit
+from hgogen.logs.result import Fit
+from hgogen.logs.solution import ITERATIONS, Progress, progress_of
 from hgogen.model import Model, load
 from hgogen.modelfiles.json_file import equations, table_of
 from hgogen.modelfiles.setting import AS_WRITTEN, Setting
 from hgogen.reading.averaged import WINDOWS
 from hgogen.reading.text_model import BESIDE, read, to_text
-from hgogen.trials.consistency import WORSE
-from hgogen.trials.prediction import predictions
+from hgogen.run.consistency import WORSE
+from hgogen.run.prediction import predictions
 
 BEGUN = "fit_begun.json"  # the file of a fit that is not done
 EVERY = 1.0  # seconds, or more, between two writings of it
@@ -100,7 +100,7 @@ class FitReport(ModelReport):
 
     def figures(self) -> dict[str, Any]:
         """The figure of each record by name."""
-        from hgogen.trials import figures  # which takes a while to import
+        from hgogen.run import figures  # which takes a while to import
 
         outputs, plant = self.result.plant.outputs, self.logs.plant
         return {

@@ -17,23 +17,23 @@ from typing import Annotated, Any
 
 import sympy as sp
 
-from hgogen.algebra.identity import is_zero
-from hgogen.algebra.points import kind
-from hgogen.algebra.rank import observability
+from hgogen.analysis.chain import Chains, Rows, Shape, cascade, levelwise
 from hgogen.analysis.gauthier_bornard import gauthier_bornard
 from hgogen.analysis.singularity import singular_set
 from hgogen.check import Verdict
 from hgogen.commands.workers import End, run
 from hgogen.errors import HgogenError
-from hgogen.intervals.bounds import Sign, bound, nonzero
-from hgogen.intervals.one_sided import one_sided
-from hgogen.intervals.singular import doubtful, parts
-from hgogen.intervals.slope import lipschitz_bound
 from hgogen.reading.content import Unread, content_of
 from hgogen.reading.entry import FORMAT, Entry, entry
 from hgogen.reading.expression import parse
+from hgogen.rigor.bounds import Sign, bound, nonzero
+from hgogen.rigor.identity import is_zero
+from hgogen.rigor.one_sided import one_sided
+from hgogen.rigor.points import kind
+from hgogen.rigor.rank import observability
+from hgogen.rigor.singular import doubtful, parts
+from hgogen.rigor.slope import lipschitz_bound
 from hgogen.sentence import Encoded
-from hgogen.structure.chain import Chains, Rows, Shape, cascade, levelwise
 
 BYTES = 1 << 28  # of a library
 LIMIT = 10.0  # seconds of the processor for each model

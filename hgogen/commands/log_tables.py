@@ -7,12 +7,12 @@ from rich.console import Group, RenderableType
 from rich.text import Text
 
 from hgogen.commands.output import filled, headed
-from hgogen.identification.result import Fit
+from hgogen.logs.result import Fit
 from hgogen.reading.measured import Report
+from hgogen.run.agreement import Difference
+from hgogen.run.consistency import Consistency
+from hgogen.run.prediction import Prediction
 from hgogen.signal import Signal
-from hgogen.trials.agreement import Difference
-from hgogen.trials.consistency import Consistency
-from hgogen.trials.prediction import Prediction
 
 
 def predictions(each: Sequence[Prediction], dt: float, unit: str) -> RenderableType:

@@ -7,12 +7,12 @@ from typing import TYPE_CHECKING, Annotated, Literal, TypedDict, TypeVar
 
 import typer
 
-from hgogen.calling import native
 from hgogen.commands.process import note
 from hgogen.modelfiles.setting import SEEDS, Setting
+from hgogen.run import native
 
 if TYPE_CHECKING:  # what takes a second to import, and `hgogen list` and `recheck` do not need
-    from hgogen.calling.samples import Engine
+    from hgogen.run.samples import Engine
     from hgogen.trial import Trial
 
 Value = TypeVar("Value")

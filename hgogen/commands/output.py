@@ -88,7 +88,7 @@ class Bar(Progress):
 
 def rendered(drawn: Mapping[str, Any]) -> dict[str, bytes]:
     """The files of figures by name, made with a progress bar."""
-    from hgogen.trials import figures as figure
+    from hgogen.run import figures as figure
 
     files: dict[str, bytes] = {}
     with Bar("figures", len(drawn)) as bar:

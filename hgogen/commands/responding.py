@@ -18,7 +18,7 @@ from hgogen.commands.output import Folder, Written, headed, rendered
 from hgogen.commands.process import note
 from hgogen.model import load
 from hgogen.modelfiles.setting import AS_WRITTEN, Setting
-from hgogen.trials.response import Response, pace
+from hgogen.run.response import Response, pace
 
 COUNT = 6  # frequencies of the table, unless they are given
 POINTS = 200  # frequencies of the figure
@@ -112,7 +112,7 @@ def response_(
     continuous, sampled = hg.response(step.observer, frequencies), hg.response(step, frequencies)
     paths: list[Path] = []
     if out is not None:
-        from hgogen.trials import figures as figure
+        from hgogen.run import figures as figure
 
         Folder(out).demand("response.svg")
         span = np.geomspace(min(slow / 10, *frequencies), max(10 * fast, *frequencies), POINTS)

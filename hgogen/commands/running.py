@@ -18,10 +18,9 @@ from rich.text import Text
 
 import hgogen as hg
 from hgogen.call import CallableStep
-from hgogen.calling.samples import Engine, Run
 from hgogen.commands import drawings, log_tables, tables, trial_runs
 from hgogen.commands.command import ModelReport, command
-from hgogen.commands.logs import too_far, truth_name, truth_of, truth_options
+from hgogen.commands.data import too_far, truth_name, truth_of, truth_options
 from hgogen.commands.options import (
     NO_COLUMNS,
     Columns,
@@ -37,7 +36,7 @@ from hgogen.commands.options import (
     one_or_all,
 )
 from hgogen.commands.output import Bar, Written, folder_of, headed, rendered
-from hgogen.identification.records import Log, beyond
+from hgogen.logs.records import Log, beyond
 from hgogen.model import MissingPart, Model, load
 from hgogen.modelfiles.setting import AS_WRITTEN, Setting
 from hgogen.reading.averaged import WINDOWS
@@ -45,15 +44,16 @@ from hgogen.reading.differences import derived
 from hgogen.reading.filename import fault
 from hgogen.reading.mapped import mapping, shifts_of
 from hgogen.reading.measured import COMMAND, Record, read
+from hgogen.run import noise
+from hgogen.run.agreement import Difference, coarse, differences
+from hgogen.run.consistency import Consistency, consistency, no_better
+from hgogen.run.gramian import Gramian
+from hgogen.run.incidents import Interventions, before_loss, interventions, loss
+from hgogen.run.noise import Suggestion
+from hgogen.run.prediction import Prediction, predictions, rejected, rms
+from hgogen.run.rejected import Better, MostlyRejected, Rejection, better, clamped, rejections
+from hgogen.run.samples import Engine, Run
 from hgogen.signal import Signal
-from hgogen.trials import noise
-from hgogen.trials.agreement import Difference, coarse, differences
-from hgogen.trials.consistency import Consistency, consistency, no_better
-from hgogen.trials.gramian import Gramian
-from hgogen.trials.incidents import Interventions, before_loss, interventions, loss
-from hgogen.trials.noise import Suggestion
-from hgogen.trials.prediction import Prediction, predictions, rejected, rms
-from hgogen.trials.rejected import Better, MostlyRejected, Rejection, better, clamped, rejections
 
 Data = Annotated[Path, typer.Option("--data", help="The log, a CSV file with a header, a Parquet or a MAT file.")]
 ROUNDING = 1e-12  # of a time over a period

@@ -6,9 +6,9 @@ from dataclasses import replace
 import hgogen as hg
 from hgogen.call import CallableStep
 from hgogen.certificates.error_bound import ErrorBound
-from hgogen.guarantees.lmi import NoSolver
-from hgogen.guarantees.signed import Signed
 from hgogen.model import MissingPart, Model
+from hgogen.prove.lmi import NoSolver
+from hgogen.prove.signed import Signed
 from hgogen.reading.given import BadGain
 from hgogen.reading.named import BadNames
 

@@ -12,15 +12,14 @@ from sympy.printing.str import StrPrinter
 
 from hgogen.check import Check, Verdict
 from hgogen.commands.output import filled, headed
-from hgogen.intervals.bounds import Range
-from hgogen.intervals.digits import down, up
-from hgogen.sentence import NONE, Reason, Sentence, because, plain, point
+from hgogen.rigor.bounds import Range
+from hgogen.run.agreement import Agreement
+from hgogen.run.comparison import Measured, Seen
+from hgogen.run.gramian import Gramian
+from hgogen.run.metrics import ITSELF, Summary
+from hgogen.sentence import NONE, Reason, Sentence, because, down, plain, point, up
 from hgogen.step import Step
 from hgogen.theorem import Row, Theorem
-from hgogen.trials.agreement import Agreement
-from hgogen.trials.comparison import Measured, Seen
-from hgogen.trials.gramian import Gramian
-from hgogen.trials.metrics import ITSELF, Summary
 from hgogen.which_forms import Survey
 
 COLOURS = {Verdict.PROVED: "green", Verdict.REFUTED: "red", Verdict.UNKNOWN: "yellow"}

@@ -6,15 +6,15 @@ from itertools import chain
 from typing import Annotated
 
 from hgogen.call import CallableStep
-from hgogen.calling.samples import Engine
 from hgogen.commands.process import note
 from hgogen.model import Model
+from hgogen.run.agreement import Agreement, agreement
+from hgogen.run.incidents import Interventions, Left, interventions, leaving_notes, left
+from hgogen.run.incidents import guard_notes as guards
+from hgogen.run.metrics import Metrics, Summary, alarm_complaints, alarm_ratio, metrics, summary
+from hgogen.run.proposed import proposed_trial
+from hgogen.run.samples import Engine
 from hgogen.trial import Trajectory, Trial, demand_trial, try_out
-from hgogen.trials.agreement import Agreement, agreement
-from hgogen.trials.incidents import Interventions, Left, interventions, leaving_notes, left
-from hgogen.trials.incidents import guard_notes as guards
-from hgogen.trials.metrics import Metrics, Summary, alarm_complaints, alarm_ratio, metrics, summary
-from hgogen.trials.proposed import proposed_trial
 
 Tick = Callable[[], None]
 

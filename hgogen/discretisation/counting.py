@@ -13,9 +13,9 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from hgogen.algebra.lookup import called, instructions
 from hgogen.discretisation.kernels import KERNELS
 from hgogen.program import Block, Call, Copy, Kernel, Loop, Reader, Statement, When, blocks, walk
+from hgogen.rigor.lookup import called, instructions
 
 _FREE = (ca.OP_INPUT, ca.OP_OUTPUT, ca.OP_CONST, ca.OP_PARAMETER, ca.OP_ASSIGN)
 OPERATION, FUNCTION = -1, -2  # of a kernel: an instruction, a root

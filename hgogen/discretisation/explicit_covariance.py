@@ -29,10 +29,10 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from hgogen.analysis.scaling import Scaling
 from hgogen.discretisation.runge_kutta import Tableau
 from hgogen.discretisation.stability import ZERO, Limit, Riccati, spectral_limit, transposed
 from hgogen.errors import HgogenError
-from hgogen.structure.scaling import Scaling
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]

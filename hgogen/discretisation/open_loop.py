@@ -10,12 +10,12 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
+from hgogen.analysis.dynamics import Dynamics
 from hgogen.discretisation.runge_kutta import RK4, advance, repeated
 from hgogen.form import Form
 from hgogen.graph import Graph, to_casadi
 from hgogen.part import on_line
 from hgogen.program import column, sym
-from hgogen.structure.dynamics import Dynamics
 
 
 @dataclass(frozen=True, eq=False)

@@ -19,9 +19,9 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
+from hgogen.analysis.scaling import Scaling
 from hgogen.errors import HgogenError
 from hgogen.program import INF
-from hgogen.structure.scaling import Scaling
 
 
 @dataclass(frozen=True)

@@ -4,7 +4,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass, fields
 from typing import Any
 
-from hgogen.algebra.lookup import Lookup
+from hgogen.rigor.lookup import Lookup
 
 Names = frozenset[str]
 

@@ -10,10 +10,10 @@ from hgogen.check import Verdict
 from hgogen.emit.described import entry
 from hgogen.emit.formula import formulas
 from hgogen.emit.manual import BETWEEN, consequence, refuted_and_accepted, said_what_for, title, verdict
-from hgogen.intervals.digits import same
 from hgogen.method import equations
 from hgogen.program import INF
 from hgogen.reading.time_unit import pace
+from hgogen.sentence import same
 from hgogen.step import Step
 from hgogen.theorem import rows
 

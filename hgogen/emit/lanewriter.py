@@ -25,7 +25,6 @@ from itertools import chain
 
 import casadi as ca
 
-from hgogen.algebra.lookup import Lookup
 from hgogen.discretisation import kernels
 from hgogen.emit.code import Code, braced, code
 from hgogen.emit.portable import functions_of, writes
@@ -34,6 +33,7 @@ from hgogen.emit.syntax import ATOM, BYTES, SELECT, Number, Real, Syntax
 from hgogen.emit.syntaxes import C
 from hgogen.errors import HgogenError
 from hgogen.program import Call, Copy, Kernel, Loop, Place, Program, Repeat, When, walk
+from hgogen.rigor.lookup import Lookup
 
 _WRAPPED = {ca.OP_ADD: "+", ca.OP_SUB: "-", ca.OP_MUL: "*"}
 

@@ -10,20 +10,19 @@ from typing import Any
 
 import sympy as sp
 
+from hgogen.analysis.evidence import NotCertifiable, fingerprint
 from hgogen.check import Check, Verdict
 from hgogen.emit.cost import cost
 from hgogen.emit.naming import says
 from hgogen.emit.promised import promised
 from hgogen.emit.syntax import Real, Syntax
-from hgogen.evidence.head import NotCertifiable, fingerprint
-from hgogen.intervals.digits import Down, Up, same
 from hgogen.observer import Observer
 from hgogen.reading.door import Misfit
 from hgogen.reading.named import written
 from hgogen.reading.optional import version
 from hgogen.reading.time_unit import pace
 from hgogen.recheck.file import SHOWN
-from hgogen.sentence import Sentence
+from hgogen.sentence import Down, Sentence, Up, same
 from hgogen.step import Step
 from hgogen.stepping.delays import MEMORY
 from hgogen.stepping.members import read_fields

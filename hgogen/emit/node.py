@@ -7,10 +7,10 @@ from itertools import islice
 
 import casadi as ca
 
-from hgogen.algebra.lookup import Lookup, folded
 from hgogen.discretisation.routine import Argument, Routine
 from hgogen.emit import elementary
 from hgogen.emit.operations import operations
+from hgogen.rigor.lookup import Lookup, folded
 
 
 @dataclass(eq=False, slots=True)

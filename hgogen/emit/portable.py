@@ -11,13 +11,13 @@ from dataclasses import dataclass, field
 from functools import cache
 from types import ModuleType
 
-from hgogen.algebra.lookup import Lookup
 from hgogen.discretisation import kernels as matrix_loops
 from hgogen.discretisation.notation import sizes
 from hgogen.emit import helpers
 from hgogen.emit.code import TRUTH, Code, Uses, braced, code, joined, united
 from hgogen.emit.elementary import ALL_WHOLE, BIASED, ROUNDS, SHIFT
 from hgogen.emit.syntax import AND, ATOM, EQUAL, ORDER, PRODUCT, SELECT, SUM, UNARY, Real, Syntax, demand_apart
+from hgogen.rigor.lookup import Lookup
 
 _LARGE: Mapping[Real, str] = {"float": "3e38", "double": "1e308"}
 _ARRAYS = {  # by annotation: how many, and whether they are written

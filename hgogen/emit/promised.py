@@ -9,10 +9,10 @@ from fractions import Fraction
 
 import sympy as sp
 
-from hgogen.guarantees.signed import Each, Signed
-from hgogen.intervals.digits import down, same, up
 from hgogen.program import Place
+from hgogen.prove.signed import Each, Signed
 from hgogen.reading.time_unit import pace
+from hgogen.sentence import down, same, up
 from hgogen.signal import Signal
 from hgogen.step import Step
 from hgogen.stepping.guards import STEP_BITS

@@ -15,7 +15,6 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from hgogen.algebra.lookup import Lookup
 from hgogen.discretisation.notation import bound
 from hgogen.emit import helpers
 from hgogen.emit.code import indented
@@ -37,6 +36,7 @@ from hgogen.emit.node import (
 from hgogen.emit.operations import CALLS
 from hgogen.emit.printer import Operand
 from hgogen.emit.syntax import DTYPE, NotPrintable, Number, Real, demand_apart
+from hgogen.rigor.lookup import Lookup
 
 _SIMPLE: dict[int, str] = {
     ca.OP_ADD: "{} + {}",

@@ -10,11 +10,11 @@ from functools import lru_cache
 
 import casadi as ca
 
-from hgogen.algebra.lookup import calls
 from hgogen.discretisation.routine import Argument, Routine
 from hgogen.emit.interface import reached
 from hgogen.emit.node import Node, columns, ordered, read
 from hgogen.program import Block, blocks
+from hgogen.rigor.lookup import calls
 from hgogen.step import Step
 
 REGISTERS = 8  # that take numbers in a call on x86-64; a Cortex-M4F has 16

@@ -12,10 +12,10 @@ from typing import Any, Literal
 import casadi as ca
 import numpy as np
 
-from hgogen.algebra.lookup import Lookup
 from hgogen.emit.interface import Entry
 from hgogen.errors import HgogenError
 from hgogen.reading.given import among
+from hgogen.rigor.lookup import Lookup
 
 Real = Literal["float", "double"]
 Number = Literal["float", "double", "unsigned"]  # blocks of counters compute in unsigned

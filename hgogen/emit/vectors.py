@@ -15,9 +15,9 @@ from dataclasses import dataclass
 import casadi as ca
 import numpy as np
 
-from hgogen.chains.core import nominal, numbers
 from hgogen.emit import layout, pystep
 from hgogen.emit.syntax import DTYPE, Real
+from hgogen.estimators.core import nominal, numbers
 from hgogen.program import Place, address
 from hgogen.signal import LOST, Signal
 from hgogen.step import Step

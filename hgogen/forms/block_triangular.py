@@ -21,13 +21,13 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from itertools import combinations
 
+from hgogen.analysis.chain import Chains, Rows, Shape, cascade, cut_off, end_aligned, levelwise, of_plant, structure
+from hgogen.analysis.coordinates import coordinates, form_in
+from hgogen.analysis.triangle import triangle
 from hgogen.errors import HgogenError
 from hgogen.form import Asking, Form
 from hgogen.reading.given import among
 from hgogen.sentence import because
-from hgogen.structure.chain import Chains, Rows, Shape, cascade, cut_off, end_aligned, levelwise, of_plant, structure
-from hgogen.structure.coordinates import coordinates, form_in
-from hgogen.structure.triangle import triangle
 from hgogen.system import System
 
 _MANY = 6  # outputs: of more it is not asked which are enough, for there are too many choices

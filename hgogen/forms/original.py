@@ -15,19 +15,19 @@ from dataclasses import dataclass
 
 import sympy as sp
 
-from hgogen.algebra.factors import ROUGH
-from hgogen.algebra.identity import is_zero
-from hgogen.algebra.kinks import slope
+from hgogen.analysis.chain import Rows, connected, of_plant, reached
+from hgogen.analysis.coordinates import coordinates, form_in, split
+from hgogen.analysis.lipschitz import lipschitz
 from hgogen.check import Check, ClaimId, Verdict
 from hgogen.errors import HgogenError
 from hgogen.form import Asking, Form
-from hgogen.intervals.bounds import nonzero
 from hgogen.reading.given import names as several
+from hgogen.rigor.bounds import nonzero
+from hgogen.rigor.factors import ROUGH
+from hgogen.rigor.identity import is_zero
+from hgogen.rigor.kinks import slope
 from hgogen.sentence import NONE, Reason, because
 from hgogen.signal import Signal
-from hgogen.structure.chain import Rows, connected, of_plant, reached
-from hgogen.structure.coordinates import coordinates, form_in, split
-from hgogen.structure.lipschitz import lipschitz
 from hgogen.system import System
 
 

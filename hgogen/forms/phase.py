@@ -14,15 +14,7 @@ from dataclasses import replace
 
 import sympy as sp
 
-from hgogen.algebra.points import exact
-from hgogen.algebra.rewrite import TooLarge
-from hgogen.analysis.determinant import as_written, determinant
-from hgogen.analysis.lie import along, rates, size, without_derivative
-from hgogen.analysis.written import if_valued, on_box
-from hgogen.check import ClaimId, Verdict
-from hgogen.form import Asking, Form, NoForm, one_output
-from hgogen.sentence import NONE, because
-from hgogen.structure.carried import (
+from hgogen.analysis.carried import (
     ROUGH,
     Carried,
     Derivatives,
@@ -31,6 +23,14 @@ from hgogen.structure.carried import (
     on_image,
     one_to_one,
 )
+from hgogen.analysis.determinant import as_written, determinant
+from hgogen.analysis.lie import along, rates, size, without_derivative
+from hgogen.analysis.written import if_valued, on_box
+from hgogen.check import ClaimId, Verdict
+from hgogen.form import Asking, Form, NoForm, one_output
+from hgogen.rigor.points import exact
+from hgogen.rigor.rewrite import TooLarge
+from hgogen.sentence import NONE, because
 from hgogen.system import System
 
 LIMIT = 20_000  # nodes of y .. y^(n)

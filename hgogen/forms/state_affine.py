@@ -16,16 +16,16 @@ from collections.abc import Sequence
 
 import sympy as sp
 
-from hgogen.algebra.kinks import unbent
+from hgogen.analysis.affine import Affine, affine, measurements
+from hgogen.analysis.chain import cut_off, of_plant
+from hgogen.analysis.coordinates import coordinates, form_in, split
+from hgogen.analysis.evidence import ByForm
+from hgogen.analysis.lipschitz import lipschitz
 from hgogen.check import Check, ClaimId, Verdict
-from hgogen.evidence.grounds import ByForm
 from hgogen.form import Asking, Form
+from hgogen.rigor.kinks import unbent
 from hgogen.sentence import because
 from hgogen.signal import Signal
-from hgogen.structure.affine import Affine, affine, measurements
-from hgogen.structure.chain import cut_off, of_plant
-from hgogen.structure.coordinates import coordinates, form_in, split
-from hgogen.structure.lipschitz import lipschitz
 from hgogen.system import System
 
 _REFERENCE = "Hammouri, de Leon Morales, CDC 1990"

@@ -13,11 +13,11 @@ N. Boizot, E. Busvelle, J.-P. Gauthier, "An adaptive high-gain observer for nonl
 (2010), form (3).
 """
 
+from hgogen.analysis.chain import Chains, Shape, levelwise, of_plant, structure
+from hgogen.analysis.coordinates import coordinates, form_in
+from hgogen.analysis.hypotheses import sign
+from hgogen.analysis.triangle import triangle
 from hgogen.form import Asking, Form, one_output
-from hgogen.structure.chain import Chains, Shape, levelwise, of_plant, structure
-from hgogen.structure.coordinates import coordinates, form_in
-from hgogen.structure.hypotheses import sign
-from hgogen.structure.triangle import triangle
 from hgogen.system import System
 
 _REFERENCE = "Boizot, Busvelle, Gauthier, Automatica 46 (2010), form (3)"

@@ -16,13 +16,13 @@ H. Hammouri, M. Farza, "Nonlinear observers for locally uniformly observable sys
 
 from dataclasses import replace
 
+from hgogen.analysis.chain import Shape, levelwise, of_plant, structure
+from hgogen.analysis.coordinates import coordinates, form_in
+from hgogen.analysis.hypotheses import AwayFromZero, Vanishing, apart, without_jumps
+from hgogen.analysis.lipschitz import lipschitz
 from hgogen.analysis.written import if_valued
 from hgogen.check import ClaimId
 from hgogen.form import Asking, Form, one_output
-from hgogen.structure.chain import Shape, levelwise, of_plant, structure
-from hgogen.structure.coordinates import coordinates, form_in
-from hgogen.structure.hypotheses import AwayFromZero, Vanishing, apart, without_jumps
-from hgogen.structure.lipschitz import lipschitz
 from hgogen.system import System
 
 _ONE = ", and the uniform form takes one; keep one of them, or use the form block_triangular"

@@ -14,15 +14,15 @@ Busvelle's slides have it with F_2 of z_1, z_2, z_3 in xi_3, as here.
 
 import sympy as sp
 
-from hgogen.algebra.points import exact
+from hgogen.analysis.carried import ROUGH, Carried, by_construction, on_image, undefined
+from hgogen.analysis.chain import Chains, Shape, levelwise, of_plant
+from hgogen.analysis.hypotheses import apart, without_jumps
 from hgogen.analysis.lie import size, without_derivative
 from hgogen.analysis.written import if_valued
 from hgogen.check import Check, ClaimId, Verdict
 from hgogen.form import Asking, Form, NoForm, one_output
+from hgogen.rigor.points import exact
 from hgogen.sentence import NONE, because
-from hgogen.structure.carried import ROUGH, Carried, by_construction, on_image, undefined
-from hgogen.structure.chain import Chains, Shape, levelwise, of_plant
-from hgogen.structure.hypotheses import apart, without_jumps
 from hgogen.system import System
 
 LIMIT = 20_000  # nodes of xi and b

@@ -11,11 +11,11 @@ Control 72 (1999).
 import casadi as ca
 import numpy as np
 
-from hgogen.chains.core import Core
-from hgogen.chains.sampled import Matrices, balanced, spread
-from hgogen.guarantees import beside_core, inequality
+from hgogen.estimators.core import Core
+from hgogen.estimators.sampled import Matrices, balanced, spread
 from hgogen.method import Realising
 from hgogen.program import Kernel, Place
+from hgogen.prove import beside_core, inequality
 
 
 def _matrices(line: Core, h: float) -> Matrices:

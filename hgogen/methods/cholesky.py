@@ -13,9 +13,9 @@ from dataclasses import dataclass
 
 from hgogen.discretisation.runge_kutta import RK4, Tableau
 from hgogen.discretisation.stability import Lengths
-from hgogen.kalman.factored import factored_lengths
-from hgogen.kalman.riccati_part import Riccati
-from hgogen.kalman.square_root import RULE, square_root
+from hgogen.estimators.factored import factored_lengths
+from hgogen.estimators.riccati_part import Riccati
+from hgogen.estimators.square_root import RULE, square_root
 from hgogen.method import NoCovariance
 from hgogen.observer import Observer
 from hgogen.part import Clock, Ode, Pieces

@@ -15,12 +15,12 @@ from typing import Any
 import sympy as sp
 
 from hgogen.errors import BadArgument
-from hgogen.guarantees.dissipation import Dissipation, dissipation
-from hgogen.guarantees.entering import ENTERING
-from hgogen.guarantees.error_system import BadErrorSystem, error_system
-from hgogen.intervals.computed import REALS
+from hgogen.prove.dissipation import Dissipation, dissipation
+from hgogen.prove.entering import ENTERING
+from hgogen.prove.error_system import BadErrorSystem, error_system
 from hgogen.reading.door import Misfit
 from hgogen.reading.expression import parse
+from hgogen.rigor.computed import REALS
 from hgogen.system import System
 
 _SYSTEM = ("gain", "G1", "G2")

@@ -38,8 +38,8 @@ from hgogen import forms, methods, observers
 from hgogen.call import CallableStep, sample
 from hgogen.check import Refuted, refuted
 from hgogen.errors import HgogenError, nearest
+from hgogen.estimators import innovation, theta
 from hgogen.form import Form
-from hgogen.kalman import innovation, theta
 from hgogen.modelfiles.setting import AS_WRITTEN, Setting
 from hgogen.observer import STARTS, Observer
 from hgogen.reading import filename

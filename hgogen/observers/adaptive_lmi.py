@@ -23,15 +23,18 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from hgogen.algebra.definite import demand_hurwitz
-from hgogen.chains.columns import as_matrix
-from hgogen.chains.injection import companion, scaled
-from hgogen.chains.integrators import Integrators, integrators, observer_on, shifted
+from hgogen.analysis.dynamics import clamp
 from hgogen.check import ClaimId, Claims, Verdict, demand
 from hgogen.errors import HgogenError
+from hgogen.estimators.columns import as_matrix
+from hgogen.estimators.injection import companion, scaled
+from hgogen.estimators.integrators import Integrators, integrators, observer_on, shifted
 from hgogen.form import Form
 from hgogen.graph import Graph
-from hgogen.guarantees.adaptive_gain import (
+from hgogen.observer import Observer, founded, gain
+from hgogen.part import Ode
+from hgogen.program import Field, scalar, sym
+from hgogen.prove.adaptive_gain import (
     Candidate,
     Disturbance,
     Given,
@@ -41,19 +44,15 @@ from hgogen.guarantees.adaptive_gain import (
     numbers,
     steepness,
 )
-from hgogen.guarantees.adaptive_gain import disturbance as as_disturbance
-from hgogen.guarantees.bounded_theta import Nothing
-from hgogen.guarantees.design import adaptive_gain
-from hgogen.guarantees.inclusion import on_integrators, plain
-from hgogen.guarantees.moving import Law, moving_checks
-from hgogen.intervals.digits import same
-from hgogen.observer import Observer, founded, gain
-from hgogen.part import Ode
-from hgogen.program import Field, scalar, sym
+from hgogen.prove.adaptive_gain import disturbance as as_disturbance
+from hgogen.prove.bounded_theta import Nothing
+from hgogen.prove.design import adaptive_gain
+from hgogen.prove.inclusion import on_integrators, plain
+from hgogen.prove.moving import Law, moving_checks
 from hgogen.reading.given import BadGain, positive, reals
-from hgogen.sentence import NONE
+from hgogen.rigor.definite import demand_hurwitz
+from hgogen.sentence import NONE, same
 from hgogen.starting import Gains, Scale, starts, two
-from hgogen.structure.dynamics import clamp
 from hgogen.theorem import FORM, OPERATION, Hypothesis, Theorem
 
 REFERENCE = "Alessandri, On Hamilton-Jacobi approaches to state reconstruction for dynamic systems (2020), theorems 5-7"

@@ -17,12 +17,11 @@ from dataclasses import replace
 from typing import Literal
 
 from hgogen.check import Verdict
-from hgogen.guarantees.bounded_theta import Nothing
-from hgogen.intervals.digits import same
-from hgogen.kalman.innovation import Innovation
+from hgogen.estimators.innovation import Innovation
 from hgogen.observer import Observer, gain
+from hgogen.prove.bounded_theta import Nothing
 from hgogen.reading.given import BadGain, among, positive, real
-from hgogen.sentence import because
+from hgogen.sentence import because, same
 from hgogen.starting import starts
 from hgogen.stepping.parallel import Parallel, demand_one
 from hgogen.theorem import Hypothesis

@@ -21,20 +21,20 @@ import casadi as ca
 import numpy as np
 import sympy as sp
 
-from hgogen.algebra.tape import NoTape
-from hgogen.chains.core import numbers, of_form
-from hgogen.chains.gains import BadPoles, coefficients
-from hgogen.chains.injection import listed, unmodelled
-from hgogen.chains.integrators import Integrators, integrators, observer_on
-from hgogen.chains.saturating import Model, Saturate, demand_ranges, saturating
 from hgogen.check import Verdict
+from hgogen.estimators.core import numbers, of_form
+from hgogen.estimators.gains import BadPoles, coefficients
+from hgogen.estimators.injection import listed, unmodelled
+from hgogen.estimators.integrators import Integrators, integrators, observer_on
+from hgogen.estimators.saturating import Model, Saturate, demand_ranges, saturating
 from hgogen.form import Form
 from hgogen.graph import Graph
-from hgogen.intervals.bounds import bound
-from hgogen.intervals.box import box
 from hgogen.observer import Observer, founded, high_gain_parameter
 from hgogen.program import INF, Field, column, sym
 from hgogen.reading.given import BadGain, reals
+from hgogen.rigor.bounds import bound
+from hgogen.rigor.box import box
+from hgogen.rigor.tape import NoTape
 from hgogen.signal import resting
 from hgogen.starting import starts
 from hgogen.theorem import FORM, OPERATION, Hypothesis, Theorem

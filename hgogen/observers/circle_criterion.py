@@ -17,22 +17,22 @@ from typing import Any
 import numpy as np
 import sympy as sp
 
-from hgogen.chains.columns import columns
-from hgogen.chains.injection import injected_chains
-from hgogen.chains.scaled_gain import ScaledGain
+from hgogen.analysis.dynamics import Dynamics
+from hgogen.analysis.lipschitz import clamped
+from hgogen.analysis.spare import mean, weighted
+from hgogen.estimators.columns import columns
+from hgogen.estimators.injection import injected_chains
+from hgogen.estimators.scaled_gain import ScaledGain
 from hgogen.form import Form
 from hgogen.graph import Graph
-from hgogen.guarantees.argument import bounded, injected, no_argument, sample_in_place
-from hgogen.guarantees.constant_gain import constant_gain, entries_of
-from hgogen.guarantees.continuous_time import theta_checks
 from hgogen.observer import Observer, any_theta, founded, state_field
 from hgogen.part import Ode
 from hgogen.program import Field, sym
+from hgogen.prove.argument import bounded, injected, no_argument, sample_in_place
+from hgogen.prove.constant_gain import constant_gain, entries_of
+from hgogen.prove.continuous_time import theta_checks
 from hgogen.reading.given import BadGain
 from hgogen.starting import starts
-from hgogen.structure.dynamics import Dynamics
-from hgogen.structure.lipschitz import clamped
-from hgogen.structure.spare import mean, weighted
 from hgogen.theorem import FORM, HURWITZ, OPERATION, Theorem, large_theta
 
 REFERENCE = "Arcak, Kokotovic, Nonlinear observers: a circle criterion design, Automatica 37 (2001)"

@@ -14,9 +14,9 @@ import numpy as np
 
 from hgogen.check import Claims, Verdict
 from hgogen.form import Form
-from hgogen.guarantees.behind_sector import DEAD_ZONE
-from hgogen.guarantees.limited import REFERENCE, limited
 from hgogen.observer import Observer
+from hgogen.prove.behind_sector import DEAD_ZONE
+from hgogen.prove.limited import REFERENCE, limited
 from hgogen.starting import starts
 from hgogen.theorem import FORM, OPERATION, Hypothesis, Theorem
 

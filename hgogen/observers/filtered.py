@@ -18,23 +18,23 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from hgogen.algebra.definite import demand_hurwitz
-from hgogen.chains.core import core_numbers, measured_numbers
-from hgogen.chains.gains import coefficients, demand_parabola, filtered_core, parabola_advice
-from hgogen.chains.injection import listed
-from hgogen.chains.integrators import integrators, observer_on, shifted
+from hgogen.analysis.saturation import Limits, saturated
 from hgogen.check import Claims, Verdict
+from hgogen.estimators.core import core_numbers, measured_numbers
+from hgogen.estimators.gains import coefficients, demand_parabola, filtered_core, parabola_advice
+from hgogen.estimators.injection import listed
+from hgogen.estimators.integrators import integrators, observer_on, shifted
 from hgogen.form import Form
 from hgogen.graph import Graph
-from hgogen.guarantees.continuous_time import theta_checks
-from hgogen.guarantees.inclusion import Layout, on_integrators
-from hgogen.intervals.digits import same
 from hgogen.observer import Observer, any_theta, founded
 from hgogen.part import Ode
 from hgogen.program import Field, Place, sym
+from hgogen.prove.continuous_time import theta_checks
+from hgogen.prove.inclusion import Layout, on_integrators
 from hgogen.reading.given import BadGain, positive, reals
+from hgogen.rigor.definite import demand_hurwitz
+from hgogen.sentence import same
 from hgogen.starting import starts, two, whole
-from hgogen.structure.saturation import Limits, saturated
 from hgogen.theorem import FORM, OPERATION, Hypothesis, Theorem
 
 REFERENCE = "Astolfi, Jungers, Zaccarian, Output injection filtering redesign in high-gain observers, ECC (2018)"

@@ -17,20 +17,20 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from hgogen.algebra.definite import demand_hurwitz
-from hgogen.chains.injection import listed, scaled
-from hgogen.chains.integrators import integrators, observer_on, shifted
+from hgogen.analysis.saturation import Limits, saturated
 from hgogen.check import Claims, Verdict
+from hgogen.estimators.injection import listed, scaled
+from hgogen.estimators.integrators import integrators, observer_on, shifted
 from hgogen.form import Form
 from hgogen.graph import Graph
-from hgogen.guarantees.continuous_time import theta_checks
-from hgogen.guarantees.filter_design import core, injected
 from hgogen.observer import Observer, any_theta, founded
 from hgogen.part import Ode
 from hgogen.program import Field, sym
+from hgogen.prove.continuous_time import theta_checks
+from hgogen.prove.filter_design import core, injected
 from hgogen.reading.given import BadGain, reals
+from hgogen.rigor.definite import demand_hurwitz
 from hgogen.starting import Gains, Scale, starts, two, whole
-from hgogen.structure.saturation import Limits, saturated
 from hgogen.theorem import FORM, OPERATION, Hypothesis, Theorem
 
 REFERENCE = "Astolfi, Jungers, Zaccarian, Output injection filtering redesign in high-gain observers, ECC (2018)"

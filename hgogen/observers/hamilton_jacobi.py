@@ -17,26 +17,26 @@ from collections.abc import Iterable
 import numpy as np
 import sympy as sp
 
+from hgogen.analysis.dynamics import Dynamics
+from hgogen.analysis.jacobians import evaluated
+from hgogen.analysis.lipschitz import clamped
 from hgogen.analysis.written import if_valued
 from hgogen.check import Check, ClaimId, Claims, Verdict
+from hgogen.estimators.covariance import factor
+from hgogen.estimators.kalman_theorems import KALMAN, OTHER_COORDINATES
+from hgogen.estimators.riccati_part import Riccati
+from hgogen.estimators.theta import constant
+from hgogen.estimators.weights import cap, positive, spd, wide
 from hgogen.form import Form
-from hgogen.intervals.slope import JUMPS
-from hgogen.kalman.covariance import factor
-from hgogen.kalman.curvature import Curved
-from hgogen.kalman.kalman_theorems import KALMAN, OTHER_COORDINATES
-from hgogen.kalman.riccati_part import Riccati
-from hgogen.kalman.theta import constant
-from hgogen.kalman.weights import cap, positive, spd, wide
 from hgogen.observer import Observer, founded, gain, state_field
 from hgogen.part import Jump, Pieces
 from hgogen.program import Bit, Block, Field, Place, sym
 from hgogen.reading.given import BadGain, real
 from hgogen.reading.named import Matrix, Values, names_of, of_coordinates, of_outputs, whole
+from hgogen.rigor.slope import JUMPS
 from hgogen.sentence import because
 from hgogen.starting import Gains, Scale, starts
-from hgogen.structure.dynamics import Dynamics
-from hgogen.structure.jacobians import evaluated
-from hgogen.structure.lipschitz import clamped
+from hgogen.stepping.curvature import Curved
 from hgogen.theorem import Hypothesis
 
 REFERENCE = (

@@ -21,22 +21,22 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from hgogen.chains.injection import injected_chains
+from hgogen.analysis.dynamics import Dynamics
+from hgogen.analysis.jacobians import largest_determinant
+from hgogen.analysis.lipschitz import clamped
+from hgogen.analysis.saturation import Limits, described, saturated
+from hgogen.analysis.spare import mean, shown, unused, weighted
 from hgogen.check import Claims, Verdict
+from hgogen.estimators.injection import injected_chains
 from hgogen.form import Form
 from hgogen.graph import Graph
-from hgogen.guarantees.constant_gain import ConstantGain, constant_gain
-from hgogen.guarantees.continuous_time import theta_checks
 from hgogen.observer import Observer, any_theta, founded, state_field
 from hgogen.part import Ode
 from hgogen.program import Block, Place, sym
+from hgogen.prove.constant_gain import ConstantGain, constant_gain
+from hgogen.prove.continuous_time import theta_checks
 from hgogen.reading.given import BadGain, real
 from hgogen.starting import starts
-from hgogen.structure.dynamics import Dynamics
-from hgogen.structure.jacobians import largest_determinant
-from hgogen.structure.lipschitz import clamped
-from hgogen.structure.saturation import Limits, described, saturated
-from hgogen.structure.spare import mean, shown, unused, weighted
 from hgogen.theorem import FORM, HURWITZ, OPERATION, Hypothesis, Theorem, large_theta
 
 REFERENCE = "Gauthier, Hammouri, Othman, A simple observer for nonlinear systems, IEEE TAC 37 (1992)"

@@ -11,20 +11,20 @@ Between samples it is the extended Kalman filter, and so it is for outputs linea
 from collections.abc import Iterable
 from functools import partial
 
+from hgogen.analysis.jacobians import evaluated
 from hgogen.check import Verdict
+from hgogen.estimators.extended import extended
+from hgogen.estimators.iterated import Iterated, iterated
+from hgogen.estimators.kalman_theorems import KALMAN, of_form
+from hgogen.estimators.riccati_part import AtSamples
+from hgogen.estimators.square_root import LARGEST
+from hgogen.estimators.weights import is_definite
 from hgogen.form import Form
-from hgogen.kalman.extended import extended
-from hgogen.kalman.iterated import Iterated, iterated
-from hgogen.kalman.kalman_theorems import KALMAN, of_form
-from hgogen.kalman.riccati_part import AtSamples
-from hgogen.kalman.square_root import LARGEST
-from hgogen.kalman.weights import is_definite
 from hgogen.observer import Observer, founded
 from hgogen.program import sym
 from hgogen.reading.given import BadGain, count
 from hgogen.reading.named import Matrix, Values
 from hgogen.starting import starts
-from hgogen.structure.jacobians import evaluated
 from hgogen.theorem import Hypothesis
 
 REFERENCE = "Bell, Cathey, The iterated Kalman filter update as a Gauss-Newton method, IEEE TAC 38 (1993)"

@@ -41,23 +41,23 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
+from hgogen.analysis.affine import known
+from hgogen.analysis.dynamics import Dynamics
 from hgogen.check import ClaimId, Claims, Verdict, demand
+from hgogen.estimators.least_shown import least_shown
+from hgogen.estimators.persistence import persistent, seconds
+from hgogen.estimators.riccati_part import Riccati
+from hgogen.estimators.theta import constant
+from hgogen.estimators.weights import positive, spd, wide
 from hgogen.form import Form
-from hgogen.intervals.digits import same
-from hgogen.kalman.least_shown import least_shown
-from hgogen.kalman.persistence import persistent, seconds
-from hgogen.kalman.riccati_part import Riccati
-from hgogen.kalman.theta import constant
-from hgogen.kalman.weights import positive, spd, wide
 from hgogen.observer import Observer, founded, gain, state_field
 from hgogen.program import Bit, sym
 from hgogen.reading.given import BadGain
 from hgogen.reading.given import positive as above_zero
 from hgogen.reading.named import Matrix, Values, names_of, of_coordinates, of_outputs
+from hgogen.sentence import same
 from hgogen.signal import LOST
 from hgogen.starting import starts, two
-from hgogen.structure.affine import known
-from hgogen.structure.dynamics import Dynamics
 from hgogen.theorem import OPERATION, Hypothesis, Theorem
 
 REFERENCE = "Hammouri, de Leon Morales, Observer synthesis for state-affine systems, CDC 1990"

@@ -36,7 +36,9 @@ import casadi as ca
 import numpy as np
 import sympy as sp
 
-from hgogen.chains.injection import (
+from hgogen.analysis.hypotheses import bounded
+from hgogen.check import ClaimId, Claims, Verdict
+from hgogen.estimators.injection import (
     GAIN_LIMITED,
     capped,
     companion,
@@ -46,20 +48,18 @@ from hgogen.chains.injection import (
     moving_gain,
     unmodelled,
 )
-from hgogen.chains.integrators import Integrators, integrators, observer_on
-from hgogen.check import ClaimId, Claims, Verdict
+from hgogen.estimators.integrators import Integrators, integrators, observer_on
 from hgogen.form import Form
 from hgogen.graph import Graph
-from hgogen.intervals.digits import same
 from hgogen.observer import Observer, founded, gain
 from hgogen.part import Clock, Jump, Pieces
 from hgogen.program import INF, Block, Field, Place, When, scalar, sym
 from hgogen.reading.given import BadGain, positive, reals
+from hgogen.sentence import same
 from hgogen.starting import Gains, Scale, starts, two
 from hgogen.stepping.guards import readings
 from hgogen.stepping.recovery import SHARE
 from hgogen.stepping.settling import FINE
-from hgogen.structure.hypotheses import bounded
 from hgogen.theorem import FORM, LIPSCHITZ, OPERATION, Hypothesis, Theorem
 
 REFERENCE = "Bullinger, Ilchmann, Allgoewer, A simple adaptive observer for nonlinear systems, NOLCOS (1998)"

@@ -17,22 +17,22 @@ from collections.abc import Iterable, Mapping, Sequence
 import casadi as ca
 import numpy as np
 
-from hgogen.algebra.definite import demand_hurwitz
-from hgogen.chains.core import core_numbers, measured_numbers
-from hgogen.chains.injection import listed
-from hgogen.chains.integrators import integrators, observer_on, rows, shifted
-from hgogen.chains.pairs import errors, injected, pair_gains
+from hgogen.analysis.saturation import Limits, saturated
 from hgogen.check import Claims, Verdict
+from hgogen.estimators.core import core_numbers, measured_numbers
+from hgogen.estimators.injection import listed
+from hgogen.estimators.integrators import integrators, observer_on, rows, shifted
+from hgogen.estimators.pairs import errors, injected, pair_gains
 from hgogen.form import Form
 from hgogen.graph import Graph
-from hgogen.guarantees.continuous_time import theta_checks
-from hgogen.guarantees.inclusion import Layout, on_integrators
 from hgogen.observer import Observer, any_theta, founded
 from hgogen.part import Ode
 from hgogen.program import Place, sym
+from hgogen.prove.continuous_time import theta_checks
+from hgogen.prove.inclusion import Layout, on_integrators
 from hgogen.reading.given import BadGain
+from hgogen.rigor.definite import demand_hurwitz
 from hgogen.starting import starts
-from hgogen.structure.saturation import Limits, saturated
 from hgogen.theorem import FORM, OPERATION, Hypothesis, Theorem
 
 REFERENCE = "Astolfi, Marconi, A high-gain nonlinear observer with limited gain power, IEEE TAC 60 (2015)"

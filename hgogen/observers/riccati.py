@@ -17,26 +17,26 @@ from fractions import Fraction
 
 import numpy as np
 
-from hgogen.algebra.definite import rationals
+from hgogen.analysis.evidence import Grounds
+from hgogen.analysis.jacobians import evaluated
+from hgogen.analysis.lipschitz import clamped
+from hgogen.analysis.scaling import ALIGNED, noise_equation
+from hgogen.analysis.spare import unused
 from hgogen.check import Check, ClaimId, Verdict
-from hgogen.evidence.grounds import Grounds
+from hgogen.estimators.extended import extended
+from hgogen.estimators.kalman_theorems import LINEAR, of_form
+from hgogen.estimators.theta import Constant, Theta, constant
+from hgogen.estimators.weights import is_definite
 from hgogen.form import Form
-from hgogen.guarantees.linear_filter import Linear, linear, settles
-from hgogen.guarantees.steady_gain import in_chains
-from hgogen.kalman.extended import extended
-from hgogen.kalman.kalman_theorems import LINEAR, of_form
-from hgogen.kalman.theta import Constant, Theta, constant
-from hgogen.kalman.weights import is_definite
 from hgogen.observer import Observer, founded
 from hgogen.program import sym
+from hgogen.prove.linear_filter import Linear, linear, settles
+from hgogen.prove.steady_gain import in_chains
 from hgogen.reading.given import BadGain
 from hgogen.reading.named import Matrix, Values
+from hgogen.rigor.definite import rationals
 from hgogen.sentence import because, joined
 from hgogen.starting import starts
-from hgogen.structure.jacobians import evaluated
-from hgogen.structure.lipschitz import clamped
-from hgogen.structure.scaling import ALIGNED, noise_equation
-from hgogen.structure.spare import unused
 
 REFERENCE = "Boizot, Busvelle, Gauthier, An adaptive high-gain observer for nonlinear systems, Automatica 46 (2010)"
 _EXISTENTIAL = "the theorem's constants are existential: no number for theta, d, gamma can be proved from it"

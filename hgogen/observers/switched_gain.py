@@ -14,17 +14,17 @@ from math import ceil
 import casadi as ca
 import numpy as np
 
-from hgogen.chains.injection import injection_gains, last_error, listed, moving_gain
-from hgogen.chains.integrators import Integrators, integrators, observer_on
 from hgogen.check import Claims, Verdict
+from hgogen.estimators.injection import injection_gains, last_error, listed, moving_gain
+from hgogen.estimators.integrators import Integrators, integrators, observer_on
 from hgogen.form import Form
-from hgogen.guarantees.dwell import switching
-from hgogen.guarantees.inclusion import on_companion
-from hgogen.intervals.digits import same
 from hgogen.observer import Observer, founded, gain, high_gain_parameter
 from hgogen.part import Clock, Jump, Pieces
 from hgogen.program import Block, Field, Place, scalar, sym
+from hgogen.prove.dwell import switching
+from hgogen.prove.inclusion import on_companion
 from hgogen.reading.given import BadGain, positive
+from hgogen.sentence import same
 from hgogen.starting import Gains, Scale, starts, two
 from hgogen.theorem import FORM, OPERATION, Hypothesis, Theorem
 

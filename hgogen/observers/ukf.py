@@ -14,11 +14,11 @@ from functools import partial
 from math import sqrt
 
 from hgogen.check import Verdict
+from hgogen.estimators.extended import extended
+from hgogen.estimators.riccati_part import AtSamples
+from hgogen.estimators.square_root import LARGEST
+from hgogen.estimators.unscented import Unscented, unscented
 from hgogen.form import Form
-from hgogen.kalman.extended import extended
-from hgogen.kalman.riccati_part import AtSamples
-from hgogen.kalman.square_root import LARGEST
-from hgogen.kalman.unscented import Unscented, unscented
 from hgogen.observer import Observer, founded
 from hgogen.program import sym
 from hgogen.reading.given import BadGain, positive, real

@@ -17,19 +17,19 @@ from dataclasses import replace
 import numpy as np
 import sympy as sp
 
-from hgogen.chains.injection import companion, injection_gains, listed, scaled
+from hgogen.analysis.dynamics import Dynamics
 from hgogen.check import Claims
+from hgogen.estimators.injection import companion, injection_gains, listed, scaled
 from hgogen.form import Form
 from hgogen.graph import Graph
-from hgogen.guarantees.continuous_time import theta_checks
-from hgogen.guarantees.uniform_error import middles, slopes_on, uniform_error
 from hgogen.observer import Observer, any_theta, founded, state_field
 from hgogen.part import Ode
 from hgogen.program import Block, Field, Place, sym
+from hgogen.prove.continuous_time import theta_checks
+from hgogen.prove.uniform_error import middles, slopes_on, uniform_error
 from hgogen.reading.given import BadGain
 from hgogen.sentence import Reason
 from hgogen.starting import starts
-from hgogen.structure.dynamics import Dynamics
 from hgogen.theorem import LIPSCHITZ, OPERATION, Hypothesis, Theorem
 
 REFERENCE = "Hammouri, Farza, Nonlinear observers for locally uniformly observable systems, ESAIM: COCV 9 (2003)"

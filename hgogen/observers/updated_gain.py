@@ -27,18 +27,18 @@ from functools import reduce
 import casadi as ca
 import numpy as np
 
-from hgogen.chains.injection import capped, injection_gains, listed, moving_gain
-from hgogen.chains.integrators import Integrators, integrators, observer_on
 from hgogen.check import Claims, Verdict
+from hgogen.estimators.injection import capped, injection_gains, listed, moving_gain
+from hgogen.estimators.integrators import Integrators, integrators, observer_on
 from hgogen.form import Form
-from hgogen.guarantees.gain_update import checks
-from hgogen.guarantees.lmi import STATES
-from hgogen.guarantees.moving import proved_above
-from hgogen.intervals.digits import same
 from hgogen.observer import Observer, founded, gain
 from hgogen.part import Clock, Jump, Pieces
 from hgogen.program import Block, Field, Place, scalar, sym
+from hgogen.prove.gain_update import checks
+from hgogen.prove.lmi import STATES
+from hgogen.prove.moving import proved_above
 from hgogen.reading.given import BadGain, positive
+from hgogen.sentence import same
 from hgogen.starting import Gains, Scale, starts, two
 from hgogen.theorem import FORM, OPERATION, Hypothesis, Theorem
 

@@ -19,14 +19,14 @@ from typing import Any
 
 import sympy as sp
 
-from hgogen.algebra.balls import ends as of_ball
-from hgogen.algebra.balls import values
-from hgogen.algebra.tape import tape
 from hgogen.errors import BadArgument
-from hgogen.intervals.box import EVERYTHING, Box, End, box
 from hgogen.reading.expression import parse
 from hgogen.reading.filename import shown
 from hgogen.reading.text_model import from_table
+from hgogen.rigor.balls import ends as of_ball
+from hgogen.rigor.balls import values
+from hgogen.rigor.box import EVERYTHING, Box, End, box
+from hgogen.rigor.tape import tape
 
 FORMAT = (
     '{"name": "osc", "states": ["x1", "x2"], "f": ["x2", "-a*x1 + u"], "outputs": ["y"], "h": ["x1"], "inputs": ["u"], '

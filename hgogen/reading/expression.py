@@ -24,10 +24,10 @@ from typing import Any, NamedTuple
 
 import sympy as sp
 
-from hgogen.algebra.interpolation import Cells, applied
-from hgogen.algebra.tape import NEAREST, plain
 from hgogen.errors import HgogenError, nearest
 from hgogen.reading.folding import Demand, Fold, lost, of_call, of_power
+from hgogen.rigor.interpolation import Cells, applied
+from hgogen.rigor.tape import NEAREST, plain
 
 CHARACTERS, TOKENS, DEPTH = 100_000, 20_000, 100  # of one expression
 DIGITS, DECADES = 400, 400  # of one number as written: double precision ends at 308

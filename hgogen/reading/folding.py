@@ -19,10 +19,10 @@ import sympy as sp
 
 from hgogen.check import Verdict
 from hgogen.errors import HgogenError
-from hgogen.intervals.bounds import bound, nonzero
-from hgogen.intervals.box import Box
-from hgogen.intervals.singular import parts
 from hgogen.reading.filename import cut
+from hgogen.rigor.bounds import bound, nonzero
+from hgogen.rigor.box import Box
+from hgogen.rigor.singular import parts
 from hgogen.sentence import NONE, Reason, because
 
 

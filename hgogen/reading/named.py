@@ -19,10 +19,10 @@ import sympy as sp
 
 from hgogen.errors import BadArgument
 from hgogen.form import Form
-from hgogen.intervals.digits import same
 from hgogen.program import Field
 from hgogen.reading.filename import cut
 from hgogen.reading.given import BadGain, real
+from hgogen.sentence import same
 
 Values: TypeAlias = Mapping[str, float] | Sequence[float]
 Matrix: TypeAlias = Mapping[str, float | Mapping[str, float]] | Sequence[float] | np.ndarray

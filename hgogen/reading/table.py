@@ -9,10 +9,10 @@ from typing import Any
 
 import sympy as sp
 
-from hgogen.algebra.interpolation import KINDS, SEVERAL, Axis, Cells, applied
 from hgogen.errors import BadArgument
 from hgogen.reading.expression import FUNCTIONS
 from hgogen.reading.given import among
+from hgogen.rigor.interpolation import KINDS, SEVERAL, Axis, Cells, applied
 from hgogen.signal import check_name
 
 Numbers = tuple[Fraction, ...]

@@ -39,7 +39,6 @@ from typing import Any, TypeVar
 
 import sympy as sp
 
-from hgogen.algebra.interpolation import Cells
 from hgogen.errors import BadArgument, HgogenError, nearest
 from hgogen.reading.content import BYTES, READERS, Unread, content_of
 from hgogen.reading.disturbed import with_disturbance
@@ -47,6 +46,7 @@ from hgogen.reading.expression import BadExpression, parse
 from hgogen.reading.expression import read as read_expression
 from hgogen.reading.folding import Fold
 from hgogen.reading.table import cells_of
+from hgogen.rigor.interpolation import Cells
 from hgogen.signal import Signal
 from hgogen.system import System
 

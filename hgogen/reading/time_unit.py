@@ -7,7 +7,7 @@ firmware says it, and a known unit also in seconds.
 import re
 from collections.abc import Iterable
 
-from hgogen.intervals.digits import same
+from hgogen.sentence import same
 
 _WORD = re.compile(r"[A-Za-z]{1,12}\Z")
 _SECONDS = {"us": 1e-6, "ms": 1e-3, "s": 1.0, "min": 60.0, "h": 3600.0, "d": 86400.0}

@@ -8,23 +8,23 @@ from typing import Literal
 
 import numpy as np
 
-from hgogen.chains.transient import errors_at
+from hgogen.analysis.jacobians import flow_jacobians
 from hgogen.discretisation.open_loop_limit import Ranges, open_loop_lengths
 from hgogen.discretisation.runge_kutta import RK4, Tableau
 from hgogen.discretisation.stability import Lengths
 from hgogen.errors import HgogenError
-from hgogen.kalman.covariance import covariance_ode, information_ode
-from hgogen.kalman.curvature import Curved, curved, curved_lengths
-from hgogen.kalman.factored import factored_lengths
-from hgogen.kalman.innovation import Predictors
-from hgogen.kalman.riccati_part import AtSamples, Riccati
+from hgogen.estimators.covariance import covariance_ode, information_ode
+from hgogen.estimators.factored import factored_lengths
+from hgogen.estimators.innovation import Predictors
+from hgogen.estimators.riccati_part import AtSamples, Riccati
+from hgogen.estimators.transient import errors_at
 from hgogen.method import Method
 from hgogen.observer import Observer
 from hgogen.part import Clock, Jump, Ode, Part, Pieces
 from hgogen.program import Program
 from hgogen.signal import spread
+from hgogen.stepping.curvature import Curved, curved, curved_lengths
 from hgogen.stepping.parallel import Parallel, judge_lengths, parallel
-from hgogen.structure.jacobians import flow_jacobians
 
 
 def pieces(part: Part, method: Method, clock: Clock) -> Pieces:

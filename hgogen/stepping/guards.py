@@ -11,17 +11,17 @@ from itertools import compress
 
 import casadi as ca
 
+from hgogen.analysis.dynamics import HUGE, clamp, inside, widened
+from hgogen.analysis.holding import last
 from hgogen.check import Verdict
 from hgogen.form import Form
 from hgogen.graph import Graph, binary, dense, leaves
-from hgogen.intervals.box import box
-from hgogen.intervals.glance import enclose
 from hgogen.observer import Observer
 from hgogen.part import Clock
 from hgogen.program import INF, Block, Field, Kernel, Limit, Place, Program, When, address, column, scalar, sym, walk
+from hgogen.rigor.box import box
+from hgogen.rigor.glance import enclose
 from hgogen.signal import LOST, Signal
-from hgogen.structure.dynamics import HUGE, clamp, inside, widened
-from hgogen.structure.holding import last
 
 LARGEST_NUMBER = 3e38  # every finite float is within; what is not counts as "not a number"
 

@@ -16,14 +16,14 @@ from collections.abc import Mapping
 import casadi as ca
 import numpy as np
 
-from hgogen.chains.core import nominal, numbers
+from hgogen.analysis.dynamics import clamp
+from hgogen.estimators.core import nominal, numbers
 from hgogen.graph import Graph
 from hgogen.observer import Observer
 from hgogen.part import Clock
 from hgogen.program import INF, Block, Field, Place, Program, column, sym
 from hgogen.signal import LOST
 from hgogen.stepping.guards import readings
-from hgogen.structure.dynamics import clamp
 
 SWEEPS = 3
 FLAT = 1e-2  # of what an output can span: a slope that moves it by less over the whole outer box tells nothing

@@ -10,11 +10,12 @@ from typing import Any
 
 import casadi as ca
 
-from hgogen.chains.core import nominal, numbers
+from hgogen.analysis.dynamics import HUGE
 from hgogen.discretisation.stability import Lengths
 from hgogen.errors import HgogenError
+from hgogen.estimators.core import nominal, numbers
+from hgogen.estimators.innovation import Innovation, staggered
 from hgogen.graph import Graph
-from hgogen.kalman.innovation import Innovation, staggered
 from hgogen.observer import Observer, state_field
 from hgogen.part import Clock, Part, Pieces
 from hgogen.program import Bit, Block, Call, Copy, Field, Group, Loop, Place, Program, Section, When, scalar, sym
@@ -23,7 +24,6 @@ from hgogen.signal import LOST
 from hgogen.stepping.guards import boxed, guard_state, guarded
 from hgogen.stepping.members import Moved, fresh, fresh_groups, joined, read_fields, renamed
 from hgogen.stepping.projection import projection
-from hgogen.structure.dynamics import HUGE
 
 RESTARTED = Bit(
     "RESTARTED",

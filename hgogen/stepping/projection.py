@@ -30,13 +30,13 @@ from collections.abc import Iterator, Sequence
 
 import casadi as ca
 
+from hgogen.analysis.dynamics import clamp
 from hgogen.graph import Graph
 from hgogen.observer import Observer
 from hgogen.part import Pieces
 from hgogen.program import INF, Block, Field, Place, Program, column, sym
 from hgogen.stepping.members import read_fields
 from hgogen.stepping.nearest import kept, placed, weights
-from hgogen.structure.dynamics import clamp
 
 
 def estimate_fields(observer: Observer, fields: tuple[Field, ...]) -> tuple[Field, ...]:

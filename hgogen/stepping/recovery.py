@@ -63,9 +63,9 @@ from math import ceil
 import casadi as ca
 import numpy as np
 
-from hgogen.chains.core import nominal, numbers
+from hgogen.estimators.core import nominal, numbers
+from hgogen.estimators.riccati_part import Around, Riccati
 from hgogen.graph import Graph
-from hgogen.kalman.riccati_part import Around, Riccati
 from hgogen.observer import Observer
 from hgogen.part import Clock, Pieces
 from hgogen.program import INF, Block, Call, Field, Place, Program, Section, Statement, When, scalar, sym

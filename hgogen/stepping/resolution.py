@@ -15,9 +15,9 @@ from functools import lru_cache
 
 from hgogen.errors import HgogenError
 from hgogen.form import Form
-from hgogen.intervals.box import box
-from hgogen.intervals.digits import up
-from hgogen.intervals.glance import enclose
+from hgogen.rigor.box import box
+from hgogen.rigor.glance import enclose
+from hgogen.sentence import up
 
 _DIGITS = {"float": 24, "double": 53}  # binary
 

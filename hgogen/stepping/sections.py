@@ -14,6 +14,7 @@ from typing import Any
 
 import casadi as ca
 
+from hgogen.analysis.dynamics import HUGE
 from hgogen.observer import Observer
 from hgogen.part import Clock, Pieces
 from hgogen.program import (
@@ -53,7 +54,6 @@ from hgogen.stepping.members import following_groups, joined
 from hgogen.stepping.projection import estimate_fields
 from hgogen.stepping.recovery import Recovery, Sampled
 from hgogen.stepping.sensors import adapt_once, awaited, in_order, once, order_fields, tick, timed, use
-from hgogen.structure.dynamics import HUGE
 
 
 @dataclass(frozen=True, eq=False)

@@ -18,13 +18,13 @@ from typing import Any
 
 import numpy as np
 
-from hgogen.chains.core import core, nominal, numbers
+from hgogen.analysis.jacobians import Singular, jacobians_on_box
 from hgogen.discretisation.stability import closed_loop_rates
-from hgogen.kalman.riccati_part import Around, Riccati
+from hgogen.estimators.core import core, nominal, numbers
+from hgogen.estimators.riccati_part import Around, Riccati
 from hgogen.observer import Observer
 from hgogen.part import Clock, Ode
 from hgogen.stepping.parallel import Parallel
-from hgogen.structure.jacobians import Singular, jacobians_on_box
 
 FINE = 100  # an error so many times smaller than the declared box has settled
 HIDDEN = 1e-6  # of the fastest rate: a slower mode is a rounding error

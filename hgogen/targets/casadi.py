@@ -25,7 +25,6 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from hgogen.algebra.lookup import Lookup, walked
 from hgogen.emit.elementary import elementary
 from hgogen.emit.operations import CALLS, operations
 from hgogen.emit.syntax import Real
@@ -34,6 +33,7 @@ from hgogen.graph import Graph
 from hgogen.program import Block
 from hgogen.reading.door import demand_switch
 from hgogen.reading.given import among
+from hgogen.rigor.lookup import Lookup, walked
 from hgogen.step import Step, demand_step
 from hgogen.stepping.discretise import NoEquation
 from hgogen.stepping.entries import Vector

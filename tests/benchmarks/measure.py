@@ -13,9 +13,9 @@ from in_python import CLOSE, demand_agreement
 from peers import PEERS, Missing, source, start
 from programs import M4F, X86, Built, CannotBuild, Parts
 
-from hgogen.board import qemu
-from hgogen.board.qemu import BoardFailed, NoBoard
 from hgogen.emit.cost import cost
+from hgogen.extras import qemu
+from hgogen.extras.qemu import BoardFailed, NoBoard
 
 OURS = "hgogen"
 SAMPLES, REPEATS = 4000, 15  # of a timing

@@ -1,0 +1,468 @@
+"""The order of the states in a triangular form, of one output or several, and why there is none.
+
+Nothing is permuted: y brings in one state, the row of that state the next. A row is a link,
+
+    gain * state + rest,
+
+of a shape: CONSTANT, the gain varies with inputs and parameters only; MEASURED, with z_1 too; UNIFORM, the row has any
+slope in the state that is not zero identically. What is read is what `identity` proves to matter; an answer is True or
+False only where that is proved, else None.
+"""
+
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+from enum import Enum
+from functools import cached_property, partial
+
+import sympy as sp
+
+from hgogen.analysis.evidence import ByForm
+from hgogen.analysis.written import on_box
+from hgogen.check import Check, ClaimId, Verdict
+from hgogen.rigor.identity import Box, dependence, free_of, is_zero
+from hgogen.rigor.kinks import bent, unbent
+from hgogen.rigor.kinks import slope as slope_of
+from hgogen.rigor.points import put
+from hgogen.rigor.slope import JUMPS
+from hgogen.sentence import NONE, Reason, because
+from hgogen.system import System
+
+Answer = tuple[bool | None, Reason]
+
+_INFINITE = (sp.nan, sp.zoo, sp.oo, -sp.oo, sp.AccumBounds)
+
+
+class Shape(Enum):
+    """How a row may depend on the state that it brings in."""
+
+    CONSTANT = "inputs and parameters only"
+    MEASURED = "inputs, parameters and the measured state only"
+    UNIFORM = "anything"
+
+
+@dataclass(frozen=True)
+class Rows:
+    """x_i' = flow[i], y_j = output[j], with the outputs' names; `ranges` of any symbols.
+
+    A symbol that is no state and whose ends in the box are equal has that value.
+    """
+
+    states: tuple[sp.Symbol, ...]
+    flow: tuple[sp.Expr, ...]
+    names: tuple[str, ...]
+    output: tuple[sp.Expr, ...]
+    ranges: Box
+
+    @cached_property
+    def box(self) -> Box:
+        """The ranges, without a state's that is a point: what matters is read off changes of the state."""
+        return {s: (low, high) for s, (low, high) in self.ranges.items() if low != high or s not in self.states}
+
+    def reads(self, row: sp.Expr, among: Iterable[sp.Symbol]) -> tuple[tuple[sp.Symbol, ...], tuple[sp.Symbol, ...]]:
+        """The symbols that the row is proved to vary with, and those of which it is not known."""
+        return dependence(row, among, self.box)
+
+    def rate(self, state: sp.Symbol) -> sp.Expr:
+        """The rate x' of a state."""
+        return self.flow[self.states.index(state)]
+
+
+def of_plant(plant: System) -> Rows:
+    """The rows of a plant on its box, without kinks whose side the box decides; a parameter without a range has its
+    value."""
+    plain, around = on_box(plant), plant.box
+    return Rows(plant.states, plain.flow, tuple(y.name for y in plant.outputs), plain.output, around)
+
+
+@dataclass(frozen=True)
+class Link:
+    """A row, named y or x', and the state it brings in.
+
+    `gain`, `rest`: row = gain * state + rest where `affine`; `varies`: states that the gain is proved to vary with,
+    `may_vary`: those of which it is not known; `strays`: later states that the row may read as well; `slope`: the
+    row's derivative, and whether it `moves`, is not zero identically.
+    """
+
+    name: str
+    row: sp.Expr
+    state: sp.Symbol
+    gain: sp.Expr
+    rest: sp.Expr
+    affine: bool | None
+    varies: tuple[sp.Symbol, ...]
+    may_vary: tuple[sp.Symbol, ...]
+    strays: tuple[sp.Symbol, ...]
+    slope: sp.Expr
+    moves: bool | None
+
+    @property
+    def jumps(self) -> sp.Expr | None:
+        """A part in which the row may jump in its state, which its slope does not see; None without."""
+        rough = () if self.affine else (node for node in bent(self.row).atoms(*JUMPS) if node.has(self.state))
+        return min(rough, key=str, default=None)
+
+    def answer(self, shape: Shape, measured: sp.Symbol | None = None) -> Answer:
+        """Whether the row has the shape, and what is wrong; `measured` is z_1 where a gain may vary with it."""
+        if shape is Shape.UNIFORM:
+            return self._uniform()
+        allowed = {measured} if shape is Shape.MEASURED else set()
+        varies = [x for x in self.varies if x not in allowed]
+        doubtful = [x for x in self.may_vary if x not in allowed]
+        if varies and (self.affine is not False or self.slope.has(*varies)):
+            pattern = "{link} with a slope that varies with {states}, {slope}; it may vary with {allowed}"
+            return False, because(pattern, link=self._reason, states=varies, slope=self.slope, allowed=shape.value)
+        if self.affine is False:
+            return False, because("{link} in a way that is not linear", link=self._reason)
+        if self.strays:
+            return None, self._straying
+        if doubtful:
+            pattern = "{link} with a slope that may vary with {states}, {slope}"
+            return None, because(pattern, link=self._reason, states=doubtful, slope=self.slope)
+        if self.affine is None:
+            return None, because("{link} in a way that is not shown to be linear", link=self._reason)
+        return True, self._reason
+
+    def _uniform(self) -> Answer:
+        if self.moves is False:
+            return False, because("{link} with a slope that is zero", link=self._reason)
+        if self.strays:
+            return None, self._straying
+        doubt = because("{link} with a slope that is not shown to differ from zero", link=self._reason)
+        return (True, self._reason) if self.moves else (None, doubt)
+
+    @property
+    def _reason(self) -> Reason:
+        return because("{row} brings in {state}", row=self.name, state=self.state)
+
+    @property
+    def _straying(self) -> Reason:
+        return because("{link}, and {states} with it as far as is known", link=self._reason, states=self.strays)
+
+
+@dataclass(frozen=True)
+class Chains:
+    """A chain of links for each output, as far as it was followed.
+
+    `broken`: why not every state was met, or `NONE`; `certain`: that is proved, so that no order does.
+    """
+
+    links: tuple[tuple[Link, ...], ...]
+    broken: Reason = NONE
+    certain: bool = True
+
+    @property
+    def order(self) -> tuple[sp.Symbol, ...]:
+        """The states, chain by chain."""
+        return tuple(link.state for links in self.links for link in links)
+
+    @property
+    def blocks(self) -> tuple[int, ...]:
+        """The length of each chain."""
+        return tuple(map(len, self.links))
+
+    def answer(self, shape: Shape) -> Answer:
+        """Whether every row has the shape, and the chains hold all states; else what is wrong."""
+        doubt = NONE
+        for links in self.links:
+            for i, link in enumerate(links):
+                answer, why = link.answer(shape if i or shape is Shape.UNIFORM else Shape.CONSTANT, links[0].state)
+                if answer is False:
+                    return (False if self.certain else None), why
+                doubt = doubt or (NONE if answer else why)
+        if self.broken:
+            return (False if self.certain else None), self.broken
+        if doubt:
+            return None, doubt
+        names = ([links[0].name, *(link.state.name for link in links)] for links in self.links if links)
+        return True, because("{chains: and }", chains=[because("{names: -> }", names=each) for each in names])
+
+
+def levelwise(rows: Rows) -> Chains:
+    """A chain for each output, level by level: a row reads the states of its level and before, of every chain, and
+    its own next state. For one output this is the triangular form.
+
+    The order is forced: a row that brings in one new state must have it as its next, one that brings in none ends its
+    chain, one that brings in several, or two rows with the same next, leave no order at all.
+    """
+    left = list(rows.states)
+    chains: list[list[Link]] = [[] for _ in rows.output]
+    active = dict(enumerate(zip(rows.names, rows.output, strict=True)))
+    certain, alone = True, len(rows.output) == 1
+
+    def broken(why: Reason, sure: bool = True) -> Chains:
+        return Chains(tuple(map(tuple, chains)), why, certain and sure)
+
+    while left:
+        links: dict[int, Link] = {}
+        for j, (name, row) in active.items():
+            sure, maybe = rows.reads(row, left)
+            if alone and not sure and not maybe:  # a gain that is 0 for the parameters' values: its own check says so
+                sure = dependence(row, left)[0]
+            stop = _stop(name, sure, maybe, left, alone or not chains[j])
+            if stop:
+                return broken(*stop)
+            if sure or maybe:
+                certain = certain and (bool(sure) or alone)
+                links[j] = link(name, row, (*sure, *maybe), rows)
+        both = twice(links.values())
+        if both:
+            return broken(both)
+        if not links:
+            return broken(because("no row brings in {states}", states=left))
+        for j, new in links.items():
+            chains[j].append(new)
+            left.remove(new.state)
+        active = {j: (f"{new.state}'", rows.rate(new.state)) for j, new in links.items()}
+    return Chains(tuple(map(tuple, chains)), certain=certain)
+
+
+def _stop(
+    name: str, sure: Sequence[sp.Symbol], maybe: Sequence[sp.Symbol], left: Sequence[sp.Symbol], must: bool
+) -> tuple[Reason, bool] | None:
+    """Why the order ends at a row that reads these new states, and whether that is proved; it `must` read one."""
+    if len(sure) > 1:
+        pattern = "{row} brings in {states} together, and each row may bring in one new state"
+        return because(pattern, row=name, states=sure), True
+    if not sure and len(maybe) > 1:
+        return because("{row} may bring in {states}, and none is shown to matter", row=name, states=maybe), False
+    if must and not sure and not maybe:
+        pattern = "{row} brings in no new state, so the output never shows {states}"
+        return because(pattern, row=name, states=left), True
+    return None
+
+
+def link(name: str, row: sp.Expr, new: Sequence[sp.Symbol], rows: Rows) -> Link:
+    """The row as a link to the first of the new states; the others are strays."""
+    state, strays = new[0], tuple(new[1:])
+    clean = free_of(row, [x for x in rows.states if x not in new], rows.box)
+    slope = slope_of(clean, state)
+    gain, rest, affine = _line(row, clean, state, slope, rows)
+    varies, may_vary = rows.reads(gain, rows.states)
+    if affine is False and not varies:
+        varies = (state,)
+    still = is_zero(slope, rows.box)
+    moves = None if still is None else not still
+    return Link(name, row, state, gain, rest, affine, varies, may_vary, strays, slope, moves)
+
+
+def _line(
+    row: sp.Expr, clean: sp.Expr, state: sp.Symbol, slope: sp.Expr, rows: Rows
+) -> tuple[sp.Expr, sp.Expr, bool | None]:
+    """gain, rest, and whether row = gain * state + rest with both free of the state; `clean` is the row without what
+    it does not read. The gain is the slope, or the row's difference between 0 and 1, where the slope is not exact."""
+    gain = unbent(free_of(slope, rows.states, rows.box))
+    start, end = (_at(clean, state, value) for value in (0, 1))
+    # what the row is at 0, beside the gain, it is at any value; where that is 0/0, it is taken at 1, 2, 3
+    beside = (_at(clean, state, value) - gain * value for value in range(4))
+    rest = next((e for e in beside if not e.has(*_INFINITE)), clean - gain * state)
+    lines = [(gain, rest), (end - start, start)]
+    for a, b in lines:
+        if not (a.has(state, *_INFINITE) or b.has(state, *_INFINITE)) and is_zero(row - a * state - b, rows.box):
+            return a, b, True
+    # are there three values of the state, all else equal, at which the row is not on a line?
+    a, b = (sp.Dummy(name, real=state.is_real) for name in ("a", "b"))
+    ends = {s: rows.box[state] for s in (a, b) if state in rows.box}
+    one, other = row.xreplace({state: a}), row.xreplace({state: b})
+    bend = (row - one) * (b - state) - (other - row) * (state - a)
+    return gain, rest, False if is_zero(bend, {**rows.box, **ends}) is False else None
+
+
+def _at(row: sp.Expr, state: sp.Symbol, value: int) -> sp.Expr:
+    """The row at a value of the state, or nan where a comparison in the row has no real value there."""
+    at_value = put(row, {state: sp.Integer(value)})
+    return sp.nan if at_value is None else at_value
+
+
+def twice(links: Iterable[Link]) -> Reason:
+    """The first two links that bring in the same state, in words; `NONE` if there are none."""
+    seen: dict[sp.Symbol, Link] = {}
+    for later in links:
+        first = seen.setdefault(later.state, later)
+        if first is not later:
+            pattern = "{row} and {other} bring in the same state, {state}"
+            return because(pattern, row=first.name, other=later.name, state=later.state)
+    return NONE
+
+
+# ---------------------------------------------------------------- several outputs, one after the other or by their ends
+
+
+def cascade(rows: Rows, shape: Shape = Shape.CONSTANT) -> Chains:
+    """A chain for each output, one after the other: a row reads all states of the chains before, those of its own
+    chain up to its own, and its next state; another output's first state is no next.
+
+    Greedy: a chain is taken as soon as it can be followed to its end. That is exact. The states of the chains taken
+    are closed, their rows read nothing else. With more states taken, a chain that could be followed before still can: a
+    prefix of it remains, and by closedness the rest of it is taken already. So if some order of the chains works, the
+    first chain of it that is not taken yet can be taken next.
+    """
+    first = _heads(rows)
+    if isinstance(first, Chains):
+        return first
+    states, taken = {head.state for head in first}, list[sp.Symbol]()
+    done: dict[int, tuple[Link, ...]] = {}
+    while len(done) < len(first):
+        tries = {j: _path(head, states, taken, rows, shape) for j, head in enumerate(first) if j not in done}
+        ready = next((j for j, tried in tries.items() if not tried[1]), None)
+        if ready is None:
+            links = tuple(done.get(j, tries[j][0] if j in tries else ()) for j in range(len(first)))
+            return Chains(links, next(iter(tries.values()))[1], all(tried[2] for tried in tries.values()))
+        done[ready] = tries[ready][0]
+        taken += [each.state for each in done[ready]]
+    left = [x for x in rows.states if x not in taken]
+    links = tuple(done[j] for j in range(len(first)))
+    return Chains(links, because("no row brings in {states}", states=left) if left else NONE)
+
+
+def _heads(rows: Rows) -> list[Link] | Chains:
+    """The first link of each output, or why there is none."""
+    heads = []
+    for name, row in zip(rows.names, rows.output, strict=True):
+        sure, maybe = rows.reads(row, rows.states)
+        if len(sure) > 1:
+            pattern = "{output} brings in {states} together, and an output may read one state"
+            return Chains((), because(pattern, output=name, states=sure))
+        if not maybe and not sure:
+            return Chains((), because("{output} shows no state", output=name))
+        if not sure:
+            return Chains((), because("{output} may not show {state}", output=name, state=maybe[0]), certain=False)
+        heads.append(link(name, row, (*sure, *maybe), rows))
+    both = twice(heads)
+    return Chains((), both) if both else heads
+
+
+def _path(
+    head: Link, heads: set[sp.Symbol], taken: Sequence[sp.Symbol], rows: Rows, shape: Shape
+) -> tuple[tuple[Link, ...], Reason, bool]:
+    """The chain of an output after the states taken, the reason why it stops early or `NONE`, and whether this is
+    proved."""
+    links = [head]
+    while True:
+        state = links[-1].state
+        own = [each.state for each in links]
+        sure, maybe = rows.reads(rows.rate(state), [x for x in rows.states if x not in (*taken, *own)])
+        if not sure and not maybe:
+            return tuple(links), NONE, True
+        if len(sure) > 1:
+            return tuple(links), because("{state}' brings in {states} together", state=state, states=sure), True
+        if not sure:
+            return tuple(links), because("{state}' may bring in {states}", state=state, states=maybe), False
+        if sure[0] in heads:
+            pattern = "{state}' brings in {next}, which another output starts with"
+            return tuple(links), because(pattern, state=state, next=sure[0]), True
+        links.append(link(f"{state}'", rows.rate(state), (*sure, *maybe), rows))
+        answer, why = links[-1].answer(shape, head.state)
+        if not answer:
+            return tuple(links), why, answer is False
+
+
+def end_aligned(rows: Rows) -> Chains:
+    """Chains whose row j of chain i reads x_(k, l) only for l <= j + n_k - n_i, and its own next state.
+
+    The lengths decide what a row may read, so the order is not forced. Tried are the chains level by level, those one
+    after the other, and two sweeps over all outputs; what is found is proved, what is not found is not refuted.
+
+    Source: N. Boizot, "Adaptive high-gain extended Kalman filter and applications", thesis (2010), chapter 5.
+    """
+    why = NONE
+    outputs = range(len(rows.output))
+    sweeps = (partial(_swept, priority=order) for order in (outputs, outputs[::-1]))
+    searches: list[Callable[[Rows], Chains]] = [levelwise, cascade, *sweeps]
+    for search in searches:
+        chains = search(rows)
+        answer, reason = chains.answer(Shape.CONSTANT)
+        late = _too_late(chains, rows) if answer else reason
+        if not late:
+            return chains
+        why = why or late
+    return Chains((), because("no chains aligned at their ends were found: {why}", why=why), certain=False)
+
+
+def _too_late(chains: Chains, rows: Rows) -> Reason:
+    """The first row that reads, or may read, a state too close to the end of its chain; else `NONE`."""
+    sizes = chains.blocks
+    place = {each.state: (k, i) for k, links in enumerate(chains.links) for i, each in enumerate(links, 1)}
+    for state, (i, j) in place.items():
+        following = [x for x, (k, level) in place.items() if k == i and level == j + 1]
+        late = [x for x, (k, level) in place.items() if level > j + sizes[k] - sizes[i] and x not in following]
+        sure, maybe = rows.reads(rows.rate(state), late)
+        if sure or maybe:
+            pattern = "{state}' reads {states}, nearer to the end of its chain"
+            return because(pattern, state=state, states=(*sure, *maybe))
+    return NONE
+
+
+def _swept(rows: Rows, priority: Sequence[int]) -> Chains:
+    """All chains at once, one state each sweep; a row that ever brought in several waits until no other moves on.
+
+    A long chain's rows read what is far from the ends, and so move on first; a last row reads anything.
+    """
+    heads = _heads(rows)
+    if isinstance(heads, Chains):
+        return heads
+    chains = [[head] for head in heads]
+    left = [x for x in rows.states if x not in {head.state for head in heads}]
+    waiting: set[int] = set()
+    while left:
+        moved = [j for j in priority if j not in waiting and _moved(chains[j], left, rows, waiting, j)]
+        if not moved and not any(_moved(chains[j], left, rows, set(), j) for j in sorted(waiting)):
+            return Chains(tuple(map(tuple, chains)), because("no row brings in {states}", states=left), certain=False)
+    return Chains(tuple(map(tuple, chains)), certain=False)
+
+
+def _moved(links: list[Link], left: list[sp.Symbol], rows: Rows, waiting: set[int], j: int) -> bool:
+    """Append the next state of a chain, where its last row brings in exactly one; several make it wait."""
+    state = links[-1].state
+    sure, maybe = rows.reads(rows.rate(state), left)
+    if len(sure) + len(maybe) > 1:
+        waiting.add(j)
+    if len(sure) != 1 or maybe:
+        return False
+    links.append(link(f"{state}'", rows.rate(state), sure, rows))
+    left.remove(sure[0])
+    return True
+
+
+# ---------------------------------------------------------------- checks
+
+
+def structure(maker: str, claim: str, answer: Answer, fix: str) -> Check:
+    """The check `MAKER.structure` of chains with this answer."""
+    is_so, why = answer
+    verdict = Verdict.PROVED if is_so else Verdict.UNKNOWN if is_so is None else Verdict.REFUTED
+    proofs = (ByForm(),) if is_so else ()
+    return Check(ClaimId(maker, "structure"), claim, verdict, why, fix="" if is_so else fix, proofs=proofs)
+
+
+def reached(rows: Rows, *, sure: bool = False) -> list[sp.Symbol]:
+    """The states that reach an output on the box, or may, breadth first; with `sure` those that are proved to."""
+
+    def read(row: sp.Expr) -> tuple[sp.Symbol, ...]:
+        known, maybe = rows.reads(row, rows.states)
+        return tuple(x for x in rows.states if x in known or (x in maybe and not sure))
+
+    order = list(dict.fromkeys(x for row in rows.output for x in read(row)))
+    for x in order:  # it grows while it is read
+        order.extend(other for other in read(rows.rate(x)) if other not in order)
+    return order
+
+
+def connected(maker: str, hidden: Sequence[sp.Symbol], doubtful: Sequence[sp.Symbol] = ()) -> Check:
+    """`MAKER.connected`, that no state is `hidden`; of the `doubtful` ones it is not known."""
+    id = ClaimId(maker, "connected")
+    claim = "every state appears in an output or in the derivative of one that counts"
+    if not hidden and doubtful:
+        doubt = because("it is not shown that {states} matters where it is read", states=doubtful)
+        return Check(id, claim, Verdict.UNKNOWN, doubt)
+    if not hidden:
+        return Check(id, claim, Verdict.PROVED, because("by following dependencies from the outputs"))
+    names = ", ".join(x.name for x in hidden)
+    fix = f"Leave {names} out of the model, or measure something that depends on it."
+    return Check(id, claim, Verdict.REFUTED, because("no output ever shows {states}", states=hidden), fix=fix)
+
+
+def cut_off(maker: str, plant: System) -> tuple[Check, ...]:
+    """The refuted check `connected` of a plant with hidden states; none of another plant."""
+    shown = reached(of_plant(plant))
+    hidden = [x for x in plant.states if x not in shown]
+    return (connected(maker, hidden),) if hidden else ()

@@ -1,0 +1,340 @@
+"""The evidence of claims, as a certificate holds it: numbers and expressions as exact texts, bisections in prefixes.
+
+Evidence is a mapping of exact values by name: numbers, expressions, texts, or lists and mappings of them. What a claim
+stands on is a value that knows its own: `evidence(form)` returns it. A value in it that has evidence of its own stands
+for the names of that. It is None where a certificate cannot show the claim. The head of a certificate holds plant, form
+and observer with their digest, which stands in the C too.
+"""
+
+import json
+import math
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
+from decimal import Decimal
+from fractions import Fraction
+from typing import Any
+
+import sympy as sp
+from sympy.printing.str import StrPrinter
+
+from hgogen.check import Check
+from hgogen.errors import BadArgument
+from hgogen.form import Form
+from hgogen.reading.optional import version
+from hgogen.recheck.file import FORMAT, VERSION, digest, model_digest
+from hgogen.recheck.rules import OBSERVERS
+from hgogen.recheck.text import Unreadable
+from hgogen.recheck.verification import read
+from hgogen.rigor.bounds import Proof, Range
+from hgogen.rigor.box import box
+from hgogen.rigor.interpolation import Table
+from hgogen.rigor.points import exact
+from hgogen.rigor.tape import plain
+from hgogen.sentence import up
+from hgogen.signal import Signal
+
+_DIGITS = 12
+
+
+def text(form: Form, expression: sp.Expr) -> str:
+    """An expression of a form, or of its plant."""
+    names = {s.name for s in (*form.system.signals, *form.states)}
+    if form.system.origin is not None:
+        names |= {s.name for s in form.system.origin.plant.signals}
+    return spelled(expression, names)
+
+
+def spelled(expression: sp.Expr, names: set[str]) -> str:
+    """An expression of these names."""
+    return str(_Printer(names).doprint(exact(plain(sp.sympify(expression)))))
+
+
+def exactly(form: Form, value: Any) -> Any:
+    """A number or an expression as an exact text, or a list or a mapping of them; a text, or None, as it is."""
+    if value is None or isinstance(value, str):
+        return value
+    if isinstance(value, Mapping):
+        return {key: exactly(form, each) for key, each in value.items()}
+    if isinstance(value, Iterable):
+        return [exactly(form, each) for each in value]
+    return text(form, value) if isinstance(value, sp.Basic) else str(Fraction(value))
+
+
+def end(value: Fraction | float) -> str | None:
+    """An end of a range, None for an infinite one."""
+    return None if abs(value) == math.inf else str(Fraction(value))
+
+
+def outward(value: float | Fraction, way: int) -> Fraction:
+    """A number of 12 significant digits at or above the value (`way` 1), or at or below it (-1)."""
+    if not value:
+        return Fraction(0)
+    step: Fraction = Fraction(10) ** (Decimal(up(abs(Fraction(value)))).adjusted() + 1 - _DIGITS)
+    steps = Fraction(value) / step
+    return step * (math.ceil(steps) if way > 0 else math.floor(steps))
+
+
+def tree(bisection: Range | Proof, form: Form | None = None) -> str:
+    """The text of a bisection, in the form's coordinates, or in the plant's without a form."""
+    images = _mirrored(form) if form else {}
+    names = [images.get(s, (s.name, False)) for s in bisection.variables]
+    tokens: list[str] = []
+    left: list[Any] = [bisection.tree]
+    while left:
+        node = left.pop()
+        if isinstance(node, str):
+            tokens.append(".")
+            continue
+        _, index, first, second = node
+        name, mirrored = names[int(index)]
+        tokens.append(name)
+        left += [first, second] if mirrored else [second, first]
+    return " ".join(tokens)
+
+
+def _mirrored(form: Form) -> dict[sp.Symbol, tuple[str, bool]]:
+    """Each state of the plant as the name of the form's state that it is, and whether its sign is changed."""
+    names = {}
+    for x, image in zip(form.system.states, form.from_form, strict=True):
+        if image in form.states or -image in form.states:
+            names[x] = (str(abs(image.as_coeff_Mul()[0]) * image.as_coeff_Mul()[1]), image not in form.states)
+    return names
+
+
+def _short(number: Fraction) -> str:
+    """An exact number, as a decimal where a float's shortest one is it."""
+    decimal = repr(float(number))
+    return str(number) if number.denominator == 1 or Fraction(decimal) != number else decimal
+
+
+class _Printer(StrPrinter):  # type: ignore[misc]
+    """SymPy's text with rationals for floats, exp(1) for e."""
+
+    def __init__(self, names: set[str]) -> None:
+        super().__init__()
+        self.names = names
+
+    def _print_Exp1(self, expression: sp.Expr) -> str:
+        return "exp(1)"
+
+    def table(self, node: Table) -> str:
+        """A derivative of a table, with all its points."""
+        cells = node.cells
+        if len(node.args) == 1:
+            points = zip(cells.axes[0].x, cells.values, strict=True)
+            name, numbers = cells.kind.capitalize(), [number for point in points for number in point]
+        else:  # how many breakpoints the first argument has, those of both, and the values row by row
+            x, y = (axis.x for axis in cells.axes)
+            name, numbers = f"Bi{cells.kind}", [Fraction(len(x)), *x, *y, *(z for row in cells.values for z in row)]
+        parts = (*map(self.doprint, node.args), *node.order, *map(_short, numbers))
+        return f"{name}({', '.join(map(str, parts))})"
+
+    def _print_Pi(self, expression: sp.Expr) -> str:
+        return "4*atan(1)" if "pi" in self.names else "pi"
+
+
+Evidence = Mapping[str, Any]
+
+
+@dataclass(frozen=True)
+class ByForm:
+    """The form itself, with its plant: the claim is verified of their equations alone."""
+
+    def evidence(self, form: Form) -> Evidence:
+        """No evidence beside the form."""
+        return {}
+
+
+@dataclass(frozen=True)
+class Grounds:
+    """What a claim about an observer stands on: the `numbers` by name that it is built with (numbers, expressions of
+    parameters, sequences of them), and the `fact` that was established; None where it follows from another claim's."""
+
+    numbers: Mapping[str, Any] = field(hash=False)
+    fact: Any = field(hash=False)
+
+    def evidence(self, form: Form) -> Evidence | None:
+        """The evidence of the fact, None for a kind that has none; nothing where it follows from another claim's."""
+        if self.fact is None:
+            return {}
+        return self.fact.evidence(form) if hasattr(self.fact, "evidence") else None
+
+
+def texts(form: Form, value: Any) -> dict[str, Any] | None:
+    """The evidence of a value as a certificate holds it, in texts; None where it, or what stands in it, has none."""
+    parts = value.evidence(form)
+    if parts is None:
+        return None
+    held: dict[str, Any] = {}
+    for name, part in parts.items():
+        inner = texts(form, part) if hasattr(part, "evidence") else {name: exactly(form, part)}
+        if inner is None:
+            return None
+        held |= inner
+    return held
+
+
+Sides = Mapping[sp.Symbol, tuple[Fraction | float, Fraction | float]]
+LOOSE = 2.0**-10  # what a Lipschitz bound is wider here than the proof's, so that a weaker arithmetic reaches it
+
+
+def enclosure(form: Form, expression: sp.Expr, bounds: Range | Proof, where: Sides | None = None) -> Evidence | None:
+    """The evidence of low <= expression <= high on the form's box, or on the box `where` of the plant; None where the
+    bounds are not finite."""
+    low, high = bounds.low, bounds.high
+    if isinstance(bounds, Range) and not bounds.defined:
+        return None
+    if low is None or high is None or not (math.isfinite(low) and math.isfinite(high)):
+        return None
+    number = Fraction(str(expression)) if expression.is_Rational else None
+    return {
+        "expression": text(form, expression),
+        "box": _sides(sides(form, expression.free_symbols) if where is None else where),
+        "low": outward(low, -1) if number is None else number,
+        "high": outward(high, 1) if number is None else number,
+        "tree": tree(bounds, form if where is None else None),
+    }
+
+
+def steep(form: Form, rows: Iterable[sp.Expr], proof: Proof, wider: float = 1e-9) -> Evidence | None:
+    """A bound of the rows' Jacobian in the spectral norm, which an order and signs of the states do not change."""
+    if proof.high is None:
+        return None
+    names = set().union(*(exact(sp.sympify(row)).free_symbols for row in rows))
+    bound = outward(float(proof.high) * (1 + wider), 1)
+    return {"box": _sides(sides(form, names)), "bound": bound, "tree": tree(proof, form)}
+
+
+def sides(form: Form, names: Iterable[sp.Symbol]) -> Sides:
+    """The ranges of these of a form's states, inputs and parameters."""
+    every = form.box
+    return {s: every[s] for s in sorted(names, key=str)}
+
+
+def point(place: Mapping[sp.Symbol, Fraction], names: Iterable[sp.Symbol]) -> Mapping[str, str]:
+    """The place by these names, those that it gives."""
+    return {s.name: str(place[s]) for s in names if s in place}
+
+
+def _sides(where: Sides) -> dict[str, list[str | None]]:
+    return {s.name: [end(low), end(high)] for s, (low, high) in where.items()}
+
+
+@dataclass(frozen=True)
+class Slopes:
+    """A `proof` of a slope of rows in the plant's states."""
+
+    proof: Proof = field(hash=False)
+
+    def evidence(self, form: Form) -> Evidence | None:
+        """The bound of the same rows in the form's coordinates, whatever part of it they are."""
+        back = dict(zip(form.system.states, form.from_form, strict=True))
+        return steep(form, [row.xreplace(back) for row in self.proof.expressions], self.proof, LOOSE)
+
+
+@dataclass(frozen=True)
+class Steep:
+    """How |S dc/dw S^-1| was bounded on the box, S = diag(`units`) in the coordinates w of integrators; `scale` (n):
+    the same from z, of parameters. A certificate's bound is `wider` by that share, so that it is reached again."""
+
+    units: tuple[Fraction, ...]
+    scale: tuple[sp.Expr, ...]
+    proof: Proof
+    wider: float = 1e-9
+
+    def evidence(self, form: Form) -> Evidence | None:
+        """The bound of dc/dw in scaled coordinates of integrators."""
+        slope = steep(form, (*form.b, *self.scale), self.proof, self.wider)
+        return slope and {"units": self.units, "scale": self.scale, **slope}
+
+
+class NotCertifiable(BadArgument):
+    """A model that a certificate cannot carry."""
+
+    text = (
+        "no certificate of {what!r}: {reason}; a certificate holds + - * / **, the elementary "
+        "functions, Abs, sign, Min, Max and tables: write the model by them"
+    )
+
+
+class OtherNumbers(BadArgument):
+    """An observer whose proofs are of other numbers than those its rules read."""
+
+    text = (
+        "the proofs of the observer {what!r} are of the numbers {reason}; write the same names in its Grounds and in "
+        "that row"
+    )
+
+
+def head(form: Form, checks: Iterable[Check], observer: str) -> dict[str, Any]:
+    """The head of a certificate, and what it is about."""
+    system = form.system
+    plant = system.declared
+    about = {
+        "plant": {
+            "name": plant.name,
+            "states": _ranges(plant.states),
+            "inputs": _ranges(system.inputs),
+            "parameters": _ranges(system.parameters, system.nominal),
+            "outputs": [y.name for y in plant.outputs],
+            "flow": _written(form, plant.flow),
+            "output": _written(form, plant.output),
+        },
+        "form": {
+            "kind": form.kind if form.behind is None else f"{form.kind}.recovered",
+            "states": _ranges(form.states),
+            "to_form": _written(form, form.entry),
+            "from_form": _written(form, (expression for _, expression in form.estimates)),
+            "A": [_written(form, form.A.row(i)) for i in range(form.n)],
+            "b": _written(form, form.b),
+            "output": _written(form, form.output),
+            "blocks": list(map(str, form.blocks)),
+            "alignment": form.alignment,
+        },
+        "observer": _observer(form, checks, observer),
+    }
+    return {"format": FORMAT, "version": VERSION, "hgogen": version(), **about, "model": model_digest(about)}
+
+
+def _written(form: Form, rows: Iterable[sp.Expr]) -> list[str]:
+    return [text(form, row) for row in rows]
+
+
+def _observer(form: Form, checks: Iterable[Check], name: str) -> dict[str, Any] | None:
+    """The observer's name, and the numbers that a proof of it is about; None where the certificate names no observer.
+
+    What is claimed of a bank's member is no claim about the bank. Numbers that no rule reads are left out: nothing is
+    verified of them. Raises: `OtherNumbers`.
+    """
+    if not name:
+        return None
+    own = (proof for check in checks if check.id.maker == name for proof in check.proofs)
+    grounds = next((proof for proof in own if isinstance(proof, Grounds)), None)
+    if grounds is None or name not in OBSERVERS:
+        return {"name": name}
+    wanted = sorted((*OBSERVERS[name].numbers, *OBSERVERS[name].expressions))
+    if sorted(grounds.numbers.keys() - {*OBSERVERS[name].beside}) != wanted:
+        row = f"its row in OBSERVERS of hgogen/recheck/rules says {', '.join(wanted)}"
+        raise OtherNumbers(name, f"{', '.join(sorted(grounds.numbers))}; {row}")
+    return {"name": name, **{key: exactly(form, value) for key, value in grounds.numbers.items()}}
+
+
+def _ranges(signals: Iterable[Signal], nominal: Mapping[Signal, sp.Rational] | None = None) -> list[dict[str, Any]]:
+    return [{"name": s.name, "low": end(low), "high": end(high)} for s, (low, high) in box(signals, nominal).items()]
+
+
+def sealed(content: Mapping[str, Any]) -> dict[str, Any]:
+    """The content of a certificate with its digest."""
+    return {**content, "digest": digest(content)}
+
+
+def fingerprint(form: Form, checks: Iterable[Check], observer: str) -> str:
+    """The certificate's `model`, found without its evidence.
+
+    Raises: `NotCertifiable`; `OtherNumbers`.
+    """
+    content = sealed({**head(form, checks, observer), "claims": []})
+    try:
+        return read(json.dumps(content)).model
+    except Unreadable as error:
+        raise NotCertifiable(form.system.name, error.fault) from None

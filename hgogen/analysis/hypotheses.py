@@ -1,0 +1,307 @@
+"""The hypotheses of forms on the closed box of states, inputs and parameters, as checks, with what proves them.
+
+    positive   0 < a_m <= a <= a_M         apart     0 < m <= |slope|
+    defined    c is a finite real number   bounded   |a_1 .. a_i b_i| <= mu
+
+They are proved by outward-rounded intervals and bisection, and refuted by a point. A parameter without a range is at
+its value.
+"""
+
+import math
+from collections.abc import Sequence
+from contextlib import suppress
+from dataclasses import dataclass, field, replace
+
+import sympy as sp
+
+from hgogen.analysis.chain import Link
+from hgogen.analysis.evidence import Evidence, enclosure, point, sides
+from hgogen.analysis.written import if_valued
+from hgogen.check import Check, ClaimId, Verdict
+from hgogen.form import Form
+from hgogen.rigor.bounds import Cause, Proof, Sign, bound, counted, ends, nonzero
+from hgogen.rigor.box import EVERYTHING, box
+from hgogen.rigor.kinks import slope as slope_of
+from hgogen.rigor.points import exact, kind, points, settled, witness
+from hgogen.rigor.singular import minimal, reasons, singular
+from hgogen.rigor.tape import NoTape
+from hgogen.sentence import NONE, Down, Reason, Sentence, Up, because
+from hgogen.signal import Signal
+from hgogen.system import System
+
+_FEW = 200  # boxes for a sign that only chooses coordinates
+_OF_OFFSETS = 2000
+_OF_PRODUCTS = 500  # mu need not be the least
+
+
+# ---------------------------------------------------------------- gains: 0 < a_m <= a <= a_M
+
+
+@dataclass(frozen=True)
+class Gain:
+    """The place of a gain: a_i of the one chain by (i), a_(i,j) of chain i by (i, j)."""
+
+    at: tuple[int, ...]
+
+    def of(self, form: Form) -> sp.Expr:
+        """The gain, exactly."""
+        chain, index = self.at if len(self.at) == 2 else (1, *self.at)
+        return exact(sp.sympify(form.gains[chain - 1][index - 1]))
+
+
+@dataclass(frozen=True)
+class Bounded(Gain):
+    """A `proof` of 0 < a_m <= a <= a_M."""
+
+    proof: Proof = field(hash=False)
+
+    def evidence(self, form: Form) -> Evidence | None:
+        """The range of the gain."""
+        return enclosure(form, self.of(form), self.proof)
+
+
+class NotPositive(Gain):
+    """A gain that is zero, negative or undefined somewhere."""
+
+    def evidence(self, form: Form) -> Evidence | None:
+        """Such a point, exactly; None where what is known is next to a zero only."""
+        a = self.of(form)
+        where = sides(form, a.free_symbols)
+        sign = nonzero(a, where)
+        below = sign.range.least
+        if sign.cause in (Cause.ZERO, Cause.UNDEFINED, Cause.PART):
+            return {"expression": a, "witness": point(sign.witness, where)}
+        negative = below is not None and below.value < 0
+        return {"expression": a, "witness": point(below.point, where)} if below and negative else None
+
+
+def sign(a: sp.Expr, system: System) -> int:
+    """1 or -1 if a has that sign on the box (proved, or else at all sample points), 0 otherwise."""
+    a, signals = _varying(a, system)
+    with suppress(NoTape):
+        answer = nonzero(a, system.box, boxes=_FEW)
+        if answer.verdict is Verdict.PROVED:
+            return answer.sign
+    seen = {kind(a, point) for point in points(signals)}
+    return 1 if seen == {"> 0"} else -1 if seen == {"< 0"} else 0
+
+
+def positive(id: ClaimId, name: str, a: sp.Expr, system: System) -> Check:
+    """The check that 0 < a_m <= a <= a_M. `name` is what the report calls a.
+
+    proved: by outward-rounded intervals and bisection. refuted: with a point where a is zero, negative or not finite
+    and real, or next to a zero. unknown: a range is missing, or the boxes tried do not decide.
+    """
+    claim = Sentence.of("0 < a_m <= {name} = {a} <= a_M on the box", name=name, a=a)
+    check = Check(id, claim, Verdict.UNKNOWN, NONE, subject=a)
+    a, signals = _varying(a, system)
+    try:
+        answer = nonzero(a, system.box)
+    except NoTape as missing:
+        return replace(check, reason=missing.reason)
+    if answer.verdict is Verdict.PROVED and answer.sign > 0:
+        return _proved(check, a, answer, signals, system)
+    below = answer.range.least
+    if answer.verdict is Verdict.REFUTED:
+        reason, place = answer.reason, answer.witness
+    elif below is not None and below.value < 0:
+        reason, place = because("is negative"), below.point
+    else:
+        return _unknown(check, answer.reason, signals)
+    fix, consequence = _fix(name, signals, system)
+    why = because("{name} {reason}", name=name, reason=reason)
+    refuted = replace(check, verdict=Verdict.REFUTED, reason=why, witness=witness(place))
+    return replace(refuted, fix=fix, consequence=consequence, disproof=NotPositive(id.at))
+
+
+def _proved(check: Check, a: sp.Expr, first: Sign, signals: tuple[Signal, ...], system: System) -> Check:
+    """The check with its proof and the tightest known range, once the sign is proved."""
+    extent = first.range if first.exact else bound(a, system.box)
+    low, high = first.exact or (max(extent.low, first.range.low), min(extent.high, first.range.high))
+    if high == math.inf:
+        return _unknown(check, because("{boxes} boxes give no upper bound", boxes=extent.boxes), signals)
+    tightest = extent if extent.low > 0 else first.range
+    sure = first.exact or (tightest.low, tightest.high)
+    proofs = (Bounded(check.id.at, Proof((a,), *ends(*sure), tightest.variables, tightest.tree)),)
+    on = because("outward-rounded intervals on {boxes}", boxes=counted(max(extent.boxes, first.range.boxes)))
+    how = first.reason if first.exact else on
+    reason = because("between {low} and {high}, by {how}", low=Down(low), high=Up(high), how=how)
+    if a.is_Rational:
+        reason = because("it is {a}", a=a)
+    return replace(check, verdict=Verdict.PROVED, reason=reason, proofs=proofs)
+
+
+def _unknown(check: Check, reason: Reason, signals: tuple[Signal, ...]) -> Check:
+    """The unknown check: for the want of a range, else for a `reason`."""
+    return _unranged(check, signals) or replace(check, reason=because("no point refutes it, {reason}", reason=reason))
+
+
+def _unranged(check: Check, signals: tuple[Signal, ...]) -> Check | None:
+    """The unknown check, for the want of a range; None where all signals have one."""
+    loose = [s.name for s in signals if not s.bounded]
+    fix = f"Declare low= and high= for {', '.join(loose)}."
+    reason = because("no range is declared for {names}", names=loose)
+    return replace(check, reason=reason, fix=fix) if loose else None
+
+
+def _varying(a: sp.Expr, system: System) -> tuple[sp.Expr, tuple[Signal, ...]]:
+    """a with constants at their values, all numbers exact, and the signals that it then varies with."""
+    a = exact(settled(a, system.constants))
+    return a, tuple(s for s in system.signals if s in a.free_symbols)
+
+
+def _fix(name: str, signals: tuple[Signal, ...], system: System) -> tuple[str, str]:
+    """The fix, and the consequence for a user who accepts the claim all the same."""
+    if not signals:
+        return f"{name} is a constant; correct the model or the parameter's value.", ""
+    names, inputs = (", ".join(s.name for s in some) for some in (signals, [u for u in signals if u in system.inputs]))
+    coasts = f"the observer coasts while {name} is near 0"
+    consequence = f"{coasts}: the states behind it are then seen only through changes of {inputs}"
+    return f"Restrict the range of {names} so that {name} keeps one sign.", consequence if inputs else ""
+
+
+# ---------------------------------------------------------------- slopes: 0 < m <= |slope|
+
+
+@dataclass(frozen=True)
+class Slope:
+    """dh/dz_1 for `index` 1, else dF_(index-1)/dz_index."""
+
+    index: int
+
+    def of(self, form: Form) -> sp.Expr:
+        """The slope, exactly."""
+        rate = form.output[0] if self.index == 1 else form.flow[self.index - 2]
+        return slope_of(exact(sp.sympify(rate)), form.states[self.index - 1])
+
+
+class AwayFromZero(Slope):
+    """A slope that is away from zero on the box of states, inputs and parameters."""
+
+    def evidence(self, form: Form) -> Evidence | None:
+        """Its range."""
+        dF = self.of(form)
+        where = sides(form, dF.free_symbols)
+        bounds = bound(dF, where)
+        return enclosure(form, dF, bounds if bounds.low > 0 or bounds.high < 0 else nonzero(dF, where).range)
+
+
+class Vanishing(Slope):
+    """A slope that is zero somewhere, or has both signs."""
+
+    def evidence(self, form: Form) -> Evidence | None:
+        """A point where it is zero, or two where it has opposite signs; None where no such point is exact."""
+        dF = self.of(form)
+        where = sides(form, dF.free_symbols)
+        sign = nonzero(dF, where)
+        least, most = sign.range.least, sign.range.most
+        if least is not None and most is not None and least.value < 0 < most.value:
+            return {"expression": dF, "witness": point(least.point, where), "other": point(most.point, where)}
+        return {"expression": dF, "witness": point(sign.witness, where)} if sign.cause is Cause.ZERO else None
+
+
+def apart(id: ClaimId, name: str, slope: sp.Expr, plant: System) -> Check:
+    """The check that 0 < m <= |slope| on the box, a parameter without a range at its value.
+
+    proved: by outward-rounded intervals and bisection, with the margin m. refuted: with a point where it is zero or
+    undefined, or between two of its signs. unknown: with the number of boxes tried, or the missing ranges.
+    """
+    claim, around = Sentence.of("0 < m <= |{name}| = |{slope}| on the box", name=name, slope=slope), plant.box
+    try:
+        sign = nonzero(slope, around)
+    except NoTape as error:
+        return Check(id, claim, Verdict.UNKNOWN, error.reason)
+    if sign.verdict is Verdict.PROVED:
+        pattern = "it is at least {margin}" if sign.sign > 0 else "it is at most -{margin}"
+        return Check(id, claim, sign.verdict, because(pattern, margin=Down(sign.margin)), subject=slope)
+    if sign.verdict is Verdict.REFUTED:
+        fix = f"Narrow the ranges so that {name} keeps one sign."
+        reason = because("{name} {reason}", name=name, reason=sign.reason)
+        return Check(id, claim, sign.verdict, reason, witness(sign.witness), fix)
+    loose = ", ".join(s.name for s in plant.signals if s in slope.free_symbols and around[s] == EVERYTHING)
+    fix = f"Declare low= and high= for {loose}." if loose else ""
+    return Check(id, claim, Verdict.UNKNOWN, sign.reason, fix=fix)
+
+
+def without_jumps(check: Check, link: Link) -> Check:
+    """The check of the slope of a link: unknown in place of proved where the row may jump with its state, since it is
+    not one-to-one for its slope alone."""
+    if check.verdict is not Verdict.PROVED or link.jumps is None:
+        return check
+    pattern = "{row} may jump with {state}, at a step of {part}, where it has no slope"
+    reason = because(pattern, row=link.name, state=link.state, part=link.jumps)
+    fix = f"Narrow the range of {link.state} to one branch, or smooth the step."
+    return replace(check, verdict=Verdict.UNKNOWN, reason=reason, fix=fix, subject=None, proofs=())
+
+
+# ---------------------------------------------------------------- offsets and b
+
+
+@dataclass(frozen=True)
+class Offset:
+    """The known part of an output, that of chain `chain`, which has a value."""
+
+    chain: int
+
+    def evidence(self, form: Form) -> Evidence | None:
+        """Its range."""
+        z = form.states[form.heads[self.chain - 1]]
+        c = exact(sp.sympify(form.output[self.chain - 1])).subs(z, 0)
+        return enclosure(form, c, bound(c, sides(form, c.free_symbols)))
+
+
+def defined(id: ClaimId, name: str, c: sp.Expr, system: System) -> Check:
+    """The check that c, a function of inputs and parameters, is defined on the box; `name` is what the report calls it.
+
+    It is proved by outward-rounded intervals and bisection, refuted by a point, and unknown otherwise.
+    """
+    claim = Sentence.of("{name} = {c} is a finite real number on the box", name=name, c=c)
+    check = Check(id, claim, Verdict.UNKNOWN, NONE)
+    c, signals = _varying(c, system)
+    around = box(signals, system.nominal)
+    try:
+        extent = bound(c, around, boxes=_OF_OFFSETS)
+    except NoTape as missing:
+        return replace(check, reason=missing.reason)
+    if extent.defined:
+        reason = because("outward-rounded intervals find no singular point")
+        return replace(check, verdict=Verdict.PROVED, reason=reason, proofs=(Offset(*id.at or (1,)),))
+    unranged = _unranged(check, signals)
+    if unranged:
+        return unranged
+    fix = f"Narrow the ranges so that {name} is defined everywhere."
+    for place in points(signals):
+        if kind(c, place) == "undefined":
+            reason = because("{name} is not a finite real number", name=name)
+            return replace(check, verdict=Verdict.REFUTED, reason=reason, witness=witness(place), fix=fix)
+    poles = singular([c], around)
+    holds = because("holds where {conditions: and }", conditions=reasons(minimal(poles.values())))
+    return replace(check, reason=holds if poles else extent.note, fix=fix)
+
+
+def bounded(id: ClaimId, form: Form, products: Sequence[sp.Expr]) -> Check:
+    """The check that what is nonlinear is bounded: it is proved with the bound mu of a_1 .. a_i b_i, or unknown.
+
+    phi of a theorem on x_i' = x_(i+1), x_n' = phi is that of the chain of integrators, c_i = a_1 .. a_i b_i, and not
+    b_n. The law asks for no slope of phi, so the plant as it is written is asked here: (u x + u)/u is x + 1 in a form,
+    and has no value at u = 0. phi of a phase form, at its place in b, is taken as a function of the plant's states
+    where it has poles in the box of z. `products` (n): a_1 .. a_i.
+    """
+    claim = "phi is bounded on the declared ranges of states and inputs"
+    rows, states = (form.b, form.states) if form.behind is None else (form.behind, form.system.states)
+    read = {s for row in rows for s in row.free_symbols}
+    loose = [s.name for s in (*states, *form.system.inputs) if s in read and not s.bounded]
+    if loose:
+        fix = f"Declare a range for {', '.join(loose)}; of an input's derivative by rates=((low, high), ..)."
+        reason = because("no range is declared for {names}; an input that steps has none", names=loose)
+        return Check(id, claim, Verdict.UNKNOWN, reason, fix=fix)
+    around = box((*states, *form.system.inputs, *form.system.parameters), form.system.nominal)
+    try:
+        ranges = [bound(a * row, around, boxes=_OF_PRODUCTS) for a, row in zip(products, rows, strict=True) if row != 0]
+    except NoTape as missing:
+        return Check(id, claim, Verdict.UNKNOWN, because("{what} may be unbounded", what=missing.what))
+    if not all(values.finite and values.defined for values in ranges):
+        return Check(id, claim, Verdict.UNKNOWN, because("no bound was found; it may have poles on the box"))
+    mu = max((max(abs(values.low), abs(values.high)) for values in ranges), default=0.0)
+    proved = Check(id, claim, Verdict.PROVED, because("mu <= {mu}, by outward-rounded intervals", mu=Up(mu)))
+    return if_valued(proved, form.system)

@@ -1,0 +1,252 @@
+"""The inverse of a map z = Phi(x, u): one state after the other where a row brings in one, the rest where it is linear.
+
+A candidate counts only if Psi(Phi(x, u), u) = x is shown exactly, for the signs that the ranges of x and the values of
+fixed parameters give; then Phi is one to one wherever Psi(Phi) is defined, and of several branches the one that fits
+the ranges is taken.
+
+As an observer evaluates it, no denominator of x = Psi(z, u) leaves the side that it has on the image (`sided`).
+z = Phi(x, u) takes the plant's ranges to a part of the box of z. A denominator d(z, u) of Psi with d(Phi(x, u), u) >=
+least > 0 on the plant's ranges may still be 0 elsewhere in the box of z: past that pole Psi has the other sign, and the
+clamp to the ranges would take the far end. There Psi is evaluated with max(d, least), or min(d, -least): on the image
+of the ranges it is unchanged, beyond it is continuous, and the clamp takes the near end.
+"""
+
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from fractions import Fraction
+from types import MappingProxyType
+
+import sympy as sp
+from sympy.solvers.solveset import NonlinearError
+
+from hgogen.analysis.lie import size
+from hgogen.check import Verdict
+from hgogen.form import Form
+from hgogen.rigor.balls import values
+from hgogen.rigor.bounds import nonzero
+from hgogen.rigor.box import Box
+from hgogen.rigor.identity import is_zero
+from hgogen.rigor.points import exact, points
+from hgogen.rigor.tape import NoTape, tape
+from hgogen.sentence import down
+from hgogen.signal import Signal
+
+_SIDED = 2000  # boxes: a bound away from 0 need not be the best
+# Beyond so many nodes an expression is not simplified.
+_LIMIT = 400
+_TOGETHER = 2 * _LIMIT  # nodes times functions, each of which is a symbol more to cancel in
+_BITS, _NOTHING = 256, 1e-9  # of a value at a sample point, and what of it may be left of cancellations
+EMPTY: Mapping[Signal, float] = MappingProxyType({})
+_BACK: dict[type, Callable[[sp.Expr], sp.Expr]] = {
+    sp.exp: sp.log,
+    sp.log: sp.exp,
+    sp.sinh: sp.asinh,
+    sp.asinh: sp.sinh,
+    sp.tanh: sp.atanh,
+    sp.atanh: sp.tanh,
+    sp.atan: sp.tan,
+    sp.tan: sp.atan,
+    sp.sin: sp.asin,
+    sp.cos: sp.acos,
+}
+
+
+def stand_ins(signals: Iterable[Signal], fixed: Mapping[Signal, float] = EMPTY) -> dict[Signal, sp.Dummy]:
+    """Symbols that carry the sign of a signal's range, so that sqrt(w^2) can become w; of its value where `fixed`."""
+    ends = {s: (fixed[s], fixed[s]) if s in fixed else s.interval for s in signals}
+    dummies = {}
+    for s, (low, high) in ends.items():
+        assumed = {"nonnegative": True} if low == 0 else {}
+        if low > 0 or high < 0:
+            assumed = {"positive" if low > 0 else "negative": True}
+        dummies[s] = sp.Dummy(s.name, real=True, **assumed)
+    return dummies
+
+
+def inverse(
+    images: Mapping[sp.Symbol, sp.Expr],
+    states: Sequence[Signal],
+    known: Sequence[Signal],
+    fixed: Mapping[Signal, float] = EMPTY,
+) -> dict[sp.Symbol, sp.Expr] | None:
+    """Each state as an expression of z, inputs and parameters; None where the search finds no inverse.
+
+    Args: `images`: z to Phi, in order; `states`: x; `known`: the inputs and parameters that Phi may read; `fixed`: the
+    values of those that never change.
+    """
+    plain = stand_ins((*states, *known), fixed)
+    forward = {z: exact(e).xreplace(plain) for z, e in images.items()}
+    unknown = [plain[x] for x in states]
+    solved: dict[sp.Symbol, sp.Expr] = {}
+    rows = dict(forward)
+    while len(solved) < len(unknown):
+        left = [x for x in unknown if x not in solved]
+        new = _next(rows, left, forward) or _linear(rows, left, forward)
+        if not new:
+            return None
+        solved |= new
+        rows = {z: tidy(e.xreplace(new)) for z, e in rows.items() if e.free_symbols & set(left)}
+    back = {dummy: signal for signal, dummy in plain.items()}
+    candidate = {x: solved[plain[x]].xreplace(back) for x in states}
+    return candidate if _holds(candidate, images, (*states, *known), fixed) else None
+
+
+def tidy(expression: sp.Expr) -> sp.Expr:
+    """The expression with common factors cancelled, functions and roots taken as symbols of their own."""
+    nodes, roots = size([expression]), {p for p in expression.atoms(sp.Pow) if not p.exp.is_Integer}
+    stands = {f: sp.Dummy() for f in sorted(roots | expression.atoms(sp.Function), key=sp.default_sort_key)}
+    if nodes > _LIMIT or nodes * len(stands) > _TOGETHER:
+        return expression
+    whole = expression.xreplace(stands)
+    return sp.cancel(whole).xreplace({dummy: f for f, dummy in stands.items()})
+
+
+def _next(
+    rows: Mapping[sp.Symbol, sp.Expr], left: Sequence[sp.Symbol], forward: Mapping[sp.Symbol, sp.Expr]
+) -> dict[sp.Symbol, sp.Expr]:
+    """The state of the first row that brings in only one and can be solved for it."""
+    for z, row in rows.items():
+        read = [x for x in left if x in row.free_symbols]
+        if len(read) == 1:
+            for candidate in _roots(row - z, read[0]):
+                if _undoes(candidate, read[0], forward):
+                    return {read[0]: candidate}
+    return {}
+
+
+def _linear(
+    rows: Mapping[sp.Symbol, sp.Expr], left: list[sp.Symbol], forward: Mapping[sp.Symbol, sp.Expr]
+) -> dict[sp.Symbol, sp.Expr]:
+    """All remaining states at once, where the numerators of the remaining rows are linear in them together."""
+    numerators = [sp.fraction(sp.together(e - z))[0] for z, e in rows.items() if e.free_symbols & set(left)]
+    try:
+        matrix, right = sp.linear_eq_to_matrix(numerators, left)
+    except (NonlinearError, ValueError):
+        return {}
+    if matrix.rows != matrix.cols or tidy(matrix.det()) == 0:
+        return {}
+    solution = dict(zip(left, map(tidy, matrix.LUsolve(right)), strict=True))
+    return solution if all(_undoes(e, x, forward) for x, e in solution.items()) else {}
+
+
+def _roots(equation: sp.Expr, x: sp.Symbol) -> Iterator[sp.Expr]:
+    """Solutions of equation = 0 for x: of a polynomial of degree 1 or 2, or behind a function that occurs alone."""
+    numerator = sp.fraction(sp.together(equation))[0]
+    if numerator.is_polynomial(x):
+        coefficients = sp.Poly(numerator, x).all_coeffs()
+        if len(coefficients) == 2:
+            yield -coefficients[1] / coefficients[0]
+        elif len(coefficients) == 3 and coefficients[1] == 0:
+            a, _, c = coefficients
+            root = sp.sqrt(sp.factor(-c / a))  # a product shows its sign
+            yield from (root, -root)
+        elif len(coefficients) == 3:
+            a, b, c = coefficients
+            root = sp.sqrt(tidy(b**2 - 4 * a * c))
+            yield from ((-b + root) / (2 * a), (-b - root) / (2 * a))
+        return
+    functions = numerator.atoms(sp.Function, sp.Pow)
+    inner = {f for f in functions if x in f.free_symbols and not f.is_polynomial(x)}
+    for f in sorted(inner, key=sp.default_sort_key):
+        value = sp.Dummy()
+        rest = numerator.xreplace({f: value})
+        if x in rest.free_symbols or not rest.is_polynomial(value):
+            continue
+        for root in _roots(rest, value):
+            undone = _behind(f, root)
+            if undone is not None:
+                yield from _roots(undone, x)
+
+
+def _behind(f: sp.Expr, value: sp.Expr) -> sp.Expr | None:
+    """An expression that is 0 where f = value, with the function undone; None for one without an inverse here."""
+    if isinstance(f, sp.Pow):
+        return f.base - value ** (1 / f.exp) if f.exp.is_Rational else None
+    back = _BACK.get(type(f))
+    return None if back is None else f.args[0] - back(value)
+
+
+def _undoes(candidate: sp.Expr, x: sp.Symbol, forward: Mapping[sp.Symbol, sp.Expr]) -> bool:
+    """Whether the candidate, an expression of z, is x where z = Phi(x)."""
+    error = tidy(candidate.xreplace(dict(forward)) - x)
+    if error == 0 or size([error]) > _LIMIT:
+        return bool(error == 0)
+    signed = [s for s in error.free_symbols if s.is_nonnegative or s.is_nonpositive]
+    signs = {s: (0, sp.oo) if s.is_nonnegative else (-sp.oo, 0) for s in signed}
+    answer = is_zero(error, signs)
+    return bool(sp.simplify(error) == 0) if answer is None else answer
+
+
+def _holds(
+    candidate: Mapping[sp.Symbol, sp.Expr],
+    images: Mapping[sp.Symbol, sp.Expr],
+    signals: Sequence[Signal],
+    fixed: Mapping[Signal, float],
+) -> bool:
+    """A second test of the candidate: at no sample point of the box does a ball exclude that Psi(Phi(x)) = x."""
+    errors = [exact(e.xreplace(dict(images)).xreplace(dict(fixed))) - x for x, e in candidate.items()]
+    read = [s for s in signals if any(s in e.free_symbols for e in errors)]
+    try:
+        program = tape(errors, read)
+    except NoTape:
+        return False
+    at = ([Fraction(point[s].p, point[s].q) for s in read] for point in points(read))
+    return not any(ball.is_finite() and abs(ball) > _NOTHING for place in at for ball in values(program, place, _BITS))
+
+
+# ---------------------------------------------------------------- as an observer evaluates it
+
+
+@dataclass(frozen=True)
+class Sided:
+    """The `rows` of Psi, with each denominator at its side where that is proved. `finite` tells for each row whether it
+    is proved to be a number on the whole box of z; where it is not, an observer has to look."""
+
+    rows: tuple[sp.Expr, ...]
+    finite: tuple[bool, ...]
+
+
+def sided(form: Form) -> Sided:
+    """The form's `from_form`, x as expressions of z, with each denominator of a proved sign clamped to that sign.
+
+    The least size of a denominator on the image is proved by outward-rounded intervals; half of it is taken, which
+    leaves room for rounding.
+    """
+    plant = form.system
+    around, ranges, images = form.box, plant.box, dict(zip(form.states, form.to_form, strict=True))
+    denominators = sorted({d for row in form.from_form for d in _denominators(row)}, key=sp.default_sort_key)
+    poles = [d for d in denominators if not _least(d, around)]
+    leasts = {d: _least(tidy(d.xreplace(images)), ranges) for d in poles}
+    leasts = {d: least for d, least in leasts.items() if least}
+    doubtful = {d for d in poles if d not in leasts}
+    finite = []  # a state with a sign, or a rational function of bounded signals without a denominator that may be 0
+    for row in form.from_form:
+        read = row.free_symbols
+        bounded = all(s.bounded for s in (*form.states, *plant.inputs) if s in read)
+        rational = bounded and bool(row.is_rational_function(*read)) and not doubtful & {*_denominators(row)}
+        finite.append(rational or row in form.states or -row in form.states)
+    return Sided(tuple(_bounded_away(row, leasts) for row in form.from_form), tuple(finite))
+
+
+def _denominators(row: sp.Expr) -> list[sp.Expr]:
+    powers = (p for p in row.atoms(sp.Pow) if p.exp.is_Integer and p.exp.is_negative)
+    return [p.base for p in powers if not p.is_number]
+
+
+def _least(denominator: sp.Expr, ranges: Box) -> sp.Rational:
+    """Half of a bound away from 0, with the sign that the denominator has on the ranges; 0 where none is proved."""
+    sign = nonzero(denominator, ranges, boxes=_SIDED, refute=False)
+    if sign.verdict is not Verdict.PROVED:
+        return sp.S.Zero
+    return sign.sign * sp.Rational(down(sign.margin / 2))
+
+
+def _bounded_away(row: sp.Expr, leasts: Mapping[sp.Expr, sp.Rational]) -> sp.Expr:
+    """The row, each denominator d of `leasts` as max(d, least), or min(d, least) where least < 0."""
+    powers = (p for p in row.atoms(sp.Pow) if p.exp.is_Integer and p.exp.is_negative and p.base in leasts)
+    changed = {}
+    for p in powers:
+        least = leasts[p.base]
+        keep = sp.Max if least > 0 else sp.Min
+        changed[p] = keep(_bounded_away(p.base, leasts), least) ** p.exp
+    return row.xreplace(changed)

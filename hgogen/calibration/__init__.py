@@ -1,1 +1,0 @@
-"""Gains of observers from measured records: noise by likelihood, the rest by predictions, judged by segments."""

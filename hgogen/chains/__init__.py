@@ -1,1 +1,0 @@
-"""What observers on chains of integrators share: gains, the linear core, injection of the output error, saturations."""

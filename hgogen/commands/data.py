@@ -1,0 +1,118 @@
+"""Measured records on the command line: which columns are signals, and the rows held out."""
+
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from types import MappingProxyType
+from typing import Any
+
+import numpy as np
+import typer
+
+from hgogen.commands.options import Columns, once
+from hgogen.logs.records import Log, beyond
+from hgogen.reading.averaged import Window
+from hgogen.reading.mapped import mapping, shifts_of
+from hgogen.reading.measured import COMMAND, Record, Report, read
+from hgogen.system import System
+
+
+@dataclass(frozen=True, eq=False)
+class Logs:
+    """Records of a plant; of each the rows before `cuts` are learned from."""
+
+    plant: System
+    records: tuple[Record, ...]
+    cuts: tuple[int, ...]
+
+    @property
+    def learned(self) -> tuple[Log, ...]:
+        """The rows to learn from."""
+        return tuple(self._log(record, cut) for record, cut in zip(self.records, self.cuts, strict=True))
+
+    @property
+    def reports(self) -> tuple[Report, ...]:
+        """What was found in each log."""
+        return tuple(record.report for record in self.records)
+
+    @property
+    def whole(self) -> tuple[Log, ...]:
+        """All rows."""
+        return tuple(self._log(record, len(record.t)) for record in self.records)
+
+    def notes(self) -> tuple[str, ...]:
+        """Where the records leave what the plant declares; of several records, which."""
+        several = len(self.records) > 1
+        return tuple(
+            f"{record.report.path}: {note}" if several else note
+            for record, log in zip(self.records, self.whole, strict=True)
+            for note in beyond(self.plant, log)
+        )
+
+    def columns(self, names: Sequence[str]) -> tuple[dict[str, np.ndarray], ...]:
+        """Columns of each record that are no signals, by name."""
+        return tuple({name: record.values[:, record.names.index(name)] for name in names} for record in self.records)
+
+    def _log(self, record: Record, count: int) -> Log:
+        u, y = record.of(self.plant.inputs)[:count], record.of(self.plant.outputs)[:count]
+        return Log(u, y, record.report.dt)
+
+
+def logs_of(
+    plant: System,
+    data: Sequence[Path],
+    held_out: float,
+    *,
+    dt: float | None = None,
+    named: Columns,
+    beside: Mapping[str, str] = MappingProxyType({}),
+    options: Mapping[str, str] = MappingProxyType({}),
+    shift: Sequence[str] | None,
+    window: Window,
+) -> Logs:
+    """The records of files on the grid of `dt`, by default of their own period; `named`: their columns; `beside`: other
+    columns by name, which `options` give; `shift`: texts SIGNAL=SAMPLES, None for none; `window`: that of inputs which
+    are averaged.
+
+    Raises: `BadRecord`.
+    """
+    columns = {**mapping(str(data[0]), named.map_ or (), plant.inputs, plant.outputs), **beside}
+    shifts = shifts_of(str(data[0]), shift or (), plant.inputs, plant.outputs)
+    inputs = {s.name: window for s in plant.inputs}
+    first = plant.declared
+    units = {s.name: s.unit for s in plant.signals} | {truth_name(x.name): x.unit for x in first.states}
+    words: dict[str, Any] = {"dt": dt, "time": named.time, "period": named.period, "unit": plant.time, "units": units}
+    words |= {"inputs": inputs, "caller": replace(COMMAND, others=options)}
+    records = tuple(read(path, columns, **words).shifted(shifts) for path in data)
+    return Logs(plant, records, tuple(round(len(record.t) * (1 - held_out)) for record in records))
+
+
+def truth_of(plant: System, pairs: Sequence[str]) -> dict[str, tuple[str, str]]:
+    """Of each state whose truth was measured: the name of its column among the signals, and the file's, or an
+    expression. Raises: `typer.BadParameter`."""
+    names = [x.name for x in plant.declared.states]
+    columns = []
+    for text in pairs:
+        state, _, column = (part.strip() for part in text.partition("="))
+        if state not in names or not column:
+            reason = f"{text!r} must read STATE=COLUMN; the states are {', '.join(names)}"
+            raise typer.BadParameter(reason, param_hint="--truth")
+        columns.append((state, (truth_name(state), column)))
+    return once(columns, "--truth")
+
+
+def truth_options(true: Mapping[str, tuple[str, str]]) -> dict[str, str]:
+    """What gives the column of each truth, by its name among the signals."""
+    return {name: f"--truth {state}=COLUMN" for state, (name, _) in true.items()}
+
+
+def truth_name(state: str) -> str:
+    """What the column of a state's truth is called among the signals."""
+    return f"truth of {state}"
+
+
+def too_far(ahead: Iterable[int], compared: Iterable[int | None]) -> Iterator[str]:
+    """A sentence on the numbers of samples ahead at which nothing is `compared`."""
+    far = ", ".join(map(str, sorted({*ahead} - {*compared})))
+    if far:
+        yield f"no sample is there to compare with predictions {far} samples ahead"

@@ -1,0 +1,1 @@
+"""What observers share: Riccati parts and theta, chains of integrators, linear cores, saturations, persistence."""

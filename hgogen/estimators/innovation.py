@@ -1,0 +1,460 @@
+"""The innovation over a sliding window, I_d(t) = integral over [t-d, t] of |y - yhat|^2, yhat predicted from z(t-d).
+
+Source: Boizot, Busvelle, Gauthier 2010, section 2.3. Two ways to compute it, both as values for an adaptive theta:
+
+`window(d)`: as the paper says, the model is run again from z(t - d) at every sample; N = d/dt model steps a sample and
+a history of N + 1 states, inputs and outputs.
+
+`staggered(d, predictors=M)`: M + 1 copies of the model, one restarted from z every d/M, each summing dt |y - yhat|^2.
+The oldest has an age between d and d (1 + 1/M); its sum is scaled down to d by its number of valid samples and never
+scaled up. M + 1 model steps a sample and no history: the default.
+
+A sum over samples keeps dt (unit y^2 s), so thresholds do not change with dt. Missing samples are not counted. Of
+several outputs I_d is the sum of weights_j |y_j - yhat_j|^2, each with its own count of valid samples; weights such as
+1/variance make outputs of different units one. A predictor is the model over one step without correction.
+"""
+
+from collections.abc import Callable, Collection, Mapping
+from dataclasses import dataclass, field, replace
+from typing import Any, Protocol, TypeAlias, runtime_checkable
+
+import casadi as ca
+
+from hgogen.analysis.dynamics import HUGE, Dynamics, clamp, inside
+from hgogen.analysis.jacobians import jacobians_on_box
+from hgogen.discretisation.routine import routine
+from hgogen.discretisation.runge_kutta import HEUN, Tableau, advance
+from hgogen.discretisation.stability import EVERYWHERE, Lengths, decay_limits
+from hgogen.errors import BadArgument, HgogenError
+from hgogen.estimators.kalman_theorems import STAGGERED, WINDOW
+from hgogen.graph import Graph
+from hgogen.part import Clock, Part, Pieces
+from hgogen.program import INF, Block, Field, Group, Loop, Place, Program, When, scalar, sym
+from hgogen.reading.given import real, reals
+from hgogen.reading.named import Values, of_outputs
+from hgogen.signal import LOST
+from hgogen.theorem import Hypothesis
+
+__all__ = ["Innovation", "staggered", "window"]
+
+Weights: TypeAlias = tuple[float, ...] | Mapping[str, float]
+POINTS = 12  # corners, and as many points inside, at which the model's decay is judged
+MOST = LOST  # of a squared error
+INNOVATION = scalar("innovation", 0, low=0.0, high=MOST, unit="y^2 s", meaning="innovation I_d")
+
+
+@dataclass(eq=False)
+class BadWindow(HgogenError):
+    """A window that is no whole number of samples."""
+
+    d: float
+    dt: float
+    predictors: int
+
+    def __str__(self) -> str:
+        unit = self.dt * self.predictors
+        nearest = max(1, round(self.d / unit)) * unit
+        share = f" between {self.predictors} predictors" if self.predictors > 1 else ""
+        return (
+            f"the window d = {self.d:g} is no whole number of samples of dt = {self.dt:g}{share}; "
+            f"take d = {nearest:.6g}, or other dt or predictors"
+        )
+
+
+class BadWindowSize(BadArgument):
+    """A window, a number of predictors or a method that cannot be used."""
+
+
+@runtime_checkable
+class Innovation(Protocol):
+    """A way to compute I_d into the place `state.innovation`."""
+
+    @property
+    def d(self) -> float:
+        """Length of the window."""
+        ...
+
+    @property
+    def hypothesis(self) -> Hypothesis:
+        """What is known of it as the integral of the theorem."""
+        ...
+
+    def part(self, dynamics: Dynamics, z: Field) -> "Predictors":
+        """The part that computes it, for the observer state of field `z`."""
+        ...
+
+
+@dataclass(frozen=True)
+class Predictor:
+    """The open-loop model over one step and its output error."""
+
+    dynamics: Dynamics
+    z: Field
+    tableau: Tableau
+
+    @property
+    def lengths(self) -> Lengths:
+        """The step lengths at which the tableau follows the model's decay."""
+        limits = decay_limits(jacobians_on_box(self.dynamics, POINTS)[0], self.tableau.polynomial)
+        why = f"nowhere in the declared box does a predictor by {self.tableau.name} follow the model's decay beyond it"
+        return Lengths(refused=float(limits.max()), take=float(limits.min()), why=why, basis=EVERYWHERE)
+
+    def moved(self, z: Graph, u: Callable[[float], Graph], dt: float) -> Graph:
+        """z one step later without correction, not yet `clamped` to the box of the observer's state."""
+        sizes = {"z": z.numel(), "u": u(0.0).numel()}
+        flow = routine("flow", sizes, lambda at: {"dz": self.dynamics.flow(at["z"], at["u"])})
+        stages = advance(self.tableau, lambda v, c: {"z": flow({**v, "u": u(c)})["dz"]}, {"z": z}, dt)
+        result: Graph = stages.result["z"]
+        return result
+
+
+@dataclass(frozen=True, eq=False)
+class Predictors(Part):
+    """Copies of the model without correction as a part of an observer; `build` makes its pieces, the same whatever the
+    method: the predictors have their own."""
+
+    predictor: Predictor
+    build: Callable[[Predictor, Clock], Pieces]
+
+
+def clamped(field: Field, value: Graph, still: Collection[int] = ()) -> Graph:
+    """Each element clamped to the field's box, but for those that are `still`, which are in it; its initial value where
+    it is not a number or absurd."""
+    elements = []
+    for i, end in enumerate(field.box_within(HUGE)):
+        inside = clamp(value[i], *end)
+        kept_in = ca.if_else(ca.fabs(value[i]) <= HUGE, inside, field.initial[i])
+        elements.append(value[i] if i in still else kept_in)
+    return ca.vertcat(*elements)
+
+
+def beyond(field: Field, value: Graph, still: Collection[int]) -> Graph:
+    """Whether an element that is not `still` is beyond the field's box, or lost."""
+    moving = [i for i in range(value.numel()) if i not in still]
+    ends = field.box_within(HUGE)
+    return ca.logic_not(inside(value[moving], [ends[i] for i in moving]))
+
+
+def samples(d: float, dt: float, shares: int = 1) -> int:
+    """The number of samples d/dt, which must be a whole multiple of `shares`.
+
+    Raises: `BadWindow`.
+    """
+    count = round(d / dt)
+    if count < 1 or count % shares or abs(count * dt - d) > 1e-9 * d:
+        raise BadWindow(d, dt, shares)
+    return count
+
+
+def in_order(weights: Weights | Values, dynamics: Dynamics) -> tuple[float, ...]:
+    """The weights in the order of the outputs.
+
+    Raises: `BadNames`; `BadWindowSize` for another number of them.
+    """
+    ordered = tuple(of_outputs("weights", weights, dynamics.form)) if weights else ()
+    if ordered and len(ordered) != dynamics.outputs:
+        reason = f"must have one number for each of {dynamics.outputs} outputs"
+        raise BadWindowSize(f"weights of length {len(ordered)}", reason)
+    return ordered
+
+
+def summed(weights: tuple[float, ...], squares: Graph) -> Graph:
+    """The weighted sum over outputs (p), limited so that it stays a number."""
+    if weights:
+        return ca.fmin(ca.dot(ca.SX(ca.DM(weights)), squares), MOST)
+    return squares if squares.numel() == 1 else ca.fmin(ca.sum1(squares), MOST)
+
+
+_NEWEST, _FILLED = Place("state", "newest"), Place("state", "filled")
+_RECENT_Y, _RECENT_VALID = Place("state", "recent_y"), Place("state", "recent_valid")
+_START, _FIRST, _STEPS = (Place("work", name) for name in ("oldest", "first", "steps"))
+_RUN_Z, _RUN_U, _RUN_SUM = (Place("work", name) for name in ("zw", "uw", "sum"))
+
+
+@dataclass(frozen=True)
+class Window:
+    """Of the paper: `d` (s), `tableau` that moves the model, `weights` of the outputs' squares."""
+
+    d: float
+    tableau: Tableau
+    weights: Weights = field(default=(), hash=False)
+    hypothesis: Hypothesis = WINDOW
+
+    def part(self, dynamics: Dynamics, z: Field) -> Predictors:
+        """A ring of N + 1 samples in the group `past`."""
+        weights = in_order(self.weights, dynamics)
+
+        def build(predictor: Predictor, clock: Clock) -> Pieces:
+            return _Ring(predictor, clock, samples(self.d, clock.dt), weights).pieces
+
+        return Predictors(Predictor(dynamics, z, self.tableau), build)
+
+
+@dataclass(frozen=True)
+class _Ring:
+    """The last samples at a clock; `steps`: N of the window."""
+
+    predictor: Predictor
+    clock: Clock
+    steps: int
+    weights: tuple[float, ...]
+
+    @property
+    def size(self) -> int:
+        """Samples that are remembered."""
+        return self.steps + 1
+
+    @property
+    def n(self) -> int:
+        return self.predictor.dynamics.n
+
+    @property
+    def pieces(self) -> Pieces:
+        p = self.clock.outputs
+        zeros, after = (0.0,) * p, sym("state", "newest") + 1
+        newest = {_NEWEST: ca.if_else(after >= self.size, 0, after)}
+        sample = {"z": sym("state", self.predictor.z.name, self.n)}
+        sample |= {"y": sym("state", "recent_y", p), "valid": sym("state", "recent_valid", p)}
+        sample |= {"u": sym("state", "u", self.clock.inputs)} if self.clock.inputs else {}
+        store = Block("store", {Place("past", name): value for name, value in sample.items()})
+        start = {_RUN_Z: sym("past", "z", self.n), _RUN_SUM: ca.SX(0), **self._input()}
+        oldest = Block("the model starts from the estimate d ago", start)
+        again = Block(f"the model again by {self.predictor.tableau.name}, its squared output error", self._replay())
+        return Pieces(
+            fields=(
+                INNOVATION,
+                scalar("newest", 0, kind="index", high=self.size - 1, meaning="index of the newest sample"),
+                scalar("filled", 0, kind="index", high=self.size, meaning="samples in the window"),
+                Field("recent_y", zeros, meaning="measurement of this call"),
+                Field("recent_valid", zeros, meaning="1 where it counts"),
+            ),
+            groups=(self._group(),),
+            predict=(Block("no sample yet", {_RECENT_VALID: ca.SX.zeros(p)}),),
+            update=tuple(self._remember(j) for j in range(p)),
+            adapt=(
+                Block("the newest sample takes the place of the oldest", newest),
+                Loop("past", 1, (store,), start=_NEWEST),
+                self._find(),
+                Loop("past", 1, (oldest,), start=_START),
+                Loop("past", self.steps, (again,), start=_FIRST, active=_STEPS),
+                Block("innovation", {Place("state", "innovation"): sym("work", "sum")}),
+            ),
+        )
+
+    def _group(self) -> Group:
+        zeros = (0.0,) * self.clock.outputs
+        fields = [replace(self.predictor.z, meaning="estimate")]
+        fields += [Field("u", (0.0,) * self.clock.inputs, meaning="input")] if self.clock.inputs else []
+        fields += [Field("y", zeros, meaning="measurement"), Field("valid", zeros, meaning="1 where it counts")]
+        return Group("past", self.size, tuple(fields), "the samples of the window")
+
+    def _remember(self, output: int) -> Program:
+        """The sample of an output in this call."""
+        p = self.clock.outputs
+        y, valid = ca.SX(sym("state", "recent_y", p)), ca.SX(sym("state", "recent_valid", p))
+        y[output], valid[output] = sym("work", "measurement"), 1
+        return (Block("this sample", {_RECENT_Y: y, _RECENT_VALID: valid}),)
+
+    def _find(self) -> Block:
+        newest, filled, size = sym("state", "newest"), sym("state", "filled"), self.size
+        count = ca.if_else(filled < size, filled + 1, size)
+        oldest = ca.if_else(newest + 1 < count, newest + 1 + size - count, newest + 1 - count)
+        first = ca.if_else(oldest + 1 >= size, 0, oldest + 1)
+        writes = {_FILLED: count, _START: oldest, _FIRST: first, _STEPS: count - 1}
+        return Block("the window starts at the oldest sample", writes)
+
+    def _input(self) -> dict[Place, Graph]:
+        """The input of a sample, which is the one before the next sample's; none where the plant has none."""
+        return {_RUN_U: sym("past", "u", self.clock.inputs)} if self.clock.inputs else {}
+
+    def _replay(self) -> dict[Place, Graph]:
+        """One step of the model, and the squared error of its output in the sum."""
+        p, m, clock = self.clock.outputs, self.clock.inputs, self.clock
+        y, valid, u, before = sym("past", "y", p), sym("past", "valid", p), sym("past", "u", m), sym("work", "uw", m)
+        moved = self.predictor.moved(sym("work", "zw", self.n), lambda c: clock.between_samples(c, before, u), clock.dt)
+        moved = clamped(self.predictor.z, moved) if clock.guarded else moved
+        error = y - self.predictor.dynamics.output(moved, u)
+        rates = ca.SX(ca.DM(clock.every)) * valid if clock.every else valid
+        squares = summed(self.weights, rates * (error * error))
+        return {_RUN_Z: moved, _RUN_SUM: ca.fmin(sym("work", "sum") + clock.dt * squares, MOST), **self._input()}
+
+
+_Z, _SUM, _SAMPLES = (Place("predictor", name) for name in ("z", "sum", "samples"))
+_OLDEST, _TICK = Place("state", "oldest"), Place("state", "tick")
+_RESTART, _BEYOND = Place("work", "restart"), Place("work", "beyond")
+
+
+@dataclass(frozen=True)
+class Staggered:
+    """By staggered copies: `d` (s), `predictors` M, `tableau` that moves them, `weights` of the outputs' squares."""
+
+    d: float
+    predictors: int
+    tableau: Tableau
+    weights: Weights = field(default=(), hash=False)
+    hypothesis: Hypothesis = STAGGERED
+
+    def part(self, dynamics: Dynamics, z: Field) -> Predictors:
+        """M + 1 copies of the model in the group `predictor`."""
+        weights = in_order(self.weights, dynamics)
+
+        def build(predictor: Predictor, clock: Clock) -> Pieces:
+            return _Copies(
+                predictor, clock, samples(self.d, clock.dt, self.predictors), self.predictors, weights
+            ).pieces
+
+        return Predictors(Predictor(dynamics, z, self.tableau), build)
+
+
+@dataclass(frozen=True)
+class _Copies:
+    """M + 1 `predictors` at a clock: `count` samples in the window, M `shares` of it."""
+
+    predictor: Predictor
+    clock: Clock
+    count: int
+    shares: int
+    weights: tuple[float, ...]
+
+    @property
+    def members(self) -> int:
+        return self.shares + 1
+
+    @property
+    def period(self) -> int:
+        """Samples between two restarts."""
+        return self.count // self.shares
+
+    @property
+    def most(self) -> int:
+        """Samples at which a count of them stops."""
+        return self.members * self.period + 1
+
+    @property
+    def n(self) -> int:
+        return self.predictor.dynamics.n
+
+    @property
+    def total(self) -> Graph:
+        """Each output's sum (p)."""
+        return sym("predictor", "sum", self.clock.outputs)
+
+    @property
+    def valid(self) -> Graph:
+        """Each output's number of samples in the sum (p)."""
+        return sym("predictor", "samples", self.clock.outputs)
+
+    @property
+    def pieces(self) -> Pieces:
+        return Pieces(
+            fields=(
+                INNOVATION,
+                scalar("oldest", 0, kind="index", high=self.members - 1, meaning="index of the oldest predictor"),
+                scalar("tick", 0, kind="index", high=self.period - 1, meaning="samples since the last restart"),
+            ),
+            groups=(self._group(),),
+            predict=(Loop("predictor", self.members, self._move()),),
+            update=tuple(self._accumulate(j) for j in range(self.clock.outputs)),
+            adapt=self._adapt(),
+        )
+
+    def _group(self) -> Group:
+        p = self.clock.outputs
+        zeros, many = (0.0,) * p, (float(self.most),) * p
+        sums = Field("sum", zeros, low=zeros, high=(MOST,) * p, unit="y^2 s", meaning="sum of dt (y - yhat)^2")
+        counts = Field("samples", zeros, "index", (-INF,) * p, many, meaning="valid samples in the sum")
+        fields = (replace(self.predictor.z, meaning="predicted state"), sums, counts)
+        return Group("predictor", self.members, fields, "copies of the model that run without correction")
+
+    def _move(self) -> Program:
+        z, field = sym("predictor", "z", self.n), self.predictor.z
+        moved = self.predictor.moved(z, self.clock.u, self.clock.dt)
+        advance = Block(f"each predictor by {self.predictor.tableau.name}, without correction", {_Z: moved})
+        still = [k for k in range(self.n) if ca.is_equal(moved[k], z[k], 1)]
+        if not self.clock.guarded or len(still) == self.n:
+            return (advance,)
+        return (
+            advance,
+            Block("is it beyond its box, or lost?", {_BEYOND: beyond(field, z, still)}),
+            When(_BEYOND, (Block("keep it in its box", {_Z: clamped(field, z, still)}),), idle=True),
+        )
+
+    def _accumulate(self, output: int) -> Program:
+        """The sample of an output in every predictor's sum."""
+        total, valid = self.total, self.valid
+        z = sym("predictor", "z", self.n)
+        error = sym("work", "measurement") - self.predictor.dynamics.output(z, self.clock.u_now)[output]
+        squared = ca.fmin(total[output] + self.clock.period(output) * error * error, MOST)
+        more = ca.if_else(valid[output] < self.most, valid[output] + 1, self.most)
+        add = Block("its squared output error", {_SUM: _with(total, output, squared)})
+        tally = Block("one more sample", {_SAMPLES: _with(valid, output, more)})
+        return (Loop("predictor", self.members, (add, tally)),)
+
+    def _adapt(self) -> Program:
+        """The innovation is read of the oldest predictor, which then restarts if it is due."""
+        numbers = [max(1, self.count // every) for every in self.clock.every] or [self.count]
+        wanted = ca.SX(ca.DM(numbers)) if len({*numbers}) > 1 else numbers[0]  # of each output in the window
+        scaled = self.total * (wanted / ca.fmax(self.valid, wanted))
+        text = "innovation: the sum of the oldest predictor, scaled to the window, never scaled up"
+        read = Block(text, {Place("state", "innovation"): summed(self.weights, scaled)})
+        tick, after = sym("state", "tick") + 1, sym("state", "oldest") + 1
+        over = tick >= self.period
+        due = {_RESTART: over, _TICK: ca.if_else(over, 0, tick)}
+        none, estimate = ca.SX.zeros(self.clock.outputs), sym("state", self.predictor.z.name, self.n)
+        restart = Block("the oldest predictor restarts from the estimate", {_Z: estimate, _SUM: none})
+        empty = Block("no sample yet", {_SAMPLES: none})
+        rotate = Block("the next one is the oldest", {_OLDEST: ca.if_else(after >= self.members, 0, after)})
+        return (
+            Loop("predictor", 1, (read,), start=_OLDEST),
+            Block(f"one predictor restarts every {self.period} samples", due),
+            When(_RESTART, (Loop("predictor", 1, (restart, empty), start=_OLDEST), rotate)),
+        )
+
+
+def _with(values: Graph, index: int, value: Graph) -> Graph:
+    """The SX column with another element."""
+    return ca.vertcat(*(value if i == index else values[i] for i in range(values.numel())))
+
+
+def staggered(d: float, predictors: int = 4, method: Any = None, weights: float | Values | None = None) -> Staggered:
+    """Innovation by `predictors` + 1 staggered copies of the model over a window `d` (s); Heun unless `method` says.
+
+    `weights`: of each output's square, by name or in their order, 1 by default.
+
+    Raises: `HgogenError` where d, the number or a weight is not positive.
+    """
+    _positive(d)
+    if real("predictors", predictors) not in range(1, 1000):
+        raise BadWindowSize(f"predictors = {predictors}", "must be a whole number, from 1 to 999")
+    return Staggered(float(d), int(predictors), _tableau(method), _weights(weights))
+
+
+def window(d: float, method: Any = None, weights: float | Values | None = None) -> Window:
+    """Innovation as the paper defines it, the model run again over the window `d` (s) at every sample; `weights` as in
+    `staggered`."""
+    _positive(d)
+    return Window(float(d), _tableau(method), _weights(weights))
+
+
+def _positive(d: float) -> None:
+    if not 0 < real("the window d", d) < HUGE:
+        raise BadWindowSize(f"the window d = {d!r}", "must be a positive time")
+
+
+def _tableau(method: Any) -> Tableau:
+    tableau = HEUN if method is None else getattr(method, "tableau", None)
+    if not isinstance(tableau, Tableau):
+        reason = "must be an explicit one: methods.euler, methods.heun or methods.rk4"
+        raise BadWindowSize(f"method = {method!r}", reason)
+    return tableau
+
+
+def _weights(declared: Any) -> Weights:
+    """The weights of the outputs; () for all 1."""
+    if declared is None:
+        return ()
+    values = list(declared.values()) if isinstance(declared, Mapping) else declared
+    weights = tuple(map(float, reals("weights", values).reshape(-1)))
+    if not weights or not all(0 < weight < HUGE for weight in weights):
+        raise BadWindowSize(f"weights = {declared!r}", "must be positive numbers, one for each output")
+    return dict(zip(declared, weights, strict=True)) if isinstance(declared, Mapping) else weights

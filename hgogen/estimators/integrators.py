@@ -1,0 +1,230 @@
+"""A form with constant a_i as chains of integrators, the coordinates in which the papers write their observers.
+
+    z_(i,j)' = a_(i,j+1) z_(i,j+1) + b_(i,j)(z, u),   y_i = a_(i,1) z_(i,1) + o_i(u)
+    w_(i,j) = a_(i,1) .. a_(i,j) z_(i,j):   w_(i,j)' = w_(i,j+1) + c_(i,j)(w, u),   y_i = w_(i,1) + o_i(u)
+
+c_(i,j) = a_(i,1) .. a_(i,j) b_(i,j) takes the argument of b saturated to the declared box: phi_s of the papers. The a_i
+are free of inputs and states; they may hold parameters.
+"""
+
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any, TypeVar
+
+import casadi as ca
+import numpy as np
+import sympy as sp
+
+from hgogen.analysis.dynamics import Dynamics
+from hgogen.analysis.lipschitz import clamped
+from hgogen.analysis.polytope import fixed, span
+from hgogen.analysis.saturation import described
+from hgogen.check import Check
+from hgogen.form import Form
+from hgogen.graph import Graph, to_casadi
+from hgogen.observer import Observer, state_field
+from hgogen.part import Part
+from hgogen.program import Field, sym
+from hgogen.reading.given import BadGain
+from hgogen.rigor.points import exact
+from hgogen.theorem import Theorem
+
+T = TypeVar("T")
+_INSTEAD = "take the form triangular, or the observer riccati"
+_PLANT = "in chains of integrators the plant is w' = A w + c(w, u), A the shift"
+_CLAMPED = f"{_PLANT}; c takes w clamped to its ranges"
+
+
+@dataclass(frozen=True)
+class Integrators:
+    """`form` in the coordinates w; each w is an SX column (n), chain after chain."""
+
+    form: Form
+    gains: tuple[tuple[sp.Expr, ...], ...]
+
+    @cached_property
+    def dynamics(self) -> Dynamics:
+        """The form's graphs."""
+        return Dynamics(self.form)
+
+    @property
+    def n(self) -> int:
+        """Number of states."""
+        return self.form.n
+
+    @cached_property
+    def products(self) -> tuple[sp.Expr, ...]:
+        """The products a_(i,1) .. a_(i,j) (n), which scale z to w."""
+        return tuple(sp.prod(chain[: j + 1]) for chain in self.gains for j in range(len(chain)))
+
+    @cached_property
+    def scale(self) -> Graph:
+        """The products as SX (n) of parameters; those without a range are folded."""
+        system = self.form.system
+        places = {s: sym("plant", s.name) for s in system.parameters if s.bounded}
+        fixed = {s: value for s, value in system.nominal.items() if not s.bounded}
+        return ca.vertcat(*to_casadi([sp.sympify(p).subs(fixed) for p in self.products], places))
+
+    @cached_property
+    def nominal(self) -> np.ndarray:
+        """The products (n) at the nominal parameters."""
+        return np.array([float(p.subs(self.form.system.nominal)) for p in self.products])
+
+    @cached_property
+    def reach(self) -> np.ndarray:
+        """The ends (2, n) of the products on the parameters' ranges; nominal ones where no finite range is known."""
+        ends = []
+        for product, nominal in zip(self.products, self.nominal, strict=True):
+            exactly = exact(sp.sympify(product).xreplace(fixed(self.form)))
+            extent = None if exactly.is_number else span(exactly, self.form)
+            known = extent if extent and extent.defined and extent.finite else None
+            ends.append((known.low, known.high) if known else (nominal, nominal))
+        return np.array(ends).T
+
+    def z(self, w: Graph) -> Graph:
+        """The form's state (n)."""
+        return w / self.scale
+
+    def nonlinear(self, w: Graph, u: Graph) -> Graph:
+        """The nonlinear terms c(w, u) (n), their argument saturated to the declared box."""
+        return self.scale * self.dynamics.nonlinear(self.z(w), u)
+
+    def offset(self, u: Graph) -> Graph:
+        """The outputs' offset o(u) (p)."""
+        return self.dynamics.output(ca.SX.zeros(self.n), u)
+
+    def saturated(self, w: Graph, i: int) -> Graph:
+        """An SX scalar clamped to the declared range of w_i; as it is where there is none."""
+        if not self.form.states[i].bounded:
+            return w
+        low, high = self.form.states[i].interval[:: 1 if self.nominal[i] > 0 else -1]
+        return ca.fmin(ca.fmax(w, self.scale[i] * low), self.scale[i] * high)
+
+    def field(self, initial: Mapping[str, float] | Sequence[float] | None, peak: float) -> Field:
+        """The field `w` (n), with the outer box of `state_field` and `peak` at any parameters in their ranges: the
+        plant's w is in it, whatever they are tuned to.
+
+        Raises: `BadGain` for a bad initial state.
+        """
+        z, scale = state_field(self.form, initial, peak), self.nominal
+        ends = np.array([product * side for product in self.reach for side in (z.low, z.high)])
+        names = (label if p == 1 else f"({p})*({label})" for p, label in zip(self.products, z.labels, strict=True))
+        return replace(
+            z,
+            name="w",
+            initial=tuple(map(float, scale * z.initial)),
+            low=tuple(map(float, ends.min(axis=0))),
+            high=tuple(map(float, ends.max(axis=0))),
+            labels=tuple(names),
+            meaning="estimate, in chains of integrators",
+        )
+
+
+def shifted(w: Graph) -> Graph:
+    """The SX column w_2, .., w_n, 0 of w."""
+    return ca.vertcat(*(w[i] for i in range(1, w.numel())), 0)
+
+
+def observer_on(
+    chain: Integrators,
+    name: str,
+    *,
+    parts: tuple[Part, ...],
+    gains: tuple[Field, ...],
+    w: Graph,
+    theorem: Theorem,
+    equations: tuple[str, ...],
+    reference: str,
+    claims: Callable[[], tuple[Check, ...]] = tuple,
+    accepted: tuple[str, ...] = (),
+    traces: tuple[str, ...] = (),
+    practical: bool = False,
+    error: Any | None = None,
+) -> Observer:
+    """The observer whose estimate is `w` (n), an SX of places of its state; `claims` beside the form's."""
+    form = chain.form
+    return Observer(
+        form=form,
+        name=name,
+        parts=parts,
+        gains=gains,
+        z=chain.z(w),
+        dynamics=chain.dynamics,
+        claims=lambda: (*form.checks, *clamped(name, form), *claims()),
+        accepted=accepted,
+        theorem=theorem,
+        equations=(*equations, *described(form), _PLANT if form.free else _CLAMPED),
+        reference=reference,
+        practical=practical,
+        traces=traces,
+        error=error,
+    )
+
+
+def rows(field: Field, name: str, wanted: Iterable[int], meaning: str) -> Field:
+    """The elements `wanted` of a field as a field of its own."""
+    wanted = tuple(wanted)
+
+    def cut(values: tuple[T, ...]) -> tuple[T, ...]:
+        return tuple(values[i] for i in wanted)
+
+    return replace(
+        field,
+        name=name,
+        meaning=meaning,
+        initial=cut(field.initial),
+        low=cut(field.low),
+        high=cut(field.high),
+        labels=cut(field.labels),
+    )
+
+
+def integrators(observer: str, form: Form) -> Integrators:
+    """The form as chains of integrators, for the observer of that name; no a_i is 0 at the nominal parameters.
+
+    Raises: `BadGain` for a form that is none, or has several outputs.
+    """
+    if len(form.output) > 1:
+        raise BadGain(observer, f"takes one output, {form.system.name} has {len(form.output)}; use riccati")
+    demand_linear_rows(observer, form)
+    if form.jacobian is not None:
+        reason = "works in chains of integrators, this form keeps the plant's coordinates; use high_gain or riccati"
+        raise BadGain(observer, reason)
+    gains = form.gains
+    chain = {(h + j, h + j + 1) for h, c in zip(form.heads, gains, strict=True) for j in range(len(c) - 1)}
+    if any(form.A[i, j] != 0 and (i, j) not in chain for i in range(form.n) for j in range(form.n)):
+        raise no_chain(observer, form)
+    for names, each in zip(form.gain_names, gains, strict=True):
+        for name, a in zip(names, each, strict=True):
+            if a == 0:
+                raise BadGain(observer, f"takes a triangular form, here {name} = 0", fix=_INSTEAD)
+            if a.free_symbols - {*form.system.parameters}:
+                what = "input" if a.free_symbols & {*form.system.inputs} else "state"
+                raise BadGain(f"{name} = {a}", f"depends on the {what}, {observer} wants it constant; use riccati")
+            demand_divisor(name, a, form)
+    return Integrators(form, gains)
+
+
+def demand_linear_rows(observer: str, form: Form) -> None:
+    """That the rows of the form are linear in their next state, as those of a uniform form need not be. Raises:
+    `BadGain`."""
+    if form.kind == "uniform":
+        fix = "use the form uniform_chain if the plant is in it, else riccati"
+        raise BadGain(observer, "wants constant slopes, which a uniform form need not have", fix=fix)
+
+
+def demand_divisor(name: str, a: sp.Expr, form: Form) -> None:
+    """That an observer can divide by an a_i of parameters. Raises: `BadGain`."""
+    value = a.subs(form.system.nominal)
+    if not (value.is_extended_real and value.is_finite and float(value)):
+        reason = f"is {value} at the nominal parameters, and the observer divides by it; choose others, or use riccati"
+        raise BadGain(f"{name} = {a}", reason)
+
+
+def no_chain(observer: str, form: Form) -> BadGain:
+    """Why a form whose A is no superdiagonal is refused: another kind, or one whose structure is not shown."""
+    if form.structured:
+        return BadGain(observer, f"takes a triangular form, this one is {form.kind}", fix=_INSTEAD)
+    reason = f"takes a form in chains, and {form.system.name} is not shown to be in {form.kind} form"
+    return BadGain(observer, reason, because=form.about("structure")[0], fix="use riccati")

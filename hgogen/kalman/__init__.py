@@ -1,1 +1,0 @@
-"""What observers with a covariance share: the Riccati part and its forms, theta and what moves it, persistence."""

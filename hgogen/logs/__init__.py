@@ -1,0 +1,1 @@
+"""What measured logs tell: parameters of the plant by multiple shooting, gains of the observer, whiteness."""

@@ -1,0 +1,224 @@
+"""Gains without a record: what ranges, noise, the sampling period and a wanted settling time give each observer, and
+what other values of theta would do on a trial.
+
+    theta = tau_n/T,   exp(-tau) (1 + tau + .. + tau^(n-1)/(n-1)!) = 1/100 at tau = tau_n
+
+T the wanted time: n poles at -theta bring the response to a first error down to a hundredth of it by then. Without one
+theta is that of the starting gains. On the trial, its noise taken away, an error settles or does not; what the noise
+alone does to the estimate is the RMS of the difference between two runs, with it and without, in the steady part.
+"""
+
+import math
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass, field, replace
+from typing import Annotated, Any
+
+import numpy as np
+
+from hgogen import observers as every
+from hgogen.analysis.evidence import Grounds
+from hgogen.call import CallableStep
+from hgogen.check import refuted
+from hgogen.errors import BadArgument, HgogenError
+from hgogen.form import Form
+from hgogen.logs.grid import first_of, observers_named, reasons, thetas
+from hgogen.modelfiles.first import First, everywhere
+from hgogen.reading.door import asks_a_plant, switches
+from hgogen.reading.given import positive
+from hgogen.run import native
+from hgogen.run.metrics import metrics
+from hgogen.run.spread import Workers
+from hgogen.starting import Scale, gains_of, scale, two
+from hgogen.system import System
+from hgogen.trial import OrnsteinUhlenbeck, Trial, Truth, feeds, first_memory, simulate, tried
+from hgogen.which_forms import Row
+
+LEFT = 0.01  # of a first error
+
+
+@dataclass(frozen=True)
+class Tried:
+    """A theta on the trial; `settling`: the wanted time that gives this theta."""
+
+    json_keys = "theta settled noise"
+
+    theta: Annotated[float, "the gain theta; 0 for an observer without one"]
+    settled: Annotated[float | None, "time to settle from the start of the trial; null: never"]
+    noise: Annotated[Mapping[str, float], "RMS that noise alone makes of the estimate, by state"]
+    settling: float
+
+
+@dataclass(frozen=True)
+class Advised:
+    """Gains of an observer; `first` with form and step; what was `tried`, its own theta among it: of an observer
+    without theta that alone, without a trial nothing."""
+
+    name: Annotated[str, "name of the tuning"]
+    first: First
+    theta: Annotated[float | None, "the gain theta; null for an observer without one"]
+    certified: Annotated[float | None, "the least theta for which convergence is proved; null where none is"]
+    tried: Annotated[tuple[Tried, ...], "values of theta on the trial"]
+    sigma: Annotated[Mapping[str, float], "standard deviation of a sample, by output"] = field(default_factory=dict)
+
+    @property
+    def table(self) -> Mapping[str, Any]:
+        """The tuning that makes the same step."""
+        return self.first.table(self.name)
+
+    @property
+    def own(self) -> Tried | None:
+        """What its own theta does on the trial."""
+        return next((one for one in self.tried if one.theta == (self.theta or 0.0)), None)
+
+    @property
+    def settles(self) -> Tried | None:
+        """The first theta tried that settles."""
+        settling = (one for one in self.tried if one.settled is not None)
+        return min(settling, key=lambda one: one.theta, default=None)
+
+    @property
+    def sentence(self) -> str:
+        """How its theta stands to what is certified and to what settles; empty without theta."""
+        if self.theta is None:
+            return ""
+        said = []
+        if self.certified is not None:
+            ratio = self.certified / self.theta
+            far = f"{ratio:.2g} times below" if ratio >= 1 else "above"
+            said.append(f"is {far} what is certified, {self.certified:.3g}")
+        if self.tried and self.own is not None and self.own.settled is None:
+            first, other = self.settles, ", nor does another that was tried"
+            if first is not None:
+                other = f", {first.theta:g} is the first that does, by --settling {first.settling:.4g} (settling=)"
+            said.append(f"does not settle in the trial{other}")
+        return f"theta {self.theta:g} of {self.name} {', and '.join(said)}" if said else ""
+
+
+class NoneAdmitted(BadArgument):
+    """A plant that no observer takes, of those that were asked."""
+
+
+@asks_a_plant
+@switches
+def advise(
+    plant: System,
+    *,
+    dt: float | None = None,
+    noise: Mapping[str, float] | None = None,
+    settling: float | None = None,
+    observers: Iterable[str] | None = None,
+    trial: Trial | None = None,
+    rows: Iterable[Row] | None = None,
+    deep: bool = False,
+    jobs: int | None = 1,
+    each: Callable[[str], None] = lambda what: None,
+) -> tuple[tuple[Advised, ...], dict[str, str]]:
+    """Gains of the observers that a plant admits, and why others have none, by observer.
+
+    `dt`: the sampling period, by default that of the starting gains; `noise`: the standard deviation of a sample by
+    output, by default 1 % of half its range; `settling`: the time in which a first error should be gone; `trial`: on
+    which values of theta are tried, such as `hg.proposed_trial(plant)`; `rows`: the forms to ask, by default those that
+    the plant is in, those that take seconds if `deep`; `jobs`: processes, None for one for each core; `each(what)` is
+    called after every observer.
+
+    Raises: `UnknownObserver`; `NoneAdmitted`; `BadGain` for a dt, a noise or a time that is not positive; `BadTrial`.
+    """
+    asked, names = tuple(everywhere(plant, deep=deep) if rows is None else rows), observers_named(observers)
+    ask = _Ask(dt, noise, None if settling is None else positive("settling", settling), trial, asked)
+    done: dict[str, Advised | str] = {}
+    for _, form in ask.usable[:1]:
+        ask.scale(form)  # refuses what is no period and no noise before a process is started
+    for name, one in Workers(ask, jobs).results(_Ask.of, names):
+        done[name] = one
+        each(name)
+    advised = tuple(one for name in names if isinstance(one := done[name], Advised))
+    refused = {name: one for name in names if isinstance(one := done[name], str)}
+    if not advised:
+        raise NoneAdmitted(f"plant {plant.name!r}", f"admits none of these observers: {reasons(refused)}")
+    return advised, refused
+
+
+@dataclass(frozen=True)
+class _Ask:
+    dt: float | None
+    noise: Mapping[str, float] | None
+    settling: float | None
+    trial: Trial | None
+    rows: tuple[Row, ...]
+    truths: dict[float, Truth] = field(default_factory=dict)  # by period: that of every theta is one
+
+    @property
+    def usable(self) -> list[tuple[Row, Form]]:
+        """The forms that the plant is in."""
+        return [(row, row.form) for row in self.rows if row.form is not None and not refuted(row.form.checks)]
+
+    def scale(self, form: Form) -> Scale:
+        """The numbers of a form. Raises: `BadGain`."""
+        base = scale(form, self.dt, self.noise)
+        if self.settling is None:
+            return base
+        return replace(base, theta=max(1.0, two(tau(max(base.blocks)) / self.settling)))
+
+    def of(self, name: str) -> tuple[str, Advised | str]:
+        """The name, and what is advised on the first form that admits the observer, or why there is none."""
+        refusals = ["the plant is in none of its forms"]
+        for row, form in self.usable:
+            base = self.scale(form)
+            try:
+                first = _first(name, row, base)
+            except HgogenError as error:
+                refusals.append(str(error))
+                continue
+            return name, (first if isinstance(first, str) else self._tried(first, row, base))
+        return name, refusals[:2][-1]
+
+    def _tried(self, first: First, row: Row, base: Scale) -> Advised:
+        observer = getattr(every, first.observer)
+        reads = gains_of(observer, replace(base, theta=2 * base.theta)) != first.starting.gains
+        values = sorted({base.theta, *thetas(base.theta, base.dt)}) if reads and self.trial else [base.theta]
+        every_theta = []
+        for theta in values:
+            try:
+                one = first if theta == base.theta else _first(first.observer, row, replace(base, theta=theta))
+            except HgogenError:
+                continue
+            if isinstance(one, First) and self.trial is not None:
+                settled, rms = self._on(one.step, self.trial, base.noise)
+                every_theta.append(Tried(theta if reads else 0.0, settled, rms, tau(max(base.blocks)) / theta))
+        proofs = (proof for check in first.step.observer.checks for proof in check.proofs)
+        bounds = (getattr(proof.fact, "theta", None) for proof in proofs if isinstance(proof, Grounds))
+        certified = next((float(bound) for bound in bounds if bound is not None), None)
+        own = base.theta if reads else None
+        return Advised(first.observer, first, own, certified, tuple(every_theta), base.noise)
+
+    def _on(
+        self, step: CallableStep, trial: Trial, noise: Mapping[str, float]
+    ) -> tuple[float | None, dict[str, float]]:
+        """The time to settle, and the RMS that noise alone makes, by state."""
+        if step.dt not in self.truths:
+            self.truths[step.dt] = simulate(step.observer.form.system.declared, trial, step.dt)
+        truth, start = self.truths[step.dt], first_memory(step, trial)
+        clean, noisy = (
+            next(tried(step, feeds(step, replace(trial, noise=each), truth, (0,)), start, native.engine()))
+            for each in ({}, {name: OrnsteinUhlenbeck(sigma) for name, sigma in noise.items()})
+        )
+        steady = truth.t >= trial.steady_from - 1e-9
+        with np.errstate(all="ignore"):
+            rms = np.sqrt(np.mean((noisy.x - clean.x)[steady] ** 2, axis=0))
+        names = [s.name for s in step.states]
+        return metrics(step, clean).responses[0].settled, dict(zip(names, rms.tolist(), strict=True))
+
+
+def tau(n: int) -> float:
+    """The time, in units of 1/theta, after which n poles at -theta leave a hundredth of a first error, by bisection."""
+    low, high = 0.0, 100.0 + 10 * n
+    while high - low > 1e-9:
+        middle = (low + high) / 2
+        left = math.exp(-middle) * sum(middle**k / math.factorial(k) for k in range(n))
+        low, high = (middle, high) if left > LEFT else (low, middle)
+    return high
+
+
+def _first(name: str, row: Row, numbers: Scale) -> First | str:
+    gains = gains_of(getattr(every, name), numbers)
+    return gains if isinstance(gains, str) else first_of(name, row, gains, numbers.dt, {})

@@ -1,0 +1,249 @@
+"""What steps are worth on rows held out: prediction errors at several horizons, errors of hidden states, innovations.
+
+    NIS = mean of e^2/s, 1 of an innovation e that is as large as the filter says (variance s)
+
+beside two ways without a model: copying the last value, and going on along the last two that were measured
+(differencing), which estimates a state that is by definition the rate of an output.
+"""
+
+import math
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from hgogen.call import CallableStep
+from hgogen.logs.grid import Calibration, Tuned
+from hgogen.logs.records import Log
+from hgogen.logs.score import readable
+from hgogen.run.prediction import forecasts, rms
+from hgogen.run.samples import Engine, held_last
+from hgogen.run.whiteness import LAGS, correlations
+from hgogen.system import System
+
+Array = np.ndarray
+COPYING, DIFFERENCING = "copying", "differencing"
+AS_WELL = 1.05  # times an error: as well
+HELD_OUT, ALL = "in the rows held out", "in all rows"
+COLOURED = 5  # of the first correlations: more in one white record of 5,000
+CONSISTENT = 2.0  # times larger or smaller than 1: a NIS of a filter whose variances are right
+_MODELLESS = (COPYING, DIFFERENCING)
+
+
+@dataclass(frozen=True, eq=False)
+class Held:
+    """A record of which the rows from `cut` on are held out; `truth` (N) of hidden states by name."""
+
+    log: Log
+    cut: int
+    truth: Mapping[str, Array]
+
+
+@dataclass(frozen=True)
+class Judged:
+    """Of one row: `errors` (RMS) of predictions by samples ahead and output, `hidden` (RMS) by state, `nis` by output,
+    `coloured` by output: how many of the first `LAGS` correlations of the innovations are not those of white noise;
+    empty where there are none."""
+
+    name: str
+    errors: Mapping[int, Mapping[str, float]]
+    hidden: Mapping[str, float]
+    nis: Mapping[str, float]
+    coloured: Mapping[str, int] = field(default_factory=dict)
+
+
+def judged(
+    plant: System,
+    calibration: Calibration,
+    others: Mapping[str, CallableStep],
+    records: Sequence[Held],
+    ahead: Iterable[int],
+    engine: Engine,
+) -> tuple[Judged, ...]:
+    """The rows tuned, `others` by name, and what does without a model."""
+    horizons = tuple(sorted(set(ahead)))
+    records = [replace(held, log=readable(plant, held.log, k)) for k, held in enumerate(records, 1)]
+    steps = {row.name: row.first.step for row in calibration.rows} | dict(others)
+    rows_held = [(held.log, held.cut) for held in records]
+    innovations = {row.name: row.innovations(rows_held) for row in calibration.rows}
+    rows = [
+        Judged(
+            name,
+            *_of_step(step, records, horizons, engine),
+            {y: float(np.mean(e**2)) for y, e in innovations.get(name, {}).items()},
+            {y: coloured(e) for y, e in innovations.get(name, {}).items()},
+        )
+        for name, step in steps.items()
+    ]
+    return (*rows, *_without_a_model(plant, records, horizons))
+
+
+def coloured(e: Array) -> int:
+    """How many of the first `LAGS` correlations of a sequence (N,) lie beyond 2/sqrt(N), as one in 20 of white noise
+    does (Box, Jenkins, Time Series Analysis, 1970)."""
+    r = correlations(e, min(LAGS, len(e) - 1))
+    return 0 if r is None else int(np.count_nonzero(abs(r) > 2 / np.sqrt(len(e))))
+
+
+def _of_step(
+    step: CallableStep, records: Sequence[Held], ahead: tuple[int, ...], engine: Engine
+) -> tuple[dict[int, dict[str, float]], dict[str, float]]:
+    squares: dict[int, list[Array]] = {h: [] for h in ahead}
+    hidden: dict[str, list[Array]] = {}
+    step = step.undelayed
+    for held in records:
+        log = held.log.of(step.inputs)
+        step.reset()
+        run = step.run(u=log.u, y=log.y, engine=engine)
+        for one in forecasts(step, run, log.u, log.y, ahead):
+            if one.ahead is not None:
+                squares[one.ahead].append(np.where(one.compared, one.model, np.nan)[held.cut :])
+        for name, true in held.truth.items():
+            hidden.setdefault(name, []).append((run[name] - true)[held.cut :, None])
+    names = [y.name for y in step.outputs]
+    errors = {h: dict(zip(names, _rms(parts), strict=True)) for h, parts in squares.items() if parts}
+    return errors, {name: _rms(parts)[0] for name, parts in hidden.items()}
+
+
+def _without_a_model(plant: System, records: Sequence[Held], ahead: tuple[int, ...]) -> tuple[Judged, ...]:
+    # the states that are by definition the rate of an output, or minus it: its number and the sign
+    flow = dict(zip(plant.states, plant.flow, strict=True))
+    signed = [(sign * flow[x], j, sign) for j, x in enumerate(plant.output) if x in flow for sign in (1, -1)]
+    rates = {str(rate): (j, sign) for rate, j, sign in signed if rate in plant.states}
+    errors: dict[str, dict[int, list[Array]]] = {name: {h: [] for h in ahead} for name in (COPYING, DIFFERENCING)}
+    hidden: dict[str, list[Array]] = {}
+    for held in records:
+        y = held.log.y
+        last, age, moved = _last_two(y)
+        for h in ahead:
+            for name, guess in ((COPYING, last), (DIFFERENCING, last + (age + h) * moved)):
+                errors[name][h].append((guess[:-h] - y[h:])[max(0, held.cut - h) :])
+        for state, (output, sign) in rates.items():
+            if state in held.truth:
+                rate = sign * moved[:, output] / held.log.dt
+                hidden.setdefault(state, []).append((rate - held.truth[state])[held.cut :, None])
+    names = [y.name for y in plant.outputs]
+    return tuple(
+        Judged(
+            name,
+            {h: dict(zip(names, _rms(parts), strict=True)) for h, parts in every.items()},
+            {s: _rms(parts)[0] for s, parts in hidden.items()} if name == DIFFERENCING else {},
+            {},
+        )
+        for name, every in errors.items()
+    )
+
+
+def _last_two(y: Array) -> tuple[Array, Array, Array]:
+    """Of each sample of y (N, p) the last value, how many samples old it is, and the change a sample between the last
+    two values, 0 where there is one alone."""
+    count = np.arange(len(y))[:, None]
+    at = np.maximum.accumulate(np.where(np.isfinite(y), count, -1), axis=0)
+    before = np.take_along_axis(at, np.maximum(at - 1, 0), axis=0)
+    there = (at > 0) & (before >= 0) & (before < at)
+    last = held_last(y)
+    change = last - np.take_along_axis(last, np.maximum(before, 0), axis=0)
+    return last, count - at, np.where(there, change, 0.0) / np.where(there, at - before, 1)
+
+
+def _rms(parts: Sequence[Array]) -> list[float]:
+    """Of each column, NaN where nothing was compared."""
+    columns = np.concatenate(parts).T
+    finite = (column[~np.isnan(column)] for column in columns)
+    return [rms(column) if len(column) else math.nan for column in finite]
+
+
+def verdicts(calibration: Calibration, rows: Sequence[Judged], where: str = HELD_OUT) -> tuple[str, ...]:
+    """Of a calibration and of rows that are judged, by default those held out."""
+    judged = {row.name: row for row in rows}
+    best = judged[calibration.best.name]
+    return (
+        *_taken(calibration),
+        *_other_horizons(best, judged, where),
+        *_as_well_without_a_model(best, judged, where),
+        *_of_hidden_states(best, judged, calibration.truth),
+        *_doubts(calibration.best, best, where),
+    )
+
+
+def _taken(calibration: Calibration) -> Iterator[str]:
+    best, first, states = calibration.best, calibration.rows[0], calibration.truth
+    measure, rival = _ahead(calibration.ahead), "copying the last value"
+    if states:
+        measure = f"by the truth of {', '.join(states)}"
+        rival = "its mean value" if len(states) == 1 else "their mean values"
+    said = (
+        f"take {best.name}: {measure}, on segments that did not choose its gains, it errs {best.error:.3g} times as "
+        f"much as {rival}"
+    )
+    if best is first:
+        others = ", ".join(row.name for row in calibration.tied if row is not best)
+        yield f"{said}, the least of all" + (f"; as well, within the standard error: {others}" if others else "")
+    else:
+        cheaper = "knows its noise" if first.noise is None else "costs less"
+        why = "has a proof" if best.rank[0] < first.rank[0] else cheaper
+        yield f"{said}; {first.name} errs {first.error:.3g}, within the standard error, but {best.name} {why}"
+    if best.error >= 1:
+        yield (
+            f"no gains of {best.name} do better than {rival}: the model does not predict "
+            "these records; fit its parameters, check ranges, units and period, or give a longer record"
+        )
+
+
+def _ahead(samples: int) -> str:
+    return f"{samples} sample{'s' * (samples > 1)} ahead"
+
+
+def _other_horizons(best: Judged, judged: Mapping[str, Judged], where: str) -> Iterator[str]:
+    for ahead, errors in best.errors.items():
+        for output, error in errors.items():
+            others = {name: row.errors[ahead][output] for name, row in judged.items() if name not in _MODELLESS}
+            name = min(others, key=lambda each: others[each] if others[each] == others[each] else math.inf)
+            if others[name] * AS_WELL < error:
+                better = f"{name} predicts {output} better {_ahead(ahead)}, {others[name]:.3g} for {error:.3g}"
+                yield f"{where}, {better}"
+
+
+def _as_well_without_a_model(best: Judged, judged: Mapping[str, Judged], where: str) -> Iterator[str]:
+    for name in _MODELLESS:
+        for output in next(iter(best.errors.values()), {}):
+            pairs = [(h, errors[output], judged[name].errors[h][output]) for h, errors in best.errors.items()]
+            as_well = [str(h) for h, own, other in pairs if other <= AS_WELL * own]
+            if as_well:
+                samples = f"{', '.join(as_well)} sample{'s' * (as_well != ['1'])} ahead"
+                yield f"{where}, {name} predicts {output} as well as {best.name}, {samples}"
+
+
+def _of_hidden_states(best: Judged, judged: Mapping[str, Judged], seen: Sequence[str]) -> Iterator[str]:
+    """What the truth says of the choice, which did not see it but for the states `seen`."""
+    for state, error in best.hidden.items():
+        others = {name: row.hidden[state] for name, row in judged.items() if state in row.hidden and row is not best}
+        differenced = others.pop(DIFFERENCING, None)
+        if differenced is not None and differenced <= AS_WELL * error:
+            yield f"differencing estimates {state} as well, {differenced:.3g} for {error:.3g}"
+        name = min(others, key=lambda each: others[each], default=None)
+        if name is not None and others[name] * AS_WELL < error:
+            better = f"{name} is better, {others[name]:.3g} for {error:.3g}"
+            yield f"by the truth of {state}{'' if state in seen else ', which is not tuned on'}, {better}"
+
+
+def _doubts(best: Tuned, judged: Judged, where: str) -> Iterator[str]:
+    for output, nis in judged.nis.items():
+        if not 1 / CONSISTENT <= nis <= CONSISTENT:
+            more = "more" if nis > 1 else "less"
+            yield (
+                f"innovations of {output} are {math.sqrt(nis):.2g} times as large as {best.name} takes them to be, "
+                f"{where}: they scatter {more} there, and its variances are not to be trusted"
+            )
+    for output, count in judged.coloured.items():
+        if count > COLOURED:
+            yield (
+                f"innovations of {output} are not white, {count} of the first {LAGS} correlations, {where}: the plant "
+                "does more than the model, a sensor or an input is late, or the noise is slow; see longer horizons too"
+            )
+    thetas = sorted({numbers.theta for numbers, _ in best.tried})
+    if len(thetas) > 1 and best.numbers.theta in (thetas[0], thetas[-1]):
+        end = "least" if best.numbers.theta == thetas[0] else "largest that a step of this period takes"
+        yield f"its theta {best.numbers.theta:g} is the {end}"
+    if best.noise is not None and not best.noise.settled:
+        yield "the search for Q and R did not settle; give a longer record, or one that moves more"

@@ -1,0 +1,422 @@
+"""A plant on measured records: its unknowns, and how it moves and is read between samples.
+
+    x_(k+1) = F(x_k, u_k, u_(k+1); p),   y_k = h(x_k, u_k; p) + o
+
+F by classical Runge-Kutta, a few steps a sample. Unknown are the parameters p, the offsets o, and the states where
+segments of the records begin.
+
+What the records tell: with F the Fisher information on (parameters and offsets p, the others s), and A the Jacobian of
+what must be 0, of which the columns of p and s are A_p and A_s,
+
+    M = F_pp - [F_ps  A_p'] [[F_ss, A_s'], [A_s, 0]]^-1 [[F_sp], [A_p]]
+
+is what is left on p when s fits best beside each p, all in units of ranges. To F_ss 1e-10 is added: a state that no
+output shows is known to lie somewhere in its range. M^-1 sigma^2 is the covariance of p where residuals are white.
+
+T. Soederstroem, P. Stoica, System Identification (1989), chapters 7 and 11.
+"""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from hgogen.discretisation.runge_kutta import RK4, advance, repeated
+from hgogen.graph import Graph, to_casadi
+from hgogen.logs.innovations import SURE, Innovations, moved_by_noise
+from hgogen.logs.records import BadLog, Log
+from hgogen.part import on_line
+from hgogen.program import column
+from hgogen.reading.time_unit import plural
+from hgogen.run.whiteness import influence
+from hgogen.signal import Signal, resting
+from hgogen.system import System
+
+Array = np.ndarray
+SOMEWHERE = 1e-10
+POINTS = 40
+FOLLOWED = 1.0  # |h lambda| of a Runge-Kutta step, at most
+MOST_STEPS = 50  # of a sample
+_STEPS = 64  # of Runge and Kutta, in one graph of scalars
+PROCESS = (0.0, -24.0, 12.0)  # log of Q_i T over the squared size of the state, T a record: its start and bounds
+SAMPLE = (-4.0, -18.0, 2.0)  # log of r_j over the squared scale of the output: a deviation from a ten-thousandth on
+
+
+@dataclass(frozen=True, eq=False)
+class Information:
+    """`M` (q, q) of the parameters and offsets in their units, as above with sigma = 1; `residuals` (N, p) of each
+    record, in the units of the outputs, NaN where nothing was measured; `tell`: of each output what its residuals tell,
+    record after record, in the units of M."""
+
+    M: Array
+    residuals: tuple[Array, ...]
+    tell: tuple[Array, ...]
+
+    @property
+    def outputs(self) -> tuple[Array, ...]:
+        """The residuals of each output, record after record."""
+        return tuple(column[np.isfinite(column)] for column in np.concatenate(self.residuals).T)
+
+
+@dataclass(frozen=True, eq=False)
+class _OnRecords:
+    """What both problems of a plant on records share.
+
+    `free`: the parameters that are fitted, the others at their nominal values; `scale` (p): of each output, by which
+    residuals are divided; `length`: samples of a segment; `steps`: Runge-Kutta steps a sample; `between`: how inputs
+    go on between samples, "hold" or "line"; `offset`: the outputs that have an unknown constant added.
+
+    The vector of unknowns is (free, offsets, the states at the beginnings of all segments, record by record, levels).
+    """
+
+    plant: System
+    free: tuple[Signal, ...]
+    records: tuple[Log, ...]
+    scale: Array
+    length: int
+    steps: int
+    between: str = "hold"
+    offset: tuple[Signal, ...] = ()
+
+    @property
+    def levels(self) -> tuple[tuple[float, float, float], ...]:
+        """Of the unknowns that are of the problem alone: where they begin, and their bounds."""
+        return ()
+
+    def noise(self, unknowns: Array) -> tuple[dict[str, float], dict[str, float]]:
+        """The density of process noise by state, and the deviation of a sample by output, where they are fitted."""
+        return {}, {}
+
+    @cached_property
+    def step(self) -> Any:
+        """(x, p, u now, u then) -> x one sample on, with dt as the last argument."""
+        x, p, h = ca.SX.sym("x", self.n), ca.SX.sym("p", len(self.free)), ca.SX.sym("dt")
+        u, then = (ca.SX.sym(name, len(self.plant.inputs)) for name in ("u", "then"))
+
+        def rate(values: Any, c: float) -> dict[str, Graph]:
+            now = u if self.between == "hold" else on_line(c, u, then)
+            return {"x": h * self._of(self.plant.flow, values["x"], p, now)}
+
+        moved = advance(repeated(RK4, self.steps), rate, {"x": x}, 1.0).result["x"]  # in samples
+        return ca.Function("step", [x, p, u, then, h], [moved])
+
+    @cached_property
+    def reading(self) -> Any:
+        """(x, p, offsets, u) -> y."""
+        x, p, o = ca.SX.sym("x", self.n), ca.SX.sym("p", len(self.free)), ca.SX.sym("o", len(self.offset))
+        u = ca.SX.sym("u", len(self.plant.inputs))
+        added = [o[self.offset.index(y)] if y in self.offset else 0 for y in self.plant.outputs]
+        return ca.Function("reading", [x, p, o, u], [self._of(self.plant.output, x, p, u) + ca.vertcat(*added)])
+
+    @cached_property
+    def output(self) -> Array:
+        """The number of the output of each residual."""
+        return np.concatenate([np.nonzero(np.isfinite(record.y))[1] for record in self.records])
+
+    def by_output(self, values: Array) -> tuple[Array, ...]:
+        """Those of each output, record after record."""
+        return tuple(values[self.output == j] for j in range(len(self.plant.outputs)))
+
+    @property
+    def n(self) -> int:
+        """The number of states."""
+        return len(self.plant.states)
+
+    @property
+    def constants(self) -> int:
+        """The number of parameters and offsets."""
+        return len(self.free) + len(self.offset)
+
+    @property
+    def segments(self) -> tuple[int, ...]:
+        """Of each record."""
+        return tuple(-(-len(record.y) // self.length) for record in self.records)
+
+    @property
+    def size(self) -> int:
+        """The number of unknowns."""
+        return self.constants + self.n * sum(self.segments) + len(self.levels)
+
+    def parts(self, unknowns: Graph) -> tuple[Graph, Graph, tuple[Graph, ...]]:
+        """The parameters, offsets, and for each record the states (n, segments) where its segments begin."""
+        a, b = len(self.free), self.constants
+        nodes, begin = [], b
+        for count in self.segments:
+            nodes.append(ca.reshape(unknowns[begin : begin + self.n * count], self.n, count))
+            begin += self.n * count
+        return unknowns[:a], unknowns[a:b], tuple(nodes)
+
+    def _of(self, rows: Sequence[Any], x: Graph, p: Graph, u: Graph) -> Graph:
+        values: dict[Any, Graph] = {q: ca.SX(float(value)) for q, value in self.plant.nominal.items()}
+        values |= dict(zip(self.plant.states, ca.vertsplit(x), strict=True))
+        values |= dict(zip(self.free, ca.vertsplit(p), strict=True)) if self.free else {}
+        values |= dict(zip(self.plant.inputs, ca.vertsplit(u), strict=True)) if self.plant.inputs else {}
+        return column(to_casadi(rows, values))
+
+
+def eliminated(F: Any, A: Any, q: int) -> Array:
+    """M (q, q), of the first q unknowns; F (v, v) and A (gaps, v) may be sparse."""
+    F, A = ca.DM(F), ca.DM(A)
+    A_p, A_s = A[:, :q], A[:, q:]
+    rest = F[q:, q:] + SOMEWHERE * ca.DM.eye(F.shape[0] - q)
+    K = ca.blockcat([[rest, A_s.T], [A_s, ca.DM(A.shape[0], A.shape[0])]])
+    side = ca.vertcat(F[q:, :q], A_p)
+    M = (F[:q, :q] - side.T @ ca.solve(K, side, "qr")).full()
+    return np.asarray((M + M.T) / 2)
+
+
+def tables(records: Sequence[Log], outputs: Sequence[Array]) -> tuple[Array, ...]:
+    """Values of each output where it was measured, record after record, as tables (N, p) of the records."""
+    made = [np.full(record.y.shape, np.nan) for record in records]
+    for j, values in enumerate(outputs):
+        begin = 0
+        for record, table in zip(records, made, strict=True):
+            there = np.isfinite(record.y[:, j])
+            end = begin + int(there.sum())
+            table[there, j] = values[begin:end]
+            begin = end
+    return tuple(made)
+
+
+def paced(plant: System, period: float) -> tuple[int, float]:
+    """The Runge-Kutta steps of a sample that the fastest mode asks for, and the rate at which errors grow. Raises:
+    `BadLog` for samples too slow for the plant."""
+    fastest, growing = rates(plant)
+    steps = max(1, math.ceil(fastest * period / FOLLOWED))
+    if steps > MOST_STEPS:
+        reason = f"moves at rates up to {fastest:.3g}, too fast for samples {period:g} apart"
+        fix = f"are the times in {plural(plant.time)}? Else narrow its ranges, or give a faster record"
+        raise BadLog(f"plant {plant.name!r}", f"{reason}; {fix}")
+    return steps, growing
+
+
+def rates(plant: System) -> tuple[float, float]:
+    """The largest modulus of an eigenvalue of df/dx, and the largest real part, 0 where none is positive: at rest, and
+    at random points of the declared ranges."""
+    draw, n, signals = np.random.default_rng(0), len(plant.states), (*plant.states, *plant.inputs, *plant.parameters)
+    symbols = {s: ca.SX.sym(s.name) for s in signals}
+    at = column(symbols.values())
+    flow = column(to_casadi(plant.flow, symbols))
+    jacobian = ca.Function("jacobian", [at], [ca.jacobian(flow, at)[:, :n]])
+    spectra = [np.zeros(1)]
+    for k in range(POINTS):
+        J = jacobian([draw.uniform(*s.interval) if s.bounded and k else resting(s) for s in signals]).full()
+        if np.isfinite(J).all():
+            spectra.append(np.linalg.eigvals(J))
+    every = np.concatenate(spectra)
+    return float(np.abs(every).max()), float(max(0.0, every.real.max()))
+
+
+@dataclass(frozen=True, eq=False)
+class Shooting(_OnRecords):
+    """Multiple shooting: a plant on measured records as one nonlinear least-squares problem.
+
+        minimise   1/2 sum_k sum_j ((y_k,j - h_j(x_k, u_k; p) - o_j)/s_j)^2
+        subject to x_(k+1) = F(x_k, u_k, u_(k+1); p)
+
+    A record is cut into segments; the state where one begins is unknown, and the next begins where it ends. So short a
+    motion depends on its parameters nearly linearly, where that over a whole record may turn or grow many times.
+
+    A residual e costs e^2/2, or with a corner c the pseudo-Huber loss c^2 (sqrt(1 + (e/c)^2) - 1), which grows like
+    c |e| beyond c. `corner` (p): of each output, in units of its scale, None for squares.
+
+    Sources: H. G. Bock, "Numerical treatment of inverse problems in chemical reaction kinetics", Springer Series in
+    Chemical Physics 18 (1981); of the loss: Charbonnier, Blanc-Feraud, Aubert, Barlaud, IEEE Trans. Image Processing 6
+    (1997).
+    """
+
+    corner: Array | None = None
+
+    @cached_property
+    def graph(self) -> tuple[Any, Any, Any]:
+        """The unknowns, what the residuals cost, and the gaps between segments."""
+        v, errors, gaps = self.followed
+        if self.corner is None:
+            return v, ca.sumsqr(errors) / 2, gaps
+        c = ca.DM(self.corner[self.output])
+        return v, ca.sum1(c**2 * (ca.sqrt(1 + (errors / c) ** 2) - 1)), gaps
+
+    @cached_property
+    def followed(self) -> tuple[Any, Any, Any]:
+        """The unknowns (MX), the residuals where something was measured, and the gaps between segments, as columns."""
+        v = ca.MX.sym("v", self.size)
+        p, o, every = self.parts(v)
+        errors, gaps = [], []
+        for record, nodes in zip(self.records, every, strict=True):
+            of_record, gap = self._of_record(record, nodes, p, o)
+            errors.append(of_record)
+            gaps.append(gap)
+        return v, ca.vertcat(*errors), ca.vertcat(*gaps)
+
+    def residuals(self, unknowns: Array) -> tuple[Array, ...]:
+        """Those of each output where it was measured, record after record, over their scale."""
+        v, errors, _ = self.followed
+        return self.by_output(ca.Function("residuals", [v], [errors])(unknowns).full().ravel())
+
+    def information(self, unknowns: Array, unit: Array) -> Information:
+        """What the records tell, at the unknowns (v), whose sizes are `unit` (v): what is left where the states fit
+        best beside each p with the gaps closed."""
+        v, errors, gaps = self.followed
+        at = ca.Function("at", [v], [ca.jacobian(errors, v), ca.jacobian(gaps, v)])
+        J, A = (table @ ca.diag(unit) for table in at(unknowns))
+        residuals = self.residuals(unknowns)
+        units = [e * scale for e, scale in zip(residuals, self.scale, strict=True)]
+        corners = (None,) * len(units) if self.corner is None else self.corner
+        tell = [e if c is None else influence(e, c) for e, c in zip(residuals, corners, strict=True)]
+        return Information(eliminated(J.T @ J, A, self.constants), tables(self.records, units), tuple(tell))
+
+    def _of_record(self, record: Log, nodes: Any, p: Any, o: Any) -> tuple[Any, Any]:
+        """The segments side by side, the last one filled up with samples that count for nothing."""
+        L, count, N = self.length, nodes.shape[1], len(record.y)
+        u = record.u[np.minimum(np.arange(count * L + 1), N - 1)]
+        now, then = (part.reshape(count, L, -1) for part in (u[:-1], u[1:]))
+        parts = -(-L * self.steps // _STEPS)
+        read, at, size = [], nodes, -(-L // parts)
+        for k in range(0, L, size):
+            inputs = (part[:, k : k + size].reshape(count, -1).T for part in (now, then))
+            seen, at = self._stretch(min(size, L - k)).map(count)(at, p, o, *inputs, record.dt)
+            read.append(seen)
+        table = ca.vec(ca.vertcat(*read))  # by segment, sample of it, and output
+        place, output = np.nonzero(np.isfinite(record.y))
+        errors = (table[(place * record.y.shape[1] + output).tolist()] - record.y[place, output]) / self.scale[output]
+        return errors, ca.vec(nodes[:, 1:] - at[:, :-1])
+
+    def _stretch(self, samples: int) -> Any:
+        """(x, p, offsets, the samples' u, and then, dt) -> their y, x after them: one graph of scalars, whose second
+        derivatives CasADi takes twice as fast as along a graph of the samples."""
+        x, p, o = (ca.SX.sym("v", size) for size in (self.n, len(self.free), len(self.offset)))
+        now, then = (ca.SX.sym("u", len(self.plant.inputs), samples) for _ in range(2))
+        at, dt, read = x, ca.SX.sym("dt"), []
+        for k in range(samples):
+            read.append(self.reading(at, p, o, now[:, k]))
+            at = self.step(at, p, now[:, k], then[:, k], dt)
+        return ca.Function("stretch", [x, p, o, ca.vec(now), ca.vec(then), dt], [ca.vertcat(*read), at])
+
+
+@dataclass(frozen=True, eq=False)
+class Predicting(_OnRecords):
+    """Prediction error: a plant that noise moves, on measured records, by the likelihood of what a filter predicts.
+
+        x' = f(x, u; p) + w,   y = h(x, u; p) + o + v,   w of the density Q, v of the variance r at a sample
+        minimise   sum_k sum_j (e_k,j^2/s_k,j + log s_k,j)/2     over p, o, the first states, log Q_i and log r_j
+
+    with the innovations e of an extended Kalman filter and their variances s (`innovations`). The filter takes up what
+    moves the plant beside its inputs, and errors that an unstable plant would let grow: without Q this is the error of
+    a simulation, which such noise biases under feedback. What w adds to the covariance in a sample is Simpson's rule of
+
+        integral over a sample of  Phi(t) Q Phi(t)',   Phi(1/2) = I + D/2 - D^2/8,   D = Phi(1) - I
+
+    The Fisher information is the sum over k and j of de de'/s + ds ds'/(2 s^2). `unit` (n): the sizes of the states;
+    `corner`: of the innovations over their deviations, infinite for squares.
+
+    Sources: K. J. Astroem, "Maximum likelihood and prediction error methods", Automatica 16 (1980); N. R. Kristensen,
+    H. Madsen, S. B. Joergensen, "Parameter estimation in stochastic grey-box models", Automatica 40 (2004).
+    """
+
+    unit: Array | None = None
+    corner: float = math.inf
+
+    @property
+    def noisy(self) -> tuple[str, ...]:
+        """The states with noise of their own."""
+        return moved_by_noise([x.name for x in self.plant.states], self.plant.states, self.plant.flow)
+
+    @property
+    def levels(self) -> tuple[tuple[float, float, float], ...]:
+        """Logarithms of Q_i and r_j."""
+        return (*[PROCESS] * len(self.noisy), *[SAMPLE] * len(self.plant.outputs))
+
+    def noise(self, unknowns: Array) -> tuple[dict[str, float], dict[str, float]]:
+        """Q_i by state, next to nothing of one without noise of its own, and the deviation of a sample, by output."""
+        logs = np.asarray(unknowns)[self.size - len(self.levels) :]
+        process = self._density(ca.DM(logs)).full().ravel()
+        samples = self.scale * np.exp(logs[len(self.noisy) :] / 2)
+        density = zip([x.name for x in self.plant.states], process.tolist(), strict=True)
+        deviation = zip([y.name for y in self.plant.outputs], samples.tolist(), strict=True)
+        return dict(density), dict(deviation)
+
+    @cached_property
+    def graph(self) -> tuple[Any, Any, Any]:
+        """The unknowns, -log of the likelihood, and nothing that must be 0."""
+        v, cost, _, _ = self._series
+        return v, cost, ca.MX(0, 1)
+
+    def residuals(self, unknowns: Array) -> tuple[Array, ...]:
+        """The innovations over their deviations."""
+        return self.by_output(np.divide(*self._at(unknowns)))
+
+    def information(self, unknowns: Array, unit: Array) -> Information:
+        """What the records tell, at the unknowns (v), whose sizes are `unit` (v): what is left where the first states
+        and the levels of noise fit best beside each p."""
+        v, _, e, s = self._series
+        F = ca.Function("fisher", [v], [self._fisher(v, e, s)])(unknowns) * ca.DM(np.outer(unit, unit))
+        tell = self.residuals(unknowns)
+        if self.corner < math.inf:
+            tell = tuple(influence(each, self.corner) for each in tell)
+        units = self.by_output(self._at(unknowns)[0])
+        return Information(eliminated(F, ca.DM(0, self.size), self.constants), tables(self.records, units), tell)
+
+    def _fisher(self, v: Any, e: Any, s: Any) -> Any:
+        J = ca.jacobian(ca.vertcat(e, s), v)  # in one pass
+        of_e, of_s = J[: e.numel(), :] / ca.sqrt(s), J[e.numel() :, :] / s
+        return of_e.T @ of_e + of_s.T @ of_s / 2
+
+    def _at(self, unknowns: Array) -> tuple[Array, Array]:
+        """All e where something was measured, and their deviations."""
+        v, _, e, s = self._series
+        values = ca.Function("at", [v], [e, ca.sqrt(s)])(unknowns)
+        return values[0].full().ravel(), values[1].full().ravel()
+
+    @cached_property
+    def _series(self) -> tuple[Any, Any, Any, Any]:
+        """The unknowns (MX), the cost, and e and s where something was measured, as columns."""
+        v = ca.MX.sym("v", self.size)
+        p, o, every = self.parts(v)
+        theta = ca.vertcat(p, o, v[self.size - len(self.levels) :])
+        costs, errors, variances = [], [], []
+        for record, nodes in zip(self.records, every, strict=True):
+            memory = ca.vertcat(nodes[:, 0], ca.DM.zeros(self.n**2))
+            cost, e, s = self._filter(record.dt).along(record, memory, theta)
+            there = np.flatnonzero(np.isfinite(record.y).ravel()).tolist()  # by sample and output, as a column of e is
+            costs.append(ca.sum2(cost))
+            errors.append(ca.vec(e)[there])
+            variances.append(ca.vec(s)[there])
+        return v, sum(costs), ca.vertcat(*errors), ca.vertcat(*variances)
+
+    def _filter(self, dt: float) -> Innovations:
+        """At a period, with theta of the parameters, offsets and levels."""
+        a, b, theta = len(self.free), self.constants, ca.SX.sym("theta", self.constants + len(self.levels))
+        x, Phi = ca.SX.sym("x", self.n), ca.SX.sym("Phi", self.n, self.n)
+        u, then = (ca.SX.sym(name, len(self.plant.inputs)) for name in ("u", "then"))
+        p, o, levels = theta[:a], theta[a:b], theta[b:]
+        samples = ca.DM(self.scale**2) * ca.exp(levels[len(self.noisy) :])
+        return Innovations(
+            ca.Function("move", [x, u, then, theta], [self.step(x, p, u, then, dt)]),
+            ca.Function("read", [x, u, theta], [self.reading(x, p, o, u)]),
+            ca.Function("process", [theta, Phi], [gathered(Phi, ca.diag(self._density(levels) * dt))]),
+            ca.Function("sensor", [theta], [samples]),
+            np.array([x.interval for x in self.plant.states]).T,
+            self.corner,
+        )
+
+    def _density(self, levels: Any) -> Any:
+        """Q (n), of the logarithms; of a state without noise of its own next to nothing."""
+        duration = max(len(record.y) * record.dt for record in self.records)
+        shares = dict(zip(self.noisy, ca.vertsplit(levels[: len(self.noisy)]), strict=True))
+        each = [ca.exp(shares[x.name]) if x.name in shares else SURE for x in self.plant.states]
+        return ca.vertcat(*each) * ca.DM(np.asarray(self.unit) ** 2 / duration)
+
+
+Problem = Shooting | Predicting
+
+
+def gathered(Phi: Any, Q: Any) -> Any:
+    """What noise that has Q (n, n) in a sample adds to the covariance along it."""
+    eye = ca.DM.eye(Phi.shape[0])
+    D = Phi - eye
+    half = eye + D / 2 - D @ D / 8
+    return (Phi @ Q @ Phi.T + 4 * half @ Q @ half.T + Q) / 6

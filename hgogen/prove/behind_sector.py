@@ -1,0 +1,316 @@
+"""Whether an error decays behind a saturation or a dead zone whose level adapts, at a theta and beyond.
+
+    eps' = l (N eps - K (eps_1 - i(eps_1))) + J eps,   sigma' = l (-lambda sigma + r eps_1^2),   N = A - K C
+
+First the linear core, J = 0, l = theta, C = (1, 0, .., 0). Dead zone, i(e) = e - s, s = sat e at +- sqrt sigma: V =
+eps'P eps + mu sigma, and -lambda sigma <= -lambda s^2, s (eps_1 - s) >= 0 bound V' by l times the quadratic form in
+(eps, s)
+
+    eps'(N'P + P N) eps + 2 eps'P K s + mu (r eps_1^2 - lambda s^2) + 2 tau s (eps_1 - s)
+
+Saturation, i(e) = sat e = e - q: V = eps'P eps + mu max(eps_1^2 - sigma, 0). Where q = 0, V' = l eps'(N'P + P N) eps;
+elsewhere sigma = (eps_1 - q)^2, q (eps_1 - q) >= 0, and V' is at most l times the form in (eps, q)
+
+    eps'(N'P + P N) eps + 2 eps'P K q + mu (2 eps_1 C (N eps + K q) + lambda (eps_1 - q)^2 - r eps_1^2)
+    + 2 tau q (eps_1 - q);  eps decays, and sigma after it
+
+A form that is negative for some mu > 0, tau >= 0 proves exponential decay from any eps(0) and sigma(0) >= 0. P solves
+N'P + P N = -I in the coordinates g^(i-1) eps_i, g, mu and tau are powers of two: sufficient, not necessary. The idea of
+the forms: Alessandri, Zaccarian, "Stubborn state observers for linear time-invariant systems", Automatica 88 (2018).
+
+With a model V is that of the linear core, with N + J/l in the place of N: its form is affine in each slope of b, as J
+is, so that it is negative for all slopes in their ranges where it is at the corners. So is what is left where q = 0,
+(N + J/l)'P + P (N + J/l). Of more slopes than are worth corners, each is bounded by a multiplier: with h its reading
+and v what it enters, d (v h' + h v') <= S h h' + v v'/S for |d| <= 1. V' <= -alpha V asks for alpha/l times V beside
+the form; of the dead zone, whose V holds sigma, alpha is l lambda at most. A V that serves a theta serves every larger
+one, as J/l shrinks, and 0 is in the ranges (`common_norm`).
+"""
+
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from fractions import Fraction
+from functools import cached_property
+from itertools import product
+from typing import Any, ClassVar
+
+import numpy as np
+from flint import fmpq_mat
+
+from hgogen.analysis.evidence import Evidence, Grounds
+from hgogen.check import Check, ClaimId, Verdict
+from hgogen.estimators.columns import as_matrix
+from hgogen.estimators.injection import companion
+from hgogen.estimators.integrators import Integrators
+from hgogen.form import Form
+from hgogen.prove.bounded_theta import Nothing
+from hgogen.prove.common_norm import CLOSE, SLOW, Falls, FunctionSearch
+from hgogen.prove.inclusion import from_form, inclusion, nominal_units, plain
+from hgogen.prove.inequality import one_by_one
+from hgogen.prove.lmi import STATES, lyapunov
+from hgogen.prove.quadratic import Array, Weights, fractions, rational
+from hgogen.prove.steepness import GROWTHS, obstacle
+from hgogen.rigor.definite import Matrix, exact, positive
+from hgogen.sentence import Reason, because
+
+FEW = 6  # states up to which several g are tried
+_PAIRS = tuple((2.0**i, 2.0**j) for i, j in product(range(-12, 13), repeat=2))  # mu and tau
+_SMALL = 1e-9  # of a form's entries: by how much it is negative where floats take it to be
+_BITS = 24  # of a multiplier
+
+
+@dataclass(frozen=True)
+class Shape:
+    """What becomes of an output error e: i(e) is `injected` of (e, sat e), `text` in equations.
+
+    `below`: whether r must be below lambda; `drift`: of (N, K, C, lambda, r), what the second term of V brings into the
+    form over mu: (n, n), (n) and the corner; `kept`: over mu, what that term is at least or at most in the form, times
+    2 eps_1 s and s^2 (q of the other); `most`: whether V falls no faster than sigma; `fix`: what may give a proof where
+    there is none.
+    """
+
+    name: str
+    text: str
+    injected: Callable[[Any, Any], Any]
+    below: bool
+    drift: Callable[[Any, Any, Any, Any, Any], tuple[Any, Any, Any]]
+    kept: tuple[int, int]
+    most: bool
+    fix: str
+
+
+def _excess(e: Any, sat: Any) -> Any:
+    """e - sat e."""
+    return e - sat
+
+
+def _within(e: Any, sat: Any) -> Any:
+    """sat e."""
+    return sat
+
+
+def _squared(N: Any, K: Any, C: Any, decay: Any, r: Any) -> tuple[Any, Any, Any]:
+    """(-lambda s^2 + r eps_1^2)."""
+    return r * np.outer(C, C), 0 * C, -decay
+
+
+def _beyond(N: Any, K: Any, C: Any, decay: Any, r: Any) -> tuple[Any, Any, Any]:
+    """2 eps_1 C (N eps + K q) + lambda (eps_1 - q)^2 - r eps_1^2."""
+    first = np.outer(C, N[0])
+    return first + first.T + (decay - r) * np.outer(C, C), (K[0] - decay) * C, decay
+
+
+DEAD_ZONE = Shape(
+    name="dead zone",
+    text="(e - sat(e))",
+    injected=_excess,
+    below=True,
+    drift=_squared,
+    kept=(0, 1),
+    most=True,
+    fix="Lower r.",
+)
+SATURATION = Shape(
+    name="saturation",
+    text="sat(e)",
+    injected=_within,
+    below=False,
+    drift=_beyond,
+    kept=(1, -1),
+    most=False,
+    fix="Raise r.",
+)
+
+
+@dataclass(frozen=True)
+class Adaptation:
+    """sigma' = l (-decay sigma + r e^2) of an injection of that `shape`."""
+
+    shape: Shape
+    decay: Fraction
+    r: Fraction
+
+    def form(self, N: Any, K: Any, P: Any, mu: Any, tau: Any) -> Any:
+        """The symmetric matrix (n + 1, n + 1) of the form, of N, P (n, n), K (n); of floats or of rationals. Of several
+        mu and tau (k) as many matrices (k, n + 1, n + 1)."""
+        number = Fraction if isinstance(mu, Fraction) else float
+        n, (decay, r) = len(K), (number(self.decay), number(self.r))
+        C = np.array([number(1), *[number(0)] * (n - 1)])
+        block, column, corner = self.shape.drift(N, K, C, decay, r)
+        of = np.multiply.outer
+        top, side = N.T @ P + P @ N + of(mu, block), P @ K + of(tau, C) + of(mu, column)
+        last = np.concatenate([side, np.asarray(mu * corner - 2 * tau)[..., None]], -1)
+        return np.concatenate([np.concatenate([top, side[..., None]], -1), last[..., None, :]], -2)
+
+    def value(self, P: Any, mu: Any) -> Any:
+        """The symmetric matrix (n + 1, n + 1) of V, as far as a rate of it is asked for; of floats or of rationals."""
+        side, corner = np.array([self.shape.kept[0] * mu, *[mu * 0] * (len(P) - 1)]), self.shape.kept[1] * mu
+        return np.vstack([np.column_stack([P, side]), [*side, corner]])
+
+
+@dataclass(frozen=True)
+class Decay:
+    """A proof that the linear core decays: in the coordinates `growth`^(i-1) eps_i the form is negative."""
+
+    adaptation: Adaptation
+    growth: Fraction
+    P: Matrix
+    mu: Fraction
+    tau: Fraction
+
+    def evidence(self, form: Form) -> Evidence:
+        """The matrix P and the multipliers of the quadratic form, in scaled coordinates of integrators, the units of
+        which are powers of their growth."""
+        units = [self.growth**i for i in range(len(self.P))]
+        return {"units": units, "P": self.P, "mu": self.mu, "tau": self.tau}
+
+
+def decays(adaptation: Adaptation, K: np.ndarray) -> tuple[Decay, ...]:
+    """Proofs that the core of the gains K (n), A - K C Hurwitz, decays, one for each g that gives one."""
+    growths = GROWTHS[: 0 if len(K) > STATES else 1 if len(K) > FEW else None]
+    proofs = (_decay(adaptation, np.array([Fraction(float(k)) for k in K]), growth) for growth in growths)
+    return tuple(one for one in proofs if one is not None)
+
+
+def core_check(maker: str, adaptation: Adaptation, proofs: Iterable[Decay], numbers: Mapping[str, Any]) -> Check:
+    """`MAKER.core`, that there is such a proof, of an observer that is built with the `numbers`."""
+    id = ClaimId(maker, "core")
+    claim = f"the linear error core decays behind its {adaptation.shape.name}, from any initial error"
+    for one in proofs:
+        pattern = "by a quadratic form with mu = {mu:g}, tau = {tau:g}, in rational arithmetic"
+        reason = because(pattern, mu=float(one.mu), tau=float(one.tau))
+        return Check(id, claim, Verdict.PROVED, reason, proofs=(Grounds(numbers, one),))
+    reason = because("no quadratic proof was found for these lambda and r")
+    return Check(id, claim, Verdict.UNKNOWN, reason, fix=adaptation.shape.fix)
+
+
+def _decay(adaptation: Adaptation, K: Any, growth: Fraction) -> Decay | None:
+    scale = np.array([growth**i for i in range(len(K))])
+    N, gain = companion(K) * np.outer(scale, 1 / scale), K * scale
+    solution = lyapunov(tuple(map(tuple, N)))
+    if solution is None:
+        return None
+    P = np.array(solution.P)
+    N_, K_, P_ = (array.astype(float) for array in (N, gain, P))
+    mus, taus = np.array(_PAIRS).T
+    margins = -np.linalg.eigvalsh(adaptation.form(N_, K_, P_, mus, taus))[:, -1]
+    size = float(solution.peak) + adaptation.shape.kept[0] * mus  # of V at most, over |eps|^2
+    mu, tau = map(Fraction, _PAIRS[int(np.argmax(margins / size))])
+    shown = positive(exact(-adaptation.form(N, gain, P, mu, tau)))
+    return Decay(adaptation, growth, solution.P, mu, tau) if shown else None
+
+
+@dataclass(frozen=True)
+class Behind(FunctionSearch):
+    """The `error` with all of it injected, of gains `K` (n), behind what adapts; the `decays` of its linear core, of
+    which V are those that are sought."""
+
+    how: str = "one function"
+    K: tuple[Fraction, ...] = ()
+    decays: tuple[Decay, ...] = ()
+    close: ClassVar[tuple[float, float]] = (CLOSE, CLOSE)
+
+    @property
+    def missing(self) -> Reason:
+        """Why there is no proof at any theta."""
+        return because("the linear core is not shown to decay")
+
+    def obstacle(self, states: Sequence[Any]) -> Reason:
+        """Why there is none at theta."""
+        return self.unstable(states) or because("no function is found for all slopes in their ranges")
+
+    def at(self, theta: Fraction, alpha: Fraction = Fraction(0)) -> Falls | None:
+        """A proof of that rate at a theta; None where none of these V shows it."""
+        holding = (one for one in self.decays if self._holds(one, theta, alpha))
+        return next(filter(None, (self._shown(one, theta, alpha) for one in holding)), None)
+
+    @cached_property
+    def _known(self) -> Decay | None:
+        """The V that falls at theta, one that has a rate where there is one."""
+        return self._weights(self.theta, self._most * SLOW) or self._weights(self.theta)
+
+    @property
+    def _most(self) -> Fraction:
+        slowest = [self.theta * one.adaptation.decay for one in self.decays if one.adaptation.shape.most]
+        return min([Fraction(-2 * self.slowest[0]), *slowest])
+
+    def _weights(self, theta: Fraction, alpha: Fraction = Fraction(0)) -> Decay | None:
+        return next((one for one in self.decays if self._holds(one, theta, alpha)), None)
+
+    def _thetas(self, by: Decay) -> Callable[[Fraction], bool]:
+        return lambda theta: self._holds(by, theta)
+
+    def _alphas(self, by: Decay) -> Callable[[Fraction], bool]:
+        return lambda alpha: self._holds(by, self.theta, alpha)
+
+    def _holds(self, one: Decay, theta: Fraction, alpha: Fraction = Fraction(0)) -> bool:
+        e, P = self.error.at(theta).floats, np.array(self._P(one), dtype=float)
+        parts = e.M / float(theta), e.G / float(theta), e.H
+        forms = self._forms(one, parts, P, float(one.mu), float(one.tau), float(alpha / theta))
+        return all(np.linalg.eigvalsh(form).max() < -_SMALL * np.abs(form).max() for form in forms)
+
+    def _shown(self, one: Decay, theta: Fraction, alpha: Fraction) -> Falls | None:
+        e = self.error.at(theta)
+        parts = tuple(np.array(fractions(M), dtype=object).reshape(M.shape) for M in (e.M, e.G, e.H))
+        M, G, H = parts
+        P = np.array(self._P(one), dtype=object)
+        forms = self._forms(one, (M / theta, G / theta, H), P, one.mu, one.tau, alpha / theta)
+        if one.adaptation.shape.most and alpha > theta * one.adaptation.decay:
+            return None
+        if not all(positive(fmpq_mat(rational(-form).tolist())) for form in forms):
+            return None
+        S = () if one_by_one(len(P), len(H)) else tuple(_multiplier(v) for v in (P @ G / theta).T)
+        return Falls(theta, alpha, Weights(self._P(one), S), {"mu": one.mu, "tau": one.tau})
+
+    def _P(self, one: Decay) -> tuple[tuple[Fraction, ...], ...]:
+        """P of a V in the errors of the inclusion."""
+        t = [one.growth**i / unit for i, unit in enumerate(self.error.units)]
+        return tuple(tuple(t[i] * x * t[j] for j, x in enumerate(row)) for i, row in enumerate(one.P))
+
+    def _forms(self, one: Decay, parts: tuple[Array, Array, Array], P: Array, mu: Any, tau: Any, a: Any) -> list[Array]:
+        """The forms that are negative where V' <= -alpha V, a = alpha/theta, of M/theta, G/theta and H."""
+        (N, G, H), way, n = parts, one.adaptation, len(P)
+        K = np.array([type(mu)(unit * k) for unit, k in zip(self.error.units, self.K, strict=True)])
+        base = way.form(N, K, P, mu, tau)
+        moves = [way.form(N + np.outer(g, h), K, P, mu, tau) - base for g, h in zip(G.T, H, strict=True)]
+        base = base + a * way.value(P, mu)
+        inner = N.T @ P + P @ N + a * P
+        turns = [np.outer(P @ g, h) + np.outer(h, P @ g) for g, h in zip(G.T, H, strict=True)]
+        if one_by_one(len(P), len(H)):
+            ends = list(product((-1, 1), repeat=len(H)))
+            return [_moved(form, by, d) for form, by in ((base, moves), (inner, turns)) for d in ends]
+        S = [type(mu)(_multiplier(v)) for v in (P @ G).T]
+        wide = [np.append(h, 0 * mu) for h in H]
+        return [_bounded(base, moves, wide, S), _bounded(inner[:n], turns, list(H), S)]
+
+
+def _moved(form: Array, by: Sequence[Array], d: Sequence[int]) -> Array:
+    return np.asarray(sum((sign * move for sign, move in zip(d, by, strict=True)), form))
+
+
+def _bounded(form: Array, by: Sequence[Array], reads: Sequence[Array], S: Sequence[Any]) -> Array:
+    """The form with what each move v h' + h v' comes to at most, either way."""
+    for move, h, s in zip(by, reads, S, strict=True):
+        v = move @ h - h * (h @ move @ h) / 2
+        form = form + s * np.outer(h, h) + np.outer(v, v) / s
+    return form
+
+
+def _multiplier(v: Array) -> Fraction:
+    """A short rational near |v|, above 0."""
+    return Fraction(max(1, round(float(np.linalg.norm(v.astype(float))) * 2**_BITS)), 2**_BITS)
+
+
+def behind(
+    chain: Integrators, theta: float, K: np.ndarray, decays: tuple[Decay, ...], numbers: Any
+) -> Behind | Nothing:
+    """What is sought of an observer of gains K on a chain, that is built with the `numbers`."""
+    reason = obstacle(chain.form)
+    if reason:
+        return Nothing(reason)
+    near_z = nominal_units(chain)
+    if isinstance(near_z, Nothing):
+        return near_z
+    units, gains = [unit / near_z[0] for unit in near_z], [Fraction(k) for k in K.tolist()]
+    form, scale = chain.form, from_form(chain.form, units)
+    error = inclusion(form, plain(form), companion(np.array(gains)), as_matrix(form, gains), scale, units, numbers)
+    return error if isinstance(error, Nothing) else Behind(error, Fraction(theta), K=tuple(gains), decays=decays)

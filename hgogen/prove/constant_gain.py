@@ -1,0 +1,184 @@
+"""The constant gain of a high-gain observer on chains: from poles, or as given.
+
+    z' = A z + b(sat z, u) + diag(theta, .., theta^n) K (y - C z)
+
+Poles make K_j = p_j/(a_1..a_j), p the coefficients of their polynomial: the linear error core has theta times them,
+whatever the parameters. A gain K as given serves an A(u) and C(u) as well: A - K C is Hurwitz at the ends of the ranges
+of all a_j, by exact test; that one quadratic function decays for every u is what `common_norm` proves. One for several
+chains is a sequence for each, which acts on the output of its own chain, or a matrix, each of whose rows acts on all.
+"""
+
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
+from fractions import Fraction
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+import sympy as sp
+
+from hgogen.analysis.polytope import chains, several_corners
+from hgogen.estimators.columns import columns
+from hgogen.estimators.gains import coefficients
+from hgogen.estimators.injection import companion
+from hgogen.estimators.integrators import Integrators, demand_divisor, demand_linear_rows, no_chain
+from hgogen.estimators.scaled_gain import ScaledGain
+from hgogen.form import Form
+from hgogen.prove.bounded_theta import Nothing
+from hgogen.prove.inclusion import Inclusion, on_companion, with_gains
+from hgogen.reading.given import BadGain, reals
+from hgogen.rigor.definite import demand_hurwitz
+from hgogen.sentence import Reason
+
+Chain = tuple[sp.Expr, ...]
+
+
+@dataclass(frozen=True, eq=False)
+class ConstantGain:
+    """The gain `K`.
+
+    `driven` says whether A or C depends on an input: then `vertices` (k, n, n) are A - K C at the ends of the ranges.
+    `error` is what the error obeys.
+    """
+
+    K: ScaledGain
+    driven: bool
+    vertices: np.ndarray
+    error: Inclusion | Nothing
+
+
+def _of_error(form: Form, entries: Iterable[sp.Expr]) -> ScaledGain:
+    values = tuple(entries)
+    return ScaledGain("K", values, columns(form, len(values)), "observer gain")
+
+
+def constant_gain(
+    observer: str, form: Form, poles: Any, gains: Any, weights: Sequence[float], endless: bool = False
+) -> ConstantGain:
+    """The gain on a form in chains, from `poles` or `gains`: a sequence (n), or for several outputs one for each; gains
+    may be a matrix (n, q), of a column for each chain's output, the mean of outputs by their `weights` (p); `endless`
+    as of `inclusion`. Raises: `BadGain`, `BadPoles`, `NotHurwitz`."""
+    if (poles is None) == (gains is None):
+        raise BadGain(observer, "takes either the poles of A - K C or the gains K; give one of the two")
+    each = constant_chains(observer, form)
+    return (
+        _placed(form, each, poles, weights, endless)
+        if gains is None
+        else _from_gains(form, each, gains, weights, endless)
+    )
+
+
+def _placed(
+    form: Form, each: tuple[tuple[sp.Expr, ...], ...], poles: Any, weights: Sequence[float], endless: bool
+) -> ConstantGain:
+    for names, chain in zip(form.gain_names, each, strict=True):
+        for name, a in zip(names, chain, strict=True):
+            if a.free_symbols & {*form.system.inputs}:
+                raise BadGain(
+                    f"{name} = {a}", "depends on the input, poles want it constant; give gains, or use riccati"
+                )
+            demand_divisor(name, a, form)
+    sizes = tuple(len(chain) for chain in each if chain)
+    p = list[float]()
+    for chain_poles, n in zip(_split("poles", poles, sizes), sizes, strict=True):
+        rounded = coefficients(chain_poles, n)
+        # these are proved to decay too, since poles at the edge may not survive rounding
+        demand_hurwitz("poles, rounded to doubles", companion(rounded), "take them further to the left")
+        p.extend(rounded)
+    products = [sp.prod(chain[: j + 1]) for chain in each for j in range(len(chain))]
+    K = (sp.Float(x) / a for x, a in zip(p, products, strict=True))
+    error = on_companion(Integrators(form, form.gains), tuple(p), weights, endless)
+    return ConstantGain(_of_error(form, K), False, np.empty((0, form.n, form.n)), error)
+
+
+def _from_gains(
+    form: Form, each: tuple[tuple[sp.Expr, ...], ...], gains: Any, weights: Sequence[float], endless: bool
+) -> ConstantGain:
+    if isinstance(gains, Nothing):
+        raise BadGain("gains", f"were not found: {gains.reason}")
+    K, ends = list[float](), []
+    for group, k in _groups("gains", gains, [chain for chain in each if chain]):
+        vertices = several_corners(group, form)
+        if isinstance(vertices, Reason):
+            raise BadGain(f"gains = {gains!r}", f"cannot be judged: {vertices}; declare ranges, or use riccati")
+        gain = np.array([[Fraction(x) for x in row] for row in k.tolist()], dtype=object)
+        closed = [A - gain @ C for A, C in vertices]
+        fix = "take others for the ranges of the a_i, such as hg.design.constant_gain(form)"
+        for matrix in closed:
+            demand_hurwitz("gains", matrix, fix)
+        K.extend(k.ravel().tolist())
+        ends.append(np.array(closed, dtype=float))
+    driven = any(a.free_symbols & {*form.system.inputs} for chain in each for a in chain)
+    error = with_gains(form, [*map(Fraction, K)], weights, endless)
+    return ConstantGain(_of_error(form, map(sp.Float, K)), driven, _stacked(ends), error)
+
+
+def entries_of(what: str, values: Any, form: Form) -> tuple[float, ...]:
+    """The entries of a gain of chains (n, or n q: `columns`), given as K is. Raises: `BadGain`."""
+    groups = _groups(what, values, [chain for chain in chains(form) if chain])
+    return tuple(x for _, k in groups for x in k.ravel().tolist())
+
+
+def _groups(what: str, gains: Any, each: Sequence[Chain]) -> Iterator[tuple[Sequence[Chain], np.ndarray]]:
+    """Chains that the gain ties to each other, with its block for them: all for a matrix, else one after the other.
+    Raises: `BadGain`."""
+    sizes = tuple(map(len, each))
+    n, q = sum(sizes), len(sizes)
+    whole = _shape(gains) == (n, q)
+    parts = (gains,) if whole else _split(what, gains, sizes, f", or a matrix of {n} x {q}")
+    groups = [each] if whole else [[chain] for chain in each]
+    for group, values in zip(groups, parts, strict=True):
+        k, rows = reals(what, values), sum(map(len, group))
+        if k.shape not in ((rows, len(group)), (rows,) * (len(group) == 1)) or not np.isfinite(k).all():
+            said = f"{n} x {q}" if whole and q > 1 else " and ".join(map(str, sizes))
+            raise BadGain(f"{what} = {gains!r}", f"must be {said} finite numbers")
+        yield group, k.reshape(rows, len(group))
+
+
+def _shape(values: Any) -> tuple[int, ...]:
+    """That of an array, () of what is none, as rows of different lengths are not."""
+    try:
+        return np.shape(values)
+    except ValueError:
+        return ()
+
+
+def _stacked(ends: list[np.ndarray]) -> np.ndarray:
+    """Each group's matrices (k_i, n_i, n_i) along the diagonal; all eigenvalues are there, not all combinations."""
+    n, most = sum(each.shape[1] for each in ends), max(map(len, ends))
+    stacked = np.zeros((most, n, n))
+    for each, (head, end) in zip(ends, pairwise(np.cumsum([0, *(each.shape[1] for each in ends)])), strict=True):
+        stacked[:, head:end, head:end] = each[np.arange(most) % len(each)]
+    return stacked
+
+
+def _split(what: str, values: Any, sizes: tuple[int, ...], instead: str = "") -> Sequence[Any]:
+    """The values for each chain. Raises: `BadGain` where they are not one sequence for each."""
+    if len(sizes) == 1:
+        return (values,)
+    count = len(values) if isinstance(values, Sequence | np.ndarray) and not isinstance(values, str) else 0
+    if count != len(sizes) or any(len(_shape(each)) != 1 for each in values):
+        known = f"must be {len(sizes)} sequences, one for each output with a chain{instead}"
+        raise BadGain(f"{what} = {values!r}", known)
+    return tuple(values)
+
+
+def constant_chains(observer: str, form: Form) -> tuple[tuple[sp.Expr, ...], ...]:
+    """a_(i,1), .. of each output, free of states; those of the phase coordinates are 1. Raises: `BadGain`."""
+    if len(form.output) != len(form.blocks):
+        reason = f"takes a chain for each output, {form.system.name} has {len(form.output)} outputs and no chains"
+        raise BadGain(observer, reason, fix="use the form block_triangular if the plant is in it, else riccati")
+    demand_linear_rows(observer, form)
+    if form.jacobian is not None:
+        return ((sp.S.One,) * form.n,)
+    each = chains(form)
+    off = [
+        (i, j) for i in range(form.n) for j in range(form.n) if form.A[i, j] != 0 and (j != i + 1 or j in form.heads)
+    ]
+    if off or any(a == 0 for chain in each for a in chain):
+        raise no_chain(observer, form)
+    for names, chain in zip(form.gain_names, each, strict=True):
+        for name, a in zip(names, chain, strict=True):
+            if a.free_symbols & {*form.states}:
+                raise BadGain(f"{name} = {a}", "depends on the state, a constant gain wants it constant; use riccati")
+    return each

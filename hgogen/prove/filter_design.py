@@ -1,0 +1,210 @@
+"""The filter of `observers.filtered_injection` that lets least noise through to a state, at a wanted rate.
+
+    e' = (M + G_b diag(d) H) e + B v,   |d_j| <= 1, |v| <= 1;   M and B of the filter's F, G and N H
+    X > 0:  (M + rate) X + X (M + rate)' + B B'/(2 rate) + G_b diag(s) G_b' + X H' diag(1/s) H X <= 0,   s > 0
+
+For slopes of b anywhere in their ranges the errors decay like exp(-rate t), and the error of the state comes to no more
+than sqrt(c X c') times the largest noise, whatever its course: P = X^-1 is the norm. For a given filter that is a cone
+program, proved in rationals (`questions`). In the filter and X together it has no one minimum: a search without
+derivatives (SciPy's, which the solver needs as well) goes from a first filter to where no small change helps, and what
+it finds counts only if it is proved, and better. By similarity G = (1, 0, .., 0), and F has ones below its diagonal,
+and no others than that and the one above.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from fractions import Fraction
+from math import comb
+from typing import Any
+
+import numpy as np
+
+from hgogen.estimators.integrators import Integrators, integrators
+from hgogen.form import Form
+from hgogen.prove.bounded_theta import Nothing
+from hgogen.prove.inclusion import Inclusion, Layout, of_state, on_integrators
+from hgogen.prove.inequality import NOW, driven, flow
+from hgogen.prove.quadratic import Array, floats, inverse_root
+from hgogen.prove.questions import Bounded, InputBound, bound_at, bound_in_floats
+from hgogen.prove.semidefinite import sought
+from hgogen.reading.door import Misfit
+from hgogen.reading.given import BadGain, among, count, positive
+from hgogen.sentence import up
+
+_NAME = "filtered_injection"
+_STATES = 6  # of the chain, and of the filter
+_DIGITS = 6  # of the filter's numbers
+_TRIES = 400  # filters that are tried
+_PROOFS = 12  # of the best that are tried
+_SPEEDS = (3.0, 6.0, 12.0, 24.0)  # of the first filters
+_SIDE = 0.3  # of the first simplex, as a share
+_LARGE = 1e6  # in the place of a logarithm
+
+
+@dataclass(frozen=True)
+class InjectionFilter:
+    """F (m, m), G (m) and H (n, m) for `filtered_injection(form, theta=.., F=.., G=.., H=..)`, N = I.
+
+    `rate` (1/s): the errors decay like exp(-rate t); `bound`: what noise of at most 1 leaves of the error of `state`,
+    proved in continuous time for all slopes in their ranges; `before`: that of the filter from which the search began.
+    """
+
+    theta: float
+    F: tuple[tuple[float, ...], ...]
+    G: tuple[float, ...]
+    H: tuple[tuple[float, ...], ...]
+    rate: float
+    state: str
+    bound: Fraction
+    before: Fraction
+
+    @property
+    def gains(self) -> dict[str, Any]:
+        """What the observer takes."""
+        return {"theta": self.theta, "F": self.F, "G": self.G, "H": self.H}
+
+    def __str__(self) -> str:
+        held = f"noise of 1 moves {self.state} by {up(self.bound, 4)} at most, {up(self.before, 4)} before"
+        return f"F = {self.F}, G = {self.G}, H = {self.H}: rate {self.rate:g} at theta = {self.theta:g}; {held}"
+
+
+def injected(chain: Integrators, F: np.ndarray, G: np.ndarray, pushed: np.ndarray) -> Inclusion | Nothing:
+    """What the error of the observer obeys, `pushed` (n, m) its N H."""
+    n, m = pushed.shape
+    order = (*range(n), *[0] * m)
+    layout = Layout(order, order, (True,) * n + (False,) * m, tuple(range(n)))
+    numbers = {"F": F, "G": G, "NH": pushed}
+    measured = np.append(np.zeros(n), G)[:, None]
+    return on_integrators(chain, layout, core(F, G, pushed), measured, numbers)
+
+
+def core(F: np.ndarray, G: np.ndarray, pushed: np.ndarray) -> np.ndarray:
+    """Q (n + m, n + m)."""
+    n = len(pushed)
+    return np.block([[np.diag(np.ones(n - 1), 1), pushed], [-np.outer(G, np.eye(n)[0]), F]])
+
+
+def injection_filter(
+    form: Form, *, theta: float, rate: float, state: str | None = None, size: int | None = None
+) -> InjectionFilter:
+    """A filter of `size` states, by default n, with which the errors decay at `rate` and noise moves a state least.
+
+    Args: `theta` > 0 of the observer; `rate` (1/s) > 0; `state` whose error counts, by default the last of the chain.
+
+    Raises: `BadGain` for a form that is no chain of integrators of up to 6 states, or a rate that no first filter is
+    shown to reach; `Misfit` for no form; `NoSolver`.
+    """
+    if not isinstance(form, Form):
+        raise Misfit("injection_filter", form, "a form: hg.forms.triangular(plant)")
+    chain, level, wanted = integrators(_NAME, form), positive("theta", theta), positive("rate", rate)
+    n, names = chain.n, form.names
+    if n > _STATES:
+        raise BadGain(_NAME, f"is for a chain of at most {_STATES} states, not of {n}")
+    m = count("size", n if size is None else size, 1, _STATES)
+    if not among(state, (None, *names)):
+        raise BadGain(f"state = {state!r}", f"is none of {', '.join(names)}")
+    search = _Search(chain, Fraction(level), Fraction(wanted), names.index(state) if state else n - 1, m)
+    first = search.first
+    before = search.proved(first)
+    if before is None:
+        reason = f"is not shown to be reached at theta = {level:g} by a first filter; raise theta, or lower the rate"
+        raise BadGain(f"rate = {wanted:g}", reason)
+    shown = ((each, search.proved(each)) for each in search.improved(first))
+    better = ((each, known) for each, known in shown if known and known.bound < before.bound)
+    (F, G, H), best = next(better, (first, before))
+    own, pushed = (tuple(map(tuple, part.tolist())) for part in (F, H))
+    counted = names[search.state]
+    return InjectionFilter(level, own, tuple(G.tolist()), pushed, wanted, counted, best.bound, before.bound)
+
+
+Filter = tuple[np.ndarray, np.ndarray, np.ndarray]  # F, G and H
+
+
+@dataclass(frozen=True)
+class _Search:
+    """For a filter of `m` states on a chain, for the error of the state at that place."""
+
+    chain: Integrators
+    theta: Fraction
+    rate: Fraction
+    state: int
+    m: int
+
+    @property
+    def first(self) -> Filter:
+        """The one of least bound of that of alpha = 3, beta = 1, with all poles at -1, and of faster ones, which at
+        rest inject what puts them there; one of fewer states feeds the last of its own on, one of more has states that
+        feed nothing."""
+        n, m = self.chain.n, self.m
+        at = [(i, min(i, m - 1)) for i in range(n)]
+        filters = []
+        for speed in _SPEEDS:
+            H = np.zeros((n, m))
+            for i, j in at:
+                H[i, j] = comb(n, i + 1) * (1 if speed == _SPEEDS[0] else speed ** (j + 1))
+            filters.append((-speed * np.eye(m) + np.eye(m, k=-1), np.eye(m)[0], H))
+        return min(filters, key=lambda each: self._worth(self._numbers(each))[0])
+
+    def proved(self, filter_: Filter) -> InputBound | None:
+        """A proof of the rate, with a bound of what noise does."""
+        asked = self._asked(filter_)
+        return bound_at(*asked) if asked and bound_in_floats(*asked) else None
+
+    def improved(self, filter_: Filter) -> Iterator[Filter]:
+        """Filters of few digits, the best first: about the last, as far as floats tell, none is better."""
+        from scipy.optimize import minimize  # which the solver needs as well
+
+        known, W = list[tuple[float, np.ndarray]](), list[Array]()  # with the coordinates of the best P
+
+        def worth(numbers: np.ndarray) -> float:
+            value, coordinates = self._worth(numbers, *W)
+            if value < min((other for other, _ in known), default=_LARGE):
+                known.append((value, numbers.copy()))
+                W[:] = [] if coordinates is None else [coordinates]
+            return value
+
+        start = self._numbers(filter_)
+        simplex = np.vstack([start, start + np.diag(np.maximum(np.abs(start), _SIDE) * _SIDE)])
+        options = {"maxfev": _TRIES, "adaptive": True, "initial_simplex": simplex}
+        minimize(worth, start, method="Nelder-Mead", options=options)
+        for _, numbers in known[: -_PROOFS - 1 : -1]:
+            yield self._filter(np.array([float(f"{x:.{_DIGITS}g}") for x in numbers]))
+
+    def _worth(self, numbers: np.ndarray, *coordinates: Array) -> tuple[float, Array | None]:
+        """The logarithm of the bound in floats, sought from these coordinates of its P or else from its own, and those
+        in which its P is the unit matrix; a large number where there is none."""
+        for W in (*coordinates, None):
+            asked = self._asked(self._filter(numbers), W)
+            known = asked and bound_in_floats(*asked)
+            if known:
+                return float(np.log(known[0])), known[1]
+        return _LARGE, None
+
+    def _asked(self, filter_: Filter, W: Array | None = None) -> tuple[Bounded, Array, int, Array, Fraction] | None:
+        """What a bound is asked of, in coordinates W or those of a P with which all decays; None of a filter with which
+        nothing does."""
+        error = injected(self.chain, *filter_)
+        if isinstance(error, Nothing):
+            raise BadGain(_NAME, f"has no bound here: {error}")
+        scales = error.scales(self.theta)
+        if scales is None:
+            raise BadGain(_NAME, "has gains that are no numbers, and so no bound of what noise does")
+        if np.linalg.eigvals(floats(error.N)).real.max() >= 0:
+            return None
+        e = error.at(self.theta)
+        if W is None:
+            weights = sought((flow(e).falls(NOW),), "an injection's filter")
+            if weights is None:
+                return None
+            W = inverse_root(weights[0])
+        return lambda alpha: driven(e, alpha), W, 1, of_state(scales, self.state), 2 * self.rate
+
+    def _numbers(self, filter_: Filter) -> np.ndarray:
+        """The diagonal of F and the one above it, and H."""
+        F, _, H = filter_
+        return np.concatenate([np.diag(F), np.diag(F, 1), H.ravel()])
+
+    def _filter(self, numbers: np.ndarray) -> Filter:
+        m, n = self.m, self.chain.n
+        F = np.diag(numbers[:m]) + np.diag(numbers[m : 2 * m - 1], 1) + np.eye(m, k=-1)
+        return F, np.eye(m)[0], numbers[2 * m - 1 :].reshape(n, m)

@@ -1,0 +1,268 @@
+"""Numbers that papers give by formula, for who designs a gain by hand: each rounded to the safe side, of exact algebra.
+
+    gain_of_poles      L of the poles of A - L C                      Astolfi, Jungers, Zaccarian 2018, remark 1
+    core_eigenvalues   those of A - L C, or of M with a filter        (10)
+    inside_parabola    whether poles lie in S_(alpha, beta)           (9)
+    least_gamma        from which gamma_inf on the error decays       Alessandri 2020, (88)
+    attenuation        the L2 gain from a disturbance                 (89)
+    disturbed_error    how far a disturbance keeps the error from 0   (69), corrected
+    error_bounds       the error without a model of the last row      Bullinger and others 1998, (14), corrected
+    gain_in_time       the gain for a given error and time            theorem 1
+
+A and C are those of a chain of n integrators, D = diag(1, .., n).
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from fractions import Fraction
+from functools import partial
+from math import isfinite
+from typing import Any
+
+import numpy as np
+
+from hgogen.check import Verdict
+from hgogen.estimators.gains import BadPoles, coefficients, filtered_core, least_ratio, numbers
+from hgogen.estimators.injection import companion
+from hgogen.prove.adaptive_gain import Candidate, candidate, facts
+from hgogen.prove.adaptive_gain import attenuation as block_of
+from hgogen.prove.adaptive_gain import disturbance as as_disturbance
+from hgogen.prove.lmi import lyapunov
+from hgogen.reading.given import BadGain, positive, real, reals
+from hgogen.rigor.definite import demand_hurwitz, exact, largest, nonnegative, number, root, smallest, unit
+
+_SHARES = tuple(Fraction(k, 16) for k in range(1, 16))  # of the decay, that a disturbance may use up
+_SQUARES = 12  # of 1 + x/2^12, whose power is below e^x
+_STEPS = 60  # of a bisection
+
+
+def gain_of_poles(poles: Sequence[complex]) -> tuple[float, ...]:
+    """L (n), the coefficients of the polynomial of the n `poles` after the first: A - L C has these eigenvalues.
+
+    Astolfi, Jungers, Zaccarian, ECC 2018, remark 1. Raises: `BadPoles` for poles that do not decay, or are in no
+    conjugate pairs.
+    """
+    count = len(numbers(poles))
+    if not count:
+        raise BadPoles((), "there are none; give one for each integrator")
+    return tuple(coefficients(poles, count).tolist())
+
+
+def core_eigenvalues(L: Any, alpha: float | None = None, beta: float | None = None) -> tuple[complex, ...]:
+    """The eigenvalues of A - L C (n), or with a filter's `alpha` and `beta` those of M (2 n), the fastest first.
+
+    They are those of the error's linear part at a high gain 1, in floats. Astolfi, Jungers, Zaccarian, ECC 2018, (10).
+    Raises: `BadGain` for L that is no column of finite numbers, for one of alpha and beta alone, or not positive.
+    """
+    gains = _column("L", L)
+    if (alpha is None) != (beta is None):
+        raise BadGain("core_eigenvalues", "takes both alpha and beta of a filter, or none of them")
+    if alpha is None:
+        core = companion(gains)
+    else:
+        core = filtered_core(gains, positive("alpha", alpha), positive("beta", beta))
+    return tuple(sorted(map(complex, np.linalg.eigvals(core).tolist()), key=lambda s: (s.real, s.imag)))
+
+
+def inside_parabola(poles: Sequence[complex], alpha: float, beta: float) -> tuple[bool, ...]:
+    """Whether each of the poles lies in S = {alpha^2 Re + beta Im^2 < 0}, exactly: M is Hurwitz if all do.
+
+    Astolfi, Jungers, Zaccarian, ECC 2018, (9) and lemma 1. Raises: `BadGain`.
+    """
+    ratio = Fraction(positive("alpha", alpha)) ** 2 / Fraction(positive("beta", beta))
+    try:
+        points = [complex(pole) for pole in poles]
+    except (TypeError, ValueError):
+        points = [complex("nan")]
+    if not all(isfinite(p.real) and isfinite(p.imag) for p in points):
+        raise BadGain(f"poles = {poles!r}", "must be finite numbers, as (-1, -2+1j, -2-1j)")
+    return tuple(p.real < 0 and least_ratio(p) < ratio for p in points)
+
+
+def least_gamma(K: Any, P: Any, sigma: float, slope: float, *, decay: float | None = None) -> Fraction:
+    """max(1, (4 k lambda_max(P) + 1)/(2 lambda)) from above, k the `slope`: gamma_inf may be anything above it.
+
+    `decay` is lambda of (54), by default the largest that K, P and sigma have. Alessandri 2020, (88), which is (70).
+    Raises: `BadGain`, also where P > 0, D P + P D >= 0 or (54) does not hold.
+    """
+    known, rate = _candidate(K, P, sigma, decay)
+    return known.least(_number("slope", slope), rate)
+
+
+def attenuation(
+    K: Any,
+    P: Any,
+    sigma: float,
+    slope: float,
+    alphas: tuple[float, float],
+    disturbance: tuple[Any, Any],
+    *,
+    decay: float,
+) -> Fraction:
+    """mu_0 = sqrt(2 max(delta_1 alpha_1, delta_2 alpha_2)) gamma^n at the least gamma of (88), from above: the L2 gain
+    from v to the error of w, w' = .. + G_1 v, y = w_1 + G_2 v, where gamma_sup is that gamma.
+
+    `decay` and `alphas` are lambda, alpha_1 and alpha_2 of (87); `disturbance` is (G_1 (n, m), G_2 (m)). For gamma up
+    to gamma_sup it is (gamma_sup/gamma)^n times as much. Alessandri 2020, (89), with delta_1 for the matrix of (72).
+    Raises: `BadGain`, also where (87) does not hold.
+    """
+    known, rate = _candidate(K, P, sigma, decay)
+    if len(alphas) != 2:
+        raise BadGain(f"alphas = {alphas!r}", "must be two numbers, alpha_1 and alpha_2 of (87)")
+    one, two = (Fraction(positive(f"alpha_{k}", value)) for k, value in enumerate(alphas, 1))
+    if not nonnegative(block_of(known, rate, one, two)):
+        raise BadGain(f"alphas = {tuple(alphas)}", f"do not satisfy (87) with lambda = {decay:g}; raise them")
+    first, second = as_disturbance(disturbance, known.n).deltas
+    share = 2 * max(first * one, second * two)
+    return root(share, bits=52) * known.least(_number("slope", slope), rate) ** known.n
+
+
+@dataclass(frozen=True)
+class DisturbedError:
+    """How far a disturbance |v| <= 1 keeps the scaled error e = T^-1 (w - what), T = diag(gamma, .., gamma^n), from 0.
+
+    `level`: V = e'P e falls wherever |e| is above `level`, chi of (69), corrected; `ultimate`: |e| comes below it, and
+    stays there; `rate`: |e|_P falls at least like exp(-rate t) where |e| is above `level`. All in proportion to |v|.
+    """
+
+    level: Fraction
+    ultimate: Fraction
+    rate: Fraction
+
+
+def disturbed_error(
+    K: Any,
+    P: Any,
+    sigma: float,
+    slope: float,
+    gamma: float,
+    disturbance: tuple[Any, Any],
+    *,
+    share: float = 0.5,
+    decay: float | None = None,
+) -> DisturbedError:
+    """2 lambda_max(P) (|G_1| + |K G_2|)/((1 - share) (gamma lambda - 2 k lambda_max(P))) and what follows of it.
+
+    `gamma` is gamma_inf; `share` (0..1) of the decay is left where |e| is above the level; the others as in
+    `least_gamma` and `attenuation`. Alessandri 2020, theorem 6: the printed (69) lacks 2 lambda_max(P), which (68) has,
+    and from V to |e| sqrt(cond P) comes on top. Raises: `BadGain`, also for a gamma that (62) does not admit.
+    """
+    known, rate = _candidate(K, P, sigma, decay)
+    driven, left = as_disturbance(disturbance, known.n), _number("share", share)
+    if not 0 < left < 1:
+        raise BadGain(f"share = {share!r}", "must be between 0 and 1: how much of the decay is left")
+    least, k = _number("gamma", gamma), _number("slope", slope)
+    net = least * rate - 2 * k * known.peak
+    if not (least > 1 and net > 0):
+        above = float(max(Fraction(1), 2 * k * known.peak / rate))
+        raise BadGain(f"gamma = {gamma!r}", f"must be above {above:g} = max(1, 2 k lambda_max(P)/lambda), (62)")
+    G = exact(driven.plant)
+    push = root(largest(G * G.transpose())[1]) + root(_square(known.K) * _square(driven.measurement))
+    level = 2 * known.peak * push / ((1 - left) * net)
+    return DisturbedError(level, level * _condition(known.P, known.peak), left * net / (2 * known.peak))
+
+
+def error_bounds(gains: Any, k: float, phi: float) -> tuple[Fraction, ...]:
+    """2 phi |P| sqrt(cond P)/k^(n+1-i) for i = 1, .., n: the limits of |x_i - xhat_i| of the observer without a model,
+
+        xhat_i' = xhat_(i+1) + p_i k^i (y - xhat_1),   xhat_n' = p_n k^n (y - xhat_1),   A'P + P A <= -I,
+
+    p the `gains` (n), A their companion, |x_n'| <= `phi`, and `k` > 0 the first value of a gain that does not fall and
+    comes to rest. Bullinger, Ilchmann, Allgoewer, NOLCOS 1998, (14), which lacks sqrt(cond P). Raises: `BadGain`;
+    `NotHurwitz`.
+    """
+    p, P, peak = _decaying(gains)
+    level, most = Fraction(positive("k", k)), _number("phi", phi)
+    worst = 2 * most * peak * _condition(P, peak)
+    return tuple(worst / level ** (len(p) + 1 - i) for i in range(1, len(p) + 1))
+
+
+def gain_in_time(gains: Any, *, error: float, time: float, phi: float, start: float) -> float:
+    """A gain k >= 1 so that for every constant gain from it on |x - xhat| <= `error` from `time` on, of the observer of
+    `error_bounds`, where |x - xhat| <= `start` at first and |x_n'| <= `phi`.
+
+    Of V = n'P n, n_i = e_i/k^(i-1): where |n| >= 2 |P| phi/(s k^n), V' <= -(1 - s) k V/|P|, so that |e| is at most the
+    larger of 2 |P| sqrt(cond P) phi/(s k) and k^(n-1) sqrt(cond P) start exp(-(1 - s) k t/(2 |P|)), for s in (0, 1).
+    Both fall in k from (n - 1) 2 |P|/((1 - s) t) on. Bullinger, Ilchmann, Allgoewer, NOLCOS 1998, theorem 1, which says
+    that there is one. Raises: `BadGain`; `NotHurwitz`.
+    """
+    p, P, peak = _decaying(gains)
+    wanted, after = Fraction(positive("error", error)), Fraction(positive("time", time))
+    most, first, n = _number("phi", phi), _number("start", start), len(p)
+    condition = _condition(P, peak)
+
+    def enough(share: Fraction, k: Fraction) -> bool:
+        speed = (1 - share) * after / (2 * peak)
+        if k * speed < n - 1 or 2 * peak * condition * most > wanted * share * k:
+            return False
+        return k ** (n - 1) * condition * first <= wanted * _below_exp(k * speed)
+
+    return min(_least(partial(enough, share)) for share in _SHARES)
+
+
+def _below_exp(x: Fraction) -> Fraction:
+    """A number below e^x, x >= 0: (1 + x/m)^m by squares, each rounded down."""
+    power = 1 + x / (1 << _SQUARES)
+    for _ in range(_SQUARES):
+        power = Fraction(int(power * power * (1 << 60)), 1 << 60)
+    return power
+
+
+def _least(enough: Callable[[Fraction], bool]) -> float:
+    """About the least k >= 1 that is enough, where every larger one is; it is enough."""
+    low, high = 1.0, 1.0
+    while not enough(Fraction(high)):
+        low, high = high, 2 * high
+        if not isfinite(high):
+            raise BadGain("the gain", "is beyond a double; ask for a larger error, or a longer time")
+    for _ in range(_STEPS if high > 1 else 0):
+        middle = (low + high) / 2
+        low, high = (low, middle) if enough(Fraction(middle)) else (middle, high)
+    return high
+
+
+def _candidate(K: Any, P: Any, sigma: Any, decay: float | None) -> tuple[Candidate, Fraction]:
+    """K, P and sigma, of which (54) is proved with lambda = `decay`, and this. Raises: `BadGain`."""
+    known = candidate(K, P, sigma)
+    rate = None if decay is None else Fraction(positive("decay", decay))
+    for check in facts("design", known):
+        if check.verdict is not Verdict.PROVED:
+            raise BadGain("K and P", f"do not satisfy {check.claim}: {check.reason}")
+    if rate is not None and not nonnegative(known.rate - unit(known.n) * number(rate)):
+        raise BadGain(f"decay = {decay!r}", f"is no lambda of (54), of which the largest is {float(known.decay):.6g}")
+    return known, known.decay if rate is None else rate
+
+
+def _decaying(gains: Any) -> tuple[np.ndarray, Any, Fraction]:
+    """The gains, P with A'P + P A <= -I and an upper bound of |P|. Raises: `BadGain`, `NotHurwitz`."""
+    p = _column("gains", gains)
+    exactly = np.array([Fraction(x) for x in p.tolist()], dtype=object)
+    A = companion(exactly)
+    demand_hurwitz("gains", A, "take the coefficients of a polynomial whose roots decay")
+    known = lyapunov(tuple(map(tuple, A.tolist())))
+    assert known is not None
+    return p, known.P, known.peak
+
+
+def _square(column: Sequence[Fraction]) -> Fraction:
+    """|x|^2."""
+    return sum((x * x for x in column), Fraction(0))
+
+
+def _condition(P: Any, peak: Fraction) -> Fraction:
+    """sqrt(cond P), from above."""
+    return root(peak / smallest(exact(P))[0], bits=52)
+
+
+def _column(name: str, values: Any) -> np.ndarray:
+    column = reals(name, values)
+    if column.ndim != 1 or not column.size or not np.isfinite(column).all():
+        raise BadGain(f"{name} = {values!r}", "must be finite numbers, one for each integrator")
+    return column
+
+
+def _number(name: str, value: Any) -> Fraction:
+    known = real(name, value)
+    if not 0 <= known < np.inf:
+        raise BadGain(f"{name} = {value!r}", "must be a finite number, at least 0")
+    return Fraction(known)

@@ -1,0 +1,293 @@
+"""The one inequality: how a form of what the error obeys falls in one time model, a step of a method or the flow.
+
+    X_i = e + h sum_j a_ij w_j,   w_i = M X_i + G p_i,   p_i = diag(d_i) H X_i,   e+ = e + h sum_i b_i w_i
+    X_2 = e + h (phi_1 (L e + r_1)),   r_i = (M - L) X_i + G p_i,   e+ = X_2 + h phi_2 (r_2 - r_1)
+
+The first line is an explicit Runge-Kutta method, the second one that realises the linear core L of M, its rest by a
+scheme of order 2. All is linear in v = (e, p_1, .., p_s): e+ = e + h D v, H X_i = Q_i v; an error of what is injected
+at a stage adds a column to D and Q (`Inputs`). The slopes |d_ij| <= 1 of different stages are independent, so what
+holds for all d_i holds for whatever the estimate meets on its way. With P > 0 and S_i >= 0 diagonal,
+
+    (|e+|_P^2 - |e|_P^2)/h + alpha |e|_P^2 + sum of Q_i'S_i Q_i - p_i'S_i p_i < 0
+
+proves |e+|_P^2 <= (1 - alpha h) |e|_P^2. The difference over h is 2 e'P D v + h |D v|_P^2: continuous time is Euler's
+step of the length 0, V' <= -alpha V.
+
+With X = h L, phi_1 - phi_2 and phi_2 weigh what is injected at the two ends of a realised step; so it has a limit at
+h = 0. By the bilinear rule phi_1 is (1 - X/2)^-1, and phi_2 half of it. The matrix exponential has phi_1 = 1 + X phi_2;
+so have the polynomials that a program takes for them (`discretisation.kernels`), as halvings and doublings of X keep to
+it. There phi_2 is in balls that hold these polynomials.
+"""
+
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+from fractions import Fraction
+from functools import cache, reduce
+from itertools import product
+from typing import Any
+
+import numpy as np
+from flint import arb, arb_mat, ctx, fmpq_mat
+
+from hgogen.discretisation.notation import DEGREE, HALVINGS
+from hgogen.discretisation.runge_kutta import Tableau
+from hgogen.prove.inclusion import Uncertain
+from hgogen.prove.quadratic import BALLS, Array, Quadratic, floats, identity, rational, times
+from hgogen.rigor.definite import fraction, number
+
+_SHORT = 10_000  # the largest denominator of a tableau's coefficients
+WORK = 2**13  # corners times fields^3, up to which corners are taken one by one
+_ALL = 8  # slopes of which all corners are tried
+Pairs = tuple[tuple[Array, Array], ...]
+NOW = Fraction(0)  # the length of a step of continuous time
+WITHIN = Fraction(1, 2**56)  # of an element of phi_2: what a program's may be beside it
+_SURE = 0.9  # of a spectral radius in floats
+
+Realisation = Callable[[Array, Fraction], tuple[Array, Array]]  # of a core (N, N) at a length >= 0: phi_1 and phi_2
+
+
+@dataclass(frozen=True, eq=False)
+class Inputs:
+    """What q inputs add to a step: `D` (N, q) to e over h, `Q` (s m, q) to what the slopes read."""
+
+    D: Array
+    Q: Array
+
+    def __mul__(self, size: Fraction) -> "Inputs":
+        """Those of inputs in units of a size."""
+        return Inputs(self.D * number(size), self.Q * number(size))
+
+    def __add__(self, other: "Inputs") -> "Inputs":
+        """One input that is both."""
+        return Inputs(self.D + other.D, self.Q + other.Q)
+
+    @classmethod
+    def of(cls, each: Iterable["Inputs"]) -> "Inputs":
+        """All of several."""
+        each = tuple(each)
+        return cls(np.hstack([one.D for one in each]), np.hstack([one.Q for one in each]))
+
+
+@dataclass(frozen=True, eq=False)
+class Inequality:
+    """A step of length `h`, 0 of the flow, on `slopes` m: `D` (N, N + s m), what it adds to e over h, and `Q` (s m, N +
+    s m). `stages`: what an error of each output (p) at each stage (s) adds, (s, p) of them, none of the flow; `nodes`
+    (s): where the stages stand, from 0 to 1. `degree`: of its form as a polynomial in h, 0 where it is none."""
+
+    h: Fraction
+    slopes: int
+    D: Array
+    Q: Array
+    stages: tuple[tuple[Inputs, ...], ...]
+    nodes: tuple[Fraction, ...]
+    degree: int = 0
+
+    @property
+    def rows(self) -> int:
+        """The size of its form."""
+        return int(self.D.shape[1])
+
+    @property
+    def arithmetic(self) -> str:
+        """The arithmetic in which its forms are shown to be negative."""
+        return "outward rounded" if any(isinstance(value, arb) for value in self.D.flat) else "rational"
+
+    def falls(self, alpha: Any) -> Quadratic:
+        """The form that is negative where |e+|_P^2 <= (1 - alpha h) |e|_P^2, in the arithmetic of D."""
+        size = self.rows
+        n = size - len(self.Q)
+        one, half = _one(self.D, size), (float if self.D.dtype == float else number)(alpha) / 2
+        rates = self.D.copy()
+        rates[:n] += one[:n] * half
+        pairs: Pairs = ((one[:n], rates),)
+        if self.h:
+            pairs += ((self.D * (number(self.h) / 2), self.D),)
+        return Quadratic(pairs, self.Q, one[n:])
+
+    def driven(self, alpha: Any, inputs: Inputs) -> Quadratic:
+        """The form that is negative where |e+|_P^2 <= (1 - alpha h) |e|_P^2 + h sum_k lambda_k v_k^2, v the inputs (q);
+        the lambda_k are the last q multipliers."""
+        onto: Pairs = ((0 * inputs.D[: self.rows - len(self.Q)], inputs.D),)
+        if self.h:
+            onto += ((inputs.D * (number(self.h) / 2), inputs.D),)
+        return self.falls(alpha).driven(onto, inputs.Q)
+
+    def ends(self, output: int) -> tuple[Inputs, Inputs]:
+        """An error of the sample of an output at the beginning, and at the end, with those on the line between."""
+        parts = [(one[output] * (1 - c), one[output] * c) for one, c in zip(self.stages, self.nodes, strict=True)]
+        first, last = zip(*parts, strict=True)
+        return reduce(Inputs.__add__, first), reduce(Inputs.__add__, last)
+
+    def beside(self, onto: Array) -> Inputs:
+        """What comes to e beside the step, `onto` (N) times h."""
+        return Inputs(onto[:, None], 0 * self.Q[:, :1])
+
+    def frozen(self, d: np.ndarray) -> np.ndarray:
+        """e+ = T e, T (k, N, N) in floats, of slopes d (k, m) that are the same at all stages."""
+        n, size = self.D.shape
+        v = np.zeros((len(d), size, n))
+        v[:, :n] = np.eye(n)
+        for i, row in enumerate(floats(self.Q)):  # reads nothing of its own stage, nor of later ones
+            v[:, n + i] = d[:, i % self.slopes, None] * (row @ v)
+        return np.asarray(np.eye(n) + float(self.h) * (floats(self.D) @ v))
+
+
+ErrorStep = Callable[[Fraction, Uncertain], Inequality]  # a method: a step of that length on what the error obeys
+
+
+def corners(m: int) -> np.ndarray:
+    """The corners (k, m) of the cube of m slopes; of many slopes some, always the same."""
+    if m <= _ALL:
+        return np.array(list(product((-1.0, 1.0), repeat=m))).reshape(2**m, m)
+    return np.random.default_rng(0).choice((-1.0, 1.0), size=(2**_ALL, m))
+
+
+def flow(e: Uncertain) -> Inequality:
+    """The flow, in the arithmetic of e.
+
+    [M'P + P M + alpha P + H'S H, P G; G'P, -S]
+    """
+    m = len(e.H)
+    return Inequality(NOW, m, np.hstack([e.M, e.G]), np.hstack([e.H, 0 * _one(e.H, m)]), (), (NOW,), 1)
+
+
+def _one(like: Array, size: int) -> Array:
+    """The unit matrix in the arithmetic of another."""
+    return np.eye(size) if like.dtype == float else identity(size)
+
+
+def one_by_one(n: int, m: int) -> bool:
+    """Whether the corners of m slopes of n fields are taken one by one."""
+    return bool(2**m * n**3 <= WORK)
+
+
+def ends(e: Uncertain, hull: Sequence[Sequence[Fraction]] = ()) -> tuple[Uncertain, ...]:
+    """e with its slopes held at each corner of their ranges, or of a hull; e itself where these are too many."""
+    m, n = e.H.shape
+    if not (hull or one_by_one(n, m)):
+        return (e,)
+    places: Sequence[Sequence[Any]] = hull or tuple(product((-1, 1), repeat=m))
+    return tuple(map(e.held, np.array(places, dtype=float) if e.G.dtype == float else rational(places)))
+
+
+def falling(e: Uncertain, alpha: Any, hull: Sequence[Sequence[Fraction]] = ()) -> tuple[Quadratic, ...]:
+    """The forms that are all negative where V' <= -alpha V, in the arithmetic of e; of slopes that keep to a `hull`,
+    where they do."""
+    return tuple(flow(each).falls(alpha) for each in ends(e, hull))
+
+
+def driven(e: Uncertain, alpha: Any, hull: Sequence[Sequence[Fraction]] = ()) -> tuple[Quadratic, ...]:
+    """Those where V' <= -alpha V + sum_k lambda_k v_k^2, v all inputs (q) of e; the lambda_k are the last q
+    multipliers."""
+    return tuple(pushed(each, alpha) for each in ends(e, hull))
+
+
+def pushed(e: Uncertain, alpha: Any) -> Quadratic:
+    """That of slopes each with a multiplier."""
+    return flow(e).driven(alpha, Inputs(e.B, e.E))
+
+
+def stagewise(tableau: Tableau, h: Fraction, e: Uncertain) -> Inequality:
+    """The step of length h >= 0, what is injected at a stage by itself."""
+    (n, m), s, p, length = e.G.shape, len(tableau.b), e.B.shape[1], number(h)
+    size = n + s * m
+    unit = identity(size + s * p)[:n]
+    nothing, rates, reads = 0 * unit, list[Array](), list[Array]()
+    for i, row in enumerate(tableau.a):
+        X = unit + length * sum((_exactly(a) * w for a, w in zip(row, rates, strict=True) if a), nothing)
+        slopes, samples = slice(n + i * m, n + (i + 1) * m), slice(size + i * p, size + (i + 1) * p)
+        read, rate = times(e.H, X), times(e.M, X)
+        read[:, samples], rate[:, slopes], rate[:, samples] = e.E, e.G, e.B  # which nothing before has read
+        reads.append(read)
+        rates.append(rate)
+    D = sum((_exactly(b) * w for b, w in zip(tableau.b, rates, strict=True)), nothing)
+    nodes = tuple(fraction(_exactly(c)) for c in tableau.c)
+    return _with_samples(h, e, D, np.concatenate(reads), nodes, 2 * s - 1)
+
+
+def _with_samples(
+    h: Fraction, e: Uncertain, D: Array, Q: Array, nodes: tuple[Fraction, ...], degree: int = 0
+) -> Inequality:
+    """The step of D and Q (.., N + s m + s p), in whose last columns errors of the samples stand, stage by stage."""
+    (n, m), p = e.G.shape, e.B.shape[1]
+    size = n + len(nodes) * m
+    each = [Inputs(D[:, [k]], Q[:, [k]]) for k in range(size, size + len(nodes) * p)]
+    stages = tuple(tuple(each[i * p : (i + 1) * p]) for i in range(len(nodes)))
+    return Inequality(h, m, D[:, :size], Q[:, :size], stages, nodes, degree)
+
+
+@cache
+def _exactly(coefficient: float) -> Any:
+    """A coefficient as the tableau means it, such as 1/6."""
+    return number(Fraction(coefficient).limit_denominator(_SHORT))
+
+
+def by_bilinear_rule(L: Array, h: Fraction) -> tuple[Array, Array]:
+    """Of FLINT's rationals."""
+    resolvent = fmpq_mat((identity(len(L)) - L * (number(h) / 2)).tolist()).inv()
+    phi_1 = np.array([[resolvent[i, j] for j in range(len(L))] for i in range(len(L))], dtype=object)
+    return phi_1, phi_1 / 2
+
+
+def by_matrix_exponential(L: Array, h: Fraction) -> tuple[Array, Array]:
+    """Of balls that hold what a program takes; without an end where that may be further than `WITHIN` from the
+    exponential's."""
+    X, known = L * number(h), number(WITHIN)
+    halvings = _halvings(X)
+    with ctx.workprec(BALLS):
+        exactly = _phi_2(X)
+        away = max(each.abs_upper() for each in (exactly - _taken(X, halvings)).ravel())
+        phi_2 = exactly + (arb(0, known) if away < known and halvings <= HALVINGS else arb(0, "inf"))
+        return identity(len(X)) + X @ phi_2, phi_2
+
+
+def _phi_2(X: Array) -> Array:
+    """Of the exponential: a block of exp [X, 1, 0; 0, 0, 1; 0, 0, 0]."""
+    n = len(X)
+    wide = 0 * identity(3 * n)
+    wide[:n, :n], wide[:n, n : 2 * n], wide[n : 2 * n, 2 * n :] = X, identity(n), identity(n)
+    whole = arb_mat([[arb(value) for value in row] for row in wide]).exp()
+    return np.array([[whole[i, 2 * n + j] for j in range(n)] for i in range(n)], dtype=object)
+
+
+def _halvings(X: Array) -> int:
+    """The fewest that bring the sums of |x_ij| by rows to 1/2, in coordinates that a diagonal matrix scales: in none is
+    the largest sum below the spectral radius of |X|."""
+    radius = float(np.abs(np.linalg.eigvals(np.abs(floats(X)))).max(initial=0)) * _SURE
+    return max(0, int(np.ceil(np.log2(2 * radius)))) if radius else 0
+
+
+def _taken(X: Array, halvings: int) -> Array:
+    """The program's polynomial for phi_2. Each halving more leaves 2^-14 of the rest of the series."""
+    one = _balls(identity(len(X)))
+    X = _balls(X) / 2**halvings
+    phi_2 = one
+    for j in range(DEGREE, 0, -1):
+        phi_2 = one + X @ phi_2 / (j + 2)
+    phi_2 = phi_2 / 2
+    phi_1 = one + X @ phi_2
+    phi_0 = one + X @ phi_1
+    for _ in range(halvings):
+        phi_2 = (phi_0 @ phi_2 + phi_1 + phi_2) / 4
+        phi_1 = (phi_0 @ phi_1 + phi_1) / 2
+        phi_0 = phi_0 @ phi_0
+    return phi_2
+
+
+def _balls(M: Array) -> Array:
+    return np.array([[arb(value) for value in row] for row in M], dtype=object).reshape(M.shape)
+
+
+def realised(realisation: Realisation, h: Fraction, e: Uncertain) -> Inequality:
+    """The step of length h >= 0, the samples at its ends injected by the realised core."""
+    (n, m), p, (phi_1, phi_2) = e.G.shape, e.B.shape[1], realisation(e.core, h)
+    size = n + 2 * m
+    unit, rest, beside = identity(size + 2 * p), e.M - e.core, e.B - e.injected
+    X, v_0, v_1 = unit[:n], unit[size : size + p], unit[size + p :]
+    first = rest @ X + beside @ v_0 + e.G @ unit[n : n + m]
+    with ctx.workprec(BALLS):
+        ahead = phi_1 @ (e.core @ X + first + e.injected @ v_0) + phi_2 @ e.injected @ (v_1 - v_0)  # (a - e)/h
+        after = X + ahead * number(h)
+        D = ahead + phi_2 @ (rest @ after + beside @ v_1 + e.G @ unit[n + m : size] - first)
+        Q = np.concatenate([e.H @ X + e.E @ v_0, e.H @ after + e.E @ v_1])
+    return _with_samples(h, e, D, Q, (NOW, Fraction(1)))

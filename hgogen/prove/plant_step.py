@@ -1,0 +1,270 @@
+"""How a plant moves over one step, on its ranges: how fast, how far disturbances push it, how it bends.
+
+    disturbance   |d_i(t)| <= dbar_i of any course in x' = F + d: |delta| <= integral over h of exp(s |dF/dx|) dbar
+
+F = A x + b in the form's states. u moves between two samples as the program takes it to: on the line, at most at its
+rates, or it is held. Where the plant keeps clear of the ends of its ranges by h sup|F_i|, neither it nor the flow
+without disturbances leaves them within a step. What is beside a step of a method is in `beside_stages`, `beside_core`.
+"""
+
+from collections.abc import Iterable, Sequence
+from contextlib import suppress
+from dataclasses import dataclass
+from fractions import Fraction
+from functools import cached_property
+from typing import Any
+
+import flint
+import sympy as sp
+
+from hgogen.analysis.polytope import fixed, signals
+from hgogen.check import Verdict
+from hgogen.form import Form
+from hgogen.rigor.balls import Balls, Undecided, between, magnitude
+from hgogen.rigor.bisection import Ranges
+from hgogen.rigor.bounds import bound
+from hgogen.rigor.box import Box, box
+from hgogen.rigor.definite import number
+from hgogen.rigor.points import exact
+from hgogen.rigor.series import Plant, evaluate
+from hgogen.rigor.slope import JUMPS, KINKS, lipschitz_bound
+from hgogen.rigor.tape import NoTape, tape
+from hgogen.sentence import because
+
+_LOOSE = Fraction(1001, 1000)  # of a supremum: what is taken for it
+SUMMED = 1 + Fraction(1, 10**9)  # of a number, which another arithmetic ends elsewhere
+_NONE = Fraction(0)
+Rows = tuple[tuple[Fraction, ...], ...]
+UNKNOWN = Undecided, ZeroDivisionError, ValueError, NoTape  # of a series, the third where FLINT divides by a ball of 0
+
+
+@dataclass(frozen=True)
+class PlantStep:
+    """A step of length `h` of a form whose inputs move between samples at up to `rates` (m), None where that is not
+    known."""
+
+    form: Form
+    h: Fraction
+    rates: tuple[Fraction | None, ...]
+
+    @cached_property
+    def flow(self) -> tuple[sp.Expr, ...]:
+        """F (n), of z, inputs and parameters, those without a range at their values."""
+        return self._fixed(self.form.A * sp.Matrix(self.form.states) + sp.Matrix(self.form.b))
+
+    @property
+    def rest(self) -> tuple[sp.Expr, ...]:
+        """b (n) alike."""
+        return self._fixed(self.form.b)
+
+    def _fixed(self, rows: Iterable[sp.Expr]) -> tuple[sp.Expr, ...]:
+        return tuple(exact(sp.sympify(row).xreplace(fixed(self.form))) for row in rows)
+
+    @cached_property
+    def speeds(self) -> tuple[Fraction, ...]:
+        """sup|F_i| (n). Raises: `Unbounded`."""
+        return tuple(self.largest(row) for row in self.flow)
+
+    @cached_property
+    def stated_speeds(self) -> tuple[Fraction, ...]:
+        """The same as a certificate has them, a little larger where they are no numbers of the plant's."""
+        return tuple(map(loose, self.flow, self.speeds))
+
+    @property
+    def margins(self) -> tuple[Fraction, ...]:
+        """By how much the plant keeps clear of the ends of the ranges (n). Raises: `Unbounded`."""
+        return tuple(self.h * speed for speed in self.speeds)
+
+    def shown(self, output: int) -> Fraction:
+        """sup|y'| of an output. Raises: `Unbounded`."""
+        rate = self.rate(output)
+        return loose(rate, self.largest(rate))
+
+    def beside(self, output: int, most: Sequence[Fraction]) -> Fraction:
+        """By how much more y' may be where the rates are beside F by at most these sizes (n). Raises: `Unbounded`."""
+        y = self.form.output[output]
+        by = zip(self.form.states, most, strict=True)
+        return sum((self.largest(sp.diff(y, z)) * size for z, size in by if size), Fraction(0))
+
+    def rate(self, output: int) -> sp.Expr:
+        """y' of an output that reads no input. Raises: `Unbounded`."""
+        form, y = self.form, self.form.output[output]
+        self.demand_no_input(y)
+        return sum((sp.diff(y, z) * row for z, row in zip(form.states, self.flow, strict=True)), sp.S(0))
+
+    def demand_no_input(self, y: sp.Expr) -> None:
+        """That an output reads none. Raises: `Unbounded`."""
+        if y.free_symbols & {*self.form.system.inputs}:
+            raise Unbounded(because("the output {y} reads an input", y=y))
+
+    def along(self, expression: sp.Expr) -> sp.Expr:
+        """The rate of an expression of states and inputs, of the rates of these."""
+        inputs = self.form.system.inputs
+        by = zip((*self.form.states, *inputs), (*self.flow, *map(_rate_of, inputs)), strict=True)
+        return sum((sp.diff(expression, x) * rate for x, rate in by), sp.S(0))
+
+    def change(self, most: Sequence[Fraction]) -> Rows:
+        """sup|dT_i/dx_j| (n, n) of the form's coordinates T in the plant's states x as first declared, 0 where `most`
+        (n) is. Raises: `Unbounded`."""
+        system, form, plant = self.form.system, self.form, self.form.system.declared
+        where = box((*plant.states, *system.inputs, *system.parameters), system.nominal)
+        rows = [sp.sympify(row).xreplace(self._recast) for row in form.to_form]
+        T, nothing = sp.Matrix(rows).jacobian(sp.Matrix(plant.states)), Fraction(0)
+        return tuple(
+            tuple(loose(T[i, j], _largest(T[i, j], where)) if size else nothing for j, size in enumerate(most))
+            for i in range(form.n)
+        )
+
+    @property
+    def _recast(self) -> dict[sp.Symbol, sp.Expr]:
+        """The states of the form's system in those of the plant as first declared; empty where they are the same."""
+        origin = self.form.system.origin
+        return dict(zip(self.form.system.states, origin.forward, strict=True)) if origin else {}
+
+    def by_parameters(self, most: Sequence[Fraction]) -> Rows:
+        """sup|dF_i/dp| (n, q) of parameters p of the plant that are beside the program's by at most these sizes (q), 0
+        where `most` is. Raises: `Unbounded`."""
+        form, system = self.form, self.form.system
+        wrong = {p: size for p, size in zip(system.parameters, most, strict=True) if size}
+        read = sp.Matrix([*form.to_form, *form.output, *self._recast.values()]).free_symbols & wrong.keys()
+        if read:
+            raise Unbounded(because("the coordinates or outputs read {read}", read=sorted(map(str, read))))
+        where = box(signals(form), system.nominal)
+        for p, (low, high) in box(tuple(wrong), system.nominal).items():
+            where[p] = Fraction(low) - wrong[p], Fraction(high) + wrong[p]
+        rows = form.A * sp.Matrix(form.states) + sp.Matrix(form.b)
+        parameters, nothing = system.parameters, Fraction(0)
+        return tuple(
+            tuple(loose(row, steepness_in(row, p, where)) if p in wrong else nothing for p in parameters)
+            for row in rows
+        )
+
+    @cached_property
+    def steepness(self) -> Rows:
+        """sup|dF_i/dz_j| (n, n). Raises: `Unbounded`."""
+        return tuple(tuple(self.steepest(row, z) for z in self.form.states) for row in self.flow)
+
+    def steep(self, rows: Iterable[sp.Expr]) -> Rows:
+        """How steep rows are in the states and the inputs (.., n + m). Raises: `Unbounded`."""
+        names = (*self.form.states, *self.form.system.inputs)
+        return tuple(tuple(self.steepest(row, x) for x in names) for row in rows)
+
+    def steepest(self, row: sp.Expr, x: sp.Symbol) -> Fraction:
+        """sup|drow/dx|, at a kink that from each side. Raises: `Unbounded` of a row that jumps."""
+        if not row.has(*JUMPS, *KINKS):
+            slope = sp.diff(row, x)
+            with suppress(Unbounded):
+                return loose(slope, self.largest(slope))
+        return loose(row, steepness_in(row, x, box(signals(self.form), self.form.system.nominal)))
+
+    def disturbed(self, most: Sequence[Fraction]) -> tuple[Fraction, ...]:
+        """|delta|/h (n) of disturbances of at most these sizes (n) in the rows of F, of any course. Raises:
+        `Unbounded`."""
+        n = self.form.n
+        M = [[*(x * self.h for x in row), size] for row, size in zip(self.steepness, most, strict=True)]
+        whole = flint.arb_mat([[flint.arb(number(x)) for x in row] for row in [*M, [Fraction(0)] * (n + 1)]]).exp()
+        return tuple(magnitude(whole[i, n]) * SUMMED for i in range(n))
+
+    def series(self, order: int, cell: Ranges) -> list[list[Any]]:
+        """Taylor coefficients of the flow at any point of a cell."""
+        first, moving, constant = self.balls(cell)
+        states, inputs = [[ball] for ball in first], [list(pair) for pair in moving]
+        for k in range(order - 1):
+            rows = self.rates_of(states, inputs, constant, k + 1)
+            for row, rate in zip(states, rows, strict=True):
+                row.append(rate[k] / (k + 1))
+        return states
+
+    def rates_of(
+        self, states: list[list[Any]], inputs: list[list[Any]], constant: list[Any], order: int
+    ) -> list[list[Any]]:
+        """F of series, below t^order."""
+        balls = Balls(0)
+        values = [balls.series(row, order) for row in (*states, *inputs, *([p] for p in constant))]
+        rows = evaluate(self._tape, balls, values, order, 1)
+        return [balls.coefficients(value, order) for value, _ in rows]
+
+    @cached_property
+    def _tape(self) -> Plant:
+        return Plant(tape(self.flow, signals(self.form)), 0, 0, 0)
+
+    @cached_property
+    def read(self) -> Ranges:
+        """The ranges of what the flow reads, but for what is constant. Raises: `Unbounded`."""
+        names = sp.Matrix(self.flow).free_symbols
+        return {x: (low, high) for x, (low, high) in self._ranges.items() if x in names and low < high}
+
+    @cached_property
+    def _ranges(self) -> Ranges:
+        """Those of states, inputs and parameters. Raises: `Unbounded`."""
+        form, system = self.form, self.form.system
+        for signal in (*form.states, *system.inputs):
+            if not signal.bounded:
+                raise Unbounded(because("{signal} has no range", signal=signal))
+        ends = box(signals(form), system.nominal)
+        return {x: (Fraction(low), Fraction(high)) for x, (low, high) in ends.items()}
+
+    def balls(self, cell: Ranges) -> tuple[list[Any], list[tuple[Any, Any]], list[Any]]:
+        """Of the states, of the inputs and their rates, and of the parameters, where some are in a cell."""
+        form, system, ends = self.form, self.form.system, {**self._ranges, **cell}
+        each = (form.states, system.inputs, system.parameters)
+        states, inputs, parameters = ([between(*ends[x]) for x in group] for group in each)
+        rates = [between(-most, most) for most in self.moving]
+        return states, list(zip(inputs, rates, strict=True)), parameters
+
+    @property
+    def moving(self) -> tuple[Fraction, ...]:
+        """The rates of the inputs, 0 of one that the flow does not read. Raises: `Unbounded`."""
+        read, moving = sp.Matrix(self.flow).free_symbols, list[Fraction]()
+        for u, rate in zip(self.form.system.inputs, self.rates, strict=True):
+            if rate is None and u in read:
+                pattern = 'how fast {u} moves between samples is not known: give rates={{"{u}": ..}}, or hold it there'
+                raise Unbounded(because(pattern, u=u.name))
+            moving.append(rate if rate and u in read else _NONE)
+        return tuple(moving)
+
+    def largest(self, expression: sp.Expr) -> Fraction:
+        """The largest |expression| on the ranges, which may hold rates of inputs. Raises: `Unbounded`."""
+        rates = {_rate_of(u): (-most, most) for u, most in zip(self.form.system.inputs, self.moving, strict=True)}
+        return _largest(expression, {**box(signals(self.form)), **rates})
+
+
+class Unbounded(ArithmeticError):
+    """What has no bound on the ranges, `args[0]` is the reason."""
+
+
+def times(rows: Rows, sizes: Sequence[Fraction]) -> tuple[Fraction, ...]:
+    """The product of rows with a column."""
+    return tuple(sum((x * size for x, size in zip(row, sizes, strict=True)), Fraction(0)) for row in rows)
+
+
+def _rate_of(u: sp.Symbol) -> sp.Symbol:
+    """What stands for the rate of an input, a name that no signal has."""
+    return sp.Symbol(f"{u}'", real=True)
+
+
+def loose(expression: sp.Expr, most: Fraction) -> Fraction:
+    """What an expression is at most, a little larger, so that a weaker arithmetic reaches it."""
+    return most if expression.is_Symbol else most * (SUMMED if expression.is_number else _LOOSE)
+
+
+def _largest(expression: sp.Expr, where: Box) -> Fraction:
+    try:
+        known = bound(sp.sympify(expression), where, relative=0.005)
+    except NoTape as error:
+        raise Unbounded(error.reason) from error
+    if not (known.defined and known.finite):
+        raise Unbounded(because("{expression} has no finite range on the box", expression=expression))
+    return max(abs(Fraction(known.low)), abs(Fraction(known.high)))
+
+
+def steepness_in(expression: sp.Expr, p: sp.Symbol, where: Box) -> Fraction:
+    """The largest slope in p of an expression that does not jump. Raises: `Unbounded`."""
+    try:
+        known = lipschitz_bound((expression,), (p,), where, relative=0.005)
+    except NoTape as error:
+        raise Unbounded(error.reason) from error
+    if known.verdict is not Verdict.PROVED:
+        jumps = "{expression} may jump with {p}, or be steep without bound"
+        raise Unbounded(because(jumps, expression=expression, p=p))
+    return Fraction(known.high)

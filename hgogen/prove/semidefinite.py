@@ -1,0 +1,383 @@
+"""Weights P > 0 and S >= 0 with which quadratic forms are negative, by a cone program in floats: no proof of it.
+
+    margin    maximise m:   F(P, S) <= -m I for every form F,   P >= least I,   trace P <= n
+    shortest  minimise t:   F(P, S) <= -m I,   [t, c; c', P] >= 0 for every c,   limits on P and S
+    cheapest  minimise t:   F(P, S) <= -m I for every form F,   the last of S <= t
+
+F is linear in P and S (`quadratic`), c P^-1 c' <= t. Multiplied columns of one form that enter along one direction are
+made one (`merged`): columns p_j that enter as r_j u, and nowhere else, leave of sum_j S_j p_j^2 its least for a u =
+sum_j r_j p_j, which is T u^2 with the largest T that
+
+    diag(S) - T r r' >= 0
+
+admits. The form of (e, u), with T in its place, is negative where that of (e, p) is: slopes of one row of b, which all
+push in one direction, are one column of it, and a solver's work falls with the fourth power of its size and faster.
+
+The programs are written down for Clarabel as it takes them, A x +
+s = b with s in cones, without a language for models, which would take longer than the solver.
+"""
+
+import math
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from functools import cache, lru_cache
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+
+from hgogen.prove.lmi import cones
+from hgogen.prove.quadratic import Array, Quadratic, Seen, inverse_root
+from hgogen.rigor.threads import one_thread
+
+_LEAST = 1e-4  # eigenvalue of P over the mean of all: a P close to singular is none that rationals prove
+_CLOSE = 1e-6  # how well a margin is found
+CLOSER = 1e-8
+_SOLVES = 6  # of a program in coordinates of its own solution, at most
+_GAIN, _ROUND = 0.01, 4  # what ends them: a gain, and a condition number of P, that are smaller
+_ALIKE = 1e-9  # by how much directions of length 1 may differ
+_USABLE = ("Solved", "AlmostSolved")  # what the solver says of its solution
+
+Limits = tuple[Array, Array]  # A and b of A (P, S) <= b, P by its entries as `short` has them
+Span = tuple[
+    Array, Array
+]  # matrices (q, n, n), and rows (r, q) of which the shares of these are to make nothing below 0
+Rows = tuple[Array, Array, bool]  # A and b of one cone, and whether it is that of definite matrices, or of signs
+
+
+@dataclass(frozen=True)
+class Group:
+    """The multipliers of these `places`, that push in one direction, each by its `weights` r, the largest 1; `column`:
+    where they stand in the form."""
+
+    places: tuple[int, ...]
+    weights: tuple[float, ...]
+    column: int
+
+
+@dataclass(frozen=True, eq=False)
+class Margin:
+    """The `margin` of weights `P` (n, n) and `S` (k), all in floats, below 0 where no weights make the forms negative;
+    `prices`, for each form (N, N): <price, D> is what a small change D of that form takes from the margin."""
+
+    P: Array
+    S: Array
+    margin: float
+    prices: tuple[Array, ...]
+
+
+@dataclass(frozen=True, eq=False)
+class Solution:
+    """What a program finds in coordinates x of e = W x: the weights `P` (n, n) and `S` (k) of e, the `value` that it
+    makes small, infinite where the forms are not negative by these weights, and the P of x, `near` the unit matrix."""
+
+    P: Array
+    S: Array
+    value: float
+    near: Array
+
+
+def settled(solve: Callable[[Array], Solution | None], W: Array) -> tuple[Array, Array] | None:
+    """The weights P and S of the least value that a program finds in coordinates e = W x, then in those in which the P
+    that it found is the unit matrix, until it finds one near that, or gains less than a hundredth; None where it finds
+    none.
+
+    A solver takes for nothing what is small in its coordinates. Where these are far from those of the solution it ends
+    anywhere up to several times the least value, as it happens to round; in those of its own solution at the least.
+    """
+    best: Solution | None = None
+    for _ in range(_SOLVES):
+        solution = solve(W)
+        if solution is None:
+            break
+        before = math.inf if best is None else best.value
+        best = solution if best is None or solution.value < before else best
+        sizes = np.linalg.eigvalsh(solution.near)
+        close = sizes[0] > 0 and sizes[-1] < _ROUND * sizes[0]
+        if sizes[0] <= 0 or (solution.value < math.inf and (close or solution.value >= (1 - _GAIN) * before)):
+            break
+        W = W @ inverse_root(solution.near)
+    return None if best is None else (best.P, best.S)
+
+
+def sought(forms: Sequence[Quadratic], what: str, W: Array | None = None) -> tuple[Array, Array] | None:
+    """Weights in floats with which a solver takes all forms to be negative; None where it finds none. `W` (n, n): what
+    decays is W times coordinates in which P is expected to be near the unit matrix. Raises: `NoSolver` of `what` needs
+    it."""
+    best = widest(forms, what, W)
+    return (best.P, best.S) if best is not None and best.margin > 0 else None
+
+
+def widest(forms: Sequence[Quadratic], what: str, W: Array | None = None, priced: bool = False) -> Margin | None:
+    """The same weights, also where the forms are not negative: by the largest margin in those coordinates; `priced`:
+    whether prices are asked. Raises: `NoSolver`."""
+    if W is None:
+        return margin([form.floats for form in forms], what, priced)
+    view, fast = Seen.paced([form.floats for form in forms], W)
+    best = margin(view.forms, what, priced)
+    if best is None:
+        return None
+    P, S = view.back(best.P, best.S)
+    return replace(best, P=P, S=S * fast, margin=best.margin * fast)
+
+
+@np.errstate(over="ignore", invalid="ignore")
+def margin(forms: Sequence[Quadratic], what: str, priced: bool = False, span: Span | None = None) -> Margin | None:
+    """The margin of forms of floats, with the same P and S, P in a `span`; None where the solver leaves no numbers. Of
+    one form whose prices are not asked, columns are merged. Raises: `NoSolver` of `what` needs it."""
+    n, whole = len(forms[0].pairs[0][0]), forms
+    forms, groups = merged(forms[0]) if len(forms) == 1 and not (priced or span) else (forms, ())
+    of_forms, others = _at_most(forms, groups, 1.0, 0.0), len(whole[0].Q) + len(groups) + 1
+    one = np.hstack([short(np.eye(n)[None]).T, np.zeros((1, others))])
+    trace: Rows = (one, np.array([float(n)]), False)
+    rows = [*of_forms, _positive(n, others, _LEAST), trace]
+    solution = _solved(whole[0], groups, rows, -1.0, CLOSER if span else _CLOSE, what, span)
+    if solution is None:
+        return None
+    (P, S, largest), prices = solution
+    ends = pairwise(np.cumsum([0, *(len(A) for A, _, _ in of_forms[: len(whole)])]))
+    each = zip(ends, whole if priced else (), strict=False)
+    return Margin(P, S, largest, tuple(_matrix(prices[i:j] / _weights(one.size), one.size) for (i, j), one in each))
+
+
+@np.errstate(over="ignore", invalid="ignore")
+def shortest(view: Seen, reads: Array, limits: Limits, by: float, unit: float, what: str) -> Solution | None:
+    """P and S of forms of x that are negative `by` that, within `limits` of x / `unit`, with a small largest c P^-1 c'
+    of what rows read of x, `reads` (r, n); None where the solver leaves no numbers. Raises: `NoSolver` of `what` needs
+    it."""
+    whole, (A, b) = view.forms, limits
+    forms, groups = merged(whole[0]) if len(whole) == 1 else (whole, ())
+    of_rows = [reaching(c, A.shape[1] + len(groups)) for c in reads / np.linalg.norm(reads, axis=1).max()]
+    others: Rows = (np.hstack([A, np.zeros((len(A), len(groups) + 1))]), b, False)
+    rows = [*_at_most(forms, groups, 0.0, by), *of_rows, others]
+    solution = _solved(whole[0], groups, rows, 1.0, CLOSER, what)
+    if solution is None:
+        return None
+    P, S, _ = solution[0]
+    holds = all(np.linalg.eigvalsh(M).min() > 0 for M in (P, *(-form.value(P, S) for form in whole)))
+    value = np.einsum("ij,ji->i", reads, np.linalg.solve(P, reads.T)).max() / unit**2 if holds else math.inf
+    known = view.back(P, S)
+    return Solution(known[0] * unit**2, known[1] * unit**2, float(value), P)
+
+
+@np.errstate(over="ignore", invalid="ignore")
+def cheapest(forms: Sequence[Quadratic], q: int, by: float, what: str) -> tuple[Array, Array] | None:
+    """P and S with a small largest of the last `q` of S, of forms of floats that are negative `by` that; None where the
+    solver leaves no numbers. Raises: `NoSolver` of `what` needs it."""
+    n, k = len(forms[0].pairs[0][0]), len(forms[0].Q)
+    last = np.hstack([np.zeros((q, n * (n + 1) // 2 + k - q)), np.eye(q), -np.ones((q, 1))])
+    rows = [*_at_most(forms, (), 0.0, by), _positive(n, k + 1, by), (last, np.zeros(q), False)]
+    solution = _solved(forms[0], (), rows, 1.0, CLOSER, what)
+    return solution and solution[0][:2]
+
+
+def _at_most(forms: Sequence[Quadratic], groups: Sequence[Group], share: float, by: float) -> list[Rows]:
+    """That forms are at most -(`share` t + `by`) I, t the last variable, and what columns of groups stand for too."""
+    rows = []
+    for form in forms:
+        one = np.eye(form.size)
+        more = 0.0 if form.constant is None else form.constant
+        rows.append(definite(entries(form, groups), share * one[None], -more - by * one))
+    for place, group in enumerate(groups):
+        (n, k), count = (len(forms[0].pairs[0][0]), len(forms[0].Q)), len(group.places)
+        p, one = n * (n + 1) // 2, np.eye(count)
+        split = np.zeros((p + k + len(groups), count, count))
+        for i, at in enumerate(group.places):
+            split[p + at, i, i] = -1.0
+        split[p + k + place] = np.outer(group.weights, group.weights)
+        rows.append(definite(split, share * one[None], -by * one))
+    return rows
+
+
+def _positive(n: int, others: int, least: float) -> Rows:
+    """That P is at least a multiple of the unit matrix, with so many variables beside."""
+    A = np.hstack([-_packed(basis(n)), np.zeros((n * (n + 1) // 2, others))])
+    return A, -least * _packed(np.eye(n)[None])[:, 0], True
+
+
+def _solved(
+    form: Quadratic,
+    groups: Sequence[Group],
+    rows: Sequence[Rows],
+    cost: float,
+    close: float,
+    what: str,
+    span: Span | None = None,
+) -> tuple[tuple[Array, Array, float], Array] | None:
+    """P, S and the last variable where its `cost` is least, S >= 0, and the prices. Raises: `NoSolver`."""
+    n, k, t = len(form.pairs[0][0]), len(form.Q), len(groups)
+    p = q = n * (n + 1) // 2
+    if span:
+        each, signs = short(span[0]), span[1]
+        q = each.shape[1]
+        rows = [(np.hstack([A[:, :p] @ each, A[:, p:]]), b, kind) for A, b, kind in rows]
+        rows.append((np.hstack([-signs, np.zeros((len(signs), k + t + 1))]), np.zeros(len(signs)), False))
+    signed = np.hstack([np.zeros((k, q)), -np.eye(k), np.zeros((k, t + 1))]), np.zeros(k), False
+    solution = solved(np.append(np.zeros(q + k + t), cost), [*rows, signed], close, what)
+    if solution is None:
+        return None
+    x, prices = solution
+    of_P = each @ x[:q] if span else x[:p]
+    return (_matrix(of_P, n), np.maximum(x[q : q + k], 0.0), float(x[-1])), prices
+
+
+def together(form: Quadratic, q: int, most: float) -> Limits:
+    """That the last q of S are together at most `most`."""
+    n, k = len(form.pairs[0][0]), len(form.Q)
+    return np.append(np.zeros(n * (n + 1) // 2 + k - q), np.ones(q))[None], np.array([most])
+
+
+def holding(form: Quadratic, points: Array) -> Limits:
+    """That |x|_P <= 1 at the `points` x (r, n)."""
+    n, k = points.shape[1], len(form.Q)
+    i, j = _places(n)
+    squares = points[:, i] * points[:, j] * np.where(i == j, 1.0, 2.0)
+    return np.hstack([squares, np.zeros((len(points), k))]), np.ones(len(points))
+
+
+def reaching(c: Array, count: int) -> Rows:
+    """That [t, c; c', P] >= 0, t the last variable after `count`, the first of which are the entries of P."""
+    n, end = len(c), np.zeros((len(c) + 1, len(c) + 1))
+    end[0, 1:] = end[1:, 0] = c
+    wide, corner = np.zeros((count, n + 1, n + 1)), np.zeros((1, n + 1, n + 1))
+    wide[: n * (n + 1) // 2, 1:, 1:], corner[0, 0, 0] = -basis(n), -1.0
+    return definite(wide, corner, end)
+
+
+def definite(brings: Array, last: Array, end: Array) -> Rows:
+    """That `end` less what the variables bring, the last one of them `last`, is a definite matrix."""
+    return _packed(np.concatenate([brings, last])), _packed(end[None])[:, 0], True
+
+
+def solved(goal: Array, rows: Sequence[Rows], close: float, what: str) -> tuple[Array, Array] | None:
+    """The variables with the least <goal, x>, and the prices of the rows; None where the solver finds none.
+
+    Raises: `NoSolver`."""
+    cones(what)
+    matrix = np.vstack([A for A, _, _ in rows], dtype=float)
+    ends = np.concatenate([b for _, b, _ in rows], dtype=float)
+    kinds = tuple((len(A), of_matrices) for A, _, of_matrices in rows if len(A))
+    return _solution(goal.astype(float).tobytes(), matrix.tobytes(), ends.tobytes(), kinds, close)
+
+
+@lru_cache(maxsize=1 << 12)  # searches meet at a point, and who designs, shows and verifies begins alike
+def _solution(
+    costs: bytes, matrix: bytes, ends: bytes, kinds: tuple[tuple[int, bool], ...], close: float
+) -> tuple[Array, Array] | None:
+    """The same, of numbers as they lie in memory, and of the cones by their sizes."""
+    solver, sparse = cones("a cone program")
+    goal, b = np.frombuffer(costs), np.frombuffer(ends)
+    A = sparse.csc_matrix(np.frombuffer(matrix).reshape(len(b), len(goal)))
+    of_each = [
+        solver.PSDTriangleConeT(int(np.sqrt(2 * size))) if of_matrices else solver.NonnegativeConeT(size)
+        for size, of_matrices in kinds
+    ]
+    settings = solver.DefaultSettings()
+    settings.verbose, settings.tol_gap_abs, settings.tol_gap_rel, settings.tol_feas = False, close, close, close
+    settings.equilibrate_enable = False  # by which it takes for solved what is far from the least
+    with one_thread():
+        solution = solver.DefaultSolver(sparse.csc_matrix((len(goal),) * 2), goal, A, b, of_each, settings).solve()
+    x, prices = np.array(solution.x), np.array(solution.z)
+    usable = str(solution.status) in _USABLE and np.isfinite(x).all() and np.isfinite(prices).all()
+    return (x, prices) if usable else None
+
+
+def entries(form: Quadratic, groups: Sequence[Group] = ()) -> Array:
+    """What each entry of P on and above the diagonal, each of S, and each T of groups brings into the form: (p + k + t,
+    N, N); where P stands beside a matrix Y, as [P, Y], each entry of Y after those of P."""
+    halves: Any = sum(np.einsum("ia,jb->ijab", X, Y) for X, Y in form.pairs)
+    whole, n = halves + halves.transpose(0, 1, 3, 2), len(halves)
+    i, j = _places(n)
+    both = whole[i, j] + whole[j, i]
+    of_P = both / np.where(i == j, 2.0, 1.0)[:, None, None]
+    of_Y = whole[:, n:].reshape(-1, *whole.shape[2:])
+    of_S = np.einsum("ka,kb->kab", form.Q, form.Q) - np.einsum("ka,kb->kab", form.Z, form.Z)
+    of_T = np.zeros((len(groups), form.size, form.size))
+    for place, group in enumerate(groups):
+        of_T[place, group.column, group.column] = -1.0
+    return np.concatenate([of_P, of_Y, of_S, of_T])
+
+
+@cache
+def basis(n: int) -> Array:
+    """The symmetric matrix of each entry on and above the diagonal: (p, n, n)."""
+    return np.array([_matrix(row, n) for row in np.eye(n * (n + 1) // 2)])
+
+
+def short(matrices: Array) -> Array:
+    """Symmetric matrices (q, N, N) as the columns of their entries on and above the diagonal, column by column."""
+    i, j = _places(matrices.shape[-1])
+    return np.asarray(matrices[:, i, j].T)
+
+
+def _packed(matrices: Array) -> Array:
+    """The same as the solver takes them, so that a scalar product is that of the matrices."""
+    return np.asarray(short(matrices) * _weights(matrices.shape[-1])[:, None])
+
+
+@cache
+def _weights(size: int) -> Array:
+    i, j = _places(size)
+    return np.where(i == j, 1.0, np.sqrt(2.0))
+
+
+@cache
+def _places(size: int) -> tuple[Array, Array]:
+    """The rows and the columns of the entries on and above the diagonal, column by column."""
+    j, i = np.tril_indices(size)
+    return i, j
+
+
+def _matrix(entries: Array, size: int) -> Array:
+    i, j = _places(size)
+    matrix = np.zeros((size, size))
+    matrix[i, j] = matrix[j, i] = entries
+    return matrix
+
+
+def merged(form: Quadratic) -> tuple[tuple[Quadratic], tuple[Group, ...]]:
+    """The form of floats with as few columns as it takes, what decays first, then one for each direction; and the
+    groups, whose multipliers have no Z in it."""
+    n, each = len(form.pairs[0][0]), tuple(_alike(form))
+    T, Z = np.zeros((form.size, n + len(each))), np.zeros((len(form.Z), n + len(each)))
+    T[:n, :n] = np.eye(n)
+    for at, places in enumerate(each, n):
+        T[n + places[0], at] = 1.0  # the largest, by which the others are measured
+        if len(places) == 1:
+            Z[places[0], at] = 1.0
+    pairs = tuple((X @ T, Y @ T) for X, Y in form.pairs)
+    columns, groups = _columns(form), list[Group]()
+    for at, places in enumerate(each, n):
+        if len(places) > 1:
+            first = columns[:, places[0]]
+            weights = tuple(float(columns[:, k] @ first / (first @ first)) for k in places)
+            groups.append(Group(tuple(places), weights, at))
+    constant = None if form.constant is None else T.T @ form.constant @ T
+    return (Quadratic(pairs, form.Q @ T, Z, constant),), tuple(groups)
+
+
+def _columns(form: Quadratic) -> Array:
+    """What a multiplied column brings anywhere: (rows, k)."""
+    n = len(form.pairs[0][0])
+    return np.vstack([part for pair in form.pairs for part in pair] + [form.Q])[:, n:]
+
+
+def _alike(form: Quadratic) -> Iterator[list[int]]:
+    """The multipliers by direction, of each the one that enters most first."""
+    columns, left = _columns(form), list(range(len(form.Q)))
+    lengths = np.linalg.norm(columns, axis=0)
+    while left:
+        first = max(left, key=lengths.__getitem__)
+        places = [k for k in left if k == first or _along(columns, lengths, first, k)]
+        places.sort(key=lambda k: -lengths[k])
+        yield places
+        left = [k for k in left if k not in places]
+
+
+def _along(columns: Array, lengths: Array, first: int, other: int) -> bool:
+    """Whether two columns are one but for a factor."""
+    if not lengths[other]:
+        return False
+    cosine = columns[:, first] @ columns[:, other] / lengths[first] / lengths[other]
+    unit = columns[:, other] / lengths[other] * np.sign(cosine)
+    return bool(np.abs(columns[:, first] / lengths[first] - unit).max() < _ALIKE)

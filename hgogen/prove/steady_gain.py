@@ -1,0 +1,142 @@
+"""The gain to which the Riccati equation of a form settles, linearised at a point, as a constant gain.
+
+    0 = F P + P F' + Q_theta - P C' R_theta^-1 C P,   P C' R_theta^-1 = (theta^(p(i) - p(k) + 1) K_ik)
+
+F and C are those of the form at the point, Q_theta and R_theta of `scaling`. In scaled coordinates, with N = Delta F
+Delta^-1/theta = A + Delta b* Delta^-1/theta and P = Delta^-1 S^-1 Delta^-1, theta falls out:
+
+    0 = N S^-1 + S^-1 N' + Q - S^-1 C' R^-1 C S^-1,   K = S^-1 C' R^-1
+
+K depends on theta by the slopes of b alone: `observers.high_gain` with this K has at this theta the gains of the
+settled filter, and another theta is that of a constant gain. Source: of the equation, Boizot, Busvelle, Gauthier,
+Automatica 46 (2010), (4); of its refinement, D. L. Kleinman, IEEE TAC 13 (1968).
+"""
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from hgogen.analysis.dynamics import Dynamics
+from hgogen.analysis.jacobians import jacobians_at
+from hgogen.analysis.scaling import exponents
+from hgogen.discretisation.stability import steady_covariance
+from hgogen.estimators.weights import positive, spd
+from hgogen.form import Form
+from hgogen.observer import state_field
+from hgogen.prove.constant_gain import constant_chains
+from hgogen.prove.quadratic import lyapunov
+from hgogen.reading.door import Misfit
+from hgogen.reading.given import BadGain, real
+from hgogen.reading.given import positive as above_zero
+from hgogen.reading.named import BadNames, Matrix, Values, in_order, names_of, of_coordinates, of_outputs
+from hgogen.rigor import definite
+from hgogen.rigor.definite import demand_hurwitz, hurwitz
+from hgogen.sentence import same
+from hgogen.signal import Signal
+
+Rows = tuple[tuple[float, ...], ...]
+
+_WEAKEST = 1e-9  # share of the best shown direction from which on a state is shown
+_SETTLED = 1e-9  # what the equation may leave, over its largest term
+_LARGER = (1.5, 2, 3, 5, 10, 20, 50, 100, 1000)  # factors of theta that are tried where theta does not do
+_ROUNDS = 4  # of Kleinman's refinement, which squares the error
+
+
+def steady_gain(
+    form: Form,
+    Q: Matrix,
+    R: float | Values,
+    theta: float = 1.0,
+    *,
+    at: Mapping[str, float],
+    u: Mapping[str, float] | None = None,
+) -> tuple[float, ...] | Rows:
+    """The constant gain K to which the filter `riccati` settles where the plant rests at a point: (n), of several
+    chains rows (n, q), for `high_gain(form, theta=theta, gains=K)`, which has at this theta the settled filter's gains.
+
+    Args: `Q`, `R`, `theta` as of `observers.riccati`: Q diagonal (n) or (n, n), unit z^2/s, R of each output, unit
+    y^2 s; `at`: every state of the plant by name, `u`: every input; parameters have their nominal values.
+
+    What is proved of the observer is proved as of any constant gain: nothing rests on the point. Raises: `BadGain` for
+    Q, R, theta that are not positive, a point outside its ranges, or one at which the outputs do not show every state;
+    `BadNames`; `NotHurwitz` where the gain leans on b, whose slopes a clamped estimate does not feel; `Misfit`.
+    """
+    if not isinstance(form, Form):
+        raise Misfit("steady_gain", form, "a form: hg.forms.triangular(plant)")
+    in_chains(form)
+    noise, level = spd("Q", of_coordinates("Q", Q, form), form.n), above_zero("theta", theta)
+    variances = np.array(positive("R", of_outputs("R", R, form), len(form.output)))
+    point, said = _point(form, at, u)
+    (F,), (C,) = jacobians_at(Dynamics(form), point[None])
+    inputs = dict(zip(form.system.inputs, point[form.n :].tolist(), strict=True))
+    A = np.array(form.A.subs(form.system.nominal).subs(inputs).tolist(), dtype=float)
+    powers = np.array(exponents(form), dtype=float)
+
+    def at_theta(value: float) -> np.ndarray:
+        scaled = F * value ** (powers[None, :] - powers[:, None] - 1)  # Delta F Delta^-1/theta; C is as it is
+        return _settled(scaled, C, noise, variances, said)
+
+    K = at_theta(level)
+    if not hurwitz(A - K @ C):
+        larger = (level * factor for factor in _LARGER)
+        enough = next((value for value in larger if hurwitz(A - at_theta(value) @ C)), None)
+        ways = "raise Q of states whose b is steep" if enough is None else f"theta = {enough:g} would do"
+        fix = f"they lean on the slopes of b at {said}, and those of a clamped estimate are 0; {ways}"
+        demand_hurwitz(f"the steady gains at theta = {level:g}", A - K @ C, fix)
+    return tuple(K[:, 0].tolist()) if len(form.output) == 1 else tuple(map(tuple, K.tolist()))
+
+
+def in_chains(form: Form) -> None:
+    """Raises: `BadGain` for a form on which no constant gain stands for that of the filter."""
+    constant_chains("steady_gain", form)
+    if form.jacobian is not None or len(form.leads) < len(form.output):
+        reason = "wants coordinates in which the gain acts, and a chain for each output"
+        raise BadGain("steady_gain", f"{reason}; take a form in chains, and leave outputs without one out of the plant")
+
+
+def _point(form: Form, at: Any, u: Any) -> tuple[np.ndarray, str]:
+    """z and u (n + m), with the point in print. Raises: `BadNames`, `BadGain`."""
+    states, inputs = form.system.declared.states, form.system.inputs
+    values = {**_values("at", at, states), **_values("u", {} if u is None else u, inputs)}
+    z = state_field(form, values, 1.0).initial
+    said = ", ".join(f"{name} = {same(value)}" for name, value in values.items())
+    return np.array([*z, *(values[s.name] for s in inputs)]), said
+
+
+def _values(what: str, values: Any, signals: Sequence[Signal]) -> dict[str, float]:
+    """The numbers of all signals by name, each in its range. Raises: `BadNames`, `BadGain`."""
+    names = names_of(signals)
+    if not isinstance(values, Mapping):
+        example = ", ".join(f"{name!r}: 0" for name in names)
+        raise BadNames(what, f"= {values!r} is no mapping from names to numbers; give {{{example}}}")
+    known = {}
+    for signal, value in zip(signals, in_order(what, values, names), strict=True):
+        known[signal.name] = number = real(f"{what} {signal.name}", value)
+        low, high = signal.interval
+        if not (np.isfinite(number) and low <= number <= high):
+            raise BadGain(f"{what} {signal.name} = {number:g}", f"must be finite and in [{low:g}, {high:g}]")
+    return known
+
+
+def _settled(N: np.ndarray, C: np.ndarray, Q: np.ndarray, R: np.ndarray, said: str) -> np.ndarray:
+    """K (n, p) of the stabilising P. Raises: `BadGain` where there is none that is shown."""
+    shown, F = [C], N / max(np.linalg.norm(N), 1e-300)
+    for _ in N[1:]:
+        shown.append(shown[-1] @ F)
+    rows = np.vstack(shown)
+    seen = np.linalg.svd(rows / np.maximum(np.abs(rows).max(axis=0), 1e-300), compute_uv=False)
+    (P,) = steady_covariance(N[None], C[None], Q, R, 1.0)
+    if not (seen[-1] > _WEAKEST * seen[0] and np.isfinite(P).all()):
+        what = "shows not every state: (A, C) of the plant linearised there is not observable"
+        raise BadGain(f"the point {said}", f"{what}; take one, or an input, at which the outputs show all of them")
+    for _ in range(_ROUNDS):
+        K = P @ C.T / R
+        refined = lyapunov((N - K @ C).T, Q + K * R @ K.T)
+        P = P if refined is None else refined
+    K = P @ C.T / R
+    rest = np.abs(N @ P + P @ N.T + Q - K * R @ K.T).max()
+    sound = rest <= _SETTLED * max(np.abs(N @ P).max(), np.abs(Q).max())
+    if not (sound and definite.positive(definite.exact(definite.rationals(P))) and hurwitz(N - K @ C)):
+        raise BadGain(f"the point {said}", "has an equation too badly scaled to be solved; take units nearer to 1")
+    return np.asarray(K)

@@ -1,0 +1,560 @@
+"""The range of an expression on a closed box, and whether it is 0 somewhere there, rigorous.
+
+What is proved comes from outward-rounded intervals and bisection (`intervals.search`), from rational ends where floats
+are too coarse, or factor by factor after exact algebra; what is refuted from a point, or between two points of opposite
+sign. Limits count boxes. Numbers are exact: a float is its shortest decimal.
+
+Points where an expression vanishes or is not a finite real number are shown exactly: candidates are corners, middles,
+small rationals, the rational roots of polynomials; enclosures sort out what may be a zero, exact arithmetic decides.
+
+A slope's values at a kink are a set, and a set that jumps over 0 has not one sign: an upper semicontinuous map with
+convex values takes connected boxes to connected sets (J.-P. Aubin, A. Cellina, "Differential inclusions", 1984, ch. 1).
+"""
+
+import math
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass, field, replace
+from enum import Enum
+from fractions import Fraction
+from functools import lru_cache
+from itertools import islice, product
+from typing import Annotated, Any
+
+import numpy as np
+import sympy as sp
+
+from hgogen.check import Verdict
+from hgogen.rigor.bisection import Cover, Tree
+from hgogen.rigor.box import Box, End, Point, Sides, sides
+from hgogen.rigor.enclosure import enclose
+from hgogen.rigor.factors import factors
+from hgogen.rigor.glance import Interval, beyond, fractions, multiplied, raised, rational, taken
+from hgogen.rigor.interpolation import Stepped
+from hgogen.rigor.kinks import jump
+from hgogen.rigor.outward import Array, Pair, number
+from hgogen.rigor.points import STEEP, STRANGE, exact, kind, largest_exponent, put
+from hgogen.rigor.search import Goal, Inner, Known, Outcome, one_sign, regular, search, tight
+from hgogen.rigor.tape import Tape, tape
+from hgogen.sentence import NONE, Encoded, Reason, because, down, equations, up
+
+# --- zeros
+
+_CANDIDATES, _EXACT = 800, 16  # points looked at by enclosures, by exact arithmetic
+_DENOMINATORS, _FEW_DIGITS = 12, (1, 2, 6, 12, 100, 1000)
+_STEPS = 1100  # of a bisection: from the largest float down to the smallest
+
+
+def special_point(
+    expression: sp.Expr,
+    program: Tape,
+    sides: Sides,
+    kinds: tuple[str, ...] = ("= 0", "undefined"),
+    hints: Iterable[Point] = (),
+) -> tuple[str, Point] | None:
+    """("= 0" or "undefined", the point) for the first candidate that is one of the kinds; points of few digits next to
+    the `hints` are candidates, too."""
+    if largest_exponent(expression) > STEEP:
+        return None
+    simple = ({s: x.limit_denominator(q) for s, x in point.items()} for point in hints for q in _FEW_DIGITS)
+    candidates = [*filter(sides.contains, simple), *islice(_candidates(expression, sides), _CANDIDATES)]
+    if not candidates:
+        return None
+    low, high = _around(candidates, sides)
+    first = enclose(program, low, high)[0]
+    doubtful = ~first.defined
+    if "= 0" in kinds:
+        doubtful = doubtful | ((first.value[0] <= 0) & (first.value[1] >= 0))
+    for index in np.nonzero(doubtful)[0][:_EXACT]:
+        point = candidates[int(index)]
+        what = kind(expression, _rational(point))
+        if what in kinds:
+            return what, point
+    return None
+
+
+def crossing(expression: sp.Expr, program: Tape, sides: Sides, below: Point, above: Point) -> Point:
+    """A zero, a kink at which the sign jumps, or a point next to one, on the line from a point where the expression is
+    negative to one where it is positive; the expression is continuous there."""
+    for _ in range(_STEPS):
+        centre = {s: Fraction(number((below[s] + above[s]) / 2)[0]) for s in sides.symbols}
+        if centre in (below, above) or not sides.contains(centre):
+            break
+        value = enclose(program, *_around([centre], sides))[0].value
+        if value[0][0] > 0:
+            above = centre
+        elif value[1][0] < 0:
+            below = centre
+        else:
+            break
+    if largest_exponent(expression) > STEEP:
+        return below
+    simplest = {s: ((below[s] + above[s]) / 2).limit_denominator(10_000) for s in below}
+    for point in filter(sides.contains, (simplest, centre)):
+        at = _rational(point)
+        if kind(expression, at) == "= 0" or jump(expression, at) is not None:
+            return point
+    return below
+
+
+def _rational(point: Point) -> dict[sp.Symbol, sp.Rational]:
+    return {s: sp.Rational(value) for s, value in point.items()}
+
+
+def _around(points: list[Point], sides: Sides) -> Pair:
+    ends = [[number(point[s]) for point in points] for s in sides.symbols]
+    table: Array = np.array(ends, dtype=float).reshape(len(sides.symbols), len(points), 2)
+    return table[:, :, 0], table[:, :, 1]
+
+
+def _candidates(expression: sp.Expr, sides: Sides) -> Iterator[Point]:
+    values = [_simple_values(ends) for ends in sides.ends]
+    if len(values) == 1:
+        yield from _points(sides, [[*_roots(expression, sides), *values[0], *_fractions(sides.ends[0])]])
+        return
+    few = values if len(values) < 5 else [side[:3] for side in values]
+    yield from _solved(expression, sides, values)
+    yield from _points(sides, few)
+
+
+def _points(sides: Sides, values: list[list[Fraction]]) -> Iterator[Point]:
+    for coordinates in product(*values):
+        yield dict(zip(sides.symbols, coordinates, strict=True))
+
+
+def _simple_values(ends: tuple[End, End]) -> list[Fraction]:
+    low, high = ends
+    finite = [Fraction(end) for end in ends if abs(end) != math.inf]
+    middle = sum(finite, Fraction(0)) / 2 if len(finite) == 2 else Fraction(0)
+    wanted = (*finite, Fraction(0), middle, Fraction(1), Fraction(-1))
+    return list(dict.fromkeys(value for value in wanted if low <= value <= high)) or [Fraction(1)]
+
+
+def _fractions(ends: tuple[End, End]) -> Iterator[Fraction]:
+    low, high = (max(-20, min(20, end)) for end in ends)
+    for q in range(1, _DENOMINATORS + 1):
+        for p in range(math.ceil(low * q), math.floor(high * q) + 1):
+            if ends[0] <= Fraction(p, q) <= ends[1]:
+                yield Fraction(p, q)
+
+
+def _roots(expression: sp.Expr, sides: Sides) -> Iterable[Fraction]:
+    """The rational roots of a polynomial in one symbol."""
+    (symbol,), ((low, high),) = sides.symbols, sides.ends
+    if not expression.is_polynomial(symbol):
+        return []
+    try:
+        roots = sp.Poly(expression, symbol).ground_roots()
+    except sp.PolynomialError:
+        return []
+    exact = sorted(Fraction(root) for root in roots if root.is_Rational)  # x - pi has the root pi
+    return [root for root in exact if low <= root <= high]
+
+
+def _solved(expression: sp.Expr, sides: Sides, values: list[list[Fraction]]) -> Iterator[Point]:
+    """Zeros of an expression that is linear in a symbol, the others at simple values."""
+    for k, symbol in enumerate(sides.symbols):
+        slope = expression.diff(symbol)
+        rest = None if slope == 0 or slope.has(symbol) else put(expression, {symbol: sp.S.Zero})
+        if rest is None:
+            continue
+        others = [side if i != k else [Fraction(0)] for i, side in enumerate(values)]
+        for point in islice(_points(sides, others), 8):
+            at = _rational(point)
+            steep, start = put(slope, at), put(rest, at)
+            if not (steep and start is not None and steep.is_Rational and start.is_Rational):
+                continue
+            solution = point | {symbol: Fraction(-start / steep)}
+            if sides.contains(solution):
+                yield solution
+
+
+# --- forms of one expression
+
+_LARGE = 400  # operations beyond which rewriting would cost more than bisection
+_REWRITTEN = 12  # exponents beyond which it would grow out of hand
+
+
+def steep(e: sp.exp) -> bool:
+    """Whether SymPy would take it as a high power: exp(-8750/T) as exp(1/T)^-8750."""
+    return any(abs(int(term.as_coeff_Mul(rational=True)[0].p)) > _REWRITTEN for term in sp.Add.make_args(e.args[0]))
+
+
+def variants(expression: sp.Expr) -> tuple[sp.Expr, ...]:
+    """The expression as it is, then its factors and its Horner forms where it is rational in its symbols.
+
+    They come from exact algebra over the rationals: each is equal to the first where the first is defined, and may have
+    lost a removable pole.
+    """
+    symbols = sorted(expression.free_symbols, key=str)
+    if not symbols or expression.count_ops() > _LARGE or largest_exponent(expression) > _REWRITTEN:
+        return (expression,)
+    if expression.has(sp.Piecewise, sp.floor, sp.ceiling):
+        return (expression,)
+    forms = [expression]
+    try:
+        stands = {e: sp.Dummy() for e in sorted(expression.atoms(sp.exp), key=str) if steep(e)}
+        forms.append(sp.factor(expression.xreplace(stands)).xreplace({d: e for e, d in stands.items()}))
+        if expression.is_polynomial(*symbols):
+            whole = sp.expand(expression)
+            forms += [whole, *(sp.horner(whole, wrt=wrt) for wrt in (symbols, symbols[::-1]))]
+    except (sp.PolynomialError, NotImplementedError):
+        pass
+    return tuple(dict.fromkeys(form for form in forms if not form.has(*STRANGE)))
+
+
+# --- proofs
+
+_SLACK = Fraction(1, 2**40)  # of the size, so that another arithmetic, or other roundings of a cut, reach the bounds
+
+
+@dataclass(frozen=True)
+class Proof:
+    """A fact on a closed box, on which the `expressions` are defined, so that another arithmetic can verify it again.
+
+    Of a range: low <= value <= high, of the one expression; of a slope: the spectral norm of the expressions' Jacobian
+    in the states is at most `high`, and `low` is None. Both are exact; `variables`, `tree`: the bisection, ("split",
+    index, left, right) and "leaf", sides cut in the middle.
+    """
+
+    expressions: tuple[sp.Expr, ...]
+    low: Fraction | None
+    high: Fraction | None
+    variables: tuple[sp.Symbol, ...]
+    tree: Any = field(hash=False, repr=False)
+
+
+def ends(low: Fraction | float, high: Fraction | float) -> tuple[Fraction | None, Fraction | None]:
+    """Bounds a little outside of these. Each keeps its sign, if it has one, and is None where it is infinite."""
+    below, above = (
+        None if abs(end) == math.inf else Fraction(end) + way * abs(Fraction(end)) * _SLACK
+        for end, way in ((low, -1), (high, 1))
+    )
+    return below, above
+
+
+# --- ranges
+
+LIMIT = 20_000
+_FIRST = 500  # boxes before a pole is looked for
+
+
+@dataclass(frozen=True)
+class Attained:
+    """A point of the box and a bound of the value there: at most `value` for the least, at least for the most."""
+
+    value: float
+    point: Mapping[sp.Symbol, Fraction] = field(hash=False)
+
+
+@dataclass(frozen=True)
+class Range(Encoded):
+    """The range of an expression on a box.
+
+    low <= value <= high wherever it and its parts are finite and real; -inf and inf where nothing is proved. `least`,
+    `most`: points where a value as small, as large is attained. `variables`: what the tree's indices count; `tree`: the
+    bisection, ("split", index, left, right) and "leaf", sides cut as `floats.middle` says.
+    """
+
+    json_keys = "low high defined boxes note"
+
+    low: Annotated[float, "lower bound; null where there is none"]
+    high: Annotated[float, "upper bound; null where there is none"]
+    defined: Annotated[bool, "whether it is proved finite and real on the whole closed box"]
+    least: Attained | None
+    most: Attained | None
+    boxes: Annotated[int, "number of boxes that were tried"]
+    note: Annotated[Reason, "why the range is not tighter, or empty"]
+    variables: tuple[sp.Symbol, ...]
+    tree: Tree = field(repr=False)
+
+    @property
+    def finite(self) -> bool:
+        """Whether both ends are finite."""
+        return math.isfinite(self.low) and math.isfinite(self.high)
+
+    def __str__(self) -> str:
+        parts = [f"from {down(self.low, 9)} to {up(self.high, 9)}, by {counted(self.boxes)}"]
+        ends = (("least", "at most", up, self.least), ("most", "at least", down, self.most))
+        parts += [
+            f"the {end} is {side} {rounded(one.value, 9)}{place(one.point)}"
+            for end, side, rounded, one in ends
+            if one is not None
+        ]
+        return "; ".join([*parts, *map(str, filter(None, [self.note]))])
+
+
+def bound(expression: sp.Expr, box: Box, *, boxes: int = LIMIT, relative: float = 0.02) -> Range:
+    """The range of the expression on the box, rounded outward; it is wider than the true one by at most `relative` of
+    its width, or `note` says why not.
+
+    Raises: `EmptyBox`; `NoTape` for a function without a rule.
+    """
+    return _bound(sp.sympify(expression), tuple((x, tuple(ends)) for x, ends in box.items()), boxes, relative)
+
+
+@lru_cache(maxsize=512)  # an observer and its hypotheses ask for the same ranges, as of the a_i
+def _bound(expression: sp.Expr, ends: tuple[Any, ...], boxes: int, relative: float) -> Range:
+    problem = problem_of(expression, dict(ends))
+    if problem is None:
+        return NOWHERE
+    first = min(boxes, _FIRST)
+    outcome = problem.search(tight(relative), first)
+    if outcome.finished:
+        return range_of(problem, outcome, relative)
+    if not outcome.defined:
+        special = special_point(problem.expression, problem.program, problem.sides, ("undefined",))
+        if special:  # more boxes would not help
+            note = because("it is not a finite real number at {point}", point=equations(special[1]))
+            return replace(range_of(problem, outcome, relative), note=note)
+    if first < boxes:
+        outcome = problem.search(tight(relative), boxes, outcome.cover)
+    return range_of(problem, outcome, relative)
+
+
+NOWHERE = Range(-math.inf, math.inf, False, None, None, 0, because("it is not a finite real number"), (), "leaf")
+
+
+@dataclass(frozen=True)
+class Problem:
+    """An expression with exact numbers, its points put in, and its forms as a tape."""
+
+    expression: sp.Expr
+    sides: Sides
+    program: Tape
+
+    def search(self, goal: Goal, boxes: int, begun: Cover[Known, Inner] | None = None) -> Outcome:
+        """The outcome of a bisection of its box for a goal, or of one that was begun for it."""
+        return search(self.program, self.sides.outer, self.sides.inner, goal, boxes, begun)
+
+
+def problem_of(expression: sp.Expr, box: Box) -> Problem | None:
+    """The problem of an expression on a box; None where the expression is nowhere a finite real number."""
+    fixed, around = sides(exact(sp.sympify(expression)), box)
+    if fixed.has(*STRANGE):
+        return None
+    fixed = taken(fixed, around)
+    return Problem(fixed, around, tape(variants(fixed), around.symbols))
+
+
+def range_of(problem: Problem, outcome: Outcome, relative: float) -> Range:
+    """The outcome of a search as a range; `relative`: how tight the search was asked to be."""
+    boxes = counted(outcome.boxes)
+    note = because("it was not shown to be finite and real everywhere, with {boxes}", boxes=boxes)
+    if outcome.defined:
+        far = because(
+            "it is not within {relative:.0%} of values that are attained, with {boxes}", relative=relative, boxes=boxes
+        )
+        note = NONE if outcome.finished else far
+    ends, extremes = (outcome.low, outcome.high), attained(problem, outcome.inner)
+    return Range(*ends, outcome.defined, *extremes, outcome.boxes, note, problem.sides.symbols, outcome.tree)
+
+
+def attained(problem: Problem, inner: Inner) -> tuple[Attained | None, Attained | None]:
+    """Bounds of the least and the most value at points that a search looked at; None without one, or where a table's
+    derivative jumps there: what lies on its other side need not be of the box."""
+    return _attained(problem, inner.least, inner.at_least), _attained(problem, inner.most, inner.at_most)
+
+
+def _attained(problem: Problem, value: float, at: Array | None) -> Attained | None:
+    if not problem.sides.symbols and math.isfinite(value):
+        return Attained(value, {})
+    if at is None:
+        return None
+    point = problem.sides.point(at.tolist())
+    if problem.expression.has(Stepped):
+        there = put(problem.expression, {s: sp.Rational(x) for s, x in point.items()})
+        if there is None or there.has(Stepped):
+            return None
+    return Attained(value, point)
+
+
+def counted(count: int) -> Reason:
+    """A number of boxes, in words."""
+    return because("{count} box" if count == 1 else "{count} boxes", count=count)
+
+
+def place(point: Mapping[sp.Symbol, Fraction]) -> str:
+    """The place as the end of a sentence, in few digits."""
+    return ", at " + ", ".join(f"{s} = {float(value):g}" for s, value in point.items()) if point else ""
+
+
+# --- signs
+
+_GLANCE = 60  # boxes before a zero is looked for
+
+
+class Cause(Enum):
+    """Why an expression has not one sign, at the witness."""
+
+    ZERO = "vanishes"
+    UNDEFINED = "is not a finite real number"
+    CROSSING = "changes sign"  # next to the witness
+    JUMP = "jumps from one sign to the other"  # at a kink, where it is a set
+    PART = "vanishes with a factor, or is not finite there"
+
+
+@dataclass(frozen=True)
+class Sign:
+    """Whether an expression has one sign on a box.
+
+    PROVED: `sign` is 1 or -1 and 0 < `margin` <= |value| there, finite. REFUTED: `witness` is a point where it is zero
+    or undefined, next to a zero between two points of opposite sign, or at a kink where it jumps between them, as
+    `cause` says. UNKNOWN: `reason` says how many boxes were tried. `never`: proved to be 0 nowhere on the box, although
+    it may come as close to 0 as you like where the box is unbounded, or be undefined. `exact`: the rational ends that
+    prove it without bisection.
+    """
+
+    verdict: Verdict
+    sign: int
+    margin: End
+    witness: Mapping[sp.Symbol, Fraction] = field(hash=False)
+    reason: Reason
+    range: Range
+    cause: Cause | None = None
+    never: bool = False
+    exact: Interval | None = field(default=None, hash=False)
+
+    def __str__(self) -> str:
+        if self.verdict is Verdict.PROVED:
+            margin = f"at least {down(self.margin, 9)}" if self.sign > 0 else f"at most -{down(self.margin, 9)}"
+            return f"{self.verdict}: {margin}, by {self.reason}"
+        return f"{self.verdict}: {self.reason}{place(self.witness)}"
+
+
+def nonzero(expression: sp.Expr, box: Box, *, boxes: int = LIMIT, refute: bool = True) -> Sign:
+    """Whether the expression is finite and has one sign on the whole box; without `refute`, which may take long, proved
+    or unknown.
+
+    Raises: `EmptyBox`; `NoTape` for a function without a rule.
+    """
+    return _nonzero(expression, tuple(box.items()), boxes, refute)
+
+
+@lru_cache(maxsize=512)  # several forms, and several hypotheses of one, ask for the sign of the same gain
+def _nonzero(
+    expression: sp.Expr, ends: tuple[tuple[sp.Symbol, tuple[End, End]], ...], boxes: int, refute: bool
+) -> Sign:
+    problem = problem_of(expression, dict(ends))
+    if problem is None:
+        return Sign(Verdict.REFUTED, 0, 0.0, {}, NOWHERE.note, NOWHERE, Cause.UNDEFINED)
+    never, cover = False, None
+    for limit in dict.fromkeys((min(boxes, _GLANCE), boxes)):
+        outcome = problem.search(one_sign, limit, cover)
+        cover = outcome.cover
+        if outcome.defined and (outcome.low > 0 or outcome.high < 0):
+            return _proved(problem, outcome)
+        refuted = _refutation(problem, outcome, limit) if refute else None
+        if refuted:
+            cause, reason, witness = refuted
+            return Sign(Verdict.REFUTED, 0, 0.0, witness, reason, range_of(problem, outcome, 0.0), cause)
+        if limit <= _GLANCE and not outcome.inner.least < 0 < outcome.inner.most:
+            never, low, high = _by_algebra(problem.expression, problem.sides.box)
+            if outcome.defined and (low > 0 or high < 0):
+                return _enclosed(problem, outcome, low, high)
+        if outcome.boxes + 2 <= limit:  # more boxes would change nothing
+            break
+    undecided = "{boxes} does not decide it" if outcome.boxes == 1 else "{boxes} do not decide it"
+    reason = because(undecided, boxes=counted(outcome.boxes))
+    if end := beyond(problem.expression, problem.sides):
+        pattern = "{why}; the ranges end on {point} of the table {table}, whose slope beyond is taken there: move one"
+        reason = because(pattern, why=reason, point=float(end[0]), table=end[1])
+    return Sign(Verdict.UNKNOWN, 0, 0.0, {}, reason, range_of(problem, outcome, 0.0), never=never)
+
+
+def _proved(problem: Problem, outcome: Outcome) -> Sign:
+    sign, margin = (1, outcome.low) if outcome.low > 0 else (-1, -outcome.high)
+    reason, extent = counted(outcome.boxes), range_of(problem, outcome, 0.0)
+    return Sign(Verdict.PROVED, sign, margin, {}, reason, extent, never=True)
+
+
+def _enclosed(problem: Problem, outcome: Outcome, low: End, high: End) -> Sign:
+    """The proof of one sign by the exact range on the box as a whole."""
+    outer = replace(range_of(problem, outcome, 0.0), low=number(low)[0], high=number(high)[1], tree="leaf")
+    sign, reason = 1 if low > 0 else -1, because("exact algebra and rational ends")
+    return Sign(Verdict.PROVED, sign, max(low, -high), {}, reason, outer, never=True, exact=(low, high))
+
+
+def _by_algebra(expression: sp.Expr, box: Box) -> tuple[bool, End, End]:
+    """Whether an expression is 0 nowhere on the box where it is defined, by its factors; and its range, whose ends are
+    rational."""
+    low, high = rational(expression, box)
+    factored = factors(expression)
+    if factored is None or (low > 0 or high < 0):
+        return low > 0 or high < 0, low, high
+    never, product = True, rational(factored.number, {})
+    for one in factored.factors:
+        least, most = rational(one.base, box)
+        known = one.definite or least > 0 or most < 0
+        again = len(factored.factors) == 1 and one.exponent == 1 and one.base.count_ops() >= expression.count_ops()
+        other = not again and one.base not in (expression, -expression)  # no more than another way to write it
+        if least <= 0 <= most and one.base.free_symbols and other:
+            sign = nonzero(one.base, box, boxes=_GLANCE, refute=False)
+            known = known or sign.never
+            if sign.verdict is Verdict.PROVED:  # its range is that of the proof
+                seen = sign.exact or fractions((sign.range.low, sign.range.high))
+                least, most = max(least, seen[0]), min(most, seen[1])
+        never = never and (known or one.exponent < 0)
+        product = multiplied(product, raised((least, most), one.exponent))
+    return never, max(low, product[0]), min(high, product[1])
+
+
+def _refutation(problem: Problem, outcome: Outcome, boxes: int) -> tuple[Cause, Reason, Point] | None:
+    """The cause why an expression has not one sign, the same in words, and a point; None where none is known."""
+    extremes = [
+        problem.sides.point(at.tolist()) for at in (outcome.inner.at_least, outcome.inner.at_most) if at is not None
+    ]
+    special = special_point(problem.expression, problem.program, problem.sides, hints=extremes)
+    if special:
+        what, point = special
+        cause = Cause.ZERO if what == "= 0" else Cause.UNDEFINED
+        return cause, because(cause.value), point
+    crossed = _crossed(problem, outcome, boxes)
+    if crossed:
+        sides = jump(problem.expression, {s: sp.Rational(value) for s, value in crossed.items()})
+        if sides is None:
+            return Cause.CROSSING, because(Cause.CROSSING.value), crossed
+        jumps = because("jumps from {one} to {other}, not of one sign", one=sides[0], other=sides[1])
+        return Cause.JUMP, jumps, crossed
+    for part, pattern in _parts(problem.expression):
+        inner = nonzero(part, problem.sides.box, boxes=boxes)
+        if inner.verdict is Verdict.REFUTED and inner.cause is not Cause.JUMP:
+            box = problem.sides.box.items()
+            rest = {s: Fraction(next((end for end in ends if abs(end) != math.inf), 0)) for s, ends in box}
+            return Cause.PART, because(pattern, part=part), rest | dict(inner.witness)
+    return None
+
+
+def _crossed(problem: Problem, outcome: Outcome, boxes: int) -> Point | None:
+    least, most = attained(problem, outcome.inner)
+    if least is None or most is None or not least.value < 0 < most.value:
+        return None
+    if not outcome.continuous:
+        a, b = least.point, most.point
+        between = {s: (min(a[s], b[s]), max(a[s], b[s])) for s in problem.sides.symbols}
+        part = problem_of(problem.expression, between)
+        if part is None or not part.search(regular, boxes).continuous:
+            return None
+    return crossing(problem.expression, problem.program, problem.sides, dict(least.point), dict(most.point))
+
+
+def _parts(expression: sp.Expr) -> Iterator[tuple[sp.Expr, str]]:
+    """Factors, at whose zeros the expression is zero or undefined, and what it divides by, each with the pattern of a
+    reason."""
+    powers = [] if expression.has(sp.Piecewise) else sorted(expression.atoms(sp.Pow), key=str)
+    for node in powers:  # a Piecewise may not take the branch that is not finite
+        if node.exp.is_Rational and node.exp < 0 and node.base != expression and not node.base.is_number:
+            yield node.base, "is not finite: it divides by {part}, which vanishes"
+    for factor in _irreducible(expression):
+        if factor != expression and factor.free_symbols and not factor.is_Symbol:
+            yield factor, "vanishes with its factor {part}, or is not finite there"
+
+
+def _irreducible(expression: sp.Expr) -> list[sp.Expr]:
+    """Its factors, as far as they are known: by exact algebra alone where SymPy would factor a high power of exp."""
+    if any(steep(e) for e in expression.atoms(sp.exp)):
+        product = factors(expression)
+        return [one.base for one in product.factors if one.exponent > 0 and not one.definite] if product else []
+    try:
+        return [factor for factor, _ in sp.factor_list(sp.together(expression))[1]]
+    except (sp.PolynomialError, NotImplementedError):
+        return []

@@ -1,0 +1,298 @@
+"""How far a number that a program computes may be from that of exact arithmetic: a running error analysis on ranges.
+
+Each value v of exact arithmetic has a range, and a bound e on |v~ - v|, v~ what is computed of it. Round to nearest
+takes at most u |v~| more, u = 2^-24 or 2^-53, and `tiny` where a result underflows:
+
+    v = a + b   e = e_a + e_b + u |v~|      v = a b   e = |a| e_b + |b| e_a + e_a e_b + u |v~|
+    v = a / b   e = (e_a + |v| e_b)/(|b| - e_b) + u |v~|     v = f(a)   e = sup|f'| e_a + k ulp
+
+min, max and |.| do not enlarge errors. Where a comparison may turn out otherwise in the program, what hangs on it may
+be any of the two. The ulps of elementary functions are measured, not proved: twice the largest that are said of those
+of `emit.elementary`. Source: N. J. Higham, Accuracy and Stability of Numerical Algorithms, 2nd ed., 2002, section 3.3.
+"""
+
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from functools import partial, reduce
+from typing import Any, Literal
+
+import casadi as ca
+from flint import arb
+
+from hgogen.rigor.balls import rising
+
+Real = Literal["float", "double"]
+REALS: tuple[Real, ...] = ("float", "double")
+_NOTHING, _ONE = arb(0), arb(1)
+_ULPS = 2  # times those that are measured
+FOLDED = 8  # roundings of a double in a constant that is no whole number, as it was computed before it was written
+_BESIDE = 2  # more, by which a certificate's constant may be beside what its plant and its gains make it
+_WHOLE = 2**24  # whole numbers up to this are exact in every precision
+
+
+class Unsure(ArithmeticError):
+    """What has no bound: `args[0]` says what stands in the way."""
+
+
+@dataclass(frozen=True, eq=False)
+class Computed:
+    """The range of a value of exact arithmetic, and a bound on how far the computed one is from it, in Arb's balls. Of
+    a truth value the range is within [0, 1], and the error 1 where the program may decide otherwise. `test` and
+    `chosen`: of a value that is 0 where a test fails, the test and the value; `negates`: of a truth value, which it is
+    not."""
+
+    value: Any
+    error: Any = _NOTHING
+    test: "Computed | None" = None
+    chosen: "Computed | None" = None
+    negates: "Computed | None" = None
+
+    @property
+    def size(self) -> Any:
+        """At least |v| and |v~|."""
+        return (abs(self.value) + self.error).upper()
+
+    @property
+    def around(self) -> Any:
+        """Where the exact and the computed value are."""
+        return self.value + arb(0, self.error.upper())
+
+    @property
+    def known(self) -> bool | None:
+        """The truth of a truth value, of which the program is sure; None where that is not known."""
+        if not self.error.is_zero():
+            return None
+        return True if self.value == 1 else False if self.value == 0 else None
+
+
+def exactly(value: Any) -> Computed:
+    """What is the same in both, of a number or a ball."""
+    return Computed(arb(value))
+
+
+@dataclass(frozen=True)
+class Rounding:
+    """The operations of a working precision, by CasADi's numbers of them."""
+
+    real: Real
+
+    @property
+    def unit(self) -> Any:
+        """u."""
+        return arb(2) ** (-24 if self.real == "float" else -53)
+
+    @property
+    def tiny(self) -> Any:
+        """The smallest normal number: what an underflow may cost, also where it is flushed to 0."""
+        return arb(2) ** (-126 if self.real == "float" else -1022)
+
+    @property
+    def largest(self) -> Any:
+        """Below the largest number."""
+        return arb(2) ** (127 if self.real == "float" else 1023)
+
+    def held(self, number: float) -> Computed:
+        """A number that a program is given, as one that stands in it."""
+        return self.constant(number)
+
+    def call(self, function: Any, columns: Any, body: Callable[[Any], Any]) -> Any:
+        """What a function of the program gives: calling it rounds nothing."""
+        return body(columns)
+
+    def constant(self, number: float) -> Computed:
+        """A number of a graph, and what holding it costs."""
+        value = arb(number)
+        if not math.isfinite(number) or (abs(number) <= _WHOLE and number.is_integer()):
+            return Computed(value)
+        folded = (FOLDED + _BESIDE) * abs(value) * arb(2) ** -53
+        return Computed(value + arb(0, folded.upper()), (abs(value) * self.unit + folded + self.tiny).upper())
+
+    def apply(self, op: int, values: list[Computed]) -> Computed:
+        """One operation. Raises: `Unsure`."""
+        if op in _EXACT:
+            return _EXACT[op](*values)
+        same = _unchanged(op, values)
+        if same:
+            return same
+        if op in _ROUNDED:
+            return self._rounded(*_ROUNDED[op](*values))
+        if op in _SMOOTH:
+            ulps, function, slope = _SMOOTH[op]
+            (x,) = values
+            return self._rounded(function(x.value), abs(slope(x.around)) * x.error, 2 * _ULPS * arb(ulps))
+        if op in (ca.OP_POW, ca.OP_CONSTPOW):
+            return self._power(*values)
+        raise Unsure("an operation whose rounding is not known")
+
+    def _power(self, x: Computed, y: Computed) -> Computed:
+        """x^y of x > 0, or of a whole y."""
+        value = x.value**y.value
+        by_base = abs(y.around * x.around ** (y.around - 1)) * x.error
+        slope = abs(abs(x.around).log() * y.around)
+        by_exponent = abs(x.around**y.around * abs(x.around).log()) * y.error if not y.error.is_zero() else _NOTHING
+        return self._rounded(value, by_base + by_exponent, 2 * _ULPS * (arb("1.5") + 2 * slope))
+
+    def _rounded(self, value: Any, inherited: Any, units: Any = _ONE) -> Computed:
+        """The result of one operation that errs by so many units. Raises: `Unsure` of one that may overflow."""
+        unit, inherited = self.unit * units, inherited.abs_upper()
+        error = (inherited + unit * (abs(value) + inherited) * (1 + 2 * unit) + self.tiny * units).abs_upper()
+        if not (value.is_finite() and error.is_finite() and abs(value) + error < self.largest):
+            raise Unsure("a division by what may be 0, a value that may overflow, or an argument without a value")
+        return Computed(value, error)
+
+
+# --- what is exact but for what it takes
+
+
+def _extreme(pick: Callable[[Any, Any], Any], a: Computed, b: Computed) -> Computed:
+    low, high = pick(a.value.lower(), b.value.lower()), pick(a.value.upper(), b.value.upper())
+    return Computed(low.union(high), _larger(a.error, b.error))
+
+
+def _larger(a: Any, b: Any) -> Any:
+    return a.max(b).upper()
+
+
+def _truth(known: bool | None, sure: bool) -> Computed:
+    if known is None:
+        return Computed(_NOTHING.union(_ONE), _NOTHING if sure else _ONE)
+    return exactly(int(known))
+
+
+def _below(equal: bool, a: Computed, b: Computed) -> Computed:
+    """a < b, or a <= b; where they may be equal in one of both, it is not known."""
+    gap, error = b.value - a.value, a.error + b.error
+    sure = bool(error.is_zero())
+    holds = gap > error or (equal and sure and gap >= 0)
+    return _truth(True if holds else False if gap < -error else None, sure)
+
+
+def _and(a: Computed, b: Computed) -> Computed:
+    if a.known is False or b.known is False:
+        return exactly(0)
+    return _extreme(arb.min, a, b)
+
+
+def _or(a: Computed, b: Computed) -> Computed:
+    if a.known is True or b.known is True:
+        return exactly(1)
+    return _extreme(arb.max, a, b)
+
+
+def _chosen(test: Computed, value: Computed) -> Computed:
+    """The value where the test holds, else 0."""
+    if test.known is False:
+        return exactly(0)
+    if test.known is True:
+        return Computed(value.value, value.error, test, value)
+    error = value.error if test.error.is_zero() else value.size
+    return Computed(value.value.union(_NOTHING), error, test, value)
+
+
+def _unchanged(op: int, values: list[Computed]) -> Computed | None:
+    """What an operation leaves as it is: a sum with 0, or of which one part is 0 by its test, a product with 1 or 0."""
+    if op not in (ca.OP_ADD, ca.OP_MUL):
+        return None
+    a, b = values
+    either = _either(a, b) if op == ca.OP_ADD else None
+    if either:
+        return either
+    neutral = 0 if op == ca.OP_ADD else 1
+    for one, other in ((a, b), (b, a)):
+        if one.error.is_zero() and one.value == neutral:
+            return other
+        if op == ca.OP_MUL and one.error.is_zero() and one.value == 0:
+            return one
+    return None
+
+
+def _either(a: Computed, b: Computed) -> Computed | None:
+    """One of two, to which nothing is added, where one is 0 wherever the other is not by its test; else None."""
+    yes, no = a.chosen, b.chosen
+    if not (a.test and b.test and yes and no) or (a.test.negates is not b.test and b.test.negates is not a.test):
+        return None
+    between = _NOTHING if a.test.error.is_zero() else abs(yes.value - no.value)
+    return Computed(yes.value.union(no.value), (_larger(yes.error, no.error) + between).upper())
+
+
+_EXACT: Mapping[int, Callable[..., Computed]] = {
+    ca.OP_NEG: lambda a: Computed(-a.value, a.error),
+    ca.OP_FABS: lambda a: Computed(a.value.abs_lower().union(a.value.abs_upper()), a.error),
+    ca.OP_FMIN: partial(_extreme, arb.min),
+    ca.OP_FMAX: partial(_extreme, arb.max),
+    ca.OP_TWICE: lambda a: Computed(2 * a.value, 2 * a.error),
+    ca.OP_LT: partial(_below, False),
+    ca.OP_LE: partial(_below, True),
+    ca.OP_NOT: lambda a: Computed(1 - a.value, a.error, negates=a),
+    ca.OP_AND: _and,
+    ca.OP_OR: _or,
+    ca.OP_IF_ELSE_ZERO: _chosen,
+}
+
+
+# --- what is rounded once: the exact result, and the error that it inherits
+
+
+def _product(a: Computed, b: Computed) -> tuple[Any, Any]:
+    return _times(a.value, b.value), abs(a.value) * b.error + abs(b.value) * a.error + a.error * b.error
+
+
+def _times(a: Any, b: Any) -> Any:
+    """The product of two balls, of which Arb's holds 0 where both are wide and none does: then that of their ends."""
+    product = a * b
+    if not product.contains(0) or a.contains(0) or b.contains(0):
+        return product
+    return reduce(arb.union, (x * y for x in (a.lower(), a.upper()) for y in (b.lower(), b.upper())))
+
+
+def _quotient(a: Computed, b: Computed) -> tuple[Any, Any]:
+    value = a.value / b.value
+    return value, (a.error + abs(value) * b.error) / abs(b.around)
+
+
+def _squared(x: Any) -> Any:
+    """x^2 of a ball. Arb's is below 0 in part of a ball that is wide, and has none of one whose middle is 0."""
+    low, high = x.abs_lower(), x.abs_upper()
+    return (low * low).union(high * high)
+
+
+_ROUNDED: Mapping[int, Callable[..., tuple[Any, Any]]] = {
+    ca.OP_ADD: lambda a, b: (a.value + b.value, a.error + b.error),
+    ca.OP_SUB: lambda a, b: (a.value - b.value, a.error + b.error),
+    ca.OP_MUL: _product,
+    ca.OP_SQ: lambda a: (_squared(a.value), (2 * abs(a.value) + a.error) * a.error),
+    ca.OP_DIV: _quotient,
+    ca.OP_INV: lambda a: _quotient(exactly(1), a),
+}
+
+
+# --- elementary functions: the ulps that are said of them, the function and its slope
+
+
+def _angle(function: Callable[[Any], Any]) -> Callable[[Any], Any]:
+    """One of angles up to 200, within which its ulps are measured in each precision."""
+    return lambda x: function(x) if abs(x) <= _ANGLE else arb("nan")
+
+
+_ANGLE = 200
+_TANH, _ASINH, _ACOSH, _ATANH = (partial(rising, each) for each in (arb.tanh, arb.asinh, arb.acosh, arb.atanh))
+_SMOOTH: Mapping[int, tuple[float, Callable[[Any], Any], Callable[[Any], Any]]] = {
+    ca.OP_SQRT: (2, lambda x: x.sqrt(), lambda x: x.rsqrt() / 2),
+    ca.OP_EXP: (2, lambda x: x.exp(), lambda x: x.exp()),
+    ca.OP_LOG: (2, lambda x: x.log(), lambda x: 1 / x),
+    ca.OP_SIN: (2, _angle(lambda x: x.sin()), lambda x: x.cos()),
+    ca.OP_COS: (2, _angle(lambda x: x.cos()), lambda x: x.sin()),
+    ca.OP_TAN: (4, _angle(lambda x: x.tan()), lambda x: 1 + _squared(x.tan())),
+    ca.OP_ASIN: (2, lambda x: x.asin(), lambda x: (1 - _squared(x)).rsqrt()),
+    ca.OP_ACOS: (2, lambda x: x.acos(), lambda x: (1 - _squared(x)).rsqrt()),
+    ca.OP_ATAN: (2, lambda x: x.atan(), lambda x: 1 / (1 + _squared(x))),
+    ca.OP_SINH: (2.5, lambda x: x.sinh(), lambda x: x.cosh()),
+    ca.OP_COSH: (2, lambda x: x.cosh(), lambda x: x.sinh()),
+    ca.OP_TANH: (3.5, _TANH, lambda x: 1 - _squared(_TANH(x))),
+    ca.OP_ASINH: (3.5, _ASINH, lambda x: (1 + _squared(x)).rsqrt()),
+    ca.OP_ACOSH: (3.5, _ACOSH, lambda x: (_squared(x) - 1).rsqrt()),
+    ca.OP_ATANH: (3.5, _ATANH, lambda x: 1 / (1 - _squared(x))),
+    ca.OP_EXPM1: (2.5, lambda x: x.expm1(), lambda x: x.exp()),
+    ca.OP_LOG1P: (2.5, lambda x: x.log1p(), lambda x: 1 / (1 + x)),
+}

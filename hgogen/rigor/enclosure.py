@@ -1,0 +1,593 @@
+"""Enclosures of a tape's values, and of their slopes, on many boxes at once.
+
+Forward differentiation in outward-rounded intervals. A slope encloses the derivative where there is one and Clarke's
+gradient at a kink (Abs, Min, Max), so that the mean value theorem holds wherever the value is continuous and the slope
+is finite. What may jump on a box (sign, floor, Heaviside, Piecewise) is not continuous there and has no finite slope.
+A condition is a number, 1 for true and 0 for false.
+
+Of elementary functions Arb (python-flint) encloses each value at the ends in a ball, between the points where they
+turn; the ball's ends become floats that are compared with it exactly. An infinite end takes the function's limit. Boxes
+of a bisection share ends, so the values are cached.
+"""
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from fractions import Fraction
+from functools import cached_property, lru_cache, partial, reduce
+from operator import and_
+
+import numpy as np
+from flint import arb, ctx, fmpq
+
+from hgogen.rigor import outward
+from hgogen.rigor.interpolation import Cells, Ends, Index, next_order
+from hgogen.rigor.outward import Array, Flags, Pair, add, hull, multiply, negate, number, power, reciprocal, scale
+from hgogen.rigor.tape import Instruction, Tape
+
+# --- elementary functions
+
+_PRECISION = 90  # bits, enough for the ends to be within an ulp
+_LARGEST = math.nextafter(math.inf, 0.0)
+_STEEP = 1e4  # beyond it e^x and e^-x are out of the range of doubles, and of the balls in the end
+_STEEPER = {  # the values below -_STEEP, and above it
+    "exp": ((0.0, 5e-324), (_LARGEST, math.inf)),
+    "sinh": ((-math.inf, -_LARGEST), (_LARGEST, math.inf)),
+    "cosh": ((_LARGEST, math.inf), (_LARGEST, math.inf)),
+}
+PI = (3.141592653589793, 3.1415926535897936)  # neighbouring floats
+E = (2.718281828459045, 2.7182818284590455)
+_HALF_PI = (PI[0] / 2, PI[1] / 2)
+
+
+@dataclass(frozen=True)
+class Monotone:
+    """A monotone function: its domain (`closed`: with its ends), its values at the domain's ends, lower and upper."""
+
+    domain: tuple[float, float]
+    closed: bool
+    at_low: tuple[float, float]
+    at_high: tuple[float, float]
+    falls: bool = False
+
+
+_INF = math.inf
+_MONOTONE = {
+    "exp": Monotone((-_INF, _INF), True, (0.0, 0.0), (_INF, _INF)),
+    "log": Monotone((0.0, _INF), False, (-_INF, -_INF), (_INF, _INF)),
+    "asin": Monotone((-1.0, 1.0), True, (-_HALF_PI[1], -_HALF_PI[0]), _HALF_PI),
+    "acos": Monotone((-1.0, 1.0), True, PI, (0.0, 0.0), falls=True),
+    "atan": Monotone((-_INF, _INF), True, (-_HALF_PI[1], -_HALF_PI[0]), _HALF_PI),
+    "sinh": Monotone((-_INF, _INF), True, (-_INF, -_INF), (_INF, _INF)),
+    "tanh": Monotone((-_INF, _INF), True, (-1.0, -1.0), (1.0, 1.0)),
+    "asinh": Monotone((-_INF, _INF), True, (-_INF, -_INF), (_INF, _INF)),
+    "acosh": Monotone((1.0, _INF), True, (0.0, 0.0), (_INF, _INF)),
+    "atanh": Monotone((-1.0, 1.0), False, (-_INF, -_INF), (_INF, _INF)),
+}
+_BALLS: dict[str, Callable[[arb], arb]] = {
+    name: getattr(arb, name) for name in (*_MONOTONE, "sin", "cos", "tan", "cosh")
+}
+FUNCTIONS = frozenset(_BALLS)
+
+
+def elementary(name: str, a: Pair) -> tuple[Pair, Flags]:
+    """The function's range on a, as far as a is in its domain, and whether all of a is."""
+    if name in _MONOTONE:
+        return _monotone(name, _MONOTONE[name], a)
+    everywhere: Flags = np.ones(a[0].shape, dtype=bool)
+    if name == "cosh":
+        size = outward.absolute(a)
+        return (np.maximum(_at(name, size[0])[0], 1.0), _at(name, size[1])[1]), everywhere
+    if name == "tan":
+        return _tangent(a)
+    return _wave(name, a), everywhere
+
+
+def real_power(a: Pair, exponent: tuple[int, int]) -> Pair:
+    """a^(p/q) for p/q > 0, of what of a is not negative."""
+    name = f"{exponent[0]}/{exponent[1]}"
+    low, high = np.maximum(a[0], 0.0), np.maximum(a[1], 0.0)
+    return np.maximum(_at(name, low)[0], 0.0), _at(name, high)[1]
+
+
+def arctangent(y: Pair, x: Pair) -> tuple[Pair, Flags, Flags]:
+    """atan2(y, x), whether it is defined, and whether it is continuous, as it is off the cut y = 0, x <= 0."""
+    at_origin = (y[0] <= 0) & (y[1] >= 0) & (x[0] <= 0) & (x[1] >= 0)
+    cut = (y[0] < 0) & (y[1] >= 0) & (x[0] <= 0)
+    corners = [_each(_arctangent_at, end, other) for end in y for other in x]
+    low = np.min([corner[0] for corner in corners], axis=0)
+    high = np.max([corner[1] for corner in corners], axis=0)
+    endless = ~np.isfinite(np.stack([*x, *y])).all(axis=0)
+    right, upper, lower = x[0] > 0, y[0] >= 0, y[1] < 0
+    coarse_low = np.where(upper, 0.0, np.where(right, -_HALF_PI[1], -PI[1]))
+    coarse_high = np.where(lower, 0.0, np.where(right, _HALF_PI[1], PI[1]))
+    wide = at_origin | cut | endless
+    return (np.where(wide, coarse_low, low), np.where(wide, coarse_high, high)), ~at_origin, ~(cut | at_origin)
+
+
+def _monotone(name: str, rule: Monotone, a: Pair) -> tuple[Pair, Flags]:
+    first, last = rule.domain
+    if rule.closed:
+        inside, outside = (a[0] >= first) & (a[1] <= last), (a[1] < first) | (a[0] > last)
+    else:  # an infinite end is no value
+        inside, outside = (a[0] > first) & ((a[1] < last) | (last == _INF)), (a[1] <= first) | (a[0] >= last)
+    low, high = np.clip(a[0], first, last), np.clip(a[1], first, last)
+    below, above = _at(name, np.array((high, low) if rule.falls else (low, high)))
+    return outward.where_known(~outside, (below[0], above[1])), inside
+
+
+def _turns(a: Pair, phase: float) -> Flags:
+    """Whether phase + 2 pi k may lie in a for a whole k, in floats, with more slack than their rounding errors."""
+    slack = 1e-14 * (1.0 + np.maximum(np.abs(a[0]), np.abs(a[1])))
+    first, last = (a[0] - slack - phase) / (2 * PI[0]), (a[1] + slack - phase) / (2 * PI[0])
+    inside = np.floor(last) >= np.ceil(first)
+    return np.asarray(inside | ~np.isfinite(first) | ~np.isfinite(last) | (slack > 1.0))
+
+
+def _wave(name: str, a: Pair) -> Pair:
+    top = 0.0 if name == "cos" else _HALF_PI[0]
+    bounded = np.where(np.isfinite(a[0]), a[0], 0.0), np.where(np.isfinite(a[1]), a[1], 0.0)
+    below, above = _at(name, np.array(bounded))
+    low = np.where(_turns(a, top - PI[0]), -1.0, np.minimum(*below))
+    high = np.where(_turns(a, top), 1.0, np.maximum(*above))
+    return np.maximum(low, -1.0), np.minimum(high, 1.0)
+
+
+def _tangent(a: Pair) -> tuple[Pair, Flags]:
+    clear = ~(_turns(a, _HALF_PI[0]) | _turns(a, -_HALF_PI[0]))
+    low, high = np.where(clear, a[0], 0.0), np.where(clear, a[1], 0.0)
+    return outward.where_known(clear, (_at("tan", low)[0], _at("tan", high)[1])), clear
+
+
+def _at(name: str, x: Array) -> Pair:
+    """Floats below and above the function's value at each x."""
+    return _each(partial(_value, name), x)
+
+
+def _each(function: Callable[..., tuple[float, float]], *x: Array) -> Pair:
+    pairs = [function(*each) for each in zip(*(part.ravel().tolist() for part in x), strict=True)]
+    low, high = np.array(pairs, dtype=float).reshape(*x[0].shape, 2).T
+    return low.T, high.T
+
+
+@lru_cache(maxsize=1 << 17)
+def _value(name: str, x: float) -> tuple[float, float]:
+    rule = _MONOTONE.get(name)
+    if rule is not None and x in rule.domain:
+        return rule.at_low if x == rule.domain[0] else rule.at_high
+    if x == 0.0 and "/" in name:
+        return 0.0, 0.0
+    if math.isinf(x):  # cosh and the powers
+        return _LARGEST, math.inf
+    if abs(x) > _STEEP and name in _STEEPER:
+        return _STEEPER[name][x > 0]
+    with ctx.workprec(_PRECISION):
+        if "/" in name:
+            p, q = name.split("/")
+            return _outward(arb(x) ** arb(fmpq(int(p), int(q))))
+        return _outward(_BALLS[name](arb(x)))
+
+
+@lru_cache(maxsize=1 << 16)
+def _arctangent_at(y: float, x: float) -> tuple[float, float]:
+    if not (math.isfinite(x) and math.isfinite(y)) or x == y == 0.0:
+        return -PI[1], PI[1]
+    with ctx.workprec(_PRECISION):
+        return _outward(arb.atan2(arb(y), arb(x)))
+
+
+def _outward(ball: arb) -> tuple[float, float]:
+    """Floats that enclose the ball, equal where it is one float; compared with it exactly."""
+    if not ball.is_finite():
+        return -math.inf, math.inf
+    below, above = ball.lower(), ball.upper()
+    low, high = min(float(below), _LARGEST), max(float(above), -_LARGEST)
+    while not arb(low) <= below:
+        low = math.nextafter(low, -math.inf)
+    while not arb(high) >= above:
+        high = math.nextafter(high, math.inf)
+    return low, high
+
+
+# --- derivatives
+
+DERIVATIVES: dict[str, Callable[[Pair, Pair], Pair]] = {  # of the argument a and the value f(a)
+    "exp": lambda a, f: f,
+    "log": lambda a, f: reciprocal((np.maximum(a[0], 0.0), a[1])),
+    "sin": lambda a, f: elementary("cos", a)[0],
+    "cos": lambda a, f: negate(elementary("sin", a)[0]),
+    "tan": lambda a, f: add(_ones(a), power(f, 2)),
+    "asin": lambda a, f: _inverse_root(a),
+    "acos": lambda a, f: negate(_inverse_root(a)),
+    "atan": lambda a, f: reciprocal(add(_ones(a), power(a, 2))),
+    "sinh": lambda a, f: elementary("cosh", a)[0],
+    "cosh": lambda a, f: elementary("sinh", a)[0],
+    "tanh": lambda a, f: reciprocal(power(elementary("cosh", a)[0], 2)),
+    "asinh": lambda a, f: reciprocal(outward.square_root(add(_ones(a), power(a, 2)))),
+    "acosh": lambda a, f: reciprocal(
+        outward.square_root(add(power((np.maximum(a[0], 1.0), a[1]), 2), negate(_ones(a))))
+    ),
+    "atanh": lambda a, f: reciprocal(_one_minus_square(a)),
+}
+
+
+def _one_minus_square(a: Pair) -> Pair:
+    low, high = add(_ones(a), negate(power(a, 2)))
+    return np.maximum(low, 0.0), high
+
+
+def _inverse_root(a: Pair) -> Pair:
+    return reciprocal(outward.square_root(_one_minus_square(a)))
+
+
+def _ones(like: Pair) -> Pair:
+    return np.ones(like[0].shape), np.ones(like[0].shape)
+
+
+# --- tapes
+
+
+@dataclass(frozen=True)
+class Enclosure:
+    """What is known on each of k boxes.
+
+    `value`: (low, high), k each, of the values where the expression and its parts are real; `defined`: finite and real
+    on the whole closed box; `continuous` there; `slope`: (low, high), a row for each symbol that it was asked for, k
+    each, None where it was asked for none; `fixed`: a constant, whose slope is 0.
+    """
+
+    value: Pair
+    defined: Flags
+    continuous: Flags
+    slope: Pair | None = None
+    fixed: bool = False
+
+
+def enclose(program: Tape, low: Array, high: Array, *, slopes: bool | Sequence[int] = False) -> list[Enclosure]:
+    """One enclosure for each output of the tape, on the boxes low <= x <= high (m x k), with `slopes` in all symbols,
+    or in those of some indices."""
+    by = (range(len(low)) if slopes else None) if isinstance(slopes, bool) else slopes
+    with np.errstate(all="ignore"):
+        walk = _Walk(low, high, by, [])
+        for instruction in program.instructions:
+            walk.values.append(walk.run(instruction))
+        return [walk.values[place] for place in program.outputs]
+
+
+@dataclass(frozen=True)
+class _Walk:
+    low: Array
+    high: Array
+    by: Sequence[int] | None
+    values: list[Enclosure]
+
+    @cached_property
+    def _yes(self) -> Flags:
+        return np.ones(self.low.shape[1:], dtype=bool)
+
+    @cached_property
+    def _level(self) -> Pair | None:
+        if self.by is None:
+            return None
+        zero = np.zeros((len(self.by), *self.low.shape[1:]))
+        return zero, zero
+
+    def run(self, instruction: Instruction) -> Enclosure:
+        op, value = instruction.op, instruction.value
+        args = [self.values[place] for place in instruction.args]
+        if op == "symbol":
+            return self._symbol(int(value or 0))
+        if op == "number":
+            return self._constant(number(value))
+        if op in _CONSTANTS:
+            return self._constant(_CONSTANTS[op])
+        if op == "constant":
+            return self._constant(_CONSTANTS[str(value)])
+        if op == "power":
+            return _power(args[0], int(value or 0))
+        if op == "root":
+            return _root(args[0], Fraction(value or 0))
+        if op == "table":
+            return _table(args, *value)
+        if op == "direction":
+            return _direction(args, int(value or 0), self.by is not None)
+        if op in FUNCTIONS:
+            return _elementary(op, args[0])
+        return _RULES[op](args)
+
+    def _symbol(self, index: int) -> Enclosure:
+        low, high = self.low[index], self.high[index]
+        if self.by is None or index not in self.by:
+            return Enclosure((low, high), self._yes, self._yes, self._level)
+        unit = np.zeros((len(self.by), *low.shape))
+        unit[self.by.index(index)] = 1.0
+        return Enclosure((low, high), self._yes, self._yes, (unit, unit))
+
+    def _constant(self, ends: tuple[float, float]) -> Enclosure:
+        shape = self.low.shape[1:]
+        value = np.full(shape, ends[0]), np.full(shape, ends[1])
+        return Enclosure(value, self._yes, self._yes, self._level, fixed=True)
+
+
+_CONSTANTS = {"pi": PI, "e": E, "true": (1.0, 1.0), "false": (0.0, 0.0)}
+
+
+def _both(args: list[Enclosure]) -> tuple[Flags, Flags]:
+    return reduce(and_, [a.defined for a in args]), reduce(and_, [a.continuous for a in args])
+
+
+def _chain(a: Enclosure, slope: Callable[[], Pair]) -> Pair | None:
+    """The slope of f(a) by the chain rule, from an enclosure of f'."""
+    return a.slope if a.fixed or a.slope is None else scale(slope(), a.slope)
+
+
+def _total(first: Pair | None, second: Pair | None) -> Pair | None:
+    return None if first is None or second is None else add(first, second)
+
+
+def _joint(a: Enclosure, b: Enclosure, first: Pair | None, second: Pair | None) -> Pair | None:
+    """The sum of what the slopes of a and of b contribute."""
+    return second if a.fixed else first if b.fixed else _total(first, second)
+
+
+def _nowhere(slope: Pair | None, wild: Flags) -> Pair | None:
+    """The whole line for the slope where `wild`."""
+    return None if slope is None else outward.where_known(~wild, slope)
+
+
+def _jumpy(slope: Pair | None, wild: Flags, reads: list[Enclosure]) -> Pair | None:
+    """The whole line where `wild`, but only for the variables that `reads` vary with: in the others nothing jumps."""
+    if slope is None:
+        return None
+    varies = np.logical_or.reduce([(a.slope[0] != 0) | (a.slope[1] != 0) for a in reads if a.slope is not None])
+    return _nowhere(slope, wild & varies)
+
+
+def _flat(slope: Pair | None) -> Pair | None:
+    return None if slope is None else (np.zeros(slope[0].shape), np.zeros(slope[0].shape))
+
+
+def _add(args: list[Enclosure]) -> Enclosure:
+    a, b = args
+    return Enclosure(add(a.value, b.value), *_both(args), _joint(a, b, a.slope, b.slope))
+
+
+def _multiply(args: list[Enclosure]) -> Enclosure:
+    a, b = args
+    if a is b:
+        return _power(a, 2)
+    slope = _joint(a, b, _chain(a, lambda: b.value), _chain(b, lambda: a.value))
+    return Enclosure(multiply(a.value, b.value), *_both(args), slope)
+
+
+def _power(a: Enclosure, n: int) -> Enclosure:
+    """a^n, n whole."""
+    value = power(a.value, n)
+    clear = (a.value[0] > 0) | (a.value[1] < 0) | (n >= 0)
+    factor = number(Fraction(n))
+    slope = _chain(a, lambda: multiply(_pair(factor, a.value), power(a.value, n - 1)))
+    return Enclosure(value, a.defined & clear, a.continuous & clear, _nowhere(slope, ~clear))
+
+
+def _pair(ends: tuple[float, float], like: Pair) -> Pair:
+    return np.full(like[0].shape, ends[0]), np.full(like[0].shape, ends[1])
+
+
+def _root(a: Enclosure, r: Fraction) -> Enclosure:
+    """a^r, r rational and not whole: real for a >= 0, for r < 0 for a > 0."""
+    clear = (a.value[0] > 0) | ((a.value[0] >= 0) & (r > 0))
+    factor = number(r)
+    slope = _chain(a, lambda: multiply(_pair(factor, a.value), _fractional(a.value, r - 1)))
+    value = _fractional(a.value, r)
+    return Enclosure(value, a.defined & clear, a.continuous & clear, _nowhere(slope, ~clear))
+
+
+def _fractional(a: Pair, r: Fraction) -> Pair:
+    if r < 0:
+        return reciprocal(_fractional(a, -r))
+    if r == Fraction(1, 2):
+        return outward.square_root(a)
+    return real_power(a, (r.numerator, r.denominator))
+
+
+def _raise(args: list[Enclosure]) -> Enclosure:
+    """a^b = exp(b log a), real for a > 0, and 0 at a = 0 for b > 0."""
+    a, b = args
+    logarithm, _ = elementary("log", (np.maximum(a.value[0], 0.0), a.value[1]))
+    value, _ = elementary("exp", multiply(b.value, logarithm))
+    clear = (a.value[0] > 0) | ((a.value[0] >= 0) & (b.value[0] > 0))
+    defined, continuous = _both(args)
+    positive = np.maximum(a.value[0], 0.0), a.value[1]
+    rate = _chain(a, lambda: multiply(multiply(b.value, value), reciprocal(positive)))
+    slope = _total(rate, _chain(b, lambda: multiply(value, logarithm)))
+    return Enclosure(value, defined & clear, continuous & clear, _nowhere(slope, ~clear))
+
+
+def _elementary(name: str, a: Enclosure) -> Enclosure:
+    value, inside = elementary(name, a.value)
+    slope = _nowhere(_chain(a, lambda: DERIVATIVES[name](a.value, value)), ~inside)
+    return Enclosure(value, a.defined & inside, a.continuous & inside, slope)
+
+
+def _angle(args: list[Enclosure]) -> Enclosure:
+    y, x = args
+    value, there, smooth = arctangent(y.value, x.value)
+    defined, continuous = _both(args)
+    norm = add(power(x.value, 2), power(y.value, 2))
+    by_y = _chain(y, lambda: multiply(x.value, reciprocal(norm)))
+    by_x = _chain(x, lambda: negate(multiply(y.value, reciprocal(norm))))
+    return Enclosure(value, defined & there, continuous & smooth, _nowhere(_total(by_y, by_x), ~smooth))
+
+
+def _abs(args: list[Enclosure]) -> Enclosure:
+    (a,) = args
+    positive = a.value[0] >= 0
+    signs = np.where(positive, 1.0, -1.0), np.where(~positive & (a.value[1] <= 0), -1.0, 1.0)
+    return replace(a, value=outward.absolute(a.value), slope=_chain(a, lambda: signs))
+
+
+def _norm(args: list[Enclosure]) -> Enclosure:
+    parts = [a.value for a in args]
+    slopes = [_chain(a, lambda i=i: outward.direction(parts, i, True)) for i, a in enumerate(args)]  # type: ignore[misc]
+    return Enclosure(outward.norm(parts), *_both(args), reduce(_total, slopes))
+
+
+def _direction(args: list[Enclosure], index: int, wide: bool) -> Enclosure:
+    """e_i/|e|, and at 0 what it is next to it, in the whole of which it counts as continuous: what is proved of slopes
+    is proved of sets."""
+    value = outward.direction([a.value for a in args], index, wide)
+    return Enclosure(value, *_both(args), _jumpy(_flat(args[0].slope), value[0] != value[1], args))
+
+
+def _least(args: list[Enclosure]) -> Enclosure:
+    a, b = args
+    return _extreme(np.minimum, args, a.value[1] <= b.value[0], b.value[1] <= a.value[0])
+
+
+def _most(args: list[Enclosure]) -> Enclosure:
+    a, b = args
+    return _extreme(np.maximum, args, a.value[0] >= b.value[1], b.value[0] >= a.value[1])
+
+
+def _extreme(pick: np.ufunc, args: list[Enclosure], first: Flags, second: Flags) -> Enclosure:
+    a, b = args
+    value, slope = (pick(a.value[0], b.value[0]), pick(a.value[1], b.value[1])), None
+    if a.slope is not None and b.slope is not None:
+        sides = zip(a.slope, b.slope, hull(a.slope, b.slope), strict=True)
+        low, high = (np.where(first, x, np.where(second, y, either)) for x, y, either in sides)
+        slope = low, high
+    return Enclosure(value, *_both(args), slope)
+
+
+def _steps(a: Enclosure, value: Pair) -> Enclosure:
+    """A piecewise constant function with that range: constant on a box, or it may jump there."""
+    still = value[0] == value[1]
+    return Enclosure(value, a.defined, a.continuous & still, _jumpy(_flat(a.slope), ~still, [a]))
+
+
+def _heaviside(args: list[Enclosure]) -> Enclosure:
+    """The unit step: 0 below 0, 1 above, and the second argument at 0."""
+    a, at_zero = args
+    low, high = a.value
+    below, above, there = low < 0, high > 0, (low <= 0) & (high >= 0)
+    value = np.where(below, 0.0, np.where(above, 1.0, np.inf)), np.where(above, 1.0, np.where(below, 0.0, -np.inf))
+    steps = _steps(a, _joined(value, at_zero.value, there))
+    defined, continuous = steps.defined & (at_zero.defined | ~there), steps.continuous & (at_zero.continuous | ~there)
+    slope = steps.slope
+    if slope is not None and at_zero.slope is not None:
+        slope = _joined(slope, at_zero.slope, there)
+    return replace(steps, defined=defined, continuous=continuous, slope=slope)
+
+
+def _compare(verdicts: Callable[[Pair, Pair], tuple[Flags, Flags]]) -> Callable[[list[Enclosure]], Enclosure]:
+    """A relation from when it must and when it may hold."""
+
+    def rule(args: list[Enclosure]) -> Enclosure:
+        must, may = verdicts(args[0].value, args[1].value)
+        defined = args[0].defined & args[1].defined
+        reads = _jumpy(_flat(args[0].slope), np.ones(must.shape, dtype=bool), args)  # what a condition varies with
+        return Enclosure((must.astype(float), may.astype(float)), defined, must == may, reads)
+
+    return rule
+
+
+def _equal(a: Pair, b: Pair) -> tuple[Flags, Flags]:
+    same = (a[0] == a[1]) & (b[0] == b[1]) & (a[0] == b[0])
+    return same, (a[0] <= b[1]) & (b[0] <= a[1])
+
+
+def _not_equal(a: Pair, b: Pair) -> tuple[Flags, Flags]:
+    must, may = _equal(a, b)
+    return ~may, ~must
+
+
+def _piecewise(args: list[Enclosure]) -> Enclosure:
+    """The hull of the branches that a point of the box may take; continuous where there is one only."""
+    values, conditions = args[::2], args[1::2]
+    shape = values[0].value[0].shape
+    left, count = np.ones(shape, dtype=bool), np.zeros(shape, dtype=int)
+    defined, continuous = np.ones(shape, dtype=bool), np.ones(shape, dtype=bool)
+    value: Pair = (np.full(shape, np.inf), np.full(shape, -np.inf))
+    slope = None if values[0].slope is None else tuple(np.full(values[0].slope[0].shape, s) for s in (np.inf, -np.inf))
+    for branch, condition in zip(values, conditions, strict=True):
+        here = left & (condition.value[1] > 0)
+        value = _joined(value, branch.value, here)
+        if slope is not None and branch.slope is not None:
+            slope = _joined((slope[0], slope[1]), branch.slope, here)
+        defined &= (branch.defined | ~here) & (condition.defined | ~left)
+        continuous &= branch.continuous | ~here
+        count += here
+        left &= condition.value[0] <= 0
+    lost = count == 0
+    value = outward.where_known(~lost, value)
+    continuous &= (count == 1) & ~left
+    if slope is None:
+        return Enclosure(value, defined & ~left, continuous)
+    final = _nowhere(_jumpy((slope[0], slope[1]), (count != 1), conditions), lost)
+    return Enclosure(value, defined & ~left, continuous, final)
+
+
+def _joined(a: Pair, b: Pair, where: Flags) -> Pair:
+    low, high = hull(a, b)
+    return np.where(where, low, a[0]), np.where(where, high, a[1])
+
+
+def _table(args: list[Enclosure], cells: Cells, order: Index) -> Enclosure:
+    """A derivative of a table; where it jumps it is the set of what lies between its limits, and along an axis across
+    whose breakpoints it jumps it has no slope."""
+    place = [a.value for a in args]
+    value, bounded, continuous = _cell_ranges(cells, order, place)
+    slopes = [
+        _jumpy(_chain(a, lambda k=k: _cell_ranges(cells, next_order(order, k), place)[0]), ~continuous[k], [a])  # type: ignore[misc]
+        for k, a in enumerate(args)
+    ]
+    defined, smooth = _both(args)
+    return Enclosure(value, defined & bounded, smooth & continuous.all(axis=0), reduce(_total, slopes))
+
+
+def _cell_ranges(cells: Cells, order: Index, place: Sequence[Pair]) -> tuple[Pair, Flags, Flags]:
+    """The range of a derivative of a table where its arguments are in these intervals, with all its limits where it
+    jumps; whether it is bounded there, and along which axes, a row for each, it is continuous. Of a box that ends on a
+    breakpoint the cell within counts, of an argument that is one number, a breakpoint, both cells; of a table that a
+    program takes (`taken`) the cell above, of such a box as well."""
+    sides = [zip(low.tolist(), high.tolist(), strict=True) for low, high in place]
+    rows = [_on(cells, order, box) for box in zip(*sides, strict=True)]
+    low, high, bounded, continuous = zip(*rows, strict=True)
+    return (np.array(low), np.array(high)), np.array(bounded), np.array(continuous).T
+
+
+@lru_cache(maxsize=1 << 16)  # boxes of a bisection share ends, and a slope asks for the cells again
+def _on(cells: Cells, order: Index, box: tuple[Ends, ...]) -> tuple[float, float, bool, tuple[bool, ...]]:
+    range, continuous = cells.limits(box, order)
+    if range is None:
+        return -np.inf, np.inf, False, (False,) * len(order)
+    least, most = (end if isinstance(end, float) else number(end)[way] for way, end in enumerate(range))
+    return least, most, True, continuous
+
+
+def _whole(function: Callable[[Array], Array]) -> Callable[[list[Enclosure]], Enclosure]:
+    return lambda args: _steps(args[0], (function(args[0].value[0]), function(args[0].value[1])))
+
+
+_RULES: dict[str, Callable[[list[Enclosure]], Enclosure]] = {
+    "add": _add,
+    "mul": _multiply,
+    "raise": _raise,
+    "min": _least,
+    "max": _most,
+    "and": _least,
+    "or": _most,
+    "not": lambda args: replace(args[0], value=(1.0 - args[0].value[1], 1.0 - args[0].value[0])),
+    "abs": _abs,
+    "norm": _norm,
+    "sign": _whole(np.sign),
+    "floor": _whole(np.floor),
+    "ceiling": _whole(np.ceil),
+    "heaviside": _heaviside,
+    "atan2": _angle,
+    "piecewise": _piecewise,
+    "less": _compare(lambda a, b: (a[1] < b[0], a[0] < b[1])),
+    "less_equal": _compare(lambda a, b: (a[1] <= b[0], a[0] <= b[1])),
+    "equal": _compare(_equal),
+    "unequal": _compare(_not_equal),
+}

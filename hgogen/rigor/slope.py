@@ -1,0 +1,460 @@
+"""How steep a vector field is on a box: L_b = sup |db/dx| of the spectral norm, or why there is none.
+
+A box is convex, so a continuous b whose Jacobian is bounded is Lipschitz (mean value theorem); kinks (Abs, Min, Max)
+do no harm, jumps in the state do. Not Lipschitz is shown by a point of the box towards which an entry of the Jacobian
+tends to infinity.
+
+The norm is bounded by branch and bound with interval matrices. A matrix on a box is enclosed entry by entry: by the
+slopes of the vector field's tape, and where the field has no kinks by the Jacobian as expressions, in natural and mean
+value form. With M its midpoint and D its radii, |J| <= |M| + |D|_F, also |J|^2 <= |J|_1 |J|_inf, and for a power m of
+two |M|^2 = |M'M| <= |(M'M)^m|_F^(1/m), too large by the factor n^(1/(2m)) at most. A lower bound is |J v| / |v| at
+points, with any v.
+"""
+
+import math
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from fractions import Fraction
+from functools import lru_cache, reduce
+from itertools import islice
+
+import numpy as np
+import sympy as sp
+
+from hgogen.check import Verdict
+from hgogen.rigor import outward
+from hgogen.rigor.bisection import Columns, Cover, Indices, Leaves, Tree, best_cuts, bisected, corners, middle
+from hgogen.rigor.bounds import special_point
+from hgogen.rigor.box import Box, End, Point, Sides, sides
+from hgogen.rigor.enclosure import enclose
+from hgogen.rigor.glance import taken
+from hgogen.rigor.interpolation import Kinked, Stepped, Table
+from hgogen.rigor.kinks import Norm, bent
+from hgogen.rigor.outward import Array, Flags, Pair, add, meet, negate, scale, up, where_known
+from hgogen.rigor.points import STRANGE, exact, kind, put
+from hgogen.rigor.search import everywhere, search
+from hgogen.rigor.tape import Tape, tape
+from hgogen.sentence import NONE, Reason, because, equations
+
+# --- the spectral norm on a box
+
+_BATCH = 128
+_FINE = 2.0**-40  # of the root's width: no box is cut further
+_SQUARINGS = 7
+_SHARP = 8  # rows or columns beyond which the power would cost too much
+_LOST = 1e-290  # far above what underflow can change in a matrix of entries below 1
+
+
+@dataclass(frozen=True)
+class Field:
+    """A vector field as a tape, the indices of its states among the tape's symbols, and those entries of its Jacobian
+    that vary, at `places` (row, column), as a second tape; no entries where the field has kinks or jumps."""
+
+    program: Tape
+    states: tuple[int, ...]
+    jacobian: Tape
+    places: tuple[tuple[int, int], ...]
+
+
+@dataclass(frozen=True)
+class Known(Leaves):
+    """Upper bounds of |J| on boxes, and where it is smooth."""
+
+    norm: Array
+    smooth: Flags
+
+
+@dataclass(frozen=True)
+class Steep:
+    """Bounds of a slope: high >= |J| on the whole box, and low <= |J| at a point. `smooth` tells whether the field is
+    proved defined; from the `cover` the bisection goes on."""
+
+    low: float
+    high: float
+    smooth: bool
+    boxes: int
+    finished: bool
+    tree: Tree
+    cover: Cover[Known, float]
+
+    @property
+    def bounded(self) -> bool:
+        """Whether the field is proved defined, without jumps, with a bounded Jacobian."""
+        return self.smooth and math.isfinite(self.high)
+
+
+def steepest(field: Field, root: Pair, relative: float, limit: int, begun: Cover[Known, float] | None = None) -> Steep:
+    """Bisect the box until high is within `relative` of low, or `limit` boxes were tried; what was `begun` with a lower
+    limit goes on."""
+
+    def look(low: Array, high: Array, node: Indices, best: float) -> tuple[Known, float]:
+        return _ends(field, root, (low, high), node, best, middle(low, high))
+
+    def doubtful(cover: Cover[Known, float]) -> Indices:
+        leaves = cover.leaves
+        todo = ((leaves.norm > (1.0 + relative) * cover.inner) | ~leaves.smooth) & (leaves.cut >= 0)
+        rows = np.nonzero(todo)[0]
+        return rows[np.argsort(-leaves.norm[rows], kind="stable")][:_BATCH]
+
+    with np.errstate(all="ignore"):
+        if begun is None:
+            whole, points = (root[0][:, None], root[1][:, None]), corners(*root)[:, : limit + 1]
+            first = _ends(field, root, whole, np.zeros(1, dtype=np.int64), -math.inf, points)
+            begun = Cover(*first, [])
+        last, cover = bisected(begun, doubtful, look, limit)
+        most, smooth, best = float(last.leaves.norm.max()), bool(last.leaves.smooth.all()), last.inner
+        return Steep(best, most, smooth, last.boxes, most <= (1.0 + relative) * best, last.tree, cover)
+
+
+@dataclass(frozen=True)
+class _Slopes(Columns):
+    """Enclosures of J (2 x rows x states x k) by the slopes of the tape, where they are `smooth` and can be used, and
+    where the field is `continuous`."""
+
+    matrix: Array
+    smooth: Flags
+    continuous: Flags
+
+
+def _ends(field: Field, root: Pair, box: Pair, node: Indices, best: float, points: Array) -> tuple[Known, float]:
+    """What is known on boxes (m x k ends), and the best lower bound, also at points (m x l): of one walk of the tape,
+    which costs little more for twice the columns."""
+    low, high = box
+    both = _slopes(field, np.hstack((low, points)), np.hstack((high, points)))
+    k = low.shape[1]
+    slopes, weight = _sharpened(field, low, high, both.only(slice(k)))
+    norm = np.where(slopes.smooth, _norm(slopes.matrix), np.inf)
+    known = Known(low, high, node, _cuts(root, low, high, weight), norm, slopes.smooth)
+    return known, max(best, _attained(both.only(slice(k, None))))
+
+
+def _slopes(field: Field, low: Array, high: Array) -> _Slopes:
+    rows = enclose(field.program, low, high, slopes=field.states)
+    smooth = np.logical_and.reduce([row.defined for row in rows])  # what jumps in a state has an infinite slope
+    continuous = np.logical_and.reduce([row.continuous for row in rows])
+    matrix = np.stack([row.slope for row in rows if row.slope is not None], axis=1)
+    return _Slopes(matrix, smooth, continuous)
+
+
+def _sharpened(field: Field, low: Array, high: Array, slopes: _Slopes) -> tuple[_Slopes, Array | None]:
+    """The slopes on boxes, sharper where the Jacobian is there as expressions, and how much each variable matters
+    (m x k)."""
+    matrix, smooth, continuous = slopes.matrix, slopes.smooth, slopes.continuous
+    if not field.places:
+        return slopes, None
+    entries = enclose(field.jacobian, low, high, slopes=True)
+    centre = middle(low, high)
+    away = add((low, high), negate((centre, centre)))
+    there = enclose(field.jacobian, centre, centre)
+    weight = np.zeros(low.shape)
+    usable_everywhere = smooth & continuous
+    for place, entry, middle_value in zip(field.places, entries, there, strict=True):
+        value, slope = entry.value, entry.slope
+        assert slope is not None
+        terms = scale(slope, away)
+        weight = weight + np.maximum(np.abs(terms[0]), np.abs(terms[1]))
+        form = middle_value.value
+        for i in np.nonzero(((slope[0] != 0) | (slope[1] != 0)).any(axis=1))[0]:
+            form = add(form, (terms[0][i], terms[1][i]))
+        usable = entry.defined & entry.continuous & middle_value.defined & ~np.isnan(form[0]) & ~np.isnan(form[1])
+        form = where_known(usable, form)
+        first, last = matrix[0][place], matrix[1][place]
+        joint = meet((first, last), where_known(entry.defined, meet(value, form)))
+        sound = (joint[0] <= joint[1]) & usable_everywhere
+        matrix[0][place], matrix[1][place] = np.where(sound, joint[0], first), np.where(sound, joint[1], last)
+    return slopes, weight
+
+
+def _norm(matrix: Array) -> Array:
+    """Upper bounds of the spectral norms of interval matrices (2 x rows x columns x k)."""
+    (low, high), exponent = _scaled(matrix)
+    size = np.maximum(np.abs(low), np.abs(high))
+    plain = _frobenius(size)
+    norm = plain if 1 in low.shape[:2] else np.fmin(plain, _sharper(low, high, size, plain))
+    norm = np.where(np.isnan(norm), np.inf, up(norm + _LOST))
+    zero = ((low == 0) & (high == 0)).all(axis=(0, 1))
+    return np.asarray(np.where(zero & (exponent == 0), 0.0, up(np.ldexp(norm, exponent))))
+
+
+def _sharper(low: Array, high: Array, size: Array, plain: Array) -> Array:
+    """Upper bounds of the norms that may lie below those of Frobenius, `plain`; of a single row or column these are the
+    norms themselves."""
+    centre = np.where(np.isfinite(low) & np.isfinite(high), low / 2.0 + high / 2.0, 0.0)
+    radius = np.maximum(up(high - centre), up(centre - low))
+    sharp = plain if max(low.shape[:2]) > _SHARP else up(_point_norm(centre) + _frobenius(radius))
+    sums = _largest_sum(size), _largest_sum(np.swapaxes(size, 0, 1))
+    mixed = up(np.sqrt(up(sums[0] * sums[1])))
+    return np.fmin(mixed, sharp)
+
+
+def _scaled(matrix: Array) -> tuple[Array, Indices]:
+    """The matrices (.. x k) divided by powers of two that bring their largest entries below 1, and the exponents; what
+    underflows changes a norm by less than `_LOST`."""
+    largest = np.abs(matrix).max(axis=tuple(range(matrix.ndim - 1)))
+    usable = (largest > 0) & np.isfinite(largest)
+    exponent = np.where(usable, np.frexp(np.where(usable, largest, 1.0))[1], 0).astype(np.int64)
+    return np.ldexp(matrix, -exponent), exponent
+
+
+def _largest_sum(size: Array) -> Array:
+    """Upper bounds of the largest sum of a row, of nonnegative matrices (rows x columns x k)."""
+    total = np.zeros((size.shape[0], size.shape[2]))
+    for column in np.moveaxis(size, 1, 0):
+        total = up(total + column)
+    return np.asarray(total.max(axis=0))
+
+
+def _frobenius(size: Array) -> Array:
+    """Upper bounds of the root of the sum of squares, of nonnegative matrices (rows x columns x k)."""
+    return outward.root_up(reduce(outward.add_up, outward.power_up(size, 2).reshape(-1, *size.shape[2:])))
+
+
+def _point_norm(matrix: Array) -> Array:
+    """Upper bounds of |M|_2, M of floats (rows x columns x k), by the Frobenius norm of a power of M'M."""
+    matrix, exponent = _scaled(matrix)
+    largest = np.abs(matrix).max(axis=(0, 1))
+    transposed = np.swapaxes(matrix, 0, 1)
+    gram = _product((transposed, transposed), (matrix, matrix))
+    logarithm = np.zeros(largest.shape)  # of what was taken out, base 2, exact
+    times = 1
+    for _ in range(_SQUARINGS):
+        gram, times = _product(gram, gram), 2 * times
+        size = np.abs(gram[1]).max(axis=(0, 1))
+        out = np.where(size > 0, np.frexp(np.where(size > 0, size, 1.0))[1], 0)
+        gram = np.ldexp(gram[0], -out), np.ldexp(gram[1], -out)
+        logarithm = 2.0 * logarithm + out
+    size = np.maximum(np.abs(gram[0]), np.abs(gram[1]))
+    root = _frobenius(size)
+    # |M|^(2 times) <= root 2^logarithm; the roots are square roots, rounded up
+    parts = 2 * times
+    whole = np.floor_divide(logarithm, parts)
+    norm = np.ldexp(root, (logarithm - parts * whole).astype(int))
+    for _ in range(_SQUARINGS + 1):
+        norm = outward.root_up(norm)
+    norm = up(np.ldexp(norm, whole.astype(int)) + _LOST)
+    return np.asarray(np.where(largest > 0, up(np.ldexp(norm, exponent)), 0.0))
+
+
+def _product(a: Pair | Array, b: Pair) -> Pair:
+    low, high = scale((a[0][:, :, None], a[1][:, :, None]), (b[0][None], b[1][None]))  # n x m x l x k
+    terms = range(low.shape[1])
+    return reduce(outward.add_down, (low[:, j] for j in terms)), reduce(outward.add_up, (high[:, j] for j in terms))
+
+
+def _attained(slopes: _Slopes) -> float:
+    """The best lower bound of |J| at points."""
+    matrix, smooth = slopes.matrix, slopes.smooth
+    usable = smooth & np.isfinite(matrix[0]).all(axis=(0, 1)) & np.isfinite(matrix[1]).all(axis=(0, 1))
+    if not usable.any():
+        return 0.0
+    matrix, exponent = _scaled(matrix[..., usable])
+    floats = np.moveaxis(matrix[0] / 2.0 + matrix[1] / 2.0, -1, 0)
+    vectors = np.linalg.svd(floats)[2][:, 0, :].T[:, None, :]  # columns x 1 x k
+    image = _product(matrix, (vectors, vectors))
+    below = reduce(outward.add_down, outward.power_down(outward.absolute(image)[0][:, 0], 2))
+    values = outward.down(outward.root_down(below) / _frobenius(np.abs(vectors)))
+    values = np.maximum(outward.down(np.ldexp(np.maximum(outward.down(values - _LOST), 0.0), exponent)), 0.0)
+    return float(values.max())
+
+
+def _cuts(root: Pair, low: Array, high: Array, weight: Array | None) -> Indices:
+    width = high - low
+    whole = (root[1] - root[0])[:, None]
+    share = np.where(np.isinf(whole), np.where(np.isinf(width), 1.0, 0.5), width / whole)
+    score = share
+    if weight is not None:
+        score = np.where(np.isfinite(weight).all(axis=0), weight + 1e-3 * weight.max(axis=0) * share, share)
+    centre = middle(low, high)
+    possible = (centre > low) & (centre < high) & (share > _FINE) & (np.abs(centre) < 2.0**40)
+    return best_cuts(score, possible)
+
+
+# --- Lipschitz constants
+
+# What jumps hides from the symbolic derivative, and what bends is better read by slopes.
+JUMPS = (sp.Piecewise, sp.sign, sp.floor, sp.ceiling, sp.frac, sp.Mod, sp.Heaviside, sp.atan2, Stepped)
+KINKS = (sp.Abs, sp.Min, sp.Max, Norm, Kinked)
+_TURNING = (sp.Heaviside, sp.Abs, sp.Min, sp.Max, Norm)
+
+Ends = tuple[tuple[sp.Symbol, tuple[End, End]], ...]
+
+LIMIT = 4000
+_FIRST = 500  # boxes before a singular point is looked for
+_WORK = 400_000  # boxes times rows times symbols squared, so that large systems take seconds, too
+_RELATIVE = 0.02
+_OPERATIONS = 150  # of a slope whose limit is asked for
+_DISTANCES = (10, 30, 60)  # binary digits of the distances at which the growth is seen
+
+
+@dataclass(frozen=True)
+class Lipschitz:
+    """Whether b is Lipschitz in some symbols on a box.
+
+    PROVED: |db/dx| <= `high` on the box, and >= `low` at a point of it, at a table's breakpoint as programs take it.
+    REFUTED: `witness` is a point towards which `slope`, an entry of the Jacobian, tends to infinity. UNKNOWN: `reason`
+    says how many boxes were tried. `variables`, `tree`: the bisection, as in `bounds.Range`.
+    """
+
+    verdict: Verdict
+    low: float
+    high: float
+    reason: Reason
+    boxes: int
+    variables: tuple[sp.Symbol, ...]
+    witness: Mapping[sp.Symbol, Fraction] = field(default_factory=dict, hash=False)
+    tree: Tree = field(default="leaf", repr=False)
+
+
+def lipschitz_bound(
+    b: Iterable[sp.Expr], states: Sequence[sp.Symbol], box: Box, *, boxes: int = LIMIT, relative: float = _RELATIVE
+) -> Lipschitz:
+    """The supremum over the box of the spectral norm of db/dx, rounded outward; it is at most `relative` too large, or
+    `reason` says why not.
+
+    Raises: `EmptyBox`; `NoTape` for a function without a rule.
+    """
+    return _lipschitz_bound(tuple(map(sp.sympify, b)), tuple(states), tuple(box.items()), boxes, relative)
+
+
+@lru_cache(maxsize=256)  # several forms, and their observers, ask for the slopes of the same rows
+def _lipschitz_bound(
+    b: tuple[sp.Expr, ...], states: tuple[sp.Symbol, ...], ends: Ends, boxes: int, relative: float
+) -> Lipschitz:
+    whole, around = sides(sp.Tuple(*map(exact, b)), dict(ends))
+    rows = [taken(row, around) for row in whole if not (row.is_number and row.is_real)]
+    read = [x for x in states if x in around.symbols]
+    if not rows:
+        return Lipschitz(Verdict.PROVED, 0.0, 0.0, because("it is constant"), 0, around.symbols)
+    if any(row.has(*STRANGE) for row in rows):
+        reason = because("it is not a finite real number")
+        return Lipschitz(Verdict.UNKNOWN, 0.0, math.inf, reason, 0, around.symbols)
+    if not read:
+        return _constant(rows, around, boxes)
+    vector = _field([bent(row) for row in rows], read, around)
+    boxes = min(boxes, _WORK // (len(rows) * len(around.symbols) ** 2) + 1)
+    first = min(boxes, _FIRST)
+    outcome = steepest(vector, around.outer, relative, first)
+    steep = None if outcome.bounded else _endless(rows, read, around)
+    if not (outcome.finished or steep) and first < boxes:
+        outcome = steepest(vector, around.outer, relative, boxes, outcome.cover)
+    if outcome.bounded:
+        loose = because("{boxes} boxes bring it no closer to the slopes that are attained", boxes=outcome.boxes)
+        return _answer(Verdict.PROVED, outcome, NONE if outcome.finished else loose, around)
+    if steep:
+        slope, point = steep
+        reason = because("the slope {slope} has no bound towards {point}", slope=slope, point=equations(point))
+        return Lipschitz(Verdict.REFUTED, outcome.low, math.inf, reason, outcome.boxes, around.symbols, point)
+    return _answer(Verdict.UNKNOWN, outcome, because("{boxes} boxes give no bound", boxes=outcome.boxes), around)
+
+
+def _answer(verdict: Verdict, outcome: Steep, reason: Reason, around: Sides) -> Lipschitz:
+    return Lipschitz(verdict, outcome.low, outcome.high, reason, outcome.boxes, around.symbols, tree=outcome.tree)
+
+
+def _constant(rows: list[sp.Expr], around: Sides, boxes: int) -> Lipschitz:
+    outcomes = [search(tape([row], around.symbols), around.outer, around.inner, everywhere, boxes) for row in rows]
+    tried = sum(one.boxes for one in outcomes)
+    if all(one.defined for one in outcomes):
+        reason = because("it does not depend on the state")
+        return Lipschitz(Verdict.PROVED, 0.0, 0.0, reason, tried, around.symbols)
+    reason = because("{boxes} boxes do not show that it is defined", boxes=tried)
+    return Lipschitz(Verdict.UNKNOWN, 0.0, math.inf, reason, tried, around.symbols)
+
+
+def _field(rows: list[sp.Expr], states: list[sp.Symbol], around: Sides) -> Field:
+    """With the entries of the Jacobian that vary, where the rows are smooth; constant ones the rows' tape gives as
+    well."""
+    smooth = not any(row.has(*JUMPS, *KINKS) for row in rows)
+    places = [(i, j) for i, row in enumerate(rows) for j, x in enumerate(states) if smooth and x in row.free_symbols]
+    slopes = {(i, j): rows[i].diff(states[j]) for i, j in places}
+    entries = {place: slope for place, slope in slopes.items() if slope.free_symbols}
+    at = tuple(around.symbols.index(x) for x in states)
+    return Field(tape(rows, around.symbols), at, tape(entries.values(), around.symbols), tuple(entries))
+
+
+# --- not Lipschitz
+
+
+def _endless(rows: list[sp.Expr], states: list[sp.Symbol], around: Sides) -> tuple[sp.Expr, Point] | None:
+    """A slope, and a point towards which it tends to infinity along a line in the box."""
+    real = {s: sp.Dummy(s.name, real=True) for s in around.symbols}
+    plain = {dummy: s for s, dummy in real.items()}
+    around = Sides(tuple(real.values()), around.ends)
+    states = [real[x] for x in states]
+    for row in (row.xreplace(real) for row in rows):
+        if row.has(*JUMPS, Table):
+            continue
+        for point in _suspects(row, around):
+            for x in states:
+                slope = row.diff(x)
+                if slope == 0 or slope.has(sp.re, sp.im) or slope.count_ops() >= _OPERATIONS:
+                    continue  # re and im stand in the slope of |e| where e is not real everywhere: limits cost much
+                if _grows(slope, point, around):
+                    return slope.xreplace(plain), {plain[s]: value for s, value in point.items()}
+    return None
+
+
+def _suspects(row: sp.Expr, around: Sides) -> Iterator[Point]:
+    """Points where a root, a power, a logarithm or an inverse function of the row is singular."""
+    for argument in dict.fromkeys(_singular_arguments(row)):
+        symbols = [s for s in around.symbols if s in argument.free_symbols]
+        own = around.only(symbols)
+        if not symbols:
+            continue
+        special = special_point(argument, tape([argument], own.symbols), own, ("= 0",))
+        if special:
+            yield next(around.spread()) | special[1]
+
+
+def _singular_arguments(row: sp.Expr) -> Iterator[sp.Expr]:
+    for node in sorted(row.atoms(sp.Pow, sp.log, sp.asin, sp.acos, sp.atanh, sp.acosh), key=str):
+        if isinstance(node, sp.Pow):
+            if not (node.exp.is_Integer and node.exp > 0):
+                yield node.base
+        elif isinstance(node, sp.log):
+            yield node.args[0]
+        else:
+            yield node.args[0] - 1
+            yield node.args[0] + 1
+    for node in sorted(row.atoms(sp.tan), key=str):
+        yield sp.cos(node.args[0])
+
+
+def _grows(slope: sp.Expr, point: Point, around: Sides) -> bool:
+    """Whether |slope| tends to infinity towards the point along a line in the box: by its limit, and as seen."""
+    t = sp.Dummy("t", positive=True)
+    exponents = {s for node in slope.atoms(sp.Pow) for s in node.exp.free_symbols}
+    for target in islice(around.spread(), 6):  # exponents stay: a power to a fraction of many digits costs much
+        moved = {s: Fraction(0) if s in exponents else target[s] - value for s, value in point.items()}
+        along = put(slope, {s: sp.Rational(value) + t * sp.Rational(moved[s]) for s, value in point.items()})
+        along = along and along.replace(lambda node: isinstance(node, _TURNING), lambda node: _branch(node, t))
+        if not along or not along.has(t) or along.has(sp.Heaviside):
+            continue
+        sizes = [_size(along, {t: sp.Rational(1, 2**digits)}) for digits in _DISTANCES]
+        if None in sizes or not sizes[0] < sizes[1] < sizes[2]:  # type: ignore[operator]
+            continue
+        try:
+            limit = sp.limit(along, t, 0, "+")
+        except (NotImplementedError, ValueError, TypeError, RecursionError, sp.PoleError):
+            return False  # nor would other lines show it, and each try may cost much
+        if limit in (sp.oo, -sp.oo):
+            return True
+    return False
+
+
+def _branch(node: sp.Expr, t: sp.Symbol) -> sp.Expr:
+    """Heaviside, |..|, Min or Max as what it is for small t > 0, where its arguments at 0 tell."""
+    if isinstance(node, (sp.Min, sp.Max)):
+        way = 1 if isinstance(node, sp.Max) else -1
+        ahead = (a for a in node.args if all((way * (a - b)).subs(t, 0).is_positive for b in node.args if b != a))
+        return next(ahead, node)
+    (argument, *_) = node.args
+    start = argument.subs(t, 0)
+    above, below = (argument, -argument) if isinstance(node, sp.Abs) else (sp.S.One, sp.S.Zero)
+    return above if start.is_positive else below if start.is_negative else node
+
+
+def _size(expression: sp.Expr, at: Mapping[sp.Symbol, sp.Rational]) -> sp.Expr | None:
+    if kind(expression, at) not in ("> 0", "< 0"):
+        return None
+    return abs(expression.xreplace(dict(at)).evalf(20))

@@ -1,0 +1,368 @@
+"""A campaign: one step on one trial, many times, each with noise, first states and parameters of its own.
+
+What varies are first states, parameters and noise of the plant, each within an interval. The draws are a Latin
+hypercube: of each quantity, one draw lies in each of N equal parts of its interval, in an order of its own. The
+observer knows of none of them: it keeps its nominal parameters and the trial's estimate. Run k has the noise of seed k
+and draw k of all: its numbers are the same whoever computes it, and after whatever was computed before. Runs go out in
+batches (`run/spread.py`); what comes back are numbers only. Runs that share their inputs are taken by the compiled
+step at once, which gives of each, byte for byte, what `trial.tried` gives. Source: McKay, Beckman, Conover,
+Technometrics 21 (1979).
+"""
+
+import math
+import re
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import suppress
+from dataclasses import dataclass, replace
+from hashlib import sha256
+from itertools import islice
+from typing import Annotated, Any, Literal
+
+import numpy as np
+import sympy as sp
+
+from hgogen import targets
+from hgogen.call import CallableStep
+from hgogen.errors import BadArgument, nearest
+from hgogen.reading.door import Misfit, asks
+from hgogen.reading.given import count, real
+from hgogen.run import native
+from hgogen.run.metrics import Metrics, metrics
+from hgogen.run.samples import Engine
+from hgogen.run.spread import Workers
+from hgogen.signal import Signal
+from hgogen.step import Step, demand_choice
+from hgogen.system import System
+from hgogen.trial import BadTrial, Feed, OrnsteinUhlenbeck, Plant, Trajectory, Trial, feeds, first_memory, tried
+
+MOST = 10_000_000  # runs
+MANY = 64  # runs: fewer are integrated sooner than it takes to compile what does
+BATCH, ALONE = 64, 8  # runs that go out together; where each has a truth of its own
+WORTH = 5_000_000  # samples of a step from which on it takes less time than to compile what takes them together
+HELD = 1 << 20  # numbers of measurements of runs that differ by more than their seeds
+STATES, PARAMETERS, NOISE = "x0", "parameters", "noise"  # all of a kind
+_NUMBER = r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?"
+_INTERVAL = re.compile(rf"({_NUMBER})\.\.({_NUMBER})")
+_SHARE = re.compile(rf"({_NUMBER})%")
+_USE = "write NAME, NAME=10%, NAME=0.2 or NAME=0.8..1.2, with commas between them"
+
+
+class BadCampaign(BadArgument):
+    """A campaign, or a file of one, that cannot be run."""
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """A run of a campaign."""
+
+    run: Annotated[int, "number of the run"]
+    varied: Annotated[Mapping[str, float], "what was varied, by name"]
+    metrics: Annotated[Metrics | None, "its metrics; null where its plant could not be integrated"]
+    failed: Annotated[str, "why there are no metrics"] = ""
+
+
+@dataclass(frozen=True)
+class Varied:
+    """A quantity and its interval."""
+
+    name: Annotated[str, "what varies"]
+    what: Annotated[Literal["start", "parameter", "noise"], "what it is; noise: a factor of each output's"]
+    low: Annotated[float, "lower end"]
+    high: Annotated[float, "upper end"]
+
+
+@dataclass(frozen=True, eq=False)
+class Draws:
+    """`values` (N, k) of `varied` (k)."""
+
+    varied: Annotated[tuple[Varied, ...], "what varies from run to run"]
+    values: np.ndarray
+
+    def __len__(self) -> int:
+        return len(self.values)
+
+    @property
+    def moves(self) -> bool:
+        """Whether the plant's truth differs from draw to draw."""
+        return any(each.what != "noise" for each in self.varied)
+
+    def named(self, row: int) -> dict[str, float]:
+        """The values of a draw by name."""
+        return dict(zip((each.name for each in self.varied), map(float, self.values[row]), strict=True))
+
+    def trial(self, trial: Trial, row: int) -> Trial:
+        """The trial with the first states and the noise of a draw."""
+        pairs = list(zip(self.varied, map(float, self.values[row]), strict=True))
+        start = {each.name: value for each, value in pairs if each.what == "start"}
+        factor = math.prod(value for each, value in pairs if each.what == "noise")
+        noise = {
+            name: replace(one, sigma=factor * one.sigma)
+            if isinstance(one, OrnsteinUhlenbeck)
+            else replace(one, amplitude=factor * one.amplitude)
+            for name, one in trial.noise.items()
+        }
+        return replace(trial, start={**trial.start, **start}, noise=noise)
+
+    def parameters(self, row: int) -> list[float]:
+        """The values of the parameters of a draw, in the order of `free`."""
+        pairs = zip(self.varied, map(float, self.values[row]), strict=True)
+        return [value for each, value in pairs if each.what == "parameter"]
+
+    def free(self, plant: System) -> list[Signal]:
+        """The parameters that vary."""
+        by_name = {p.name: p for p in plant.parameters}
+        return [by_name[each.name] for each in self.varied if each.what == "parameter"]
+
+
+@dataclass(frozen=True, eq=False)
+class Campaign:
+    """What is run: `step` on `trial` so many times, `draws` of what varies, by `engine`."""
+
+    step: CallableStep
+    trial: Trial
+    draws: Draws
+    engine: Annotated[Engine, "who runs the step: c or python"]
+
+    @property
+    def plant(self) -> System:
+        """The plant as first declared."""
+        return self.step.observer.form.system.declared
+
+    @property
+    def digest(self) -> str:
+        """What the numbers of a run depend on, the program of the step as its C: a file of results of another campaign
+        has another. Where nothing but the seed varies, a run does not depend on how many there are."""
+        step, plant = self.step, self.plant
+        scenario = {name: value for name, value in vars(self.trial).items() if name != "seeds"}
+        scenario |= {"inputs": {name: sp.srepr(sp.sympify(one)) for name, one in self.trial.inputs.items()}}
+        program = dict(targets.c99(step, real=step.real, check=False))
+        known = (program, step.tuned, plant.flow, plant.output, plant.nominal, scenario, self.draws.varied)
+        return sha256(repr(known).encode() + self.draws.values.tobytes()).hexdigest()[:16]
+
+    def run(
+        self, numbers: Sequence[int] | None = None, jobs: int | None = None, scheduler: str | None = None
+    ) -> Iterator[Outcome]:
+        """The outcomes of runs as they come, in no order; of all runs by default.
+
+        `jobs`: processes, by default one for each core, 1 for none but this; `scheduler`: the address of a Dask
+        cluster.
+
+        Raises: `BadGain` for a number that is none; `BadTrial` of a trial that does not fit its plant; `NoScheduler`
+        where none answers; `NotInstalled` without the package of a cluster.
+        """
+        last = len(self.draws) - 1
+        wanted = range(last + 1) if numbers is None else [count("run", number, 0, last) for number in numbers]
+        return _outcomes(self, wanted, jobs, scheduler)
+
+    def drawn(self, numbers: Sequence[int]) -> Draws:
+        """The draws of runs."""
+        return replace(self.draws, values=self.draws.values[list(numbers)])
+
+
+@asks(Step, "a step, as hg.sample makes it")
+def campaign(
+    step: CallableStep,
+    trial: Trial,
+    runs: int,
+    vary: str | Mapping[str, str | float | None] | None = None,
+    seed: int = 0,
+    engine: Engine | None = None,
+) -> Campaign:
+    """A campaign of a step on a trial: `outcomes = list(hg.campaign(step, trial, 1000, vary="x0").run())`.
+
+    Args: `runs` how many, from 1 to 10^7; `vary` as in `varied`, None for noise alone; `seed` of the
+    draws; `engine` as in `Step.run`.
+
+    Raises: `Misfit`; `BadVariation`; `BadCampaign`.
+    """
+    if not isinstance(trial, Trial):
+        raise Misfit("campaign, trial=", trial, "a trial, as hgogen.trial.Trial makes it")
+    demand_choice("engine", engine, (None, "c", "python"))
+    plant = step.observer.form.system.declared
+    number = count("runs", runs, 1, MOST)
+    drawn = hypercube(() if vary is None else varied(vary, plant, trial), number, count("seed", seed, 0, 2**31))
+    return Campaign(step, trial, drawn, engine or native.engine())
+
+
+def _outcomes(each: Campaign, numbers: Sequence[int], jobs: int | None, scheduler: str | None) -> Iterator[Outcome]:
+    # meets what does not fit, and compiles once for all
+    ready = Ready(replace(each, draws=each.drawn(())), len(each.draws))
+    size = ALONE if each.draws.moves else BATCH
+    batches = (numbers[first : first + size] for first in range(0, len(numbers), size))
+    pieces = ((batch, each.drawn(batch)) for batch in batches)
+    for outcomes in Workers(ready, jobs, scheduler).results(Ready.outcomes, pieces):
+        yield from outcomes
+
+
+class Ready:
+    """A campaign with what its runs share: the plant's equations, the step's first memory, and where nothing moves the
+    plant from run to run, its truth.
+
+    `runs`: how many there are, few of which are not worth what is compiled for many.
+
+    Raises: `BadTrial` of a trial that does not fit its plant.
+    """
+
+    def __init__(self, campaign: Campaign, runs: int) -> None:
+        self.campaign, self.runs = campaign, runs
+        many = runs >= MANY
+        step, trial, moves = campaign.step, campaign.trial, campaign.draws.moves
+        free = campaign.draws.free(campaign.plant)
+        self._plant = Plant(campaign.plant, trial, step.dt, free, many and moves)
+        self._memory = first_memory(step, trial)
+        self._truth = None if moves else self._plant.truth(trial.start)
+        if many and moves:
+            with suppress(BadTrial):
+                self._plant.truth(trial.start, [float(campaign.plant.nominal[p]) for p in free])
+        compiled, samples = campaign.engine == "c", len(self._plant.times)
+        held = (ALONE if moves else BATCH if campaign.draws.varied else 1) * samples * len(campaign.plant.outputs)
+        self._together = compiled and runs * samples >= WORTH and held <= HELD
+        if compiled:
+            run = step.run_many if self._together else step.run
+            run(np.zeros((0, len(step.inputs))), np.zeros((0, len(step.samples))), engine="c")
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """The campaign, which makes it again: a pickle holds no graphs."""
+        return Ready, (self.campaign, self.runs)
+
+    def outcomes(self, piece: tuple[Sequence[int], Draws]) -> list[Outcome]:
+        """The outcomes of runs, of each its draw; those that differ by their seeds alone have their noise made
+        together."""
+        numbers, draws = piece
+        step, engine, made = self.campaign.step, self.campaign.engine, dict[int, Outcome]()
+        if not draws.varied and self._truth is not None:
+            runs, size = feeds(step, self.campaign.trial, self._truth, numbers), self._truth.at_once
+        else:
+            runs, size = self._varied(numbers, draws, made), len(numbers)
+        memory = self._memory
+        each = together(step, runs, memory, size) if self._together else tried(step, runs, memory, engine)
+        for one in each:
+            made[one.seed] = Outcome(one.seed, draws.named(numbers.index(one.seed)), metrics(step, one))
+        return [made[number] for number in numbers]
+
+    def _varied(self, numbers: Sequence[int], draws: Draws, made: dict[int, Outcome]) -> Iterator[Feed]:
+        """The runs of draws; of those without a truth the outcome is `made`."""
+        for row, number in enumerate(numbers):
+            trial = draws.trial(self.campaign.trial, row)
+            try:
+                truth = self._truth or self._plant.truth(trial.start, draws.parameters(row))
+            except BadTrial as error:
+                made[number] = Outcome(number, draws.named(row), None, error.reason)
+            else:
+                yield from feeds(self.campaign.step, trial, truth, [number])
+
+
+def together(step: CallableStep, runs: Iterable[Feed], start: bytes, size: int) -> Iterator[Trajectory]:
+    """The compiled step over runs with the same inputs, each from the memory `start`, so many at once."""
+    runs = iter(runs)
+    for first in runs:
+        some = [first, *islice(runs, size - 1)]
+        step.restore(start)
+        y = np.stack([step.arriving(one.y) for one in some])
+        many = step.run_many(first.u, y, jobs=1, traces=True, engine="c")
+        for k, one in enumerate(some):
+            x, status = (np.ascontiguousarray(array[k]) for array in (many.x, many.status))
+            traces = {name: np.ascontiguousarray(values[k]) for name, values in many.traces.items()}
+            yield Trajectory(one.trial, one.seed, one.truth, one.y, x, traces, status, "c")
+
+
+class BadVariation(BadArgument):
+    """What a campaign cannot vary."""
+
+    text = "vary {what!r}: {reason}"
+
+
+def hypercube(varied: Sequence[Varied], count: int, seed: int) -> Draws:
+    """So many draws, the same ones for the same seed."""
+    rng = np.random.default_rng([seed, count])
+    shares = [(rng.permutation(count) + rng.random(count)) / count for _ in varied]
+    columns = [each.low + share * (each.high - each.low) for each, share in zip(varied, shares, strict=True)]
+    return Draws(tuple(varied), np.column_stack(columns) if columns else np.zeros((count, 0)))
+
+
+def varied(asked: str | Mapping[str, str | float | None], plant: System, trial: Trial) -> tuple[Varied, ...]:
+    """What is asked for: names, "x0" for all first states, "parameters" for all with a range, "noise" for the size of
+    every output's noise, each with an interval as in "a=10%" (of its value in the trial), "a=0.2" (to both sides),
+    "a=0.8..1.2"; without one it is the declared range. A mapping gives the same by name. Raises: `BadVariation`."""
+    if not isinstance(asked, str | Mapping) or not all(isinstance(name, str) for name in asked):
+        raise BadVariation(str(asked), "is no text and no mapping by name; write \"x0,a=10%\" or {'a': '10%'}")
+    pairs = _split(asked) if isinstance(asked, str) else asked.items()
+    listed: dict[str, Varied] = {}
+    for name, width in pairs:
+        for each in _of(name, width, plant, trial):
+            if each.name in listed:
+                raise BadVariation(name, f"{each.name} varies already; name it once")
+            listed[each.name] = each
+    return tuple(listed.values())
+
+
+def _split(text: str) -> Iterator[tuple[str, str | None]]:
+    for part in text.split(","):
+        name, equals, width = (piece.strip() for piece in part.partition("="))
+        if not name or (equals and not width):
+            raise BadVariation(text, _USE)
+        yield name, width or None
+
+
+def _of(name: str, width: str | float | None, plant: System, trial: Trial) -> Iterator[Varied]:
+    states, parameters = ({s.name: s for s in signals} for signals in (plant.states, plant.parameters))
+
+    def start(state: Signal) -> Varied:
+        return Varied(state.name, "start", *_interval(state, width, float(trial.start[state.name])))
+
+    def parameter(p: Signal) -> Varied:
+        return Varied(p.name, "parameter", *_interval(p, width, float(p.nominal or 0)))
+
+    if name == NOISE:
+        yield Varied(NOISE, "noise", *_factor(width, trial))
+    elif name == STATES:
+        yield from map(start, plant.states)
+    elif name == PARAMETERS:
+        several = [p for p in plant.parameters if p.bounded or width is not None]
+        if not several:
+            raise BadVariation(name, f"{plant.name} has no parameter with a range; declare low= and high=, or name one")
+        yield from map(parameter, several)
+    elif name in states:
+        yield start(states[name])
+    elif name in parameters:
+        yield parameter(parameters[name])
+    else:
+        known = (STATES, PARAMETERS, NOISE, *states, *parameters)
+        raise BadVariation(name, nearest(name, known, f"what can vary is {', '.join(known)}"))
+
+
+def _interval(signal: Signal, width: str | float | None, middle: float) -> tuple[float, float]:
+    if width is None and not signal.bounded:
+        raise BadVariation(signal.name, "it has no range; declare low= and high=, or say how far, as in 10% or 0.2")
+    low, high = signal.interval if width is None else _read(signal.name, width, middle)
+    bottom, top = signal.interval
+    if low < bottom or high > top:
+        reason = f"[{low:g}, {high:g}] leaves its range [{bottom:g}, {top:g}]; say less, or declare a wider range"
+        raise BadVariation(signal.name, reason)
+    return low, high
+
+
+def _factor(width: str | float | None, trial: Trial) -> tuple[float, float]:
+    if not trial.noise:
+        raise BadVariation(NOISE, f"the trial {trial.name} has none; declare a trial with noise, or leave it out")
+    if width is None:
+        raise BadVariation(NOISE, "say by which factor, as in noise=50% or noise=0.5..2")
+    low, high = _read(NOISE, width, 1.0)
+    if low < 0:
+        raise BadVariation(NOISE, f"a factor from {low:g} on is below 0; say less")
+    return low, high
+
+
+def _read(name: str, width: str | float, middle: float) -> tuple[float, float]:
+    text = str(width).strip()
+    if ends := _INTERVAL.fullmatch(text):
+        low, high = map(float, ends.groups())
+    else:
+        share = _SHARE.fullmatch(text)
+        if not share and not re.fullmatch(_NUMBER, text):
+            raise BadVariation(name, f"{text!r} is no interval; {_USE}")
+        half = abs(middle) * float(share[1]) / 100 if share else real(name, float(text))
+        low, high = middle - half, middle + half
+    if not -math.inf < low < high < math.inf:
+        raise BadVariation(name, f"{text!r} leaves nothing to vary about {middle:g}; {_USE}")
+    return low, high

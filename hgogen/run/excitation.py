@@ -1,0 +1,116 @@
+"""How much of a state-affine plant's state each window of a record shows: persistence as numbers.
+
+    Phi' = A(u, y) Phi,  Phi(s) = I,   W(s, d) = D (integral_s^(s+d) Phi' C' R^-1 C Phi) D
+
+along inputs and measurements, D the half-widths of the states' ranges (1 without one). A smallest eigenvalue e says
+that within d the output tells the direction seen least to a variance 1/e times that of the box. A record may refute
+that its windows show every state; it proves nothing of another. Source: `kalman.persistence`.
+"""
+
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from hgogen.analysis.affine import known
+from hgogen.analysis.dynamics import Dynamics
+from hgogen.check import Check, ClaimId, Verdict
+from hgogen.estimators.weights import positive
+from hgogen.form import Form
+from hgogen.program import sym
+from hgogen.reading.door import Misfit
+from hgogen.reading.given import BadGain, reals
+from hgogen.reading.given import positive as above
+from hgogen.reading.named import of_outputs
+from hgogen.run.gramian import Gramian, window
+from hgogen.sentence import because, joined
+
+HIDDEN = 1e-12  # of the direction seen best: what a window shows no better is lost in the rounding of its sum
+
+
+def along(form: Form, R: Any, u: Any, y: Any, dt: float, d: float) -> Gramian:
+    """W over every window of `d` (s) along a record, for a form `forms.state_affine`.
+
+    Args: `R` (p) as of the observer, by name too, y^2 s; `u` (N, m), `y` (N, p), all numbers, `dt` (s) apart.
+
+    Raises: `BadGain`; `Misfit` for no form.
+    """
+    if not isinstance(form, Form):
+        raise Misfit("excitation.along", form, "a form: hg.forms.state_affine(plant)")
+    dynamics, outputs = Dynamics(form), len(form.output)
+    dt, d = above("dt", dt), above("d", d)
+    m = len(form.system.inputs)
+    variances = np.array(positive("R", of_outputs("R", R, form), outputs))
+    inputs, samples = (_record(name, value, size) for name, value, size in (("u", u, m), ("y", y, outputs)))
+    pieces = round(d / dt)
+    if len(samples) <= pieces or pieces < 1 or (m and len(inputs) != len(samples)):
+        raise BadGain(
+            f"d = {d:g} {form.system.time} on {len(samples)} samples", "must be shorter than the record of u and y"
+        )
+    A, C = _numbers(dynamics, inputs, samples)
+    half = np.array([(s.interval[1] - s.interval[0]) / 2 if s.bounded else 1.0 for s in form.states])
+    steps = _pieces(A * half / half[:, None], C * half, variances, dt)
+    return window(tuple(map(str, form.to_form)), steps, dt, pieces)
+
+
+def shown(id: str, gramian: Gramian) -> Check:
+    """The check that windows along a record decide: it is refuted where one hides a direction, and never proved.
+    Raises: `Misfit`."""
+    if not isinstance(id, str):
+        raise Misfit("excitation.shown, id=", id, "the name of the claim")
+    if not isinstance(gramian, Gramian):
+        raise Misfit("excitation.shown, gramian=", gramian, "what excitation.along gave")
+    name = ClaimId("", id)
+    claim = f"every window d = {gramian.d:g} of the record shows every state, to {HIDDEN:g} of the one seen best"
+    share = gramian.smallest / np.maximum(gramian.largest, np.finfo(float).tiny)
+    k = int(np.argmin(share))
+    least, direction = float(gramian.smallest[k]), gramian.direction[k]
+    weak = gramian.states[int(np.argmax(np.abs(direction)))]
+    pattern = "the smallest eigenvalue, in units of the box, is {least:.2g}, mostly {weak}"
+    reason = because(pattern, least=least, weak=weak)
+    if share[k] > HIDDEN:
+        return Check(name, claim, Verdict.UNKNOWN, joined(reason, because("a record proves nothing of another")))
+    return Check(
+        name, claim, Verdict.REFUTED, reason, {"t": float(gramian.start[k])}, "Excite the plant, or wait longer."
+    )
+
+
+def _record(name: str, values: Any, size: int) -> np.ndarray:
+    array = reals(name, values)
+    if not array.ndim:
+        raise BadGain(f"{name} = {values!r}", "must be a record, a row for each sample")
+    array = array[:, None] if array.ndim == 1 and size == 1 else array.reshape(len(array), -1)
+    if size and array.shape[1] != size:
+        raise BadGain(f"{name} of shape {np.shape(values)}", f"must have {size} columns")
+    if not np.isfinite(array).all():
+        raise BadGain(name, "must hold numbers alone, no missing samples")
+    return array
+
+
+def _numbers(dynamics: Dynamics, u: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """A (N - 1, n, n) and C (N - 1, p, n) half way between samples, parameters nominal."""
+    m, p = len(dynamics.form.system.inputs), y.shape[1]
+    inputs, outputs = ca.SX.sym("u", m), ca.SX.sym("y", p)
+    z = known(dynamics)(ca.SX.zeros(dynamics.n), inputs, outputs, ca.SX.ones(p))
+    graphs = [ca.densify(dynamics.affine(z, inputs)[0]), ca.densify(dynamics.output_jacobian(z, inputs))]
+    plant = [s for s in dynamics.form.system.parameters if s.bounded]
+    evaluate = ca.Function("pair", [inputs, outputs, *(sym("plant", s.name) for s in plant)], graphs)
+    middle = [(a[:-1] + a[1:]) / 2 for a in (u if m else np.zeros((len(y), 0)), y)]
+    nominal = [float(s.nominal or 0) for s in plant]
+    pairs = [evaluate(*point, *nominal) for point in zip(*middle, strict=True)]
+    A, C = (np.array([np.array(pair[k]) for pair in pairs]) for k in (0, 1))
+    return A, C
+
+
+def _pieces(A: np.ndarray, C: np.ndarray, R: np.ndarray, dt: float) -> tuple[np.ndarray, np.ndarray]:
+    """Phi and W of each step, A and C constant over it: the exponential to order 4, the integral by Simpson's rule."""
+    weight = np.swapaxes(C, 1, 2) @ np.diag(1 / R) @ C
+    hA, half = dt * A, dt / 2 * A
+
+    def exponential(X: np.ndarray) -> np.ndarray:
+        one = np.eye(X.shape[-1])
+        return np.asarray(one + X @ (one + X @ (one + X @ (one + X / 4) / 3) / 2))
+
+    middle, end = exponential(half), exponential(hA)
+    parts = [weight, *(np.swapaxes(Phi, 1, 2) @ weight @ Phi for Phi in (middle, end))]
+    return end, dt / 6 * (parts[0] + 4 * parts[1] + parts[2])

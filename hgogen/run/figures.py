@@ -1,0 +1,414 @@
+"""Figures of a trial or of a measured record, as in Boizot, Busvelle, Gauthier 2010, figures 2 to 4.
+
+Truth black, estimate red, what was measured light grey; one panel for each state. Then the innovation with
+its thresholds, and theta. SVG for print and the web, PNG to look at; the same numbers give the same bytes.
+"""
+
+import io
+import re
+from collections.abc import Mapping, Sequence
+from textwrap import shorten
+from types import MappingProxyType
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from matplotlib import rc_context
+from matplotlib.axes import Axes
+from matplotlib.axis import Axis
+from matplotlib.figure import Figure
+from matplotlib.ticker import LogLocator, MaxNLocator, NullFormatter
+
+from hgogen.run.response import Response
+from hgogen.run.samples import Run
+from hgogen.signal import Signal
+from hgogen.step import Step
+from hgogen.system import System
+from hgogen.trial import Trajectory
+
+if TYPE_CHECKING:
+    from hgogen.certificates.rate_and_noise import Point
+
+TRUTH, ESTIMATE, MEASURED = "black", "#c8102e", "#c4c4c4"
+STYLE: Any = {
+    "font.family": "DejaVu Sans",  # comes with matplotlib: the same glyphs everywhere
+    **dict.fromkeys(("font.size", "axes.titlesize", "axes.labelsize"), 8.5),
+    **dict.fromkeys(("axes.spines.top", "axes.spines.right"), False),
+    **dict.fromkeys(("axes.linewidth", "xtick.major.width", "ytick.major.width"), 0.6),
+    "lines.linewidth": 1.0,
+    "legend.frameon": False,
+    "svg.hashsalt": "hgogen",
+    "svg.fonttype": "path",
+}
+GREEK = (
+    *("alpha", "beta", "gamma", "delta", "epsilon", "zeta", "eta", "theta", "kappa", "lambda", "mu", "nu", "xi"),
+    *("rho", "sigma", "tau", "phi", "chi", "psi", "omega"),
+)
+WIDTH, PANEL, BOTTOM = 6.6, 1.35, 0.42  # inches
+COLUMNS, ROW, HANDLE, LETTER = 4, 0.18, 0.4, 0.068  # of a legend, at most; inches of its rows, lines and letters
+PARTS = 100  # of the time axis, where errors are drawn by their largest: they cross 0
+COLOURS = ("#000000", "#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9")  # of Okabe and Ito
+LINE, EDGE = 80, 0.03  # letters of a line over a panel; inches between a label and the edge of the page
+DASHES = ("-", "--", ":", "-.")
+FAR = 1e300
+BINS = 700  # a line is drawn by the smallest and the largest value in each of so many parts of the time axis
+MARKED = "#6f6f6f"  # what was measured, as marks
+SLOW = 0.5  # of the samples: a sensor that gives fewer is drawn as marks
+_ROOM = 1.5  # above and below what is drawn, so that there are two ticks at least
+_LOOKS: Any = {
+    "continuous": {"color": ESTIMATE, "marker": "."},
+    "step": {"color": TRUTH, "linestyle": "--", "marker": "."},
+}
+Array = np.ndarray
+Points = Sequence[tuple[float, float]]
+
+
+@rc_context(STYLE)
+def states(step: Step, trajectory: Trajectory) -> Figure:
+    """One panel for each state: truth, estimate, and what was measured of it."""
+    t, true = trajectory.truth.t, trajectory.truth.x
+    figure, axes = panels(len(step.states), t, step.time)
+    for i, (axis, signal) in enumerate(zip(axes, step.states, strict=True)):
+        j = measured_as(step, signal)
+        if j is not None:
+            axis.plot(*thin(t, trajectory.y[:, j]), color=MEASURED, linewidth=0.6, label="measured")
+        axis.plot(*thin(t, true[:, i]), color=TRUTH, label="truth")
+        axis.plot(*thin(t, trajectory.x[:, i]), color=ESTIMATE, label="estimate")
+        caption(axis, signal.name, signal.unit, signal.meaning)
+    legend(figure, axes)
+    return figure
+
+
+@rc_context(STYLE)
+def fitted(plant: System, t: Array, measured: Array, fitted: Array) -> Figure:
+    """One panel for each output (N, p): what was measured, and what the fitted plant gives."""
+    figure, axes = panels(len(plant.outputs), t, plant.time)
+    for axis, signal, y, z in zip(axes, plant.outputs, measured.T, fitted.T, strict=True):
+        axis.plot(*thin(t, y), color=MEASURED, linewidth=3, label="measured")
+        axis.plot(*thin(t, z), color=ESTIMATE, label="fitted")
+        caption(axis, signal.name, signal.unit, signal.meaning)
+    legend(figure, axes, ("measured", "fitted"))
+    return figure
+
+
+@rc_context(STYLE)
+def adaptation(step: Step, t: Array, traces: Mapping[str, Array]) -> Figure:
+    """One panel for each of the `traces` (N,) by name; the innovation has its thresholds, theta its end at 0."""
+    first = [name for name in ("innovation", "theta") if name in traces]
+    shown = [*first, *(name for name in traces if name not in first)]
+    fields = {field.name: field for field in step.layout.state}
+    figure, axes = panels(len(shown), t, step.time, top=0.24)
+    for axis, name in zip(axes, shown, strict=True):
+        values = traces[name]
+        if name == "innovation":
+            _innovation(axis, step, t, values)
+            continue
+        axis.plot(*thin(t, values), color=TRUTH)
+        if name == "theta":
+            axis.set_ylim(bottom=0, top=1.05 * max(2.0, float(values.max())))
+            axis.yaxis.set_major_locator(MaxNLocator(5, integer=True))
+            unit, meaning = "", "high-gain parameter (1: extended Kalman filter)"
+        else:
+            unit, meaning = (step.unit(fields[name]), fields[name].meaning) if name in fields else ("", name)
+        caption(axis, name, unit, meaning)
+    return figure
+
+
+@rc_context(STYLE)
+def errors(
+    states: Sequence[Signal],
+    t: Array,
+    of: Mapping[str, Array],
+    events: Sequence[float] = (),
+    unit: str = "s",
+    bounds: Mapping[str, float] = MappingProxyType({}),
+) -> Figure:
+    """One panel for each state: the largest |estimate - truth| in each of `PARTS` of the time, on a logarithmic axis, a
+    line for each observer, named beside the panels; `of`: errors (N, n) of one seed by name. A part ends at each of the
+    `events`: no line rises before. `bounds`: by the name of a state, what is proved of its error once it has settled.
+    """
+    cuts = np.linspace(0, len(t), min(PARTS, len(t)), endpoint=False, dtype=int)
+    first = np.union1d(cuts, [k for k in np.searchsorted(t, np.asarray(events) - 1e-9) if k < len(t)]).astype(int)
+    names = [*of, "proved"] if any(state.name in bounds for state in states) else [*of]
+    beside = HANDLE + LETTER * max(map(len, names))
+    rows = ROW * len(names) - PANEL * len(states)
+    figure, axes = panels(len(states), t, unit, top=max(0.4, 0.1 + rows), beside=beside)
+    for i, (axis, signal) in enumerate(zip(axes, states, strict=True)):
+        axis.set_yscale("log")
+        for k, (name, error) in enumerate(of.items()):
+            size = np.maximum.reduceat(np.abs(error[:, i]), first)
+            shown = np.where(size > 0, size, np.nan)  # a logarithm of 0 is no number
+            axis.plot(t[first], shown, label=name, drawstyle="steps-post", **look(k))
+        if signal.name in bounds:
+            axis.axhline(bounds[signal.name], color=TRUTH, linestyle=":", linewidth=0.8, label="proved")
+        caption(axis, signal.name, signal.unit, f"|error| of {signal.meaning or signal.name}")
+    axes[0].set_title(f"one seed, the largest in each 1/{PARTS} of the time", loc="right", pad=3, fontsize=7)
+    return _named_beside(figure, max((list(axis.get_lines()) for axis in axes), key=len), names)
+
+
+@rc_context(STYLE)
+def over_theta(settled: Mapping[str, Points], noise: Mapping[str, Points], unit: str) -> Figure:
+    """Two panels over theta: the time to settle, and the largest noise of an estimate, over its state's range; a line
+    for each observer, named beside them. `settled`, `noise`: (theta, value) by observer."""
+    beside = HANDLE + LETTER * max(map(len, noise))
+    figure, axes = panels(
+        2, np.array([1.0, 2.0]), unit, top=max(0.4, 0.1 + ROW * len(noise) - 2 * PANEL), beside=beside
+    )
+    every = sorted({theta for points in noise.values() for theta, _ in points})
+    for k, name in enumerate(noise):
+        for axis, points in zip(axes, (settled[name], noise[name]), strict=True):
+            axis.loglog(*np.array(points or [(np.nan, np.nan)]).T, marker=".", label=name, **look(k))
+    axes[0].set_xlim(every[0], every[-1] if len(every) > 1 else every[0] + 1)
+    axes[0].set_title("time to settle", loc="left", pad=3)
+    axes[0].set_ylabel(unit)
+    axes[1].set_title("noise of an estimate, over its state's range", loc="left", pad=3)
+    axes[1].set_xlabel("theta")
+    return _named_beside(figure, axes[1].get_lines(), list(noise))
+
+
+def _named_beside(figure: Figure, lines: Sequence[Any], names: Sequence[str]) -> Figure:
+    """The figure with its lines named on the right."""
+    at = (figure.axes[0].get_position().x1 + 0.01, 1.0)
+    figure.legend(lines, names, loc="upper left", bbox_to_anchor=at, borderaxespad=0.2)
+    return figure
+
+
+@rc_context(STYLE)
+def response(continuous: Response, sampled: Response, unit: str) -> Figure:
+    """One panel for each state, |H| over omega: the linear error core and, dashed, what its step makes of it."""
+    several = len(continuous.outputs) > 1
+    drawn = ((continuous, "continuous", {"color": ESTIMATE}), (sampled, "step", {"color": TRUTH, "linestyle": "--"}))
+    figure, axes = panels(len(continuous.states), continuous.omega, unit)
+    for i, (axis, state) in enumerate(zip(axes, continuous.states, strict=True)):
+        for j, output in enumerate(continuous.outputs):
+            for one, name, style in drawn:
+                label = f"{output}, {name}" if several else name
+                axis.loglog(one.omega, one.gain[:, i, j], label=label, alpha=0.7**j, **style)
+        axis.axhline(1, color=MEASURED, linewidth=0.6)
+        axis.set_ylabel(f"|H| to {_symbol(state)}")
+    axes[-1].set_xlabel(f"frequency of the noise (rad/{unit})")
+    names = [str(line.get_label()) for line in axes[0].get_lines()]
+    legend(figure, axes, [name for name in names if not name.startswith("_")])
+    return figure
+
+
+def look(k: int) -> Any:
+    """The colour and the dashes of line number k of many."""
+    return {"color": COLOURS[k % len(COLOURS)], "linestyle": DASHES[k // len(COLOURS) % len(DASHES)]}
+
+
+def measured_as(step: Step, state: Signal) -> int | None:
+    """The output that is this state, if one is."""
+    output = step.observer.form.system.output
+    return output.index(state) if state in output else None
+
+
+def _innovation(axis: Axes, step: Step, t: Array, values: Array) -> None:
+    """On a logarithmic axis: quiet and loud differ by orders of magnitude."""
+    axis.set_yscale("log")
+    at, drawn = thin(t, np.where(values > 0, values, np.nan))
+    axis.plot(at, drawn, color=TRUTH)
+    if (values > 0).any():
+        axis.set_ylim(bottom=np.quantile(values[values > 0], 0.02) / 2)  # it may touch 0, where a logarithm has no end
+    aligned = {"gamma_0": "top", "gamma_1": "bottom", "centre": "center"}
+    for gain in step.layout.gains:
+        if gain.name in aligned:
+            level = gain.initial[0]
+            axis.axhline(level, color=ESTIMATE, linewidth=0.7, dashes=(5, 3))
+            axis.annotate(
+                _symbol(gain.name) if gain.name != "centre" else "$m$",
+                (1.0, level),
+                xycoords=("axes fraction", "data"),
+                xytext=(3, 0),
+                textcoords="offset points",
+                va=aligned[gain.name],
+                color=ESTIMATE,
+                annotation_clip=False,
+            )
+    units = {s.unit for s in step.outputs}
+    unit = f"{units.pop()}² {step.time}" if len(units) == 1 and "" not in units else f"y² {step.time}"
+    caption(axis, "I_d", unit, "innovation over the window d")
+
+
+def _symbol(name: str) -> str:
+    """x1 as x with an index, eta as the Greek letter; a longer name as it is."""
+    match = re.fullmatch(r"([A-Za-z]+)_?(\d*)", name)
+    if not match or (len(match[1]) > 1 and match[1] not in GREEK):
+        return name
+    letter = match[1] if len(match[1]) == 1 else f"\\{match[1]}"
+    return f"${letter}_{{{match[2]}}}$" if match[2] else f"${letter}$"
+
+
+def panels(panels: int, t: Array, unit: str, top: float = 0.4, beside: float = 0.0) -> tuple[Figure, Sequence[Axes]]:
+    """Panels below one another; `top`, `beside`: inches above and to the right of them."""
+    height, width = PANEL * panels + top + BOTTOM, WIDTH + beside
+    figure = Figure(figsize=(width, height))
+    grid = figure.subplots(panels, 1, sharex=True, squeeze=False)[:, 0]
+    left, right = 0.105 * WIDTH / width, 0.955 * WIDTH / width
+    figure.subplots_adjust(left=left, right=right, top=1 - top / height, bottom=BOTTOM / height, hspace=0.38)
+    grid[-1].set_xlabel(f"time ({unit})")
+    grid[-1].set_xlim(float(t[0]), float(t[-1]))
+    figure.align_ylabels(grid)
+    return figure, list(grid)
+
+
+def caption(axis: Axes, name: str, unit: str, meaning: str) -> None:
+    """Says what a panel shows."""
+    symbol = "$I_d$" if name == "I_d" else _symbol(name)
+    axis.set_ylabel(f"{symbol} ({unit})" if unit else symbol)
+    axis.set_title(shorten(meaning, LINE, placeholder=" .."), loc="left", pad=3)
+
+
+def legend(figure: Figure, axes: Sequence[Axes], names: Sequence[str] = ("truth", "estimate", "measured")) -> None:
+    """Names the lines above the panels, once each."""
+    lines = {line.get_label(): line for axis in axes for line in (*axis.get_lines(), *axis.collections)}
+    order = [name for name in names if name in lines]
+    room = int(WIDTH / (HANDLE + LETTER * max(map(len, order))))  # for so many columns
+    figure.legend(
+        [lines[name] for name in order],
+        order,
+        loc="upper right",
+        ncols=max(1, min(len(order), COLUMNS, room)),
+        bbox_to_anchor=(0.96, 1.0),
+        borderaxespad=0.2,
+        handlelength=1.6,
+        columnspacing=1.4,
+    )
+
+
+def thin(t: Array, values: Array) -> tuple[Array, Array]:
+    """The samples that a line needs to look the same: the extremes of each bin; gaps (NaN) stay gaps, and what
+    no axis holds is one."""
+    values = np.where(np.abs(values) < FAR, values, np.nan)
+    if len(t) <= 2 * BINS:
+        return t, values
+    keep = [0, len(t) - 1]
+    for part in np.array_split(np.arange(len(t)), BINS):
+        seen = values[part]
+        if np.isnan(seen).all():
+            keep.append(part[0])
+        else:
+            keep += [part[np.nanargmin(seen)], part[np.nanargmax(seen)]]
+    index = np.unique(keep)
+    return t[index], values[index]
+
+
+@rc_context(STYLE)
+def svg(figure: Figure) -> str:
+    """The figure as SVG text; no date, no version, no random ids."""
+    stream = io.StringIO()
+    figure.savefig(stream, format="svg", metadata={"Date": None, "Creator": None})
+    return stream.getvalue()
+
+
+@rc_context(STYLE)
+def png(figure: Figure) -> bytes:
+    """The figure as PNG, 160 dots an inch."""
+    stream = io.BytesIO()
+    figure.savefig(stream, format="png", dpi=160, metadata={"Software": None})
+    return stream.getvalue()
+
+
+@rc_context(STYLE)
+def files(name: str, figure: Figure) -> dict[str, bytes]:
+    """NAME.svg and NAME.png, with room on the left for the labels where numbers are long."""
+    beyond = -float(figure.get_tightbbox().x0)
+    if beyond > 0:
+        figure.subplots_adjust(left=figure.subplotpars.left + (beyond + EDGE) / figure.get_figwidth())
+    return {f"{name}.svg": svg(figure).encode(), f"{name}.png": png(figure)}
+
+
+@rc_context(STYLE)
+def record_states(step: Step, t: Array, run: Run, y: Array, truth: Mapping[str, Array]) -> Figure:
+    """One panel for each state of a run over the samples y (N, p) at times t (N,), NaN where missing; `truth` (N,) by
+    state."""
+    figure, axes = panels(len(step.states), t, step.time)
+    for i, (axis, signal) in enumerate(zip(axes, step.states, strict=True)):
+        j, x = measured_as(step, signal), run.x[:, i]
+        if j is not None:
+            _measured(axis, t, y[:, j], "measured", MEASURED, 3.0)
+        axis.plot(*thin(t, x), color=ESTIMATE, linewidth=1.6, label="estimate")
+        if signal.name in truth:
+            _measured(axis, t, truth[signal.name], "truth", TRUTH, 0.6)
+        if run.covariance is not None:
+            _band(axis, t, x, np.sqrt(np.maximum(run.covariance[:, i, i], 0.0)))
+        caption(axis, signal.name, signal.unit, signal.meaning)
+    legend(figure, axes, ("truth", "estimate", "2 sigma", "measured"))
+    return figure
+
+
+@rc_context(STYLE)
+def record_innovations(step: Step, t: Array, run: Run) -> Figure:
+    """One panel for each output: its innovations, and the 2 sigma that the observer takes them to have."""
+    assert run.innovations is not None  # of a step
+    figure, axes = panels(len(step.outputs), t, step.time)
+    for j, (axis, signal) in enumerate(zip(axes, step.outputs, strict=True)):
+        e = run.innovations[:, j]
+        _measured(axis, t, e, "innovation", TRUTH, 0.6)
+        if run.variances is not None:
+            there = np.isfinite(run.variances[:, j])
+            _band(axis, t[there], np.zeros(int(there.sum())), np.sqrt(run.variances[there, j]))
+        caption(axis, signal.name, signal.unit, f"innovation of {signal.meaning or signal.name}")
+    legend(figure, axes, ("innovation", "2 sigma"))
+    return figure
+
+
+def _measured(axis: Axes, t: Array, values: Array, label: str, colour: str, width: float) -> None:
+    """A broad line shows beside an estimate that lies on it, a thin one within it; a slow sensor's values are marks."""
+    there = np.isfinite(values)
+    if there.mean() < SLOW:
+        dark = MARKED if colour == MEASURED else colour  # and above the lines, since a mark is small
+        axis.plot(*thin(t[there], values[there]), ".", markersize=4, color=dark, zorder=3, label=label)
+    else:
+        axis.plot(*thin(t, values), color=colour, linewidth=width, label=label)
+
+
+def _band(axis: Axes, t: Array, middle: Array, sigma: Array) -> None:
+    """The widest 2 sigma in each of so many parts of the time that a line needs, on an axis as far as a quarter beyond
+    what else there is: at first it may be vast."""
+    bottom, top = axis.get_ylim()
+    low, high = (np.where(abs(ends) < FAR, ends, np.nan) for ends in (middle - 2 * sigma, middle + 2 * sigma))
+    if len(t) > 2 * BINS:
+        first = np.linspace(0, len(t), BINS, endpoint=False, dtype=int)
+        t, low, high = t[first], np.fmin.reduceat(low, first), np.fmax.reduceat(high, first)
+    axis.fill_between(t, low, high, label="2 sigma", color=ESTIMATE, alpha=0.18, linewidth=0)
+    (least, most), room = axis.get_ylim(), (top - bottom) / 4
+    axis.set_ylim(max(least, bottom - room), min(most, top + room))
+
+
+@rc_context(STYLE)
+def curve(points: Sequence["Point"], step: Step) -> Figure:
+    """A panel for each state of the form, the bound of what noise does, of each output, and one for the longest dt. The
+    first point is the tuning, a cross beside the lines of the designed gains."""
+    form, time = step.observer.form, step.observer.form.system.time
+    tuning, gains = points[0], sorted(points[1:], key=lambda one: one.about)
+    rates = [one.about for one in points]
+    figure, axes = panels(form.n + 1, np.array([min(rates) / 1.2, max(rates) * 1.2]), time)
+    for axis, state in zip(axes, form.names, strict=False):
+        for k, output in enumerate(y.name for y in form.system.outputs):
+            for label, look in _LOOKS.items():
+                place = state, output
+                bounds: list[float] = [getattr(one, label).get(place, np.nan) for one in (*gains, tuning)]
+                axis.loglog([one.about for one in gains], bounds[:-1], label=label, alpha=0.7**k, **look)
+                axis.loglog([tuning.about], bounds[-1:], "x", color=look["color"], label="_")
+        axis.set_ylabel(f"error of {state}")
+    dts = [np.nan if one.longest is None else one.longest for one in (*gains, tuning)]
+    axes[-1].loglog([one.about for one in gains], dts[:-1], marker=".", color=TRUTH)
+    axes[-1].loglog([tuning.about], dts[-1:], "x", color=TRUTH)
+    axes[-1].axhline(step.dt, color=MEASURED, linewidth=0.6)
+    axes[-1].set_ylabel(f"longest dt ({time})")
+    axes[-1].set_xlabel(f"rate (1/{time}); noise of 1; the tuning: a cross")
+    for axis in axes:
+        low, high = axis.get_ylim()
+        if low < high:  # where anything is drawn
+            axis.set_ylim(low / _ROOM, high * _ROOM)
+        _in_full(axis.yaxis)
+    _in_full(axes[-1].xaxis)
+    legend(figure, axes, tuple(_LOOKS))
+    return figure
+
+
+def _in_full(axis: Axis) -> None:
+    """Ticks at 1, 2, 5, 10 and so on, as numbers and not as powers."""
+    axis.set_major_locator(LogLocator(subs=(1, 2, 5)))
+    axis.set_major_formatter("{x:g}")
+    axis.set_minor_formatter(NullFormatter())

@@ -1,0 +1,243 @@
+"""What a trial measures: time to settle after each event, steady errors, how theta behaved, whether a clamp was active.
+
+The events of a trial are its start (the initial state is wrong) and its jumps. An event lasts until the next one. A
+trial without a band of its own is settled when every error stays within `SHARE` of its state's range, the declared one,
+else that of the truth along the trial.
+"""
+
+import math
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from itertools import pairwise
+from typing import Annotated, Any
+
+import numpy as np
+
+from hgogen.call import CallableStep
+from hgogen.emit import layout
+from hgogen.emit.saved import sealed
+from hgogen.run.samples import Engine
+from hgogen.signal import resting
+from hgogen.step import Step
+from hgogen.trial import Settled, Trajectory, Trial, noisy, simulate
+
+SHARE = 0.05  # of a state's range
+TRIGGERED = 1.5  # theta above this: the adaptation has been triggered
+CALM = 1.05  # theta under this: Kalman mode again
+LATE = 5  # the last fifth of the time between two events is late
+LATCHED = 0.5  # theta above 1.5 in more than this share of the late time: it does not come back
+WARM_UP = 0.05  # the first part of a trial, in which the estimate may be anywhere
+ALARM_SEEDS = 3  # a mean over many windows varies little from seed to seed
+ITSELF = 1.0  # the alarm ratio above which the alarm can feed itself
+
+
+@dataclass(frozen=True)
+class Response:
+    """What followed an event, None where it did not happen or does not apply."""
+
+    time: Annotated[float, "time of the event (s)"]
+    settled: Annotated[float | None, "time to settle (s); null: never"]
+    peak: Annotated[float | None, "largest theta"]
+    calm: Annotated[float | None, "time until theta is under 1.05 for good (s)"]
+    triggers: Annotated[int | None, "how often theta rose through 1.5"]
+    loud: Annotated[float | None, "share of the last fifth of the time before the next event with theta above 1.5"]
+
+
+@dataclass(frozen=True)
+class Metrics:
+    """One trajectory in numbers."""
+
+    seed: Annotated[int, "seed of the noise"]
+    engine: Annotated[str, "who ran the step: c or python"]
+    responses: Annotated[tuple[Response, ...], "what followed each event"]
+    rms: Annotated[Mapping[str, float], "steady error by state"]
+    clamped: Annotated[int, "samples after the first 5% with the estimate outside its ranges or its outer box"]
+
+
+def metrics(step: Step, trajectory: Trajectory) -> Metrics:
+    """The trajectory in numbers; `step` is the one that made it."""
+    trial, t = trajectory.trial, trajectory.truth.t
+    pairs = pairwise((*trial.events, math.inf))
+    spans = [(begin, (t >= begin - 1e-9) & (t < end - 1e-9)) for begin, end in pairs]
+    steady = trajectory.error[t >= trial.steady_from - 1e-9]
+    rms = np.sqrt(np.mean(steady**2, axis=0))
+    if step.clock.guarded:
+        bits = sum(1 << k for k, bit in enumerate(step.layout.bits) if bit.name in ("OUTSIDE_BOX", "STATE_LIMITED"))
+        outside = trajectory.status & trajectory.status.dtype.type(bits) != 0
+    else:  # the status says nothing
+        low, high = np.array([s.interval for s in step.states]).T
+        outside = ~((trajectory.x >= low) & (trajectory.x <= high)).all(axis=1)
+    late = t > WARM_UP * trial.duration
+    return Metrics(
+        seed=trajectory.seed,
+        engine=trajectory.engine,
+        responses=tuple(_response(step, trajectory, begin, span) for begin, span in spans),
+        rms={s.name: float(value) for s, value in zip(step.states, rms, strict=True)},
+        clamped=int(np.count_nonzero(outside[late])),
+    )
+
+
+def criterion(trial: Trial, unit: str = "s") -> str:
+    """What settled means, in words; `unit`: that of the plant's time."""
+    if trial.settled is None:
+        return f"every error within {100 * SHARE:g}% of its state's range until the next event"
+    return f"|error of {trial.settled.state}| <= {trial.settled.band:g} for {trial.settled.hold:g} {unit}"
+
+
+def ranges(step: Step, trajectory: Trajectory) -> np.ndarray:
+    """The width (n) of each state's range."""
+    seen = np.ptp(trajectory.truth.x, axis=0)
+    widths = [s.interval[1] - s.interval[0] if s.bounded else seen[i] or 1.0 for i, s in enumerate(step.states)]
+    return np.array(widths, dtype=float)
+
+
+def _response(step: Step, trajectory: Trajectory, begin: float, span: np.ndarray) -> Response:
+    """What followed an event, in the span that begins there, a mask (N,)."""
+    error, wanted = trajectory.error[span], trajectory.trial.settled
+    if wanted:
+        settled = settling(error[:, [s.name for s in step.states].index(wanted.state)], wanted, step.dt)
+    else:
+        share = (np.abs(error) / ranges(step, trajectory)).max(axis=1)
+        settled = _past(~(share <= SHARE), step.dt)
+    if "theta" not in trajectory.traces:
+        return Response(begin, settled, None, None, None, None)
+    theta = trajectory.traces["theta"][span]
+    late = theta[-max(1, len(theta) // LATE) :]
+    return Response(
+        time=begin,
+        settled=settled,
+        peak=float(theta.max()),
+        calm=_past(theta >= CALM, step.dt),
+        triggers=len(crossings(theta)),
+        loud=float(np.mean(late > TRIGGERED)),
+    )
+
+
+def _past(holds: np.ndarray, dt: float) -> float | None:
+    """Time (s) from the first sample until what holds, a mask (k,), does so no more; None where it does at the end."""
+    samples = np.flatnonzero(holds)
+    first = int(samples[-1]) + 1 if len(samples) else 0
+    return first * dt if first < len(holds) else None
+
+
+def settling(error: np.ndarray, settled: Settled, dt: float) -> float | None:
+    """Time (s) from the first sample until |error| (k,) stays in the band for `hold`; None where it never does."""
+    samples = round(settled.hold / dt) + 1
+    inside = np.concatenate([[0], np.cumsum(np.abs(error) <= settled.band)])
+    held = np.flatnonzero(inside[samples:] - inside[:-samples] == samples)
+    return float(held[0] * dt) if len(held) else None
+
+
+def crossings(theta: np.ndarray) -> np.ndarray:
+    """The samples at which theta has just risen through 1.5."""
+    above = theta > TRIGGERED
+    return np.flatnonzero(above[1:] & ~above[:-1]) + 1
+
+
+@dataclass(frozen=True)
+class Summary:
+    """Several seeds of one trial; of a quantity that some seed lacks, the worst is None (it never happened)."""
+
+    trial: Annotated[str, "name of the trial"]
+    criterion: Annotated[str, "what settled means"]
+    seeds: Annotated[int, "number of seeds"]
+    engine: Annotated[str, "who ran the step: c or python"]
+    times: Annotated[tuple[float, ...], "times of the events"]
+    settled: Annotated[tuple[float | None, ...], "median time to settle after each event; null: never"]
+    worst: Annotated[tuple[float | None, ...], "largest time to settle after each event; null: never in some seed"]
+    peak: Annotated[tuple[tuple[float, float] | None, ...], "smallest and largest peak of theta"]
+    calm: Annotated[tuple[float | None, ...], "median time until theta is under 1.05 for good"]
+    triggered: Annotated[tuple[float | None, ...], "share of seeds in which theta rose through 1.5"]
+    loud: Annotated[tuple[float | None, ...], "mean share of the last fifth before the next event with theta above 1.5"]
+    latched: Annotated[int, "seeds in which theta did not come back after some event"]
+    alarm_ratio: Annotated[float | None, "innovation at the largest theta over its threshold"]
+    rms: Annotated[Mapping[str, float], "median steady error by state"]
+    clamped: Annotated[int, "samples after the first 5% outside the declared or the outer box"]
+
+
+def summary(trial: Trial, each: Sequence[Metrics], alarm_ratio: float | None = None, unit: str = "s") -> Summary:
+    """The metrics of all seeds (at least one) in one; `unit`: that of the plant's time."""
+    events = list(zip(*(m.responses for m in each), strict=True))
+    settled: list[list[Any]] = [[r.settled for r in event] for event in events]
+    peaks, triggers, louds = (
+        [[value for r in event if (value := getattr(r, name)) is not None] for event in events]
+        for name in ("peak", "triggers", "loud")
+    )
+    return Summary(
+        trial=trial.name,
+        criterion=criterion(trial, unit),
+        seeds=len(each),
+        engine=each[0].engine,
+        times=tuple(event[0].time for event in events),
+        settled=tuple(map(median, settled)),
+        worst=tuple(None if None in times else max(times) for times in settled),
+        peak=tuple((min(p), max(p)) if p else None for p in peaks),
+        calm=tuple(median(r.calm for r in event) for event in events),
+        triggered=tuple(float(np.mean([n > 0 for n in count])) if count else None for count in triggers),
+        loud=tuple(float(np.mean(shares)) if shares else None for shares in louds),
+        latched=sum(any((r.loud or 0) > LATCHED for r in m.responses) for m in each),
+        alarm_ratio=alarm_ratio,
+        rms={name: float(np.median([m.rms[name] for m in each])) for name in each[0].rms},
+        clamped=sum(m.clamped for m in each),
+    )
+
+
+def median(values: Iterable[float | None]) -> float | None:
+    """The middle of times, where None counts as infinitely late."""
+    middle = float(np.median([math.inf if value is None else value for value in values]))
+    return middle if math.isfinite(middle) else None
+
+
+def alarm_ratio(step: CallableStep, trial: Trial, engine: Engine, seeds: Sequence[int]) -> float | None:
+    """Whether the alarm of an adaptive theta can feed itself: the innovation at the largest theta, over the threshold.
+
+        ratio = (mean of I_d with theta held at 2 theta_1, nothing wrong) / gamma_0
+
+    At 2 theta_1 the estimate is noisy, and the prediction that the innovation judges starts from it. Where noise alone
+    then keeps I_d above gamma_0, an alarm never ends. Up to 1 theta comes back; from about 5 on it does not; between,
+    the noise decides. (Of a logistic mu, the centre stands for gamma_0.)
+
+    Median over at most three of the seeds, from the second half of the trial without its jumps; None for a theta
+    without innovation. The step itself is left alone. Raises: `BadTrial`.
+    """
+    nominal = {gain.name: gain.initial for gain in step.layout.gains}
+    threshold = nominal.get("gamma_0", nominal.get("centre"))
+    if threshold is None:
+        return None
+    plant, quiet = step.observer.form.system, replace(trial, jumps=(), steady=None)
+    truth = simulate(plant, quiet, step.dt)
+    pinned = replace(step)  # with a memory of its own
+    pinned.tune(rate=0)  # theta never decays
+    start = _at_the_peak(pinned, quiet)
+    means = []
+    for seed in seeds[:ALARM_SEEDS]:
+        pinned.restore(start)
+        y = pinned.arriving(noisy(plant, truth, quiet, [seed])[0])
+        innovation = pinned.run(truth.u, y, engine).traces["innovation"]
+        means.append(np.mean(innovation[len(innovation) // 2 :]))
+    return float(np.median(means)) / float(threshold[0])
+
+
+def alarm_complaints(each: Iterable[Summary]) -> Iterator[str]:
+    """A sentence for every trial with an innovation in which theta does not come back."""
+    for one in each:
+        if one.latched and one.alarm_ratio is not None:
+            fed = one.alarm_ratio > ITSELF
+            advice = "; lower theta_1 or Q, or raise gamma_0" if fed else ", so it needs more time between the events"
+            yield (
+                f"trial {one.trial!r}: theta does not come back in {one.latched} of {one.seeds} seeds: "
+                f"alarm ratio {one.alarm_ratio:.2g}{advice}"
+            )
+
+
+def _at_the_peak(step: CallableStep, trial: Trial) -> bytes:
+    """The state before the first call, but the estimate (that of each predictor too) the truth, theta at its peak."""
+    form = step.observer.form
+    values: dict[Any, Any] = {s: trial.start[s.name] for s in form.system.states} | form.system.nominal
+    values |= {u: resting(u) for u in form.system.inputs}
+    state = np.frombuffer(layout.fresh(step, step.real), layout.state_type(step, step.real)).copy()
+    state["z"] = z = [float(expression.subs(values)) for expression in form.to_form]
+    state["theta"] = max(field.high[0] for field in step.layout.state if field.name == "theta")
+    if any(group.name == "predictor" for group in step.layout.groups):
+        state["predictor"]["z"] = z
+    return sealed(step, step.real, state.tobytes())

@@ -1,0 +1,292 @@
+"""Compile emitted C with this machine's compiler and call it."""
+
+# Takes apart: $CC, a command with its arguments.
+
+import ctypes
+import hashlib
+import os
+import shlex
+import shutil
+import signal
+import subprocess
+import sys
+import sysconfig
+import tempfile
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from contextlib import suppress
+from dataclasses import dataclass
+from functools import cache, partial
+from pathlib import Path
+from typing import ClassVar, Literal
+
+from hgogen.errors import HgogenError
+from hgogen.run.library_cache import cache_folder, is_kept, keep, process_folder
+from hgogen.target import CannotWrite, Sources, remove, write
+
+SOON = 30.0  # seconds, within which a compiler reads an empty file on the busiest machine
+LIMIT = 1800.0  # seconds for any other command
+WARNINGS = (
+    *("-Wall", "-Wextra", "-Wpedantic", "-Wconversion", "-Wdouble-promotion", "-Wshadow", "-Werror"),
+    *("-ffp-contract=off",),
+)
+
+
+class NoCompilerWarning(UserWarning):
+    """There is no C compiler: the record runs in Python, sample by sample: the same bits, some twenty times slower."""
+
+
+@dataclass(eq=False)
+class NoCompiler(HgogenError):
+    """C was asked for where there is no compiler."""
+
+    def __str__(self) -> str:
+        return (
+            "there is no C compiler (looked for $CC, cc, gcc, clang); install one, or say engine='python' for Python's "
+            "reading of the step"
+        )
+
+
+@dataclass(eq=False)
+class NoTool(HgogenError):
+    """A program that a self-check needs and that is not there."""
+
+    name: str
+
+    def __str__(self) -> str:
+        return f"there is no {self.name}; install it, or name another by ${variable(self.name)}"
+
+
+@dataclass(eq=False)
+class CompilerFailed(HgogenError):
+    """A compiler refused emitted code; `fix`: what can be done about it."""
+
+    status: ClassVar[int] = 1
+    command: tuple[str, ...]
+    output: str
+    fix: str = "mend it, or name another by $CC, or say engine='python' for Python's reading of the step"
+
+    def __str__(self) -> str:
+        return f"the compiler failed: {' '.join(self.command)}\n{self.output.rstrip()}\n{self.fix}"
+
+
+@dataclass(eq=False)
+class CheckFailed(HgogenError):
+    """A self-check ended with another status than 0."""
+
+    status: ClassVar[int] = 1
+    command: tuple[str, ...]
+    output: str
+
+    def __str__(self) -> str:
+        return f"the self-check failed: {' '.join(self.command)}\n{self.output.rstrip()}"
+
+
+Failed = Callable[[tuple[str, ...], str], HgogenError]  # of a command and its output
+
+
+def compiler() -> str | None:
+    """The path of the C compiler; None where there is none."""
+    command = _compiler()
+    return command[0] if command else None
+
+
+def _compiler() -> tuple[str, ...] | None:
+    """The C compiler as a command: $CC, which may hold arguments, as in "ccache gcc", else the first of cc, gcc and
+    clang that is installed; None where none is."""
+    named, commands = os.environ.get("CC", ""), [["cc"], ["gcc"], ["clang"]]
+    if named.strip():
+        with suppress(ValueError):  # a quotation mark that is not closed
+            commands.insert(0, shlex.split(named))
+        commands.insert(0, [named])  # one path, which may hold blanks
+    for words in commands:
+        path = shutil.which(words[0])
+        if path:
+            return path, *words[1:]
+    return None
+
+
+def engine() -> Literal["c", "python"]:
+    """What takes samples here: the compiled step where there is a compiler, else Python."""
+    return "c" if compiler() else "python"
+
+
+def library(files: Mapping[str, str], flags: tuple[str, ...] = ()) -> ctypes.CDLL:
+    """The C files compiled into a shared library and loaded; a library made before from the same text is used again.
+
+    `flags`: of the compiler, after those of every library, -O1 among them: a record of some 100,000 samples is done
+    before -O2 has saved what it takes longer to compile.
+
+    Raises: `NoCompiler`, `CompilerFailed`.
+    """
+    command = _demanded()
+    digest = hashlib.sha256()
+    for text in (
+        *command,
+        sys.platform,
+        sysconfig.get_platform(),
+        *((_macros(command, flags), *flags) if flags else ()),
+        *(part for item in files.items() for part in item),
+    ):
+        digest.update(text.encode(errors="surrogateescape") + b"\0")
+    return _load(command, digest.hexdigest()[:32], tuple(files.items()), flags)
+
+
+def own() -> tuple[str, ...]:
+    """The flags by which the compiler writes for the processor of this machine; none where it knows no such flag."""
+    command = _compiler()
+    flags = ("-march=native",)
+    return flags if command and _macros(command, flags) else ()
+
+
+@cache
+def _macros(command: tuple[str, ...], flags: tuple[str, ...]) -> str:
+    """What a compiler says of a machine with these flags, which a shared cache of libraries must tell apart; "" where
+    it says nothing within `SOON` seconds."""
+    try:
+        return run([*command, *flags, "-dM", "-E", "-x", "c", os.devnull], ".", limit=SOON)
+    except CompilerFailed:
+        return ""
+
+
+def _demanded() -> tuple[str, ...]:
+    """The C compiler as a command. Raises: `NoCompiler`."""
+    command = _compiler()
+    if command is None:
+        raise NoCompiler()
+    return command
+
+
+@cache
+def _load(
+    command: tuple[str, ...], digest: str, files: tuple[tuple[str, str], ...], flags: tuple[str, ...]
+) -> ctypes.CDLL:
+    with cache_folder() as folder:
+        library = folder / f"{digest}.so"
+        if not is_kept(library):
+            content = _compiled(command, dict(files), flags)
+            try:
+                keep(library, content)
+            except CannotWrite:  # as on a full disk
+                library = process_folder() / library.name
+                keep(library, content)
+        try:
+            return ctypes.CDLL(str(library))
+        except OSError as error:
+            remove(library.name, library.parent)
+            raise CompilerFailed(command, f"what it made cannot be loaded: {error}") from None
+
+
+def _compiled(command: tuple[str, ...], files: Mapping[str, str], flags: tuple[str, ...]) -> bytes:
+    """The content of the shared library of C files. Raises: `CompilerFailed`."""
+    with tempfile.TemporaryDirectory() as folder:
+        write(files, folder)
+        sources = [name for name in files if name.endswith(".c")]
+        options = ["-std=c99", "-O1", "-fPIC", "-shared", "-ffp-contract=off", *flags]
+        return _made([*command, *options, *sources], "step.so", folder).read_bytes()
+
+
+def _made(command: Sequence[str], name: str, folder: str) -> Path:
+    """The file of that name in a folder, which a command of the C compiler makes.
+
+    Raises: `CompilerFailed`, also where the compiler hangs or writes nothing.
+    """
+    run([*_demanded(), "-E", "-x", "c", os.devnull], folder, limit=SOON)
+    whole, made = (*command, "-o", name), Path(folder) / name
+    run(whole, folder)
+    if not made.is_file():
+        raise CompilerFailed(whole, f"it ended with status 0, but wrote no {name}")
+    return made
+
+
+def run(command: Sequence[str], folder: str | Path, failed: Failed = CompilerFailed, limit: float = LIMIT) -> str:
+    """Run a command in a folder and return what it prints.
+
+    Raises: what `failed` makes of the command and its output where it cannot be started, does not end with 0, or not
+    within `limit` seconds; the processes that it started are then ended too.
+    """
+    group = 0 if os.name == "posix" else -1
+    try:
+        child = subprocess.Popen(
+            command,
+            cwd=folder,
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            text=True,
+            errors="replace",
+            process_group=group,
+        )
+    except OSError as error:
+        raise failed(tuple(command), f"it cannot be started: {error.strerror}") from None
+    with child:
+        try:
+            output, errors = child.communicate(timeout=limit)
+        except subprocess.TimeoutExpired:
+            _end(child)
+            raise failed(tuple(command), f"it did not end within {limit:g} s") from None
+        except BaseException:  # as of Ctrl-C, which a group of its own does not get
+            _end(child)
+            raise
+    if child.returncode:
+        raise failed(tuple(command), output + errors)
+    return output
+
+
+def _end(child: "subprocess.Popen[str]") -> None:
+    if os.name == "posix":
+        os.killpg(child.pid, signal.SIGKILL)
+    child.kill()
+
+
+def run_recipe(files: Sources) -> str:
+    """Compile and run the self-check of another language than C, and return what it prints: its last command.
+
+    Raises: `NoTool`, `CompilerFailed`, `CheckFailed`.
+    """
+    *before, last = files.recipe
+    with tempfile.TemporaryDirectory() as folder:
+        write(files, folder)
+        for first, *rest in before:
+            failed = partial(CompilerFailed, fix=f"mend it, or name another by ${variable(first)}")
+            run([_program(first, folder), *rest], folder, failed)
+        return run([_program(last[0], folder), *last[1:]], folder, CheckFailed)
+
+
+def _program(name: str, folder: str) -> str:
+    """The path of a recipe's program: one that was made in the folder, as ./check, or a tool of this machine."""
+    return str(Path(folder) / name) if name.startswith("./") else tool(name)
+
+
+def variable(name: str) -> str:
+    """The environment variable that names another program: RUSTC of rustc, CXX of c++."""
+    return name.upper().translate({ord("+"): "X"})
+
+
+def tool(name: str) -> str:
+    """The path of a program: what its environment variable names, else what is in the path.
+
+    Raises: `NoTool`.
+    """
+    there = shutil.which(os.environ.get(variable(name), "") or name)
+    if there is None:
+        raise NoTool(name)
+    return there
+
+
+def with_main(files: Iterable[str]) -> list[str]:
+    """The flags that ask the self-checks among files of C for their main: NAME_check.c has one where NAME_CHECK_MAIN is
+    defined."""
+    return [f"-D{Path(name).stem.upper()}_MAIN" for name in files if name.endswith("_check.c")]
+
+
+def run_check(files: Mapping[str, str], flags: Sequence[str] = ("-O2",)) -> str:
+    """Compile C files with every warning an error, run the self-check, and return what it prints.
+
+    Raises: `NoCompiler`, `CompilerFailed`, `CheckFailed`.
+    """
+    command = _demanded()
+    with tempfile.TemporaryDirectory() as folder:
+        write(files, folder)
+        sources = [name for name in files if name.endswith(".c")]
+        options = ["-std=c99", *WARNINGS, *with_main(files), *flags]
+        return run([str(_made([*command, *options, *sources], "check", folder))], folder, CheckFailed)

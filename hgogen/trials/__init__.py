@@ -1,1 +1,0 @@
-"""What a trial shows: metrics, figures, comparisons with a reference and a record, Gramians, the response to noise."""
