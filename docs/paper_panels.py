@@ -20,7 +20,7 @@ from matplotlib.ticker import MaxNLocator
 
 from hgogen.estimators.theta import Logistic, Smoothstep
 from hgogen.program import sym
-from hgogen.prove.formulas import core_eigenvalues, gain_of_poles, inside_parabola
+from hgogen.prove.design import core_eigenvalues, gain_of_poles, inside_parabola
 from hgogen.run.figures import COLOURS, DASHES, ESTIMATE, STYLE, TRUTH, WIDTH, look, panels, thin
 
 _HEIGHT, _POINTS = 2.6, 600

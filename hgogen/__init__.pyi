@@ -19,10 +19,10 @@ from hgogen.certificates.error_bound import error_bound as error_bound
 from hgogen.certificates.error_bound import signed as signed
 from hgogen.certificates.input_gains import IssGain as IssGain
 from hgogen.certificates.input_gains import L2Gain as L2Gain
+from hgogen.certificates.input_gains import NoiseGain as NoiseGain
 from hgogen.certificates.input_gains import iss_gain as iss_gain
 from hgogen.certificates.input_gains import l2_gain as l2_gain
-from hgogen.certificates.noise_gain import NoiseGain as NoiseGain
-from hgogen.certificates.noise_gain import noise_gain as noise_gain
+from hgogen.certificates.input_gains import noise_gain as noise_gain
 from hgogen.certificates.start_set import StartSet as StartSet
 from hgogen.certificates.start_set import start_set as start_set
 from hgogen.check import Check as Check
@@ -43,10 +43,10 @@ from hgogen.model import load as load
 from hgogen.observer import Observer as Observer
 from hgogen.prove import design as design
 from hgogen.prove.dissipation import Dissipation as Dissipation
+from hgogen.prove.dissipation import ErrorSystem as ErrorSystem
 from hgogen.prove.dissipation import dissipation as dissipation
-from hgogen.prove.error_system import ErrorSystem as ErrorSystem
-from hgogen.prove.error_system import error_system as error_system
-from hgogen.prove.error_system import observer_errors as observer_errors
+from hgogen.prove.dissipation import error_system as error_system
+from hgogen.prove.dissipation import observer_errors as observer_errors
 from hgogen.reading.casadi_model import from_casadi as from_casadi
 from hgogen.reading.disturbed import with_disturbance as with_disturbance
 from hgogen.reading.table import table as table

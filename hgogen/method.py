@@ -25,12 +25,10 @@ from hgogen.graph import Graph
 from hgogen.observer import Observer
 from hgogen.part import Clock, Ode, Pieces
 from hgogen.program import INF, Block, Place, Repeat, address, sym
-from hgogen.prove.beside_core import BesideCore, Leaves
-from hgogen.prove.beside_stages import BesideStages
-from hgogen.prove.entering import Entering
 from hgogen.prove.inclusion import Inclusion, Uncertain
 from hgogen.prove.inequality import Inequality, Realisation, realised, stagewise
-from hgogen.prove.plant_step import PlantStep
+from hgogen.prove.method_error import BesideCore, BesideStages, Leaves
+from hgogen.prove.plant_step import Entering, PlantStep
 from hgogen.sentence import NONE, Reason, because
 
 POINTS = 6  # corners, and as many points inside, at which the covariance equation is judged

@@ -22,8 +22,8 @@ from hgogen.method import Method, OnErrors
 from hgogen.observer import Observer, parameter_fields
 from hgogen.part import Clock, Guards, Pieces, Prefer
 from hgogen.program import INF, Bit, Field, Group, Program, Section, in_capitals, places
-from hgogen.prove.bounded_theta import Nothing
-from hgogen.prove.signed import Signed
+from hgogen.prove.inclusion import Nothing
+from hgogen.prove.questions import Signed
 from hgogen.reading.given import among
 from hgogen.reading.time_unit import of_time, plural
 from hgogen.rigor.threads import one_thread

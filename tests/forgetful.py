@@ -6,7 +6,7 @@ from typing import Any
 
 MAKERS = (
     *("hgogen.observer", "hgogen.step", "hgogen.run.readers", "hgogen.emit.manual"),
-    *("hgogen.certificates.one_call", "hgogen.recheck.verification", "hgogen.emit.subprograms"),
+    *("hgogen.certificates.rounding_share", "hgogen.recheck.verification", "hgogen.emit.subprograms"),
     "hgogen.discretisation.open_loop",
 )
 _REMEMBERED: list[Any] = []

@@ -18,12 +18,12 @@ from plants import MODELS, model, pendulum
 
 import hgogen as hg
 from hgogen.model import load
-from hgogen.prove import gain_programs, lmi, semidefinite
+from hgogen.prove import adaptive_design, semidefinite
 
 RATIO = 1.05  # the largest ratio of two bounds that are found of one thing
 KERNELS = ("Haswell", "SkylakeX", "Zen", "Nehalem")  # of OpenBLAS; one that it does not know leaves its own choice
 NOISE = {"y": 1e-3}
-_PLAIN, _BY_CVXPY = semidefinite._solution.__wrapped__, lmi.solved
+_PLAIN, _BY_CVXPY = semidefinite._solution.__wrapped__, semidefinite.solution_of
 Answer = Mapping[str, float | str]  # a bound or a verdict, by what it is of
 
 
@@ -152,7 +152,7 @@ class Perturbation:
         return known[0], prices
 
     def solved(self, cp: Any, problem: Any, P: Any) -> Any:
-        """In the place of `lmi.solved`."""
+        """In the place of `semidefinite.solution_of`."""
         self.asked += 1
         if self.what == "constraints":
             order = self.draw.permutation(len(problem.constraints))
@@ -175,8 +175,8 @@ def perturbed(patch: Any, what: str, seed: int) -> Perturbation:
     """Has the solver perturbed from here on, as long as `patch`, the tests' monkeypatch, lasts."""
     other = Perturbation(what, seed)
     patch.setattr(semidefinite, "_solution", other.solution)
-    for module in (lmi, gain_programs):
-        patch.setattr(module, "solved", other.solved)
+    for module in (semidefinite, adaptive_design):
+        patch.setattr(module, "solution_of", other.solved)
     return other
 
 

@@ -12,7 +12,8 @@ from oracle.adaptive_lmi import SIGMA, K, P
 
 import hgogen as hg
 from hgogen.check import Check, Verdict
-from hgogen.prove.adaptive_gain import Candidate, Given, candidate, checks, disturbance, gain
+from hgogen.prove.varying_gain import Candidate, Given, candidate, disturbance, gain
+from hgogen.prove.varying_gain import adaptive_checks as checks
 from hgogen.reading.given import BadGain
 from hgogen.rigor.definite import exact, largest, nonnegative, positive, rationals, root, smallest
 

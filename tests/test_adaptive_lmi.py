@@ -19,8 +19,8 @@ import hgogen as hg
 from hgogen.check import Refuted, Verdict
 from hgogen.estimators.core import core_numbers, nominal
 from hgogen.model import load
-from hgogen.prove.adaptive_gain import MovingGain
-from hgogen.prove.design import adaptive_gain, slope
+from hgogen.prove.adaptive_design import adaptive_gain, slope
+from hgogen.prove.varying_gain import MovingGain
 from hgogen.reading.given import BadGain
 from hgogen.recheck.verification import recheck
 from hgogen.rigor.definite import NotHurwitz

@@ -19,8 +19,8 @@ from hgogen.method import Realising
 from hgogen.model import load
 from hgogen.part import Ode
 from hgogen.program import Place
-from hgogen.prove.beside_core import by_matrix_exponential
 from hgogen.prove.inclusion import Inclusion
+from hgogen.prove.method_error import by_matrix_exponential
 from hgogen.prove.plant_step import PlantStep
 from hgogen.prove.quadratic import rational
 from hgogen.recheck.verification import recheck

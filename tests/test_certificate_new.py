@@ -13,7 +13,7 @@ import pytest
 import hgogen as hg
 from hgogen.analysis.evidence import Grounds, OtherNumbers, fingerprint
 from hgogen.certificates.certificate import certificate, stated
-from hgogen.prove.continuous_time import AtTheta, FromTheta, claims
+from hgogen.prove.convergence import AtTheta, FromTheta, claims
 from hgogen.recheck.verification import recheck
 
 

@@ -22,7 +22,7 @@ import hgogen as hg
 from hgogen.certificates.certificate import certificate
 from hgogen.certificates.rate_and_noise import tuned
 from hgogen.model import load
-from hgogen.prove import gain_search, semidefinite
+from hgogen.prove import gain_design, semidefinite
 from hgogen.prove.inclusion import Inclusion
 from hgogen.prove.inequality import pushed
 from hgogen.reading.given import BadGain
@@ -435,17 +435,17 @@ def test_a_multiplier_for_one_slope_loses_nothing(monkeypatch: pytest.MonkeyPatc
     flow, y = [x2, -2 * x2**3], hg.Signal("y")
     form = hg.forms.triangular(hg.System("one", states=(x1, x2), outputs=(y,), flow=flow, output=[x1]))
     corners = hg.design.gain(form, rate=1, argument=(1, 1), theta=1)
-    monkeypatch.setattr(gain_search, "ends", lambda e: (e,))
+    monkeypatch.setattr(gain_design, "ends", lambda e: (e,))
     multiplier = hg.design.gain(form, rate=1, argument=(1, 1), theta=1)
     assert multiplier.bounds == pytest.approx(corners.bounds, rel=0.01)
 
 
 def test_the_program_with_multipliers_is_the_inequality_that_it_stands_for(monkeypatch: pytest.MonkeyPatch) -> None:
     """V' + alpha V + sum S_j ((H e + E v)_j^2 - w_j^2) - sum lambda_j v_j^2, at any P, Y, S, lambda, e, w and v."""
-    monkeypatch.setattr(gain_search, "ends", lambda e: (e,))
+    monkeypatch.setattr(gain_design, "ends", lambda e: (e,))
     rng, n, m, p = np.random.default_rng(5), 3, 2, 2
     M, G, H, C, D, B, E = map(rng.standard_normal, [(n, n), (n, m), (m, n), (p, n), (p, m), (n, p), (m, p)])
-    program = gain_search._Program(gain_search.Open(M, G, H, C, D, B, E, (0, 0, 1)), rate=1, alpha=1.5)
+    program = gain_design._Program(gain_design.Open(M, G, H, C, D, B, E, (0, 0, 1)), rate=1, alpha=1.5)
     at = rng.standard_normal(program._size)
     of_P, of_Y, _ = program._sizes
     form = pushed(*program._ends, 1.5)

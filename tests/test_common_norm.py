@@ -18,11 +18,10 @@ from hgogen.check import Check, Verdict
 from hgogen.estimators.gains import coefficients
 from hgogen.estimators.integrators import Integrators
 from hgogen.model import load
-from hgogen.prove import common_norm, inequality
-from hgogen.prove.bounded_theta import Nothing
-from hgogen.prove.common_norm import Falls, Flow
-from hgogen.prove.continuous_time import theta_checks
-from hgogen.prove.inclusion import Inclusion, on_companion, with_gains
+from hgogen.prove import convergence, inequality
+from hgogen.prove.convergence import Falls, Flow, theta_checks
+from hgogen.prove.error_models import on_companion, with_gains
+from hgogen.prove.inclusion import Inclusion, Nothing
 from hgogen.prove.inequality import falling
 from hgogen.prove.quadratic import Quadratic, negative, rational, reach, verified
 from hgogen.sentence import same, up
@@ -433,7 +432,7 @@ def test_what_rationals_do_not_confirm_is_no_proof(monkeypatch: pytest.MonkeyPat
     assert flow.fastest is None
     above = flow_of(model("pendulum"), (-1, -1), 20.0)
     known = above._weights(Fraction(20))
-    monkeypatch.setattr(common_norm, "negative", lambda *_: True)
+    monkeypatch.setattr(convergence, "negative", lambda *_: True)
     wrong = np.eye(2), np.zeros(0)
     monkeypatch.setattr(Flow, "_sought", lambda *_: wrong)
     assert flow_of(model("pendulum"), (-1, -1), 3.0).least is None

@@ -18,10 +18,8 @@ from hgogen.check import Verdict
 from hgogen.estimators.sampled import Sampled
 from hgogen.model import load
 from hgogen.program import Place
-from hgogen.prove.bounded_theta import Nothing
-from hgogen.prove.contracting import Contracts, Piece, Steps, unstable
-from hgogen.prove.inclusion import Inclusion
-from hgogen.prove.inequality import corners
+from hgogen.prove.inclusion import Inclusion, Nothing
+from hgogen.prove.inequality import Contracts, Piece, Steps, corners, unstable
 from hgogen.prove.quadratic import Quadratic, Weights, rational, verified
 from hgogen.stepping.machine import Machine
 

@@ -14,8 +14,8 @@ from oracle.adaptive_lmi import SIGMA, K
 import hgogen as hg
 from hgogen.check import Verdict
 from hgogen.model import load
-from hgogen.prove.design import Design, Infeasible, adaptive_gain, slope
-from hgogen.prove.lmi import NoSolver
+from hgogen.prove.adaptive_design import Design, Infeasible, adaptive_gain, slope
+from hgogen.prove.semidefinite import NoSolver
 from hgogen.reading.door import Misfit
 from hgogen.reading.given import BadGain
 from hgogen.rigor.definite import NotHurwitz

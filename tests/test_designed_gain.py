@@ -15,8 +15,8 @@ from scipy.linalg import expm
 import hgogen as hg
 from hgogen.check import Verdict
 from hgogen.model import load
-from hgogen.prove.gain_search import NoGain
-from hgogen.prove.lmi import NoSolver
+from hgogen.prove.gain_design import NoGain
+from hgogen.prove.semidefinite import NoSolver
 from hgogen.reading.given import BadGain
 from hgogen.recheck.verification import recheck
 

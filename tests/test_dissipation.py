@@ -16,7 +16,7 @@ from scipy.linalg import eigh, solve_continuous_are, solve_continuous_lyapunov
 import hgogen as hg
 from hgogen.check import Verdict
 from hgogen.model import load
-from hgogen.prove.error_system import BadErrorSystem
+from hgogen.prove.dissipation import BadErrorSystem
 from hgogen.reading.door import Misfit
 from hgogen.reading.named import BadNames
 from hgogen.rigor import second_order

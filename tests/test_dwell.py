@@ -16,10 +16,10 @@ from scipy.linalg import expm
 import hgogen as hg
 from hgogen.check import Check, Verdict
 from hgogen.estimators.integrators import integrators
-from hgogen.prove.bounded_theta import Nothing
-from hgogen.prove.common_norm import Falls, Flow
-from hgogen.prove.dwell import Held, switching
-from hgogen.prove.inclusion import Inclusion, on_companion
+from hgogen.prove.convergence import Falls, Flow
+from hgogen.prove.error_models import on_companion
+from hgogen.prove.inclusion import Inclusion, Nothing
+from hgogen.prove.varying_gain import Held, switching
 from hgogen.recheck.verification import recheck
 from hgogen.theorem import Convergence, convergence
 

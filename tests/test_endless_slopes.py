@@ -13,10 +13,10 @@ from forger import sealed
 
 import hgogen as hg
 from hgogen.certificates.certificate import certificate
-from hgogen.prove.argument import injected
-from hgogen.prove.bounded_theta import Nothing
-from hgogen.prove.endless_slopes import OneSided
-from hgogen.prove.inclusion import with_gains
+from hgogen.prove.constant_gain import injected
+from hgogen.prove.convergence import OneSided
+from hgogen.prove.error_models import with_gains
+from hgogen.prove.inclusion import Nothing
 from hgogen.prove.quadratic import rational
 from hgogen.recheck.verification import recheck
 

@@ -27,7 +27,7 @@ from hgogen.commands.checked import checked
 from hgogen.discretisation.runge_kutta import EULER, HEUN, RK4, Tableau
 from hgogen.model import MissingPart, load
 from hgogen.program import Place
-from hgogen.prove.beside_stages import BesideStages
+from hgogen.prove.method_error import BesideStages
 from hgogen.prove.plant_step import PlantStep, Unbounded
 from hgogen.reading.given import BadGain
 from hgogen.reading.named import BadNames

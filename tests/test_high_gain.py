@@ -27,9 +27,9 @@ from hgogen.estimators.gains import BadPoles, coefficients
 from hgogen.estimators.integrators import Integrators
 from hgogen.modelfiles.tuning import Tuning
 from hgogen.program import Place
-from hgogen.prove.bounded_theta import Nothing
-from hgogen.prove.common_norm import Flow
-from hgogen.prove.inclusion import Inclusion, on_companion, with_gains
+from hgogen.prove.convergence import Flow
+from hgogen.prove.error_models import on_companion, with_gains
+from hgogen.prove.inclusion import Inclusion, Nothing
 from hgogen.reading.given import BadGain
 from hgogen.rigor.definite import NotHurwitz, hurwitz
 from hgogen.run import native

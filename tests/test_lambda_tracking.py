@@ -20,7 +20,7 @@ from hgogen.check import Verdict
 from hgogen.estimators.injection import companion
 from hgogen.model import load
 from hgogen.program import Place
-from hgogen.prove.lmi import lyapunov
+from hgogen.prove.semidefinite import lyapunov
 from hgogen.reading.given import BadGain
 from hgogen.recheck.verification import recheck
 from hgogen.rigor.definite import NotHurwitz

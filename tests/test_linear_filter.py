@@ -14,7 +14,7 @@ from scipy.linalg import expm
 
 import hgogen as hg
 from hgogen.check import Verdict
-from hgogen.prove.linear_filter import Linear, linear, settles
+from hgogen.prove.steady_filter import Linear, linear, settles
 from hgogen.reading.given import BadGain
 from hgogen.recheck.file import digest, model_digest
 from hgogen.recheck.verification import recheck

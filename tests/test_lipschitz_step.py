@@ -17,8 +17,7 @@ from hypothesis import strategies as st
 import hgogen as hg
 from hgogen.check import Verdict
 from hgogen.discretisation.runge_kutta import EULER, HEUN, RK4, Tableau
-from hgogen.prove import lipschitz_step
-from hgogen.prove.beside_stages import BesideStages
+from hgogen.prove.method_error import BesideStages, lipschitz_remainder
 from hgogen.prove.plant_step import PlantStep
 from hgogen.recheck.box import NotShown
 from hgogen.recheck.inequality import Tableau as Rechecked
@@ -44,7 +43,7 @@ def of(tableau: Rechecked) -> tuple[list[list[Fraction]], list[Fraction], list[F
 def test_of_a_rate_that_turns_alone_the_kernel_of_the_weights_is_left(name: str, share: str) -> None:
     """x' = F(u), |dF/du| <= 3, |u'| <= 2: h 6 int|K|, by two codes."""
     tableau, steep, moving = tableau_of({"method": name}), [[Fraction(0), Fraction(3)]], [Fraction(0), Fraction(2)]
-    known = lipschitz_step.left(H, *of(tableau), steep, moving, [False])
+    known = lipschitz_remainder(H, *of(tableau), steep, moving, [False])
     assert known == (H * 6 * Fraction(share),)
     assert [*known] == left_by_lipschitz(tableau, H, steep, moving, [False])
 
@@ -53,7 +52,7 @@ def test_a_linear_row_reads_what_the_others_leave() -> None:
     """x1' = x2, x2' = F of a rate of at most 4, by Heun: x1 is beside by h^2 4/6 and h^2 4/4, x2 by h 4/4."""
     steep = [[Fraction(0), Fraction(1), Fraction(0)], [Fraction(0), Fraction(0), Fraction(2)]]
     tableau, moving = tableau_of({"method": "Heun"}), [Fraction(9), Fraction(3), Fraction(2)]
-    known = lipschitz_step.left(H, *of(tableau), steep, moving, [True, False])
+    known = lipschitz_remainder(H, *of(tableau), steep, moving, [True, False])
     assert known == (H**2 * 4 * (Fraction(1, 6) + Fraction(1, 4)), H)
     assert [*known] == left_by_lipschitz(tableau, H, steep, moving, [True, False])
 
@@ -67,14 +66,14 @@ def test_a_linear_row_reads_what_the_others_leave() -> None:
 def test_two_codes_leave_the_same(name: str, h: Fraction, sizes: list[Fraction], linear: list[bool]) -> None:
     """In short steps, and in long ones, where a linear row is bounded as others are."""
     tableau, steep, moving = tableau_of({"method": name}), [sizes[:3], sizes[3:6]], sizes[6:]
-    known = lipschitz_step.left(h, *of(tableau), steep, moving, linear)
+    known = lipschitz_remainder(h, *of(tableau), steep, moving, linear)
     assert known is not None
     assert [*known] == left_by_lipschitz(tableau, h, steep, moving, linear)
 
 
 def test_of_weights_that_are_not_exact_nothing_is_known() -> None:
     half, one = Fraction(1, 2), [Fraction(1)]
-    assert lipschitz_step.left(H, [[Fraction(0)]], [half], [Fraction(0)], [one], one, [False]) is None
+    assert lipschitz_remainder(H, [[Fraction(0)]], [half], [Fraction(0)], [one], one, [False]) is None
     with pytest.raises(NotShown, match="constant"):
         left_by_lipschitz(Rechecked([[]], [half], 1), H, [one], one, [False])
     with pytest.raises(NotShown, match="negative"):

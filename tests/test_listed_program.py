@@ -20,7 +20,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import hgogen as hg
-from hgogen.certificates.listed_program import Listing, listed
+from hgogen.certificates.rounding_share import Listing, listed
 from hgogen.program import Place
 from hgogen.recheck.algebra import Algebra, Quotient
 from hgogen.recheck.arithmetic import Undefined

@@ -11,9 +11,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.linalg import solve_continuous_lyapunov
 
-from hgogen.prove.lmi import NoSolver, gains, lyapunov, verified
 from hgogen.prove.quadratic import Quadratic
-from hgogen.prove.semidefinite import sought, widest
+from hgogen.prove.semidefinite import NoSolver, gains, lyapunov, sought, verified, widest
 from hgogen.rigor.definite import Matrix
 
 try:

@@ -18,9 +18,9 @@ from hgogen.check import Check, Verdict
 from hgogen.estimators.gains import coefficients
 from hgogen.estimators.integrators import integrators
 from hgogen.model import load
-from hgogen.prove import lmi
-from hgogen.prove.continuous_time import AtTheta, FromTheta
-from hgogen.prove.moving import Law, moving_checks
+from hgogen.prove import semidefinite
+from hgogen.prove.convergence import AtTheta, FromTheta
+from hgogen.prove.varying_gain import Law, moving_checks
 from hgogen.recheck.verification import recheck
 from hgogen.theorem import Convergence, convergence, rows
 from tests.sweep import sweep
@@ -234,7 +234,7 @@ def test_the_bound_of_the_paper_is_far_above() -> None:
 
 def test_without_a_solver_the_declared_p_serves(monkeypatch: pytest.MonkeyPatch) -> None:
     def missing(what: str) -> None:
-        raise lmi.NoSolver(what)
+        raise semidefinite.NoSolver(what)
 
     with_solver = bound((claim(disturbed(20.53), "convergence"), claim(disturbed(20.53), "theta")))
     disturbed.cache_clear()

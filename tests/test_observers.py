@@ -27,7 +27,7 @@ from hgogen.forms.uniform_chain import NoUniformChain
 from hgogen.model import load
 from hgogen.part import Clock
 from hgogen.program import Place
-from hgogen.prove.bounded_theta import nothing
+from hgogen.prove.convergence import nothing
 from hgogen.reading.given import BadGain
 from hgogen.reading.named import BadNames
 from hgogen.rigor.definite import NotHurwitz
@@ -577,7 +577,7 @@ def test_a_proof_is_sought_once_when_its_check_is_first_read(monkeypatch: pytest
         sought.append(maker)
         return nothing(maker, 20.0, because("it is not sought here"))
 
-    for user in ("continuous_time", "limited", "dwell", "moving"):
+    for user in ("convergence", "limited_injection", "varying_gain"):
         monkeypatch.setattr(f"hgogen.prove.{user}.claims", counted)
     shipped = load(MODELS / "pendulum.py")
     observer = getattr(hg.observers, name)(hg.forms.triangular(shipped.plant), **shipped.module.tuning[name])

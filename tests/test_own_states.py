@@ -12,7 +12,7 @@ import sympy as sp
 from plants import MODELS
 
 import hgogen as hg
-from hgogen.certificates.own_states import slopes_of_states
+from hgogen.certificates.error_bound import slopes_of_states
 from hgogen.check import Verdict
 from hgogen.emit.promised import promised
 from hgogen.model import load

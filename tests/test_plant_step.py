@@ -9,7 +9,7 @@ import sympy as sp
 
 import hgogen as hg
 from hgogen.discretisation.runge_kutta import EULER, HEUN, RK4, Tableau
-from hgogen.prove.beside_stages import BesideStages
+from hgogen.prove.method_error import BesideStages
 from hgogen.prove.plant_step import PlantStep
 
 H = Fraction(1, 50)

@@ -23,8 +23,8 @@ from hgogen.discretisation import kernels
 from hgogen.model import load
 from hgogen.program import Place
 from hgogen.prove import inequality as maker
-from hgogen.prove.contracting import Steps, unstable
 from hgogen.prove.inclusion import Inclusion
+from hgogen.prove.inequality import Steps, unstable
 from hgogen.prove.quadratic import BALLS, floats, rational
 from hgogen.recheck import inequality
 from hgogen.recheck.transition import weight

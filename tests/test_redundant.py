@@ -19,7 +19,7 @@ from hgogen.analysis.spare import shown, unused
 from hgogen.check import Verdict
 from hgogen.modelfiles.first import NoFirst, first
 from hgogen.program import Place
-from hgogen.prove.entering import Heads, Sizes, heads_of
+from hgogen.prove.plant_step import Heads, Sizes, heads_of
 from hgogen.reading.given import BadGain
 from hgogen.reading.named import BadNames
 from hgogen.recheck.verification import recheck

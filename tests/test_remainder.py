@@ -18,7 +18,7 @@ from plants import model
 import hgogen as hg
 from hgogen.check import Verdict
 from hgogen.discretisation.runge_kutta import RK4
-from hgogen.prove.beside_stages import BesideStages
+from hgogen.prove.method_error import BesideStages
 from hgogen.prove.plant_step import PlantStep
 from hgogen.recheck.arithmetic import Dual, Undefined, dual, evaluate
 from hgogen.recheck.inequality import Tableau, tableau_of

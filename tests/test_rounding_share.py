@@ -24,7 +24,7 @@ from plants import MODELS, model
 
 import hgogen as hg
 from hgogen.certificates import rounding_share
-from hgogen.certificates.one_call import rounding_errors
+from hgogen.certificates.rounding_share import rounding_errors
 from hgogen.check import Verdict
 from hgogen.model import MissingPart, load
 from hgogen.modelfiles.storage import Bounds
@@ -467,7 +467,7 @@ def test_from_larger_first_errors_more_is_rounded_at_first(monkeypatch: pytest.M
     """The share in the end is all but the same."""
     taken = list[Any]()
 
-    def share(*arguments: Any) -> rounding_share.Rounding:
+    def share(*arguments: Any) -> rounding_share.RoundingShare:
         taken.extend(arguments)
         return rounding_share.rounding_share(*arguments)
 

@@ -18,7 +18,7 @@ from hgogen.check import Verdict
 from hgogen.estimators.injection import companion
 from hgogen.estimators.integrators import integrators
 from hgogen.prove import inequality
-from hgogen.prove.behind_sector import DEAD_ZONE, SATURATION, Adaptation, Behind, Shape, behind, core_check, decays
+from hgogen.prove.limited_injection import DEAD_ZONE, SATURATION, Adaptation, Behind, Shape, behind, core_check, decays
 
 seeds = st.integers(0, 2**32 - 1)
 

@@ -21,7 +21,7 @@ from hgogen.commands.checked import checked
 from hgogen.emit.promised import promised
 from hgogen.model import load
 from hgogen.prove import questions
-from hgogen.prove.signed import Signed
+from hgogen.prove.questions import Signed
 from hgogen.sentence import because, up
 
 INPUTS: dict[str, Any] = {

@@ -13,7 +13,7 @@ from test_whole_gain import C, pair
 
 import hgogen as hg
 from hgogen.check import Verdict
-from hgogen.prove.steady_gain import steady_gain
+from hgogen.prove.steady_filter import steady_gain
 from hgogen.reading.door import Misfit
 from hgogen.reading.given import BadGain
 from hgogen.reading.named import BadNames

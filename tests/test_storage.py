@@ -15,7 +15,7 @@ from hgogen.commands.checked import checked
 from hgogen.errors import HgogenError
 from hgogen.model import MissingPart, load
 from hgogen.modelfiles.storage import stored
-from hgogen.prove.error_system import BadErrorSystem
+from hgogen.prove.dissipation import BadErrorSystem
 from hgogen.reading.door import Misfit
 
 ROOT = Path(__file__).resolve().parents[1]

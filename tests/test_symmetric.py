@@ -9,8 +9,8 @@ from scipy.linalg import solve_continuous_lyapunov
 
 import hgogen as hg
 from hgogen.estimators.weights import spd
-from hgogen.prove.adaptive_gain import candidate
-from hgogen.prove.error_system import BadErrorSystem
+from hgogen.prove.dissipation import BadErrorSystem
+from hgogen.prove.varying_gain import candidate
 from hgogen.reading.given import BadGain
 from hgogen.rigor.definite import symmetric
 

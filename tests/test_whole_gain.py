@@ -17,8 +17,9 @@ from hgogen.analysis.scaling import exponents
 from hgogen.estimators.core import core_numbers, nominal
 from hgogen.modelfiles.tuning import Tuning
 from hgogen.program import Place
-from hgogen.prove.common_norm import Flow
-from hgogen.prove.inclusion import Inclusion, with_gains
+from hgogen.prove.convergence import Flow
+from hgogen.prove.error_models import with_gains
+from hgogen.prove.inclusion import Inclusion
 from hgogen.reading.given import BadGain
 from hgogen.recheck.file import NoCertificate
 from hgogen.recheck.verification import recheck

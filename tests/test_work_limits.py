@@ -7,7 +7,7 @@ import sympy as sp
 
 import hgogen as hg
 from hgogen.check import Verdict
-from hgogen.prove.uniform_error import slopes_on
+from hgogen.prove.error_models import slopes_on
 from hgogen.rigor.field import quotients, ring_of
 from hgogen.rigor.points import kind
 from hgogen.rigor.rewrite import TooLarge

@@ -23,7 +23,7 @@ from hgogen.check import Verdict
 from hgogen.errors import HgogenError
 from hgogen.method import Realising
 from hgogen.model import load
-from hgogen.prove.bounded_theta import Nothing
+from hgogen.prove.inclusion import Nothing
 
 Array = np.ndarray
 EVERY = {

@@ -14,9 +14,9 @@ from hgogen.certificates.start_set import _in_form, start_of
 from hgogen.emit import layout
 from hgogen.emit.saved import sealed
 from hgogen.program import Field
-from hgogen.prove.entering import Sizes, heads_of
 from hgogen.prove.inclusion import of_state
 from hgogen.prove.inequality import Inputs, corners
+from hgogen.prove.plant_step import Sizes, heads_of
 from hgogen.prove.quadratic import floats, rational
 from hgogen.prove.questions import reached
 from hgogen.signal import LOST

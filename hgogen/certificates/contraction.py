@@ -27,10 +27,9 @@ from hgogen.check import Check, ClaimId, Verdict
 from hgogen.method import Method, OnErrors
 from hgogen.observer import Observer
 from hgogen.program import INF
-from hgogen.prove.bounded_theta import Nothing
-from hgogen.prove.common_norm import Flow
-from hgogen.prove.contracting import ROWS, Contracts, Piece, Steps, all_shorter, farthest, unstable
-from hgogen.prove.inclusion import Inclusion, Shown
+from hgogen.prove.convergence import Flow
+from hgogen.prove.inclusion import Inclusion, Nothing, Shown
+from hgogen.prove.inequality import ROWS, Contracts, Piece, Steps, all_shorter, farthest, unstable
 from hgogen.sentence import Down, Reason, Sentence, because, down, point, same, up
 from hgogen.step import Step, demand_step
 

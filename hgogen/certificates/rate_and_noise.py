@@ -13,12 +13,12 @@ from typing import Annotated
 from hgogen import observers
 from hgogen.call import CallableStep, sample
 from hgogen.certificates.contraction import contraction, theta_of
-from hgogen.certificates.noise_gain import NoiseGain, noise_gain
+from hgogen.certificates.input_gains import NoiseGain, noise_gain
 from hgogen.observer import Observer
-from hgogen.prove.bounded_theta import Nothing
-from hgogen.prove.common_norm import Flow
-from hgogen.prove.designed_gain import Gain
-from hgogen.prove.designed_gain import gain as gain_for
+from hgogen.prove.convergence import Flow
+from hgogen.prove.gain_design import Gain
+from hgogen.prove.gain_design import gain as gain_for
+from hgogen.prove.inclusion import Nothing
 from hgogen.prove.questions import Bounds, noise_bounds
 from hgogen.step import StepTooLong
 

@@ -2,15 +2,22 @@
 
 The program keeps the estimate in an outer box, of which no proof of contraction speaks. From the starts of this file it
 is never met: the errors that begin in a box stay within its distance to the ranges, in which the plant is.
+
+Whether samples are used and the estimate is left alone, while its error is within its bounds.
+
+No proof of a step speaks of a sample that is rejected, or of an estimate that restarts from one as it seems to be lost
+(`stepping.recovery`): by noise above a tenth of what an output can span that may be, however small the error.
 """
 
-from collections.abc import Iterable, Mapping, Sequence
+import math
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 from functools import lru_cache
 from itertools import product
 
 import casadi as ca
+import sympy as sp
 
 from hgogen.certificates.contraction import claimed, contraction, running
 from hgogen.check import Check
@@ -18,17 +25,19 @@ from hgogen.graph import Graph
 from hgogen.observer import Observer
 from hgogen.part import Ode
 from hgogen.program import Field, sym
-from hgogen.prove.bounded_theta import Nothing
-from hgogen.prove.contracting import Contracts, Steps
-from hgogen.prove.entering import Heads, Sizes
-from hgogen.prove.inclusion import NO_SCALES, Inclusion, of_state
-from hgogen.prove.plant_step import PlantStep
+from hgogen.prove.inclusion import NO_SCALES, Inclusion, Nothing, of_state
+from hgogen.prove.inequality import Contracts, Steps
+from hgogen.prove.plant_step import Heads, PlantStep, Sizes
 from hgogen.prove.quadratic import Array, rational
 from hgogen.prove.questions import InputBound, confined, of_step, reached
+from hgogen.rigor.bounds import bound
+from hgogen.rigor.box import box
 from hgogen.rigor.outward import number
 from hgogen.sentence import Down, Sentence, Up, because
 from hgogen.signal import LOST
 from hgogen.step import Step, demand_step
+from hgogen.stepping.guards import readings
+from hgogen.stepping.recovery import MARGIN, SHARE
 
 NO_WAY = because("no bound is found of how far errors go on the way")
 _STATES = 8  # up to which all corners of the first errors are asked
@@ -212,3 +221,46 @@ def _in_form(observer: Observer, error: Inclusion, values: Sequence[float]) -> l
     slopes = ca.Function("z", places, [ca.jacobian(observer.z, ca.vertcat(*places))])(*(0 for _ in places))
     picked = [float(slopes[i, k]) for i, k in enumerate(error.layout.picks)]
     return [Fraction(value) * Fraction(picked[i]) for value, i in zip(values, error.layout.index, strict=True)]
+
+
+_CLOSE = 1 - Fraction(1, 10**9)  # of a limit, which a program compares in floats
+
+
+def room(running: Running, samples: Sequence[Fraction], totals: Mapping[int, Fraction]) -> dict[int, Fraction] | None:
+    """By field, what an error may be beside its bound of the `totals` for no guard to act; None where one may act with
+    no more than these. `samples` (p): by how much a sample may err."""
+    form, layout = running.step.observer.form, running.steps.error.layout
+    where = box((*form.states, *form.system.inputs, *form.system.parameters), form.system.nominal)
+    for y, (low, high), size in zip(form.output, readings(form), samples, strict=True):
+        known, width = bound(sp.sympify(y), where), high - low
+        taken = known.low - size >= low - width and known.high + size <= high + width
+        if not taken:
+            return None
+    left = dict[int, Fraction]()
+    for state, most in _undetected_errors(running, samples):
+        k = layout.picks[state]
+        left[k] = min(most * _CLOSE - totals[k], left.get(k, most))
+    return left if all(x > 0 for x in left.values()) else None
+
+
+def patient(step: Step) -> int:
+    """How many calls a sign that the estimate is lost may show for before it restarts."""
+    return min((math.floor(sign.time / step.dt * (1 - 1e-9)) for sign in step.code.signs), default=0)
+
+
+def _undetected_errors(running: Running, samples: Sequence[Fraction]) -> Iterator[tuple[int, Fraction]]:
+    """States, by place, and up to which error no sign of the estimate being lost shows."""
+    form, shown, inside = running.step.observer.form, running.shown, running.plant.margins
+    spans = [high - low for low, high in readings(form)]
+    for sign in running.step.code.signs:
+        if sign.output is not None:
+            if sign.output not in shown:  # what else it shows is not followed
+                yield 0, Fraction(0)
+                continue
+            head, slope = shown[sign.output]
+            yield head, (Fraction(SHARE * spans[sign.output]) - samples[sign.output]) / abs(slope)
+            continue
+        own = all(row.is_Symbol or (-row).is_Symbol for row in form.from_form)
+        for i, (state, clear) in enumerate(zip(form.states, inside, strict=True)):
+            low, high = map(Fraction, state.interval)
+            yield i, clear + Fraction(MARGIN) * (high - low) if own else Fraction(0)

@@ -13,8 +13,8 @@ from hgogen.commands.stated_bounds import bound_of
 from hgogen.form import Form
 from hgogen.model import Model
 from hgogen.program import Field
-from hgogen.prove.bounded_theta import Nothing
-from hgogen.prove.lmi import NoSolver
+from hgogen.prove.inclusion import Nothing
+from hgogen.prove.semidefinite import NoSolver
 from hgogen.reading.named import by_name, written
 from hgogen.sentence import Encoded, Sentence, equations
 from hgogen.signal import Signal

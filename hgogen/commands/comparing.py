@@ -28,7 +28,7 @@ from hgogen.commands.process import note
 from hgogen.errors import HgogenError
 from hgogen.model import MissingPart, Model, load
 from hgogen.modelfiles.setting import AS_WRITTEN, Setting
-from hgogen.prove.lmi import NoSolver
+from hgogen.prove.semidefinite import NoSolver
 from hgogen.run.comparison import Measured, measured
 from hgogen.run.incidents import Left, leaving_notes, left
 from hgogen.run.incidents import guard_notes as guards

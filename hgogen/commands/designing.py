@@ -18,8 +18,7 @@ from hgogen.commands.output import Bar, Folder, Written, folder_of, headed, rend
 from hgogen.commands.process import note
 from hgogen.model import Model, load
 from hgogen.modelfiles.setting import AS_WRITTEN, Setting
-from hgogen.prove.designed_gain import Gain
-from hgogen.prove.gain_search import NoGain
+from hgogen.prove.gain_design import Gain, NoGain
 from hgogen.sentence import down, same, up
 
 _AROUND = (1 / 3, 1.0, 3.0)  # times the rate of the tuning

@@ -7,8 +7,8 @@ import hgogen as hg
 from hgogen.call import CallableStep
 from hgogen.certificates.error_bound import ErrorBound
 from hgogen.model import MissingPart, Model
-from hgogen.prove.lmi import NoSolver
-from hgogen.prove.signed import Signed
+from hgogen.prove.questions import Signed
+from hgogen.prove.semidefinite import NoSolver
 from hgogen.reading.given import BadGain
 from hgogen.reading.named import BadNames
 

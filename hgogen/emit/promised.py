@@ -10,7 +10,7 @@ from fractions import Fraction
 import sympy as sp
 
 from hgogen.program import Place
-from hgogen.prove.signed import Each, Signed
+from hgogen.prove.questions import Each, Signed
 from hgogen.reading.time_unit import pace
 from hgogen.sentence import down, same, up
 from hgogen.signal import Signal

@@ -15,7 +15,7 @@ from hgogen.estimators.core import Core
 from hgogen.estimators.sampled import Matrices, balanced, spread
 from hgogen.method import Realising
 from hgogen.program import Kernel, Place
-from hgogen.prove import beside_core, inequality
+from hgogen.prove import inequality, method_error
 
 
 def _matrices(line: Core, h: float) -> Matrices:
@@ -42,5 +42,5 @@ def _numbers(core: np.ndarray, h: float) -> tuple[np.ndarray, np.ndarray, np.nda
 
 EQUATIONS = ("(1 - h/2 M) x+ = (1 + h/2 M) x + h/2 B (v_0 + v_1) + h/2 (r_0 + r_1)",)
 
-_PROVED = inequality.by_bilinear_rule, beside_core.BILINEAR
+_PROVED = inequality.by_bilinear_rule, method_error.BILINEAR
 bilinear = Realising("the bilinear rule", _matrices, _numbers, EQUATIONS, *_PROVED)

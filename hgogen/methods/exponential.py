@@ -15,7 +15,7 @@ from hgogen.estimators.core import Core
 from hgogen.estimators.sampled import Matrices, balanced, spread
 from hgogen.method import Realising
 from hgogen.program import Kernel, Place
-from hgogen.prove import beside_core, inequality
+from hgogen.prove import inequality, method_error
 
 
 def _matrices(line: Core, h: float) -> Matrices:
@@ -46,5 +46,5 @@ EQUATIONS = (
     "phi_0 = exp X, phi_1 = (phi_0 - 1) X^-1, phi_2 = (phi_1 - 1) X^-1",
 )
 
-_PROVED = inequality.by_matrix_exponential, beside_core.EXPONENTIAL
+_PROVED = inequality.by_matrix_exponential, method_error.EXPONENTIAL
 exponential = Realising("the matrix exponential", _matrices, _numbers, EQUATIONS, *_PROVED)

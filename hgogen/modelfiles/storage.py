@@ -15,9 +15,8 @@ from typing import Any
 import sympy as sp
 
 from hgogen.errors import BadArgument
-from hgogen.prove.dissipation import Dissipation, dissipation
-from hgogen.prove.entering import ENTERING
-from hgogen.prove.error_system import BadErrorSystem, error_system
+from hgogen.prove.dissipation import BadErrorSystem, Dissipation, dissipation, error_system
+from hgogen.prove.plant_step import ENTERING
 from hgogen.reading.door import Misfit
 from hgogen.reading.expression import parse
 from hgogen.rigor.computed import REALS

@@ -34,21 +34,22 @@ from hgogen.graph import Graph
 from hgogen.observer import Observer, founded, gain
 from hgogen.part import Ode
 from hgogen.program import Field, scalar, sym
-from hgogen.prove.adaptive_gain import (
+from hgogen.prove.adaptive_design import adaptive_gain
+from hgogen.prove.error_models import on_integrators, plain
+from hgogen.prove.inclusion import Nothing
+from hgogen.prove.varying_gain import (
     Candidate,
     Disturbance,
     Given,
+    Law,
     MovingGain,
     candidate,
-    checks,
+    moving_checks,
     numbers,
     steepness,
 )
-from hgogen.prove.adaptive_gain import disturbance as as_disturbance
-from hgogen.prove.bounded_theta import Nothing
-from hgogen.prove.design import adaptive_gain
-from hgogen.prove.inclusion import on_integrators, plain
-from hgogen.prove.moving import Law, moving_checks
+from hgogen.prove.varying_gain import adaptive_checks as checks
+from hgogen.prove.varying_gain import disturbance as as_disturbance
 from hgogen.reading.given import BadGain, positive, reals
 from hgogen.rigor.definite import demand_hurwitz
 from hgogen.sentence import NONE, same

@@ -19,7 +19,7 @@ from typing import Literal
 from hgogen.check import Verdict
 from hgogen.estimators.innovation import Innovation
 from hgogen.observer import Observer, gain
-from hgogen.prove.bounded_theta import Nothing
+from hgogen.prove.inclusion import Nothing
 from hgogen.reading.given import BadGain, among, positive, real
 from hgogen.sentence import because, same
 from hgogen.starting import starts

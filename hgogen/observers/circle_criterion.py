@@ -28,9 +28,8 @@ from hgogen.graph import Graph
 from hgogen.observer import Observer, any_theta, founded, state_field
 from hgogen.part import Ode
 from hgogen.program import Field, sym
-from hgogen.prove.argument import bounded, injected, no_argument, sample_in_place
-from hgogen.prove.constant_gain import constant_gain, entries_of
-from hgogen.prove.continuous_time import theta_checks
+from hgogen.prove.constant_gain import bounded, constant_gain, entries_of, injected, no_argument, sample_in_place
+from hgogen.prove.convergence import theta_checks
 from hgogen.reading.given import BadGain
 from hgogen.starting import starts
 from hgogen.theorem import FORM, HURWITZ, OPERATION, Theorem, large_theta

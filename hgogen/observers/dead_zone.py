@@ -15,8 +15,7 @@ import numpy as np
 from hgogen.check import Claims, Verdict
 from hgogen.form import Form
 from hgogen.observer import Observer
-from hgogen.prove.behind_sector import DEAD_ZONE
-from hgogen.prove.limited import REFERENCE, limited
+from hgogen.prove.limited_injection import DEAD_ZONE, REFERENCE, limited
 from hgogen.starting import starts
 from hgogen.theorem import FORM, OPERATION, Hypothesis, Theorem
 

@@ -29,8 +29,9 @@ from hgogen.graph import Graph
 from hgogen.observer import Observer, any_theta, founded
 from hgogen.part import Ode
 from hgogen.program import Field, Place, sym
-from hgogen.prove.continuous_time import theta_checks
-from hgogen.prove.inclusion import Layout, on_integrators
+from hgogen.prove.convergence import theta_checks
+from hgogen.prove.error_models import on_integrators
+from hgogen.prove.inclusion import Layout
 from hgogen.reading.given import BadGain, positive, reals
 from hgogen.rigor.definite import demand_hurwitz
 from hgogen.sentence import same

@@ -26,7 +26,7 @@ from hgogen.graph import Graph
 from hgogen.observer import Observer, any_theta, founded
 from hgogen.part import Ode
 from hgogen.program import Field, sym
-from hgogen.prove.continuous_time import theta_checks
+from hgogen.prove.convergence import theta_checks
 from hgogen.prove.filter_design import core, injected
 from hgogen.reading.given import BadGain, reals
 from hgogen.rigor.definite import demand_hurwitz

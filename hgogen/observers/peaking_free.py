@@ -28,8 +28,9 @@ from hgogen.form import Form
 from hgogen.graph import Graph
 from hgogen.observer import Observer, any_theta, founded
 from hgogen.program import Place, sym
-from hgogen.prove.continuous_time import theta_checks
-from hgogen.prove.inclusion import Layout, on_integrators
+from hgogen.prove.convergence import theta_checks
+from hgogen.prove.error_models import on_integrators
+from hgogen.prove.inclusion import Layout
 from hgogen.reading.given import BadGain, positive
 from hgogen.rigor.definite import demand_hurwitz
 from hgogen.sentence import same

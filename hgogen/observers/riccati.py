@@ -30,8 +30,7 @@ from hgogen.estimators.weights import is_definite
 from hgogen.form import Form
 from hgogen.observer import Observer, founded
 from hgogen.program import sym
-from hgogen.prove.linear_filter import Linear, linear, settles
-from hgogen.prove.steady_gain import in_chains
+from hgogen.prove.steady_filter import Linear, in_chains, linear, settles
 from hgogen.reading.given import BadGain
 from hgogen.reading.named import Matrix, Values
 from hgogen.rigor.definite import rationals

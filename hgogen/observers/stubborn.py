@@ -17,8 +17,7 @@ import numpy as np
 from hgogen.check import Claims, Verdict
 from hgogen.form import Form
 from hgogen.observer import Observer
-from hgogen.prove.behind_sector import SATURATION
-from hgogen.prove.limited import REFERENCE, limited
+from hgogen.prove.limited_injection import REFERENCE, SATURATION, limited
 from hgogen.starting import starts
 from hgogen.theorem import FORM, OPERATION, Hypothesis, Theorem
 

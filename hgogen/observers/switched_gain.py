@@ -21,8 +21,8 @@ from hgogen.form import Form
 from hgogen.observer import Observer, founded, gain, high_gain_parameter
 from hgogen.part import Clock, Jump, Pieces
 from hgogen.program import Block, Field, Place, scalar, sym
-from hgogen.prove.dwell import switching
-from hgogen.prove.inclusion import on_companion
+from hgogen.prove.error_models import on_companion
+from hgogen.prove.varying_gain import switching
 from hgogen.reading.given import BadGain, positive
 from hgogen.sentence import same
 from hgogen.starting import Gains, Scale, starts, two

@@ -25,8 +25,8 @@ from hgogen.graph import Graph
 from hgogen.observer import Observer, any_theta, founded, state_field
 from hgogen.part import Ode
 from hgogen.program import Block, Field, Place, sym
-from hgogen.prove.continuous_time import theta_checks
-from hgogen.prove.uniform_error import middles, slopes_on, uniform_error
+from hgogen.prove.convergence import theta_checks
+from hgogen.prove.error_models import middles, slopes_on, uniform_error
 from hgogen.reading.given import BadGain
 from hgogen.sentence import Reason
 from hgogen.starting import starts

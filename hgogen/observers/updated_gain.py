@@ -34,9 +34,9 @@ from hgogen.form import Form
 from hgogen.observer import Observer, founded, gain
 from hgogen.part import Clock, Jump, Pieces
 from hgogen.program import Block, Field, Place, scalar, sym
-from hgogen.prove.gain_update import checks
-from hgogen.prove.lmi import STATES
-from hgogen.prove.moving import proved_above
+from hgogen.prove.semidefinite import STATES
+from hgogen.prove.varying_gain import proved_above
+from hgogen.prove.varying_gain import update_checks as checks
 from hgogen.reading.given import BadGain, positive
 from hgogen.sentence import same
 from hgogen.starting import Gains, Scale, starts, two

@@ -15,49 +15,50 @@ computed and proved of them, by `guarantees.adaptive_gain`. Of a form the slope 
 on, falls as gamma grows, and the bound on gamma with it: k is taken where the two meet, by bisection, for the bound of
 k(1) can be many times too large. Source: Alessandri, "On Hamilton-Jacobi approaches to state reconstruction for dynamic
 systems" (2020), section 4.
+
+Numbers that papers give by formula, for who designs a gain by hand: each rounded to the safe side, of exact algebra.
+
+    gain_of_poles      L of the poles of A - L C                      Astolfi, Jungers, Zaccarian 2018, remark 1
+    core_eigenvalues   those of A - L C, or of M with a filter        (10)
+    inside_parabola    whether poles lie in S_(alpha, beta)           (9)
+    least_gamma        from which gamma_inf on the error decays       Alessandri 2020, (88)
+    attenuation        the L2 gain from a disturbance                 (89)
+    disturbed_error    how far a disturbance keeps the error from 0   (69), corrected
+    error_bounds       the error without a model of the last row      Bullinger and others 1998, (14), corrected
+    gain_in_time       the gain for a given error and time            theorem 1
+
+A and C are those of a chain of n integrators, D = diag(1, .., n).
 """
 
-import math
-from collections.abc import Callable, Iterable
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from fractions import Fraction
+from functools import partial
+from math import isfinite
 from typing import Any
 
 import numpy as np
 
 from hgogen.analysis.polytope import chains, corners
 from hgogen.check import Check, ClaimId, Verdict
-from hgogen.errors import HgogenError
+from hgogen.estimators.gains import BadPoles, coefficients, filtered_core, least_ratio, numbers
 from hgogen.estimators.injection import companion
-from hgogen.estimators.integrators import integrators
 from hgogen.form import Form
-from hgogen.prove.adaptive_gain import Disturbance, candidate, facts, judged, share_of, steepness
-from hgogen.prove.adaptive_gain import attenuation as block_of
-from hgogen.prove.adaptive_gain import disturbance as as_disturbance
-from hgogen.prove.bounded_theta import Nothing
-from hgogen.prove.designed_gain import Gain, gain
+from hgogen.prove.adaptive_design import Design, Infeasible, adaptive_gain, slope
+from hgogen.prove.error_models import obstacle
 from hgogen.prove.filter_design import InjectionFilter, injection_filter
-from hgogen.prove.formulas import (
-    DisturbedError,
-    attenuation,
-    core_eigenvalues,
-    disturbed_error,
-    error_bounds,
-    gain_in_time,
-    gain_of_poles,
-    inside_parabola,
-    least_gamma,
-)
-from hgogen.prove.gain_programs import Optimum, Task, best
-from hgogen.prove.gain_search import NoGain
-from hgogen.prove.lmi import gains, solver
+from hgogen.prove.gain_design import Gain, NoGain, gain
+from hgogen.prove.inclusion import Nothing
 from hgogen.prove.questions import noise_bounds
-from hgogen.prove.steady_gain import steady_gain
-from hgogen.prove.steepness import obstacle
+from hgogen.prove.semidefinite import gains, lyapunov
+from hgogen.prove.steady_filter import steady_gain
+from hgogen.prove.varying_gain import Candidate, candidate, facts, judged
+from hgogen.prove.varying_gain import attenuation as block_of
+from hgogen.prove.varying_gain import disturbance as as_disturbance
 from hgogen.reading.door import Misfit
 from hgogen.reading.given import BadGain, positive, real, reals
-from hgogen.rigor.definite import demand_hurwitz, root
-from hgogen.sentence import NONE, Reason, because, down, up
+from hgogen.rigor.definite import demand_hurwitz, exact, largest, nonnegative, number, root, smallest, unit
+from hgogen.sentence import NONE, Reason, because
 
 __all__ = [
     "Checks",
@@ -86,49 +87,6 @@ __all__ = [
 ]
 
 _FORM = "a form: hg.forms.triangular(plant)"
-_MARGINS = (1e-6, 1e-4, 1e-2)  # of D P + P D >= 0, for what rounding takes
-_DIGITS = ((6, 9), (9, 12), (17, 17))  # of K and P
-_FACTORS, _BISECTIONS = 6, 6  # how far to relax a bound, by factors of 10, and how near to come to the edge
-_STARTS = (1.0, 1e2, 1e4)  # from which gamma on a form's slope is taken first: a huge one is more than a solver takes
-_SLOPES = 12  # how many are tried from there
-
-
-@dataclass(frozen=True)
-class Design:
-    """K (n), P (n, n) and sigma, as an observer takes them, with what is proved of them.
-
-    `gamma`: gamma_inf may be anything from it on, (88) from above; `mu`: the L2 gain where gamma_sup is `gamma`, from
-    above, else (gamma_sup/gamma)^n times that; None without a disturbance. `checks`: P > 0, D P + P D >= 0 and (54).
-    """
-
-    K: tuple[float, ...]
-    P: tuple[tuple[float, ...], ...]
-    sigma: float
-    gamma: Fraction
-    mu: Fraction | None
-    checks: tuple[Check, ...]
-
-    def __str__(self) -> str:
-        K = ", ".join(f"{k:g}" for k in self.K)
-        least, n = f"gamma_inf >= {up(self.gamma, 6)}", len(self.K)
-        gain = "" if self.mu is None else f", mu <= {up(self.mu / self.gamma**n, 6)} gamma_sup^{n}"
-        return f"K = ({K}), sigma = {self.sigma:g}: {least}{gain}"
-
-
-@dataclass(eq=False)
-class Infeasible(HgogenError):
-    """Bounds that no K and P satisfy: `bounds` by name, and `enough`, what would do in the place of one, the others
-    kept."""
-
-    n: int
-    bounds: dict[str, float]
-    enough: dict[str, str]
-
-    def __str__(self) -> str:
-        limits = ", ".join(f"{name} = {value:g}" for name, value in self.bounds.items())
-        ways = ", or ".join(f"{name} = {value}" for name, value in self.enough.items())
-        fix = f"with the others kept, {ways} would do" if ways else "relax several of them, none alone is in the way"
-        return f"no K and P were found for a chain of {self.n} integrators with {limits}: {fix}"
 
 
 def constant_gain(form: Form, *, largest: float = 100.0) -> tuple[float, ...] | Nothing:
@@ -178,198 +136,238 @@ def verified(
     return Checks(checks)
 
 
-def adaptive_gain(
-    n: int | Form,
+_SHARES = tuple(Fraction(k, 16) for k in range(1, 16))  # of the decay, that a disturbance may use up
+_SQUARES = 12  # of 1 + x/2^12, whose power is below e^x
+_STEPS = 60  # of a bisection
+
+
+def gain_of_poles(poles: Sequence[complex]) -> tuple[float, ...]:
+    """L (n), the coefficients of the polynomial of the n `poles` after the first: A - L C has these eigenvalues.
+
+    Astolfi, Jungers, Zaccarian, ECC 2018, remark 1. Raises: `BadPoles` for poles that do not decay, or are in no
+    conjugate pairs.
+    """
+    count = len(numbers(poles))
+    if not count:
+        raise BadPoles((), "there are none; give one for each integrator")
+    return tuple(coefficients(poles, count).tolist())
+
+
+def core_eigenvalues(L: Any, alpha: float | None = None, beta: float | None = None) -> tuple[complex, ...]:
+    """The eigenvalues of A - L C (n), or with a filter's `alpha` and `beta` those of M (2 n), the fastest first.
+
+    They are those of the error's linear part at a high gain 1, in floats. Astolfi, Jungers, Zaccarian, ECC 2018, (10).
+    Raises: `BadGain` for L that is no column of finite numbers, for one of alpha and beta alone, or not positive.
+    """
+    gains = _column("L", L)
+    if (alpha is None) != (beta is None):
+        raise BadGain("core_eigenvalues", "takes both alpha and beta of a filter, or none of them")
+    if alpha is None:
+        core = companion(gains)
+    else:
+        core = filtered_core(gains, positive("alpha", alpha), positive("beta", beta))
+    return tuple(sorted(map(complex, np.linalg.eigvals(core).tolist()), key=lambda s: (s.real, s.imag)))
+
+
+def inside_parabola(poles: Sequence[complex], alpha: float, beta: float) -> tuple[bool, ...]:
+    """Whether each of the poles lies in S = {alpha^2 Re + beta Im^2 < 0}, exactly: M is Hurwitz if all do.
+
+    Astolfi, Jungers, Zaccarian, ECC 2018, (9) and lemma 1. Raises: `BadGain`.
+    """
+    ratio = Fraction(positive("alpha", alpha)) ** 2 / Fraction(positive("beta", beta))
+    try:
+        points = [complex(pole) for pole in poles]
+    except (TypeError, ValueError):
+        points = [complex("nan")]
+    if not all(isfinite(p.real) and isfinite(p.imag) for p in points):
+        raise BadGain(f"poles = {poles!r}", "must be finite numbers, as (-1, -2+1j, -2-1j)")
+    return tuple(p.real < 0 and least_ratio(p) < ratio for p in points)
+
+
+def least_gamma(K: Any, P: Any, sigma: float, slope: float, *, decay: float | None = None) -> Fraction:
+    """max(1, (4 k lambda_max(P) + 1)/(2 lambda)) from above, k the `slope`: gamma_inf may be anything above it.
+
+    `decay` is lambda of (54), by default the largest that K, P and sigma have. Alessandri 2020, (88), which is (70).
+    Raises: `BadGain`, also where P > 0, D P + P D >= 0 or (54) does not hold.
+    """
+    known, rate = _candidate(K, P, sigma, decay)
+    return known.least(_number("slope", slope), rate)
+
+
+def attenuation(
+    K: Any,
+    P: Any,
+    sigma: float,
+    slope: float,
+    alphas: tuple[float, float],
+    disturbance: tuple[Any, Any],
     *,
-    slope: float | None = None,
-    sigma: float = 0.05,
-    largest: float = 10.0,
-    gamma: float = math.inf,
-    mu: float = math.inf,
-    disturbance: tuple[Any, Any] | None = None,
-    K: Any = None,
-) -> Design:
-    """K and P for a chain of n integrators whose nonlinear part has the slope k, of a small bound on gamma, or with a
-    `disturbance` of a small L2 gain.
+    decay: float,
+) -> Fraction:
+    """mu_0 = sqrt(2 max(delta_1 alpha_1, delta_2 alpha_2)) gamma^n at the least gamma of (88), from above: the L2 gain
+    from v to the error of w, w' = .. + G_1 v, y = w_1 + G_2 v, where gamma_sup is that gamma.
 
-    Args: `n` the number of integrators, with their slope; or a form, whose slope is then found at the gamma from which
-    on it is needed; `slope` k >= |T^-1 dc/dw T| in the coordinates of integrators, from gamma_inf on, as `slope` finds
-    it; `sigma` > 0 how fast gamma may fall; `largest` |Y|: the larger, the smaller the bound and the larger K; `gamma`,
-    `mu` what the bounds may be at most; `disturbance` (G_1 (n, m), G_2 (m)) in the same coordinates; `K` (n) a given
-    gain, for which P is sought.
-
-    Raises: `Infeasible`, which says what bound to relax; `lmi.NoSolver`; `NotHurwitz` for a given K; `BadGain`, also
-    for a form that is no chain of integrators, or whose slope has no bound that is shown.
+    `decay` and `alphas` are lambda, alpha_1 and alpha_2 of (87); `disturbance` is (G_1 (n, m), G_2 (m)). For gamma up
+    to gamma_sup it is (gamma_sup/gamma)^n times as much. Alessandri 2020, (89), with delta_1 for the matrix of (72).
+    Raises: `BadGain`, also where (87) does not hold.
     """
-    count = _count(n, slope)
-    disturbed = None if disturbance is None else as_disturbance(disturbance, count)
-    if disturbed is None and mu != math.inf:
-        raise BadGain(f"mu = {mu!r}", "bounds the gain from a disturbance; give the disturbance")
-    bounds = {"sigma": positive("sigma", sigma)}
-    limits = {"largest": largest, "gamma": gamma, "mu": mu}
-    bounds |= {name: math.inf if x == math.inf else positive(name, x) for name, x in limits.items()}
-    deltas = None if disturbed is None else (float(disturbed.deltas[0]), float(disturbed.deltas[1]))
-    steep = 0.0 if slope is None else float(slope)
-    task = Task(count, steep, bounds, deltas, None if K is None else _column(K, count), _MARGINS[0])
-    cp = solver("the design of an adaptive gain")
-    task = _where_needed(cp, n, task, disturbed) if isinstance(n, Form) else task
-    design = _designed(cp, task, disturbed)
-    if design is None:
-        finite = {name: value for name, value in bounds.items() if value < math.inf}
-        raise Infeasible(count, finite, _enough(cp, task, disturbed, finite))
-    return design
+    known, rate = _candidate(K, P, sigma, decay)
+    if len(alphas) != 2:
+        raise BadGain(f"alphas = {alphas!r}", "must be two numbers, alpha_1 and alpha_2 of (87)")
+    one, two = (Fraction(positive(f"alpha_{k}", value)) for k, value in enumerate(alphas, 1))
+    if not nonnegative(block_of(known, rate, one, two)):
+        raise BadGain(f"alphas = {tuple(alphas)}", f"do not satisfy (87) with lambda = {decay:g}; raise them")
+    first, second = as_disturbance(disturbance, known.n).deltas
+    share = 2 * max(first * one, second * two)
+    return root(share, bits=52) * known.least(_number("slope", slope), rate) ** known.n
 
 
-def _count(n: Any, slope: Any) -> int:
-    """The number of integrators, where it and the slope are as they must be."""
-    if isinstance(n, Form):
-        if slope is not None:
-            raise BadGain("slope", f"is found of {n.system.name} itself; leave it out, or give n in place of the form")
-        if n.n < 2:
-            raise BadGain(f"{n.system.name} of one state", "needs no design: K = P = 1 do")
-        return n.n
-    if isinstance(n, bool) or not isinstance(n, int | float):
-        raise Misfit("adaptive_gain", n, "a form, or a whole number of integrators with slope=")
-    if not isinstance(n, int) or n < 2:
-        raise BadGain(f"n = {n!r}", "must be a whole number of integrators, at least 2; K = P = 1 do for one")
-    if slope is None:
-        raise BadGain("slope", "must be given with n; or give the form in place of n")
-    if isinstance(slope, Form):
-        raise BadGain(f"slope = the form of {slope.system.name}", "must be a number; adaptive_gain(form) finds it")
-    if not 0 <= real("slope", slope) < math.inf:
-        raise BadGain(f"slope = {slope!r}", "must be a finite number, at least 0")
-    return n
+@dataclass(frozen=True)
+class DisturbedError:
+    """How far a disturbance |v| <= 1 keeps the scaled error e = T^-1 (w - what), T = diag(gamma, .., gamma^n), from 0.
 
-
-def _where_needed(cp: Any, form: Form, task: Task, disturbance: Disturbance | None) -> Task:
-    """The task with the form's slope from the gamma on that gives the best design, all but mu's bound kept.
-
-    k(gamma) falls as gamma grows: where the bound of a design is above the gamma of its slope, a larger gamma serves,
-    and else a smaller one may.
+    `level`: V = e'P e falls wherever |e| is above `level`, chi of (69), corrected; `ultimate`: |e| comes below it, and
+    stays there; `rate`: |e|_P falls at least like exp(-rate t) where |e| is above `level`. All in proportion to |v|.
     """
-    free = task.bounded("mu", math.inf)
 
-    def at(gamma: float) -> tuple[Task, Design | None]:
-        variant = replace(free, slope=slope(form, gamma), least=gamma)
-        return variant, _designed(cp, variant, disturbance)
-
-    starts = _STARTS if math.isinf(task.bounds["gamma"]) else (max(1.0, task.bounds["gamma"]),)
-    tried = map(at, starts)
-    chosen, design = next((one for one in tried if one[1] is not None), (replace(task, slope=slope(form)), None))
-    if design is None:
-        return chosen
-    low, high = 1.0, float(design.gamma)
-    for _ in range(_SLOPES):
-        middle = _short(math.sqrt(low * high), 4)
-        variant, tried_design = at(middle)
-        if tried_design is None:
-            low = middle
-            continue
-        if _worth(tried_design) < _worth(design):
-            chosen, design = variant, tried_design
-        low, high = (low, middle) if tried_design.gamma <= middle else (middle, min(high, float(tried_design.gamma)))
-    return replace(chosen, bounds=task.bounds)
+    level: Fraction
+    ultimate: Fraction
+    rate: Fraction
 
 
-def _worth(design: Design) -> Fraction:
-    """The bound that the best design has smallest: that of mu, or without a disturbance that of gamma."""
-    return design.gamma if design.mu is None else design.mu
+def disturbed_error(
+    K: Any,
+    P: Any,
+    sigma: float,
+    slope: float,
+    gamma: float,
+    disturbance: tuple[Any, Any],
+    *,
+    share: float = 0.5,
+    decay: float | None = None,
+) -> DisturbedError:
+    """2 lambda_max(P) (|G_1| + |K G_2|)/((1 - share) (gamma lambda - 2 k lambda_max(P))) and what follows of it.
 
-
-def _designed(cp: Any, task: Task, disturbance: Disturbance | None) -> Design | None:
-    """The best design within the bounds that is proved, in few digits if they are enough; None where there is none."""
-    for margin in _MARGINS:
-        optimum = best(cp, replace(task, margin=margin))
-        if optimum is None:
-            return None
-        rounded = (_rounded(task, optimum, disturbance, digits) for digits in _DIGITS)
-        design = next((one for one in rounded if one is not None), None)
-        if design is not None:
-            return design
-    return None
-
-
-def slope(form: Form, gamma: float = 1.0) -> float:
-    """The slope k of a form for every gamma from this one on, as `adaptive_gain` takes it; proved from above.
-
-    The larger gamma, the smaller the slope: `adaptive_gain(form)` finds the gamma that it takes. Raises: `BadGain` for
-    a form that is no chain of integrators, or whose slope has no bound that is shown; `Misfit` for no form.
+    `gamma` is gamma_inf; `share` (0..1) of the decay is left where |e| is above the level; the others as in
+    `least_gamma` and `attenuation`. Alessandri 2020, theorem 6: the printed (69) lacks 2 lambda_max(P), which (68) has,
+    and from V to |e| sqrt(cond P) comes on top. Raises: `BadGain`, also for a gamma that (62) does not admit.
     """
-    if not isinstance(form, Form):
-        raise Misfit("slope", form, _FORM)
-    if not 1 <= real("gamma", gamma) < math.inf:
-        raise BadGain(f"gamma = {gamma!r}", "must be a finite number, at least 1")
-    steep = steepness(integrators("adaptive_lmi", form), gamma)
-    if isinstance(steep, Nothing) or steep.proof.high is None:
-        raise BadGain(f"the slope of {form.system.name}", f"has no bound: {steep}")
-    rounded = float(steep.proof.high)
-    return rounded if rounded >= steep.proof.high else math.nextafter(rounded, math.inf)
+    known, rate = _candidate(K, P, sigma, decay)
+    driven, left = as_disturbance(disturbance, known.n), _number("share", share)
+    if not 0 < left < 1:
+        raise BadGain(f"share = {share!r}", "must be between 0 and 1: how much of the decay is left")
+    least, k = _number("gamma", gamma), _number("slope", slope)
+    net = least * rate - 2 * k * known.peak
+    if not (least > 1 and net > 0):
+        above = float(max(Fraction(1), 2 * k * known.peak / rate))
+        raise BadGain(f"gamma = {gamma!r}", f"must be above {above:g} = max(1, 2 k lambda_max(P)/lambda), (62)")
+    G = exact(driven.plant)
+    push = root(largest(G * G.transpose())[1]) + root(_square(known.K) * _square(driven.measurement))
+    level = 2 * known.peak * push / ((1 - left) * net)
+    return DisturbedError(level, level * _condition(known.P, known.peak), left * net / (2 * known.peak))
 
 
-def _column(K: Any, n: int) -> np.ndarray:
-    values = reals("K", K)
-    if values.shape != (n,) or not np.isfinite(values).all():
-        raise BadGain(f"K = {K!r}", f"must be {n} finite numbers, one for each integrator")
-    demand_hurwitz("K", companion(values), "take the coefficients of a polynomial whose roots decay, or leave K out")
-    return values[:, None]
+def error_bounds(gains: Any, k: float, phi: float) -> tuple[Fraction, ...]:
+    """2 phi |P| sqrt(cond P)/k^(n+1-i) for i = 1, .., n: the limits of |x_i - xhat_i| of the observer without a model,
+
+        xhat_i' = xhat_(i+1) + p_i k^i (y - xhat_1),   xhat_n' = p_n k^n (y - xhat_1),   A'P + P A <= -I,
+
+    p the `gains` (n), A their companion, |x_n'| <= `phi`, and `k` > 0 the first value of a gain that does not fall and
+    comes to rest. Bullinger, Ilchmann, Allgoewer, NOLCOS 1998, (14), which lacks sqrt(cond P). Raises: `BadGain`;
+    `NotHurwitz`.
+    """
+    p, P, peak = _decaying(gains)
+    level, most = Fraction(positive("k", k)), _number("phi", phi)
+    worst = 2 * most * peak * _condition(P, peak)
+    return tuple(worst / level ** (len(p) + 1 - i) for i in range(1, len(p) + 1))
 
 
-def _rounded(task: Task, optimum: Optimum, disturbance: Disturbance | None, digits: tuple[int, int]) -> Design | None:
-    """K and P in so many digits with what is proved of them; None where rounding lost it, or one of the bounds."""
-    P = [[_short(value, digits[1]) for value in row] for row in optimum.P.tolist()]
-    if task.K is None:
-        K = [_short(k, digits[0]) for k in np.linalg.solve(optimum.P, optimum.Y).ravel().tolist()]
-    else:
-        K = task.K.ravel().tolist()
-    known = candidate(K, P, task.bounds["sigma"])
-    proved = facts("adaptive_gain", known)
-    if any(check.verdict is not Verdict.PROVED for check in proved):
-        return None
-    slope, least, mu = Fraction(task.slope), Fraction(task.least), None
-    if disturbance is None:
-        gamma = max(known.least(slope), least)
-    else:
-        gamma = max(Fraction(optimum.gamma), least)
-        share = share_of(known, (4 * slope * known.peak + 1) / (2 * gamma), disturbance)
-        if share is None:
-            return None
-        mu = root(2 * share, bits=52) * gamma**task.n
-    if gamma > task.bounds["gamma"] or (mu is not None and mu > task.bounds["mu"]):
-        return None
-    return Design(tuple(K), tuple(map(tuple, P)), task.bounds["sigma"], gamma, mu, proved)
+def gain_in_time(gains: Any, *, error: float, time: float, phi: float, start: float) -> float:
+    """A gain k >= 1 so that for every constant gain from it on |x - xhat| <= `error` from `time` on, of the observer of
+    `error_bounds`, where |x - xhat| <= `start` at first and |x_n'| <= `phi`.
+
+    Of V = n'P n, n_i = e_i/k^(i-1): where |n| >= 2 |P| phi/(s k^n), V' <= -(1 - s) k V/|P|, so that |e| is at most the
+    larger of 2 |P| sqrt(cond P) phi/(s k) and k^(n-1) sqrt(cond P) start exp(-(1 - s) k t/(2 |P|)), for s in (0, 1).
+    Both fall in k from (n - 1) 2 |P|/((1 - s) t) on. Bullinger, Ilchmann, Allgoewer, NOLCOS 1998, theorem 1, which says
+    that there is one. Raises: `BadGain`; `NotHurwitz`.
+    """
+    p, P, peak = _decaying(gains)
+    wanted, after = Fraction(positive("error", error)), Fraction(positive("time", time))
+    most, first, n = _number("phi", phi), _number("start", start), len(p)
+    condition = _condition(P, peak)
+
+    def enough(share: Fraction, k: Fraction) -> bool:
+        speed = (1 - share) * after / (2 * peak)
+        if k * speed < n - 1 or 2 * peak * condition * most > wanted * share * k:
+            return False
+        return k ** (n - 1) * condition * first <= wanted * _below_exp(k * speed)
+
+    return min(_least(partial(enough, share)) for share in _SHARES)
 
 
-def _short(value: float, digits: int) -> float:
-    return float(f"{value:.{digits}g}")
+def _below_exp(x: Fraction) -> Fraction:
+    """A number below e^x, x >= 0: (1 + x/m)^m by squares, each rounded down."""
+    power = 1 + x / (1 << _SQUARES)
+    for _ in range(_SQUARES):
+        power = Fraction(int(power * power * (1 << 60)), 1 << 60)
+    return power
 
 
-def _enough(cp: Any, task: Task, disturbance: Disturbance | None, names: Iterable[str]) -> dict[str, str]:
-    """The value that would do of each bound that alone is in the way, by its name."""
-    enough = {}
-    for name in names:
-
-        def at(value: float, name: str = name) -> Design | None:
-            return _designed(cp, task.bounded(name, value), disturbance)
-
-        loosest = at(0.0 if name == "sigma" else math.inf)
-        if loosest is None:
-            continue
-        if name == "mu" or (name == "gamma" and disturbance is None):
-            enough[name] = up(getattr(loosest, name))
-            continue
-        value = _edge(at, task.bounds[name], 0.1 if name == "sigma" else 10.0)
-        if value is not None:
-            enough[name] = (down if name == "sigma" else up)(value)
-    return enough
+def _least(enough: Callable[[Fraction], bool]) -> float:
+    """About the least k >= 1 that is enough, where every larger one is; it is enough."""
+    low, high = 1.0, 1.0
+    while not enough(Fraction(high)):
+        low, high = high, 2 * high
+        if not isfinite(high):
+            raise BadGain("the gain", "is beyond a double; ask for a larger error, or a longer time")
+    for _ in range(_STEPS if high > 1 else 0):
+        middle = (low + high) / 2
+        low, high = (low, middle) if enough(Fraction(middle)) else (middle, high)
+    return high
 
 
-def _edge(at: Callable[[float], Design | None], refused: float, factor: float) -> float | None:
-    """A value in the direction of the factor at which there is a design, near the edge; None where it is too far."""
-    good = next((refused * factor**k for k in range(1, _FACTORS + 1) if at(refused * factor**k)), None)
-    if good is None:
-        return None
-    bad = good / factor
-    for _ in range(_BISECTIONS):
-        middle = math.sqrt(good * bad)
-        good, bad = (middle, bad) if at(middle) else (good, middle)
-    return good
+def _candidate(K: Any, P: Any, sigma: Any, decay: float | None) -> tuple[Candidate, Fraction]:
+    """K, P and sigma, of which (54) is proved with lambda = `decay`, and this. Raises: `BadGain`."""
+    known = candidate(K, P, sigma)
+    rate = None if decay is None else Fraction(positive("decay", decay))
+    for check in facts("design", known):
+        if check.verdict is not Verdict.PROVED:
+            raise BadGain("K and P", f"do not satisfy {check.claim}: {check.reason}")
+    if rate is not None and not nonnegative(known.rate - unit(known.n) * number(rate)):
+        raise BadGain(f"decay = {decay!r}", f"is no lambda of (54), of which the largest is {float(known.decay):.6g}")
+    return known, known.decay if rate is None else rate
+
+
+def _decaying(gains: Any) -> tuple[np.ndarray, Any, Fraction]:
+    """The gains, P with A'P + P A <= -I and an upper bound of |P|. Raises: `BadGain`, `NotHurwitz`."""
+    p = _column("gains", gains)
+    exactly = np.array([Fraction(x) for x in p.tolist()], dtype=object)
+    A = companion(exactly)
+    demand_hurwitz("gains", A, "take the coefficients of a polynomial whose roots decay")
+    known = lyapunov(tuple(map(tuple, A.tolist())))
+    assert known is not None
+    return p, known.P, known.peak
+
+
+def _square(column: Sequence[Fraction]) -> Fraction:
+    """|x|^2."""
+    return sum((x * x for x in column), Fraction(0))
+
+
+def _condition(P: Any, peak: Fraction) -> Fraction:
+    """sqrt(cond P), from above."""
+    return root(peak / smallest(exact(P))[0], bits=52)
+
+
+def _column(name: str, values: Any) -> np.ndarray:
+    column = reals(name, values)
+    if column.ndim != 1 or not column.size or not np.isfinite(column).all():
+        raise BadGain(f"{name} = {values!r}", "must be finite numbers, one for each integrator")
+    return column
+
+
+def _number(name: str, value: Any) -> Fraction:
+    known = real(name, value)
+    if not 0 <= known < np.inf:
+        raise BadGain(f"{name} = {value!r}", "must be a finite number, at least 0")
+    return Fraction(known)

@@ -21,8 +21,8 @@ import numpy as np
 
 from hgogen.estimators.integrators import Integrators, integrators
 from hgogen.form import Form
-from hgogen.prove.bounded_theta import Nothing
-from hgogen.prove.inclusion import Inclusion, Layout, of_state, on_integrators
+from hgogen.prove.error_models import on_integrators
+from hgogen.prove.inclusion import Inclusion, Layout, Nothing, of_state
 from hgogen.prove.inequality import NOW, driven, flow
 from hgogen.prove.quadratic import Array, floats, inverse_root
 from hgogen.prove.questions import Bounded, InputBound, bound_at, bound_in_floats

@@ -1,4 +1,6 @@
-"""The error of an estimate against its plant as a linear differential inclusion, in exact numbers.
+"""What is said of a bound, above which every theta converges, by whichever proof, or where there is none.
+
+The error of an estimate against its plant as a linear differential inclusion, in exact numbers.
 
     e' = theta (N e + B diag(theta^-late) v) + sum over slopes of theta^-degree d onto (reads'e + takes'diag(..) v)
 
@@ -15,47 +17,42 @@ That b(sat z, u) - b(x, u) = J (sat z - x), J the mean of db/dz along the segmen
 holds for every z, also far outside of the box: the box is convex, and x is in it. So it does for two estimates.
 """
 
-import math
-import sys
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from fractions import Fraction
-from functools import cached_property, lru_cache
-from itertools import product
+from functools import cached_property
 from typing import Any
 
 import numpy as np
 import sympy as sp
 
-from hgogen.analysis.evidence import Evidence, enclosure, outward, tree
-from hgogen.analysis.polytope import chains, span
-from hgogen.analysis.scaling import exponents
-from hgogen.analysis.spare import entering, heads, sharing, weighted
-from hgogen.estimators.columns import as_matrix
-from hgogen.estimators.integrators import Integrators
+from hgogen.analysis.evidence import Evidence, tree
 from hgogen.form import Form
-from hgogen.prove.bounded_theta import Nothing
 from hgogen.prove.quadratic import (
     Array,
     balance,
     floats,
-    fractions,
     identity,
     inverse_root,
     lyapunov,
     rational,
     stacked,
 )
-from hgogen.prove.steepness import companions, jacobian, obstacle
 from hgogen.rigor.bounds import Range
-from hgogen.rigor.definite import Matrix, number
-from hgogen.rigor.kinks import bent
-from hgogen.rigor.slope import JUMPS
+from hgogen.rigor.definite import number
 from hgogen.sentence import Reason, because
 
-_BOXES = 2_000  # for the range of one slope
-_STEEPEST = sys.float_info.max / 4  # an end of a range, which is then widened
-_LOOSE = 1e-9  # what a range with 0 is wider by, over its width, so that a weaker arithmetic reaches it
+
+@dataclass(frozen=True)
+class Nothing:
+    """No bound, and why."""
+
+    reason: Reason
+
+    def __str__(self) -> str:
+        return str(self.reason)
+
+
 NO_SCALES = because("the gains of its chain are no numbers")  # where `Inclusion.scales` are None
 _ROUND = 1e-10  # of the largest eigenvalue of a P in floats: a smaller one may be rounding
 
@@ -104,40 +101,6 @@ class Slope:
 def of_field(field: int, count: int) -> tuple[Fraction, ...]:
     """What reads the error of one field (N)."""
     return tuple(Fraction(int(k == field)) for k in range(count))
-
-
-@lru_cache(maxsize=32)  # a search asks it of each gain
-def slopes_of(form: Form, layout: Layout, scale: tuple[sp.Expr, ...], endless: bool) -> tuple[Slope, ...] | Reason:
-    """Those of b, with 0 in each range; `endless`: whether one may have one end alone."""
-    slopes, powers, J = [], exponents(form), jacobian(form)
-    jumps = sorted(map(str, (part for row in form.b for part in bent(row).atoms(*JUMPS) if part.has(*form.states))))
-    if endless and jumps:
-        return because("{part} may jump", part=jumps[0])
-    for i, (j, z) in product(range(form.n), enumerate(form.states)):
-        slope = scale[i] / scale[j] * J[i, j]
-        if slope == 0:
-            continue
-        known = span(slope, form, _BOXES)
-        if not (known and known.defined and (known.finite or endless)) or known.low == -math.inf == -known.high:
-            return because("db_{i}/d{z} = {slope} has no finite range on the box", i=i + 1, z=z, slope=slope)
-        if any(_STEEPEST < abs(end) < math.inf for end in (known.low, known.high)):
-            return because(
-                "db_{i}/d{z} = {slope} is beyond the range of a double on the box", i=i + 1, z=z, slope=slope
-            )
-        onto = tuple(Fraction(int(fed and index == i)) for fed, index in zip(layout.fed, layout.index, strict=True))
-        low, high, way = _ends(known)
-        reads, degree = of_field(layout.picks[j], len(onto)), powers[i] - powers[j]
-        slopes.append(Slope(reads, onto, low, high, degree, endless=way, entry=(i, j), range=known))
-    return tuple(slopes)
-
-
-def _ends(known: Range) -> tuple[Fraction, Fraction, int]:
-    """The ends of the slope, 0 among them, and whether it goes on beyond one (`Slope.endless`)."""
-    sides = [end for end in (known.low, known.high) if math.isfinite(end)]
-    loose = _LOOSE * (max(*sides, 0.0) - min(*sides, 0.0))
-    low, high = (min(outward(sides[0] - loose, -1), Fraction(0)), max(outward(sides[-1] + loose, 1), Fraction(0)))
-    way = (known.high == math.inf) - (known.low == -math.inf)
-    return (high, high, way) if way < 0 else (low, low, way) if way > 0 else (low, high, way)
 
 
 @dataclass(frozen=True, eq=False)
@@ -320,138 +283,6 @@ class Uncertain:
         return replace(self, B=B, E=np.hstack([self.E, self.H @ (0 * onto)]), injected=injected)
 
 
-def inclusion(
-    form: Form,
-    layout: Layout,
-    core: Array | Matrix,
-    measured: Array,
-    scale: Sequence[sp.Expr],
-    units: Sequence[Fraction],
-    numbers: Mapping[str, Any],
-    others: Iterable[Slope] = (),
-    endless: bool = False,
-) -> Inclusion | Nothing:
-    """The inclusion of an observer on a form in chains, in the errors `scale` (n, of parameters) times those of z.
-
-    `core` (N, N): the linear error core at theta = 1 in fields of the coordinates scale/units times z, floats as they
-    are; `measured` (N, p): by what the samples enter there; `others`: what varies in the core, in those fields;
-    `endless`: whether slopes of b may have one end alone.
-    """
-    slopes = slopes_of(form, layout, tuple(scale), endless)
-    if isinstance(slopes, Reason):
-        return Nothing(slopes)
-    t, nothing = [units[i] for i in layout.index], (Fraction(0),) * measured.shape[1]
-    scaled = rational(core) * np.outer(rational(t), 1 / rational(t))
-    for slope in others:
-        of = t[slope.reads.index(Fraction(1))]  # the unit of the field that it reads
-        slopes = (*slopes, replace(slope, onto=tuple(x * unit_ / of for x, unit_ in zip(slope.onto, t, strict=True))))
-    injected = rational(measured) * rational(t)[:, None]
-    powers, shown, own = exponents(form), heads(form), {"units": tuple(units)}
-    late = tuple(powers[shown[j]] if j in shown else 0 for j in range(measured.shape[1]))
-    each = tuple(replace(slope, takes=nothing) for slope in slopes)
-    return Inclusion(scaled, injected, each, layout, tuple(units), tuple(scale), numbers, own, late)
-
-
-def on_integrators(
-    chain: Integrators,
-    layout: Layout,
-    core: np.ndarray | Matrix,
-    measured: np.ndarray,
-    numbers: Mapping[str, Any],
-    gates: Iterable[tuple[int, np.ndarray]] = (),
-    endless: bool = False,
-) -> Inclusion | Nothing:
-    """The inclusion of an estimator on a chain of integrators, in errors of w near the units of z. `gates`: fields
-    whose error saturations pass by a share in [0, 1], each with the column by which it enters the `core`; `endless` as
-    of `inclusion`."""
-    reason = obstacle(chain.form, endless)
-    if reason:
-        return Nothing(reason)
-    units = nominal_units(chain)
-    if isinstance(units, Nothing):
-        return units
-    scale = from_form(chain.form, units)
-    zero, one = Fraction(0), Fraction(1)
-    shares = (
-        Slope(of_field(of, len(column)), tuple(map(Fraction, column.tolist())), zero, one, -1, realised=one)
-        for of, column in gates
-    )
-    error = inclusion(chain.form, layout, core, measured, scale, units, numbers, shares, endless)
-    return error if isinstance(error, Nothing) else replace(error, chained=True)
-
-
-def nominal_units(chain: Integrators) -> list[Fraction] | Nothing:
-    """The s_i (n) near 1/(a_1 .. a_i) at the nominal parameters, in which w is near z; or why there are none."""
-    units = [Fraction(f"{float(1 / product):.6g}") for product in chain.nominal]
-    if any(unit_ <= 0 for unit_ in units):
-        return Nothing(because("the bound is for a_i shown to be positive"))
-    return units
-
-
-def from_form(form: Form, units: Sequence[Fraction]) -> tuple[sp.Expr, ...]:
-    """s_i a_1 .. a_i (n) of each chain, which scale z to s_i w_i."""
-    products = (sp.Mul(*each[: i + 1]) for each in chains(form) for i in range(len(each)))
-    return tuple(sp.Rational(s) * product for s, product in zip(units, products, strict=True))
-
-
-def on_companion(
-    chain: Integrators, p: Sequence[float], weights: Sequence[float] | None = None, endless: bool = False
-) -> Inclusion | Nothing:
-    """The inclusion of gains p_i/(a_1 .. a_i), `p` (n) the coefficients of the chains' polynomials, on the means of
-    outputs by their `weights` (p), by default all alike; `endless` as of `inclusion`."""
-    form, exactly = chain.form, [Fraction(x) for x in p]
-    weights = weights or weighted(form, None)
-    products = (sp.Mul(*each[: i + 1]) for each in chains(form) for i in range(len(each)))
-    numbers = {"gains": tuple(sp.Rational(x) / a for x, a in zip(exactly, products, strict=True))}
-    numbers |= _weights(form, weights)
-    measured = as_matrix(form, exactly) @ entering(form, weights)
-    error = on_integrators(chain, plain(form), companions(exactly, form.blocks), measured, numbers, endless=endless)
-    return error if isinstance(error, Nothing) else replace(error, own={"core": fractions(error.N)}, chained=False)
-
-
-def with_gains(
-    form: Form, K: Sequence[Fraction], weights: Sequence[float] | None = None, endless: bool = False
-) -> Inclusion | Nothing:
-    """The inclusion of a constant gain of the entries K (n, or n q: `columns`) in the form's own coordinates, whose a_i
-    may move with inputs, on the means of outputs by their `weights` (p), by default all alike; `endless` as of
-    `inclusion`."""
-    reason = obstacle(form, endless)
-    if reason:
-        return Nothing(reason)
-    n, each, gain = form.n, [a for chain in chains(form) for a in chain], as_matrix(form, K)
-    heads = [form.heads[k] for k in form.leads]
-    onto = [-gain[:, heads.index(at)] if at in heads else np.arange(n) == at - 1 for at in range(n)]
-    core, slopes, ranges = np.zeros((n, n), dtype=object), list[Slope](), list[Evidence | None]()
-    moves = not all(a.is_Rational for a in each)
-    for at, a in enumerate(each):
-        known = span(a, form)
-        if not (known and known.defined and known.finite):
-            return Nothing(because("a = {a} has no finite range on the box", a=a))
-        if not moves:
-            core[:, at] = [Fraction(a.p, a.q) * Fraction(x) for x in onto[at].tolist()]
-            continue
-        ranges.append(enclosure(form, a, known))
-        ends = (Fraction(a.p, a.q),) * 2 if a.is_Rational else (outward(known.low, -1), outward(known.high, 1))
-        slopes.append(Slope(of_field(at, n), tuple(map(Fraction, onto[at].tolist())), *ends, -1, realised=None))
-    weights = weights or weighted(form, None)
-    numbers = {"gains": tuple(map(sp.Rational, K)), **_weights(form, weights)}
-    one, ones = [Fraction(1)] * n, [sp.S.One] * n
-    error = inclusion(form, plain(form), core, gain @ entering(form, weights), ones, one, numbers, slopes, endless)
-    if isinstance(error, Nothing):
-        return error
-    return replace(error, own={"ranges": ranges} if moves else {"core": fractions(error.N)})
-
-
 def of_state(scales: Sequence[Fraction], field: int) -> Array:
     """c (N), of FLINT's rationals: c e is the error of the state of the form that a field stands for."""
     return np.asarray(identity(len(scales))[field] / number(scales[field]))
-
-
-def _weights(form: Form, weights: Sequence[float]) -> dict[str, tuple[Fraction, ...]]:
-    """The weights (p) as a number of an observer; none where no outputs share a state."""
-    return {"weights": tuple(map(Fraction, weights))} if sharing(form) else {}
-
-
-def plain(form: Form) -> Layout:
-    """That of an observer whose fields are the form's states."""
-    return Layout(tuple(range(form.n)), exponents(form), (True,) * form.n, tuple(range(form.n)))

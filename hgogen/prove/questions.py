@@ -13,10 +13,12 @@ of each two that are opposite; or P is sought for the least of the largest over 
 By the third the L2 norm of C e is at most mu times that of v, beside what the start leaves: the bounded real lemma with
 a multiplier for each slope (Boyd, El Ghaoui, Feron, Balakrishnan, "Linear Matrix Inequalities in System and Control
 Theory", SIAM (1994), 6.3.2). Of several systems the same P, S and lambda serve them all, and all between them.
+
+What is proved of a step as it runs, as numbers that stand with its code, for whoever signs them.
 """
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from fractions import Fraction
 from typing import Any
 
@@ -24,11 +26,9 @@ import numpy as np
 
 from hgogen.form import Form
 from hgogen.observer import Observer, asks_an_observer
-from hgogen.prove.bounded_theta import Nothing
-from hgogen.prove.common_norm import Falls, Flow
-from hgogen.prove.contracting import Steps
-from hgogen.prove.inclusion import NO_SCALES, Inclusion, Uncertain, of_state
-from hgogen.prove.inequality import NOW, Inputs, driven, pushed
+from hgogen.prove.convergence import Falls, Flow
+from hgogen.prove.inclusion import NO_SCALES, Inclusion, Nothing, Uncertain, of_state
+from hgogen.prove.inequality import NOW, Inputs, Steps, driven, pushed
 from hgogen.prove.quadratic import (
     MARGINS,
     Array,
@@ -47,7 +47,7 @@ from hgogen.prove.semidefinite import Solution, cheapest, holding, settled, shor
 from hgogen.reading.named import names_of
 from hgogen.rigor.definite import fraction, number, root
 from hgogen.rigor.outward import number as outward
-from hgogen.sentence import Reason, because
+from hgogen.sentence import NONE, Reason, because
 
 _INPUTS, _START, _L2 = "a bound of what inputs do", "a bound of the errors from a start", "a bound of an L2 gain"
 _SHARES = tuple(Fraction(k, 100) for k in (5, 10, 20, 30, 40, 50, 60, 70, 80, 87, 93))  # of the rate, for alpha
@@ -299,8 +299,8 @@ def bounds(flow: Flow, falls: Falls) -> Mapping[tuple[int, int], float] | Reason
         def forms(alpha: Fraction, of: Uncertain = alone) -> tuple[Quadratic, ...]:
             return driven(of, alpha, error.hull)
 
-        for i, field in picks:
-            one = input_bound(forms, W, 1, of_state(scales, field), Fraction(1))
+        for i, place in picks:
+            one = input_bound(forms, W, 1, of_state(scales, place), Fraction(1))
             if one is None:
                 return because("no bound is found of what noise does")
             known[i, j] = outward(one.bound)[1]
@@ -333,3 +333,33 @@ def together_in_floats(
 def _over(e: Uncertain, pace: Any) -> Uncertain:
     """The same in a time that runs `pace` times as fast, so that rates are near 1; in the arithmetic of both."""
     return replace(e, M=e.M / pace, G=e.G / pace, B=e.B / pace, core=e.core / pace, injected=e.injected / pace)
+
+
+Each = Mapping[str, float]
+
+
+@dataclass(frozen=True)
+class Signed:
+    """How far the estimate of a step errs at most, and under what.
+
+    `bounds`: by the name of a state; within 1.1 of it is its error from `settles` (the model's unit of time) on, of
+    first errors of at most `begins`, by the name of a state of the form; `everywhere`: whether these are all that the
+    ranges allow. None, and empty, where nothing is known of starts, and `unsettled` says why. `assumed`: by what enters
+    ("noise" and the like) and by the name of a signal, how large it is at most; `real`: the precision in which what the
+    program rounds is counted, None where it is not; `inside`: by how much the plant keeps clear of the ends of its
+    ranges; `beyond`: the states of which no bound within the width of their range is proved. `least`: from which
+    constant theta up to its own the error decays without what enters, and `longest`: at which dt up to that one, of its
+    own theta; None where that is not proved. Without `bounds` none is proved.
+    """
+
+    bounds: Each = field(default_factory=dict)
+    settles: float | None = None
+    unsettled: Reason = NONE
+    begins: Each = field(default_factory=dict)
+    everywhere: bool = False
+    assumed: Mapping[str, Each] = field(default_factory=dict)
+    real: str | None = None
+    inside: Each = field(default_factory=dict)
+    beyond: tuple[str, ...] = ()
+    least: Fraction | None = None
+    longest: Fraction | None = None

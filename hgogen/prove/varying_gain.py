@@ -30,37 +30,82 @@ Where D P + P D >= 0, a larger r takes from V' what a smaller leaves. At r = -si
 for each e and v a sum of what is convex in gamma, linear in the gamma^-i, and linear in the slopes of c, whose ranges
 shrink as gamma grows: it is negative where it is at both ends of gamma, and of each gamma^-i by itself, with the slopes
 at the lowest gamma (`MovingGain`).
+
+What an observer claims whose gain l moves: by one norm for every value of l, every rate that its law permits, and
+all slopes of b in their ranges.
+
+    e_k = error of w_k over l^(b+k-1):   e'/l = (N - r D + J(l)/l) e,   r = l'/l^2,   D = diag(b, .., b + n - 1)
+
+J(l)/l shrinks as l grows: 0 is in the ranges of its slopes, each over a power of l that is at least 1. With r >= -s,
+e'/l at a l >= least is a mean of M_j e, less a share >= 0 of D e, and V = e'P e falls where it does by these:
+
+    adaptive_lmi   s = sigma:                          N + sigma D + J(least)/least
+    updated_gain   s = p_1 (1 - p_2/l), p_2 >= least:  N + J(least)/least,   N + p_1 D
+                   in the shares least/l, 1 - least/l: l may fall fast only where it is far above p_2
+
+    M_j'P + P M_j + alpha/least P < 0,   D P + P D > 0:   V' <= -alpha l/least V
+
+How fast l rises does not count, nor by which law: nor whether it comes to rest at an upper end. So `updated_gain` needs
+no bound of slopes by those at the estimate, as the paper does, but a p_2 that is enough alone.
+
+What lets a gain move by L' = L (p_1 (p_2 - L) + p_3 Gamma): inequalities proved in rationals, bounds by intervals.
+
+    N'P + P N <= -I,  N = A - K C,   D = diag(b, .., b + n - 1)
+    D P + P D > 0,   N'P + P N + p_1 (D P + P D) < 0,   p_3 (D P + P D) >= 2 lambda_max(P)
+
+and L never passes a cap above p_2 + (p_3/p_1) sup Gamma(cap): there L' < 0. Where they come from: `updated_gain`.
+
+How long a high gain must hold so that switching between two gains keeps the error's decay.
+
+    V_l = eps_l'P_l eps_l,   eps_l = diag(theta^-p(i)) S e at theta = l:   V_l' <= -alpha_l V_l,   alpha_l >= 0
+
+by a norm for each of the two gains l (`common_norm`). A switch multiplies eps by powers of the gains' ratio: with
+eps_high = D eps_low, D = diag((low/high)^p(i)), V becomes at most `up` times what it was at a switch to the high gain,
+and `down` times at one back,
+
+    up P_low - D P_high D >= 0,   down P_high - D^-1 P_low D^-1 >= 0
+
+With at least a time T in the high gain between two switches down, V falls from cycle to cycle by a factor below 1 where
+
+    alpha_high T > log(up down)
+
+whatever makes the gains switch, and the error converges exponentially. Average dwell time: Hespanha, Morse, "Stability
+of switched systems with average dwell-time", CDC 1999.
 """
 
+import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from fractions import Fraction
 from functools import cached_property
 from itertools import product
+from math import inf
 from typing import Any
 
 import numpy as np
 import sympy as sp
-from flint import fmpq_mat
+from flint import arb, fmpq_mat
 
 from hgogen.analysis.evidence import LOOSE, Evidence, Grounds, Steep
 from hgogen.analysis.polytope import chains
 from hgogen.check import Check, ClaimId, Verdict
+from hgogen.estimators.columns import as_matrix
 from hgogen.estimators.injection import companion
 from hgogen.estimators.integrators import Integrators
 from hgogen.form import Form
-from hgogen.prove.bounded_theta import Nothing
-from hgogen.prove.inclusion import Inclusion, Shown
-from hgogen.prove.lmi import NoSolver
-from hgogen.prove.quadratic import Array, identity, inverse_root, rational
-from hgogen.prove.quadratic import floats as rounded
+from hgogen.prove.convergence import Falls, Flow, Moved, claims, nothing
+from hgogen.prove.error_models import companions, on_integrators, plain, slope
+from hgogen.prove.inclusion import Inclusion, Nothing, Shown
+from hgogen.prove.quadratic import Array, floats, identity, inverse_root, rational
 from hgogen.prove.questions import Driven, L2Bound, l2_bound
-from hgogen.prove.steepness import slope
+from hgogen.prove.semidefinite import Lyapunov, NoSolver, lyapunov
 from hgogen.reading.given import BadGain, reals
+from hgogen.rigor import definite
+from hgogen.rigor.bounds import Proof, bound
+from hgogen.rigor.box import box
 from hgogen.rigor.definite import (
     Matrix,
     exact,
-    floats,
     fraction,
     largest,
     nonnegative,
@@ -73,7 +118,8 @@ from hgogen.rigor.definite import (
     unit,
     unsymmetric,
 )
-from hgogen.sentence import NONE, Down, Reason, Up, because
+from hgogen.rigor.tape import NoTape
+from hgogen.sentence import NONE, Down, Reason, Up, because, down, same, up
 
 _SLACKS = tuple(Fraction(1, 2**k) for k in range(40, 4, -4))  # of s, what rounding may take from (87)
 
@@ -94,7 +140,7 @@ class MovingGain:
         """A small bound of the gain from v to w - what; `P`: what V may be near to. None where none is proved, or there
         is no solver."""
         try:
-            return l2_bound([*self._systems()], inverse_root(rounded(rational(P))), self._powers)
+            return l2_bound([*self._systems()], inverse_root(floats(rational(P))), self._powers)
         except NoSolver:
             return None
 
@@ -316,8 +362,8 @@ def judged(id: ClaimId, claim: str, M: Any, strict: bool = True, sign: int = 1) 
     )
 
 
-def checks(maker: str, candidate: Candidate, assumptions: Given) -> tuple[Check, ...]:
-    """The checks of `facts`, and with a disturbance `MAKER.attenuation`, that the L2 gain has a bound."""
+def adaptive_checks(maker: str, candidate: Candidate, assumptions: Given) -> tuple[Check, ...]:
+    """The adaptive_checks of `facts`, and with a disturbance `MAKER.attenuation`, that the L2 gain has a bound."""
     known = facts(maker, candidate)
     whole: list[tuple[Check, Candidate | Attenuating | Shown]] = [(check, candidate) for check in known]
     if assumptions.disturbance:
@@ -386,9 +432,256 @@ def share_of(candidate: Candidate, decay: Fraction, disturbance: Disturbance) ->
     P = exact(candidate.P)
     load = P * P * number(first) + candidate.injection * number(second)
     try:
-        factor = np.linalg.inv(np.linalg.cholesky(floats(M)))
+        factor = np.linalg.inv(np.linalg.cholesky(definite.floats(M)))
     except np.linalg.LinAlgError:  # positive definite, but not to a float
         return None
-    least = Fraction(float(np.linalg.eigvalsh(factor @ floats(load) @ factor.T).max()))
+    least = Fraction(float(np.linalg.eigvalsh(factor @ definite.floats(load) @ factor.T).max()))
     tried = (least * (1 + slack) for slack in _SLACKS)
     return next((s for s in tried if s > 0 and nonnegative(M - load * (1 / number(s)))), None)
+
+
+_OWN = Fraction(1, 4)  # b of D: the least bounds of two to four states are close to those of the best b
+_HOW = "one norm at every rate of the gain"
+
+
+@dataclass(frozen=True)
+class Law:
+    """How fast a gain may fall: r >= -`fall`, at its `least` value too; or, `easing`, not at all there, and r >= -fall
+    (1 - least/l). `name`: of the least value; `P` (n, n) that may serve, in errors of w, with this `b` of D."""
+
+    name: str
+    least: float
+    fall: Fraction
+    easing: bool
+    b: Fraction
+    P: np.ndarray | None = None
+
+
+def moving_checks(
+    maker: str, chain: Integrators, K: Sequence[Fraction], law: Law, numbers: dict[str, Any]
+) -> tuple[Check, Check]:
+    """`MAKER.convergence`, that there is a bound on the least value of the gain; `MAKER.theta`, that it is above it."""
+    form = chain.form
+    error = on_integrators(chain, plain(form), companions(K, form.blocks), as_matrix(form, K), numbers)
+    if isinstance(error, Nothing):
+        return _named(law, nothing(maker, law.least, error.reason))
+    flows = [_at_b(error, law, b) for b in (_OWN, law.b)]
+    try:
+        flow = next((flow for flow in flows if flow.least is not None), flows[0])
+    except OverflowError:  # which the claims say
+        flow = flows[0]
+    return _named(law, claims(maker, form, flow, numbers, law.name))
+
+
+def _at_b(error: Inclusion, law: Law, b: Fraction) -> Flow:
+    """The error over powers of the gain, by this b of D."""
+    D = rational(np.diag([b + p for p in error.layout.power]))
+    fall = D * number(law.fall)
+    moved = Moved(0 * D, (error.N + fall,), (-D,)) if law.easing else Moved(fall, (), (-D,))
+    first = law.P
+    if first is not None:  # in the errors of the inclusion, where it is positive definite
+        t = floats(rational([error.units]))[0]
+        first = None if np.linalg.eigvalsh(first).min() <= 0 else np.asarray(first / np.outer(t, t))
+    return Flow(replace(error, own={**error.own, "b": b}), Fraction(law.least), _HOW, moved, first)
+
+
+def _named(law: Law, checks: tuple[Check, Check]) -> tuple[Check, Check]:
+    """The claims about the gain's least value, by its name."""
+    convergence, above = checks
+    name, value = law.name, same(law.least)
+    exists = f"in continuous time, without noise, the error converges exponentially for every {name} above a bound"
+    return (
+        replace(convergence, claim=f"{exists}, at every rate of the gain that its law permits"),
+        replace(above, claim=f"{name} = {value} is above that bound"),
+    )
+
+
+def proved_above(checks: Sequence[Check], maker: str) -> bool:
+    """Whether the least value of the gain is proved to be above its bound."""
+    return any(check.id == ClaimId(maker, "theta") and check.verdict is Verdict.PROVED for check in checks)
+
+
+BOXES = 500  # sup Gamma need not be the least
+
+
+def weighted(K: np.ndarray, b: float) -> tuple[Lyapunov, np.ndarray]:
+    """P with N'P + P N <= -I, and D P + P D in rationals. Raises: `BadGain` where it is not proved to be positive
+    definite."""
+    exactly = np.array([Fraction(float(k)) for k in K])
+    proof = lyapunov(tuple(map(tuple, companion(exactly))))
+    assert proof is not None  # N is Hurwitz
+    P, n = np.array(proof.P), len(K)
+    spread = _spread(P, [Fraction(b) + i for i in range(n)])
+    if not positive(exact(spread)):
+        pencil = np.linalg.solve(P.astype(float), _spread(P, [Fraction(i) for i in range(n)]).astype(float))
+        least = -np.linalg.eigvals(pencil).real.min() / 2
+        raise BadGain(
+            f"b = {b:g}", f"leaves D P + P D not positive definite; take b = {up(1.01 * float(least))} or more"
+        )
+    return proof, spread
+
+
+def _spread(P: np.ndarray, D: list[Fraction]) -> np.ndarray:
+    return np.array([[(D[i] + D[j]) * P[i, j] for j in range(len(D))] for i in range(len(D))])
+
+
+def update_checks(
+    chain: Integrators, K: np.ndarray, b: float, p_1: float, p_2: float, p_3: float, cap: float
+) -> tuple[Check, ...]:
+    """`updated_gain.p_1`, `.p_3` and `.cap`, of the gains K (n), and the claims about p_2 alone of `moving`. Raises:
+    `BadGain` where D P + P D is not proved to be positive definite."""
+    proof, spread = weighted(K, b)
+    numbers = {"p_1": p_1, "p_2": p_2, "p_3": p_3, "cap": cap, "gains": K}
+    weighted_by = {"P": proof.P, "b": Fraction(b)}
+    fall, rise = Shown(None, weighted_by), Shown(None, {**weighted_by, "peak": proof.peak})
+    stay = stays(chain, p_1, p_2, p_3, cap)
+    each = ((falls(proof, spread, p_1, b), fall), (rises(proof, spread, p_3, b), rise), (stay, *stay.proofs))
+    known = (replace(check, proofs=tuple(Grounds(numbers, fact) for fact in facts)) for check, *facts in each)
+    moves = Law("p_2", p_2, Fraction(p_1), easing=True, b=Fraction(b))
+    return (*known, *moving_checks("updated_gain", chain, [Fraction(k) for k in K.tolist()], moves, numbers))
+
+
+def falls(proof: Lyapunov, spread: np.ndarray, p_1: float, b: float) -> Check:
+    """N'P + P N + p_1 (D P + P D) < 0."""
+    P, N = np.array(proof.P), np.array(proof.vertices[0])
+    gap = -(N.T @ P + P @ N)
+    most = 1 / np.linalg.eigvals(np.linalg.solve(gap.astype(float), spread.astype(float))).real.max()
+    claim, fix = "p_1 is small enough: N'P + P N + p_1 (D P + P D) < 0", f"Take p_1 <= {down(0.99 * float(most))}."
+    return _positive("p_1", claim, gap - Fraction(p_1) * spread, b, "not {about}; another P or b may do", fix)
+
+
+def rises(proof: Lyapunov, spread: np.ndarray, p_3: float, b: float) -> Check:
+    """p_3 (D P + P D) >= 2 lambda_max(P)."""
+    least = 2 * float(proof.peak) / np.linalg.eigvalsh(spread.astype(float))[0]
+    claim, fix = "p_3 is large enough: p_3 (D P + P D) >= 2 lambda_max(P)", f"Take p_3 >= {up(1.01 * float(least))}."
+    room = Fraction(p_3) * spread - 2 * proof.peak * np.eye(len(spread), dtype=int)
+    pattern = "not {about}; another P or b may do, or a gain that stays far above Gamma"
+    return _positive("p_3", claim, room, b, pattern, fix)
+
+
+def _positive(fact: str, claim: str, M: np.ndarray, b: float, pattern: str, fix: str) -> Check:
+    """Whether M > 0: said of this P and D, as with another b it is another."""
+    about = because("for the P of N'P + P N = -I and D = diag(b, .., b + n - 1), b = {b}", b=float(b))
+    id = ClaimId("updated_gain", fact)
+    if positive(exact(M)):
+        return Check(id, claim, Verdict.PROVED, because("in rational arithmetic, {about}", about=about))
+    return Check(id, claim, Verdict.UNKNOWN, because(pattern, about=about), fix=fix)
+
+
+def stays(chain: Integrators, p_1: float, p_2: float, p_3: float, cap: float) -> Check:
+    """p_1 (p_2 - cap) + p_3 Gamma(cap) < 0 at every point of the declared ranges, to which Gamma is clamped."""
+    id, claim = (
+        ClaimId("updated_gain", "cap"),
+        "in continuous time L' < 0 at the cap: p_2 + (p_3/p_1) sup Gamma(cap) < cap",
+    )
+    form, n = chain.form, chain.n
+    unknown = Check(id, claim, Verdict.UNKNOWN, NONE, fix="Raise cap, or watch the status GAIN_LIMITED.")
+    if form.behind is not None:
+        not_sought = because("c is taken at Psi(z), in the plant's ranges: no bound of its slope was sought there")
+        return replace(unknown, reason=not_sought)
+    units = tuple(Fraction(cap) ** -(i + 1) for i in range(n))
+    scale = tuple(product * sp.Rational(s) for product, s in zip(chain.products, units, strict=True))
+    slopes = (scale[i] * form.b[i].diff(form.states[j]) / scale[j] for i in range(n) for j in range(n))
+    around = box((*form.states, *form.system.inputs, *form.system.parameters), form.system.nominal)
+    try:
+        squares = bound(sp.Add(*(slope**2 for slope in slopes)), around, boxes=BOXES)
+    except NoTape as missing:
+        return replace(unknown, reason=because("{what} may jump or be singular", what=missing.what))
+    if not (squares.defined and math.isfinite(squares.high)):
+        return replace(unknown, reason=because("no bound of Gamma was found"))
+    above = Fraction(p_1) * (Fraction(cap) - Fraction(p_2)) / Fraction(p_3)
+    gamma = Up(math.sqrt(max(squares.high, 0.0)) * (1 + 1e-12))
+    most = Fraction(max(squares.high, 0.0))
+    if above > 0 and above**2 > most:
+        steep = Proof(form.b, None, root(most), squares.variables, squares.tree)
+        reason = because("Gamma(cap) <= {gamma}, by outward-rounded intervals", gamma=gamma)
+        proofs = (Steep(units, scale, steep, LOOSE),)
+        return replace(unknown, verdict=Verdict.PROVED, reason=reason, fix="", proofs=proofs)
+    return replace(unknown, reason=because("Gamma(cap) may be {gamma}", gamma=gamma))
+
+
+_BETWEEN = (
+    "in continuous time, without noise, the error decays exponentially between switches, in every gain above a bound"
+)
+_ROUND = Fraction(1, 2**20)  # by what share `up` and `down` are larger than floats take them to be
+
+
+@dataclass(frozen=True)
+class Held:
+    """What shows that a time is long enough: a norm that `falls` in the high gain, and what switches do to V."""
+
+    falls: Falls
+    up: Fraction
+    down: Fraction
+
+    @property
+    def least(self) -> arb:
+        """The time from which on it is, as a ball."""
+        return arb(number(self.up * self.down)).log() / arb(number(self.falls.alpha))
+
+    def evidence(self, form: Form) -> Evidence:
+        """The norm of the high gain, with its alpha, and the two factors; the low gain's is in the claim of theta."""
+        return {"alpha": self.falls.alpha, **self.falls.written, "up": self.up, "down": self.down}
+
+
+def switching(
+    maker: str, form: Form, theta: float, low: float, hold: float, error: Inclusion | Nothing
+) -> tuple[Check, ...]:
+    """`MAKER.convergence`, that there is a bound on a gain that stays, `MAKER.theta`, that `low` is above it, and
+    `MAKER.hold`, that the time `hold` is long enough: too short a one may keep the gain switching for ever."""
+    if isinstance(error, Nothing):
+        known, held = nothing(maker, low, error.reason), _open(maker, hold)
+    else:
+        numbers = {"theta": theta, "theta_low": low, "hold": hold, **error.numbers}
+        flow = Flow(error, Fraction(low))
+        known = claims(maker, form, flow, numbers, "theta_low", "between switches")
+        held = _open(maker, hold)
+        if known[1].verdict is Verdict.PROVED:
+            held = _held(held, flow, Fraction(theta), hold)
+        held = replace(held, proofs=tuple(Grounds(numbers, proof) for proof in held.proofs))
+    convergence, above = known
+    convergence = replace(convergence, claim=_BETWEEN)
+    above = replace(above, claim=f"theta_low = {same(low)}, and theta with it, is above that bound")
+    return convergence, above, held
+
+
+def _open(maker: str, hold: float) -> Check:
+    claim = f"in continuous time hold = {same(hold)} is long enough: switching keeps the error's decay"
+    why = because("theta_low is not above a proved bound")
+    return Check(ClaimId(maker, "hold"), claim, Verdict.UNKNOWN, why, fix="Validate by trials.")
+
+
+def _held(unknown: Check, flow: Flow, theta: Fraction, hold: float) -> Check:
+    low = flow.fastest
+    if low is None:
+        return unknown
+    above, P_low, ways = Flow(flow.error, theta), rational(low.weights.P), list[Held]()
+    # by the fastest norm in the high gain, and by that of the low gain, which a switch changes less
+    for high in (above.fastest, above.by(low.weights, low.alpha * theta / flow.theta)):
+        if high is not None and high.alpha > 0:
+            P_high = rational(high.weights.P)
+            D = rational([(low.theta / high.theta) ** p for p in flow.error.layout.power])
+            up, down = _factor(P_low, P_high * np.outer(D, D)), _factor(P_high, P_low / np.outer(D, D))
+            ways.append(Held(high, up, down))
+    if not ways:
+        return replace(unknown, reason=because("no norm is found that falls in the high gain"))
+    best = min(ways, key=lambda way: float(way.least.mid()))
+    if arb(number(Fraction(hold))) > best.least:
+        reason = because("above {least}, by outward-rounded balls", least=_up(best.least, hold))
+        return replace(unknown, verdict=Verdict.PROVED, reason=reason, fix="", proofs=(best,))
+    reason = because("not shown: {least} is, and is sufficient, not necessary", least=_up(best.least))
+    return replace(unknown, reason=reason, fix=f"Take hold > {_up(best.least)}, or validate by trials.")
+
+
+def _factor(P: Array, Q: Array) -> Fraction:
+    """A short rational c with c P - Q >= 0, both positive definite."""
+    half = np.linalg.inv(np.linalg.cholesky(floats(P)))
+    c = Fraction(f"{np.linalg.eigvalsh(half @ floats(Q) @ half.T).max() * (1 + _ROUND):.9g}")
+    while not nonnegative(fmpq_mat((P * number(c) - Q).tolist())):
+        c *= 1 + _ROUND
+    return c
+
+
+def _up(value: arb, below: float = inf) -> Up:
+    """In the model's unit of time."""
+    return Up(float(value.upper()) * (1 + 1e-12), below=below)

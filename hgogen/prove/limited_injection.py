@@ -24,6 +24,14 @@ is, so that it is negative for all slopes in their ranges where it is at the cor
 and v what it enters, d (v h' + h v') <= S h h' + v v'/S for |d| <= 1. V' <= -alpha V asks for alpha/l times V beside
 the form; of the dead zone, whose V holds sigma, alpha is l lambda at most. A V that serves a theta serves every larger
 one, as J/l shrinks, and 0 is in the ranges (`common_norm`).
+
+High-gain observers that inject the output error through a saturation, or a dead zone, whose level adapts.
+
+    w' = A w + c(w, u) + D_l K i(e),   i(e) = sat e or e - sat e,   |sat e| <= sqrt sigma,   l = theta
+    sigma' = l (-lambda sigma + r e^2),   sigma >= 0
+
+Neither has a linear error core that noise goes through: the level follows the noise. What limits the step length is the
+core with all of e injected, the fastest there is, beside the decay of sigma.
 """
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -33,24 +41,31 @@ from functools import cached_property
 from itertools import product
 from typing import Any, ClassVar
 
+import casadi as ca
 import numpy as np
 from flint import fmpq_mat
 
+from hgogen.analysis.dynamics import HUGE
 from hgogen.analysis.evidence import Evidence, Grounds
 from hgogen.check import Check, ClaimId, Verdict
 from hgogen.estimators.columns import as_matrix
-from hgogen.estimators.injection import companion
-from hgogen.estimators.integrators import Integrators
+from hgogen.estimators.injection import companion, injection_gains, listed, scaled
+from hgogen.estimators.integrators import Integrators, integrators, observer_on, shifted
 from hgogen.form import Form
-from hgogen.prove.bounded_theta import Nothing
-from hgogen.prove.common_norm import CLOSE, SLOW, Falls, FunctionSearch
-from hgogen.prove.inclusion import from_form, inclusion, nominal_units, plain
+from hgogen.observer import Observer, founded, gain, high_gain_parameter
+from hgogen.part import Ode
+from hgogen.program import Block, Field, Place, scalar, sym
+from hgogen.prove.convergence import CLOSE, SLOW, Falls, FunctionSearch, claims, nothing
+from hgogen.prove.error_models import GROWTHS, from_form, inclusion, nominal_units, obstacle, plain
+from hgogen.prove.inclusion import Nothing
 from hgogen.prove.inequality import one_by_one
-from hgogen.prove.lmi import STATES, lyapunov
 from hgogen.prove.quadratic import Array, Weights, fractions, rational
-from hgogen.prove.steepness import GROWTHS, obstacle
-from hgogen.rigor.definite import Matrix, exact, positive
+from hgogen.prove.semidefinite import STATES, lyapunov
+from hgogen.reading.given import BadGain, positive, real
+from hgogen.rigor import definite
+from hgogen.rigor.definite import Matrix, exact
 from hgogen.sentence import Reason, because
+from hgogen.theorem import Theorem
 
 FEW = 6  # states up to which several g are tried
 _PAIRS = tuple((2.0**i, 2.0**j) for i, j in product(range(-12, 13), repeat=2))  # mu and tau
@@ -195,7 +210,7 @@ def _decay(adaptation: Adaptation, K: Any, growth: Fraction) -> Decay | None:
     margins = -np.linalg.eigvalsh(adaptation.form(N_, K_, P_, mus, taus))[:, -1]
     size = float(solution.peak) + adaptation.shape.kept[0] * mus  # of V at most, over |eps|^2
     mu, tau = map(Fraction, _PAIRS[int(np.argmax(margins / size))])
-    shown = positive(exact(-adaptation.form(N, gain, P, mu, tau)))
+    shown = definite.positive(exact(-adaptation.form(N, gain, P, mu, tau)))
     return Decay(adaptation, growth, solution.P, mu, tau) if shown else None
 
 
@@ -256,7 +271,7 @@ class Behind(FunctionSearch):
         forms = self._forms(one, (M / theta, G / theta, H), P, one.mu, one.tau, alpha / theta)
         if one.adaptation.shape.most and alpha > theta * one.adaptation.decay:
             return None
-        if not all(positive(fmpq_mat(rational(-form).tolist())) for form in forms):
+        if not all(definite.positive(fmpq_mat(rational(-form).tolist())) for form in forms):
             return None
         S = () if one_by_one(len(P), len(H)) else tuple(_multiplier(v) for v in (P @ G / theta).T)
         return Falls(theta, alpha, Weights(self._P(one), S), {"mu": one.mu, "tau": one.tau})
@@ -314,3 +329,95 @@ def behind(
     form, scale = chain.form, from_form(chain.form, units)
     error = inclusion(form, plain(form), companion(np.array(gains)), as_matrix(form, gains), scale, units, numbers)
     return error if isinstance(error, Nothing) else Behind(error, Fraction(theta), K=tuple(gains), decays=decays)
+
+
+REFERENCE = (
+    "Astolfi, Alessandri, Zaccarian, Stubborn and dead-zone redesign for nonlinear observers and filters, "
+    "IEEE TAC 66(2) (2021)"
+)
+EQUATION = "w' = A w + c(w, u) + diag(theta, .., theta^n) K {}, |sat(e)| <= sqrt(sigma), e = y - w_1"
+LEVEL = "sigma' = theta (-decay sigma + r e^2)"
+
+
+def limited(
+    name: str,
+    shape: Shape,
+    form: Form,
+    *,
+    theta: Any,
+    decay: Any,
+    r: Any,
+    sigma: Any,
+    poles: Sequence[complex] | None,
+    gains: Sequence[float] | np.ndarray | None,
+    initial: Mapping[str, float] | Sequence[float] | None,
+    accept: Iterable[str],
+    theorem: Theorem,
+) -> Observer:
+    """The observer of that name and shape; its checks `NAME.core`, `.convergence` and `.theta` are by `behind_sector`.
+
+    Raises: `Refuted`; `BadPoles`; `NotHurwitz`; `BadGain`.
+    """
+    accept = founded(name, form, accept, takes=integrators)
+    high, chain = high_gain_parameter(theta), integrators(name, form)
+    K = injection_gains(name, poles, gains, chain.n)
+    slow, fast, start = positive("decay", decay), positive("r", r), real("sigma", sigma)
+    if not 0 <= start < np.inf:
+        raise BadGain(f"sigma = {sigma!r}", "must be a finite number, not negative: the square of the first level")
+    least = slow * 1e-3
+    if shape.below:
+        if not fast < slow:
+            raise BadGain(f"r = {r!r}", f"must be below decay = {slow:g}, or nothing would ever be injected")
+        least = (slow + fast) / 2  # so that r stays below it however they are tuned
+    adaptation = Adaptation(shape, Fraction(slow), Fraction(fast))
+    return observer_on(
+        chain,
+        name,
+        parts=(_part(chain, chain.field(initial, high.initial[0]), K, high.initial[0], shape, slow, start),),
+        gains=(
+            high,
+            gain("decay", slow, least, slow, "lambda, theta times it is the rate at which sigma decays"),
+            gain("r", fast, 1e-3 * fast, fast if shape.below else 1e3 * fast, "weight of e^2 in sigma'"),
+        ),
+        w=sym("state", "w", chain.n),
+        theorem=theorem,
+        equations=(EQUATION.format(shape.text), LEVEL, f"K = {listed(K)}"),
+        reference=REFERENCE,
+        claims=lambda: _claims(name, chain, high.initial[0], K, adaptation),
+        accepted=accept,
+        traces=("sigma",),
+    )
+
+
+def _claims(name: str, chain: Integrators, theta: float, K: np.ndarray, adaptation: Adaptation) -> tuple[Check, ...]:
+    proofs = decays(adaptation, K)
+    numbers = {"theta": theta, "decay": adaptation.decay, "r": adaptation.r, "gains": K}
+    sought, core = behind(chain, theta, K, proofs, numbers), core_check(name, adaptation, proofs, numbers)
+    if isinstance(sought, Nothing):
+        return core, *nothing(name, theta, sought.reason)
+    return core, *claims(name, chain.form, sought, numbers)
+
+
+def _part(chain: Integrators, w: Field, K: np.ndarray, theta: float, shape: Shape, decay: float, start: float) -> Ode:
+    level = sym("gain", "theta")
+    square = scalar("sigma", start, low=0.0, unit="y^2", meaning=f"square of the level of the {shape.name}")
+
+    def rest(values: Mapping[str, Any], u: Any, y: Any, valid: Any) -> dict[str, Any]:
+        w_, sigma = values["w"], values["sigma"]
+        e, most = valid * (y - chain.offset(u) - w_[0]), ca.sqrt(ca.fmax(sigma, 0))
+        sat = ca.fmin(ca.fmax(e, -most), most)
+        return {
+            "w": shifted(w_) + chain.nonlinear(w_, u) + sym("derived", "K", chain.n) * shape.injected(e, sat),
+            "sigma": level * (sym("gain", "r") * (e * e) - sym("gain", "decay") * sigma),
+        }
+
+    n = chain.n
+    labels = tuple(f"theta^{i} K_{i}" if i > 1 else "theta K_1" for i in range(1, n + 1))
+    return Ode(
+        (w, square),
+        rest,
+        derived=(Field("K", (0.0,) * n, labels=labels, meaning="observer gain"),),
+        frozen={"sigma": (0.0 if shape.below else HUGE,)},  # all of the error is injected
+        tune=(Block("observer gain", {Place("derived", "K"): scaled(K, level)}),),
+        core=theta * np.block([[companion(K), np.zeros((n, 1))], [np.zeros((1, n)), -decay]]),
+    )

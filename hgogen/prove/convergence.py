@@ -1,4 +1,6 @@
-"""One norm in which an error falls, whatever its slopes: in continuous time, at a theta, and from which theta on.
+"""What is said of a bound, above which every theta converges, by whichever proof, or where there is none.
+
+One norm in which an error falls, whatever its slopes: in continuous time, at a theta, and from which theta on.
 
     V = e'P e,   V' <= -alpha V:   M'P + P M + alpha P < 0   for every M = M_0 + G diag(d) H, |d_j| <= 1
 
@@ -14,21 +16,41 @@ How far theta or the rate goes is searched in floats, with weights that are know
 from there, and proved where that ends. A solver finds P and S, rationals prove them. Without a solver, or of more rows
 than it is asked for, P is one that is at hand, or that of large theta alone, N'P + P N = -I with all that moves in N at
 its middle: it may serve too, from a larger theta on.
+
+One norm for slopes of one sign that have no other end, in continuous time.
+
+    e' = M e + G p - sum_k s_k onto_k q_k,   q_k = d_k reads_k e,   d_k >= 0 of any size,   V = e'P e
+
+A slope that is at most h, whatever it is below, is h less a d >= 0 (s = 1); one that is at least h is h and more (s =
+-1); h stands in M. With
+
+    P onto_k = s_k lambda_k reads_k',   lambda_k >= 0,
+
+V' loses 2 lambda_k (reads_k e)^2 d_k, however large d_k is: what makes V fall without the d does with them. That V
+falls wherever e is asks for a slope in the last of two states of a chain, N between 0 and a bound, or in its only one:
+from longer chains to what b reads the response is not strictly positive. P keeps to these equations exactly: it is a
+sum of rational matrices that do, of which a solver finds the shares, rounded, and rationals prove the rest as
+`common_norm` does. What b reads nothing of, reads_k = 0, asks for nothing. An h of a degree above -1 has the sign that
+makes the set of slopes shrink as theta grows, so that a P that serves a theta serves larger ones. Source: Arcak,
+Kokotovic, "Nonlinear observers: a circle criterion design and robustness analysis", Automatica 37 (2001), theorem 1.
+
+What an observer of a constant injection claims of its gain theta, by one norm for all slopes in continuous time.
 """
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from fractions import Fraction
 from functools import cached_property, lru_cache
 from typing import Any, ClassVar
 
 import numpy as np
+from flint import fmpq, fmpq_mat
 
-from hgogen.analysis.evidence import Evidence
-from hgogen.prove.contracting import farthest
-from hgogen.prove.inclusion import Inclusion, Slope, Uncertain
-from hgogen.prove.inequality import NOW, corners, falling, flow
-from hgogen.prove.lmi import NoSolver, no_solver
+from hgogen.analysis.evidence import Evidence, Grounds
+from hgogen.check import Check, ClaimId, Verdict
+from hgogen.form import Form
+from hgogen.prove.inclusion import Inclusion, Nothing, Slope, Uncertain
+from hgogen.prove.inequality import NOW, corners, falling, farthest, flow
 from hgogen.prove.quadratic import (
     Array,
     Quadratic,
@@ -36,15 +58,40 @@ from hgogen.prove.quadratic import (
     floats,
     inverse_root,
     negative,
+    on_grid,
     proved,
     rational,
     reach,
     verified,
 )
-from hgogen.prove.semidefinite import Margin, widest
+from hgogen.prove.semidefinite import Margin, NoSolver, margin, no_solver, widest
 from hgogen.rigor import outward
 from hgogen.rigor.definite import number
-from hgogen.sentence import NONE, Reason, because, point, up
+from hgogen.sentence import NONE, Down, Reason, Up, because, point, same, up
+
+EXISTS = "in continuous time, without noise, the error converges exponentially for every theta above a bound"
+
+
+def said(theta: float) -> str:
+    """The claim that theta is above the bound."""
+    return f"theta = {same(theta)} is above that bound"
+
+
+def nothing(maker: str, theta: float, why: Reason) -> tuple[Check, Check]:
+    """The two claims, where no bound is proved."""
+    none, fix = because("no bound is proved"), "Validate by trials."
+    return (
+        Check(ClaimId(maker, "convergence"), EXISTS, Verdict.UNKNOWN, why, fix=fix),
+        Check(ClaimId(maker, "theta"), said(theta), Verdict.UNKNOWN, none, fix=fix),
+    )
+
+
+def decays(rate: float, during: str = "") -> Reason:
+    """That the error decays at a rate, or does `during` some times alone."""
+    pattern = "the error decays at least like exp(-{rate} t) while the estimate keeps to its outer box"
+    decay = because(pattern, rate=Down(rate, 2))
+    return because("{during} {decay}", during=during, decay=decay) if during else decay
+
 
 ROWS = 48  # of one form with multipliers: beyond, a solver takes longer than a check may
 _WHAT = "one norm for all slopes"
@@ -380,3 +427,173 @@ def _reached(
             break
         weights = better
     return farthest(lambda at: seek(at) is not None, start, end, close)
+
+
+_ONE_SIDED = "one norm for slopes without an end"
+_MARGIN = 1e-7  # that a form has to have in floats
+_BITS = (20, 30, 44)
+_NO_NORM = (
+    "no norm is found that keeps to the slopes without an end: there may be one where they are in the last of two "
+    "states of a chain, by an argument that is positive there, or in a state in whose place b reads the sample"
+)
+
+
+@dataclass(frozen=True)
+class OneSided(Flow):
+    """Norms for an `error` some of whose slopes have one end, at `theta` and beyond."""
+
+    how: str = "one norm that keeps to the signs of slopes without an end,"
+    close: ClassVar[tuple[float, float]] = (CLOSE, CLOSE)
+
+    @property
+    def endless(self) -> tuple[Slope, ...]:
+        """The slopes without an end, of which something is read."""
+        return tuple(slope for slope in self.error.endless if any(slope.reads))
+
+    @property
+    def missing(self) -> Reason:
+        """Why there is a proof at no theta."""
+        return no_solver(_ONE_SIDED) or because(_NO_NORM)
+
+    def obstacle(self, states: Sequence[Any]) -> Reason:
+        """Why there is none at theta."""
+        return no_solver(_ONE_SIDED) or because("no norm is found for all slopes in their ranges")
+
+    def _proved(self, forms: Sequence[Quadratic], P: Array, S: Array) -> Weights | None:
+        """The shares of the basis, rounded, so that P keeps to the equations exactly."""
+        rows = np.array([floats(matrix).ravel() for matrix in self._basis])
+        y = np.linalg.lstsq(rows.T, P.ravel(), rcond=None)[0]
+        for bits in _BITS:
+            multipliers = on_grid(S, bits)
+            whole = sum(
+                (share * one for share, one in zip(on_grid(y, bits), self._basis, strict=True)), 0 * self._basis[0]
+            )
+            if self._signed(whole) and verified(forms, whole, multipliers):
+                return Weights.of(whole, multipliers)
+        return None
+
+    @cached_property
+    def _basis(self) -> tuple[Array, ...]:
+        """Symmetric matrices (n, n), of FLINT's rationals, of whose sums P onto_k is along reads_k for every k."""
+        n = len(self.error.N)
+        units, slopes = list[Array](), self.endless
+        for j in range(n):
+            for i in range(j + 1):
+                unit = rational(np.zeros((n, n), dtype=int).tolist())
+                unit[i, j] = unit[j, i] = fmpq(1)
+                units.append(unit)
+        rows = []
+        for k, slope in enumerate(slopes):
+            onto, reads = rational(slope.onto), rational(slope.reads)
+            for i in range(n):
+                along = [-reads[i] if at == k else fmpq(0) for at in range(len(slopes))]
+                rows.append([*((unit @ onto)[i] for unit in units), *along])
+        null = _null(rows, len(units) + len(slopes))
+        return tuple(sum((x * unit for x, unit in zip(row, units, strict=False)), 0 * units[0]) for row in null)
+
+    def _signed(self, P: Array) -> bool:
+        """Whether every s_k lambda_k has the sign that it has to."""
+        return all(share >= 0 for share in self._lambdas(P))
+
+    def _lambdas(self, P: Array) -> Iterator[Any]:
+        """The lambda_k, in the arithmetic of P, of one that keeps to the equations."""
+        for slope in self.endless:
+            onto, reads = rational(slope.onto), rational(slope.reads)
+            onto, reads = (onto, reads) if P.dtype == object else (floats(each[None])[0] for each in (onto, reads))
+            yield -slope.endless * ((P @ onto) @ reads) / (reads @ reads)
+
+    def _sought(self, forms: Sequence[Quadratic]) -> tuple[Array, Array] | None:
+        """P that keeps to the equations, and multipliers S, with which forms of floats are negative by the most."""
+        basis = [floats(matrix) for matrix in self._basis]
+        if not basis or no_solver(_ONE_SIDED):
+            return None
+        signs = np.array([[float(share) for share in self._lambdas(matrix)] for matrix in basis]).T
+        best = margin(forms, _ONE_SIDED, span=(np.array(basis), signs))
+        return (best.P, best.S) if best is not None and best.margin > _MARGIN else None
+
+
+def _null(rows: Sequence[Sequence[fmpq]], count: int) -> list[list[fmpq]]:
+    """A basis of the x (count) with which every row is 0."""
+    if not rows:
+        return [[fmpq(int(i == j)) for j in range(count)] for i in range(count)]
+    reduced, rank = fmpq_mat([list(row) for row in rows]).rref()
+    table = [[reduced[i, j] for j in range(count)] for i in range(rank)]
+    leads = [next(j for j, x in enumerate(row) if x) for row in table]
+    basis = []
+    for free in (j for j in range(count) if j not in leads):
+        row = [fmpq(int(j == free)) for j in range(count)]
+        for lead, each in zip(leads, table, strict=True):
+            row[lead] = -each[free]
+        basis.append(row)
+    return basis
+
+
+@dataclass(frozen=True)
+class FromTheta:
+    """A proof that every theta above `theta` converges: by the norm that falls there."""
+
+    error: Inclusion
+    falls: Falls
+
+    @property
+    def theta(self) -> Fraction:
+        """The bound, which is proved to converge too."""
+        return self.falls.theta
+
+    def evidence(self, form: Form) -> Evidence | None:
+        """How the slopes are bounded, theta, and the P and S at it."""
+        function = self.falls.written
+        return None if function is None else {"error": self.error, "least": self.theta, **function}
+
+
+@dataclass(frozen=True)
+class AtTheta:
+    """A proof of the rate at which the error decays at the declared theta."""
+
+    falls: Falls
+
+    def evidence(self, form: Form) -> Evidence | None:
+        """alpha, and the P and S for it; the slopes are those of the claim of convergence."""
+        function = self.falls.written
+        return None if function is None else {"alpha": self.falls.alpha, **function}
+
+
+def theta_checks(maker: str, form: Form, theta: float, error: Inclusion | Nothing) -> tuple[Check, Check]:
+    """`MAKER.convergence`, that there is a bound; `MAKER.theta`, that theta is above it, with the rate there."""
+    if isinstance(error, Nothing):
+        return nothing(maker, theta, error.reason)
+    kind = OneSided if error.endless else Flow
+    return claims(maker, form, kind(error, Fraction(theta)), {"theta": theta, **error.numbers})
+
+
+def claims(
+    maker: str, form: Form, flow: FunctionSearch, numbers: Mapping[str, Any], name: str = "theta", during: str = ""
+) -> tuple[Check, Check]:
+    """The same of an observer of these numbers, theta the gain of that name; the error decays `during` some times."""
+    try:
+        return _claims(maker, form, flow, numbers, name, during)
+    except OverflowError:
+        return nothing(maker, float(flow.theta), because("the numbers of a proof are beyond the range of doubles"))
+
+
+def _claims(
+    maker: str, form: Form, flow: FunctionSearch, numbers: Mapping[str, Any], name: str, during: str
+) -> tuple[Check, Check]:
+    theta, least = float(flow.theta), flow.least
+    if least is None:
+        return nothing(maker, theta, flow.missing)
+    pattern = "above {bound}, by {how} for all slopes of b; exact arithmetic and outward-rounded intervals"
+    proof = because(pattern, bound=Up(least.theta, 3, below=theta), how=flow.how)
+    grounds = (Grounds(numbers, FromTheta(flow.error, least)),)
+    convergence = Check(ClaimId(maker, "convergence"), EXISTS, Verdict.PROVED, proof, proofs=grounds)
+    id, above = ClaimId(maker, "theta"), said(theta)
+    if least.theta < flow.theta:
+        reason, fact = because("above {bound}", bound=Up(least.theta, 3, below=theta)), None
+        if flow.fastest is not None:
+            decay = decays(flow.fastest.rate, during)
+            reason, fact = because("{above}; {decay}", above=reason, decay=decay), AtTheta(flow.fastest)
+        return convergence, Check(id, above, Verdict.PROVED, reason, proofs=(Grounds(numbers, fact),))
+    pattern = "not shown: {theta} is below the certified {bound}; {why}"
+    low = because(pattern, theta=theta, bound=Up(least.theta, 3), why=flow.obstacle(form.states))
+    fix = f"Raise {name}, narrow the ranges of the states, or validate by trials."
+    return convergence, Check(id, above, Verdict.UNKNOWN, low, fix=fix)

@@ -1,0 +1,411 @@
+"""The convex programs behind an adaptive gain: K and P in floats, of which nothing is proved here.
+
+    minimise gamma = (4 k lambda_max(P) + 1)/(2 lambda)                                                         (88)
+    or       mu = sqrt(2 s) gamma^n                                                                             (89)
+    over P > 0, Y = P K, lambda, s:   D P + P D >= 0,   |Y| <= largest,
+    Phi = A'P + P A - Y C - C'Y' + sigma (D P + P D) + lambda I <= 0,                                           (54)
+    and for (89)   Phi + (delta_1 P P + delta_2 Y Y')/s <= 0                                               (85), (87)
+
+in the notation of `adaptive_gain`. (88) is linear-fractional: one semidefinite program in P/t, Y/t. (89) is one
+at each gamma with 2 lambda gamma >= 4 k lambda_max(P) + 1, and gamma is searched. Source: Alessandri, "On
+Hamilton-Jacobi approaches to state reconstruction for dynamic systems" (2020); Boyd, Vandenberghe, "Convex
+Optimization", 4.3.2.
+
+Gains by linear matrix inequalities: found in floats, rounded, verified in rationals.
+
+    gain             K of `observers.high_gain` for a wanted rate, of a small noise bound
+    constant_gain    K of `observers.high_gain`, for a_i that vary in ranges
+    steady_gain      K of the same, to which the filter `riccati` settles at a point: of Q and R, without a solver
+    injection_filter F, G and H of `observers.filtered_injection`, for little noise at a wanted rate
+    adaptive_gain    K and P of `observers.adaptive_lmi`, for a high gain that moves; `slope` is what it takes of a form
+    verified         what holds of K and P, whoever designed them
+
+and what papers give by formula, which asks for no solver: `formulas` lists it.
+
+For `adaptive_gain` `gain_programs` minimises the bound (88) on gamma, or the bound (89) on the L2 gain, under (54),
+D P + P D >= 0 and |Y| <= largest, Y = P K: the cone (54) alone has no bound. What is said of the rounded K and P is
+computed and proved of them, by `guarantees.adaptive_gain`. Of a form the slope k(gamma), for every gamma from that one
+on, falls as gamma grows, and the bound on gamma with it: k is taken where the two meet, by bisection, for the bound of
+k(1) can be many times too large. Source: Alessandri, "On Hamilton-Jacobi approaches to state reconstruction for dynamic
+systems" (2020), section 4.
+"""
+
+import math
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass, replace
+from fractions import Fraction
+from typing import Any
+
+import numpy as np
+
+from hgogen.check import Check, Verdict
+from hgogen.errors import HgogenError
+from hgogen.estimators.injection import companion
+from hgogen.estimators.integrators import integrators
+from hgogen.form import Form
+from hgogen.prove.inclusion import Nothing
+from hgogen.prove.semidefinite import solution_of, solver
+from hgogen.prove.varying_gain import Disturbance, candidate, facts, share_of, steepness
+from hgogen.prove.varying_gain import disturbance as as_disturbance
+from hgogen.reading.door import Misfit
+from hgogen.reading.given import BadGain, positive, real, reals
+from hgogen.rigor.definite import demand_hurwitz, root
+from hgogen.sentence import down, up
+
+_REACH = 1e3  # how far above its smallest value gamma is searched
+_STEPS = 12  # of a search on a grid, and of the one inside its best cells
+
+
+@dataclass(frozen=True)
+class Task:
+    """What is asked of a chain of `n` integrators with the slope k.
+
+    `bounds`: "sigma", "largest" of |Y|, and what "gamma" and "mu" may be at most, inf for no bound; `deltas` None
+    without a disturbance; `K` (n, 1) where the gain is given and only P is sought; D P + P D >= `margin` lambda;
+    `least` what gamma may be at least, from where k holds.
+    """
+
+    n: int
+    slope: float
+    bounds: Mapping[str, float]
+    deltas: tuple[float, float] | None
+    K: np.ndarray | None
+    margin: float
+    least: float = 1.0
+
+    def bounded(self, name: str, value: float) -> "Task":
+        """The task with another bound of that name."""
+        return replace(self, bounds={**self.bounds, name: value})
+
+
+@dataclass(frozen=True)
+class Optimum:
+    """P (n, n) and Y = P K (n, 1) as the solver leaves them; `gamma` and `mu` (inf without a disturbance)."""
+
+    P: np.ndarray
+    Y: np.ndarray
+    gamma: float
+    mu: float
+
+
+def best(cp: Any, task: Task) -> Optimum | None:
+    """The smallest gamma, or mu where there is a disturbance, within the bounds; None where the solver finds none.
+
+    `cp`: `lmi.solver`.
+    """
+    optimum = _fractional(cp, task)
+    if optimum is None or optimum.gamma > task.bounds["gamma"]:
+        return None
+    if task.deltas is None:
+        return optimum
+    low = max(task.least, optimum.gamma * (1 + 1e-6))
+    high = min(task.bounds["gamma"], _REACH * low)
+    if low > high:
+        return None
+    at = _attenuation(cp, task)
+    grid = np.geomspace(low, high, _STEPS).tolist()
+    tried = [at(gamma) for gamma in grid]
+    place = int(np.argmin([math.inf if one is None else one.mu for one in tried]))
+    inside = np.geomspace(grid[max(place - 1, 0)], grid[min(place + 1, _STEPS - 1)], _STEPS + 1).tolist()
+    each = [one for one in (tried[place], *map(at, inside)) if one is not None and one.mu <= task.bounds["mu"]]
+    return min(each, key=lambda one: one.mu, default=None)
+
+
+def _fractional(cp: Any, task: Task) -> Optimum | None:
+    """(88) by one program in P/t, Y/t, with lambda/t = 1/2."""
+    t, peak = cp.Variable(nonneg=True), cp.Variable()
+    P, Y = _unknown(cp, task)
+    limits = _limits(cp, task, P, Y, peak, 0.5, t)
+    problem = cp.Problem(cp.Minimize(4 * task.slope * peak + t), limits)
+    value = solution_of(cp, problem, P)
+    if value is None or not t.value > 0:
+        return None
+    return Optimum(value / t.value, np.asarray(Y.value) / t.value, max(1.0, float(problem.value)), math.inf)
+
+
+def _attenuation(cp: Any, task: Task) -> Callable[[float], Optimum | None]:
+    """(89) at a gamma: the smallest s, and what it gives."""
+    assert task.deltas is not None
+    n, (first, second) = task.n, map(math.sqrt, task.deltas)
+    P, Y = _unknown(cp, task)
+    peak, decay, s, level = cp.Variable(), cp.Variable(), cp.Variable((1, 1)), cp.Parameter(nonneg=True)
+    phi, zero = _phi(task, P, Y, decay), np.zeros((n, 1))
+    rows = [[-phi, first * P, second * Y], [first * P, s[0, 0] * np.eye(n), zero], [second * Y.T, zero.T, s]]
+    limits = [*_limits(cp, task, P, Y, peak, decay, 1.0), 4 * task.slope * peak + 1 <= 2 * level * decay]
+    problem = cp.Problem(cp.Minimize(s[0, 0]), [*limits, cp.bmat(rows) >> 0])
+
+    def at(gamma: float) -> Optimum | None:
+        level.value = gamma
+        value = solution_of(cp, problem, P)
+        if value is None or not s.value[0, 0] > 0:
+            return None
+        return Optimum(value, np.asarray(Y.value), gamma, math.sqrt(2 * float(s.value[0, 0])) * gamma**n)
+
+    return at
+
+
+def _unknown(cp: Any, task: Task) -> tuple[Any, Any]:
+    """P and Y = P K."""
+    P = cp.Variable((task.n, task.n), PSD=True)
+    return P, cp.Variable((task.n, 1)) if task.K is None else P @ task.K
+
+
+def _phi(task: Task, P: Any, Y: Any, decay: Any) -> Any:
+    n = task.n
+    A, C, D = np.diag(np.ones(n - 1), 1), np.eye(1, n), _powers(n)
+    return A.T @ P + P @ A - Y @ C - C.T @ Y.T + task.bounds["sigma"] * (D @ P + P @ D) + decay * np.eye(n)
+
+
+def _limits(cp: Any, task: Task, P: Any, Y: Any, peak: Any, decay: Any, scale: Any) -> list[Any]:
+    """(54), D P + P D >= 0, P <= peak I, |Y| <= largest."""
+    one, D, largest = np.eye(task.n), _powers(task.n), task.bounds["largest"]
+    limits = [_phi(task, P, Y, decay) << 0, D @ P + P @ D >> task.margin * decay * one, P << peak * one]
+    return limits if math.isinf(largest) else [*limits, cp.norm(Y) <= largest * scale]
+
+
+def _powers(n: int) -> np.ndarray:
+    """D."""
+    return np.diag(np.arange(1.0, n + 1))
+
+
+_FORM = "a form: hg.forms.triangular(plant)"
+_MARGINS = (1e-6, 1e-4, 1e-2)  # of D P + P D >= 0, for what rounding takes
+_DIGITS = ((6, 9), (9, 12), (17, 17))  # of K and P
+_FACTORS, _BISECTIONS = 6, 6  # how far to relax a bound, by factors of 10, and how near to come to the edge
+_STARTS = (1.0, 1e2, 1e4)  # from which gamma on a form's slope is taken first: a huge one is more than a solver takes
+_SLOPES = 12  # how many are tried from there
+
+
+@dataclass(frozen=True)
+class Design:
+    """K (n), P (n, n) and sigma, as an observer takes them, with what is proved of them.
+
+    `gamma`: gamma_inf may be anything from it on, (88) from above; `mu`: the L2 gain where gamma_sup is `gamma`, from
+    above, else (gamma_sup/gamma)^n times that; None without a disturbance. `checks`: P > 0, D P + P D >= 0 and (54).
+    """
+
+    K: tuple[float, ...]
+    P: tuple[tuple[float, ...], ...]
+    sigma: float
+    gamma: Fraction
+    mu: Fraction | None
+    checks: tuple[Check, ...]
+
+    def __str__(self) -> str:
+        K = ", ".join(f"{k:g}" for k in self.K)
+        least, n = f"gamma_inf >= {up(self.gamma, 6)}", len(self.K)
+        gain = "" if self.mu is None else f", mu <= {up(self.mu / self.gamma**n, 6)} gamma_sup^{n}"
+        return f"K = ({K}), sigma = {self.sigma:g}: {least}{gain}"
+
+
+@dataclass(eq=False)
+class Infeasible(HgogenError):
+    """Bounds that no K and P satisfy: `bounds` by name, and `enough`, what would do in the place of one, the others
+    kept."""
+
+    n: int
+    bounds: dict[str, float]
+    enough: dict[str, str]
+
+    def __str__(self) -> str:
+        limits = ", ".join(f"{name} = {value:g}" for name, value in self.bounds.items())
+        ways = ", or ".join(f"{name} = {value}" for name, value in self.enough.items())
+        fix = f"with the others kept, {ways} would do" if ways else "relax several of them, none alone is in the way"
+        return f"no K and P were found for a chain of {self.n} integrators with {limits}: {fix}"
+
+
+def adaptive_gain(
+    n: int | Form,
+    *,
+    slope: float | None = None,
+    sigma: float = 0.05,
+    largest: float = 10.0,
+    gamma: float = math.inf,
+    mu: float = math.inf,
+    disturbance: tuple[Any, Any] | None = None,
+    K: Any = None,
+) -> Design:
+    """K and P for a chain of n integrators whose nonlinear part has the slope k, of a small bound on gamma, or with a
+    `disturbance` of a small L2 gain.
+
+    Args: `n` the number of integrators, with their slope; or a form, whose slope is then found at the gamma from which
+    on it is needed; `slope` k >= |T^-1 dc/dw T| in the coordinates of integrators, from gamma_inf on, as `slope` finds
+    it; `sigma` > 0 how fast gamma may fall; `largest` |Y|: the larger, the smaller the bound and the larger K; `gamma`,
+    `mu` what the bounds may be at most; `disturbance` (G_1 (n, m), G_2 (m)) in the same coordinates; `K` (n) a given
+    gain, for which P is sought.
+
+    Raises: `Infeasible`, which says what bound to relax; `lmi.NoSolver`; `NotHurwitz` for a given K; `BadGain`, also
+    for a form that is no chain of integrators, or whose slope has no bound that is shown.
+    """
+    count = _count(n, slope)
+    disturbed = None if disturbance is None else as_disturbance(disturbance, count)
+    if disturbed is None and mu != math.inf:
+        raise BadGain(f"mu = {mu!r}", "bounds the gain from a disturbance; give the disturbance")
+    bounds = {"sigma": positive("sigma", sigma)}
+    limits = {"largest": largest, "gamma": gamma, "mu": mu}
+    bounds |= {name: math.inf if x == math.inf else positive(name, x) for name, x in limits.items()}
+    deltas = None if disturbed is None else (float(disturbed.deltas[0]), float(disturbed.deltas[1]))
+    steep = 0.0 if slope is None else float(slope)
+    task = Task(count, steep, bounds, deltas, None if K is None else _column(K, count), _MARGINS[0])
+    cp = solver("the design of an adaptive gain")
+    task = _where_needed(cp, n, task, disturbed) if isinstance(n, Form) else task
+    design = _designed(cp, task, disturbed)
+    if design is None:
+        finite = {name: value for name, value in bounds.items() if value < math.inf}
+        raise Infeasible(count, finite, _enough(cp, task, disturbed, finite))
+    return design
+
+
+def _count(n: Any, slope: Any) -> int:
+    """The number of integrators, where it and the slope are as they must be."""
+    if isinstance(n, Form):
+        if slope is not None:
+            raise BadGain("slope", f"is found of {n.system.name} itself; leave it out, or give n in place of the form")
+        if n.n < 2:
+            raise BadGain(f"{n.system.name} of one state", "needs no design: K = P = 1 do")
+        return n.n
+    if isinstance(n, bool) or not isinstance(n, int | float):
+        raise Misfit("adaptive_gain", n, "a form, or a whole number of integrators with slope=")
+    if not isinstance(n, int) or n < 2:
+        raise BadGain(f"n = {n!r}", "must be a whole number of integrators, at least 2; K = P = 1 do for one")
+    if slope is None:
+        raise BadGain("slope", "must be given with n; or give the form in place of n")
+    if isinstance(slope, Form):
+        raise BadGain(f"slope = the form of {slope.system.name}", "must be a number; adaptive_gain(form) finds it")
+    if not 0 <= real("slope", slope) < math.inf:
+        raise BadGain(f"slope = {slope!r}", "must be a finite number, at least 0")
+    return n
+
+
+def _where_needed(cp: Any, form: Form, task: Task, disturbance: Disturbance | None) -> Task:
+    """The task with the form's slope from the gamma on that gives the best design, all but mu's bound kept.
+
+    k(gamma) falls as gamma grows: where the bound of a design is above the gamma of its slope, a larger gamma serves,
+    and else a smaller one may.
+    """
+    free = task.bounded("mu", math.inf)
+
+    def at(gamma: float) -> tuple[Task, Design | None]:
+        variant = replace(free, slope=slope(form, gamma), least=gamma)
+        return variant, _designed(cp, variant, disturbance)
+
+    starts = _STARTS if math.isinf(task.bounds["gamma"]) else (max(1.0, task.bounds["gamma"]),)
+    tried = map(at, starts)
+    chosen, design = next((one for one in tried if one[1] is not None), (replace(task, slope=slope(form)), None))
+    if design is None:
+        return chosen
+    low, high = 1.0, float(design.gamma)
+    for _ in range(_SLOPES):
+        middle = _short(math.sqrt(low * high), 4)
+        variant, tried_design = at(middle)
+        if tried_design is None:
+            low = middle
+            continue
+        if _worth(tried_design) < _worth(design):
+            chosen, design = variant, tried_design
+        low, high = (low, middle) if tried_design.gamma <= middle else (middle, min(high, float(tried_design.gamma)))
+    return replace(chosen, bounds=task.bounds)
+
+
+def _worth(design: Design) -> Fraction:
+    """The bound that the best design has smallest: that of mu, or without a disturbance that of gamma."""
+    return design.gamma if design.mu is None else design.mu
+
+
+def _designed(cp: Any, task: Task, disturbance: Disturbance | None) -> Design | None:
+    """The best design within the bounds that is proved, in few digits if they are enough; None where there is none."""
+    for margin in _MARGINS:
+        optimum = best(cp, replace(task, margin=margin))
+        if optimum is None:
+            return None
+        rounded = (_rounded(task, optimum, disturbance, digits) for digits in _DIGITS)
+        design = next((one for one in rounded if one is not None), None)
+        if design is not None:
+            return design
+    return None
+
+
+def slope(form: Form, gamma: float = 1.0) -> float:
+    """The slope k of a form for every gamma from this one on, as `adaptive_gain` takes it; proved from above.
+
+    The larger gamma, the smaller the slope: `adaptive_gain(form)` finds the gamma that it takes. Raises: `BadGain` for
+    a form that is no chain of integrators, or whose slope has no bound that is shown; `Misfit` for no form.
+    """
+    if not isinstance(form, Form):
+        raise Misfit("slope", form, _FORM)
+    if not 1 <= real("gamma", gamma) < math.inf:
+        raise BadGain(f"gamma = {gamma!r}", "must be a finite number, at least 1")
+    steep = steepness(integrators("adaptive_lmi", form), gamma)
+    if isinstance(steep, Nothing) or steep.proof.high is None:
+        raise BadGain(f"the slope of {form.system.name}", f"has no bound: {steep}")
+    rounded = float(steep.proof.high)
+    return rounded if rounded >= steep.proof.high else math.nextafter(rounded, math.inf)
+
+
+def _column(K: Any, n: int) -> np.ndarray:
+    values = reals("K", K)
+    if values.shape != (n,) or not np.isfinite(values).all():
+        raise BadGain(f"K = {K!r}", f"must be {n} finite numbers, one for each integrator")
+    demand_hurwitz("K", companion(values), "take the coefficients of a polynomial whose roots decay, or leave K out")
+    return values[:, None]
+
+
+def _rounded(task: Task, optimum: Optimum, disturbance: Disturbance | None, digits: tuple[int, int]) -> Design | None:
+    """K and P in so many digits with what is proved of them; None where rounding lost it, or one of the bounds."""
+    P = [[_short(value, digits[1]) for value in row] for row in optimum.P.tolist()]
+    if task.K is None:
+        K = [_short(k, digits[0]) for k in np.linalg.solve(optimum.P, optimum.Y).ravel().tolist()]
+    else:
+        K = task.K.ravel().tolist()
+    known = candidate(K, P, task.bounds["sigma"])
+    proved = facts("adaptive_gain", known)
+    if any(check.verdict is not Verdict.PROVED for check in proved):
+        return None
+    slope, least, mu = Fraction(task.slope), Fraction(task.least), None
+    if disturbance is None:
+        gamma = max(known.least(slope), least)
+    else:
+        gamma = max(Fraction(optimum.gamma), least)
+        share = share_of(known, (4 * slope * known.peak + 1) / (2 * gamma), disturbance)
+        if share is None:
+            return None
+        mu = root(2 * share, bits=52) * gamma**task.n
+    if gamma > task.bounds["gamma"] or (mu is not None and mu > task.bounds["mu"]):
+        return None
+    return Design(tuple(K), tuple(map(tuple, P)), task.bounds["sigma"], gamma, mu, proved)
+
+
+def _short(value: float, digits: int) -> float:
+    return float(f"{value:.{digits}g}")
+
+
+def _enough(cp: Any, task: Task, disturbance: Disturbance | None, names: Iterable[str]) -> dict[str, str]:
+    """The value that would do of each bound that alone is in the way, by its name."""
+    enough = {}
+    for name in names:
+
+        def at(value: float, name: str = name) -> Design | None:
+            return _designed(cp, task.bounded(name, value), disturbance)
+
+        loosest = at(0.0 if name == "sigma" else math.inf)
+        if loosest is None:
+            continue
+        if name == "mu" or (name == "gamma" and disturbance is None):
+            enough[name] = up(getattr(loosest, name))
+            continue
+        value = _edge(at, task.bounds[name], 0.1 if name == "sigma" else 10.0)
+        if value is not None:
+            enough[name] = (down if name == "sigma" else up)(value)
+    return enough
+
+
+def _edge(at: Callable[[float], Design | None], refused: float, factor: float) -> float | None:
+    """A value in the direction of the factor at which there is a design, near the edge; None where it is too far."""
+    good = next((refused * factor**k for k in range(1, _FACTORS + 1) if at(refused * factor**k)), None)
+    if good is None:
+        return None
+    bad = good / factor
+    for _ in range(_BISECTIONS):
+        middle = math.sqrt(good * bad)
+        good, bad = (middle, bad) if at(middle) else (good, middle)
+    return good

@@ -1,0 +1,420 @@
+"""How steep b is in scaled coordinates of a form in chains, and what stands in the way of a proof there.
+
+    |S db/dz S^-1| <= L_b on the box,   S diagonal, positive, of numbers and parameters: constant in time
+
+The box is convex and b Lipschitz on it, so that b(sat z) - b(x) = J (sat z - x) with J in the closed convex hull of the
+values of db/dz, lower triangular; sat clamps each component to an interval that holds x_i. J_ij turns into theta^(j-i)
+J_ij, j <= i, by Delta J Delta^-1, Delta = diag(1, 1/theta, .., 1/theta^(n-1)); for a triangular J it is analytic in
+1/theta, with the norm |J| on the unit circle, so that its norm is at most |J| for theta >= 1 (maximum modulus). Of
+several outputs Delta is that of their chains' alignment (`scaling`), and rows read states of no higher power of theta.
+
+The error of an estimate against its plant as a linear differential inclusion, in exact numbers.
+
+    e' = theta (N e + B diag(theta^-late) v) + sum over slopes of theta^-degree d onto (reads'e + takes'diag(..) v)
+
+d in [low, high], by itself; e holds the errors of the observer's fields, that of the field k over s_k theta^p(k), v the
+errors of the samples; `late` are the p of the first states of the outputs' chains. A slope is what it `reads` brings
+into the rates of others: the error of one field, or of b(z + L (y - C z)) that and what is injected:
+
+    db_i/dz_j              the mean of the slope on the way from the plant's state to the clamped estimate, times the
+                           share c_j in [0, 1] of the error that the clamp leaves: degree p(i) - p(j), 0 in its range
+    a_i                    of a constant gain K, where a_i moves with an input or a parameter: degree -1
+    a saturation           in the linear core: the share in [0, 1] that it leaves: degree -1
+
+That b(sat z, u) - b(x, u) = J (sat z - x), J the mean of db/dz along the segment, asks b to be Lipschitz only, and
+holds for every z, also far outside of the box: the box is convex, and x is in it. So it does for two estimates.
+
+The error of a high gain on the uniform form, against the plant, and one norm in which it decays.
+
+    z' = F(z, u) + diag(g_1, .., g_n) (y - h(z, u)),   F_k = s_k z_(k+1) + b_k(sat z, u),   y = a z_1 + c
+    g_i = theta^i K_i/(a F_1' .. F_(i-1)') at (sat z, u),   F_k' = dF_k/dz_(k+1)
+
+s_k is a number between the ends of the range of F_k': so F_k goes on beyond the ranges, and its mean slope from the
+plant's state to any estimate is in that range still. With e = z - x, exactly, in e_i s_1 .. s_(i-1)/theta^(i-1),
+
+    e' = (theta (N - diag(K_1, K_2 q_1, K_3 q_1 q_2, ..) 1 C) + slopes) e,   q_k in the range of s_k/F_k'
+
+N the shift. The slopes are those of b: of F_k in z_(k+1), which stay as theta grows, and in z_j, j <= k, which shrink,
+whose ranges hold 0. So one P > 0 that decays for all of them at some theta decays for every larger one, at a rate that
+grows with it. The matrix is affine in each slope and in each q_k, so that it is in the hull of those at all
+combinations of their ends: of few that is what is shown, of many with a multiplier for each slope, and each
+K_i q_1 .. q_(i-1) a slope of its own (`common_norm`). The difference of two estimates obeys no such equation, for it
+holds (g(z) - g(z~)) (y - h(z~)).
+"""
+
+import math
+import sys
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import replace
+from fractions import Fraction
+from functools import lru_cache
+from itertools import product
+from typing import Any
+
+import numpy as np
+import sympy as sp
+
+from hgogen.analysis.evidence import Evidence, enclosure, outward
+from hgogen.analysis.polytope import chains, fixed, span
+from hgogen.analysis.saturation import cut
+from hgogen.analysis.scaling import ALIGNED, exponents
+from hgogen.analysis.spare import entering, heads, sharing, weighted
+from hgogen.analysis.written import valueless
+from hgogen.check import Verdict
+from hgogen.estimators.columns import as_matrix
+from hgogen.estimators.integrators import Integrators
+from hgogen.form import Form
+from hgogen.prove.inclusion import Inclusion, Layout, Nothing, Slope, of_field
+from hgogen.prove.inequality import one_by_one
+from hgogen.prove.quadratic import (
+    Array,
+    fractions,
+    rational,
+)
+from hgogen.prove.semidefinite import STATES
+from hgogen.rigor import kinks
+from hgogen.rigor.bounds import Proof, Range
+from hgogen.rigor.definite import Matrix, root
+from hgogen.rigor.kinks import bent
+from hgogen.rigor.points import exact, largest_exponent
+from hgogen.rigor.slope import JUMPS
+from hgogen.sentence import NONE, Reason, because
+
+GROWTHS = (Fraction(1), Fraction(1, 2), Fraction(1, 4), Fraction(1, 8))  # of scales from state to state
+_BOXES = 500  # L_b need not be the least: more boxes would cost more than they bring
+
+
+def slope(form: Form, scale: Sequence[sp.Expr]) -> Proof | Nothing:
+    """|S db/dz S^-1| on the box from above, S the diagonal `scale` (n) of numbers and parameters, b_i of z_1, .., z_i;
+    or why there is no bound, or no such form."""
+    reason = obstacle(form)
+    if reason:
+        return Nothing(reason)
+    slopes = jacobian(form)  # the Frobenius norm of S J S^-1 is at least the spectral one
+    square = sp.Add(*((scale[i] * slopes[i, j] / scale[j]) ** 2 for i in range(form.n) for j in range(form.n)))
+    enclosure = span(square, form, _BOXES)
+    if not (enclosure and enclosure.defined and enclosure.finite):
+        return Nothing(because("no bound L_b on the slope of b was found on the box"))
+    return Proof(form.b, None, root(Fraction(max(enclosure.high, 0.0))), enclosure.variables, enclosure.tree)
+
+
+@lru_cache(maxsize=32)  # a search asks it of each gain
+def obstacle(form: Form, endless: bool = False) -> Reason:
+    """Why the theorem does not apply as it stands, or `NONE`; `endless`: whether b need not be Lipschitz."""
+    if len(form.output) > 1 and (form.alignment not in ALIGNED or len(form.blocks) != len(form.output)):
+        return because("the bound of several outputs is for chains aligned at the top or at the end")
+    if limited := cut(form):
+        return limited
+    if form.jacobian is not None:
+        return because("the bound is for an observer in the coordinates of the form, this one stays in the plant's")
+    if form.behind is not None:
+        return because("the bound is for a gain that acts on z itself, with b a function of z")
+    if form.n > STATES:
+        return because("the bound is computed for up to {most} states", most=STATES)
+    others = (check for check in form.checks if not (endless and check.id.fact == "lipschitz"))
+    open_ = [check.id for check in others if check.verdict is not Verdict.PROVED]
+    if open_:
+        return because("the bound rests on {check}, which is not proved", check=open_[0])
+    part = valueless(form.system) if endless else None  # at a pole of it b may jump, which its slope does not see
+    if part is not None:
+        return because("{part} of the plant is not shown to have a value on the box", part=part)
+    known, power, heads = {*form.system.inputs, *form.system.parameters}, exponents(form), form.heads
+    for i in range(form.n):
+        for j in range(form.n):
+            if form.A[i, j] != 0 and (j != i + 1 or j in heads or form.A[i, j].free_symbols - known):
+                pattern = "A[{i}, {j}] = {entry} has no place in the triangular form"
+                return because(pattern, i=i + 1, j=j + 1, entry=form.A[i, j])
+        if not form.b[i].free_symbols <= {z for z, k in zip(form.states, power, strict=True) if k <= power[i]} | known:
+            return because("b_{i} = {row} reads more than z_1..z_{i}", i=i + 1, row=form.b[i])
+    for k, first in ((k, chain[0]) for k, chain in enumerate(chains(form)) if chain):
+        output, head = form.output[k], heads[k]
+        offset = output - sp.diff(output, form.states[head]) * form.states[head]
+        if (sp.expand(offset).free_symbols | first.free_symbols) & {*form.states}:
+            return because("the output {output} is not a_1 z_1 + c(u)", output=output)
+    return NONE
+
+
+def jacobian(form: Form) -> sp.Matrix:
+    """The Jacobian db/dz, with constants at their values."""
+    b = sp.Matrix([exact(sp.sympify(row).xreplace(fixed(form))) for row in form.b])
+    return b.jacobian(sp.Matrix(form.states))
+
+
+def companions(p: Sequence[Fraction], blocks: Sequence[int]) -> Matrix:
+    """The companion matrices of the blocks' polynomials along the diagonal."""
+    n, heads = range(len(p)), [sum(blocks[:i]) for i, size in enumerate(blocks) for _ in range(size)]
+    inner = [[Fraction(int(j == i + 1 and heads[i] == heads[j])) for j in n] for i in n]
+    return tuple(tuple(inner[i][j] - (p[i] if j == heads[i] else 0) for j in n) for i in n)
+
+
+_SLOPE_BOXES = 2_000  # for the range of one slope
+_STEEPEST = sys.float_info.max / 4  # an end of a range, which is then widened
+_LOOSE = 1e-9  # what a range with 0 is wider by, over its width, so that a weaker arithmetic reaches it
+
+
+@lru_cache(maxsize=32)  # a search asks it of each gain
+def slopes_of(form: Form, layout: Layout, scale: tuple[sp.Expr, ...], endless: bool) -> tuple[Slope, ...] | Reason:
+    """Those of b, with 0 in each range; `endless`: whether one may have one end alone."""
+    slopes, powers, J = [], exponents(form), jacobian(form)
+    jumps = sorted(map(str, (part for row in form.b for part in bent(row).atoms(*JUMPS) if part.has(*form.states))))
+    if endless and jumps:
+        return because("{part} may jump", part=jumps[0])
+    for i, (j, z) in product(range(form.n), enumerate(form.states)):
+        slope = scale[i] / scale[j] * J[i, j]
+        if slope == 0:
+            continue
+        known = span(slope, form, _SLOPE_BOXES)
+        if not (known and known.defined and (known.finite or endless)) or known.low == -math.inf == -known.high:
+            return because("db_{i}/d{z} = {slope} has no finite range on the box", i=i + 1, z=z, slope=slope)
+        if any(_STEEPEST < abs(end) < math.inf for end in (known.low, known.high)):
+            return because(
+                "db_{i}/d{z} = {slope} is beyond the range of a double on the box", i=i + 1, z=z, slope=slope
+            )
+        onto = tuple(Fraction(int(fed and index == i)) for fed, index in zip(layout.fed, layout.index, strict=True))
+        low, high, way = _ends(known)
+        reads, degree = of_field(layout.picks[j], len(onto)), powers[i] - powers[j]
+        slopes.append(Slope(reads, onto, low, high, degree, endless=way, entry=(i, j), range=known))
+    return tuple(slopes)
+
+
+def _ends(known: Range) -> tuple[Fraction, Fraction, int]:
+    """The ends of the slope, 0 among them, and whether it goes on beyond one (`Slope.endless`)."""
+    sides = [end for end in (known.low, known.high) if math.isfinite(end)]
+    loose = _LOOSE * (max(*sides, 0.0) - min(*sides, 0.0))
+    low, high = (min(outward(sides[0] - loose, -1), Fraction(0)), max(outward(sides[-1] + loose, 1), Fraction(0)))
+    way = (known.high == math.inf) - (known.low == -math.inf)
+    return (high, high, way) if way < 0 else (low, low, way) if way > 0 else (low, high, way)
+
+
+def inclusion(
+    form: Form,
+    layout: Layout,
+    core: Array | Matrix,
+    measured: Array,
+    scale: Sequence[sp.Expr],
+    units: Sequence[Fraction],
+    numbers: Mapping[str, Any],
+    others: Iterable[Slope] = (),
+    endless: bool = False,
+) -> Inclusion | Nothing:
+    """The inclusion of an observer on a form in chains, in the errors `scale` (n, of parameters) times those of z.
+
+    `core` (N, N): the linear error core at theta = 1 in fields of the coordinates scale/units times z, floats as they
+    are; `measured` (N, p): by what the samples enter there; `others`: what varies in the core, in those fields;
+    `endless`: whether slopes of b may have one end alone.
+    """
+    slopes = slopes_of(form, layout, tuple(scale), endless)
+    if isinstance(slopes, Reason):
+        return Nothing(slopes)
+    t, nothing = [units[i] for i in layout.index], (Fraction(0),) * measured.shape[1]
+    scaled = rational(core) * np.outer(rational(t), 1 / rational(t))
+    for slope in others:
+        of = t[slope.reads.index(Fraction(1))]  # the unit of the field that it reads
+        slopes = (*slopes, replace(slope, onto=tuple(x * unit_ / of for x, unit_ in zip(slope.onto, t, strict=True))))
+    injected = rational(measured) * rational(t)[:, None]
+    powers, shown, own = exponents(form), heads(form), {"units": tuple(units)}
+    late = tuple(powers[shown[j]] if j in shown else 0 for j in range(measured.shape[1]))
+    each = tuple(replace(slope, takes=nothing) for slope in slopes)
+    return Inclusion(scaled, injected, each, layout, tuple(units), tuple(scale), numbers, own, late)
+
+
+def on_integrators(
+    chain: Integrators,
+    layout: Layout,
+    core: np.ndarray | Matrix,
+    measured: np.ndarray,
+    numbers: Mapping[str, Any],
+    gates: Iterable[tuple[int, np.ndarray]] = (),
+    endless: bool = False,
+) -> Inclusion | Nothing:
+    """The inclusion of an estimator on a chain of integrators, in errors of w near the units of z. `gates`: fields
+    whose error saturations pass by a share in [0, 1], each with the column by which it enters the `core`; `endless` as
+    of `inclusion`."""
+    reason = obstacle(chain.form, endless)
+    if reason:
+        return Nothing(reason)
+    units = nominal_units(chain)
+    if isinstance(units, Nothing):
+        return units
+    scale = from_form(chain.form, units)
+    zero, one = Fraction(0), Fraction(1)
+    shares = (
+        Slope(of_field(of, len(column)), tuple(map(Fraction, column.tolist())), zero, one, -1, realised=one)
+        for of, column in gates
+    )
+    error = inclusion(chain.form, layout, core, measured, scale, units, numbers, shares, endless)
+    return error if isinstance(error, Nothing) else replace(error, chained=True)
+
+
+def nominal_units(chain: Integrators) -> list[Fraction] | Nothing:
+    """The s_i (n) near 1/(a_1 .. a_i) at the nominal parameters, in which w is near z; or why there are none."""
+    units = [Fraction(f"{float(1 / product):.6g}") for product in chain.nominal]
+    if any(unit_ <= 0 for unit_ in units):
+        return Nothing(because("the bound is for a_i shown to be positive"))
+    return units
+
+
+def from_form(form: Form, units: Sequence[Fraction]) -> tuple[sp.Expr, ...]:
+    """s_i a_1 .. a_i (n) of each chain, which scale z to s_i w_i."""
+    products = (sp.Mul(*each[: i + 1]) for each in chains(form) for i in range(len(each)))
+    return tuple(sp.Rational(s) * product for s, product in zip(units, products, strict=True))
+
+
+def on_companion(
+    chain: Integrators, p: Sequence[float], weights: Sequence[float] | None = None, endless: bool = False
+) -> Inclusion | Nothing:
+    """The inclusion of gains p_i/(a_1 .. a_i), `p` (n) the coefficients of the chains' polynomials, on the means of
+    outputs by their `weights` (p), by default all alike; `endless` as of `inclusion`."""
+    form, exactly = chain.form, [Fraction(x) for x in p]
+    weights = weights or weighted(form, None)
+    products = (sp.Mul(*each[: i + 1]) for each in chains(form) for i in range(len(each)))
+    numbers = {"gains": tuple(sp.Rational(x) / a for x, a in zip(exactly, products, strict=True))}
+    numbers |= _weights(form, weights)
+    measured = as_matrix(form, exactly) @ entering(form, weights)
+    error = on_integrators(chain, plain(form), companions(exactly, form.blocks), measured, numbers, endless=endless)
+    return error if isinstance(error, Nothing) else replace(error, own={"core": fractions(error.N)}, chained=False)
+
+
+def with_gains(
+    form: Form, K: Sequence[Fraction], weights: Sequence[float] | None = None, endless: bool = False
+) -> Inclusion | Nothing:
+    """The inclusion of a constant gain of the entries K (n, or n q: `columns`) in the form's own coordinates, whose a_i
+    may move with inputs, on the means of outputs by their `weights` (p), by default all alike; `endless` as of
+    `inclusion`."""
+    reason = obstacle(form, endless)
+    if reason:
+        return Nothing(reason)
+    n, each, gain = form.n, [a for chain in chains(form) for a in chain], as_matrix(form, K)
+    heads = [form.heads[k] for k in form.leads]
+    onto = [-gain[:, heads.index(at)] if at in heads else np.arange(n) == at - 1 for at in range(n)]
+    core, slopes, ranges = np.zeros((n, n), dtype=object), list[Slope](), list[Evidence | None]()
+    moves = not all(a.is_Rational for a in each)
+    for at, a in enumerate(each):
+        known = span(a, form)
+        if not (known and known.defined and known.finite):
+            return Nothing(because("a = {a} has no finite range on the box", a=a))
+        if not moves:
+            core[:, at] = [Fraction(a.p, a.q) * Fraction(x) for x in onto[at].tolist()]
+            continue
+        ranges.append(enclosure(form, a, known))
+        ends = (Fraction(a.p, a.q),) * 2 if a.is_Rational else (outward(known.low, -1), outward(known.high, 1))
+        slopes.append(Slope(of_field(at, n), tuple(map(Fraction, onto[at].tolist())), *ends, -1, realised=None))
+    weights = weights or weighted(form, None)
+    numbers = {"gains": tuple(map(sp.Rational, K)), **_weights(form, weights)}
+    one, ones = [Fraction(1)] * n, [sp.S.One] * n
+    error = inclusion(form, plain(form), core, gain @ entering(form, weights), ones, one, numbers, slopes, endless)
+    if isinstance(error, Nothing):
+        return error
+    return replace(error, own={"ranges": ranges} if moves else {"core": fractions(error.N)})
+
+
+def _weights(form: Form, weights: Sequence[float]) -> dict[str, tuple[Fraction, ...]]:
+    """The weights (p) as a number of an observer; none where no outputs share a state."""
+    return {"weights": tuple(map(Fraction, weights))} if sharing(form) else {}
+
+
+def plain(form: Form) -> Layout:
+    """That of an observer whose fields are the form's states."""
+    return Layout(tuple(range(form.n)), exponents(form), (True,) * form.n, tuple(range(form.n)))
+
+
+UNIFORM_STATES = 6  # of more the search for P takes longer than a check may
+_OPERATIONS, _EXPONENT = 100, 100  # of a slope that is factored
+Shares = list[tuple[Fraction, Fraction]]  # the range of each q_k
+
+
+def slopes_on(form: Form) -> tuple[sp.Expr, ...]:
+    """F_1', .., F_(n-1)' of a form in the order of its chain, constants at their values."""
+    known, slopes = dict(fixed(form)), []
+    for row, z in zip(form.flow, form.states[1:], strict=False):
+        each = exact(kinks.slope(sp.sympify(row), z).xreplace(known))
+        # in factors a variable stands less often and ranges are narrower; as it is where that may take long
+        brief = sp.count_ops(each) <= _OPERATIONS and largest_exponent(each) <= _EXPONENT
+        slopes.append(sp.factor(each) if brief else each)
+    return tuple(slopes)
+
+
+def middles(form: Form) -> tuple[sp.Rational, ...] | Reason:
+    """s_1, .., s_(n-1), each short and in the range of its F_k'; or why there are none."""
+    numbers = []
+    for k, each in enumerate(slopes_on(form), 1):
+        known = _range(each, form)
+        if known is None or known.low <= 0 <= known.high:
+            return because("F_{k}' = {slope} has no finite range that keeps off zero on the box", k=k, slope=each)
+        middle = math.copysign(math.sqrt(known.low * known.high), known.low)
+        short = sp.Rational(f"{middle:.3g}")
+        numbers.append(short if known.low <= short <= known.high else sp.Rational(Fraction(middle)))
+    return tuple(numbers)
+
+
+def uniform_error(form: Form, K: Sequence[float]) -> Inclusion | Nothing:
+    """What the error obeys of the gains K (n), on a form whose A holds the s_k above its diagonal and nothing else."""
+    if form.n > UNIFORM_STATES:
+        return Nothing(because("the bound is computed for up to {most} states", most=UNIFORM_STATES))
+    open_ = [check.id for check in form.checks if check.verdict is not Verdict.PROVED]
+    if open_:
+        return Nothing(because("the bound rests on {check}, which is not proved", check=open_[0]))
+    gains, known = tuple(map(Fraction, K)), _shares(form)
+    if isinstance(known, Nothing):
+        return known
+    shares, ranges = known
+    n, units = form.n, [Fraction(1)]
+    A = np.array([[Fraction(str(form.A[i, j])) for j in range(n)] for i in range(n)], dtype=object)
+    for k in range(n - 1):
+        units.append(units[-1] * A[k, k + 1])
+    scale = tuple(map(sp.Rational, units))
+    error = inclusion(form, plain(form), A, np.zeros((n, 0)), scale, units, {"gains": gains})
+    if isinstance(error, Nothing):
+        return error
+    # what each K_i q_1 .. q_(i-1) brings is a slope of its own
+    every = [_injected(gains, q) for q in product(*shares)]
+    ends = [(min(each), max(each)) for each in zip(*every, strict=True)]
+    first = of_field(0, n)
+    pushes = tuple(Slope(first, tuple(Fraction(-int(k == i)) for k in range(n)), *ends[i], -1) for i in range(n))
+    hull = _together(len(error.varying), pushes, gains, shares)
+    return replace(error, slopes=(*error.slopes, *pushes), own={"shares": ranges}, hull=hull)
+
+
+def _shares(form: Form) -> tuple[Shares, list[Evidence | None]] | Nothing:
+    """The range of each q_k = s_k/F_k', and the evidence of that of 1/F_k'."""
+    shares, ranges = Shares(), list[Evidence | None]()
+    for k, dF in enumerate(slopes_on(form)):
+        inverse, s = exact(sp.sympify(1 / dF)), Fraction(str(form.A[k, k + 1]))
+        known = _range(inverse, form)
+        if known is None:
+            return Nothing(because("1/({slope}) has no finite range on the box", slope=dF))
+        ranges.append(enclosure(form, inverse, known))
+        number = Fraction(str(inverse)) if inverse.is_Rational else None
+        ends = [outward(known.low, -1), outward(known.high, 1)] if number is None else [number] * 2
+        low, high = sorted(s * end for end in ends)
+        shares.append((low, high))
+    return shares, ranges
+
+
+def _together(
+    of_b: int, pushes: Sequence[Slope], gains: Sequence[Fraction], shares: Shares
+) -> tuple[tuple[Fraction, ...], ...]:
+    """The places of so many slopes of b, and of these, at all combinations of ends; none of too many."""
+    ends = [sorted(set(pair)) for pair in shares]
+    if not one_by_one(len(gains), of_b + sum(len(pair) > 1 for pair in ends)):
+        return ()
+    places = [
+        tuple(
+            (2 * x - push.low - push.high) / (push.high - push.low)
+            for x, push in zip(_injected(gains, q), pushes, strict=True)
+            if push.low < push.high
+        )
+        for q in product(*ends)
+    ]
+    signs = product((Fraction(-1), Fraction(1)), repeat=of_b)
+    return tuple((*d, *place) for d in signs for place in places)
+
+
+def _injected(gains: Sequence[Fraction], q: Sequence[Fraction]) -> tuple[Fraction, ...]:
+    """K_1, K_2 q_1, K_3 q_1 q_2, .."""
+    return tuple(k * math.prod(q[:i]) for i, k in enumerate(gains))
+
+
+def _range(expression: sp.Expr, form: Form) -> Range | None:
+    known = span(expression, form)
+    return known if known and known.defined and known.finite else None

@@ -1,0 +1,521 @@
+"""What a plant does beside a step of an explicit Runge-Kutta method, of a flow that is Lipschitz and no more.
+
+With |dF_i/dx_j|, |dF_i/du_k| <= L, |x'| <= V, |u'| <= r: W = L (V, r) bounds the rates of F on the plant's way, where
+F may have kinks. The kernel of Peano of a sum of values on [0, c], their weights w_l at c_l, is its integral from 0,
+
+    K(s) = min(s, c) - sum of w_l over c_l <= s,   |integral from 0 to c h of F - h sum_l w_l F(c_l h)| <= h^2 W int|K|
+
+so that with d_i, how far a stage is from the plant at its time, and d that of the result,
+
+    d_i <= h^2 W int|K_i| + h sum_j |a_ij| L d_j,   |x(t + h) - Phi_h(x)| <= h^2 W int|K| + h sum_i |b_i| L d_i
+
+A row of F that is linear has a second derivative there of at most L W, and of weights that are exact for lines the
+first term is at most h^3 L W (1/24 + sum_i |b_i| (c_i - 1/2)^2/2).
+
+What a plant does beside a step of an explicit Runge-Kutta method, on its ranges.
+
+    x(t + h) = Phi_h(x) + delta,   Phi_h: a step of the method on x' = F(x, u) = A x + b, without injection
+
+Where the plant keeps clear of the ends of its ranges by h sup|F_i|, the stages X_i, and the flow from x, do not leave
+them, and no clamp acts. Then
+
+    line          l_i = (1 - c_i) y_k + c_i C Phi_h(x) - C X_i;
+                  |l_i| <= h^2 sum_j |c_i b_j - a_ij| sum_k |a_jk| sup|y''|
+                  and h^3 sup|l_(i,3)|, its Taylor coefficient, where that of h^2 is 0: sum_j (c_i b_j - a_ij) c_j = 0
+    remainder     |x(t + h) - Phi_h(x)| <= h^(q+1) (sup|x_(q+1)| + sup|Phi_(q+1)|) for each q from 1 to p, of a method
+                  of order p: Taylor coefficients in time of the flow at any point, of the step at any length up to h,
+                  in Arb's balls on cells of the ranges; where that is more, or there is none, as of a flow that is
+                  Lipschitz (`lipschitz_step`). Of a row it is the least
+
+What a plant does beside a step that realises the linear core of an observer, on its ranges.
+
+The plant in the coordinates of the errors, X_k = s_k z_i of a field k that estimates z_i and 0 of a filter, obeys the
+observer's own equations, as its output injects nothing. With the core L of `realised`, y the plant's own output and
+beta_k = s_k b_i,
+
+    X' = L X + w,   w = B y + beta
+    a = X_0 + h phi_1 X'_0 + h phi_2 B (y_1 - y_0),   X+ = a + h phi_2 (beta(a) - beta_0)
+
+the last a step of the program from X_0, of samples y_0 and y_1 that are the plant's at both ends: the line between two
+samples needs no share of its own. alpha is what a realisation leaves of a rest that is known at both ends,
+
+    alpha = X_0 + h phi_1 X'_0 + h phi_2 (w_1 - w_0) - X(t + h),   so that
+    a - X(t + h) = alpha - h phi_2 (beta_1 - beta_0),   X+ - X(t + h) = alpha + h phi_2 (beta(a) - beta_1)
+
+With v - line what a signal v is beside the line between its ends, |v - line| <= s (h - s)/2 sup|v''|, phi* the
+exponential's phi, phi_1 = 1 + h L phi_2 as of each realisation, and h L X'_0 + w_1 - w_0 the integral of
+(1 - (h - s) L) X''(s),
+
+    by the matrix exponential   alpha = h (phi_2 - phi_2*) integral of (1 - (h - s) L) X''(s)
+                                        - integral of exp((h - s) L) (w - line)(s)
+    by the bilinear rule        alpha = -(1 - h L/2)^-1 integral of (X' - line)(s)
+
+entry by entry. Where F has kinks, and derivatives no bound, F and b have steepness in states and inputs that move so
+fast, which bounds z'' and b'; and |v - line| <= 2 s (h - s)/h sup|v'|, as if v'' were 4/h times that. |beta_1 - beta_0|
+<= h sup|beta'|, and beta(a) is beside beta_1 by what its slopes, those of the error, make of a - X(t + h): that a is
+clamped brings it nearer to a plant that keeps to its ranges. The integral with the exponential is a sum over pieces, in
+each of which Arb's balls hold it.
+"""
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from fractions import Fraction
+from functools import cached_property, partial
+from itertools import pairwise
+from typing import Any
+
+import flint
+import numpy as np
+import sympy as sp
+from flint import arb, arb_mat, ctx
+
+from hgogen.analysis.evidence import Evidence
+from hgogen.analysis.polytope import fixed
+from hgogen.analysis.spare import heads
+from hgogen.discretisation.runge_kutta import Tableau
+from hgogen.prove import inequality
+from hgogen.prove.inclusion import Inclusion, Uncertain
+from hgogen.prove.plant_step import SUMMED, UNKNOWN, Entering, PlantStep, Rows, Sizes, Unbounded, heads_of, loose, times
+from hgogen.prove.quadratic import BALLS, Array, floats, identity, rational
+from hgogen.rigor.balls import between, magnitude
+from hgogen.rigor.bisection import Ranges, Subdivision, subdivided
+from hgogen.rigor.definite import number
+from hgogen.rigor.interpolation import Table
+from hgogen.rigor.points import exact
+from hgogen.rigor.slope import JUMPS, KINKS
+from hgogen.sentence import because
+
+_ZERO, _ONE, _HALF = Fraction(0), Fraction(1), Fraction(1, 2)
+Column = Sequence[Fraction]
+
+
+def lipschitz_remainder(
+    h: Fraction,
+    a: Sequence[Column],
+    b: Column,
+    c: Column,
+    steepness: Sequence[Column],
+    moving: Column,
+    linear: Sequence[bool],
+) -> tuple[Fraction, ...] | None:
+    """|x(t + h) - Phi_h(x)|/h (n) of a method a, b, c, of `steepness` L (n, n + m), of states and inputs that are
+    `moving` so fast (n + m), of rows that are `linear` (n) or not; None of a method that is not exact for constants."""
+    if sum(b) != 1 or any(sum(row) != at for row, at in zip(a, c, strict=True)):
+        return None
+    L = np.array(steepness, dtype=object)
+    in_states, bent, away = L[:, : len(L)], L @ np.array(moving, dtype=object), list[np.ndarray]()
+    for row, at in zip((*a, b), (*c, _ONE), strict=True):
+        stages = (h * abs(w) * (in_states @ off) for w, off in zip(row, away, strict=False))
+        away.append(sum(stages, h**2 * _kernel(at, row, c) * bent))
+    over_h, less = away[-1] / h, 0 * bent
+    if sum(w * at for w, at in zip(b, c, strict=True)) == _HALF:
+        spread = Fraction(1, 24) + sum((abs(w) * (at - _HALF) ** 2 / 2 for w, at in zip(b, c, strict=True)), _ZERO)
+        less = h * _kernel(_ONE, b, c) * bent - h**2 * spread * (in_states @ bent)
+    return tuple(x - max(y, _ZERO) if line else x for x, y, line in zip(over_h, less, linear, strict=True))
+
+
+def _kernel(end: Fraction, weights: Column, places: Column) -> Fraction:
+    """The integral of |K| of values at these places, from 0 to 1."""
+    cuts, total = sorted({_ZERO, end, _ONE, *places}), _ZERO
+    for low, high in pairwise(cuts):
+        taken = sum((w for w, at in zip(weights, places, strict=True) if at <= low), _ZERO)
+        first, last = min(low, end) - taken, min(high, end) - taken
+        sizes = abs(first) + abs(last)
+        crossed = (first**2 + last**2) / (2 * sizes) if first * last < 0 else sizes / 2
+        total += (high - low) * crossed
+    return total
+
+
+_SECOND, _THIRD = 2, 3  # order of the Taylor coefficient of a line
+_SHORT = 10_000  # the largest denominator of a tableau's coefficients
+_NONE = Fraction(0)
+_LITTLE = Fraction(1, 1000)  # of how fast the plant moves: what is left is not looked into further
+_NO_REMAINDER = "the method's remainder has no bound on the ranges: {flow}"
+
+
+@dataclass(frozen=True)
+class BesideStages:
+    """The plant's step beside that of a tableau."""
+
+    plant: PlantStep
+    tableau: Tableau
+
+    @property
+    def entering(self) -> Entering:
+        """What enters the error of it, and of what that follows. Raises: `Unbounded`."""
+        outputs, still = range(len(self.plant.form.output)), (Fraction(0),) * len(self.tableau.b)
+        stages = tuple(self.line(output) if output in self._used else still for output in outputs)
+        sizes, cells, rows = Sizes(stages=stages, beside=self.remainder()), self._cells, self._rows
+        orders = [row.order for row in rows]
+        follows = {
+            "rates": self.plant.moving,
+            "speeds": self.plant.stated_speeds,
+            "slopes": self._bent,
+            "lines": self._lines,
+            "orders": orders,
+            "flow": [row.flow for row in rows],
+            "step": [row.step for row in rows],
+            "steepness": [] if all(orders) else self._steepness,
+            "tree": cells.tree if cells else ".",
+        }
+        return Entering(sizes, follows)
+
+    def line(self, output: int) -> tuple[Fraction, ...]:
+        """By how much the line between two samples of an output is beside what the plant shows at each stage (s).
+        Raises: `Unbounded`."""
+        (a, _, _), moving = self._coefficients, (*self.plant.stated_speeds, *self.plant.moving)
+        bend = sum((x * most for x, most in zip(self._bent[output], moving, strict=True)), _NONE)
+        away = [sum(map(abs, row), _NONE) for row in a]  # of a stage from the start, over h sup|F|
+        shares = [sum((abs(w) * far for w, far in zip(row, away, strict=True)), _NONE) for row in self._bends]
+        sizes = [self.plant.h**2 * share * bend for share in shares]
+        for i, third in zip(self._cubic, self._lines[output], strict=False):
+            sizes[i] = min(sizes[i], self.plant.h**_THIRD * third)
+        return tuple(sizes)
+
+    def remainder(self) -> tuple[Fraction, ...]:
+        """|x(t + h) - Phi_h(x)|/h (n) without disturbances. Raises: `Unbounded`."""
+        return tuple(row.size for row in self._rows)
+
+    @cached_property
+    def _rows(self) -> tuple["Row", ...]:
+        """What is left in each row of the form, by the order that says least of it (n). Raises: `Unbounded`."""
+        known, plant = self._known, self.plant
+        rows = [known.rows(plant.h)] if known else []
+        if not known or known.weight(plant.h, self._little) > 1:
+            linear, moving = [*map(_linear, plant.flow)], (*plant.stated_speeds, *plant.moving)
+            sizes = lipschitz_remainder(plant.h, *self._coefficients, self._steepness, moving, linear)
+            if sizes is None:
+                raise Unbounded(because(_NO_REMAINDER, flow=plant.flow))
+            rows += [tuple(Row(0, _NONE, _NONE, size) for size in sizes)]
+        return tuple(min(each, key=lambda row: row.size) for each in zip(*rows, strict=True))
+
+    @cached_property
+    def _steepness(self) -> Rows:
+        return self.plant.steep(self.plant.flow)
+
+    @cached_property
+    def _bent(self) -> Rows:
+        """How steep y' of each output is in the states and inputs (p, n + m)."""
+        plant, outputs = self.plant, range(len(self.plant.form.output))
+        return plant.steep(plant.rate(output) if output in self._used else sp.S(0) for output in outputs)
+
+    @property
+    def _used(self) -> Mapping[int, int]:
+        """The outputs that are injected."""
+        return heads(self.plant.form)
+
+    @cached_property
+    def _bends(self) -> Rows:
+        """c_i b_j - a_ij (s, s)."""
+        a, b, c = self._coefficients
+        return tuple(tuple(at * w - x for w, x in zip(b, row, strict=True)) for at, row in zip(c, a, strict=True))
+
+    @cached_property
+    def _cubic(self) -> list[int]:
+        """The stages at which a line begins with its third Taylor coefficient, as the second is 0."""
+        a, _, c = self._coefficients
+        if [sum(row) for row in a] != c:
+            return []
+        each = enumerate(self._bends)
+        return [i for i, row in each if any(row) and not sum(w * at for w, at in zip(row, c, strict=True))]
+
+    @cached_property
+    def _lines(self) -> Rows:
+        """The third Taylor coefficients of the lines of each output at these stages (p, ..); without those where the
+        plant has no series."""
+        known, rows = self._known, list[tuple[Fraction, ...]]()
+        for output, y in enumerate(self.plant.form.output):
+            shown = y if output in self._used else sp.S(0)
+            slopes = [self.plant.largest(sp.diff(shown, z)) for z in self.plant.form.states]
+            rows.append(tuple(off * SUMMED for off in times(known.lines, slopes)) if known else ())
+        return tuple(rows)
+
+    @cached_property
+    def _known(self) -> "Coefficients | None":
+        """The largest of all cells, None where one has no series."""
+        return Coefficients.largest(self._cells.cells) if self._cells else None
+
+    @cached_property
+    def _cells(self) -> "Subdivision[Coefficients] | None":
+        """The ranges in cells, cut until what is left is little beside how fast it moves. Raises: `Unbounded`."""
+        weight = partial(Coefficients.weight, h=self.plant.h, little=self._little)
+        return subdivided(self.plant.read, self._on, weight)
+
+    @cached_property
+    def _little(self) -> tuple[Fraction, ...]:
+        return tuple(_LITTLE * speed for speed in self.plant.stated_speeds)
+
+    def _on(self, cell: Ranges) -> "Coefficients | None":
+        """Those on a cell."""
+        last, c = self.tableau.order + 2, self._coefficients[2]
+        try:
+            flow, (stages, end) = self.plant.series(last, cell), self._step_series(cell)
+        except UNKNOWN:
+            return None
+        lines = [
+            [x[_THIRD] * flint.arb(number(c[i])) - y[_THIRD] for x, y in zip(end, stages[i], strict=True)]
+            for i in self._cubic
+        ]
+        each = [zip(*(row[_SECOND:last] for row in rows), strict=True) for rows in (flow, end)]
+        kinds = (*each, lines)
+        return Coefficients(*(tuple(tuple(magnitude(x) * SUMMED for x in row) for row in rows) for rows in kinds))
+
+    def _step_series(self, cell: Ranges) -> tuple[list[list[list[Any]]], list[list[Any]]]:
+        """Those of the stages (s) and of the step in its length, at any length up to h: as many as are read."""
+        (a, b, c), (states, inputs, constant) = self._coefficients, self.plant.balls(cell)
+        order = max(_THIRD + 1, self.tableau.order + 2)
+        length = flint.arb_series([between(Fraction(0), self.plant.h), flint.arb(1)], prec=order)
+        slopes, stages = list[list[Any]](), list[list[list[Any]]]()
+
+        def moved(weights: Sequence[Fraction]) -> list[Any]:
+            totals = [flint.arb_series([x], prec=order) for x in states]
+            for weight, slope in zip(weights, slopes, strict=False):
+                totals = [
+                    total + length * one * flint.arb(number(weight)) for total, one in zip(totals, slope, strict=True)
+                ]
+            return totals
+
+        for row, at in zip(a, c, strict=True):
+            here = [[u, rate * flint.arb(number(at))] for u, rate in inputs]
+            stages.append([_padded(x.coeffs(), order) for x in moved(row)])
+            rates = self.plant.rates_of(stages[-1], here, constant, order)
+            slopes.append([flint.arb_series(rate, prec=order) for rate in rates])
+        return stages, [_padded(x.coeffs(), order) for x in moved(b)]
+
+    @property
+    def _coefficients(self) -> tuple[list[list[Fraction]], list[Fraction], list[Fraction]]:
+        """a, its rows as long as b, b and c as the tableau means them."""
+
+        def exactly(values: Sequence[float]) -> list[Fraction]:
+            return [Fraction(value).limit_denominator(_SHORT) for value in values]
+
+        rows = [(*row, *[0.0] * (len(self.tableau.b) - len(row))) for row in self.tableau.a]
+        return [exactly(row) for row in rows], exactly(self.tableau.b), exactly(self.tableau.c)
+
+
+@dataclass(frozen=True)
+class Row:
+    """What is left in a row over h, by an `order`: of coefficients of the `flow` and of the `step`, none of 0."""
+
+    order: int
+    flow: Fraction
+    step: Fraction
+    size: Fraction
+
+
+@dataclass(frozen=True)
+class Coefficients:
+    """Sizes of Taylor coefficients, from the second on those of the `flow` and of the `step` (.., n), and the third
+    ones of the `lines` by which stages are beside them (.., n)."""
+
+    flow: Rows
+    step: Rows
+    lines: Rows
+
+    @classmethod
+    def largest(cls, each: Sequence["Coefficients"]) -> "Coefficients":
+        """The largest of several."""
+        kinds = zip(*((one.flow, one.step, one.lines) for one in each), strict=True)
+        grouped = (zip(*kind, strict=True) for kind in kinds)
+        return cls(*(tuple(tuple(map(max, zip(*rows, strict=True))) for rows in kind) for kind in grouped))
+
+    def rows(self, h: Fraction) -> tuple[Row, ...]:
+        """What they leave in each row, by the best of their orders (n)."""
+        each = enumerate(zip(self.flow, self.step, strict=True), 1)
+        orders = [[Row(q, x, y, h**q * (x + y)) for x, y in zip(*pair, strict=True)] for q, pair in each]
+        return tuple(min(row, key=lambda one: one.size) for row in zip(*orders, strict=True))
+
+    def weight(self, h: Fraction, little: Sequence[Fraction]) -> float:
+        """How many times more than little that is (n), of all rows the most."""
+        pairs = zip(self.rows(h), little, strict=True)
+        return max((float(row.size / most) if most else math.inf for row, most in pairs if row.size), default=0.0)
+
+
+def _linear(row: sp.Expr) -> bool:
+    """Whether a row is a sum of names, each times a number."""
+    return all(term.is_number or term.as_coeff_Mul()[1].is_Symbol for term in sp.Add.make_args(row))
+
+
+def _padded(values: list[Any], order: int) -> list[Any]:
+    return [*values, *[flint.arb(0)] * (order - len(values))]
+
+
+_FEW, _MANY = 8, 64  # pieces of a step
+_FINE = 8  # of them, where the core turns by 1
+_BARELY = 1 + Fraction(1, 10**6)  # of a size: what is said of it, which a weaker arithmetic reaches
+_BENT = 4  # over h: by how much of a first derivative a signal may be beside a line as if it were its second
+_SMOOTH = 5  # Taylor coefficients of the plant that are asked for, the last of which is of its third derivative
+
+
+@dataclass(frozen=True, eq=False)
+class BesideCore:
+    """The plant's step beside one of an estimator whose error obeys `error` at `theta`; of a plant that is not taken to
+    be `smooth` how steep it is stands for its derivatives."""
+
+    plant: PlantStep
+    error: Inclusion
+    theta: Fraction
+    smooth: bool = True
+
+    def enters(self, realisation: inequality.Realisation, leaves: "Leaves") -> Entering:
+        """What comes to each field of an estimate that begins at the plant's own state, and of what that follows.
+        Raises: `Unbounded`."""
+        self._demand_chain()
+        try:
+            return self._by_derivatives(realisation, leaves)
+        except Unbounded:
+            return replace(self, smooth=False)._by_derivatives(realisation, leaves)
+
+    def _by_derivatives(self, realisation: inequality.Realisation, leaves: "Leaves") -> Entering:
+        """By those of the flow and of the rest, or what stands for them. Raises: `Unbounded`."""
+        with ctx.workprec(BALLS):
+            weight, alpha = np.abs(realisation(self.L, self.plant.h)[1]) * self.h, leaves.alpha(self)
+            ahead = alpha + weight @ np.abs(self.lifted) @ self.most(1, self.plant.rest) * self.h
+            e = self.obeyed
+            slopes = np.abs(e.M - e.core) + np.abs(e.G) @ np.abs(e.H)  # at most, of what the rest makes of an error
+            total = alpha + weight @ slopes @ ahead
+            sizes = Sizes(fields=tuple(map(self._over_h, total)))
+        return Entering(sizes, self._follows(leaves))
+
+    def _follows(self, leaves: "Leaves") -> Evidence:
+        flow, rest = self.plant.flow, self.plant.rest
+        known = {"rates": self.plant.moving, "speeds": self.plant.stated_speeds}
+        if not self.smooth:
+            return {**known, "flow": [], "rest": [], "steepness": [self.plant.steep(flow), self.plant.steep(rest)]}
+        return {
+            **known,
+            "flow": self._derivatives(leaves.flow, flow),
+            "rest": tuple(self._derivatives(order, rest) for order in range(1, leaves.rest + 1)),
+            "steepness": [],
+        }
+
+    @cached_property
+    def obeyed(self) -> Uncertain:
+        """What the error obeys."""
+        return self.error.at(self.theta)
+
+    @property
+    def L(self) -> Array:
+        """The core (N, N)."""
+        return self.obeyed.core
+
+    @property
+    def h(self) -> Any:
+        """The length of the step, FLINT's."""
+        return number(self.plant.h)
+
+    @cached_property
+    def lifted(self) -> Array:
+        """s (N, n), from the plant's states to the coordinates of the errors."""
+        scales, layout = self.error.scales(self.theta), self.error.layout
+        assert scales is not None  # a plant's step is asked of numbers alone
+        fields = zip(scales, layout.index, layout.fed, strict=True)
+        return rational([[s * int(fed and i == at) for at in range(self.plant.form.n)] for s, i, fed in fields])
+
+    @cached_property
+    def entering(self) -> Array:
+        """B (N, n), by what samples show of each state."""
+        entering, shown = 0 * self.lifted, heads_of(self.plant.form)
+        assert shown is not None
+        for output, (head, slope) in shown.items():
+            entering[:, head] += self.obeyed.injected[:, output] * number(slope)
+        return entering
+
+    def most(self, order: int, rows: Sequence[sp.Expr]) -> Array:
+        """sup of sizes (n) of the derivatives of rows in time, of the order 1 or 2, or what stands for the second.
+        Raises: `Unbounded`."""
+        if self.smooth:
+            return rational(self._derivatives(order, rows))
+        rates = times(self.plant.steep(rows), (*self.plant.stated_speeds, *self.plant.moving))
+        return rational([(_BENT / self.plant.h) ** (order - 1) * rate for rate in rates])
+
+    def _derivatives(self, order: int, rows: Sequence[sp.Expr]) -> tuple[Fraction, ...]:
+        self._demand_smooth()
+        for _ in range(order):
+            rows = [self.plant.along(row) for row in rows]
+        return tuple(loose(row, self.plant.largest(row) * SUMMED) for row in rows)
+
+    def _demand_chain(self) -> None:
+        """That the plant obeys the observer's equations. Raises: `Unbounded`."""
+        form, each = self.plant.form, range(self.plant.form.n)
+        for output in heads(form):
+            self.plant.demand_no_input(form.output[output])
+        A = form.A.applyfunc(lambda a: exact(sp.sympify(a).xreplace(fixed(form))))
+        chain = rational([[Fraction(int(A[i, j].p), int(A[i, j].q)) for j in each] for i in each])
+        if (self.L @ self.lifted + self.entering != self.lifted @ chain).any():
+            raise Unbounded(because("its core is not the plant's chain in exact numbers"))
+
+    def _demand_smooth(self) -> None:
+        """That derivatives are what rules of differentiation say. Raises: `Unbounded`."""
+        if not any(row.has(*JUMPS, *KINKS, Table) for row in self.plant.flow):
+            return
+        try:
+            self.plant.series(_SMOOTH, {})
+        except UNKNOWN as error:
+            pattern = "how far the plant bends in a step has no bound on the ranges: {flow}"
+            raise Unbounded(because(pattern, flow=self.plant.flow)) from error
+
+    def _over_h(self, x: Any) -> Fraction:
+        """Raises: `Unbounded`."""
+        size = arb(x)
+        if not size.is_finite():
+            raise Unbounded(because("its core turns too fast for a step of {h}", h=float(self.plant.h)))
+        return magnitude(size) * _BARELY / self.plant.h
+
+
+@dataclass(frozen=True)
+class Leaves:
+    """What a realisation leaves of a rest that is known at both ends of a step: the sizes of `alpha` (N), from the
+    derivative of z' of the order `flow`, and from those of b of up to the order `rest`, the first of which counts
+    whatever the realisation."""
+
+    flow: int
+    rest: int
+    alpha: Callable[[BesideCore], Array]
+
+
+def by_bilinear_rule(step: BesideCore) -> Array:
+    """|(1 - h L/2)^-1 s| h^3/12 sup of the third derivatives of z. Raises: `Unbounded`."""
+    resolvent, _ = inequality.by_bilinear_rule(step.L, step.plant.h)
+    return np.asarray(np.abs(resolvent @ step.lifted) @ step.most(2, step.plant.flow) * (step.h**3 / 12))
+
+
+def by_matrix_exponential(step: BesideCore) -> Array:
+    """By the integral, and by what a program's polynomials may be beside the exponential. Raises: `Unbounded`."""
+    source, bent = np.hstack([step.entering, step.lifted]), step.most(1, step.plant.flow)
+    driven = _integral(step.L, step.plant.h, source) @ np.concatenate([bent, step.most(2, step.plant.rest)])
+    any_of_it = 0 * step.L + number(inequality.WITHIN)
+    turned = identity(len(step.L)) + np.abs(step.L) * (step.h / 2)
+    return np.asarray(driven + any_of_it @ turned @ np.abs(step.lifted) @ bent * step.h**2)
+
+
+BILINEAR = Leaves(2, 1, by_bilinear_rule)
+EXPONENTIAL = Leaves(1, 2, by_matrix_exponential)
+
+
+def _integral(L: Array, h: Fraction, source: Array) -> Array:
+    """At least the integral of s (h - s)/2 |exp(s L) source| over s from 0 to h, entry by entry."""
+    turns = float(np.abs(floats(L)).sum(axis=1).max()) * float(h)
+    count, total = min(_MANY, max(_FEW, math.ceil(_FINE * turns))), 0 * source
+    for low, high in pairwise(h * Fraction(k, count) for k in range(count + 1)):
+        weight = _primitive(high, h) - _primitive(low, h)
+        sizes = [[x.abs_upper() for x in row] for row in _power(L, low, high) @ source]
+        total = total + np.array(sizes, dtype=object).reshape(source.shape) * number(weight)
+    return total
+
+
+def _primitive(s: Fraction, h: Fraction) -> Fraction:
+    """The integral of s (h - s)/2 from 0."""
+    return h * s**2 / 4 - s**3 / 6
+
+
+def _power(L: Array, low: Fraction, high: Fraction) -> Array:
+    """Balls that hold exp(s L) of each s between two ends."""
+    half, each = (high - low) / 2, range(len(L))
+    power = _exp(L, arb(number(low + half))) * _exp(L, between(-half, half))
+    return np.array([[power[i, j] for j in each] for i in each], dtype=object)
+
+
+def _exp(L: Array, s: Any) -> Any:
+    return arb_mat([[arb(x) * s for x in row] for row in L.tolist()]).exp()
