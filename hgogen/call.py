@@ -20,7 +20,7 @@ from hgogen.part import Guards, Prefer
 from hgogen.program import dangling
 from hgogen.reading.named import in_order
 from hgogen.reading.time_unit import plural
-from hgogen.rigor.threads import one_thread
+from hgogen.rigor.definite import one_thread
 from hgogen.run import native
 from hgogen.run.asked import Asked, Starts, tunable
 from hgogen.run.batch import Batch, Each, Many

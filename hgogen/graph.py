@@ -12,9 +12,8 @@ import casadi as ca
 import sympy as sp
 
 from hgogen.errors import HgogenError
-from hgogen.rigor.interpolation import Table
-from hgogen.rigor.lookup import Lookup, folded
-from hgogen.rigor.removable import resolved, with_limits
+from hgogen.rigor.lookup import Lookup, Table, folded
+from hgogen.rigor.singular import resolved, with_limits
 from hgogen.rigor.tape import plain
 
 Graph: TypeAlias = Any  # an SX, MX or DM of any shape: one code takes all three, and CasADi has no type for that

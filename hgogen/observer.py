@@ -22,7 +22,7 @@ from hgogen.program import INF, Block, Field
 from hgogen.reading.door import asks
 from hgogen.reading.given import BadGain, names, positive, real, reals
 from hgogen.reading.named import Values, in_order, names_of
-from hgogen.rigor.threads import one_thread
+from hgogen.rigor.definite import one_thread
 from hgogen.signal import Signal, resting
 from hgogen.system import System
 from hgogen.theorem import Theorem

@@ -12,7 +12,7 @@ from hgogen.errors import BadArgument, nearest
 from hgogen.reading import filename
 from hgogen.reading.time_unit import is_unit
 from hgogen.rigor.box import End, box
-from hgogen.rigor.interpolation import Cells, Stepped, Table
+from hgogen.rigor.lookup import Cells, Stepped, Table
 from hgogen.rigor.tape import NEAREST, NoTape, plain, tape
 from hgogen.sentence import NONE, Reason, because
 from hgogen.signal import Signal, check_name

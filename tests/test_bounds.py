@@ -10,10 +10,8 @@ from hypothesis import reject
 from hypothesis import strategies as st
 
 from hgogen.check import Verdict
-from hgogen.rigor.bounds import Range, bound, nonzero, problem_of
-from hgogen.rigor.box import EmptyBox, box
-from hgogen.rigor.glance import multiplied
-from hgogen.rigor.points import STEEP, largest_exponent
+from hgogen.rigor.bounds import Range, bound, multiplied, nonzero, problem_of
+from hgogen.rigor.box import STEEP, EmptyBox, box, largest_exponent
 from hgogen.rigor.search import tight
 from hgogen.signal import Signal
 from tests.sweep import sweep

@@ -11,8 +11,7 @@ from hgogen.analysis.determinant import determinant
 from hgogen.check import Verdict
 from hgogen.rigor.bounds import nonzero
 from hgogen.rigor.factors import branches
-from hgogen.rigor.field import field
-from hgogen.rigor.rewrite import Writer
+from hgogen.rigor.field import Writer, field
 
 V, W = sp.symbols("v w", real=True)
 SQUARE, OTHER = sp.expand((W - 1) ** 2), sp.expand((V - W) ** 2)

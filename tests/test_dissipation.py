@@ -19,7 +19,7 @@ from hgogen.model import load
 from hgogen.prove.dissipation import BadErrorSystem
 from hgogen.reading.door import Misfit
 from hgogen.reading.named import BadNames
-from hgogen.rigor import second_order
+from hgogen.rigor import slope
 
 MODELS = Path(__file__).resolve().parents[1] / "models"
 e, f = sp.symbols("e f", real=True)
@@ -280,7 +280,7 @@ EDGES: dict[str, Any] = {  # the system, V, the box, and the gain at which (38) 
 @pytest.mark.parametrize("name", EDGES)
 def test_the_proof_alone_says_nothing_false(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
     """Without the samples that refute at once: proved above the edge, not proved below it."""
-    monkeypatch.setattr(second_order, "_samples", lambda program: iter(()))
+    monkeypatch.setattr(slope, "_samples", lambda program: iter(()))
     system, V, within, edge = EDGES[name]
     assert hg.dissipation(system, V, mu=1.02 * edge, within=within).proved
     dissipation = hg.dissipation(system, V, mu=0.98 * edge, within=within)

@@ -8,8 +8,8 @@ import sympy as sp
 from hypothesis import given, reject, settings
 from hypothesis import strategies as st
 
+from hgogen.rigor.bounds import contains_zero, enclose, finite
 from hgogen.rigor.box import EVERYTHING, box
-from hgogen.rigor.glance import contains_zero, enclose, finite
 from hgogen.signal import Signal
 
 x, y, free = Signal("x", low=-1.5, high=2), Signal("y", low=0.1, high=3), Signal("free")

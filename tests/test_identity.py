@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from sympy import Abs, Max, Min, acos, asin, atan, cos, cosh, exp, log, pi, sin, sinh, sqrt, tan, tanh
 
-from hgogen.rigor.identity import dependence, depends, free_of, is_zero
+from hgogen.rigor.field import dependence, depends, free_of, is_zero
 
 x, y, z, k, a = sp.symbols("x y z k a")
 r, s = sp.symbols("r s", real=True)

@@ -22,13 +22,12 @@ from hgogen.check import ClaimId, Verdict
 from hgogen.emit.pygraph import evaluated
 from hgogen.emit.syntax import DTYPE
 from hgogen.recheck.verification import recheck
-from hgogen.rigor.balls import values
 from hgogen.rigor.bounds import Cause, bound, nonzero
-from hgogen.rigor.identity import is_zero
-from hgogen.rigor.kinks import Direction, bent, slope
-from hgogen.rigor.one_sided import computed, one_sided
+from hgogen.rigor.field import is_zero
+from hgogen.rigor.series import values
+from hgogen.rigor.singular import computed, one_sided
 from hgogen.rigor.slope import lipschitz_bound
-from hgogen.rigor.tape import tape
+from hgogen.rigor.tape import Direction, bent, slope, tape
 
 x, y, z = sp.symbols("x y z", real=True)
 ONE = (Fraction(-1), Fraction(1))

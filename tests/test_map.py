@@ -38,14 +38,12 @@ from hgogen.recheck.file import digest, model_digest
 from hgogen.recheck.slope import differentiable
 from hgogen.recheck.text import Unreadable, expression
 from hgogen.recheck.verification import recheck
-from hgogen.rigor.balls import Balls, Undecided, values
-from hgogen.rigor.bounds import nonzero
+from hgogen.rigor.bounds import nonzero, taken
 from hgogen.rigor.box import Sides
 from hgogen.rigor.enclosure import enclose
-from hgogen.rigor.glance import taken
-from hgogen.rigor.interpolation import Cells, Kinked, Stepped, applied
-from hgogen.rigor.lookup import Lookup, hessian, jacobian
-from hgogen.rigor.one_sided import one_sided
+from hgogen.rigor.lookup import Cells, Kinked, Lookup, Stepped, applied, hessian, jacobian
+from hgogen.rigor.series import Balls, Undecided, values
+from hgogen.rigor.singular import one_sided
 from hgogen.rigor.slope import lipschitz_bound
 from hgogen.rigor.tape import tape
 from hgogen.system import BadSystem

@@ -8,7 +8,7 @@ import sympy as sp
 import hgogen as hg
 from hgogen.check import Verdict
 from hgogen.rigor.bounds import bound, nonzero
-from hgogen.rigor.points import kind, put, settled
+from hgogen.rigor.box import kind, put, settled
 from hgogen.rigor.slope import lipschitz_bound
 
 x, y, z = sp.symbols("x y z", real=True)

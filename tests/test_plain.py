@@ -12,7 +12,7 @@ import sympy as sp
 import hgogen as hg
 from hgogen.graph import to_casadi
 from hgogen.recheck.verification import recheck
-from hgogen.rigor.balls import values
+from hgogen.rigor.series import values
 from hgogen.rigor.tape import plain, tape
 
 a, b, c = sp.symbols("a b c", real=True)

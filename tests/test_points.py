@@ -8,7 +8,7 @@ import sympy as sp
 import hgogen as hg
 from hgogen.check import Verdict
 from hgogen.rigor.bounds import nonzero
-from hgogen.rigor.points import kind
+from hgogen.rigor.box import kind
 
 U = hg.Signal("u", low=0.25, high=1)
 HALF = sp.Rational(1, 2)
@@ -107,5 +107,5 @@ def test_a_number_is_not_refuted_for_the_digits_of_nothing() -> None:
 def test_what_is_made_of_what_is_not_real_is_undefined(monkeypatch: pytest.MonkeyPatch) -> None:
     """Without digits of the whole, which took minutes of such a one: atan2 of complex numbers, twice."""
     inner = sp.atan2(U ** sp.Rational(4, 3), U - sp.Rational(7, 3))
-    monkeypatch.setattr("hgogen.rigor.points._digits", lambda value: pytest.fail("digits of what has none"))
+    monkeypatch.setattr("hgogen.rigor.box._digits", lambda value: pytest.fail("digits of what has none"))
     assert kind(sp.atan2(inner, inner), {U: sp.Rational(-3, 2)}) == "undefined"

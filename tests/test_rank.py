@@ -16,9 +16,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from oracle import observability as oracle
 
-from hgogen.rigor.balls import Balls
 from hgogen.rigor.rank import NothingMeasured, NowhereDefined, observability
-from hgogen.rigor.series import Modular, Plant, gradients, random_point
+from hgogen.rigor.series import Balls, Modular, Plant, gradients, random_point
 from hgogen.rigor.tape import NoTape, tape
 
 PRIME = 2**61 - 1

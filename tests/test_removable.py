@@ -13,8 +13,8 @@ import hgogen as hg
 from hgogen.analysis.dynamics import Dynamics
 from hgogen.analysis.undefined import undefined_slopes, undefined_values
 from hgogen.graph import to_casadi
-from hgogen.rigor.points import exact
-from hgogen.rigor.removable import _X, _enough, _numerator, _regular, _series, _Term, resolved, with_limits
+from hgogen.rigor.box import exact
+from hgogen.rigor.singular import _X, _enough, _numerator, _regular, _series, _Term, resolved, with_limits
 
 W, V = hg.Signal("w", low=-20, high=20), hg.Signal("v", low=-20, high=20)
 H = hg.Signal("h", low=0, high=20)

@@ -36,7 +36,7 @@ from hgogen.recheck import rounding as recheck_rounding
 from hgogen.recheck.box import NotShown
 from hgogen.recheck.rules.as_it_runs import _sizes
 from hgogen.recheck.verification import recheck
-from hgogen.rigor.computed import REALS, Computed, Real, Rounding, Unsure, exactly
+from hgogen.rigor.rounding import REALS, Computed, Real, Rounding, Unsure, exactly
 from hgogen.step import BadStep
 
 TYPE: dict[Real, Any] = {"float": np.float32, "double": np.float64}

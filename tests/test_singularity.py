@@ -14,7 +14,7 @@ from hgogen.analysis.lie import along, derivatives, input_derivatives, rates
 from hgogen.analysis.singularity import singular_set, singularity
 from hgogen.check import Verdict
 from hgogen.model import load
-from hgogen.rigor.points import exact
+from hgogen.rigor.box import exact
 
 X, Y, Z = sp.symbols("x y z", real=True)
 SIGMA, RHO, BETA = sp.symbols("sigma rho beta", real=True)

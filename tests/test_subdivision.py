@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from hgogen.recheck.box import leaves
-from hgogen.rigor.bisection import MOST, Ranges, subdivided
+from hgogen.rigor.search import MOST, Ranges, subdivided
 
 x, y = sp.symbols("x y")
 BOX: Ranges = {x: (Fraction(-1), Fraction(3)), y: (Fraction(0), Fraction(1))}

@@ -35,25 +35,26 @@ from hgogen.recheck import tables as rechecked
 from hgogen.recheck import tables as tables_module
 from hgogen.recheck.interval import between, intervals
 from hgogen.recheck.verification import recheck
-from hgogen.rigor import glance
-from hgogen.rigor.balls import values
+from hgogen.rigor import bounds
 from hgogen.rigor.bounds import bound as bound_of
-from hgogen.rigor.bounds import nonzero
+from hgogen.rigor.bounds import nonzero, rounded, taken
 from hgogen.rigor.box import Sides, box
 from hgogen.rigor.enclosure import enclose
-from hgogen.rigor.glance import rounded, taken
-from hgogen.rigor.interpolation import (
+from hgogen.rigor.lookup import (
     Axis,
     Cells,
     Kinked,
+    Lookup,
     Stepped,
     Table,
     applied,
+    hessian,
+    jacobian,
     polynomial_range,
     polynomial_value,
 )
-from hgogen.rigor.lookup import Lookup, hessian, jacobian
-from hgogen.rigor.one_sided import one_sided
+from hgogen.rigor.series import values
+from hgogen.rigor.singular import one_sided
 from hgogen.rigor.slope import lipschitz_bound
 from hgogen.rigor.tape import tape
 from hgogen.signal import BadName
@@ -850,7 +851,7 @@ def test_the_cells_that_a_program_may_take_are_counted() -> None:
         return round(range_.low, 4), round(range_.high, 4)
 
     steep = hg.table(v, [-2, -1, 1, 2], [0, 1, 2, 9], name="T").diff(v)
-    assert glance.enclose(steep, sides) == pytest.approx((0.5, 7))
+    assert bounds.enclose(steep, sides) == pytest.approx((0.5, 7))
     assert bound_of(steep, sides).most is None  # v = 1 is not a point where the slope is 7
     assert slopes(v, [-2, -1, 1, 2]) == (2, 3)
     assert slopes(v, [-1, 1]) == (1, 1)

@@ -8,9 +8,8 @@ import sympy as sp
 import hgogen as hg
 from hgogen.check import Verdict
 from hgogen.prove.error_models import slopes_on
-from hgogen.rigor.field import quotients, ring_of
-from hgogen.rigor.points import kind
-from hgogen.rigor.rewrite import TooLarge
+from hgogen.rigor.box import kind
+from hgogen.rigor.field import TooLarge, quotients, ring_of
 
 SECONDS = 60  # of processor time, of what takes well below one; without the limits it takes minutes
 x, z, w = (hg.Signal(name, low=1, high=2) for name in "xzw")

@@ -11,8 +11,8 @@ from hgogen.analysis.dynamics import Dynamics
 from hgogen.analysis.hypotheses import apart
 from hgogen.check import ClaimId, Verdict
 from hgogen.graph import Graph
-from hgogen.rigor.identity import free_of
-from hgogen.rigor.kinks import bent, slope
+from hgogen.rigor.field import free_of
+from hgogen.rigor.tape import bent, slope
 from hgogen.sentence import NONE, Reason, because
 from hgogen.signal import Signal
 from hgogen.system import System

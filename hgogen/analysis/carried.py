@@ -24,12 +24,11 @@ from hgogen.analysis.written import asked
 from hgogen.check import Check, ClaimId, Verdict
 from hgogen.form import Form
 from hgogen.rigor.bounds import bound, nonzero, problem_of
-from hgogen.rigor.box import Box, box
-from hgogen.rigor.interpolation import Table, held
-from hgogen.rigor.kinks import at_kinks
-from hgogen.rigor.points import exact, kind, points, witness
+from hgogen.rigor.box import Box, box, exact, kind, points, witness
+from hgogen.rigor.lookup import Table, held
 from hgogen.rigor.search import everywhere
 from hgogen.rigor.singular import NONZERO, Condition, reasons, singular
+from hgogen.rigor.tape import at_kinks
 from hgogen.sentence import NONE, Down, Reason, Sentence, because, equations
 from hgogen.signal import Signal
 from hgogen.system import System

@@ -19,11 +19,11 @@ import sympy as sp
 from hgogen.analysis.evidence import ByForm
 from hgogen.analysis.written import on_box
 from hgogen.check import Check, ClaimId, Verdict
-from hgogen.rigor.identity import Box, dependence, free_of, is_zero
-from hgogen.rigor.kinks import bent, unbent
-from hgogen.rigor.kinks import slope as slope_of
-from hgogen.rigor.points import put
+from hgogen.rigor.box import put
+from hgogen.rigor.field import Box, dependence, free_of, is_zero
 from hgogen.rigor.slope import JUMPS
+from hgogen.rigor.tape import bent, unbent
+from hgogen.rigor.tape import slope as slope_of
 from hgogen.sentence import NONE, Reason, because
 from hgogen.system import System
 

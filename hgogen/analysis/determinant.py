@@ -13,15 +13,26 @@ import flint
 import sympy as sp
 from sympy.functions.elementary.hyperbolic import HyperbolicFunction
 
-from hgogen.rigor.balls import values
 from hgogen.rigor.bounds import nonzero
-from hgogen.rigor.elimination import Elimination, Product, Work, cleared, expanded
-from hgogen.rigor.factors import Power, branches, degrees, even_degrees, factored_form, one_sign, powers, split_roots
-from hgogen.rigor.field import Field, Quotient, field
-from hgogen.rigor.identity import is_zero
-from hgogen.rigor.points import exact
+from hgogen.rigor.box import exact
+from hgogen.rigor.factors import (
+    Elimination,
+    Power,
+    Product,
+    Work,
+    branches,
+    cleared,
+    degrees,
+    even_degrees,
+    expanded,
+    factored_form,
+    one_sign,
+    powers,
+    split_roots,
+)
+from hgogen.rigor.field import Field, Quotient, TooLarge, Writer, field, is_zero
 from hgogen.rigor.rank import SURE_BITS, Blurred, new_rows
-from hgogen.rigor.rewrite import TooLarge, Writer
+from hgogen.rigor.series import values
 from hgogen.rigor.tape import tape
 
 _Row = TypeVar("_Row")

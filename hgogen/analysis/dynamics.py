@@ -5,7 +5,7 @@ model's, A(u) + b*(sat(z), u), at the clamped point: no clamp has a slope in it,
 x = Psi(z) at which b is read, where it is b* = db/dx (dPhi/dx)^-1. So a filter that corrects by the Jacobian takes y by
 its tangent outside of the box, h(sat(z)) + h*(sat(z)) (z - sat(z)): of the clamped h its corrections would be too long,
 and with two states in a reading grow without end. Whether a table's slopes are 0 beyond its points is
-decided on that box, as proofs do (`intervals.glance`). Parameters with a range become places `plant.NAME`, the others
+decided on that box, as proofs do (`rigor.bounds`). Parameters with a range become places `plant.NAME`, the others
 are folded.
 """
 
@@ -24,11 +24,10 @@ from hgogen.analysis.inverse import Sided, sided
 from hgogen.form import Form
 from hgogen.graph import Graph, binary, leaves, to_casadi
 from hgogen.program import INF, column, sym
+from hgogen.rigor.bounds import contains_zero, enclose
 from hgogen.rigor.box import box
-from hgogen.rigor.glance import contains_zero, enclose
 from hgogen.rigor.lookup import hessian, jacobian
-from hgogen.rigor.one_sided import computed
-from hgogen.rigor.removable import resolved
+from hgogen.rigor.singular import computed, resolved
 from hgogen.signal import Signal, resting
 
 HUGE = 1e15  # a value beyond it is absurd in any unit; its square still is a float

@@ -26,9 +26,8 @@ from hgogen.recheck.rules import OBSERVERS
 from hgogen.recheck.text import Unreadable
 from hgogen.recheck.verification import read
 from hgogen.rigor.bounds import Proof, Range
-from hgogen.rigor.box import box
-from hgogen.rigor.interpolation import Table
-from hgogen.rigor.points import exact
+from hgogen.rigor.box import box, exact
+from hgogen.rigor.lookup import Table
 from hgogen.rigor.tape import plain
 from hgogen.sentence import up
 from hgogen.signal import Signal

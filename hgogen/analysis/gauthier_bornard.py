@@ -22,7 +22,7 @@ import sympy as sp
 
 from hgogen.analysis.written import on_branches
 from hgogen.check import Verdict
-from hgogen.rigor.identity import is_zero
+from hgogen.rigor.field import is_zero
 from hgogen.rigor.rank import (
     NowhereDefined,
     Places,

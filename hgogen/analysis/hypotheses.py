@@ -20,11 +20,10 @@ from hgogen.analysis.written import if_valued
 from hgogen.check import Check, ClaimId, Verdict
 from hgogen.form import Form
 from hgogen.rigor.bounds import Cause, Proof, Sign, bound, counted, ends, nonzero
-from hgogen.rigor.box import EVERYTHING, box
-from hgogen.rigor.kinks import slope as slope_of
-from hgogen.rigor.points import exact, kind, points, settled, witness
+from hgogen.rigor.box import EVERYTHING, box, exact, kind, points, settled, witness
 from hgogen.rigor.singular import minimal, reasons, singular
 from hgogen.rigor.tape import NoTape
+from hgogen.rigor.tape import slope as slope_of
 from hgogen.sentence import NONE, Down, Reason, Sentence, Up, because
 from hgogen.signal import Signal
 from hgogen.system import System

@@ -22,11 +22,10 @@ from sympy.solvers.solveset import NonlinearError
 from hgogen.analysis.lie import size
 from hgogen.check import Verdict
 from hgogen.form import Form
-from hgogen.rigor.balls import values
 from hgogen.rigor.bounds import nonzero
-from hgogen.rigor.box import Box
-from hgogen.rigor.identity import is_zero
-from hgogen.rigor.points import exact, points
+from hgogen.rigor.box import Box, exact, points
+from hgogen.rigor.field import is_zero
+from hgogen.rigor.series import values
 from hgogen.rigor.tape import NoTape, tape
 from hgogen.sentence import down
 from hgogen.signal import Signal

@@ -12,7 +12,7 @@ from dataclasses import replace
 import sympy as sp
 
 from hgogen.reading.differences import derived
-from hgogen.rigor.points import exact
+from hgogen.rigor.box import exact
 from hgogen.rigor.slope import JUMPS, KINKS
 from hgogen.sentence import NONE, Reason, because
 from hgogen.signal import Signal

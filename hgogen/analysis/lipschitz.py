@@ -20,13 +20,10 @@ from hgogen.analysis.written import asked, if_valued
 from hgogen.check import Check, ClaimId, Verdict
 from hgogen.form import Form
 from hgogen.rigor.bounds import Proof, counted, ends
-from hgogen.rigor.box import box
-from hgogen.rigor.kinks import bent
-from hgogen.rigor.one_sided import one_sided
-from hgogen.rigor.points import witness
-from hgogen.rigor.singular import minimal, reasons, singular
+from hgogen.rigor.box import box, witness
+from hgogen.rigor.singular import minimal, one_sided, reasons, singular
 from hgogen.rigor.slope import JUMPS, lipschitz_bound
-from hgogen.rigor.tape import NoTape
+from hgogen.rigor.tape import NoTape, bent
 from hgogen.sentence import Reason, Up, because, joined
 from hgogen.signal import Signal
 from hgogen.system import System

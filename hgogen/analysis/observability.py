@@ -21,12 +21,22 @@ from hgogen.analysis.written import on_branches
 from hgogen.check import Check, ClaimId, Verdict
 from hgogen.reading.door import asks_a_plant, remembers
 from hgogen.reading.given import BadGain, signals_named
-from hgogen.rigor.balls import Undecided
-from hgogen.rigor.glance import enclose
-from hgogen.rigor.rank import NowhereDefined, Rank, Ranks, kernel, matrix_rows, modulus, new_rows, plant_of, somewhere
+from hgogen.rigor.bounds import enclose
+from hgogen.rigor.rank import (
+    Branch,
+    NowhereDefined,
+    Rank,
+    Ranks,
+    Reached,
+    kernel,
+    matrix_rows,
+    modulus,
+    new_rows,
+    plant_of,
+    somewhere,
+)
 from hgogen.rigor.rank import observability as ranks
-from hgogen.rigor.reached import Branch, Reached
-from hgogen.rigor.series import Arithmetic, Point, first_gradients
+from hgogen.rigor.series import Arithmetic, Point, Undecided, first_gradients
 from hgogen.sentence import NONE, Encoded, Reason, because, joined
 from hgogen.system import System
 

@@ -14,8 +14,7 @@ import sympy as sp
 
 from hgogen.form import Form
 from hgogen.rigor.bounds import LIMIT, Range, bound
-from hgogen.rigor.box import box
-from hgogen.rigor.points import exact
+from hgogen.rigor.box import box, exact
 from hgogen.rigor.tape import NoTape
 from hgogen.sentence import Reason, because
 

@@ -20,10 +20,9 @@ from hgogen.analysis.evidence import ByForm
 from hgogen.analysis.inverse import stand_ins
 from hgogen.check import Check, ClaimId, Verdict
 from hgogen.reading.door import Misfit, asks_a_plant
-from hgogen.rigor.box import Box
+from hgogen.rigor.bounds import Interval, enclose, finite
+from hgogen.rigor.box import Box, RationalPoint, exact, kind, points, witness
 from hgogen.rigor.box import box as box_of
-from hgogen.rigor.glance import Interval, enclose, finite
-from hgogen.rigor.points import Point, exact, kind, points, witness
 from hgogen.rigor.singular import lost, minimal, reasons, singular
 from hgogen.rigor.slope import JUMPS, KINKS
 from hgogen.sentence import Reason, because, down, up
@@ -211,7 +210,7 @@ def _roughness(maps: list[tuple[Signal, sp.Expr, tuple[Signal, ...]]]) -> Reason
     return None
 
 
-def _where(e: sp.Expr, signals: tuple[Signal, ...], kinds: tuple[str, ...]) -> Point | None:
+def _where(e: sp.Expr, signals: tuple[Signal, ...], kinds: tuple[str, ...]) -> RationalPoint | None:
     """A sample point where e is of one of the kinds; none without ranges, which say what is meant."""
     read = tuple(s for s in signals if s in e.free_symbols)
     if not all(s.bounded for s in read):

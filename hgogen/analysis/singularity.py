@@ -19,15 +19,12 @@ from hgogen.analysis.lie import along, length, rates, size, without_derivative
 from hgogen.analysis.written import asked, on_box
 from hgogen.check import Check, ClaimId, Verdict
 from hgogen.reading.door import asks_a_plant, remembers
-from hgogen.rigor.bounds import nonzero
+from hgogen.rigor.bounds import Interval, nonzero
 from hgogen.rigor.box import box as box_of
-from hgogen.rigor.elimination import Row, codistribution_product, tower
-from hgogen.rigor.factors import ROUGH, branches, powers, split_roots
-from hgogen.rigor.glance import Interval
-from hgogen.rigor.identity import is_zero
-from hgogen.rigor.points import exact
+from hgogen.rigor.box import exact
+from hgogen.rigor.factors import ROUGH, Row, branches, codistribution_product, powers, split_roots, tower
+from hgogen.rigor.field import TooLarge, is_zero
 from hgogen.rigor.rank import NowhereDefined, believe_zeros, matrix_rows, modulus, new_rows, plant_of, somewhere
-from hgogen.rigor.rewrite import TooLarge
 from hgogen.rigor.series import Arithmetic, Point, first_gradients
 from hgogen.rigor.singular import minimal, reasons, singular
 from hgogen.rigor.tape import NoTape

@@ -21,7 +21,7 @@ from hgogen.form import Form
 from hgogen.graph import Graph
 from hgogen.reading.given import BadGain, positive
 from hgogen.reading.named import in_order
-from hgogen.rigor.points import exact
+from hgogen.rigor.box import exact
 
 
 @dataclass(frozen=True)

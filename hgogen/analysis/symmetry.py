@@ -17,7 +17,7 @@ from typing import Any, ClassVar
 import flint
 import sympy as sp
 
-from hgogen.rigor.points import exact
+from hgogen.rigor.box import exact
 from hgogen.rigor.rank import FEW_BITS, Blurred, Places, kernel, matrix_rows, modulus, new_rows, plant_of, somewhere
 from hgogen.rigor.series import Arithmetic, Plant, Point, first_gradients
 

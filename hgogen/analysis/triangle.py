@@ -19,7 +19,7 @@ from hgogen.analysis.hypotheses import defined, positive, sign
 from hgogen.analysis.lipschitz import lipschitz
 from hgogen.check import Check, ClaimId
 from hgogen.form import Form
-from hgogen.rigor.points import STRANGE, exact, points
+from hgogen.rigor.box import STRANGE, exact, points
 from hgogen.system import System
 
 _VALUES = 12  # of the state

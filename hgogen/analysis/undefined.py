@@ -19,10 +19,8 @@ import sympy as sp
 from hgogen.check import Check, ClaimId, Verdict
 from hgogen.rigor.bounds import Cause, bound, nonzero, problem_of, special_point
 from hgogen.rigor.box import Box, Point
-from hgogen.rigor.kinks import slope
-from hgogen.rigor.removable import Resolved, bounded_logs, resolved
-from hgogen.rigor.singular import NONZERO, POSITIVE, Condition, doubtful, minimal
-from hgogen.rigor.tape import NoTape
+from hgogen.rigor.singular import NONZERO, POSITIVE, Condition, Resolved, bounded_logs, doubtful, minimal, resolved
+from hgogen.rigor.tape import NoTape, slope
 from hgogen.sentence import Sentence, because
 from hgogen.signal import Signal, resting
 from hgogen.system import System

@@ -19,11 +19,10 @@ import sympy as sp
 
 from hgogen.analysis.determinant import as_written, determinant
 from hgogen.check import Verdict
-from hgogen.rigor.balls import values
 from hgogen.rigor.bounds import nonzero
-from hgogen.rigor.box import Box
-from hgogen.rigor.points import points
-from hgogen.rigor.rewrite import TooLarge
+from hgogen.rigor.box import Box, points
+from hgogen.rigor.field import TooLarge
+from hgogen.rigor.series import values
 from hgogen.rigor.tape import NoTape, tape
 from hgogen.signal import Signal
 

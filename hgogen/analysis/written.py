@@ -15,10 +15,8 @@ import sympy as sp
 
 from hgogen.check import Check, Verdict
 from hgogen.rigor.box import box
-from hgogen.rigor.one_sided import one_sided
-from hgogen.rigor.rank import at_values
-from hgogen.rigor.reached import Reached, reached
-from hgogen.rigor.singular import Condition, conditions, doubtful, put_apart
+from hgogen.rigor.rank import Reached, at_values, reached
+from hgogen.rigor.singular import Condition, conditions, doubtful, one_sided, put_apart
 from hgogen.sentence import because
 from hgogen.system import System
 

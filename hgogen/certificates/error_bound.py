@@ -40,8 +40,8 @@ from hgogen.prove.quadratic import rational
 from hgogen.prove.questions import InputBound, Signed, confined
 from hgogen.reading.named import Each, each_by_name, names_of, size, sizes
 from hgogen.rigor.box import Box, box
-from hgogen.rigor.computed import REALS, Real
 from hgogen.rigor.outward import number
+from hgogen.rigor.rounding import REALS, Real
 from hgogen.sentence import NONE, Down, Reason, Sentence, Up, because, joined
 from hgogen.step import Step, demand_choice, demand_step
 

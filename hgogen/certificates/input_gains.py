@@ -29,8 +29,8 @@ from hgogen.prove.inequality import Contracts, Inputs, Steps, pushed
 from hgogen.prove.quadratic import floats, inverse_root, rational, stacked
 from hgogen.prove.questions import Driven, InputBound, input_bound, l2_bound, of_step
 from hgogen.reading.named import Each, in_order, names_of, sizes
+from hgogen.rigor.box import exact
 from hgogen.rigor.outward import number
-from hgogen.rigor.points import exact
 from hgogen.sentence import Reason, Sentence, Up, because
 from hgogen.step import Step, demand_step
 

@@ -47,13 +47,12 @@ from hgogen.prove.inclusion import Inclusion, of_state
 from hgogen.prove.plant_step import SUMMED, Share, Sizes, Unbounded
 from hgogen.prove.quadratic import extent, rational
 from hgogen.prove.questions import InputBound
-from hgogen.rigor.balls import between, magnitude
 from hgogen.rigor.bounds import bound
-from hgogen.rigor.box import box
-from hgogen.rigor.computed import FOLDED, Real, Rounding, Unsure, exactly
+from hgogen.rigor.box import box, exact
 from hgogen.rigor.definite import root
 from hgogen.rigor.lookup import Lookup, folded
-from hgogen.rigor.points import exact
+from hgogen.rigor.rounding import FOLDED, Real, Rounding, Unsure, exactly
+from hgogen.rigor.series import between, magnitude
 from hgogen.sentence import because
 from hgogen.step import Step
 

@@ -27,11 +27,10 @@ from hgogen.reading.content import Unread, content_of
 from hgogen.reading.entry import FORMAT, Entry, entry
 from hgogen.reading.expression import parse
 from hgogen.rigor.bounds import Sign, bound, nonzero
-from hgogen.rigor.identity import is_zero
-from hgogen.rigor.one_sided import one_sided
-from hgogen.rigor.points import kind
+from hgogen.rigor.box import kind
+from hgogen.rigor.field import is_zero
 from hgogen.rigor.rank import observability
-from hgogen.rigor.singular import doubtful, parts
+from hgogen.rigor.singular import doubtful, one_sided, parts
 from hgogen.rigor.slope import lipschitz_bound
 from hgogen.sentence import Encoded
 

@@ -27,7 +27,7 @@ from hgogen.observer import Observer, state_field
 from hgogen.part import Part
 from hgogen.program import Field, sym
 from hgogen.reading.given import BadGain
-from hgogen.rigor.points import exact
+from hgogen.rigor.box import exact
 from hgogen.theorem import Theorem
 
 T = TypeVar("T")

@@ -32,11 +32,10 @@ from hgogen.analysis.evidence import Evidence, spelled
 from hgogen.check import Check, ClaimId, Verdict
 from hgogen.estimators.persistence import Persistent, along_time, t
 from hgogen.form import Form
-from hgogen.rigor.balls import Balls, Undecided, between
 from hgogen.rigor.bounds import bound
 from hgogen.rigor.box import box
 from hgogen.rigor.definite import fraction, number, root, smallest
-from hgogen.rigor.series import Plant, evaluate
+from hgogen.rigor.series import Balls, Plant, Undecided, between, evaluate
 from hgogen.rigor.tape import NoTape, tape
 from hgogen.sentence import NONE, Down, Reason, Sentence, Up, because, down
 

@@ -28,10 +28,8 @@ from hgogen.form import Form
 from hgogen.reading.expression import BadExpression, parse
 from hgogen.reading.given import BadGain
 from hgogen.rigor.bounds import bound, nonzero
-from hgogen.rigor.box import Box, box
-from hgogen.rigor.identity import is_zero
-from hgogen.rigor.points import exact
-from hgogen.rigor.rewrite import TooLarge
+from hgogen.rigor.box import Box, box, exact
+from hgogen.rigor.field import TooLarge, is_zero
 from hgogen.rigor.singular import doubtful
 from hgogen.rigor.slope import JUMPS, KINKS
 from hgogen.rigor.tape import NoTape

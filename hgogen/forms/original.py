@@ -24,8 +24,8 @@ from hgogen.form import Asking, Form
 from hgogen.reading.given import names as several
 from hgogen.rigor.bounds import nonzero
 from hgogen.rigor.factors import ROUGH
-from hgogen.rigor.identity import is_zero
-from hgogen.rigor.kinks import slope
+from hgogen.rigor.field import is_zero
+from hgogen.rigor.tape import slope
 from hgogen.sentence import NONE, Reason, because
 from hgogen.signal import Signal
 from hgogen.system import System

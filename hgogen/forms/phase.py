@@ -28,8 +28,8 @@ from hgogen.analysis.lie import along, rates, size, without_derivative
 from hgogen.analysis.written import if_valued, on_box
 from hgogen.check import ClaimId, Verdict
 from hgogen.form import Asking, Form, NoForm, one_output
-from hgogen.rigor.points import exact
-from hgogen.rigor.rewrite import TooLarge
+from hgogen.rigor.box import exact
+from hgogen.rigor.field import TooLarge
 from hgogen.sentence import NONE, because
 from hgogen.system import System
 

@@ -23,7 +23,7 @@ from hgogen.analysis.evidence import ByForm
 from hgogen.analysis.lipschitz import lipschitz
 from hgogen.check import Check, ClaimId, Verdict
 from hgogen.form import Asking, Form
-from hgogen.rigor.kinks import unbent
+from hgogen.rigor.tape import unbent
 from hgogen.sentence import because
 from hgogen.signal import Signal
 from hgogen.system import System

@@ -21,7 +21,7 @@ from hgogen.analysis.lie import size, without_derivative
 from hgogen.analysis.written import if_valued
 from hgogen.check import Check, ClaimId, Verdict
 from hgogen.form import Asking, Form, NoForm, one_output
-from hgogen.rigor.points import exact
+from hgogen.rigor.box import exact
 from hgogen.sentence import NONE, because
 from hgogen.system import System
 

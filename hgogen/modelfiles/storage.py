@@ -19,7 +19,7 @@ from hgogen.prove.dissipation import BadErrorSystem, Dissipation, dissipation, e
 from hgogen.prove.plant_step import ENTERING
 from hgogen.reading.door import Misfit
 from hgogen.reading.expression import parse
-from hgogen.rigor.computed import REALS
+from hgogen.rigor.rounding import REALS
 from hgogen.system import System
 
 _SYSTEM = ("gain", "G1", "G2")

@@ -40,8 +40,8 @@ from hgogen.form import Form
 from hgogen.prove.error_models import on_companion, with_gains
 from hgogen.prove.inclusion import Inclusion, Nothing, Slope, of_field
 from hgogen.reading.given import BadGain, reals
+from hgogen.rigor.box import exact
 from hgogen.rigor.definite import demand_hurwitz
-from hgogen.rigor.points import exact
 from hgogen.sentence import NONE, Reason, because
 
 

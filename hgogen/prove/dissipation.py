@@ -46,14 +46,12 @@ from hgogen.reading.door import Misfit, asks_a_plant, limits
 from hgogen.reading.given import signals_named
 from hgogen.reading.named import BadNames, in_order, names_of, quadratic
 from hgogen.rigor.bounds import Proof, bound
-from hgogen.rigor.box import Box, box
+from hgogen.rigor.box import Box, box, exact, kind
 from hgogen.rigor.definite import symmetric, unsymmetric
-from hgogen.rigor.identity import is_zero
-from hgogen.rigor.points import exact, kind
+from hgogen.rigor.field import is_zero
 from hgogen.rigor.search import is_defined
-from hgogen.rigor.second_order import Answer, SecondOrder, negative
 from hgogen.rigor.singular import lost, put_apart
-from hgogen.rigor.slope import JUMPS, KINKS, lipschitz_bound
+from hgogen.rigor.slope import JUMPS, KINKS, Answer, SecondOrder, lipschitz_bound, negative
 from hgogen.sentence import NONE, Down, Reason, because, down, up
 from hgogen.signal import Signal
 from hgogen.system import System

@@ -72,12 +72,12 @@ from hgogen.prove.quadratic import (
     rational,
 )
 from hgogen.prove.semidefinite import STATES
-from hgogen.rigor import kinks
+from hgogen.rigor import tape
 from hgogen.rigor.bounds import Proof, Range
+from hgogen.rigor.box import exact, largest_exponent
 from hgogen.rigor.definite import Matrix, root
-from hgogen.rigor.kinks import bent
-from hgogen.rigor.points import exact, largest_exponent
 from hgogen.rigor.slope import JUMPS
+from hgogen.rigor.tape import bent
 from hgogen.sentence import NONE, Reason, because
 
 GROWTHS = (Fraction(1), Fraction(1, 2), Fraction(1, 4), Fraction(1, 8))  # of scales from state to state
@@ -327,7 +327,7 @@ def slopes_on(form: Form) -> tuple[sp.Expr, ...]:
     """F_1', .., F_(n-1)' of a form in the order of its chain, constants at their values."""
     known, slopes = dict(fixed(form)), []
     for row, z in zip(form.flow, form.states[1:], strict=False):
-        each = exact(kinks.slope(sp.sympify(row), z).xreplace(known))
+        each = exact(tape.slope(sp.sympify(row), z).xreplace(known))
         # in factors a variable stands less often and ranges are narrower; as it is where that may take long
         brief = sp.count_ops(each) <= _OPERATIONS and largest_exponent(each) <= _EXPONENT
         slopes.append(sp.factor(each) if brief else each)

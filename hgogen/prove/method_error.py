@@ -78,11 +78,11 @@ from hgogen.prove import inequality
 from hgogen.prove.inclusion import Inclusion, Uncertain
 from hgogen.prove.plant_step import SUMMED, UNKNOWN, Entering, PlantStep, Rows, Sizes, Unbounded, heads_of, loose, times
 from hgogen.prove.quadratic import BALLS, Array, floats, identity, rational
-from hgogen.rigor.balls import between, magnitude
-from hgogen.rigor.bisection import Ranges, Subdivision, subdivided
+from hgogen.rigor.box import exact
 from hgogen.rigor.definite import number
-from hgogen.rigor.interpolation import Table
-from hgogen.rigor.points import exact
+from hgogen.rigor.lookup import Table
+from hgogen.rigor.search import Ranges, Subdivision, subdivided
+from hgogen.rigor.series import between, magnitude
 from hgogen.rigor.slope import JUMPS, KINKS
 from hgogen.sentence import because
 

@@ -34,13 +34,11 @@ from hgogen.prove.inclusion import Inclusion
 from hgogen.prove.inequality import Inequality, Inputs
 from hgogen.prove.quadratic import identity, rational
 from hgogen.prove.questions import InputBound
-from hgogen.rigor.balls import Balls, Undecided, between, magnitude
-from hgogen.rigor.bisection import Ranges
 from hgogen.rigor.bounds import bound
-from hgogen.rigor.box import Box, box
+from hgogen.rigor.box import Box, box, exact
 from hgogen.rigor.definite import number
-from hgogen.rigor.points import exact
-from hgogen.rigor.series import Plant, evaluate
+from hgogen.rigor.search import Ranges
+from hgogen.rigor.series import Balls, Plant, Undecided, between, evaluate, magnitude
 from hgogen.rigor.slope import JUMPS, KINKS, lipschitz_bound
 from hgogen.rigor.tape import NoTape, tape
 from hgogen.sentence import because

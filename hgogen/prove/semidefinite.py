@@ -41,8 +41,7 @@ from flint import fmpq, fmpq_mat
 
 from hgogen.errors import HgogenError
 from hgogen.prove.quadratic import Array, Quadratic, Seen, inverse_root
-from hgogen.rigor.definite import Matrix, exact, fraction, number, positive, unit
-from hgogen.rigor.threads import one_thread
+from hgogen.rigor.definite import Matrix, exact, fraction, number, one_thread, positive, unit
 from hgogen.sentence import NONE, Reason, because
 
 STATES = 12  # beyond it the exact Lyapunov equation has too many unknowns for a check that answers at once

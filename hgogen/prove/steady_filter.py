@@ -48,8 +48,8 @@ from hgogen.reading.given import BadGain, real
 from hgogen.reading.given import positive as above_zero
 from hgogen.reading.named import BadNames, Matrix, Values, in_order, names_of, of_coordinates, of_outputs
 from hgogen.rigor import definite
+from hgogen.rigor.box import exact as exactly
 from hgogen.rigor.definite import demand_hurwitz, exact, hurwitz, nonnegative, rationals
-from hgogen.rigor.points import exact as exactly
 from hgogen.sentence import Reason, because, same
 from hgogen.signal import Signal
 

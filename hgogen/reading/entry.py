@@ -23,9 +23,9 @@ from hgogen.errors import BadArgument
 from hgogen.reading.expression import parse
 from hgogen.reading.filename import shown
 from hgogen.reading.text_model import from_table
-from hgogen.rigor.balls import ends as of_ball
-from hgogen.rigor.balls import values
 from hgogen.rigor.box import EVERYTHING, Box, End, box
+from hgogen.rigor.series import ends as of_ball
+from hgogen.rigor.series import values
 from hgogen.rigor.tape import tape
 
 FORMAT = (

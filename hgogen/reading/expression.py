@@ -26,7 +26,7 @@ import sympy as sp
 
 from hgogen.errors import HgogenError, nearest
 from hgogen.reading.folding import Demand, Fold, lost, of_call, of_power
-from hgogen.rigor.interpolation import Cells, applied
+from hgogen.rigor.lookup import Cells, applied
 from hgogen.rigor.tape import NEAREST, plain
 
 CHARACTERS, TOKENS, DEPTH = 100_000, 20_000, 100  # of one expression

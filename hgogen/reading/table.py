@@ -12,7 +12,7 @@ import sympy as sp
 from hgogen.errors import BadArgument
 from hgogen.reading.expression import FUNCTIONS
 from hgogen.reading.given import among
-from hgogen.rigor.interpolation import KINDS, SEVERAL, Axis, Cells, applied
+from hgogen.rigor.lookup import KINDS, SEVERAL, Axis, Cells, applied
 from hgogen.signal import check_name
 
 Numbers = tuple[Fraction, ...]

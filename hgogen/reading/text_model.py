@@ -46,7 +46,7 @@ from hgogen.reading.expression import BadExpression, parse
 from hgogen.reading.expression import read as read_expression
 from hgogen.reading.folding import Fold
 from hgogen.reading.table import cells_of
-from hgogen.rigor.interpolation import Cells
+from hgogen.rigor.lookup import Cells
 from hgogen.signal import Signal
 from hgogen.system import System
 

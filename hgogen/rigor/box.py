@@ -1,18 +1,180 @@
-"""A box: the closed, perhaps unbounded, range of each symbol, with exact ends."""
+"""Sample points of a box, exact rationals, and what an expression is there: what refutes, never what proves.
+
+A box: the closed, perhaps unbounded, range of each symbol, with exact ends.
+"""
 
 import math
-from collections.abc import Iterable, Iterator, Mapping
+import random
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 from functools import lru_cache
-from typing import TypeAlias
+from itertools import islice, product
+from typing import Any, Protocol, TypeAlias
 
 import numpy as np
 import sympy as sp
 
 from hgogen.errors import HgogenError
 from hgogen.rigor.outward import Pair, number
-from hgogen.rigor.points import STEEP, Ranged, largest_exponent, settled
+
+RationalPoint = Mapping[sp.Symbol, sp.Rational]
+
+STEEP = 2000  # exponents beyond which exact numbers would
+_CORNERS = 64
+_RANDOM = 32
+# An imaginary part that is larger than this, evaluated to 15 digits, is not zero.
+_NOT_ZERO = 1e-9
+# What SymPy defines beyond the reals, and what it makes of it.
+_PARTIAL = (sp.Pow, sp.log, sp.asin, sp.acos, sp.acosh, sp.atanh)
+# Where they jump or have no bounded slope: at -1 and 1, or where an argument is 0.
+_WITH_ENDS = (sp.asin, sp.acos, sp.acosh, sp.atanh)
+_STEEP = (sp.log, sp.sign, sp.Heaviside, sp.atan2, sp.cot, sp.coth)
+_CLOSE = 0.01  # to an end within it: SymPy takes two digits for the sign of a number
+STRANGE = (sp.I, sp.nan, sp.zoo, sp.oo, -sp.oo, sp.AccumBounds)  # what is no finite real number
+
+
+class Ranged(Protocol):
+    """A symbol with a declared range, or none, and perhaps a nominal value: a `Signal`."""
+
+    low: float | None
+    high: float | None
+    nominal: float | None
+
+    @property
+    def bounded(self) -> bool:
+        """Whether it has a range."""
+
+
+def points(signals: Sequence[Ranged]) -> Iterator[RationalPoint]:
+    """Midpoint, zeros in the box, corners, then random points from a fixed seed; exact rationals."""
+    ends = [_range_of(s) for s in signals]
+    yield {s: (low + high) / 2 for s, (low, high) in zip(signals, ends, strict=True)}
+    for s, (low, high) in zip(signals, ends, strict=True):
+        if low <= 0 <= high:  # the others off centre, so that s alone is the reason for what happens
+            yield {t: (3 * a + 4 * b) / 7 for t, (a, b) in zip(signals, ends, strict=True)} | {s: sp.S.Zero}
+    for corner in islice(product(*ends), _CORNERS):
+        yield dict(zip(signals, corner, strict=True))
+    draw = random.Random(1)
+    for _ in range(_RANDOM if signals else 0):
+        yield {
+            s: low + (high - low) * sp.Rational(draw.randint(0, 1000), 1000)
+            for s, (low, high) in zip(signals, ends, strict=True)
+        }
+
+
+def largest_exponent(expression: sp.Expr) -> int:
+    """The size of the largest numerical exponent."""
+    return max((abs(int(node.exp.p)) for node in expression.atoms(sp.Pow) if node.exp.is_Rational), default=0)
+
+
+def kind(expression: sp.Expr, point: RationalPoint) -> str:
+    """What it is there, by exact zero tests and guaranteed digits: "> 0", "< 0", "= 0", "undefined" or "?", which is
+    the answer for powers too large for exact numbers as well."""
+    if largest_exponent(expression) > STEEP:
+        return "?"
+    at = dict(point)
+    try:
+        answer = _kind(expression.xreplace(at))
+        rounded = answer in ("= 0", "undefined") and any(_by_an_end(e, at) for e in expression.atoms(*_WITH_ENDS))
+    except (ValueError, TypeError, NotImplementedError, ArithmeticError):
+        return "?"  # SymPy compares what is not real, or gives up
+    return "?" if rounded else answer
+
+
+def _by_an_end(node: sp.Expr, at: Mapping[Any, Any]) -> bool:
+    """Whether a function has an argument next to an end and within it, which SymPy may round to the end: it takes
+    acosh(1 + 10^-20) for 0, and 1/acosh(1 + 10^-20) for infinite."""
+    argument = node.args[0].xreplace(at)
+    room = (argument - 1 if isinstance(node, sp.acosh) else 1 - argument**2).evalf(15)
+    return argument not in (1, -1) and (_is_noise(room) or bool(room.is_Float and 0 < room < _CLOSE))
+
+
+def _kind(value: sp.Expr) -> str:
+    if value.is_zero:
+        return "= 0"
+    if value.has(sp.nan, sp.zoo, sp.oo, -sp.oo, sp.AccumBounds) or value.is_real is False:
+        return "undefined"
+    if any(node.is_real is False for node in value.atoms(*_PARTIAL)):  # digits of what is made of it take minutes
+        return "undefined"
+    digits = _digits(value.evalf(15))
+    return "?" if digits != "?" and any(_near_an_edge(node) for node in value.atoms(sp.Pow, sp.Function)) else digits
+
+
+def _digits(value: sp.Expr) -> str:
+    if value.is_Float:
+        return "?" if _is_noise(value) else "> 0" if value > 0 else "< 0"
+    imaginary = value.as_real_imag()[1]
+    return "undefined" if imaginary.is_Float and abs(imaginary) > _NOT_ZERO else "?"
+
+
+def _is_noise(value: sp.Expr) -> bool:
+    """SymPy gives a number of which no digit is certain the precision 1."""
+    return bool(value.is_Float and value._prec == 1)
+
+
+def _near_an_edge(node: sp.Expr) -> bool:
+    """Whether a number is a function of what may be a place where the function jumps or has no bounded slope, as 0 of a
+    root: SymPy counts digits by the slope, and |sin(1)**2 + cos(1)**2 - 1|**(1/2) would have some."""
+    (first, *_) = node.args
+    edges = node.args if isinstance(node, _STEEP) else ()  # what is 0 at those places
+    if isinstance(node, sp.Pow):
+        edges = () if node.exp.is_Integer and node.exp > 0 else (first,)
+    elif isinstance(node, _WITH_ENDS):
+        edges = (first - 1, first + 1)
+    elif isinstance(node, sp.tan):
+        edges = (sp.cos(first),)
+    return any(_is_noise(part) for e in edges for part in e.evalf(15).as_real_imag())
+
+
+def put(expression: sp.Expr, values: Mapping[Any, Any]) -> sp.Expr | None:
+    """The expression with values for symbols; None where SymPy then has to compare what is not real."""
+    try:
+        return expression.xreplace(dict(values))
+    except (ValueError, TypeError):
+        return None
+
+
+def settled(expression: sp.Expr, values: Mapping[sp.Symbol, sp.Rational]) -> sp.Expr:
+    """The expression with symbols at their values; those stay at which a root, an inverse or a logarithm would not be
+    a finite real number: SymPy goes on with what it is then, and |log(-1)| would be pi."""
+    nodes = (node for node in expression.atoms(*_PARTIAL) if not values.keys().isdisjoint(node.free_symbols))
+    stay = {s for node in nodes if not _stays_real(node, values) for s in node.free_symbols}
+    return expression.xreplace({s: value for s, value in values.items() if s not in stay})
+
+
+def _stays_real(node: sp.Expr, values: Mapping[sp.Symbol, sp.Rational]) -> bool:
+    if node.is_Pow and node.exp.is_Integer and node.exp > 0:
+        return True
+    value = put(node, values)
+    if value is None:
+        return False
+    return bool(value.is_real) if value.is_number else not value.has(*STRANGE)
+
+
+def witness(point: RationalPoint) -> dict[str, float]:
+    """The point as a report shows it."""
+    return {s.name: float(value) for s, value in point.items()}
+
+
+def exact(expression: sp.Expr) -> sp.Expr:
+    """The expression with each float as the rational of its shortest decimal; one that no float of 53 bits holds, as
+    it is."""
+    rationals = {}
+    for written in expression.atoms(sp.Float):
+        nearest = float(written)
+        held = math.isfinite(nearest) and (nearest != 0.0 or written == 0)
+        rationals[written] = sp.Rational(repr(nearest)) if held else sp.Rational(written)
+    return expression.xreplace(rationals)
+
+
+def _range_of(signal: Ranged) -> tuple[sp.Rational, sp.Rational]:
+    """The range of a signal; one without a range may have any value, so a range around its nominal value serves."""
+    if signal.bounded:
+        return sp.Rational(str(signal.low)), sp.Rational(str(signal.high))
+    centre = sp.Rational(str(signal.nominal or 0.0))
+    return centre - 10, centre + 10
+
 
 End: TypeAlias = Fraction | float
 Box: TypeAlias = Mapping[sp.Symbol, tuple[End, End]]

@@ -5,17 +5,23 @@ functions of them. So M >= 0 if and only if every e_k >= 0, and M > 0 if and onl
 characteristic polynomial; Horn, Johnson, "Matrix Analysis", 7.1 and 7.2). A matrix of doubles, which are rationals, is
 Hurwitz by Routh's array of its characteristic polynomial (E. J. Routh 1877; Gantmacher, "The Theory of Matrices", XV).
 Of a symmetric matrix of balls the signs are known as far as these tell.
+
+Linear algebra on one thread: threads of BLAS wait for each other longer than a matrix of tens of rows takes, and
+what they add up depends on how many they are.
 """
 
 from collections.abc import Iterable, Sequence
+from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from fractions import Fraction
+from functools import cache
 from itertools import combinations
 from math import isqrt
 from typing import Any
 
 import numpy as np
 from flint import arb, arb_mat, fmpq, fmpq_mat, fmpz_mat
+from threadpoolctl import ThreadpoolController
 
 from hgogen.errors import HgogenError
 
@@ -210,3 +216,12 @@ def demand_hurwitz(gains: str, matrix: np.ndarray, fix: str) -> None:
     spectrum = sorted(eigenvalues, key=lambda value: -value.real)
     bad = [value for value in spectrum if value.real >= 0 and value.imag >= 0] or spectrum[:1]
     raise NotHurwitz(gains, tuple(map(complex, bad)), fix)
+
+
+def one_thread() -> AbstractContextManager[Any]:
+    """Within it NumPy's linear algebra takes one thread."""
+    limit: AbstractContextManager[Any] = _threads().limit(limits=1, user_api="blas")
+    return limit
+
+
+_threads = cache(ThreadpoolController)  # of the process, looked for once, as that takes ten milliseconds

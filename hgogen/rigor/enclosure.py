@@ -21,7 +21,7 @@ import numpy as np
 from flint import arb, ctx, fmpq
 
 from hgogen.rigor import outward
-from hgogen.rigor.interpolation import Cells, Ends, Index, next_order
+from hgogen.rigor.lookup import Cells, Ends, Index, next_order
 from hgogen.rigor.outward import Array, Flags, Pair, add, hull, multiply, negate, number, power, reciprocal, scale
 from hgogen.rigor.tape import Instruction, Tape
 

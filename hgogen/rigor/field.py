@@ -1,4 +1,16 @@
-"""The field of a set of expressions: quotients of polynomials in symbols and kernels, with what each kernel means.
+"""Expressions as rational functions of generators: what exp, sin, roots and powers are, so that algebra can cancel.
+
+    exp(p m) = E^(p/g)                          E = exp(g m)
+    cos(k t) + i sin(k t) = ((1 + i T)^2/(1 + T^2))^k     T = tan(t/2)
+    e^(p/q) = R^p                               R^q = e, a relation
+    a^b = exp(b log a),   log(c g) = log c + log g for a rational c > 0,   sinh, cosh, tanh by exp
+    |e|^2 = e^2, a relation,   max(a, b) = (a + b + |a - b|)/2,   min(a, b) = (a + b - |a - b|)/2
+
+m is a monomial of the expanded argument, g the greatest common divisor of its rational factors. Any other function of
+an argument is a generator of its own. Each rule is an identity over the reals wherever both sides are defined; that
+generators may depend on each other in a way not listed only loses proofs.
+
+The field of a set of expressions: quotients of polynomials in symbols and kernels, with what each kernel means.
 
 The kernels are those of `rewrite`: exp(m), tan(m/2), roots, logarithms, .. sin and cos are rational in T = tan(m/2), so
 that the ring has unique factorisation, which it has not with sin and cos and their relation. For the same reason a root
@@ -7,18 +19,246 @@ of c s + r, with a number c and an r without the symbol s, takes the place of s:
     g^q = c s + r   =>   s = (g^q - r)/c
 
 Quotients are formed by a tape with FLINT's polynomials over the rationals; sizes are limited by counts of terms.
+
+Exact zero tests: whether an expression is 0 wherever it is defined, and which symbols a function depends on.
+
+True is proved by exact algebra (`vanishes`); False by a value at an exact rational point whose ball excludes
+0, or by a polynomial that is not 0. None: neither. A box restricts the points, not the algebra: |x| - x is not
+refuted on x >= 1, and not proved either.
 """
 
-from collections.abc import Iterable, Mapping, Sequence
+import random
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from dataclasses import field as attribute
+from fractions import Fraction
+from functools import reduce
+from itertools import pairwise
 from math import comb
 from typing import Any
 
 import sympy as sp
 from flint import Ordering, fmpq, fmpq_mpoly_ctx
 
-from hgogen.rigor.rewrite import Exp, Half, Relation, TooLarge, Writer
-from hgogen.rigor.tape import Instruction, NoTape, tape
+from hgogen.errors import HgogenError
+from hgogen.rigor.box import exact, put, settled
+from hgogen.rigor.series import values
+from hgogen.rigor.tape import Instruction, Norm, NoTape, tape
+from hgogen.sentence import Reason, because
+
+# A multiple of an angle, the terms and the operations of one argument beyond these would only cost time.
+_MULTIPLE, _ANGLES, _OPERATIONS = 16, 6, 200
+_TRIGONOMETRIC = (sp.sin, sp.cos, sp.tan, sp.cot, sp.sec, sp.csc)
+_TRIED = 2**16  # the primes that a large whole number under a logarithm is divided by
+_HYPERBOLIC = (sp.sinh, sp.cosh, sp.tanh, sp.coth, sp.sech, sp.csch)
+
+
+@dataclass(eq=False)
+class TooLarge(HgogenError):
+    """An expression that exact algebra would need too long for."""
+
+    what: str
+
+    @property
+    def reason(self) -> Reason:
+        """Why it is not tried."""
+        return because("{what} is too large for exact algebra; write it in fewer or simpler terms", what=self.what)
+
+    def __str__(self) -> str:
+        return str(self.reason)
+
+
+@dataclass(frozen=True)
+class Relation:
+    """generator^degree = value, a rational function of generators that come before it."""
+
+    generator: sp.Dummy
+    degree: int
+    value: sp.Expr
+
+
+@dataclass(frozen=True, eq=False)
+class Writer:
+    """Kernels and relations as they are met; `units`: each exponential's or angle's monomial with its g."""
+
+    kernels: dict[sp.Expr, sp.Dummy] = attribute(default_factory=dict)
+    relations: list[Relation] = attribute(default_factory=list)
+    units: dict[tuple[str, sp.Expr], sp.Rational] = attribute(default_factory=dict)
+    known: dict[sp.Expr, sp.Expr] = attribute(default_factory=dict)
+
+    def measure(self, expression: sp.Expr) -> None:
+        """The greatest common divisors g of the factors of all arguments."""
+        for node in sp.preorder_traversal(expression):
+            kind = _kind(node)
+            if kind:
+                for factor, monomial in _terms(_argument(node)):
+                    key = (kind, monomial)
+                    self.units[key] = sp.gcd(self.units.get(key, sp.S.Zero), factor)
+                    self.measure(monomial)
+
+    def write(self, node: sp.Expr) -> sp.Expr:
+        """The node in generators."""
+        if node.is_Rational or node.is_Symbol:
+            return node
+        if node not in self.known:
+            self.known[node] = self._write(node)
+        return self.known[node]
+
+    def _write(self, node: sp.Expr) -> sp.Expr:
+        if node.is_Add or node.is_Mul:
+            return node.func(*(self.write(part) for part in node.args))
+        if node.is_Pow and node.exp.is_Integer:
+            return self.write(node.base) ** node.exp
+        if node.is_Pow and node.exp.is_Rational:
+            base, degree = _canonical(node.base), int(node.exp.q)
+            root = sp.Pow(base, sp.Rational(1, degree), evaluate=False)
+            return self._relation(root, degree, base) ** int(node.exp.p)
+        if isinstance(node, _TRIGONOMETRIC):
+            return self._trigonometric(node)
+        if _kind(node) == "exp":
+            return self._exponential(node)
+        if isinstance(node, sp.log):
+            return self._log(_canonical(node.args[0]))
+        if isinstance(node, sp.Abs) or (isinstance(node, Norm) and len(node.args) == 1):
+            return self._abs(node.args[0])
+        if isinstance(node, (sp.Min, sp.Max)):
+            sign = 1 if isinstance(node, sp.Max) else -1
+            return self.write(reduce(lambda a, b: (a + b + sign * sp.Abs(a - b)) / 2, node.args))
+        return self._kernel(node)
+
+    def _kernel(self, node: sp.Expr) -> sp.Expr:
+        """A generator for the node; the same for arguments that are the same rational function."""
+        if isinstance(node, sp.Function) and not isinstance(node, sp.Piecewise):
+            node = node.func(*(_canonical(part) for part in node.args), evaluate=False)
+        return self.kernels.setdefault(node, sp.Dummy(f"kernel{len(self.kernels)}"))
+
+    def _relation(self, key: sp.Expr, degree: int, value: sp.Expr) -> sp.Expr:
+        if key not in self.kernels:
+            inner = self.write(value)
+            self.kernels[key] = sp.Dummy(f"kernel{len(self.kernels)}")
+            self.relations.append(Relation(self.kernels[key], degree, inner))
+        return self.kernels[key]
+
+    def _abs(self, argument: sp.Expr) -> sp.Expr:
+        argument = _canonical(argument)
+        if argument.could_extract_minus_sign():
+            argument = _canonical(-argument)
+        return self._relation(sp.Abs(argument, evaluate=False), 2, argument**2)
+
+    def _log(self, argument: sp.Expr) -> sp.Expr:
+        if argument.is_Integer and argument > 1:
+            known = {} if argument < 2**40 else {"limit": _TRIED, "use_rho": False, "use_pm1": False, "use_ecm": False}
+            factors = sp.factorint(argument, **known)
+            return sp.Add(*(k * self._kernel(sp.log(p, evaluate=False)) for p, k in factors.items()))
+        factor, rest = argument.as_content_primitive()
+        if factor < 0:
+            factor, rest = -factor, -rest
+        powers = [part for part in sp.Mul.make_args(rest) if isinstance(part, sp.exp)]
+        rest = sp.Mul(*(part for part in sp.Mul.make_args(rest) if part not in powers))
+        inner = sp.S.Zero if rest == 1 else self._kernel(sp.log(rest, evaluate=False))
+        ends = [self._log(sp.Integer(n)) if n != 1 else sp.S.Zero for n in (factor.p, factor.q)]
+        return sp.Add(inner, ends[0], -ends[1], *(self.write(power.args[0]) for power in powers))
+
+    def _exponential(self, node: sp.Expr) -> sp.Expr:
+        power = sp.Mul(*(self._factor(*term) for term in _terms(_argument(node))))
+        rules = {
+            sp.sinh: (power - 1 / power) / 2,
+            sp.cosh: (power + 1 / power) / 2,
+            sp.tanh: (power**2 - 1) / (power**2 + 1),
+            sp.coth: (power**2 + 1) / (power**2 - 1),
+            sp.sech: 2 * power / (power**2 + 1),
+            sp.csch: 2 * power / (power**2 - 1),
+        }
+        return rules.get(type(node), power)
+
+    def _factor(self, factor: sp.Rational, monomial: sp.Expr) -> sp.Expr:
+        """exp(factor monomial)."""
+        if isinstance(monomial, sp.log):
+            return self.write(sp.Pow(monomial.args[0], factor))
+        unit, times = self._unit("exp", factor, monomial)
+        return self._kernel(Exp(monomial, unit)) ** times
+
+    def _unit(self, kind: str, factor: sp.Rational, monomial: sp.Expr) -> tuple[sp.Rational, int]:
+        """g and the whole number factor/g; an argument that was not measured has a g of its own."""
+        unit = self.units.get((kind, monomial), sp.S.One)
+        if not (factor / unit).is_Integer:
+            unit = sp.Rational(1, factor.q)
+        return unit, int(factor / unit)
+
+    def _trigonometric(self, node: sp.Expr) -> sp.Expr:
+        terms = list(_terms(_argument(node)))
+        if len(terms) > _ANGLES:
+            raise TooLarge(str(node))
+        c, s = sp.S.One, sp.S.Zero
+        for factor, monomial in terms:
+            a, b = self._turn(factor, monomial)
+            c, s = c * a - s * b, s * a + c * b
+        if isinstance(node, (sp.sin, sp.cos)):
+            return s if isinstance(node, sp.sin) else c
+        return {sp.tan: s / c, sp.cot: c / s, sp.sec: 1 / c, sp.csc: 1 / s}[type(node)]
+
+    def _turn(self, factor: sp.Rational, monomial: sp.Expr) -> tuple[sp.Expr, sp.Expr]:
+        """The cosine and the sine of factor * monomial."""
+        if monomial == sp.pi:
+            exact = sp.cos(factor * sp.pi), sp.sin(factor * sp.pi)
+            if not any(value.has(*_TRIGONOMETRIC) for value in exact):
+                return self.write(exact[0]), self.write(exact[1])
+        unit, times = self._unit("turn", factor, monomial)
+        T = self._kernel(Half(monomial, unit))
+        if abs(times) > _MULTIPLE:
+            raise TooLarge(f"{times} times the angle {unit * monomial}")
+        a, b = (1 - T**2) / (1 + T**2), 2 * T / (1 + T**2)
+        c, s = sp.S.One, sp.S.Zero
+        for _ in range(abs(times)):
+            c, s = c * a - s * b, s * a + c * b
+        return c, s if times >= 0 else -s
+
+
+class Exp(sp.Function):  # type: ignore[misc]
+    """exp(g m), unevaluated."""
+
+
+class Half(sp.Function):  # type: ignore[misc]
+    """tan(g m/2), unevaluated."""
+
+
+def _kind(node: sp.Basic) -> str:
+    """Whether the node is written with exp or with an angle."""
+    if isinstance(node, (sp.exp, *_HYPERBOLIC)) or node == sp.E or (node.is_Pow and not node.exp.is_Rational):
+        return "exp"
+    return "turn" if isinstance(node, _TRIGONOMETRIC) else ""
+
+
+def _argument(node: sp.Expr) -> sp.Expr:
+    if node == sp.E:
+        return sp.S.One
+    if isinstance(node, sp.exp):
+        return _canonical(node.args[0])
+    if node.is_Pow:
+        return _canonical(node.exp * sp.log(node.base))
+    return _canonical(node.args[0])
+
+
+def _terms(argument: sp.Expr) -> Iterator[tuple[sp.Rational, sp.Expr]]:
+    for term in sp.Add.make_args(argument):
+        factor, monomial = term.as_coeff_Mul(rational=True)
+        if factor:
+            yield factor, monomial
+
+
+def _canonical(argument: sp.Expr) -> sp.Expr:
+    """An argument in one form for equal rational functions of its symbols and functions."""
+    if argument.is_Atom:
+        return argument
+    inverse = any(not (node.exp.is_Integer and node.exp > 0) for node in argument.atoms(sp.Pow))
+    if inverse and argument.count_ops() <= _OPERATIONS:
+        try:
+            top, bottom = sp.fraction(sp.cancel(sp.together(argument)))
+            return sp.expand(sp.expand(top) / bottom)
+        except sp.PolynomialError:  # Piecewise
+            return argument
+    return sp.expand(argument)
+
 
 # --- quotients
 
@@ -273,3 +513,149 @@ def reduced(row: list[Any], index: int, degree: int, value: Quotient) -> tuple[l
             sum((times(ring.from_dict(terms), weights[t]) for t, terms in layers.items()), ring.constant(0))
         )
     return replaced, most
+
+
+Box = Mapping[sp.Symbol, tuple[Any, Any]]
+
+_QUICK, _PATIENT = 4, 12  # points
+_BITS, _MORE_BITS = 64, (256, 1024, 4096)
+# The ranges of points for a symbol without one: a positive range first, because logarithms and roots need it.
+_SCALES = ((Fraction(1, 7), Fraction(2)), (Fraction(-3), Fraction(3)), (Fraction(0), Fraction(40)))
+_GRID = 997
+# Values at which a symbol is left out.
+_NUMBERS = ((0,), (1,), (2, 1, 3), (sp.Rational(-1, 2), 3, 5))
+_INFINITE = (sp.nan, sp.zoo, sp.oo, -sp.oo, sp.AccumBounds)
+
+
+def is_zero(expression: sp.Expr, box: Box | None = None) -> bool | None:
+    """Whether the expression is 0 at every real point at which it is defined, and is defined somewhere.
+
+    Args: `box` holds closed ranges of symbols, infinite ends allowed; a symbol without one may have any value. A
+    symbol whose ends are equal has that value.
+    """
+    expression = _settled(expression, box)
+    if expression.is_Rational:
+        return bool(expression == 0)
+    if expression.has(*_INFINITE):
+        return None
+    symbols = sorted(expression.free_symbols, key=str)
+    try:
+        program = tape((expression,), symbols)
+    except NoTape:
+        return True if vanishes(expression) else None
+    points = list(_points(symbols, box, _PATIENT))
+    quick = [values(program, point, _BITS)[0] for point in points[:_QUICK]]
+    if any(_not_zero(ball) for ball in quick):
+        return False
+    answer = vanishes(expression)
+    if answer is False:
+        return False
+    finite = any(ball.is_finite() for ball in quick)
+    if answer and finite:
+        return True
+    for bits in _MORE_BITS:
+        balls = [values(program, point, bits)[0] for point in points]
+        if any(_not_zero(ball) for ball in balls):
+            return False
+        finite = finite or any(ball.is_finite() for ball in balls)
+        if answer and finite:
+            return True
+    return None
+
+
+def depends(expression: sp.Expr, symbol: sp.Symbol, box: Box | None = None) -> bool | None:
+    """Whether the value changes with the symbol; terms that cancel do not count."""
+    sure, maybe = dependence(expression, (symbol,), box)
+    return True if sure else None if maybe else False
+
+
+def dependence(
+    expression: sp.Expr, symbols: Iterable[sp.Symbol], box: Box | None = None
+) -> tuple[tuple[sp.Symbol, ...], tuple[sp.Symbol, ...]]:
+    """The symbols that the value is proved to depend on, and those for which this is not known.
+
+    For the rest, e(.., s, ..) - e(.., t, ..) is 0 by exact algebra with s and t as two symbols; that the slope is 0
+    would not be enough: atan(x) + atan(1/x) jumps.
+    """
+    expression = _settled(expression, box)
+    present = [s for s in symbols if s in expression.free_symbols]
+    seen = _seen(expression, present, box) if present else set()
+    sure: list[sp.Symbol] = []
+    maybe: list[sp.Symbol] = []
+    for s in present:
+        answer: bool | None = False
+        if s not in seen:
+            t = sp.Dummy(s.name, real=s.is_real)
+            wider = {**(box or {}), **({t: box[s]} if box and s in box else {})}
+            answer = is_zero(expression - expression.xreplace({s: t}), wider)
+        if not answer:
+            (sure if answer is False else maybe).append(s)
+    return tuple(sure), tuple(maybe)
+
+
+def reads(expression: sp.Expr, symbols: Iterable[sp.Symbol], box: Box | None = None) -> tuple[sp.Symbol, ...]:
+    """The symbols, in their order, that the value of the expression depends on, or may depend on."""
+    symbols = tuple(symbols)
+    relevant = {s for part in dependence(expression, symbols, box) for s in part}
+    return tuple(s for s in symbols if s in relevant)
+
+
+def free_of(expression: sp.Expr, symbols: Iterable[sp.Symbol], box: Box | None = None) -> sp.Expr:
+    """The function written without the symbols on which it is proved not to depend.
+
+    Each of these symbols is set to one value: to 0 where the function is defined there.
+    """
+    idle = [s for s in symbols if s in expression.free_symbols and depends(expression, s, box) is False]
+    for numbers in _NUMBERS if idle else ():
+        plain = put(expression, {s: sp.sympify(numbers[i % len(numbers)]) for i, s in enumerate(idle)})
+        if plain is not None and not plain.has(*_INFINITE) and is_zero(expression - plain, box):
+            return plain
+    return expression
+
+
+def _settled(expression: sp.Expr, box: Box | None) -> sp.Expr:
+    """Exact numbers, and the value of each symbol that has one."""
+    point = {s: sp.Rational(str(low)) for s, (low, high) in (box or {}).items() if low == high}
+    return exact(settled(expression, point) if point else sp.sympify(expression))
+
+
+def _seen(expression: sp.Expr, symbols: Sequence[sp.Symbol], box: Box | None) -> set[sp.Symbol]:
+    """The symbols that change the value between two sample points that differ in them only."""
+    every = sorted(expression.free_symbols, key=str)
+    try:
+        program = tape((expression,), every)
+    except NoTape:
+        return set()
+    seen = set()
+    for point, other in pairwise(list(_points(every, box, _QUICK + 1))):
+        before = values(program, point, _BITS)[0]
+        for s in symbols:
+            moved = [b if t == s else a for t, a, b in zip(every, point, other, strict=True)]
+            if s not in seen and _not_zero(before - values(program, moved, _BITS)[0]):
+                seen.add(s)
+    return seen
+
+
+def _not_zero(ball: Any) -> bool:
+    return bool(ball.is_finite() and not ball.contains(0))
+
+
+def _points(symbols: Sequence[sp.Symbol], box: Box | None, count: int) -> Iterator[list[Fraction]]:
+    """Rational points of the box from a fixed seed, never on its faces."""
+    draw = random.Random(1)
+    for k in range(count):
+        yield [
+            low + (high - low) * Fraction(draw.randint(1, _GRID - 1), _GRID)
+            for low, high in (_ends(s, box, k) for s in symbols)
+        ]
+
+
+def _ends(symbol: sp.Symbol, box: Box | None, k: int) -> tuple[Fraction, Fraction]:
+    low, high = (box or {}).get(symbol, (-sp.oo, sp.oo))
+    start, end = _SCALES[k % len(_SCALES)]
+    unbounded = low == -sp.oo, high == sp.oo
+    if all(unbounded):
+        return start, end
+    if unbounded[0]:
+        return Fraction(str(high)) - (end - start), Fraction(str(high))
+    return Fraction(str(low)), Fraction(str(low)) + (end - start) if unbounded[1] else Fraction(str(high))

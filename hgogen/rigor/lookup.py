@@ -1,8 +1,33 @@
-"""A table as programs compute it: one operation, a bounded search for the cell and a polynomial of rounded numbers.
+"""Lookup tables as piecewise polynomials with exact numbers, and as functions of SymPy.
+
+    f(t) = c_k0 + c_k1 (t - s_k) + c_k2 (t - s_k)^2 + c_k3 (t - s_k)^3     in cell k of its axis
+    f(t, r) = c_k00 + c_k01 (r - s_l) + (t - s_k) (c_k10 + c_k11 (r - s_l))     in cell (k, l) of its axes
+
+s_k is the start of cell k. A table is held at the ends of its axes, so f has a kink there where its slope is not 0. A
+derivative by t jumps at breakpoints of t alone: across those of r it is as continuous as f. So what jumps, and where,
+is told axis by axis. A cell, and the order of a derivative, has a number for each axis. The polynomials are
+
+    linear     c_k1 = D_k = (y_k - y_(k-1))/(x_k - x_(k-1))
+    monotone   cubics through the points with slopes d_k, which rise and fall with the points and have no other turns
+
+The slopes d_k are Fritsch and Butland's, as in PCHIP: 0 where D_k D_(k+1) <= 0, and inside the weighted harmonic mean
+
+    3 (h_k + h_(k+1))/d = (2 h_(k+1) + h_k)/D_k + (h_(k+1) + 2 h_k)/D_(k+1),    h_k = x_k - x_(k-1)
+
+At the ends it is the slope of the parabola through three points, 0 where its sign is not D's, and 3 D at most where the
+next D has another sign. Sources: F. N. Fritsch and R. E. Carlson, "Monotone piecewise cubic interpolation", SIAM J.
+Numer. Anal. 17 (1980), for what slopes are monotone; F. N. Fritsch and J. Butland, "A method for constructing local
+monotone piecewise cubic interpolants", SIAM J. Sci. Stat. Comput. 5 (1984), for these.
+
+In expressions ocv(x) is a function of SymPy whose class holds the table, and ocv(x, 1) its derivative; of two arguments
+they are friction(v, T), friction(v, T, 1, 0) and friction(v, T, 0, 1). Where a derivative jumps, it is the set of what
+lies between its limits (`rigor.tape` says why), and an exact number put there stays unevaluated.
+
+A table as programs compute it: one operation, a bounded search for the cell and a polynomial of rounded numbers.
 
     k = how many breakpoints are <= x,    f(x) = c_k0 + d (c_k1 + d (c_k2 + d c_k3)),    d = x - s_k
 
-of the cells of `hgogen.rigor.interpolation`, and of two arguments a search along each axis and, with e = y - s_l,
+of the cells above, and of two arguments a search along each axis and, with e = y - s_l,
 
     f(x, y) = c_00 + e c_01 + d (c_10 + e c_11)        of the cell (k, l)
 
@@ -17,16 +42,524 @@ CasADi differentiates through a call by the function's own derivative, and mista
 """
 
 import hashlib
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
-from functools import cached_property, lru_cache, reduce
-from itertools import accumulate, pairwise
-from typing import Any
+from bisect import bisect_left, bisect_right
+from collections.abc import Callable, Iterator, Mapping, Sequence, Set
+from dataclasses import dataclass, field, replace
+from fractions import Fraction
+from functools import cache, cached_property, lru_cache, reduce
+from hashlib import sha256
+from itertools import accumulate, pairwise, product
+from math import comb, inf, nextafter, perm
+from typing import Any, ClassVar
 
 import casadi as ca
 import numpy as np
+import sympy as sp
+from flint import fmpq
+from sympy.core.function import FunctionClass
 
-from hgogen.rigor.interpolation import ZERO, Cells, Index, by_power, next_order, polynomial_value
+from hgogen.rigor.definite import fraction, number
+
+Number = Fraction | float  # of which a float is infinite, or exactly what it is
+Ends = tuple[Number, Number]
+Index = tuple[int, ...]
+Spans = list[tuple[int, int]]  # of each axis the first and the last cell
+Side = tuple[Any, Any]
+Polynomial = Any  # its coefficients, an axis of an array for each argument, the constant first
+NEVER = 1000  # more than any order
+ZERO, _NOTHING = Fraction(0), fmpq(0)
+
+# --- polynomials
+
+
+def polynomial_value(coefficients: Polynomial, at: Sequence[Any], number: Callable[[Any], Any] = lambda c: c) -> Any:
+    """A polynomial's value by Horner's scheme; `number` is what a coefficient counts as."""
+    if not at:
+        return number(coefficients)
+    first, *rest = at
+    *others, total = (polynomial_value(c, rest, number) for c in coefficients)
+    for c in reversed(others):
+        total = total * first + c
+    return total
+
+
+def taylor(piece: Polynomial, a: Fraction) -> list[Any]:
+    """The coefficients of the same polynomial of the first argument about a, by Horner's scheme."""
+    moved = list(piece)
+    for i in range(len(piece) - 1):
+        for j in range(len(piece) - 2, i - 1, -1):
+            moved[j] = moved[j] + a * moved[j + 1]
+    return moved
+
+
+def polynomial_range(piece: Polynomial, box: Sequence[Side]) -> Side:
+    """The range of a polynomial on a box, of degree 1 at most in every argument but the first: it is attained at the
+    ends of those. In the first exact up to degree 2 and where the derivative keeps its sign, else that of the
+    coefficients in the basis of Bernstein, whose hull holds it."""
+    first, *rest = box
+    corners = product(*(dict.fromkeys(side) for side in rest))
+    ends = [_along([polynomial_value(c, corner) for c in piece], *first) for corner in corners]
+    return min(low for low, _ in ends), max(high for _, high in ends)
+
+
+def _along(piece: Sequence[Any], a: Any, b: Any) -> Side:
+    ends: tuple[Any, ...] = (polynomial_value(piece, (a,)), polynomial_value(piece, (b,)))
+    slope = [k * c for k, c in enumerate(piece)][1:]
+    if len(piece) > 3 and any(slope):
+        low, high = _along(slope, a, b)
+        ends = ends if low >= 0 or high <= 0 else _bernstein(piece, a, b)
+    elif len(piece) == 3 and piece[2] and a < (turn := -piece[1] / (2 * piece[2])) < b:
+        ends = (*ends, polynomial_value(piece, (turn,)))
+    return min(ends), max(ends)
+
+
+def _bernstein(piece: Sequence[Any], a: Any, b: Any) -> tuple[Any, ...]:
+    """The coefficients on [a, b] in the basis of Bernstein: beta_i = sum_j C(i, j)/C(n, j) p_j, p on [0, 1]."""
+    n = len(piece) - 1
+    scaled = [c * (b - a) ** j / comb(n, j) for j, c in enumerate(taylor(piece, a))]
+    return tuple(sum(comb(i, j) * scaled[j] for j in range(i + 1)) for i in range(n + 1))
+
+
+def _differentiated(pieces: np.ndarray, axis: int, order: int) -> np.ndarray:
+    """Polynomials differentiated by the argument whose powers lie along an axis."""
+    powers = np.moveaxis(pieces, axis, -1)
+    factors = np.array([perm(k, order) for k in range(powers.shape[-1])], dtype=object)
+    return np.moveaxis((powers * factors)[..., order:] if order < len(factors) else 0 * powers[..., :1], -1, axis)
+
+
+def _constant(piece: np.ndarray, k: int) -> bool:
+    """Whether a polynomial does not depend on its argument k."""
+    return not np.take(piece, range(1, piece.shape[k]), axis=k).any()
+
+
+# --- the polynomials between the points of one axis, of numbers or of arrays of them
+
+
+def _rises(x: Sequence[Fraction], y: Any) -> list[Any]:
+    return [(d - c) / (b - a) for a, b, c, d in zip(x, x[1:], y, y[1:], strict=False)]
+
+
+def _monotone(x: Sequence[Fraction], y: Sequence[Fraction]) -> list[tuple[Any, ...]]:
+    """The cubic of each cell by Hermite's formula."""
+    h, D = [b - a for a, b in pairwise(x)], _rises(x, y)
+    if len(h) == 1:
+        d = [D[0], D[0]]
+    else:
+        inner = [_mean(h[k], h[k + 1], D[k], D[k + 1]) for k in range(len(h) - 1)]
+        d = [_end(h[0], h[1], D[0], D[1]), *inner, _end(h[-1], h[-2], D[-1], D[-2])]
+    return [
+        (y[k], d[k], (3 * D[k] - 2 * d[k] - d[k + 1]) / h[k], (d[k] + d[k + 1] - 2 * D[k]) / h[k] ** 2)
+        for k in range(len(h))
+    ]
+
+
+def _mean(h: Fraction, g: Fraction, D: Fraction, E: Fraction) -> Fraction:
+    if D * E <= 0:
+        return ZERO
+    return 3 * (h + g) / ((2 * g + h) / D + (g + 2 * h) / E)
+
+
+def _end(h: Fraction, g: Fraction, D: Fraction, E: Fraction) -> Fraction:
+    slope = ((2 * h + g) * D - h * E) / (h + g)
+    if slope * D <= 0:
+        return ZERO
+    return 3 * D if D * E <= 0 and abs(slope) > 3 * abs(D) else slope
+
+
+KINDS: Mapping[str, Callable[..., list[tuple[Any, ...]]]] = {
+    "linear": lambda x, y: list(zip(y, _rises(x, y), strict=False)),
+    "monotone": _monotone,
+}
+DEGREES = {"linear": 1, "monotone": 3}
+SEVERAL = ("linear",)  # those that a table of several arguments may have
+
+# --- one argument
+
+
+@dataclass(frozen=True)
+class Axis:
+    """Breakpoints x_0 < .. < x_(n-1): cell 0 lies below the first, cell n above the last. Beyond them a table is
+    constant, `held`; where its argument keeps within them, the first and the last polynomial may go on instead.
+    `rounded`: of cells that a program takes, how far below and above its exact value it may compute the argument."""
+
+    x: tuple[Fraction, ...]
+    held: bool = True
+    rounded: Ends | None = None
+
+    @cached_property
+    def starts(self) -> tuple[Fraction, ...]:
+        """The breakpoint below each cell, of the first cell the one above it."""
+        return (self.x[0], *self.x)
+
+    @cached_property
+    def _floats(self) -> tuple[tuple[float, ...], tuple[float, ...]]:
+        """The floats next below the breakpoints, and those next above, or the breakpoints themselves."""
+        nearest = [(float(x), x) for x in self.x]
+        below = tuple(f if f <= x else nextafter(f, -inf) for f, x in nearest)
+        return below, tuple(f if f >= x else nextafter(f, inf) for f, x in nearest)
+
+    def _before(self, end: Number) -> int:
+        """How many breakpoints lie below a number; of a float as soon as the float next below them does."""
+        return bisect_left(self._floats[0] if isinstance(end, float) else self.x, end)
+
+    def _until(self, end: Number) -> int:
+        """How many breakpoints do not lie above a number."""
+        return bisect_right(self._floats[1] if isinstance(end, float) else self.x, end)
+
+    def met(self, low: Number, high: Number) -> tuple[int, int]:
+        """The first and the last cell that have more than an end in common with [low, high]; of a breakpoint alone, the
+        cells on both its sides."""
+        if low == high:
+            return self._before(low), self._until(low)
+        return self._until(low), self._before(high)
+
+    def taken(self, low: Number, high: Number) -> tuple[Ends, tuple[int, int]]:
+        """Where a program may compute an argument that is in [low, high], and the first and the last cell that it
+        takes, at a breakpoint the one above; beyond the ends of a table that is not held, what is at its ends."""
+        if self.rounded is None:
+            return (low, high), self.met(low, high)
+        low, high = low - self.rounded[0], high + self.rounded[1]
+        cells = self._until(low), self._until(high)
+        if self.held:
+            return (low, high), cells
+        return (low if cells[0] else self.x[0], high if cells[1] < len(self.x) else self.x[-1]), cells
+
+    def part(self, k: int, span: tuple[int, int], low: Number, high: Number) -> tuple[Any, Any]:
+        """What of [low, high], which meets the cells of a span, lies in one of them, from its start on: numbers of
+        FLINT, or infinite ones."""
+        x, starts = self._rational
+        a = low if k == span[0] else starts[k]
+        b = high if k == span[1] else x[k]
+        return _since(starts[k], a), _since(starts[k], b)
+
+    @cached_property
+    def _rational(self) -> tuple[list[Any], list[Any]]:
+        """The breakpoints and the starts as numbers of FLINT, which are added and compared far faster."""
+        return list(map(number, self.x)), list(map(number, self.starts))
+
+    def pieces(self, kind: str, values: np.ndarray) -> np.ndarray:
+        """The polynomials, along an axis of cells and one of powers, of values (n, ..) at the breakpoints."""
+        inner = KINDS[kind](self.x, values)
+        if self.held:
+            outer = [[end, *[0 * end] * (len(inner[0]) - 1)] for end in (values[0], values[-1])]
+        else:
+            outer = [list(inner[0]), taylor(inner[-1], self.x[-1] - self.x[-2])]
+        return np.array([outer[0], *inner, outer[1]], dtype=object)
+
+    def smooth(self, pieces: np.ndarray) -> tuple[int, ...]:
+        """For each breakpoint the first derivative of such polynomials that jumps there, 1 for a kink, `NEVER` where
+        none does."""
+        widths = [b - a for a, b in zip(self.starts, self.x, strict=False)]
+        return tuple(map(_first_jump, widths, pieces, pieces[1:]))
+
+
+def _since(start: Any, end: Any) -> Any:
+    return end if end in (-inf, inf) else number(end) - start
+
+
+def _first_jump(width: Fraction, below: np.ndarray, above: np.ndarray) -> int:
+    """By the coefficients of both about the breakpoint between them."""
+    for order, (left, right) in enumerate(zip(taylor(below, width), above, strict=True)):
+        if np.any(np.not_equal(left, right)):
+            return order
+    return NEVER
+
+
+# --- a table
+
+
+@dataclass(frozen=True)
+class Cells:
+    """A table by its name, its kind, "linear" or "monotone", its axes, and its values: a number for each breakpoint,
+    or a tuple of such, one for each of the next axis."""
+
+    name: str
+    kind: str
+    axes: tuple[Axis, ...]
+    values: tuple[Any, ...]
+
+    def __hash__(self) -> int:
+        return self._hash
+
+    @cached_property
+    def _hash(self) -> int:
+        return hash((self.name, self.kind, self.axes, self.values))
+
+    @property
+    def points(self) -> tuple[Any, ...]:
+        """What tells one table from another."""
+        return self.kind, tuple(axis.x for axis in self.axes), self.values
+
+    @property
+    def plain(self) -> Index:
+        """The order of the table itself."""
+        return (0,) * len(self.axes)
+
+    def holding(self, *held: bool) -> "Cells":
+        """The table held at the ends of these axes; of all without any."""
+        return self._with("held", held or (True,) * len(self.axes))
+
+    def rounding(self, *rounded: Ends) -> "Cells":
+        """The table with arguments that are rounded."""
+        return self._with("rounded", rounded)
+
+    def _with(self, name: str, values: Sequence[Any]) -> "Cells":
+        pairs = zip(self.axes, values, strict=True)
+        return replace(self, axes=tuple(replace(axis, **{name: value}) for axis, value in pairs))
+
+    @cached_property
+    def pieces(self) -> np.ndarray:
+        """The polynomials of all cells: an axis of cells for each argument, then for each an axis of powers."""
+        values, count = np.array(self.values, dtype=object), len(self.axes)
+        for axis in self.axes:
+            values = np.moveaxis(axis.pieces(self.kind, values), (0, 1), (-2, -1))
+        return values.transpose(*range(0, 2 * count, 2), *range(1, 2 * count, 2))
+
+    def of_order(self, order: Index) -> np.ndarray:
+        """The polynomials of a derivative of any order, as `pieces`."""
+        return _of_order(self, tuple(min(k, DEGREES[self.kind] + 1) for k in order))
+
+    @property
+    def orders(self) -> list[Index]:
+        """The derivatives that are not 0 everywhere."""
+        return list(product(range(DEGREES[self.kind] + 1), repeat=len(self.axes)))
+
+    @cached_property
+    def smooth(self) -> tuple[Index, ...]:
+        """For each axis and each of its breakpoints the first derivative that jumps there, `NEVER` where none does."""
+        values = np.array(self.values, dtype=object)
+        return tuple(axis.smooth(axis.pieces(self.kind, np.moveaxis(values, k, 0))) for k, axis in enumerate(self.axes))
+
+    @property
+    def smoothness(self) -> Index:
+        """For each axis, how many derivatives are continuous everywhere."""
+        return tuple(min(each) - 1 for each in self.smooth)
+
+    def met(self, box: Sequence[Ends]) -> Spans:
+        """The cells that have more than an edge in common with a box; `Axis.met` along each axis."""
+        return [axis.met(*side) for axis, side in zip(self.axes, box, strict=True)]
+
+    def cell(self, box: Sequence[Ends]) -> Index | None:
+        """The one cell that a box meets; None where it meets several."""
+        spans = self.met(box)
+        return tuple(last for _, last in spans) if all(first == last for first, last in spans) else None
+
+    def least_smooth(self, spans: Spans) -> Index:
+        """For each axis the first derivative that jumps at a breakpoint between two cells, `NEVER` where none does."""
+        return tuple(
+            min(each[first:last], default=NEVER) for each, (first, last) in zip(self.smooth, spans, strict=True)
+        )
+
+    def continuous(self, spans: Spans, order: Sequence[int]) -> tuple[bool, ...]:
+        """For each axis, whether a derivative has no jump at a breakpoint between two cells."""
+        return tuple(k < smooth for k, smooth in zip(order, self.least_smooth(spans), strict=True))
+
+    def at(self, place: Sequence[Fraction], order: Index) -> Fraction | None:
+        """The value of a derivative; None where it jumps."""
+        spans = self.met([(t, t) for t in place])
+        if not all(self.continuous(spans, order)):
+            return None
+        cell = tuple(last for _, last in spans)
+        d = [t - start for t, start in zip(place, self.starts(cell), strict=True)]
+        exact: Fraction = polynomial_value(self.of_order(order)[cell], d)
+        return exact
+
+    def starts(self, cell: Index) -> list[Fraction]:
+        """The start of a cell along each axis."""
+        return [axis.starts[k] for axis, k in zip(self.axes, cell, strict=True)]
+
+    def taken(self, box: Sequence[Ends]) -> tuple[list[Ends], Spans]:
+        """Where a program may compute arguments that are in a box, and the cells; `Axis.taken` along each axis."""
+        sides, spans = zip(*(axis.taken(*side) for axis, side in zip(self.axes, box, strict=True)), strict=True)
+        return list(sides), list(spans)
+
+    def limits(self, box: Sequence[Ends], order: Index) -> tuple[Ends | None, tuple[bool, ...]]:
+        """Numbers between which a derivative lies on a box, with all its limits where it jumps, None where one before
+        it jumps as well; and for each axis whether it has no jump there: as far as a program may take it."""
+        wide, spans = self.taken(box)
+        smooth = self.least_smooth(spans)
+        continuous = tuple(k < jump for jump, k in zip(smooth, order, strict=True))
+        if any(jump < k for jump, k in zip(smooth, order, strict=True)):
+            return None, continuous
+        if all(continuous) and any(axis.rounded is not None for axis in self.axes):
+            met = self.met(box)
+            if all(self.continuous(met, order)):
+                wide, spans = list(box), met
+        return self._range(wide, spans, order), continuous
+
+    def _range(self, box: Sequence[Ends], spans: Spans, order: Index) -> Ends:
+        """Of a derivative on a box that meets the cells of `spans`."""
+        whole, level, pieces = _whole(self, order)
+        ends = [
+            whole[cell]
+            if cell in level or all(a < k < b for k, (a, b) in zip(cell, spans, strict=True))
+            else self._over(pieces[cell], cell, spans, box)
+            for cell in over(spans)
+        ]
+        sides = [side for side in ends if side is not None]
+        if len(sides) < len(ends):
+            return -inf, inf
+        return fraction(min(least for least, _ in sides)), fraction(max(most for _, most in sides))
+
+    def _over(self, piece: np.ndarray, cell: Index, spans: Spans, box: Sequence[Ends]) -> Side | None:
+        """The range of one cell on a box that meets those of `spans`; None of one without an end."""
+        sides = [axis.part(k, span, *side) for axis, k, span, side in zip(self.axes, cell, spans, box, strict=True)]
+        for k, side in enumerate(sides):
+            if inf in (-side[0], side[1]):
+                if not _constant(piece, k):
+                    return None
+                sides[k] = (_NOTHING, _NOTHING)
+        return polynomial_range(piece, sides)
+
+
+def over(spans: Spans) -> Iterator[Index]:
+    """The cells between the first and the last of each axis."""
+    return product(*(range(first, last + 1) for first, last in spans))
+
+
+@lru_cache(maxsize=256)
+def _of_order(cells: Cells, order: Index) -> np.ndarray:
+    pieces = cells.pieces
+    for k, times in enumerate(order):
+        pieces = _differentiated(pieces, len(order) + k, times)
+    return pieces
+
+
+@lru_cache(maxsize=256)
+def _whole(cells: Cells, order: Index) -> tuple[Mapping[Index, Side], Set[Index], np.ndarray]:
+    """The range of a derivative on each cell between breakpoints, and on those where it is level, which are named;
+    and the polynomials, in numbers of FLINT."""
+    pieces = np.frompyfunc(number, 1, 1)(cells.of_order(order))
+    count = len(order)
+    varies = pieces.reshape(*pieces.shape[:count], -1)[..., 1:].astype(bool).any(axis=-1)
+    level = {tuple(cell) for cell in np.argwhere(~varies).tolist()}
+    whole = {cell: (pieces[cell].flat[0],) * 2 for cell in level}
+    widths = [[number(b - a) for a, b in zip(axis.starts, axis.x, strict=False)] for axis in cells.axes]
+    for cell in set(product(*(range(1, len(axis.x)) for axis in cells.axes))) - level:
+        sides = [(_NOTHING, width[k]) for width, k in zip(widths, cell, strict=True)]
+        whole[cell] = polynomial_range(pieces[cell], sides)
+    return whole, level, pieces
+
+
+# --- functions of SymPy
+
+
+class Table(sp.Function):  # type: ignore[misc]
+    """A derivative of a table, of the `order` in each argument."""
+
+    cells: ClassVar[Cells]
+    order: ClassVar[Index]
+    is_real = True
+
+    @classmethod
+    def eval(cls, *arguments: sp.Expr) -> sp.Expr | None:
+        """The exact value at rational numbers, where there is one."""
+        place = [_exactly(argument) for argument in arguments]
+        numbers = [number for number in place if number is not None]
+        exact = cls.cells.at(numbers, cls.order) if len(numbers) == len(place) else None
+        return None if exact is None else sp.Rational(exact)
+
+    def fdiff(self, argindex: int = 1) -> sp.Expr:
+        """The derivative by an argument."""
+        return applied(self.cells, self.args, next_order(self.order, argindex - 1))
+
+    def _eval_evalf(self, prec: int) -> sp.Expr | None:
+        digits = int(prec / 3.32)
+        place = [argument.evalf(n=digits + 5) for argument in self.args]
+        if isinstance(self, Stepped) or not all(isinstance(each, sp.Float) for each in place):
+            return None
+        exactly = map(sp.Rational, place)
+        exact = self.cells.at([Fraction(int(each.p), int(each.q)) for each in exactly], self.order)
+        return None if exact is None else sp.Rational(exact).evalf(n=digits + 1)
+
+    def _sympystr(self, printer: Any) -> str:
+        if hasattr(printer, "table"):
+            return str(printer.table(self))
+        order = self.order if any(self.order) else ()
+        return f"{self.cells.name}({', '.join([*map(printer.doprint, self.args), *map(str, order)])})"
+
+    def _latex(self, printer: Any, exp: str | None = None) -> str:
+        inner, name = ", ".join(map(printer.doprint, self.args)), rf"\mathrm{{{self.cells.name}}}".replace("_", r"\_")
+        several = rf"^{{\left({','.join(map(str, self.order))}\right)}}" if any(self.order) else ""
+        primes = chr(39) * self.order[0] if len(self.order) == 1 else several
+        text = rf"{name}{primes}\left({inner}\right)"
+        return text if exp is None else rf"\left({text}\right)^{{{exp}}}"
+
+    def __reduce_ex__(self, protocol: Any) -> tuple[Callable[..., Any], tuple[Any, ...]]:
+        return applied, (self.cells, self.args, self.order)
+
+
+class Kinked(Table):
+    """One that is continuous and has a derivative that jumps."""
+
+
+class Stepped(Table):
+    """One that jumps."""
+
+
+def applied(cells: Cells, arguments: Sequence[sp.Expr], order: Index = ()) -> sp.Expr:
+    """A derivative of a table, of the table itself by default, at expressions."""
+    return function(cells, order or cells.plain)(*arguments)
+
+
+def replaced(expression: sp.Expr, cells: Callable[[Table], Cells]) -> sp.Expr:
+    """The expression with every table replaced by the one that stands for it, at the same arguments."""
+    if not expression.has(Table):
+        return expression
+    return expression.replace(
+        lambda node: isinstance(node, Table), lambda node: applied(cells(node), node.args, node.order)
+    )
+
+
+def held(expression: sp.Expr) -> sp.Expr:
+    """The expression with every table held at its ends, as programs compute it: where arguments may leave its points,
+    what stands for it between them is another function."""
+    return replaced(expression, lambda node: node.cells.holding())
+
+
+def next_order(order: Index, k: int) -> Index:
+    """The order of the derivative by argument k, from 0."""
+    return (*order[:k], order[k] + 1, *order[k + 1 :])
+
+
+@cache
+def function(cells: Cells, order: Index) -> FunctionClass:
+    """The function of SymPy that a derivative is; the same one for the same table."""
+    left = min(smooth - k for smooth, k in zip(cells.smoothness, order, strict=True))
+    kind = Stepped if left < 0 else Kinked if left == 0 else Table
+    held = {"cells": cells, "order": order, "nargs": len(order), "__module__": __name__}
+    held["_imp_"] = staticmethod(_floats(cells, order))
+    within = (f"within_{k}" for k, axis in enumerate(cells.axes) if not axis.held)
+    roundings = (f"near_{sha256(repr(axis.rounded).encode()).hexdigest()[:16]}" for axis in cells.axes if axis.rounded)
+    parts = (cells.name, *within, *roundings, *(map(str, order) if any(order) else ()))
+    return FunctionClass("__".join(parts), (kind,), held)  # for lambdify, a name that no other table has
+
+
+def _floats(cells: Cells, order: Index) -> Callable[..., Any]:
+    """The function of numpy's arrays."""
+    breaks = [np.array(list(map(float, axis.x))) for axis in cells.axes]
+    starts = [np.array(list(map(float, axis.starts))) for axis in cells.axes]
+    coefficients = by_power(cells.of_order(order)).astype(float)
+
+    def function(*place: Any) -> Any:
+        cell = tuple(np.searchsorted(each, t, side="right") for each, t in zip(breaks, place, strict=True))
+        d = [t - each[k] for each, k, t in zip(starts, cell, place, strict=True)]
+        return polynomial_value(coefficients, d, lambda column: column[cell])
+
+    return function
+
+
+def by_power(pieces: np.ndarray) -> np.ndarray:
+    """Many polynomials as one, whose coefficients have an entry for each cell."""
+    count = pieces.ndim // 2
+    return np.moveaxis(pieces, range(count), range(-count, 0))
+
+
+def _exactly(argument: sp.Expr) -> Fraction | None:
+    if isinstance(argument, sp.Float):
+        return Fraction(repr(float(argument)))
+    return Fraction(int(argument.p), int(argument.q)) if isinstance(argument, sp.Rational) else None
+
 
 Graph = Any
 _KNOWN: dict[str, "Lookup"] = {}  # by the names of their functions: a call carries nothing else

@@ -1,4 +1,10 @@
-"""Power series in t of a plant's states, outputs and variational equations at a random point.
+"""A tape in Arb balls: its values at a rational point, and power series, also of exp, log, sin, roots and branches.
+
+Each value, or coefficient, is a midpoint with a proved radius. At a point what is undefined, or not decided at this
+precision, is NaN; a finite ball proves that the value is defined. A series that is not finite, or a branch that the
+balls cannot decide, raises `Undecided`: another point may do.
+
+Power series in t of a plant's states, outputs and variational equations at a random point.
 
     x' = f(x, u),  y = h(x, u),  p' = 0         u: power series with random coefficients, so all derivatives are free
     Phi' = df/dx Phi + [0 | df/dp],  Phi(0) = [I | 0]
@@ -21,9 +27,429 @@ from functools import reduce
 from typing import Any
 
 import flint
+from flint import arb, arb_mat, arb_series, ctx, fmpq
 
-from hgogen.rigor.balls import Balls, draws
-from hgogen.rigor.tape import Tape
+from hgogen.rigor.definite import fraction, number
+from hgogen.rigor.lookup import Cells, Index, next_order, over, polynomial_value
+from hgogen.rigor.tape import Instruction, Tape
+
+# --- series
+
+BRANCHING = frozenset({"abs", "sign", "heaviside", "floor", "ceiling", "min", "max", "piecewise", "table"})
+_BITS, _FINER = 60, 20  # of a random number; of how near it is to another one
+_SCALES = ((0.5, 2.0), (0.1, 1.0), (-2.0, 2.0), (-1.0, 1.0), (1.0, 10.0), (-10.0, 10.0), (0.001, 0.1), (-0.1, 0.1))
+
+
+class Undecided(ArithmeticError):
+    """The balls do not decide a value at this point: a pole, the edge of a domain, or a branch point."""
+
+
+def between(low: Fraction, high: Fraction) -> Any:
+    """The least ball that holds the numbers from one rational to another."""
+    return arb(number(low)).union(arb(number(high)))
+
+
+def magnitude(ball: Any) -> Fraction:
+    """A rational at or above the size of what a ball holds."""
+    return fraction(ball.abs_upper().fmpq())
+
+
+def draws(seed: int, name: str) -> random.Random:
+    """The random numbers of one purpose; the same for the same seed and name, at every call."""
+    return random.Random(f"{seed} {name}")
+
+
+@dataclass(frozen=True)
+class Balls:
+    """Series with balls of the precision of `flint.ctx`, at points that `seed` draws in wider and wider ranges."""
+
+    seed: int
+
+    def draw(self, source: random.Random) -> Any:
+        """A random number of the range of this seed."""
+        low, high = _SCALES[self.seed % len(_SCALES)]
+        return low + (high - low) * arb(source.getrandbits(_BITS)) / (1 << _BITS)
+
+    def near(self, value: Fraction, source: random.Random) -> Any:
+        """A random number beside a rational: by less than a millionth of it, none where it is 0."""
+        return number(value) * (1 + arb(source.getrandbits(_BITS)) / (1 << _BITS + _FINER))
+
+    def series(self, coefficients: Sequence[Any], order: int) -> Any:
+        """c_0 + c_1 t + ... , known below t^order."""
+        return arb_series(list(coefficients[:order]), prec=order)
+
+    def number(self, value: Fraction, order: int) -> Any:
+        """A rational as a series."""
+        return self.series([arb(number(value))], order)
+
+    def constant(self, name: str, order: int) -> Any:
+        """pi or e as a series."""
+        return self.series([arb.pi() if name == "pi" else arb.const_e()], order)
+
+    def mul(self, a: Any, b: Any, order: int) -> Any:
+        """a b below t^order."""
+        return a * b if min(a.prec, b.prec) <= order else self.cut(a, order) * self.cut(b, order)
+
+    def cut(self, a: Any, order: int) -> Any:
+        """a below t^order."""
+        return a if a.prec <= order else arb_series(a.coeffs()[:order], prec=order)
+
+    def nothing(self, a: Any) -> bool:
+        """Whether the series is known to be zero."""
+        return all(c.is_zero() for c in a.coeffs())
+
+    def unary(self, op: str, a: Any, value: Any, order: int) -> tuple[Any, Any]:
+        """(f(a), f'(a)) below t^order, for the function or power of an instruction."""
+        a = self.cut(a, order)
+        if op == "power":
+            return self._power(a, value, order)
+        if op == "root":
+            inverse = _inverse(a)
+            if value.denominator == 2 and value > 0:
+                result = a.sqrt() ** value.numerator
+            else:
+                _positive(a)
+                result = (self.number(value, a.prec) * a.log()).exp()
+            return _finite(result), self.number(value, order) * result * inverse
+        if op in _STEPS:
+            level, slope = _STEPS[op](a[0])
+            return (slope * a if slope else self.series([level], order)), self.series([slope], order)
+        result, slope = _FUNCTIONS[op](a)
+        return _finite(result), _finite(slope)
+
+    def _power(self, a: Any, value: int, order: int) -> tuple[Any, Any]:
+        if value < 0:
+            inverse = _inverse(a)
+            result = _whole(inverse, -value)
+            return result, value * result * inverse
+        less = _whole(a, value - 1) if value > 1 else self.series([1], order)
+        return less * a, value * less
+
+    def raised(self, a: Any, b: Any, order: int) -> tuple[Any, Any, Any]:
+        """a^b = exp(b log a) and its derivatives by a and by b."""
+        _positive(a)
+        log = a.log()
+        result = _finite((b * log).exp())
+        return result, b * result * _inverse(a), result * log
+
+    def angle(self, a: Any, b: Any, order: int) -> tuple[Any, Any, Any]:
+        """atan2(a, b) and its derivatives by a and by b."""
+        square = _inverse(a * a + b * b)
+        if b[0].contains(0):
+            raise Undecided
+        turn = arb.atan2(a[0], b[0]) - (a[0] / b[0]).atan()
+        return _finite((a * _inverse(b)).atan() + turn), b * square, -a * square
+
+    def table(self, arguments: Sequence[Any], cells: Cells, order: Index) -> tuple[Any, ...]:
+        """A derivative of a table, and those by each argument, by the cell that the arguments are in."""
+        cell = cells.cell([ends(a[0]) for a in arguments])
+        if cell is None:
+            raise Undecided
+        d = [a - arb(number(start)) for a, start in zip(arguments, cells.starts(cell), strict=True)]
+        nothing = 0 * sum(d)  # a series of their length
+        orders = [order, *(next_order(order, k) for k in range(len(order)))]
+        pieces = (cells.of_order(each)[cell] for each in orders)
+        return tuple(polynomial_value(piece, d, lambda c: nothing + arb(number(c))) for piece in pieces)
+
+    def less(self, a: Any, b: Any) -> bool:
+        """Whether a < b at t = 0."""
+        if a[0] < b[0]:
+            return True
+        if a[0] > b[0] or (a - b)[0].is_zero():
+            return False
+        raise Undecided
+
+    def equal(self, a: Any, b: Any) -> bool:
+        """Whether a = b at t = 0."""
+        if (a - b)[0].is_zero():
+            return True
+        if a[0] != b[0]:
+            return False
+        raise Undecided
+
+    def coefficients(self, a: Any, order: int) -> list[Any]:
+        """The first `order` coefficients of a series, padded with zeros."""
+        coefficients: list[Any] = a.coeffs()[:order]
+        if not all(c.is_finite() for c in coefficients):
+            raise Undecided
+        return coefficients + [arb(0)] * (order - len(coefficients))
+
+    def matrix(self, rows: int, columns: int, entries: Iterable[Any]) -> Any:
+        """A matrix from its entries, row by row."""
+        return arb_mat(rows, columns, list(entries))
+
+    def over(self, k: int) -> Any:
+        """1/k."""
+        return 1 / arb(k)
+
+    @property
+    def nudge(self) -> Any:
+        """A small step d: F(x + d v) - F(x) = d F'(x) v but for d^2."""
+        return arb(2) ** -(ctx.prec // 2)
+
+    def slope(self, moved: Any, base: Any) -> Any:
+        """F'(x) v, with a radius that is far more than the step leaves out (F'' would have to be 2^(bits / 8))."""
+        return (moved - base) / self.nudge + arb(0, arb(2) ** -(ctx.prec * 3 // 8))
+
+    def reduced(self, a: Any) -> Any:
+        """The number itself."""
+        return a
+
+
+def _finite(a: Any) -> Any:
+    if not all(c.is_finite() for c in a.coeffs()):
+        raise Undecided
+    return a
+
+
+def _inverse(a: Any) -> Any:
+    if a[0].contains(0):
+        raise ZeroDivisionError if a[0].is_zero() else Undecided
+    return 1 / a
+
+
+def _positive(a: Any) -> None:
+    if not a[0] > 0:
+        raise Undecided
+
+
+def _whole(a: Any, k: int) -> Any:
+    """a^k by squaring; k > 0."""
+    result = None
+    while k:
+        if k & 1:
+            result = a if result is None else result * a
+        k >>= 1
+        a = a * a if k else a
+    return result
+
+
+def _sign(x: Any) -> int:
+    if x > 0:
+        return 1
+    if x < 0:
+        return -1
+    raise Undecided
+
+
+def _level(x: Any) -> Any:
+    level = x.floor()
+    if not level.is_exact() or x.contains_integer():
+        raise Undecided
+    return level
+
+
+def ends(a: Any) -> tuple[Fraction, Fraction]:
+    """The ends of a finite ball."""
+    return fraction(a.lower().fmpq()), fraction(a.upper().fmpq())
+
+
+def rising(function: Callable[[Any], Any], a: Any) -> Any:
+    """A function that rises, of a ball, by its ends: Arb's own of a wide ball may be far wider, or none."""
+    return function(a.lower()).union(function(a.upper()))
+
+
+def _hyperbolic(a: Any) -> tuple[Any, Any]:
+    e = a.exp()
+    return (e - 1 / e) / 2, (e + 1 / e) / 2
+
+
+def _tanh(a: Any) -> tuple[Any, Any]:
+    """By t' = (1 - t^2) a': of a wide ball a quotient of exponentials holds everything."""
+    x = a.coeffs() or [arb(0)]
+    t, fall = [rising(arb.tanh, x[0])], list[Any]()
+    for k in range(1, a.prec):
+        fall.append(int(k == 1) - sum(t[i] * t[k - 1 - i] for i in range(k)))
+        t.append(sum(j * x[j] * fall[k - j] for j in range(1, min(k, len(x) - 1) + 1)) / arb(k))
+    series = arb_series(t, prec=a.prec)
+    return series, 1 - series * series
+
+
+def _tan(a: Any) -> tuple[Any, Any]:
+    t = a.sin() * _inverse(a.cos())
+    return t, 1 + t * t
+
+
+def _area(a: Any, sign: int) -> tuple[Any, Any]:
+    """The series of asinh (sign 1) or acosh (sign -1)."""
+    root = (a * a + sign).sqrt()
+    return (a + root).log(), _inverse(root)
+
+
+def _log(a: Any) -> tuple[Any, Any]:
+    _positive(a)
+    return a.log(), _inverse(a)
+
+
+def _atanh(a: Any) -> tuple[Any, Any]:
+    ratio = (1 + a) * _inverse(1 - a)
+    _positive(ratio)
+    return ratio.log() / 2, _inverse(1 - a * a)
+
+
+_FUNCTIONS: Mapping[str, Callable[[Any], tuple[Any, Any]]] = {
+    "exp": lambda a: (a.exp(), a.exp()),
+    "log": _log,
+    "sin": lambda a: (a.sin(), a.cos()),
+    "cos": lambda a: (a.cos(), -a.sin()),
+    "tan": _tan,
+    "asin": lambda a: (a.asin(), _inverse((1 - a * a).sqrt())),
+    "acos": lambda a: (arb.pi() / 2 - a.asin(), -_inverse((1 - a * a).sqrt())),
+    "atan": lambda a: (a.atan(), _inverse(1 + a * a)),
+    "sinh": _hyperbolic,
+    "cosh": lambda a: _hyperbolic(a)[::-1],
+    "tanh": _tanh,
+    "asinh": lambda a: _area(a, 1),
+    "acosh": lambda a: _area(a, -1),
+    "atanh": _atanh,
+}
+# What is level or straight but at its corners: (level, slope) at a value.
+_STEPS: Mapping[str, Callable[[Any], tuple[Any, int]]] = {
+    "abs": lambda x: (0, _sign(x)),
+    "sign": lambda x: (_sign(x), 0),
+    "heaviside": lambda x: ((1 + _sign(x)) // 2, 0),
+    "floor": lambda x: (_level(x), 0),
+    "ceiling": lambda x: (_level(x) + 1, 0),
+}
+
+
+# --- values at a point
+
+Ball = Any
+_NAN = arb("nan")
+
+
+def values(tape: Tape, point: Sequence[Fraction], bits: int = 64) -> list[Ball]:
+    """The tape's outputs at `point`, one number for each of its symbols, in a working precision of `bits`."""
+    registers: list[Any] = []
+    with ctx.workprec(bits):
+        for instruction in tape.instructions:
+            value = _value(instruction, [registers[i] for i in instruction.args], point)
+            registers.append(_NAN if isinstance(value, arb) and not value.is_finite() else value)
+    return [registers[i] if isinstance(registers[i], arb) else _NAN for i in tape.outputs]
+
+
+def _value(instruction: Instruction, args: list[Any], point: Sequence[Fraction]) -> Any:
+    op, value = instruction.op, instruction.value
+    if op == "symbol":
+        return _rational(point[int(value or 0)])
+    if op == "number":
+        return _rational(Fraction(value or 0))
+    if op == "constant":
+        return arb.pi() if value == "pi" else arb(1).exp()
+    if op == "power":
+        return _whole_power(args[0], int(value or 0))
+    if op == "root":
+        exponent = Fraction(value or 0)
+        root = args[0].root(exponent.denominator) if args[0] >= 0 else _NAN
+        return _whole_power(root, exponent.numerator)
+    if op == "direction":
+        return _ball_direction(args, int(value or 0))
+    if op == "table":
+        return _ball_table(args, *value)
+    rule = _BALL_RULES.get(op)
+    return rule(*args) if rule else _NAN
+
+
+def _rational(value: Fraction) -> Ball:
+    return arb(number(value))
+
+
+def _whole_power(base: Ball, exponent: int) -> Ball:
+    return base**exponent if exponent >= 0 or not base.contains(0) else _NAN
+
+
+def _ball_sign(a: Ball) -> Ball:
+    return arb(1) if a > 0 else arb(-1) if a < 0 else arb(0) if a.is_zero() else _NAN
+
+
+def _norm(*parts: Ball) -> Ball:
+    return sum((a**2 for a in parts), start=arb(0)).sqrt() if all(a.is_finite() for a in parts) else _NAN
+
+
+def _ball_direction(parts: Sequence[Ball], index: int) -> Ball:
+    """Undefined at 0."""
+    if len(parts) == 1:
+        return _NAN if parts[0].contains(0) else _ball_sign(parts[0])
+    size = _norm(*parts)
+    return parts[index] / size if size > 0 else _NAN
+
+
+def _step(a: Ball, at_zero: Ball = None) -> Ball:
+    """Heaviside; SymPy's value at 0 is 1/2 unless it is given."""
+    middle = arb(fmpq(1, 2)) if at_zero is None else at_zero
+    return arb(1) if a > 0 else arb(0) if a < 0 else middle if a.is_zero() else _NAN
+
+
+def _ball_table(place: Sequence[Ball], cells: Cells, order: Index) -> Ball:
+    """A derivative of a table by the cells that the balls meet; undefined where it may jump among them."""
+    if not all(a.is_finite() for a in place):
+        return _NAN
+    spans = cells.met(list(map(ends, place)))
+    if not all(cells.continuous(spans, order)):
+        return _NAN
+    values, pieces = [], cells.of_order(order)
+    for cell in over(spans):
+        d = [a - _rational(start) for a, start in zip(place, cells.starts(cell), strict=True)]
+        values.append(polynomial_value(pieces[cell], d, _rational))
+    return reduce(arb.union, values)
+
+
+def _rounded(a: Ball, value: Ball) -> Ball:
+    return value if a.is_finite() and value.is_exact() else _NAN
+
+
+def _equal(a: Ball, b: Ball) -> bool | None:
+    return False if a < b or a > b else True if a.is_exact() and b.is_exact() and a == b else None
+
+
+def _not(a: bool | None) -> bool | None:
+    return None if a is None else not a
+
+
+def _both(a: bool | None, b: bool | None) -> bool | None:
+    return False if a is False or b is False else None if a is None or b is None else True
+
+
+def _first_piece(*parts: Any) -> Ball:
+    """The first value whose condition holds; conditions before it must be known not to."""
+    for value, condition in zip(parts[::2], parts[1::2], strict=True):
+        if condition is None:
+            return _NAN
+        if condition:
+            return value
+    return _NAN
+
+
+_BALL_RULES: dict[str, Callable[..., Any]] = {
+    "add": lambda a, b: a + b,
+    "mul": lambda a, b: a * b,
+    "min": lambda a, b: a.min(b) if a.is_finite() and b.is_finite() else _NAN,
+    "max": lambda a, b: a.max(b) if a.is_finite() and b.is_finite() else _NAN,
+    "raise": lambda base, exponent: (exponent * base.log()).exp() if base > 0 else _NAN,
+    "exp": arb.exp,
+    "log": lambda a: a.log() if a > 0 else _NAN,
+    "abs": abs,
+    "norm": _norm,
+    "sign": _ball_sign,
+    "heaviside": _step,
+    "atan2": lambda y, x: arb.atan2(y, x) if x > 0 or y > 0 or y < 0 else _NAN,
+    "floor": lambda a: _rounded(a, a.floor()),
+    "ceiling": lambda a: _rounded(a, a.ceil()),
+    "less": lambda a, b: True if a < b else False if a >= b else None,
+    "less_equal": lambda a, b: True if a <= b else False if a > b else None,
+    "equal": _equal,
+    "unequal": lambda a, b: _not(_equal(a, b)),
+    "not": _not,
+    "and": _both,
+    "or": lambda a, b: _not(_both(_not(a), _not(b))),
+    "true": lambda: True,
+    "false": lambda: False,
+    "piecewise": _first_piece,
+    **{name: getattr(arb, name) for name in ("sin", "cos", "tan", "asin", "acos", "atan", "sinh", "cosh", "tanh")},
+    **{name: getattr(arb, name) for name in ("asinh", "acosh", "atanh")},
+}
+
 
 # --- modulo a prime
 

@@ -2,20 +2,48 @@
 
 x/x is 1, which has a value where x/x has none. A Piecewise does not read a branch that is not taken, nor a Heaviside
 its value at 0 elsewhere: what stands in these asks for nothing by itself, and each of them is one part.
+
+Removable singularities, as programs compute them: sin(x)/x is 1 at x = 0, and within some ulp of its limit nearby.
+
+A quotient g(x) = N(x)/x^m of a power series N = sum_k a_k x^k with a_0 = .. = a_(m-1) = 0 is
+
+    g(x) = x^j (q_0 + q_1 x + .. + q_n x^n) + R    for |x| < r,    q_k = a_(m+j+k),  q_0 != 0,
+    g(x) as it is written, or with sines of a/2, if that has fewer terms, for |x| >= r.
+
+The a_k are exact. N is made of numbers, x and functions by sums, products and powers. With the absolute values of
+numbers, and for each function the one with its absolute coefficients, it is a majorant M: what the terms up to n leave
+of M(r) is a bound of R, and n is the least for which that is at most 2^-57 of q_0 x^j. r is the one of a few numbers at
+which both forms and their derivatives lose the least to cancellation, the forms at most a factor of 4.
+
+max(e, 0)^p with p < 1 is e^p where e > 0, and 0 elsewhere, so that it has the slope 0 where e < 0.
+
+x^p log(c x), p > 0, at x = 0 is its limit 0, down to the smallest number of a float, below which the logarithm stays
+where it is; so is x^p log(x^2), which is that of 2 log |x|.
+
+The same function on a box, without the kinks and jumps whose side the box decides: |x| is x where x >= 0.
+
+What is proved of a side is proved in exact or outward-rounded arithmetic, on the closed box. What is left out is a
+finite real number there: max(sqrt(x - 1), 5) stays where x may be below 1, for it has no value there, and |x|/x, which
+would be 1, where x may be 0.
 """
 
 import math
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
+from functools import lru_cache
+from math import fsum, inf, prod
+from typing import Any
 
 import sympy as sp
+from flint import arb, ctx, fmpq, fmpq_series
 
-from hgogen.rigor.box import Box, End, sides
-from hgogen.rigor.glance import contains_zero, enclose
-from hgogen.rigor.interpolation import Table
-from hgogen.rigor.points import exact
+from hgogen.check import Verdict
+from hgogen.rigor.bounds import between, contains_zero, enclose, nonzero, rational
+from hgogen.rigor.box import STRANGE, Box, End, exact, sides
+from hgogen.rigor.lookup import Cells, Table, applied, replaced
 from hgogen.rigor.search import is_defined
+from hgogen.rigor.tape import Norm, NoTape, bent, off_zero, rooted, shared, signed
 from hgogen.sentence import Reason, because
 
 POSITIVE, NONZERO = "{of} > 0", "{of} != 0"
@@ -171,3 +199,521 @@ def _asks(part: sp.Expr, needs: Mapping[sp.Expr, Condition]) -> bool:
 
 def _endless(part: sp.Expr) -> bool:
     return isinstance(part, _ENDLESS) or (part.is_Pow and bool(part.exp.is_Rational and part.exp.is_negative))
+
+
+_RADII = tuple(map(sp.Rational, ("1/4", "1/2", "3/4", "1", "3/2", "2", "5/2", "3")))
+_ORDER, _BITS, _DIGITS = 56, 57, 400  # of the series; the accuracy of what is left out, and of its bound, bits
+_LOSS = 4  # by which terms may be larger than their sum
+_SUM_OPERATIONS = 200  # of a sum that is looked at
+_X, _Z = sp.Dummy("x", real=True), sp.Dummy("z", real=True)
+_ROOT = sp.Dummy("r", positive=True)
+
+
+# of each function of a series or a ball, and the one with its absolute coefficients, where it converges; log(1 + x)
+_FUNCTIONS: dict[type, tuple[Callable[[Any], Any], Callable[[Any], Any]]] = {
+    sp.exp: (lambda x: x.exp(), lambda x: x.exp()),
+    sp.sin: (lambda x: x.sin(), lambda x: x.sinh()),
+    sp.cos: (lambda x: x.cos(), lambda x: x.cosh()),
+    sp.tan: (lambda x: x.tan(), lambda x: _tangent(x)),
+    sp.sinh: (lambda x: x.sinh(), lambda x: x.sinh()),
+    sp.cosh: (lambda x: x.cosh(), lambda x: x.cosh()),
+    sp.tanh: (lambda x: x.tanh(), lambda x: _tangent(x)),
+    sp.atan: (lambda x: x.atan(), lambda x: x.atanh()),
+    sp.asin: (lambda x: x.asin(), lambda x: x.asin()),
+    sp.log: (lambda x: (1 + x).log(), lambda x: -(1 - x).log()),
+}
+
+
+def _tangent(x: Any) -> Any:
+    return x.tan() if isinstance(x, fmpq_series) or x < 1.5 else arb("nan")
+
+
+class _NoSeries(Exception):
+    """What has no power series with rational coefficients at 0 here."""
+
+
+class Resolved(sp.Piecewise):  # type: ignore[misc]
+    """A quotient, or a derivative of one: of a polynomial where its base is small, as it is written elsewhere."""
+
+    @property
+    def reads(self) -> Iterator[sp.Expr]:
+        """The expressions on whose values its own rests: what the polynomial reads, and the parts of the other form,
+        but for those that divide by its base."""
+        (within, inside), (beyond, _) = self.args
+        factors = [f.args[0] if isinstance(f, sp.Abs) else f for f in sp.Mul.make_args(inside.lhs)]  # |3 x| is 3 |x|
+        base = sp.Mul(*factors)
+        parts = (base, *factors, *(each for f in factors for each in sp.Mul.make_args(f)))
+        divisors = {sign * part for each in parts for part in (each, each.primitive()[1]) for sign in (1, -1)}
+        yield within
+        for part in beyond.atoms(sp.Pow, sp.Function):
+            if not (part.is_Pow and part.exp.is_Rational and part.base in divisors):
+                yield part
+
+
+@dataclass(frozen=True)
+class _Term:
+    """The number times h/x^power."""
+
+    number: sp.Rational
+    power: int
+    h: sp.Expr
+
+    @property
+    def whole(self) -> sp.Expr:
+        return self.number * self.h / _X**self.power
+
+
+@dataclass(frozen=True)
+class _Regular:
+    """A quotient without its singularity: the coefficients of its polynomial, the radius within which that is taken,
+    and what is taken beyond."""
+
+    coefficients: tuple[sp.Rational, ...]
+    radius: sp.Rational
+    beyond: sp.Expr
+
+    def at(self, base: sp.Expr) -> sp.Expr:
+        """The quotient of `base`; an even polynomial of a root is one of what is under it."""
+        even, square = not any(self.coefficients[1::2]), base**2
+        if even and not square.is_Pow and any(root.is_Pow and root.exp == sp.S.Half for root in sp.Mul.make_args(base)):
+            within, inside = _horner(self.coefficients[::2], square), square < self.radius**2
+        else:
+            first = next(k for k, c in enumerate(self.coefficients) if c)
+            step = 2 if not any(self.coefficients[first + 1 :: 2]) else 1
+            inner = _horner(self.coefficients[first::step], base**step)
+            within, inside = base**first * inner, sp.StrictLessThan(sp.Abs(base), self.radius)
+        return Resolved((within, inside), (self.beyond.xreplace({_X: base}), True), evaluate=False)
+
+
+def _horner(coefficients: Sequence[sp.Rational], x: sp.Expr) -> sp.Expr:
+    """c_0 + x (c_1 + x (..))."""
+    total: sp.Expr = sp.S.Zero
+    for c in reversed(coefficients):
+        total = c + x * total
+    return total
+
+
+@lru_cache(maxsize=1024)  # the same rows are asked for at each stage of a step
+def resolved(expression: sp.Expr) -> sp.Expr:
+    """The expression without removable singularities of quotients, and with max(e, 0)^p as the module says."""
+    if not any(_is_ramp(node) or _divides(node) for node in expression.atoms(sp.Pow)):
+        return expression
+    if isinstance(expression, sp.Pow) and _is_ramp(expression):
+        (e,) = (each for each in expression.base.args if each != 0)
+        return sp.Piecewise((resolved(e) ** expression.exp, e > 0), (0, True), evaluate=False)
+    if isinstance(expression, (sp.Add, sp.Mul)) and expression.count_ops() <= _SUM_OPERATIONS:
+        for base in _bases(expression):
+            without = _without(expression, base)
+            if without is not None:
+                return resolved(without)
+    if isinstance(expression, sp.Piecewise) or not expression.args:
+        return expression
+    args = [resolved(each) if isinstance(each, sp.Expr) else each for each in expression.args]
+    return expression if args == list(expression.args) else expression.func(*args)
+
+
+def _is_ramp(node: sp.Pow) -> bool:
+    base, p = node.base, node.exp
+    return bool(
+        isinstance(base, sp.Max) and len(base.args) == 2 and sp.S.Zero in base.args and p.is_Rational and 0 < p < 1
+    )
+
+
+def _divides(node: sp.Pow) -> bool:
+    return bool(node.exp.is_Rational and node.exp.is_negative and node.base.free_symbols)
+
+
+def _bases(expression: sp.Expr) -> list[sp.Expr]:
+    """What terms are divided by: e, or sqrt(e) where the root stands in one of them."""
+    roots = {node.base for node in expression.atoms(sp.Pow) if node.exp.is_Rational and node.exp.q == 2}
+    bases = dict[sp.Expr, None]()
+    for term in sp.Add.make_args(expression):
+        for factor in sp.Mul.make_args(term):
+            if isinstance(factor, sp.Pow) and _divides(factor) and factor.exp.q in (1, 2):
+                bases[sp.sqrt(factor.base) if factor.base in roots else factor.base] = None
+    return sorted(bases, key=sp.default_sort_key)
+
+
+def _without(expression: sp.Expr, base: sp.Expr) -> sp.Expr | None:
+    """The expression without removable singularities at base = 0; None where it has none."""
+    terms_left, groups = list[sp.Expr](), dict[sp.Expr, list[_Term]]()
+    for term in sp.Add.make_args(expression):
+        coefficient, f = _in_x(term, base).as_independent(_X, as_Add=False)
+        (number, others), f = coefficient.as_coeff_Mul(), exact(f)
+        power = -f.as_powers_dict().get(_X, sp.S.Zero)
+        if power.is_Integer and power > 0 and exact(number).is_Rational:
+            h, beside = _parted(f * _X**power)
+            of = others * beside.xreplace({_X: base})
+            groups.setdefault(of, []).append(_Term(exact(number), int(power), h))
+        else:
+            terms_left.append(term)
+    quotients = {others: _scaled(tuple(terms)) for others, terms in groups.items()}
+    regular = {others: _regular(terms) for others, (terms, _) in quotients.items()}
+    if not any(regular.values()):
+        return None
+    for others, each in regular.items():
+        terms, c = quotients[others]
+        scaled, others = c * base, others * (1 if c.is_Rational else c ** terms[0].power)
+        back = each.at(scaled) if each else sp.Add(*(t.whole for t in terms)).xreplace({_X: scaled})
+        terms_left.append(others * back)
+    return sp.Add(*terms_left)
+
+
+def _scaled(terms: tuple[_Term, ...]) -> tuple[tuple[_Term, ...], sp.Expr]:
+    """The terms in c x for x, and c: 1 where they are regular in x. Else c x is what a function reads; where c is no
+    rational, all terms must have one power, and nothing but c x may stand in them."""
+    if _regular(terms):
+        return terms, sp.S.One
+    for c in dict.fromkeys(f.args[0].coeff(_X) for term in terms for f in term.h.atoms(*_FUNCTIONS)):
+        if c == 0 or c.has(_X):
+            continue
+        if c.is_Rational:
+            put = tuple(_Term(t.number * c**t.power, t.power, t.h.xreplace({_X: _X / c})) for t in terms)
+        else:
+            put = tuple(_Term(t.number, t.power, t.h.xreplace({c * _X: _Z, -c * _X: -_Z})) for t in terms)
+            if any(t.h.has(_X) for t in put) or len({t.power for t in put}) > 1:
+                continue
+            put = tuple(_Term(t.number, t.power, t.h.xreplace({_Z: _X})) for t in put)
+        if _regular(put):
+            return put, c
+    return terms, sp.S.One
+
+
+def _parted(h: sp.Expr) -> tuple[sp.Expr, sp.Expr]:
+    """The factors that read more than `_X`, where there are any, and the others."""
+    factors = sp.Mul.make_args(h)
+    several = [f for f in factors if f.free_symbols - {_X}]
+    return (sp.Mul(*several), sp.Mul(*(f for f in factors if f not in several))) if several else (h, sp.S.One)
+
+
+def _in_x(term: sp.Expr, base: sp.Expr) -> sp.Expr:
+    """A term with `_X` for the base."""
+    if base.is_Pow and base.exp == sp.S.Half:
+        return term.xreplace({base.base: _ROOT**2}).xreplace({_ROOT: _X})
+    return term.xreplace({base: _X, -base: -_X})
+
+
+@lru_cache(maxsize=256)
+def _regular(terms: tuple[_Term, ...]) -> _Regular | None:
+    """The sum of the terms without its singularity at 0; None where that is none, or no radius does."""
+    if any(term.h.free_symbols - {_X} for term in terms) or not any(term.h.atoms(sp.Function) for term in terms):
+        return None
+    m = max(term.power for term in terms)
+    try:
+        a = _series(terms, m)
+    except _NoSeries:
+        return None
+    if any(a[:m]) or not any(a):
+        return None
+    whole = sp.expand_mul(sp.Add(*(t.whole for t in terms)))
+    beyond = min((whole, _halved(whole)), key=lambda e: len(sp.Add.make_args(e)))
+    each: list[tuple[float, _Regular]] = []
+    for radius in _RADII:
+        with ctx.workprec(_DIGITS):
+            count = _enough(terms, a[m:], m, radius)
+        coefficients = tuple(sp.Rational(int(c.p), int(c.q)) for c in a[m : m + count])
+        polynomial = sp.Add(*(c * _X**k for k, c in enumerate(coefficients)))
+        forms = (polynomial, beyond)
+        if count and max(_loss(form, radius) for form in forms) <= _LOSS:
+            loss = max(_loss(form.diff(_X), radius) for form in forms)
+            each.append((loss, _Regular(coefficients, radius, beyond)))
+    return min(each, key=lambda pair: pair[0])[1] if each else None
+
+
+def _halved(whole: sp.Expr) -> sp.Expr:
+    """The sum with cos a as 1 - 2 sin(a/2)^2, cosh a as 1 + 2 sinh(a/2)^2, exp a as 1 + 2 exp(a/2) sinh(a/2)."""
+    put = whole.replace(sp.cos, lambda a: 1 - 2 * sp.sin(a / 2) ** 2)
+    put = put.replace(sp.exp, lambda a: 1 + 2 * sp.exp(a / 2) * sp.sinh(a / 2))
+    return sp.expand_mul(put.replace(sp.cosh, lambda a: 1 + 2 * sp.sinh(a / 2) ** 2))
+
+
+def _enough(terms: Sequence[_Term], q: Sequence[fmpq], m: int, radius: sp.Rational) -> int:
+    """How many coefficients q_0, q_1, .. leave at most 2^-57 of the first that is not 0; 0 where that is not shown."""
+    r = arb(_fraction(radius))
+    try:
+        whole, sizes = _numerator(terms, m, r, majorant=True), _series(terms, m, majorant=True)
+    except _NoSeries:
+        return 0
+    first = next(k for k, c in enumerate(q) if c)
+    least = arb(abs(q[first])) * r**first / 2**_BITS
+    left = whole - sum((arb(sizes[k]) * r**k for k in range(m)), arb(0))
+    for k in range(_ORDER - m):
+        left = left - arb(sizes[m + k]) * r ** (m + k)
+        if k >= first and left / r**m <= least:
+            return k + 1
+    return 0
+
+
+def _loss(whole: sp.Expr, radius: sp.Rational) -> float:
+    """How much larger the terms are than their sum, at the worse of both ends."""
+    terms = sp.lambdify(_X, sp.Add.make_args(sp.expand_mul(whole)), "math")
+    sizes = [(sum(map(abs, each)), abs(fsum(each))) for each in map(terms, (float(radius), -float(radius)))]
+    return max(size / total if total else inf for size, total in sizes)
+
+
+def _fraction(value: sp.Rational) -> fmpq:
+    return fmpq(int(value.p), int(value.q))
+
+
+def _series(terms: Sequence[_Term], m: int, *, majorant: bool = False) -> list[fmpq]:
+    """The first coefficients of the sum of the terms times x^m, or of its majorant. Raises: `_NoSeries`."""
+    before, ctx.cap = ctx.cap, _ORDER
+    try:
+        series = _numerator(terms, m, fmpq_series([0, 1], prec=_ORDER), majorant)
+        return [series[k] for k in range(_ORDER)]
+    finally:
+        ctx.cap = before
+
+
+def _numerator(terms: Sequence[_Term], m: int, x: Any, majorant: bool) -> Any:
+    """The sum of the terms times x^m, or its majorant, at a series or a ball. Raises: `_NoSeries`."""
+    return sum((_at(term.number * term.h, x, majorant) * x ** (m - term.power) for term in terms), 0 * x)
+
+
+def _at(e: sp.Expr, x: Any, majorant: bool) -> Any:
+    """An expression of `_X`, or its majorant, at a series or a ball. Raises: `_NoSeries` where it has none."""
+    if e.is_Rational:
+        return 0 * x + (abs(_fraction(e)) if majorant else _fraction(e))
+    if e == _X:
+        return x
+    if e.is_Add:
+        return sum((_at(part, x, majorant) for part in e.args), 0 * x)
+    if e.is_Mul:
+        return prod((_at(part, x, majorant) for part in e.args), start=1 + 0 * x)
+    if e.is_Pow and e.exp.is_Integer and e.exp > 0:
+        return _at(e.base, x, majorant) ** int(e.exp)
+    if type(e) not in _FUNCTIONS:
+        raise _NoSeries
+    inner = _at(e.args[0] - (1 if isinstance(e, sp.log) else 0), x, majorant)
+    try:
+        value = _FUNCTIONS[type(e)][majorant](inner)
+    except ValueError:  # a series whose first coefficient is not that of the expansion
+        raise _NoSeries from None
+    if isinstance(value, arb) and not value.is_finite():
+        raise _NoSeries
+    return value
+
+
+# --- powers times logarithms
+
+LEAST = sp.Rational(1, 2**126)  # the smallest number of a float with all its digits
+
+
+def with_limits(expression: sp.Expr) -> sp.Expr:
+    """The expression with b^p log(c b), p > 0, by its limit at b = 0; it has no value where c b < 0."""
+    return _logs(expression, _limited)
+
+
+def bounded_logs(expression: sp.Expr) -> sp.Expr:
+    """The expression with what has a finite value where the limit has one in place of b^p log(c b), p > 0."""
+    return _logs(expression, lambda product, log, of: product.xreplace({log: of.bounded}))
+
+
+@dataclass(frozen=True)
+class _LogOf:
+    """A logarithm of c b or c/b, or of a power of b >= 0 that is even, or of |b|: `even`, where c is 1."""
+
+    base: sp.Expr
+    c: sp.Expr
+    even: bool
+
+    @property
+    def bounded(self) -> sp.Expr:
+        """What is finite for c b >= 0 where c is not 0; for any b where it is even."""
+        if self.even:
+            return sp.sqrt(sp.Abs(self.base))
+        return sp.sqrt(self.c * self.base) + (0 if self.c.is_number else sp.log(self.c**2))
+
+
+def _logs(expression: sp.Expr, put: Callable[[sp.Mul, sp.Expr, _LogOf], sp.Expr]) -> sp.Expr:
+    products = expression.atoms(sp.Mul) if expression.has(sp.log) else ()
+    vanishing = {product: log for product in products if (log := _vanishing(product)) is not None}
+    return expression.xreplace({product: put(product, *log) for product, log in vanishing.items()})
+
+
+def _vanishing(product: sp.Mul) -> tuple[sp.Expr, _LogOf] | None:
+    """The logarithm of b, and what it is of, where it stands in a product with b^p, p > 0."""
+    powers = product.as_powers_dict()
+    growing = [b for b, p in powers.items() if b.free_symbols and p.is_positive]
+    growing += [b.args[0] for b in growing if isinstance(b, sp.Abs)]
+    for factor in powers:
+        if not isinstance(factor, sp.log) or powers[factor] != 1:
+            continue
+        e = factor.args[0]
+        even = e.args[0] if isinstance(e, sp.Abs) or (e.is_Pow and e.exp.is_Integer and e.exp.is_even) else None
+        if even is not None and e not in growing:
+            if even in growing and (isinstance(e, sp.Abs) or e.exp > 0):
+                return factor, _LogOf(even, sp.S.One, True)
+            continue
+        for b in growing:
+            c = next((c for c in (e / b, e * b) if not c.has(b) and not (c.free_symbols & b.free_symbols)), None)
+            if c is not None:
+                return factor, _LogOf(b, c, False)
+    return None
+
+
+def _limited(product: sp.Mul, log: sp.Expr, of: _LogOf) -> sp.Expr:
+    b, e = of.base, log.args[0]
+    if of.even:
+        power = e.exp if e.is_Pow else 1
+        lowest, own = (power * sp.log(x) for x in (LEAST, sp.Abs(b)))
+        return sp.Piecewise((product.xreplace({log: own}), sp.Abs(b) > LEAST), (product.xreplace({log: lowest}), True))
+    if e == b:
+        low = product.xreplace({log: sp.log(LEAST)})
+        return sp.Piecewise((product, b > LEAST), (low, b >= 0), evaluate=False)
+    low = product.xreplace({log: sp.log(sp.Abs(e.xreplace({b: LEAST})))})
+    return sp.Piecewise((low, sp.And(sp.Abs(b) <= LEAST, of.c * b >= 0)), (product, True), evaluate=False)
+
+
+_KINDS = (sp.Abs, sp.Min, sp.Max, sp.sign, sp.Heaviside, sp.Piecewise, Table)
+_OPERATIONS = 200  # of an argument whose side is asked for
+_BOXES = 60
+_LEAST = sp.Rational(1, 2**120)  # of a sum of squares whose root is computed: a number in float as well, of root 2^-60
+_SMALL = 2.0**-40  # below it the least is taken of squares in a unit of their own: it would be no small part of them
+_MOST = 60  # halvings of their root, so that a float holds one over the unit
+
+
+def one_sided(expression: sp.Expr, box: Box) -> sp.Expr:
+    """The expression where its symbols are in the box; equal to it wherever it is defined there."""
+    return _visited(expression, box) if _bends(expression) else expression
+
+
+def _bends(expression: sp.Expr) -> bool:
+    return expression.has(*_KINDS) or any(rooted(node) for node in expression.atoms(sp.Pow))
+
+
+def _visited(node: sp.Expr, box: Box) -> sp.Expr:
+    if isinstance(node, sp.Piecewise):
+        return _chosen(node, box)
+    if isinstance(node, Table):  # without its ends along the axes where its argument keeps within its points
+        arguments = [_visited(argument, box) for argument in node.args]
+        return applied(between(node, arguments, box), arguments, node.order)
+    if not node.args:
+        return node
+    args = [_visited(part, box) if isinstance(part, sp.Expr) else part for part in node.args]
+    if isinstance(node, (sp.Min, sp.Max)):
+        return _extreme(type(node), args, box)
+    built = node if args == list(node.args) else node.func(*args)
+    simplified = _plain(built, box)
+    return node if simplified != node and lost(args, (simplified,), box) is not None else simplified
+
+
+def computed(expression: sp.Expr, box: Box) -> sp.Expr:
+    """The expression as programs compute it on the box, whose arguments are clamped to it: `one_sided`, so that a slope
+    at an end of the box is that within, tables that go on where the box leaves them by rounding alone as well,
+    kinks at one place with one side, and norms with a slope where they are 0."""
+    return _computed(expression, tuple(box.items())) if _bends(expression) else expression
+
+
+@lru_cache(maxsize=512)  # the same rows are asked for at each stage of a step
+def _computed(expression: sp.Expr, sides: tuple[tuple[sp.Symbol, tuple[End, End]], ...]) -> sp.Expr:
+    box = dict(sides)
+
+    def cells(node: Table) -> Cells:
+        return between(node, [one_sided(part, box) for part in node.args], box, program=True)
+
+    return off_zero(shared(one_sided(replaced(expression, cells), box)), _LEAST, lambda squares: _unit(squares, box))
+
+
+def _unit(squares: sp.Expr, box: Box) -> sp.Rational:
+    """1, or of what is small on the whole box a power of 4 about as large, which is exact to divide by."""
+    _, high = rational(squares, box)
+    if not 0 < high < _SMALL:
+        return sp.S.One
+    return sp.Rational(1, 4 ** min(int(-math.log2(high) / 2), _MOST))
+
+
+def _plain(e: sp.Expr, box: Box) -> sp.Expr:
+    """An expression, whose parts are simplified already, without the kinks at its own node."""
+    if isinstance(e, sp.Mul) and any(isinstance(part, sp.sign) for part in e.args):
+        whole = signed(e)
+        return e if whole == e else _visited(whole, box)
+    if isinstance(e, sp.Abs) or (isinstance(e, Norm) and len(e.args) == 1):
+        return _size(e.args[0], box)
+    if isinstance(e, sp.sign):
+        return sp.Integer(_constant(e.args[0], box)) or e
+    if isinstance(e, sp.Heaviside):
+        way = _constant(e.args[0], box)
+        return e if way == 0 else sp.Integer(way > 0)
+    if isinstance(e, sp.Pow) and rooted(e):
+        whole = bent(e)
+        return e if whole == e or not whole.is_Function or len(whole.args) > 1 else _size(whole.args[0], box)
+    return e
+
+
+def _size(argument: sp.Expr, box: Box) -> sp.Expr:
+    """|e|, factor by factor."""
+    sized: list[sp.Expr] = []
+    rest: list[sp.Expr] = []
+    for factor in sp.Mul.make_args(argument):
+        way = _side(factor, box)
+        (sized if way else rest).append(way * factor if way else factor)
+    return sp.Mul(*sized, sp.Abs(sp.Mul(*rest)))
+
+
+def _extreme(kind: type[sp.Expr], args: Iterable[sp.Expr], box: Box) -> sp.Expr:
+    """The Min or Max of the arguments that may attain it on the box."""
+    way = 1 if kind is sp.Max else -1
+    remaining: list[sp.Expr] = []
+    for a in args:
+        if any(_side(way * (b - a), box) > 0 for b in remaining) and is_defined(a, box):
+            continue
+        remaining = [b for b in remaining if _side(way * (a - b), box) <= 0 or not is_defined(b, box)]
+        remaining.append(a)
+    return kind(*remaining)
+
+
+def _chosen(node: sp.Piecewise, box: Box) -> sp.Expr:
+    """The Piecewise of the branches that may be taken. Of a continuous one, a condition that holds at the edge of a
+    branch alone does not count."""
+    branches: list[tuple[sp.Expr, sp.Basic]] = []
+    smooth = not bent(node).has(sp.Piecewise)
+    for value, condition in (tuple(pair.args) for pair in node.args):
+        holds = _holds(condition, smooth, box)
+        if holds is not False:
+            branches.append((_visited(value, box), sp.true if holds else condition))
+        if holds:
+            break
+    return sp.Piecewise(*branches) if branches else node
+
+
+def _holds(condition: sp.Basic, weakly: bool, box: Box) -> bool | None:
+    """Whether a condition holds on the whole box, or nowhere on it."""
+    if condition in (sp.true, sp.false):
+        return bool(condition)
+    if not isinstance(condition, (sp.StrictLessThan, sp.LessThan, sp.StrictGreaterThan, sp.GreaterThan)):
+        return None
+    rise = condition.gts - condition.lts
+    strict = isinstance(condition, (sp.StrictLessThan, sp.StrictGreaterThan))
+    above = _side(rise, box) if weakly or not strict else _strict(rise, box)
+    below = _side(rise, box) if weakly or strict else _strict(rise, box)
+    holds = True if above > 0 else False if below < 0 else None
+    return holds if holds is None or is_defined(rise, box) else None
+
+
+def _constant(e: sp.Expr, box: Box) -> int:
+    """`_strict` of what is proved to be defined on the box, else 0."""
+    way = _strict(e, box)
+    return way if way and is_defined(e, box) else 0
+
+
+def _side(e: sp.Expr, box: Box) -> int:
+    """1 where it is proved that e >= 0 on the box, -1 where e <= 0, else 0; 1 of what is 0."""
+    if e.count_ops() > _OPERATIONS or e.has(*STRANGE):
+        return 0
+    low, high = rational(e, box)
+    return 1 if low >= 0 else -1 if high <= 0 else _strict(e, box)
+
+
+def _strict(e: sp.Expr, box: Box) -> int:
+    """1 where it is proved that e > 0 on the box, -1 where e < 0, else 0."""
+    if e.count_ops() > _OPERATIONS or e.has(*STRANGE):
+        return 0
+    low, high = rational(e, box)
+    if low > 0 or high < 0:
+        return 1 if low > 0 else -1
+    try:
+        answer = nonzero(e, box, boxes=_BOXES, refute=False)
+    except NoTape:
+        return 0
+    return answer.sign if answer.verdict is Verdict.PROVED else 0

@@ -1,4 +1,19 @@
-"""Expressions as a tape: one straight-line program that every arithmetic of the proofs reads.
+"""Kinks: |e|, max, min and sqrt(e_1^2 + .. + e_k^2) as norms, whose slopes at the kink are sets.
+
+    d|e|/dx = s e' with s = -1 where e < 0, s = 1 where e > 0,   d|(e_1, .., e_k)|/dx = sum_i s_i e_i',  s_i = e_i/|e|
+
+At e = 0 any s in the unit ball stands for the slope: the hull of the limits of the slope there (F. H. Clarke,
+"Optimization and nonsmooth analysis", 1983, theorem 2.5.1). SymPy's sign(0) = 0 would be one number of them.
+
+Kinks that bend at the same place have one side for all of them:
+
+    2 max(v, 0) - (v where v > 0, else -v) = v
+
+As norms they add up where they are the same: the slope of this row is 1. A program takes the slope of each kink by
+itself, at v = 0 half of 2 and 1, which leave 0, and of max(v + 1000, 0 + 1000) what its own rounding makes of it. So
+where kinks share a norm an expression is computed as the proofs read it (`shared`).
+
+Expressions as a tape: one straight-line program that every arithmetic of the proofs reads.
 
 Outward-rounded intervals, power series modulo a prime and balls each walk the same instructions; an expression that
 occurs twice is one instruction. Numbers are exact: a float is the rational of its shortest decimal.
@@ -8,18 +23,318 @@ a choice between conditions (a piecewise expression compared in another's condit
 derivative of e sign(e), as of a drag v^2 sign(v), has a DiracDelta that |e| has not.
 """
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from fractions import Fraction
 from functools import reduce
+from itertools import combinations
 from typing import Any, NamedTuple
 
 import sympy as sp
+from sympy.logic.boolalg import Boolean
 
 from hgogen.errors import HgogenError
-from hgogen.rigor.interpolation import Table
-from hgogen.rigor.kinks import Direction, Norm, signed, unbent
+from hgogen.rigor.box import exact, put
+from hgogen.rigor.lookup import Table
 from hgogen.sentence import Reason, because
+
+_LARGE = 400  # operations of a root's argument, of a piecewise expression, that are looked at
+
+
+class _Shown(sp.Function):  # type: ignore[misc]
+    """A function that is printed as SymPy has it."""
+
+    def _sympystr(self, printer: Any) -> str:
+        return str(printer.doprint(self.plain()))
+
+    def _latex(self, printer: Any, exp: str | None = None) -> str:
+        text = str(printer.doprint(self.plain()))
+        return text if exp is None else rf"\left({text}\right)^{{{exp}}}"
+
+    def plain(self) -> sp.Expr:
+        """The expression in SymPy's own functions."""
+        raise NotImplementedError
+
+
+class Norm(_Shown):
+    """sqrt(e_1^2 + .. + e_k^2); of one argument |e|."""
+
+    is_real = True
+    is_nonnegative = True
+
+    @classmethod
+    def eval(cls, *args: sp.Expr) -> sp.Expr | None:
+        """Numbers as their norm, and |-e| as |e|."""
+        if all(e.is_number for e in args):
+            return sp.sqrt(sp.Add(*(e**2 for e in args)))
+        if len(args) == 1:
+            factor, rest = args[0].as_coeff_Mul(rational=True)
+            if rest.could_extract_minus_sign():
+                rest = -rest
+            return None if rest == args[0] else abs(factor) * cls(rest)
+        return None
+
+    def _eval_derivative(self, s: sp.Symbol) -> sp.Expr:
+        terms = (Direction(sp.Integer(i), *self.args) * e.diff(s) for i, e in enumerate(self.args) if e.has(s))
+        return sp.Add(*terms)
+
+    def plain(self) -> sp.Expr:
+        """The expression in SymPy's own functions."""
+        return _size(*self.args)
+
+
+class Direction(_Shown):
+    """Direction(i, e_0, .., e_(k-1)) = e_i/|e|, and at e = 0 every number of [-1, 1]; of one e it is the sign else."""
+
+    is_real = True
+
+    @classmethod
+    def eval(cls, index: sp.Integer, *args: sp.Expr) -> sp.Expr | None:
+        """The sign of one argument where it is known; else the direction without numerical factors."""
+        if len(args) > 1:
+            return None
+        if args[0].is_positive or args[0].is_negative:
+            return sp.S.One if args[0].is_positive else sp.S.NegativeOne
+        factor, rest = args[0].as_coeff_Mul(rational=True)
+        if rest.could_extract_minus_sign():
+            factor, rest = -factor, -rest
+        return None if factor == 1 or not rest.free_symbols else sp.sign(factor) * cls(index, rest)
+
+    def _eval_derivative(self, s: sp.Symbol) -> sp.Expr:
+        """The derivative; that of one e has no value at 0."""
+        e, *more = self.args[1:]
+        if not more:
+            return 2 * sp.DiracDelta(e) * e.diff(s)
+        top, size = self.args[1 + int(self.args[0])], Norm(*self.args[1:])
+        return top.diff(s) / size - top * size.diff(s) / size**2
+
+    def plain(self) -> sp.Expr:
+        """SymPy's expression, sign(e) or e_i/|e|, without the set at 0: for a reader only."""
+        e, *more = self.args[1:]
+        if not more:
+            return sp.sign(e, evaluate=False)
+        size = _size(e, *more)
+        divided = sp.Pow(size, -1, evaluate=size != 0)  # of numbers the size may be 0, which stays to be seen
+        return sp.Mul(self.args[1 + int(self.args[0])], divided, evaluate=False)
+
+
+def _size(*args: sp.Expr) -> sp.Expr:
+    """|e| as SymPy has it."""
+    return sp.Abs(args[0]) if len(args) == 1 else sp.sqrt(sp.Add(*(e**2 for e in args)))
+
+
+def slope(row: sp.Expr, symbol: sp.Symbol) -> sp.Expr:
+    """d row/d symbol over the reals, where the row has one; at a kink the set of slopes next to it, in `Direction`."""
+    return over_reals(lambda e, x: _bent(e).diff(x), row, symbol)
+
+
+def bent(row: sp.Expr) -> sp.Expr:
+    """The function over the reals with its kinks written as `Norm`: |e|, max, min, roots of sums of squares, e sign(e),
+    and what is continuous of Piecewise."""
+    return over_reals(lambda e, _: _bent(e), row)
+
+
+def unbent(e: sp.Expr) -> sp.Expr:
+    """The expression with its norms in SymPy's own functions, as programs read them."""
+    return e.replace(lambda node: isinstance(node, Norm), lambda node: node.plain())
+
+
+def off_zero(e: sp.Expr, least: sp.Rational, unit: Callable[[sp.Expr], sp.Rational]) -> sp.Expr:
+    """The expression with sqrt(e_1^2 + .. + e_k^2) as the root of no less than a number, of squares in their `unit`:
+    its derivative as programs have it, e_i e_i' over it, is then 0 where all e_i are 0, and no 0/0.
+
+    In conditions it is left as it is, and where something is divided by it as well: sin |e|/|e| where |e| > 0, else 1.
+    """
+    divisors = {node.base for node in e.atoms(sp.Pow) if node.exp.is_negative}
+
+    def visited(node: sp.Basic) -> sp.Basic:
+        if not node.args or isinstance(node, Boolean):
+            return node
+        args = tuple(map(visited, node.args))
+        built = node if args == node.args else node.func(*args)
+        # a root of a sum of squares may be 0
+        may_vanish = isinstance(built, sp.Pow) and rooted(built) and _squares(built.base) is not None
+        if not may_vanish or node.base in divisors:
+            return built
+        square = unit(built.base)
+        return square**built.exp * sp.Max(built.base / square, least) ** built.exp
+
+    return visited(e)
+
+
+def at_kinks(derivative: sp.Expr) -> sp.Expr:
+    """What SymPy found as the derivative of something continuous, its sign and step at 0 as the sets that they are."""
+    steps = derivative.replace(sp.Heaviside, lambda e, *_: (1 + Direction(sp.S.Zero, e)) / 2)
+    return steps.replace(sp.sign, lambda e: Direction(sp.S.Zero, e))
+
+
+def over_reals(
+    function: Callable[[sp.Expr, sp.Symbol], sp.Expr], row: sp.Expr, symbol: sp.Symbol | None = None
+) -> sp.Expr:
+    """A function of an expression (and a symbol) with real symbols: SymPy's |x| of a complex x has another slope."""
+    plain = {s: sp.Dummy(s.name, real=True) for s in sorted(row.free_symbols, key=str) if not s.is_real}
+    value = function(row.xreplace(plain), plain.get(symbol, symbol))
+    return value.xreplace({dummy: s for s, dummy in plain.items()})
+
+
+def _bent(e: sp.Expr) -> sp.Expr:
+    if not e.has(sp.Abs, sp.Min, sp.Max, sp.Piecewise, sp.sign) and not any(rooted(p) for p in e.atoms(sp.Pow)):
+        return e
+    if e.args and not isinstance(e, sp.Piecewise):
+        e = e.func(*map(_bent, e.args))
+    if isinstance(e, sp.Abs):
+        return Norm(e.args[0])
+    if isinstance(e, (sp.Min, sp.Max)):
+        sign = 1 if isinstance(e, sp.Max) else -1
+        return reduce(lambda a, b: (a + b + sign * Norm(a - b)) / 2, e.args)
+    if isinstance(e, sp.Piecewise):
+        return _joined(e)
+    if isinstance(e, sp.Pow) and rooted(e):
+        squares = _squares(e.base)
+        return e if squares is None else Norm(*squares) ** e.exp.p
+    return signed(e) if isinstance(e, sp.Mul) else e
+
+
+def rooted(node: sp.Pow) -> bool:
+    """Whether it is a square root of what varies, or a whole power of one."""
+    return bool(node.exp.is_Rational and node.exp.q == 2 and node.base.free_symbols)
+
+
+def signed(e: sp.Mul) -> sp.Expr:
+    """The product with e sign(e) written as |e|, -e sign(e) as -|e|; the product itself where it has none of them."""
+    for node in sorted((a for a in e.args if isinstance(a, sp.sign)), key=str):
+        (base,), rest = node.args, e / node
+        powers = (factor.as_base_exp() for factor in sp.Mul.make_args(rest))
+        own = next((b for b, k in powers if b in (base, -base) and k.is_Integer and k > 0), None)
+        if own is not None:
+            as_norm = (1 if own == base else -1) * rest / own * Norm(base)
+            return signed(as_norm) if isinstance(as_norm, sp.Mul) else as_norm
+    return e
+
+
+def _squares(e: sp.Expr) -> list[sp.Expr] | None:
+    """The e_1 .. e_k, polynomials or functions, with e = e_1^2 + .. + e_k^2, numbers among them not negative; None
+    where e is not such a sum."""
+    if e.count_ops() > _LARGE:
+        return None
+    roots = []
+    for term in sp.Add.make_args(e):
+        root = _square(term)
+        if root is None:  # the sum may be a square itself
+            whole = _square(sp.factor(e)) if e.is_polynomial(*e.free_symbols) else None
+            return None if whole is None else [whole]
+        roots.append(root)
+    return roots
+
+
+def _square(term: sp.Expr) -> sp.Expr | None:
+    """The root of a square, None of anything else."""
+    number, rest = term.as_coeff_Mul(rational=True)
+    if number < 0:
+        return None
+    factors = sp.Mul.make_args(rest) if rest != 1 else ()
+    roots = []
+    for factor in factors:
+        base, exponent = factor.as_base_exp() if factor.is_Pow and factor.exp.is_Integer else (factor, sp.S.One)
+        if not (exponent.is_Integer and exponent > 0 and exponent % 2 == 0):
+            return None
+        roots.append(base ** (exponent / 2))
+    return sp.Mul(sp.sqrt(number), *roots)
+
+
+# --- Piecewise
+
+
+def _joined(e: sp.Piecewise) -> sp.Expr:
+    """b + sum_i g_i (c_i + |c_i|)/2 for (b + g_i c_i where c_i > 0, .., else b), no two c_i above 0 at once: of
+    polynomials alone, so that all branches have values everywhere; itself where that is not its shape."""
+    *branches, (rest, last) = [tuple(pair.args) for pair in exact(e).args]
+    kinds = (sp.StrictLessThan, sp.LessThan, sp.StrictGreaterThan, sp.GreaterThan)
+    if last != sp.true or e.count_ops() > _LARGE or not all(isinstance(where, kinds) for _, where in branches):
+        return e
+    rest = _bent(rest)
+    conditions = [sp.expand(where.gts - where.lts) for _, where in branches]
+    if not all(_disjoint(a, b) for a, b in combinations(conditions, 2)):
+        return e
+    total = rest
+    for (value, _), c in zip(branches, conditions, strict=True):
+        rise = sp.expand(_bent(value) - rest)
+        if not all(map(_polynomial, (rise, rest, c))):
+            return e
+        quotient, left = _divided(rise, c)
+        if left != 0:
+            return e
+        total += quotient * (c + Norm(c)) / 2
+    return total
+
+
+def _disjoint(a: sp.Expr, b: sp.Expr) -> bool:
+    """Whether a positive multiple of b is a number below -a: then they are not positive at once."""
+    symbols = sorted(a.free_symbols & b.free_symbols, key=str)
+    ratio = -a.coeff(symbols[0]) / b.coeff(symbols[0]) if symbols and b.coeff(symbols[0]) != 0 else sp.S.Zero
+    return bool(ratio.is_positive and sp.expand(a + ratio * b).is_nonpositive)
+
+
+def _polynomial(e: sp.Expr) -> bool:
+    """Whether it is a polynomial in symbols and norms of polynomials, so that it has a value everywhere."""
+    if isinstance(e, sp.Pow):
+        return bool(e.exp.is_Integer and e.exp > 0) and _polynomial(e.base)
+    if isinstance(e, (sp.Add, sp.Mul, Norm)):
+        return all(map(_polynomial, e.args))
+    return bool(e.is_Symbol or e.is_Rational)
+
+
+def _divided(top: sp.Expr, bottom: sp.Expr) -> tuple[sp.Expr, sp.Expr]:
+    stands = {node: sp.Dummy() for node in top.atoms(Norm) | bottom.atoms(Norm)}
+    back = {dummy: node for node, dummy in stands.items()}
+    top, bottom = top.xreplace(stands), bottom.xreplace(stands)
+    letters = sorted(top.free_symbols | bottom.free_symbols, key=str)
+    if not bottom.free_symbols:
+        return sp.S.Zero, sp.S.One
+    quotient, left = sp.div(top, bottom, *letters)
+    return quotient.xreplace(back), left.xreplace(back)
+
+
+def jump(expression: sp.Expr, point: Mapping[sp.Symbol, sp.Rational]) -> tuple[sp.Expr, sp.Expr] | None:
+    """The values on the two sides of the one kink |e| on which a point lies, where they have opposite signs."""
+    there = put(expression, point)
+    kinks = set() if there is None else {node for node in there.atoms(Direction) if len(node.args) == 2}
+    if there is None or len(kinks) != 1 or there.free_symbols:
+        return None
+    (kink,) = kinks
+    low, high = (there.xreplace({kink: side}) for side in (sp.S.NegativeOne, sp.S.One))
+    opposite = (low.is_negative and high.is_positive) or (low.is_positive and high.is_negative)
+    return (low, high) if opposite else None
+
+
+# --- kinks that bend at the same place
+
+_KINDS = (sp.Abs, sp.Min, sp.Max, sp.Piecewise)
+
+
+def shared(expression: sp.Expr) -> sp.Expr:
+    """The expression, with its kinks as the norms that they are where two of them are the same one."""
+    # the parts that may bend by themselves: |e|, max, min and choices, and products with a sign
+    signs = (node for node in expression.atoms(sp.Mul) if any(isinstance(part, sp.sign) for part in node.args))
+    own = [_own(node) for node in {*expression.atoms(*_KINDS), *signs}]
+    if all(a.isdisjoint(b) for a, b in combinations(own, 2)):
+        return expression
+    return unbent(bent(expression))
+
+
+def _own(node: sp.Expr) -> set[sp.Expr]:
+    """The norms that a part brings in, and those of a choice's conditions whatever its branches read."""
+    every = _norms([node])
+    if not isinstance(node, sp.Piecewise):
+        return every - _norms(node.args)
+    # what changes its sign where a choice takes another branch
+    decides = (Norm(where.gts - where.lts) for _, where in node.args if hasattr(where, "gts"))
+    return every - _norms(branch for branch, _ in node.args) | every & _norms(decides)
+
+
+def _norms(expressions: Iterable[sp.Expr]) -> set[sp.Expr]:
+    return {norm for e in expressions for norm in bent(e).atoms(Norm)}
+
 
 _MEANING: dict[type, Callable[..., sp.Basic]] = {
     sp.cot: lambda x: sp.cos(x) / sp.sin(x),

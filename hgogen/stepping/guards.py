@@ -19,8 +19,8 @@ from hgogen.graph import Graph, binary, dense, leaves
 from hgogen.observer import Observer
 from hgogen.part import Clock
 from hgogen.program import INF, Block, Field, Kernel, Limit, Place, Program, When, address, column, scalar, sym, walk
+from hgogen.rigor.bounds import enclose
 from hgogen.rigor.box import box
-from hgogen.rigor.glance import enclose
 from hgogen.signal import LOST, Signal
 
 LARGEST_NUMBER = 3e38  # every finite float is within; what is not counts as "not a number"

@@ -15,8 +15,8 @@ from functools import lru_cache
 
 from hgogen.errors import HgogenError
 from hgogen.form import Form
+from hgogen.rigor.bounds import enclose
 from hgogen.rigor.box import box
-from hgogen.rigor.glance import enclose
 from hgogen.sentence import up
 
 _DIGITS = {"float": 24, "double": 53}  # binary

@@ -20,7 +20,7 @@ from typing import Any, Literal
 import casadi as ca
 from flint import arb
 
-from hgogen.rigor.balls import rising
+from hgogen.rigor.series import rising
 
 Real = Literal["float", "double"]
 REALS: tuple[Real, ...] = ("float", "double")
