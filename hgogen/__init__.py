@@ -17,7 +17,7 @@ __all__ = sorted(_FILES)
 
 def __getattr__(name: str) -> object:
     if name == "__version__":
-        value: object = import_module("hgogen.reading.optional").version()
+        value: object = import_module("hgogen.registry").version()
     elif name not in _FILES:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}", name=name)
     else:

@@ -47,9 +47,9 @@ from hgogen.prove.dissipation import ErrorSystem as ErrorSystem
 from hgogen.prove.dissipation import dissipation as dissipation
 from hgogen.prove.dissipation import error_system as error_system
 from hgogen.prove.dissipation import observer_errors as observer_errors
-from hgogen.reading.casadi_model import from_casadi as from_casadi
-from hgogen.reading.disturbed import with_disturbance as with_disturbance
-from hgogen.reading.table import table as table
+from hgogen.reading.declared import from_casadi as from_casadi
+from hgogen.reading.declared import table as table
+from hgogen.reading.declared import with_disturbance as with_disturbance
 from hgogen.run import excitation as excitation
 from hgogen.run.campaign import campaign as campaign
 from hgogen.run.consistency import consistency as consistency

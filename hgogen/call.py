@@ -18,8 +18,7 @@ from hgogen.method import Method
 from hgogen.observer import Initial, Observer
 from hgogen.part import Guards, Prefer
 from hgogen.program import dangling
-from hgogen.reading.named import in_order
-from hgogen.reading.time_unit import plural
+from hgogen.reading.given import in_order
 from hgogen.rigor.definite import one_thread
 from hgogen.run import native
 from hgogen.run.asked import Asked, Starts, tunable
@@ -28,6 +27,7 @@ from hgogen.run.late import arriving, in_time
 from hgogen.run.readers import Kept
 from hgogen.run.replay import Replay
 from hgogen.run.samples import BadShape, Engine, Legend, Run, Sample, Take, door, numbers, table
+from hgogen.signal import plural
 from hgogen.step import BadStep, CannotUpdate, Step, StepMayFail, demand_choice, plan
 from hgogen.stepping.delays import arranged
 from hgogen.stepping.resolution import demand_motion

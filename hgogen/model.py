@@ -26,10 +26,10 @@ from hgogen.modelfiles.setting import AS_WRITTEN, Setting
 from hgogen.modelfiles.storage import Bounds, NoBounds, bounds, stored
 from hgogen.modelfiles.tuning import Start, Tuning, arguments
 from hgogen.prove.dissipation import Dissipation
-from hgogen.reading import filename
-from hgogen.reading.content import BYTES, READERS, Unread, content_of
-from hgogen.reading.door import Misfit
-from hgogen.reading.folding import Fold
+from hgogen.reading import files
+from hgogen.reading.expression import Fold
+from hgogen.reading.files import BYTES, READERS, Unread, content_of
+from hgogen.reading.given import Misfit
 from hgogen.reading.text_model import BadModelFile, read
 from hgogen.rigor.box import box
 from hgogen.system import System
@@ -253,7 +253,7 @@ class Model:
             kind = type(returned).__name__
             raise MissingPart(self.path, f"trial() returns the type {kind}; return a Trial or a tuple of them")
         names = [trial.name for trial in trials]
-        if len(set(map(filename.same, names))) < len(names):
+        if len(set(map(files.same, names))) < len(names):
             raise MissingPart(self.path, f"trial() returns two trials of one name, {', '.join(names)}; rename one")
         return tuple(trials)
 
@@ -281,8 +281,8 @@ def load(path: str | Path) -> Model:
     """
     file = located(str(path))
     try:
-        filename.demand(file.stem)
-    except filename.BadFileName as error:
+        files.demand(file.stem)
+    except files.BadFileName as error:
         raise BadModelFile(str(file), "", f"{error} in the name of the file") from None
     return _LOADERS[file.suffix](file)
 

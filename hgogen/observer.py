@@ -19,9 +19,7 @@ from hgogen.check import Check, ClaimId, Refuted, demand
 from hgogen.form import Form
 from hgogen.part import Part
 from hgogen.program import INF, Block, Field
-from hgogen.reading.door import asks
-from hgogen.reading.given import BadGain, names, positive, real, reals
-from hgogen.reading.named import Values, in_order, names_of
+from hgogen.reading.given import BadGain, Values, asks, in_order, names, names_of, positive, real, reals
 from hgogen.rigor.definite import one_thread
 from hgogen.signal import Signal, resting
 from hgogen.system import System

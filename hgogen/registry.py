@@ -1,9 +1,13 @@
-"""The folder is the registry: every file of a plural folder is a case and has one public name, its own."""
+"""The folder is the registry: every file of a plural folder is a case and has one public name, its own.
+
+What is installed beside them: libraries that few need, else a sentence that says how to install them; the version.
+"""
 
 import ast
 import sys
 from dataclasses import dataclass, is_dataclass
-from importlib import import_module
+from functools import cache
+from importlib import import_module, metadata
 from inspect import cleandoc, isfunction
 from pathlib import Path
 from pkgutil import iter_modules
@@ -58,3 +62,32 @@ def summary(folder: str, name: str) -> str:
     """What a case is: the first line of its file's docstring; nothing of it is run."""
     tree = ast.parse((PACKAGE / folder / f"{name}.py").read_text(encoding="utf-8"))
     return (ast.get_docstring(tree) or "").partition("\n")[0].strip()
+
+
+# ---------------------------------------------------------------- optional
+
+
+@dataclass(eq=False)
+class NotInstalled(HgogenError):
+    """A library that is not installed, what it is needed for, and the extra of hgogen that brings it."""
+
+    what: str
+    library: str
+    extra: str
+
+    def __str__(self) -> str:
+        return f'{self.what} needs {self.library}; install it: pip install "hgogen[{self.extra}]"'
+
+
+def library(name: str, what: str, extra: str = "logs") -> Any:
+    """The module of that name. Raises: `NotInstalled`, of `what` needs it."""
+    try:
+        return import_module(name)
+    except ImportError:
+        raise NotInstalled(what, name.partition(".")[0], extra) from None
+
+
+@cache
+def version() -> str:
+    """That of pyproject.toml, as it was installed."""
+    return metadata.version("hgogen")

@@ -1,20 +1,29 @@
 """A signal: a SymPy symbol with a unit, a meaning, a nominal value and a range.
 
 One declaration of the range serves proof assumptions, clamping, the C comment and test sampling.
+
+A model's unit of time is a plain word, "s" unless its System says otherwise: rates, periods, trials and gains are all
+in it, and nothing is converted. What is printed for people and for firmware says it, and a known unit also in seconds.
 """
 
 import math
 import re
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from itertools import product
 from typing import Any
 
 import sympy as sp
 
 from hgogen.errors import BadArgument, HgogenError
+from hgogen.sentence import same
 
 _IDENTIFIER = re.compile(r"[A-Za-z][A-Za-z0-9_]*\Z")
 _DOTS = ("", "_dot", "_ddot", "_dddot")
+_WORD = re.compile(r"[A-Za-z]{1,12}\Z")
+_SECONDS = {"us": 1e-6, "ms": 1e-3, "s": 1.0, "min": 60.0, "h": 3600.0, "d": 86400.0}
+_PLURAL = {"us": "microseconds", "ms": "milliseconds", "s": "seconds", "min": "minutes", "h": "hours", "d": "days"}
+HIGHEST = 60  # order of a derivative: a form reads fewer than it has states
 LONGEST = 63  # characters of a signal's name, by which C99 promises to tell two apart
 LOST = 1e30  # a value of the state beyond it, or none at all, is lost; no range and no gain goes beyond it
 
@@ -204,3 +213,49 @@ def resting(signal: Signal) -> float:
 def spread(signal: Signal) -> tuple[float, float]:
     """The ends between which points are tried: those of the range; a signal without one stays at rest."""
     return signal.interval if signal.bounded else (resting(signal),) * 2
+
+
+def derived(inputs: Sequence[Signal]) -> dict[str, tuple[str, int]]:
+    """Of each input that is the derivative of another one by its name: that one's name, and the order. Of two inputs
+    whose derivatives have one name, as u and u_, it is the one of which the signal is the derivative; of u_dot that is
+    an input too, and has a derivative, it is u of which both are."""
+    names, rates = {u.name: u for u in inputs}, dict[str, tuple[str, int]]()
+    for u, k in product(inputs if len(inputs) > 1 else (), range(1, HIGHEST + 1)):
+        rate = u.derivative(k)
+        if rate.name in names and (rate.name not in rates or rate == names[rate.name]):
+            rates[rate.name] = (u.name, k)
+
+    def root(name: str, order: int) -> tuple[str, int]:
+        source, more = rates.get(name, ("", 0))
+        return root(source, order + more) if source else (name, order)
+
+    return {name: root(*of) for name, of in rates.items()}
+
+
+# --- the unit of time ---------------------------------------------------------------------------------------
+
+
+def is_unit(value: object) -> bool:
+    """Whether a value can be a unit of time."""
+    return isinstance(value, str) and bool(_WORD.match(value))
+
+
+def seconds(time: str) -> float | None:
+    """How many seconds the unit has, where that is known."""
+    return _SECONDS.get(time)
+
+
+def plural(time: str) -> str:
+    """The unit in a sentence: "seconds" for "s"; one without a known name as it is."""
+    return _PLURAL.get(time, time)
+
+
+def of_time(unit: str, time: str, declared: Iterable[str] = ()) -> str:
+    """A unit that is written with s, such as y^2 s, in the time of the model; one that a signal declares stays."""
+    return unit if time == "s" or unit in declared else re.sub(r"\bs(\d*)\b", rf"{time}\1", unit)
+
+
+def pace(dt: float, time: str) -> str:
+    """A period as a caller keeps it: "0.01 h (36 s)", without the seconds where they are not known."""
+    text = f"{same(dt)} {time}"
+    return text if time == "s" or time not in _SECONDS else f"{text} ({dt * _SECONDS[time]:.6g} s)"

@@ -25,8 +25,7 @@ import numpy as np
 from hgogen.analysis.pace import NoSight, Pace, pace, slopes
 from hgogen.form import Form
 from hgogen.observer import Observer
-from hgogen.reading.door import remembers
-from hgogen.reading.given import BadGain, positive
+from hgogen.reading.given import BadGain, positive, remembers
 from hgogen.signal import LOST
 from hgogen.stepping.guards import readings
 from hgogen.system import System

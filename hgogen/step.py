@@ -25,9 +25,8 @@ from hgogen.program import INF, Bit, Field, Group, Program, Section, in_capitals
 from hgogen.prove.inclusion import Nothing
 from hgogen.prove.questions import Signed
 from hgogen.reading.given import among
-from hgogen.reading.time_unit import of_time, plural
 from hgogen.rigor.definite import one_thread
-from hgogen.signal import Signal
+from hgogen.signal import Signal, of_time, plural
 from hgogen.stepping import discretise
 from hgogen.stepping.guards import OR_LOWER, implausible, limit_parameters, or_lower, readings
 from hgogen.stepping.ready import MARK, UNMADE

@@ -9,13 +9,12 @@ import sympy as sp
 
 from hgogen.check import Check, Verdict
 from hgogen.errors import BadArgument, nearest
-from hgogen.reading import filename
-from hgogen.reading.time_unit import is_unit
+from hgogen.reading import files
 from hgogen.rigor.box import End, box
 from hgogen.rigor.lookup import Cells, Stepped, Table
 from hgogen.rigor.tape import NEAREST, NoTape, plain, tape
 from hgogen.sentence import NONE, Reason, because
-from hgogen.signal import Signal, check_name
+from hgogen.signal import Signal, check_name, is_unit
 
 
 class BadSystem(BadArgument):
@@ -75,7 +74,7 @@ class System:
         time: str = "s",
     ) -> None:
         check_name(name)
-        filename.demand(name)
+        files.demand(name)
         groups = {"states": states, "inputs": inputs, "outputs": outputs, "parameters": parameters}
         fields: dict[str, Any] = {kind: _signals(name, kind, signals) for kind, signals in groups.items()}
         if not is_unit(time):

@@ -14,9 +14,8 @@ from pathlib import Path, PurePath
 from typing import IO
 
 from hgogen.errors import HgogenError
-from hgogen.reading.content import KINDS
-from hgogen.reading.door import asks
-from hgogen.reading.filename import same, shown
+from hgogen.reading.files import KINDS, same, shown
+from hgogen.reading.given import asks
 
 _STAGED = ".hgogen-"  # begins the name of a file that is not whole yet
 AT_ONCE = 1 << 16  # bytes of a file, in search of its last line

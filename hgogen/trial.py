@@ -26,16 +26,14 @@ from hgogen.errors import HgogenError
 from hgogen.form import Form
 from hgogen.graph import CVODES, Graph, to_casadi
 from hgogen.modelfiles.setting import SEEDS
-from hgogen.reading import filename
-from hgogen.reading.differences import derived
-from hgogen.reading.door import scalar
+from hgogen.reading import files
 from hgogen.reading.expression import parse
-from hgogen.reading.time_unit import plural
+from hgogen.reading.given import scalar
 from hgogen.run.interrupt import heard
 from hgogen.run.late import at_their_times
 from hgogen.run.marched import March
 from hgogen.run.samples import Engine
-from hgogen.signal import Signal, resting
+from hgogen.signal import Signal, derived, plural, resting
 from hgogen.system import System
 
 MEMORY = 1 << 30  # bytes of one seed's truth, measurements and estimates
@@ -53,7 +51,7 @@ class BadTrial(HgogenError):
     reason: str
 
     def __str__(self) -> str:
-        return f"trial {filename.shown(self.trial)}: {self.reason}"
+        return f"trial {files.shown(self.trial)}: {self.reason}"
 
 
 @dataclass(frozen=True)
@@ -472,7 +470,7 @@ def read_field(trial: Any, key: str, value: Any) -> Any:
     except HgogenError as error:
         raise BadTrial(str(trial), f"{key}: {error}") from None
     except (TypeError, ValueError, OverflowError):
-        raise BadTrial(str(trial), f"{key} = {filename.shown(value)} must be {wanted}") from None
+        raise BadTrial(str(trial), f"{key} = {files.shown(value)} must be {wanted}") from None
 
 
 def _text(value: Any) -> str:
@@ -531,7 +529,7 @@ def _unless_none(reader: Callable[[Any], Any]) -> Callable[[Any], Any]:
 
 _STATE = "a number for each state by name, such as {'x1': 1.0}"
 _FIELDS: dict[str, tuple[Callable[[Any], Any], str]] = {
-    "name": (lambda name: filename.demand(_text(name)), "text"),
+    "name": (lambda name: files.demand(_text(name)), "text"),
     "duration": (_number, "a number"),
     "start": (_each(_number), _STATE),
     "estimate": (_each(_number), _STATE),

@@ -16,7 +16,7 @@ from hgogen.analysis.undefined import MAKER
 from hgogen.check import Verdict, worst
 from hgogen.errors import HgogenError
 from hgogen.form import Asking, Form
-from hgogen.reading.door import asks_a_plant, switches
+from hgogen.reading.given import asks_a_plant, switches
 from hgogen.sentence import Encoded, Reason, because, encoded, point
 from hgogen.system import System
 

@@ -7,9 +7,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from hgogen.reading import averaged as averaged_module
-from hgogen.reading.averaged import WINDOWS, averaged, wanted
-from hgogen.reading.measured import Record, read
+from hgogen.reading import measured
+from hgogen.reading.measured import WINDOWS, Record, needs_averaging, read, window_means
 
 HOLD = 1e9
 NAN = np.nan
@@ -35,7 +34,7 @@ def test_the_integral_of_the_held_log_is_kept(steps: list[float], seed: int, bet
     times = np.concatenate([[5.0], 5.0 + np.cumsum(steps)])
     values = np.random.default_rng(seed).normal(size=len(times))
     dt, samples = 0.7, int((times[-1] - 5.0) / 0.7) + 2
-    u = averaged(times, values, 5.0, samples, dt, WINDOWS[between], HOLD)
+    u = window_means(times, values, 5.0, samples, dt, WINDOWS[between], HOLD)
     until = 5.0 + (samples - 1) * dt
     assert integral(u, dt, between) == pytest.approx(held(times, values, until), abs=1e-11)
 
@@ -43,31 +42,31 @@ def test_the_integral_of_the_held_log_is_kept(steps: list[float], seed: int, bet
 def test_a_constant_is_itself_and_a_step_is_where_it_was() -> None:
     times = np.arange(1000) * 0.001
     for window in WINDOWS.values():
-        assert averaged(times, np.full(1000, 3.0), 0, 100, 0.01, window, HOLD) == pytest.approx(np.full(100, 3.0))
+        assert window_means(times, np.full(1000, 3.0), 0, 100, 0.01, window, HOLD) == pytest.approx(np.full(100, 3.0))
     rise = np.where(times >= 0.5 - 1e-9, 1.0, 0.0)
     expected = {"line": [0, 0.5, 1], "hold": [0, 0, 1], "forward": [0, 1, 1]}
     for between, means in expected.items():
-        u = averaged(times, rise, 0, 100, 0.01, WINDOWS[between], HOLD)
+        u = window_means(times, rise, 0, 100, 0.01, WINDOWS[between], HOLD)
         assert u[49:52] == pytest.approx(means, abs=1e-6), between
 
 
 def test_what_was_not_measured_is_held_for_a_while_and_then_missing() -> None:
     times = np.arange(10.0)
     values = np.array([NAN, 1, NAN, NAN, NAN, NAN, NAN, 8, NAN, 10])
-    u = averaged(times, values, 0, 10, 1.0, WINDOWS["forward"], 2.0)
+    u = window_means(times, values, 0, 10, 1.0, WINDOWS["forward"], 2.0)
     np.testing.assert_allclose(u, [NAN, 1, 1, 1, NAN, NAN, NAN, 8, 8, 10])
-    assert np.isnan(averaged(times, np.full(10, NAN), 0, 10, 1.0, WINDOWS["line"], 2.0)).all()
-    assert averaged(times[:1], np.array([4.0]), 0, 1, 1.0, WINDOWS["line"], 2.0) == [4.0]
+    assert np.isnan(window_means(times, np.full(10, NAN), 0, 10, 1.0, WINDOWS["line"], 2.0)).all()
+    assert window_means(times[:1], np.array([4.0]), 0, 1, 1.0, WINDOWS["line"], 2.0) == [4.0]
 
 
 def test_which_logs_are_averaged() -> None:
     regular, draw = np.full(99, 0.01), np.random.default_rng(1)
-    assert wanted(regular, 0.01, 0.1)
-    assert not wanted(regular, 0.01, 0.01)
-    assert not wanted(regular, 0.01, 0.001)
-    assert not wanted(regular * draw.uniform(0.9, 1.1, 99), 0.01, 0.01)  # jitter
-    assert wanted(draw.exponential(0.01, 99), 0.007, 0.01)
-    assert not wanted(np.append(regular, 5.0), 0.01, 0.01)  # a pause
+    assert needs_averaging(regular, 0.01, 0.1)
+    assert not needs_averaging(regular, 0.01, 0.01)
+    assert not needs_averaging(regular, 0.01, 0.001)
+    assert not needs_averaging(regular * draw.uniform(0.9, 1.1, 99), 0.01, 0.01)  # jitter
+    assert needs_averaging(draw.exponential(0.01, 99), 0.007, 0.01)
+    assert not needs_averaging(np.append(regular, 5.0), 0.01, 0.01)  # a pause
 
 
 def logged(folder: Path, times: np.ndarray, between: str, dt: float = 0.1) -> Record:
@@ -104,5 +103,5 @@ def test_a_log_on_the_grid_of_the_step_is_taken_as_it_is(tmp_path: Path) -> None
 
 def test_the_last_window_goes_on_in_a_log_that_does() -> None:
     times, values = np.array([0.0, 0.5, 1.0, 1.5]), np.array([0.0, 0.0, 4.0, 8.0])
-    means = averaged_module.averaged(times, values, 0.0, 2, 1.0, (-0.5, 0.5), 10.0)
+    means = measured.window_means(times, values, 0.0, 2, 1.0, (-0.5, 0.5), 10.0)
     assert means == pytest.approx([0.0, 2.0])  # of 0 and 4, half a step each

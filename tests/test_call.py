@@ -15,13 +15,13 @@ from hypothesis import strategies as st
 from plants import chain, fitzhugh_nagumo, kalman, pendulum, two_outputs, van_der_pol
 
 import hgogen as hg
-from hgogen.call import BadShape, CannotUpdate
 from hgogen.emit import layout
 from hgogen.emit.saved import ADDED, NotSaved
-from hgogen.reading.named import BadNames
+from hgogen.reading.given import BadNames
 from hgogen.run import native
 from hgogen.run.native import CompilerFailed, NoCompiler, NoCompilerWarning
-from hgogen.step import BadStep
+from hgogen.run.samples import BadShape
+from hgogen.step import BadStep, CannotUpdate
 
 NAN, INF = float("nan"), float("inf")
 ENGINES = ("c", "python") if native.compiler() else ("python",)

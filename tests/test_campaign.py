@@ -29,7 +29,7 @@ from hgogen import trial as trial_module
 from hgogen.call import CallableStep
 from hgogen.model import load
 from hgogen.reading.given import BadGain
-from hgogen.reading.optional import NotInstalled
+from hgogen.registry import NotInstalled
 from hgogen.run import campaign as campaign_module
 from hgogen.run import native
 from hgogen.run import results as results_module

@@ -9,7 +9,7 @@ import sympy as sp
 
 import hgogen as hg
 from hgogen.graph import NoSymbols, to_casadi, to_sympy
-from hgogen.reading.casadi_model import BadGraph, from_casadi
+from hgogen.reading.declared import BadGraph, from_casadi
 
 q, w, tau, y = (hg.Signal(name) for name in ("q", "w", "tau", "y"))
 g = hg.Signal("g", nominal=9.81)

@@ -25,8 +25,7 @@ from hgogen.discretisation.kernels import KERNELS
 from hgogen.errors import HgogenError
 from hgogen.part import Jump
 from hgogen.program import Place, lines_of
-from hgogen.reading.given import BadGain
-from hgogen.reading.named import BadNames
+from hgogen.reading.given import BadGain, BadNames
 from hgogen.step import NoStep, StepTooLong
 from hgogen.stepping.discretise import NoEquation
 from hgogen.stepping.guards import readings

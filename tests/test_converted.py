@@ -9,9 +9,8 @@ import pytest
 from test_cli import hgogen
 from test_mapped import record
 
-from hgogen.reading import mapped
-from hgogen.reading.log import BadRecord
-from hgogen.reading.mapped import Conversion, Inconvertible, conversion, named_unit
+from hgogen.reading import log as log_module
+from hgogen.reading.log import BadRecord, Conversion, Inconvertible, conversion, named_unit
 from hgogen.reading.measured import read
 
 pytest.importorskip("pint")
@@ -113,16 +112,16 @@ def test_run_converts_what_a_column_says(tmp_path: Path) -> None:
 
 
 def test_without_the_library_the_unit_is_not_compared_and_that_is_said(monkeypatch: pytest.MonkeyPatch) -> None:
-    mapped._registry.cache_clear()
+    log_module._registry.cache_clear()
     monkeypatch.setitem(sys.modules, "pint", None)
     said = conversion("y", "T [degC]", "K")
     assert isinstance(said, str)
     assert "not compared with the model's, K, since" in said
     assert 'pip install "hgogen[units]"' in said
     assert conversion("y", "T [K]", "K") == ""
-    mapped._registry.cache_clear()
+    log_module._registry.cache_clear()
 
 
 def test_a_small_offset_has_its_sign() -> None:
-    written = [mapped.Conversion(2.0, offset, "").operand("T") for offset in (0.5, -0.5, 0.0)]
+    written = [log_module.Conversion(2.0, offset, "").operand("T") for offset in (0.5, -0.5, 0.0)]
     assert written == ["(2*T + 0.5)", "(2*T - 0.5)", "(2*T)"]

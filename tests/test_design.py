@@ -16,8 +16,7 @@ from hgogen.check import Verdict
 from hgogen.model import load
 from hgogen.prove.adaptive_design import Design, Infeasible, adaptive_gain, slope
 from hgogen.prove.semidefinite import NoSolver
-from hgogen.reading.door import Misfit
-from hgogen.reading.given import BadGain
+from hgogen.reading.given import BadGain, Misfit
 from hgogen.rigor.definite import NotHurwitz
 
 pytest.importorskip("clarabel")

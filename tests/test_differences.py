@@ -13,10 +13,10 @@ from hgogen import forms, methods, observers
 from hgogen.call import CallableStep
 from hgogen.discretisation.open_loop import open_loop
 from hgogen.logs.records import Log
-from hgogen.reading.differences import derived, difference
-from hgogen.reading.measured import read
+from hgogen.reading.measured import difference, read
 from hgogen.run.prediction import predictions
 from hgogen.run.rejected import _others
+from hgogen.signal import derived
 from hgogen.which_forms import of
 
 X, V = hg.Signal("x", low=-3, high=3), hg.Signal("v", low=-3, high=3)

@@ -17,8 +17,7 @@ import hgogen as hg
 from hgogen.check import Verdict
 from hgogen.model import load
 from hgogen.prove.dissipation import BadErrorSystem
-from hgogen.reading.door import Misfit
-from hgogen.reading.named import BadNames
+from hgogen.reading.given import BadNames, Misfit
 from hgogen.rigor import slope
 
 MODELS = Path(__file__).resolve().parents[1] / "models"

@@ -23,7 +23,7 @@ from hgogen.model import load
 from hgogen.modelfiles import recipe, tuning
 from hgogen.modelfiles.place import shipped
 from hgogen.reading import text_model
-from hgogen.reading.entry import entry
+from hgogen.reading.text_model import entry
 from hgogen.run import native
 from hgogen.stepping.guards import STEP_BITS
 

@@ -13,7 +13,7 @@ import sympy as sp
 import hgogen as hg
 from hgogen.check import Verdict
 from hgogen.errors import HgogenError
-from hgogen.reading.door import Misfit, remembers
+from hgogen.reading.given import Misfit, remembers
 from hgogen.target import CannotWrite
 from hgogen.trial import Trial
 

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 import hgogen as hg
 from hgogen.model import MissingPart, load
-from hgogen.reading.filename import LONGEST, BadFileName, fault, same
+from hgogen.reading.files import LONGEST, BadFileName, fault, same
 from hgogen.reading.text_model import BadModelFile
 from hgogen.target import CannotWrite
 from hgogen.trial import BadTrial, Trial

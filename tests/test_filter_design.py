@@ -12,8 +12,7 @@ import hgogen as hg
 from hgogen.estimators.integrators import integrators
 from hgogen.model import load
 from hgogen.prove.filter_design import InjectionFilter, _Search, injected
-from hgogen.reading.door import Misfit
-from hgogen.reading.given import BadGain
+from hgogen.reading.given import BadGain, Misfit
 
 pytest.importorskip("clarabel")
 

@@ -11,9 +11,8 @@ from plants import model, two_outputs
 import hgogen as hg
 from hgogen.call import CallableStep
 from hgogen.forms.original import BadOrder
-from hgogen.reading.given import BadGain, real, reals
+from hgogen.reading.given import BadGain, BadNames, real, reals
 from hgogen.reading.measured import Record
-from hgogen.reading.named import BadNames
 from hgogen.run.samples import BadShape
 
 NAN = np.nan

@@ -22,8 +22,7 @@ from hgogen.model import load
 from hgogen.prove.inclusion import Uncertain
 from hgogen.prove.quadratic import identity, rational, verified
 from hgogen.prove.questions import Driven
-from hgogen.reading.given import BadGain
-from hgogen.reading.named import BadNames
+from hgogen.reading.given import BadGain, BadNames
 from hgogen.recheck.rules import RULES
 from hgogen.recheck.verification import recheck
 

@@ -17,8 +17,8 @@ from hgogen import cli
 from hgogen.commands.library import FIELDS, BadLibrary, answers, check, read
 from hgogen.commands.workers import End, Event, run
 from hgogen.errors import HgogenError
-from hgogen.reading.entry import FORMAT, entry
 from hgogen.reading.expression import parse
+from hgogen.reading.text_model import FORMAT, entry
 from hgogen.rigor.bounds import bound
 
 GOOD: dict[str, Any] = {

@@ -31,7 +31,7 @@ from hgogen.emit.syntax import DTYPE
 from hgogen.emit.syntaxes import C
 from hgogen.graph import to_casadi
 from hgogen.reading import text_model
-from hgogen.reading.table import MOST, BadTable, cells_of
+from hgogen.reading.declared import MOST, BadTable, cells_of
 from hgogen.recheck import tables as rechecked
 from hgogen.recheck.box import NotShown
 from hgogen.recheck.file import digest, model_digest

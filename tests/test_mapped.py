@@ -9,8 +9,7 @@ from test_cli import hgogen
 
 import hgogen as hg
 from hgogen.logs.records import beyond
-from hgogen.reading.log import BadRecord, table
-from hgogen.reading.mapped import column
+from hgogen.reading.log import BadRecord, column_of, table
 
 LOG = "t,T1,Current(A),a b,rpm\n0,1,2,3,60\n1,2,,4,120\n2,3,4,x,180\n3,4,5,6,240\n"
 NAN = np.nan
@@ -37,14 +36,14 @@ def log(tmp_path: Path) -> Path:
     ],
 )
 def test_a_signal_is_an_expression_of_columns(log: Path, text: str, values: list[float]) -> None:
-    assert column(table(log), text).values == pytest.approx(values, nan_ok=True)
+    assert column_of(table(log), text).values == pytest.approx(values, nan_ok=True)
 
 
 def test_an_empty_cell_is_told_from_one_that_is_no_number(log: Path) -> None:
-    empty, word = column(table(log), "2*[Current(A)]"), column(table(log), "2*[a b]")
+    empty, word = column_of(table(log), "2*[Current(A)]"), column_of(table(log), "2*[a b]")
     assert (empty.empty, empty.not_numbers) == (1, 0)
     assert (word.empty, word.not_numbers, word.example) == (0, 1, "x")
-    both = column(table(log), "[Current(A)] + [a b]")  # one row has an empty cell, another the word
+    both = column_of(table(log), "[Current(A)] + [a b]")  # one row has an empty cell, another the word
     assert (both.empty, both.not_numbers, both.example) == (1, 1, "x")
 
 
@@ -62,7 +61,7 @@ def test_an_empty_cell_is_told_from_one_that_is_no_number(log: Path) -> None:
 )
 def test_a_bad_expression_is_refused(log: Path, text: str, reason: str) -> None:
     with pytest.raises(BadRecord, match=reason):
-        column(table(log), text)
+        column_of(table(log), text)
 
 
 def record(folder: Path, offset: float = 0.0) -> str:

@@ -17,8 +17,7 @@ from plants import model, two_outputs
 import hgogen as hg
 from hgogen.commands.checked import checked
 from hgogen.model import load
-from hgogen.reading.given import BadGain
-from hgogen.reading.named import BadNames, in_order, of_coordinates
+from hgogen.reading.given import BadGain, BadNames, in_order, of_coordinates
 from hgogen.reading.text_model import BadModelFile
 
 MODELS = Path(__file__).resolve().parents[1] / "models"

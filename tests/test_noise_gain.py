@@ -14,8 +14,7 @@ from plants import MODELS, model, two_outputs
 
 import hgogen as hg
 from hgogen.model import load
-from hgogen.reading.given import BadGain
-from hgogen.reading.named import BadNames
+from hgogen.reading.given import BadGain, BadNames
 from hgogen.recheck.inequality import Parts, method_of
 from hgogen.recheck.matrix import unit
 from hgogen.recheck.verification import recheck

@@ -28,8 +28,7 @@ from hgogen.model import load
 from hgogen.part import Clock
 from hgogen.program import Place
 from hgogen.prove.convergence import nothing
-from hgogen.reading.given import BadGain
-from hgogen.reading.named import BadNames
+from hgogen.reading.given import BadGain, BadNames
 from hgogen.rigor.definite import NotHurwitz
 from hgogen.sentence import because
 

@@ -10,7 +10,7 @@ from emitted import run, step, tool
 
 import hgogen as hg
 from hgogen.emit.naming import BadPrefix, HidesHeader, prefixed
-from hgogen.reading.filename import BadFileName
+from hgogen.reading.files import BadFileName
 from hgogen.run.native import WARNINGS
 from hgogen.signal import BadName
 from hgogen.targets.rust import NoCrate

@@ -17,7 +17,7 @@ from typer.testing import CliRunner
 from hgogen import cli
 from hgogen.commands import process, tables
 from hgogen.commands.output import json_text
-from hgogen.reading.content import Unread, content_of
+from hgogen.reading.files import Unread, content_of
 from hgogen.recheck import verification as recheck
 from hgogen.run.consistency import OfOutput
 from hgogen.run.whiteness import Whiteness

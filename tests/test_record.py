@@ -18,8 +18,7 @@ import hgogen as hg
 from hgogen.call import CallableStep
 from hgogen.commands import running
 from hgogen.reading import log as log_module
-from hgogen.reading.log import BadRecord, _ragged, _regular, parsed, table
-from hgogen.reading.mapped import mapping
+from hgogen.reading.log import BadRecord, _ragged, _regular, mapping, parsed, table
 from hgogen.reading.measured import Record, read
 from hgogen.run import noise, prediction
 from hgogen.run.prediction import predictions

@@ -20,8 +20,7 @@ from hgogen.check import Verdict
 from hgogen.modelfiles.first import NoFirst, first
 from hgogen.program import Place
 from hgogen.prove.plant_step import Heads, Sizes, heads_of
-from hgogen.reading.given import BadGain
-from hgogen.reading.named import BadNames
+from hgogen.reading.given import BadGain, BadNames
 from hgogen.recheck.verification import recheck
 from hgogen.stepping.machine import Machine
 from hgogen.which_forms import of

@@ -6,8 +6,8 @@ from plants import fitzhugh_nagumo, pendulum
 from scipy.integrate import solve_ivp
 
 import hgogen as hg
-from hgogen.call import BadShape
 from hgogen.run.reference import CannotIntegrate
+from hgogen.run.samples import BadShape
 from hgogen.step import BadStep
 
 DT, SAMPLES = 0.1, 21

@@ -17,8 +17,7 @@ from test_hyperjerk import OMEGA, TABLES
 
 import hgogen as hg
 from hgogen.model import load
-from hgogen.reading.door import Misfit
-from hgogen.reading.given import BadGain
+from hgogen.reading.given import BadGain, Misfit
 from hgogen.run import figures as figure
 from hgogen.run.response import BadFrequency, NoResponse
 

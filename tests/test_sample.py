@@ -29,7 +29,7 @@ from hgogen.call import CallableStep
 from hgogen.discretisation.kernels import KERNELS
 from hgogen.emit import pygraph
 from hgogen.emit.operations import CALLS
-from hgogen.reading.named import BadNames
+from hgogen.reading.given import BadNames
 from hgogen.run.native import NoCompiler
 from hgogen.run.samples import BadShape
 from hgogen.step import BadStep

@@ -10,8 +10,7 @@ import hgogen as hg
 from hgogen.analysis.dynamics import Dynamics
 from hgogen.analysis.saturation import saturated
 from hgogen.check import Verdict
-from hgogen.reading.given import BadGain
-from hgogen.reading.named import BadNames
+from hgogen.reading.given import BadGain, BadNames
 
 x1, x2 = hg.Signal("x1", low=-2, high=2), hg.Signal("x2", low=-2, high=2)
 y = hg.Signal("y")

@@ -18,10 +18,11 @@ from native_step import NativeStep
 from plants import MODELS, kalman, pendulum, two_outputs, van_der_pol
 
 import hgogen as hg
-from hgogen.call import BadShape, CannotUpdate
 from hgogen.model import load
 from hgogen.program import Place
 from hgogen.run.native import run_check
+from hgogen.run.samples import BadShape
+from hgogen.step import CannotUpdate
 from hgogen.stepping.sensors import BadRate
 from hgogen.trial import try_out
 

@@ -11,8 +11,7 @@ from test_cli import hgogen
 import hgogen as hg
 from hgogen.call import CallableStep
 from hgogen.model import load
-from hgogen.reading.log import BadRecord
-from hgogen.reading.mapped import shifts_of
+from hgogen.reading.log import BadRecord, shifts_of
 from hgogen.reading.measured import shifted
 from hgogen.run import native, rejected
 from hgogen.run.rejected import better

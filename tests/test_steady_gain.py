@@ -14,9 +14,7 @@ from test_whole_gain import C, pair
 import hgogen as hg
 from hgogen.check import Verdict
 from hgogen.prove.steady_filter import steady_gain
-from hgogen.reading.door import Misfit
-from hgogen.reading.given import BadGain
-from hgogen.reading.named import BadNames
+from hgogen.reading.given import BadGain, BadNames, Misfit
 from hgogen.recheck.verification import recheck
 from hgogen.rigor.definite import NotHurwitz
 

@@ -16,7 +16,7 @@ from hgogen.errors import HgogenError
 from hgogen.model import MissingPart, load
 from hgogen.modelfiles.storage import stored
 from hgogen.prove.dissipation import BadErrorSystem
-from hgogen.reading.door import Misfit
+from hgogen.reading.given import Misfit
 
 ROOT = Path(__file__).resolve().parents[1]
 x, u, y = hg.Signal("x", low=-1, high=1), hg.Signal("u", low=-1, high=1), hg.Signal("y")

@@ -30,7 +30,7 @@ from hgogen.emit.syntax import DTYPE, PointsMerge
 from hgogen.emit.syntaxes import C
 from hgogen.graph import to_casadi
 from hgogen.reading import text_model
-from hgogen.reading.table import MOST, BadTable, cells_of
+from hgogen.reading.declared import MOST, BadTable, cells_of
 from hgogen.recheck import tables as rechecked
 from hgogen.recheck import tables as tables_module
 from hgogen.recheck.interval import between, intervals

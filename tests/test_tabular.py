@@ -15,10 +15,9 @@ from hgogen.call import CallableStep
 from hgogen.logs.records import BadSignal
 from hgogen.model import load
 from hgogen.reading import binary_log
-from hgogen.reading.log import BadRecord, log_of
-from hgogen.reading.mapped import column
+from hgogen.reading.log import BadRecord, column_of, log_of
 from hgogen.reading.measured import read
-from hgogen.reading.optional import NotInstalled
+from hgogen.registry import NotInstalled
 from hgogen.run.samples import BadShape
 
 pandas = pytest.importorskip("pandas")
@@ -101,14 +100,14 @@ def test_columns_of_every_kind_are_numbers_or_none() -> None:
             }
         )
     )
-    values = {name: column(log, name).values.tolist() for name in log.header}
+    values = {name: column_of(log, name).values.tolist() for name in log.header}
     assert values["whole"] == [1, 2, 3]
     assert values["flag"] == [1, 0, 1]
     np.testing.assert_array_equal(values["maybe"], [1, NAN, 3])
     np.testing.assert_array_equal(values["gap"], [1.5, NAN, NAN])
     np.testing.assert_array_equal(values["span"], [0, 1.5, NAN])
-    assert (column(log, "gap").empty, column(log, "gap").not_numbers) == (1, 1)
-    mixed = column(log, "mixed")
+    assert (column_of(log, "gap").empty, column_of(log, "gap").not_numbers) == (1, 1)
+    mixed = column_of(log, "mixed")
     assert (mixed.empty, mixed.not_numbers, mixed.example) == (1, 2, "1,5")
 
 
@@ -137,7 +136,7 @@ def test_a_mat_file_has_vectors_matrices_and_structs(tmp_path: Path) -> None:
     log = log_of(tmp_path / "a.mat")
     assert set(log.header) == {"S.a", "S.b.c", "X(:,1)", "X(:,2)"}
     assert log.notes == ("of another length than 4, left out: z",)
-    assert column(log, "2*[X(:,2)] + [S.a]").values.tolist() == [2, 7, 12, 17]
+    assert column_of(log, "2*[X(:,2)] + [S.a]").values.tolist() == [2, 7, 12, 17]
 
 
 @pytest.mark.full
@@ -162,7 +161,7 @@ def test_a_bad_file_is_a_sentence(tmp_path: Path) -> None:
     with pytest.raises(BadRecord, match="several columns of one name"):
         log_of(pandas.DataFrame([[1, 2]], columns=["y", "y"]))
     with pytest.raises(BadRecord, match="has no column 'x'; its columns are y"):
-        column(log_of(pandas.DataFrame({"y": [1]})), "x")
+        column_of(log_of(pandas.DataFrame({"y": [1]})), "x")
     with pytest.raises(BadSignal, match="x is no signal; the signals are tau, y"):
         hg.record(frame(), load("pendulum").plant, time="t", columns={"x": "t"})
 

@@ -9,8 +9,7 @@ import pytest
 import hgogen as hg
 from hgogen.check import Verdict
 from hgogen.commands.library import FIELDS, answers
-from hgogen.reading.entry import Entry
-from hgogen.reading.text_model import PlainModel, read
+from hgogen.reading.text_model import Entry, PlainModel, read
 from hgogen.rigor.box import box
 
 EVERY = sorted((Path(__file__).resolve().parents[1] / "models").glob("*.toml"))

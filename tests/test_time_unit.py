@@ -16,8 +16,8 @@ from hgogen.errors import HgogenError
 from hgogen.model import load
 from hgogen.modelfiles.tuning import Tuning
 from hgogen.reading.text_model import BadModelFile, from_table, read, to_text
-from hgogen.reading.time_unit import of_time, pace, plural
 from hgogen.run import excitation, noise
+from hgogen.signal import of_time, pace, plural
 from hgogen.system import BadSystem
 from hgogen.targets import c99
 from hgogen.trial import Trial

@@ -20,11 +20,11 @@ from sympy.printing.str import StrPrinter
 from hgogen.check import Check
 from hgogen.errors import BadArgument
 from hgogen.form import Form
-from hgogen.reading.optional import version
 from hgogen.recheck.file import FORMAT, VERSION, digest, model_digest
 from hgogen.recheck.rules import OBSERVERS
 from hgogen.recheck.text import Unreadable
 from hgogen.recheck.verification import read
+from hgogen.registry import version
 from hgogen.rigor.bounds import Proof, Range
 from hgogen.rigor.box import box, exact
 from hgogen.rigor.lookup import Table

@@ -11,11 +11,10 @@ from dataclasses import replace
 
 import sympy as sp
 
-from hgogen.reading.differences import derived
 from hgogen.rigor.box import exact
 from hgogen.rigor.slope import JUMPS, KINKS
 from hgogen.sentence import NONE, Reason, because
-from hgogen.signal import Signal
+from hgogen.signal import Signal, derived
 from hgogen.system import System
 
 

@@ -19,8 +19,7 @@ import sympy as sp
 from hgogen.analysis.symmetry import Symmetry, symmetries
 from hgogen.analysis.written import on_branches
 from hgogen.check import Check, ClaimId, Verdict
-from hgogen.reading.door import asks_a_plant, remembers
-from hgogen.reading.given import BadGain, signals_named
+from hgogen.reading.given import BadGain, asks_a_plant, remembers, signals_named
 from hgogen.rigor.bounds import enclose
 from hgogen.rigor.rank import (
     Branch,

@@ -11,9 +11,8 @@ import sympy as sp
 
 from hgogen.check import Verdict
 from hgogen.errors import BadArgument, HgogenError
-from hgogen.reading.door import limits, scalar
-from hgogen.reading.expression import read
-from hgogen.reading.folding import Fold
+from hgogen.reading.expression import Fold, read
+from hgogen.reading.given import limits, scalar
 from hgogen.rigor import bounds
 from hgogen.rigor.bounds import LIMIT, Range, Sign
 from hgogen.rigor.box import Box, End, box

@@ -19,7 +19,7 @@ from sympy.core.evalf import PrecisionExhausted
 from hgogen.analysis.evidence import ByForm
 from hgogen.analysis.inverse import stand_ins
 from hgogen.check import Check, ClaimId, Verdict
-from hgogen.reading.door import Misfit, asks_a_plant
+from hgogen.reading.given import Misfit, asks_a_plant
 from hgogen.rigor.bounds import Interval, enclose, finite
 from hgogen.rigor.box import Box, RationalPoint, exact, kind, points, witness
 from hgogen.rigor.box import box as box_of

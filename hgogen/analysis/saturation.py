@@ -14,8 +14,7 @@ from typing import Any
 
 from hgogen.analysis.polytope import span
 from hgogen.form import Form
-from hgogen.reading.given import BadGain, real, reals
-from hgogen.reading.named import in_order
+from hgogen.reading.given import BadGain, in_order, real, reals
 from hgogen.sentence import NONE, Reason, because
 
 _ANY = (-math.inf, math.inf)

@@ -18,7 +18,7 @@ from hgogen.analysis.determinant import Determinant, alive, as_written, determin
 from hgogen.analysis.lie import along, length, rates, size, without_derivative
 from hgogen.analysis.written import asked, on_box
 from hgogen.check import Check, ClaimId, Verdict
-from hgogen.reading.door import asks_a_plant, remembers
+from hgogen.reading.given import asks_a_plant, remembers
 from hgogen.rigor.bounds import Interval, nonzero
 from hgogen.rigor.box import box as box_of
 from hgogen.rigor.box import exact

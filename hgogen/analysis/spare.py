@@ -19,8 +19,7 @@ import sympy as sp
 from hgogen.analysis.polytope import fixed
 from hgogen.form import Form
 from hgogen.graph import Graph
-from hgogen.reading.given import BadGain, positive
-from hgogen.reading.named import in_order
+from hgogen.reading.given import BadGain, in_order, positive
 from hgogen.rigor.box import exact
 
 

@@ -38,7 +38,7 @@ from hgogen.prove.inequality import Steps
 from hgogen.prove.plant_step import Entering, PlantStep, Share, Sizes, Unbounded, heads_of, steepness_in, times
 from hgogen.prove.quadratic import rational
 from hgogen.prove.questions import InputBound, Signed, confined
-from hgogen.reading.named import Each, each_by_name, names_of, size, sizes
+from hgogen.reading.given import Each, each_by_name, names_of, size, sizes
 from hgogen.rigor.box import Box, box
 from hgogen.rigor.outward import number
 from hgogen.rigor.rounding import REALS, Real

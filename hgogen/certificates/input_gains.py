@@ -28,7 +28,7 @@ from hgogen.prove.inclusion import NO_SCALES, Inclusion, Nothing, Uncertain, of_
 from hgogen.prove.inequality import Contracts, Inputs, Steps, pushed
 from hgogen.prove.quadratic import floats, inverse_root, rational, stacked
 from hgogen.prove.questions import Driven, InputBound, input_bound, l2_bound, of_step
-from hgogen.reading.named import Each, in_order, names_of, sizes
+from hgogen.reading.given import Each, in_order, names_of, sizes
 from hgogen.rigor.box import exact
 from hgogen.rigor.outward import number
 from hgogen.sentence import Reason, Sentence, Up, because

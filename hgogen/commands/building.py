@@ -36,8 +36,8 @@ from hgogen.emit.naming import prefixed
 from hgogen.emit.syntax import Real
 from hgogen.model import Model, load
 from hgogen.modelfiles.setting import AS_WRITTEN, Setting, UnknownCase, demand_known
-from hgogen.reading.filename import same
-from hgogen.reading.named import by_name, written
+from hgogen.reading.files import same
+from hgogen.reading.given import by_name, written
 from hgogen.run import native
 from hgogen.run.agreement import Agreement, Disagree
 from hgogen.run.comparison import Seen, seen

@@ -43,9 +43,9 @@ from hgogen.model import Model, load
 from hgogen.modelfiles.first import everywhere
 from hgogen.modelfiles.json_file import equations
 from hgogen.modelfiles.setting import AS_WRITTEN, Setting
-from hgogen.reading.averaged import WINDOWS
-from hgogen.reading.differences import derived, said_of
+from hgogen.reading.measured import WINDOWS, said_of
 from hgogen.sentence import because
+from hgogen.signal import derived
 from hgogen.which_forms import Row, of
 
 Named = TypeVar("Named", Tuned, Advised)  # a row of gains, which has a name

@@ -15,7 +15,7 @@ from hgogen.model import Model
 from hgogen.program import Field
 from hgogen.prove.inclusion import Nothing
 from hgogen.prove.semidefinite import NoSolver
-from hgogen.reading.named import by_name, written
+from hgogen.reading.given import by_name, written
 from hgogen.sentence import Encoded, Sentence, equations
 from hgogen.signal import Signal
 from hgogen.theorem import Row, Theorem, rows

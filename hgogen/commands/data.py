@@ -11,9 +11,8 @@ import typer
 
 from hgogen.commands.options import Columns, once
 from hgogen.logs.records import Log, beyond
-from hgogen.reading.averaged import Window
-from hgogen.reading.mapped import mapping, shifts_of
-from hgogen.reading.measured import COMMAND, Record, Report, read
+from hgogen.reading.log import mapping, shifts_of
+from hgogen.reading.measured import COMMAND, Record, Report, Window, read
 from hgogen.system import System
 
 

@@ -40,7 +40,7 @@ from hgogen.logs.solution import ITERATIONS, Progress, progress_of
 from hgogen.model import Model, load
 from hgogen.modelfiles.json_file import equations, table_of
 from hgogen.modelfiles.setting import AS_WRITTEN, Setting
-from hgogen.reading.averaged import WINDOWS
+from hgogen.reading.measured import WINDOWS
 from hgogen.reading.text_model import BESIDE, read, to_text
 from hgogen.run.consistency import WORSE
 from hgogen.run.prediction import predictions

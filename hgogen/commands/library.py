@@ -23,9 +23,9 @@ from hgogen.analysis.singularity import singular_set
 from hgogen.check import Verdict
 from hgogen.commands.workers import End, run
 from hgogen.errors import HgogenError
-from hgogen.reading.content import Unread, content_of
-from hgogen.reading.entry import FORMAT, Entry, entry
 from hgogen.reading.expression import parse
+from hgogen.reading.files import Unread, content_of
+from hgogen.reading.text_model import FORMAT, Entry, entry
 from hgogen.rigor.bounds import Sign, bound, nonzero
 from hgogen.rigor.box import kind
 from hgogen.rigor.field import is_zero

@@ -12,7 +12,7 @@ from hgogen.emit.naming import demand_prefix
 from hgogen.emit.syntax import Real
 from hgogen.extras.ecosystem import ALL, chosen, known
 from hgogen.extras.folder import SOURCES, folder
-from hgogen.reading.content import BYTES, Unread, content_of
+from hgogen.reading.files import BYTES, Unread, content_of
 from hgogen.step import Step
 from hgogen.target import CannotWrite, Files
 

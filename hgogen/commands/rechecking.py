@@ -11,7 +11,7 @@ from rich.text import Text
 
 from hgogen.commands.command import Report, command
 from hgogen.commands.output import headed
-from hgogen.reading.content import content_of
+from hgogen.reading.files import content_of
 from hgogen.recheck.file import LARGEST, SHOWN
 from hgogen.recheck.verification import CannotRead, Rechecked, recheck
 

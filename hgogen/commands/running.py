@@ -39,11 +39,9 @@ from hgogen.commands.output import Bar, Written, folder_of, headed, rendered
 from hgogen.logs.records import Log, beyond
 from hgogen.model import MissingPart, Model, load
 from hgogen.modelfiles.setting import AS_WRITTEN, Setting
-from hgogen.reading.averaged import WINDOWS
-from hgogen.reading.differences import derived
-from hgogen.reading.filename import fault
-from hgogen.reading.mapped import mapping, shifts_of
-from hgogen.reading.measured import COMMAND, Record, read
+from hgogen.reading.files import fault
+from hgogen.reading.log import mapping, shifts_of
+from hgogen.reading.measured import COMMAND, WINDOWS, Record, read
 from hgogen.run import noise
 from hgogen.run.agreement import Difference, coarse, differences
 from hgogen.run.consistency import Consistency, consistency, no_better
@@ -53,7 +51,7 @@ from hgogen.run.noise import Suggestion
 from hgogen.run.prediction import Prediction, predictions, rejected, rms
 from hgogen.run.rejected import Better, MostlyRejected, Rejection, better, clamped, rejections
 from hgogen.run.samples import Engine, Run
-from hgogen.signal import Signal
+from hgogen.signal import Signal, derived
 
 Data = Annotated[Path, typer.Option("--data", help="The log, a CSV file with a header, a Parquet or a MAT file.")]
 ROUNDING = 1e-12  # of a time over a period

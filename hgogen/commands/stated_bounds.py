@@ -9,8 +9,7 @@ from hgogen.certificates.error_bound import ErrorBound
 from hgogen.model import MissingPart, Model
 from hgogen.prove.questions import Signed
 from hgogen.prove.semidefinite import NoSolver
-from hgogen.reading.given import BadGain
-from hgogen.reading.named import BadNames
+from hgogen.reading.given import BadGain, BadNames
 
 
 def bound_of(step: CallableStep, model: Model) -> ErrorBound | None:

@@ -12,8 +12,8 @@ from hgogen.emit.formula import formulas
 from hgogen.emit.manual import BETWEEN, consequence, refuted_and_accepted, said_what_for, title, verdict
 from hgogen.method import equations
 from hgogen.program import INF
-from hgogen.reading.time_unit import pace
 from hgogen.sentence import same
+from hgogen.signal import pace
 from hgogen.step import Step
 from hgogen.theorem import rows
 

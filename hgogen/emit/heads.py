@@ -41,8 +41,8 @@ from hgogen.emit.structs import structs as of_memory
 from hgogen.emit.syntax import Real
 from hgogen.emit.syntaxes import BESIDE, RUST, C, documented, harmless, line, spoken
 from hgogen.program import Section
-from hgogen.reading.optional import version
-from hgogen.reading.time_unit import pace, plural
+from hgogen.registry import version
+from hgogen.signal import pace, plural
 from hgogen.step import Step
 from hgogen.stepping.sensors import ROUND
 

@@ -17,12 +17,11 @@ from hgogen.emit.naming import says
 from hgogen.emit.promised import promised
 from hgogen.emit.syntax import Real, Syntax
 from hgogen.observer import Observer
-from hgogen.reading.door import Misfit
-from hgogen.reading.named import written
-from hgogen.reading.optional import version
-from hgogen.reading.time_unit import pace
+from hgogen.reading.given import Misfit, written
 from hgogen.recheck.file import SHOWN
+from hgogen.registry import version
 from hgogen.sentence import Down, Sentence, Up, same
+from hgogen.signal import pace
 from hgogen.step import Step
 from hgogen.stepping.delays import MEMORY
 from hgogen.stepping.members import read_fields

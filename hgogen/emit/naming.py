@@ -15,7 +15,7 @@ from typing import TypeVar
 
 from hgogen.emit.syntax import Syntax
 from hgogen.errors import HgogenError
-from hgogen.reading import filename
+from hgogen.reading.files import demand
 from hgogen.signal import Signal, check_name
 from hgogen.step import Step
 
@@ -121,7 +121,7 @@ def demand_prefix(name: str | None) -> None:
     if name is None:
         return
     check_name(name)
-    filename.demand(name)
+    demand(name)
     if c_name(name) != name:
         raise BadPrefix(name)
     demand_file(name)

@@ -11,9 +11,8 @@ import sympy as sp
 
 from hgogen.program import Place
 from hgogen.prove.questions import Each, Signed
-from hgogen.reading.time_unit import pace
 from hgogen.sentence import down, same, up
-from hgogen.signal import Signal
+from hgogen.signal import Signal, pace
 from hgogen.step import Step
 from hgogen.stepping.guards import STEP_BITS
 

@@ -25,8 +25,8 @@ from hgogen.emit.syntax import DTYPE, Real
 from hgogen.errors import BadArgument
 from hgogen.observer import STARTS, Observer
 from hgogen.program import Field, Group
-from hgogen.reading.named import names_of
-from hgogen.reading.optional import version
+from hgogen.reading.given import names_of
+from hgogen.registry import version
 from hgogen.step import Step
 from hgogen.stepping import ready
 from hgogen.system import System

@@ -17,7 +17,7 @@ from hgogen.estimators.weights import cap, positive, reached_by, spd, wide
 from hgogen.form import Form
 from hgogen.observer import state_field
 from hgogen.program import Bit, Field, sym
-from hgogen.reading.named import Matrix, Values, names_of, of_coordinates, of_outputs, whole
+from hgogen.reading.given import Matrix, Values, names_of, of_coordinates, of_outputs, whole
 
 LIMITED = Bit(
     "COVARIANCE_LIMITED",

@@ -30,8 +30,7 @@ from hgogen.estimators.kalman_theorems import STAGGERED, WINDOW
 from hgogen.graph import Graph
 from hgogen.part import Clock, Part, Pieces
 from hgogen.program import INF, Block, Field, Group, Loop, Place, Program, When, scalar, sym
-from hgogen.reading.given import real, reals
-from hgogen.reading.named import Values, of_outputs
+from hgogen.reading.given import Values, of_outputs, real, reals
 from hgogen.signal import LOST
 from hgogen.theorem import Hypothesis
 

@@ -15,9 +15,8 @@ from hgogen.emit.syntax import Real
 from hgogen.emit.syntaxes import C, comment
 from hgogen.extras.ecosystem import Ecosystem, Text, common, template
 from hgogen.extras.price import priced
-from hgogen.reading.optional import version
-from hgogen.reading.time_unit import pace, seconds
-from hgogen.signal import Signal, resting
+from hgogen.registry import version
+from hgogen.signal import Signal, pace, resting, seconds
 from hgogen.step import Step
 from hgogen.target import Files
 

@@ -11,7 +11,7 @@ without both is `stated` in a certificate.
 from typing import TYPE_CHECKING, Any
 
 from hgogen.form import valued
-from hgogen.reading.door import asks_a_plant, remembers, switches
+from hgogen.reading.given import asks_a_plant, remembers, switches
 from hgogen.registry import load
 
 if TYPE_CHECKING:

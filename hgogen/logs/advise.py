@@ -23,8 +23,7 @@ from hgogen.errors import BadArgument, HgogenError
 from hgogen.form import Form
 from hgogen.logs.grid import first_of, observers_named, reasons, thetas
 from hgogen.modelfiles.first import First, everywhere
-from hgogen.reading.door import asks_a_plant, switches
-from hgogen.reading.given import positive
+from hgogen.reading.given import asks_a_plant, positive, switches
 from hgogen.run import native
 from hgogen.run.metrics import metrics
 from hgogen.run.spread import Workers

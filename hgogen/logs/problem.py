@@ -31,9 +31,8 @@ from hgogen.logs.innovations import SURE, Innovations, moved_by_noise
 from hgogen.logs.records import BadLog, Log
 from hgogen.part import on_line
 from hgogen.program import column
-from hgogen.reading.time_unit import plural
 from hgogen.run.whiteness import influence
-from hgogen.signal import Signal, resting
+from hgogen.signal import Signal, plural, resting
 from hgogen.system import System
 
 Array = np.ndarray

@@ -8,11 +8,9 @@ from typing import Any, Literal
 import numpy as np
 
 from hgogen.errors import BadArgument
-from hgogen.reading.averaged import WINDOWS
-from hgogen.reading.differences import derived, difference
-from hgogen.reading.measured import PYTHON, read
+from hgogen.reading.measured import PYTHON, WINDOWS, difference, read
 from hgogen.run.samples import held_last, table
-from hgogen.signal import Signal, resting
+from hgogen.signal import Signal, derived, resting
 from hgogen.system import System
 
 LEAST = 10  # samples of an output

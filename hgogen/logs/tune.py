@@ -17,8 +17,7 @@ from hgogen.logs.grid import Calibration, Piece, Task, Tuned, observers_named, r
 from hgogen.logs.records import Log
 from hgogen.logs.score import BEGIN, Ahead, Hidden, Judge, readable
 from hgogen.modelfiles.first import First, everywhere
-from hgogen.reading.door import asks_a_plant, switches
-from hgogen.reading.given import count
+from hgogen.reading.given import asks_a_plant, count, switches
 from hgogen.run import native
 from hgogen.run.spread import Workers
 from hgogen.starting import two

@@ -17,7 +17,7 @@ import sympy as sp
 from hgogen.errors import BadArgument
 from hgogen.form import Form
 from hgogen.observer import Observer
-from hgogen.reading.content import Unread, content_of
+from hgogen.reading.files import Unread, content_of
 from hgogen.signal import Signal
 from hgogen.step import Step
 from hgogen.system import System, exchanged, valued

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from hgogen.errors import HgogenError, nearest
-from hgogen.reading.content import BYTES, READERS, Unread, content_of, declares
+from hgogen.reading.files import BYTES, READERS, Unread, content_of, declares
 
 FOLDER = Path("models")
 PYTHON = ".py"

@@ -17,8 +17,8 @@ import sympy as sp
 from hgogen.errors import BadArgument
 from hgogen.prove.dissipation import BadErrorSystem, Dissipation, dissipation, error_system
 from hgogen.prove.plant_step import ENTERING
-from hgogen.reading.door import Misfit
 from hgogen.reading.expression import parse
+from hgogen.reading.given import Misfit
 from hgogen.rigor.rounding import REALS
 from hgogen.system import System
 

@@ -5,7 +5,7 @@ from pathlib import Path
 
 from hgogen.emit.naming import demand_file
 from hgogen.modelfiles.place import PYTHON
-from hgogen.reading import filename
+from hgogen.reading import files
 from hgogen.signal import check_name
 from hgogen.target import CannotWrite
 
@@ -18,7 +18,7 @@ def model(name: str, folder: Path) -> dict[str, str]:
     that a plant or a file cannot have; `CannotWrite` where the folder holds such a file."""
     check_name(name)
     demand_file(name)
-    file = f"{filename.demand(name)}{PYTHON}"
+    file = f"{files.demand(name)}{PYTHON}"
     if os.path.lexists(folder / file):
         raise CannotWrite(str(folder / file), "it is there already", "take another name, or another folder by --out")
     return {file: _TEXT.read_text(encoding="utf-8").replace(_NAME, name)}

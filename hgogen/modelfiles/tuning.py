@@ -42,11 +42,11 @@ from hgogen.estimators import innovation, theta
 from hgogen.form import Form
 from hgogen.modelfiles.setting import AS_WRITTEN, Setting
 from hgogen.observer import STARTS, Observer
-from hgogen.reading import filename
-from hgogen.reading.content import READERS
+from hgogen.reading import files
+from hgogen.reading.files import READERS
 from hgogen.reading.given import BadGain
 from hgogen.reading.text_model import NUMBER, TABLE, TEXT, BadModelFile, demand_keys
-from hgogen.reading.time_unit import plural
+from hgogen.signal import plural
 from hgogen.stepping.delays import delayed
 from hgogen.system import System
 
@@ -153,8 +153,8 @@ class Tuning:
             raise BadModelFile(self.file, where, f"is of type {kind}; write a table of the observer's arguments")
         if not name.isidentifier():
             raise BadModelFile(self.file, where, "must be a name of letters, digits and underscores")
-        self._refusals(where, lambda: filename.demand(name))
-        if twins := [key for key in self.tables if key != name and filename.same(key) == filename.same(name)]:
+        self._refusals(where, lambda: files.demand(name))
+        if twins := [key for key in self.tables if key != name and files.same(key) == files.same(name)]:
             raise BadModelFile(self.file, where, f"{twins[0]} is the same name on some systems; rename one of the two")
         needed = "kind" if name == self.default else None
         demand_keys(self.file, where, {key: table[key] for key in _TYPES if key in table}, _TYPES, needed)

@@ -14,7 +14,7 @@ these gains, unless the model's tuning holds better ones; without gains of eithe
 from typing import TYPE_CHECKING, Any
 
 from hgogen.observer import remembered
-from hgogen.reading.door import switches
+from hgogen.reading.given import switches
 from hgogen.registry import load
 
 if TYPE_CHECKING:

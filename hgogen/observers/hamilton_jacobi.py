@@ -31,8 +31,7 @@ from hgogen.form import Form
 from hgogen.observer import Observer, founded, gain, state_field
 from hgogen.part import Jump, Pieces
 from hgogen.program import Bit, Block, Field, Place, sym
-from hgogen.reading.given import BadGain, real
-from hgogen.reading.named import Matrix, Values, names_of, of_coordinates, of_outputs, whole
+from hgogen.reading.given import BadGain, Matrix, Values, names_of, of_coordinates, of_outputs, real, whole
 from hgogen.rigor.slope import JUMPS
 from hgogen.sentence import because
 from hgogen.starting import Gains, Scale, starts

@@ -22,8 +22,7 @@ from hgogen.estimators.weights import is_definite
 from hgogen.form import Form
 from hgogen.observer import Observer, founded
 from hgogen.program import sym
-from hgogen.reading.given import BadGain, count
-from hgogen.reading.named import Matrix, Values
+from hgogen.reading.given import BadGain, Matrix, Values, count
 from hgogen.starting import starts
 from hgogen.theorem import Hypothesis
 

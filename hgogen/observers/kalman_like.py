@@ -52,9 +52,8 @@ from hgogen.estimators.weights import positive, spd, wide
 from hgogen.form import Form
 from hgogen.observer import Observer, founded, gain, state_field
 from hgogen.program import Bit, sym
-from hgogen.reading.given import BadGain
+from hgogen.reading.given import BadGain, Matrix, Values, names_of, of_coordinates, of_outputs
 from hgogen.reading.given import positive as above_zero
-from hgogen.reading.named import Matrix, Values, names_of, of_coordinates, of_outputs
 from hgogen.sentence import same
 from hgogen.signal import LOST
 from hgogen.starting import starts, two

@@ -31,8 +31,7 @@ from hgogen.form import Form
 from hgogen.observer import Observer, founded
 from hgogen.program import sym
 from hgogen.prove.steady_filter import Linear, in_chains, linear, settles
-from hgogen.reading.given import BadGain
-from hgogen.reading.named import Matrix, Values
+from hgogen.reading.given import BadGain, Matrix, Values
 from hgogen.rigor.definite import rationals
 from hgogen.sentence import because, joined
 from hgogen.starting import starts

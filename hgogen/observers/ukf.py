@@ -21,8 +21,7 @@ from hgogen.estimators.unscented import Unscented, unscented
 from hgogen.form import Form
 from hgogen.observer import Observer, founded
 from hgogen.program import sym
-from hgogen.reading.given import BadGain, positive, real
-from hgogen.reading.named import Matrix, Values
+from hgogen.reading.given import BadGain, Matrix, Values, positive, real
 from hgogen.starting import starts
 from hgogen.theorem import FORM, OPERATION, Hypothesis, Theorem
 

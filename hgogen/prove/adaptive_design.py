@@ -47,8 +47,7 @@ from hgogen.prove.inclusion import Nothing
 from hgogen.prove.semidefinite import solution_of, solver
 from hgogen.prove.varying_gain import Disturbance, candidate, facts, share_of, steepness
 from hgogen.prove.varying_gain import disturbance as as_disturbance
-from hgogen.reading.door import Misfit
-from hgogen.reading.given import BadGain, positive, real, reals
+from hgogen.reading.given import BadGain, Misfit, positive, real, reals
 from hgogen.rigor.definite import demand_hurwitz, root
 from hgogen.sentence import down, up
 

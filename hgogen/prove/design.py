@@ -55,8 +55,7 @@ from hgogen.prove.steady_filter import steady_gain
 from hgogen.prove.varying_gain import Candidate, candidate, facts, judged
 from hgogen.prove.varying_gain import attenuation as block_of
 from hgogen.prove.varying_gain import disturbance as as_disturbance
-from hgogen.reading.door import Misfit
-from hgogen.reading.given import BadGain, positive, real, reals
+from hgogen.reading.given import BadGain, Misfit, positive, real, reals
 from hgogen.rigor.definite import demand_hurwitz, exact, largest, nonnegative, number, root, smallest, unit
 from hgogen.sentence import NONE, Reason, because
 

@@ -42,9 +42,7 @@ from hgogen.analysis.written import written
 from hgogen.check import Check, ClaimId, Verdict
 from hgogen.errors import BadArgument
 from hgogen.form import Form
-from hgogen.reading.door import Misfit, asks_a_plant, limits
-from hgogen.reading.given import signals_named
-from hgogen.reading.named import BadNames, in_order, names_of, quadratic
+from hgogen.reading.given import BadNames, Misfit, asks_a_plant, in_order, limits, names_of, quadratic, signals_named
 from hgogen.rigor.bounds import Proof, bound
 from hgogen.rigor.box import Box, box, exact, kind
 from hgogen.rigor.definite import symmetric, unsymmetric

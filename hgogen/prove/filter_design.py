@@ -27,8 +27,7 @@ from hgogen.prove.inequality import NOW, driven, flow
 from hgogen.prove.quadratic import Array, floats, inverse_root
 from hgogen.prove.questions import Bounded, InputBound, bound_at, bound_in_floats
 from hgogen.prove.semidefinite import sought
-from hgogen.reading.door import Misfit
-from hgogen.reading.given import BadGain, among, count, positive
+from hgogen.reading.given import BadGain, Misfit, among, count, positive
 from hgogen.sentence import up
 
 _NAME = "filtered_injection"

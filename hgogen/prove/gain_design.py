@@ -51,9 +51,7 @@ from hgogen.prove.inequality import ends, flow, pushed
 from hgogen.prove.quadratic import Array, Quadratic
 from hgogen.prove.questions import Bounds, bounds, named, together_in_floats
 from hgogen.prove.semidefinite import CLOSER, Rows, basis, definite, entries, reaching, solved
-from hgogen.reading.door import Misfit, remembers
-from hgogen.reading.given import BadGain, positive
-from hgogen.reading.named import Each, each_by_name, names_of
+from hgogen.reading.given import BadGain, Each, Misfit, each_by_name, names_of, positive, remembers
 from hgogen.sentence import NONE, Down, Reason, Sentence, Up, because, same
 
 _WHAT = "the design of a gain"

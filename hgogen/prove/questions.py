@@ -44,7 +44,7 @@ from hgogen.prove.quadratic import (
     rational,
 )
 from hgogen.prove.semidefinite import Solution, cheapest, holding, settled, shortest, together
-from hgogen.reading.named import names_of
+from hgogen.reading.given import names_of
 from hgogen.rigor.definite import fraction, number, root
 from hgogen.rigor.outward import number as outward
 from hgogen.sentence import NONE, Reason, because

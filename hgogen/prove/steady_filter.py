@@ -43,10 +43,19 @@ from hgogen.form import Form
 from hgogen.observer import state_field
 from hgogen.prove.constant_gain import constant_chains
 from hgogen.prove.quadratic import lyapunov
-from hgogen.reading.door import Misfit
-from hgogen.reading.given import BadGain, real
+from hgogen.reading.given import (
+    BadGain,
+    BadNames,
+    Matrix,
+    Misfit,
+    Values,
+    in_order,
+    names_of,
+    of_coordinates,
+    of_outputs,
+    real,
+)
 from hgogen.reading.given import positive as above_zero
-from hgogen.reading.named import BadNames, Matrix, Values, in_order, names_of, of_coordinates, of_outputs
 from hgogen.rigor import definite
 from hgogen.rigor.box import exact as exactly
 from hgogen.rigor.definite import demand_hurwitz, exact, hurwitz, nonnegative, rationals

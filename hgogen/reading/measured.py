@@ -3,8 +3,20 @@
 Nothing is guessed in silence: the report counts what was missing, not a number, duplicated, out of order or
 in a gap, and says what was done with it. A row goes to the nearest grid point; where several meet at one,
 each column keeps its number nearest in time (of equals the first). An input of a log that is faster than the
-step, or irregular, is averaged instead.
-"""
+step, or irregular, is averaged instead, over the time that a sample stands for:
+
+    u_k = 1/(b - a) integral over [a, b] of the log, each row's value held until the next,   a, b = t_k + window dt
+
+so that the integral is kept: charge, volume or heat, whatever happened between two samples. The window is that of what
+the step makes of u between samples: half a step to both sides where it goes on the line from one to the next, whose
+integral is dt (u_0/2 + u_1 + .. + u_N/2); the step before where a value is the one applied since the last sample.
+
+Derivatives of inputs, which a form reads and few logs hold, are differences from sample to sample,
+
+    u'(k) = (u(k) - u(k - 1))/dt,   u''(k) = (u'(k) - u'(k - 1))/dt,   ..
+
+which firmware can compute, and the slope of the line that reaches the sample. The first difference stands for those
+before it."""
 
 import math
 import shlex
@@ -16,14 +28,15 @@ from typing import Annotated, Any
 
 import numpy as np
 
-from hgogen.reading import averaged, mapped
-from hgogen.reading.averaged import Window
-from hgogen.reading.differences import difference, said_of
 from hgogen.reading.given import unmasked
-from hgogen.reading.log import BadRecord, Column, Table, log_of
-from hgogen.reading.time_unit import plural, seconds
-from hgogen.signal import Signal
+from hgogen.reading.log import BadRecord, Column, Table, column_of, converted, log_of, operand
+from hgogen.signal import Signal, plural, seconds
 
+Window = tuple[float, float]
+WINDOWS: dict[str, Window] = {"line": (-0.5, 0.5), "hold": (-1.0, 0.0), "forward": (0.0, 1.0)}
+FASTER = 0.75  # of the step: a log with a shorter period is averaged
+UNEVEN, SHARE = 0.25, 0.1  # of the period, of the rows: more of them so far off it make a log irregular
+HELD = 10.0  # typical periods for which a row's value is held: a longer silence is a gap
 _BEAT = 0.01  # of a period or more off a whole multiple: rows and samples drift past each other
 _DOUBT = 0.4  # of a period, from a whole multiple: how many periods a step is
 LONGEST = 10_000_000  # samples on the grid; beyond it the times are hardly seconds
@@ -202,13 +215,13 @@ def read(
     for name, column in columns.items():
         if name == column and name not in log.header:
             raise BadRecord(log.path, f"has no column {name!r}; say {caller.fix(name)}, one of {listed}")
-    series = {name: mapped.column(log, text) for name, text in columns.items()}
-    operands = {name: mapped.operand(log, text) for name, text in columns.items()}
+    series = {name: column_of(log, text) for name, text in columns.items()}
+    operands = {name: operand(log, text) for name, text in columns.items()}
     for name, text in columns.items():
         if text in log.header:
-            log, series[name], operands[name] = mapped.converted(log, series[name], name, text, units.get(name, ""))
+            log, series[name], operands[name] = converted(log, series[name], name, text, units.get(name, ""))
     if time is not None:
-        log, clock, _ = mapped.converted(log, log.column(time), "time", time, unit)
+        log, clock, _ = converted(log, log.column(time), "time", time, unit)
         times = _stamps(log, clock, unit, caller)
     else:
         times = np.arange(log.rows) * float(period or 0.0)
@@ -314,9 +327,9 @@ def _slope(times: np.ndarray, steps: np.ndarray, middle: float) -> float:
     doubt how many periods they are; where too many are, the median `middle` of the steps, which jitter moves."""
     counts = np.rint(steps / middle)
     off = np.abs(steps / middle - counts)
-    if np.mean(off > averaged.UNEVEN) > averaged.SHARE:
+    if np.mean(off > UNEVEN) > SHARE:
         return middle
-    piece = np.concatenate([[0], np.cumsum((off > _DOUBT) | (counts > averaged.HELD))])
+    piece = np.concatenate([[0], np.cumsum((off > _DOUBT) | (counts > HELD))])
     number = np.concatenate([[0.0], np.cumsum(counts)])
     number, since = (each - (np.bincount(piece, each) / np.bincount(piece))[piece] for each in (number, times))
     return float(number @ since / (number @ number)) if np.any(number) else middle
@@ -360,14 +373,14 @@ def _gridded(
         there = np.flatnonzero(np.isfinite(numbers))
         points, first = np.unique(point[nearest][there], return_index=True)
         values[points, c] = numbers[there[first]]
-    means = [name for name in series if name in inputs and averaged.wanted(steps, period, dt)]
+    means = [name for name in series if name in inputs and needs_averaging(steps, period, dt)]
     notes = [*log.notes, *_pace(period, dt, unit)]
     if means:
         held = "every row held until the next, so that the integral is kept"
         notes.append(f"{', '.join(means)}: averaged over each step, {held}")
     for name in means:
-        hold = max(averaged.HELD * period, dt)
-        values[:, list(series).index(name)] = averaged.averaged(
+        hold = max(HELD * period, dt)
+        values[:, list(series).index(name)] = window_means(
             times, series[name].values[ordered], float(times[0]), samples, dt, inputs[name], hold
         )
     cells = {name: column.of(timed) for name, column in series.items()}
@@ -397,3 +410,51 @@ def _gridded(
         notes=tuple(notes),
     )
     return Record(times[0] + np.arange(samples) * dt, tuple(series), values, report)
+
+
+def needs_averaging(steps: np.ndarray, period: float, dt: float) -> bool:
+    """Whether inputs are averaged, of the times between rows (N,), their typical `period` and the step `dt`."""
+    uneven = np.abs(steps / period - 1) > UNEVEN if period else np.zeros(0, bool)
+    return bool(period < FASTER * dt or (len(uneven) and uneven.mean() > SHARE))
+
+
+def window_means(
+    times: np.ndarray, values: np.ndarray, first: float, samples: int, dt: float, window: Window, hold: float
+) -> np.ndarray:
+    """The means (samples,) of a column (N,) at ascending times (N,) over the windows about first + k dt; from the
+    first number on where the one before it is more than the time `hold` old; NaN where there is none."""
+    there = np.isfinite(values)
+    times, index = np.unique(times[there], return_index=True)
+    if not len(times):
+        return np.full(samples, np.nan)
+    values = values[there][index]
+    grid = first + np.arange(samples) * dt
+    end = max(float(grid[-1]), float(times[-1]))
+    knots = np.append(times, end + dt)
+    integral = np.concatenate([[0.0], np.cumsum(values * np.diff(knots))])
+    low, high = (np.clip(grid + edge * dt, first, end) for edge in window)
+    at = np.searchsorted(times, low + 1e-9 * dt, "right") - 1
+    stale = np.where(at < 0, True, low - times[np.maximum(at, 0)] > hold)
+    low = np.where(stale, np.append(times, np.inf)[at + 1], low)  # the next number is the first that counts
+    at = np.where(stale, np.minimum(at + 1, len(times) - 1), at)
+    length = high - low
+    with np.errstate(invalid="ignore", divide="ignore"):
+        mean = (np.interp(high, knots, integral) - np.interp(low, knots, integral)) / length
+    mean = np.where(length > 1e-9 * dt, mean, values[at])
+    return np.asarray(np.where(~stale | (length > 1e-9 * dt), mean, np.nan))
+
+
+def said_of(rates: Mapping[str, tuple[str, int]]) -> tuple[str, ...]:
+    """What is said of derivatives that no log holds, by name: of which input, and the order."""
+    return tuple(
+        f"{name} is taken as differences of {source} from sample to sample: no column gives it"
+        for name, (source, _) in rates.items()
+    )
+
+
+def difference(values: np.ndarray, order: int, dt: float) -> np.ndarray:
+    """Of a column (N,), NaN where one of its samples is missing, or none is there."""
+    if len(values) <= order:
+        return np.full(len(values), np.nan)
+    rates = np.diff(values, order) / dt**order
+    return np.concatenate([np.repeat(rates[:1], order), rates])

@@ -21,8 +21,7 @@ from hgogen.emit import layout
 from hgogen.emit.lanewriter import NoLanes
 from hgogen.emit.saved import mark, sealed
 from hgogen.emit.syntax import DTYPE, Real
-from hgogen.reading.door import switches
-from hgogen.reading.given import BadGain, count
+from hgogen.reading.given import BadGain, count, switches
 from hgogen.run import native
 from hgogen.run.asked import Asked
 from hgogen.run.readers import Kept

@@ -24,8 +24,7 @@ import sympy as sp
 from hgogen import targets
 from hgogen.call import CallableStep
 from hgogen.errors import BadArgument, nearest
-from hgogen.reading.door import Misfit, asks
-from hgogen.reading.given import count, real
+from hgogen.reading.given import Misfit, asks, count, real
 from hgogen.run import native
 from hgogen.run.metrics import Metrics, metrics
 from hgogen.run.samples import Engine

@@ -16,7 +16,7 @@ from typing import Annotated
 
 import numpy as np
 
-from hgogen.reading.door import Misfit, asks
+from hgogen.reading.given import Misfit, asks
 from hgogen.run.prediction import Prediction, rms
 from hgogen.run.samples import BadShape, Run
 from hgogen.run.whiteness import Whiteness, alike, quantile, whiteness

@@ -18,10 +18,8 @@ from hgogen.check import Check, ClaimId, Verdict
 from hgogen.estimators.weights import positive
 from hgogen.form import Form
 from hgogen.program import sym
-from hgogen.reading.door import Misfit
-from hgogen.reading.given import BadGain, reals
+from hgogen.reading.given import BadGain, Misfit, of_outputs, reals
 from hgogen.reading.given import positive as above
-from hgogen.reading.named import of_outputs
 from hgogen.run.gramian import Gramian, window
 from hgogen.sentence import because, joined
 

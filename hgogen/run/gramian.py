@@ -19,10 +19,9 @@ import sympy as sp
 
 from hgogen.errors import BadArgument
 from hgogen.graph import CVODES, to_casadi
-from hgogen.reading.door import Misfit, asks_a_plant
-from hgogen.reading.given import real
-from hgogen.reading.time_unit import plural
+from hgogen.reading.given import Misfit, asks_a_plant, real
 from hgogen.sentence import Encoded
+from hgogen.signal import plural
 from hgogen.system import System
 from hgogen.trial import Trial, simulate, t
 

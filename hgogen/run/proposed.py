@@ -17,7 +17,7 @@ import sympy as sp
 
 from hgogen.analysis.pace import NoSight, pace
 from hgogen.errors import BadArgument
-from hgogen.reading.door import asks_a_plant
+from hgogen.reading.given import asks_a_plant
 from hgogen.signal import Signal
 from hgogen.system import System
 from hgogen.trial import BadTrial, Plant, Trial, t

@@ -32,7 +32,7 @@ from hgogen.graph import CVODES, Graph
 from hgogen.observer import Observer
 from hgogen.part import Clock, Ode, Pieces
 from hgogen.program import Block, Place, sym
-from hgogen.reading.door import asks
+from hgogen.reading.given import asks
 from hgogen.run.samples import Run, table
 from hgogen.step import Step, plan
 from hgogen.stepping.machine import Bound, Machine, casadi_block

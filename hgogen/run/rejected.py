@@ -25,10 +25,10 @@ import numpy as np
 
 from hgogen.call import CallableStep
 from hgogen.errors import HgogenError
-from hgogen.reading.differences import derived
 from hgogen.reading.measured import shifted
 from hgogen.run.prediction import forecasts, predictions, rejected, rms
 from hgogen.run.samples import Engine, Run, held_last
+from hgogen.signal import derived
 from hgogen.stepping.guards import readings
 
 Array = np.ndarray

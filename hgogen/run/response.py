@@ -23,8 +23,7 @@ from hgogen.graph import Graph
 from hgogen.observer import Observer
 from hgogen.part import Clock, Ode
 from hgogen.program import Place, address, sym
-from hgogen.reading.door import Misfit
-from hgogen.reading.given import reals
+from hgogen.reading.given import Misfit, reals
 from hgogen.step import Step
 from hgogen.stepping.machine import Reading
 

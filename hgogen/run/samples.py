@@ -7,9 +7,8 @@ from typing import Annotated, Any, Literal, NamedTuple, Protocol, cast
 import numpy as np
 
 from hgogen.errors import BadArgument
-from hgogen.reading.given import count, unmasked
-from hgogen.reading.named import in_order, names_of
-from hgogen.reading.optional import library
+from hgogen.reading.given import count, in_order, names_of, unmasked
+from hgogen.registry import library
 from hgogen.signal import Signal
 
 Engine = Literal["c", "python"]

@@ -13,7 +13,7 @@ from typing import Any, Generic, TypeVar
 
 from hgogen.errors import BadArgument
 from hgogen.reading.given import count
-from hgogen.reading.optional import library
+from hgogen.registry import library
 
 MOST_JOBS = 1000  # processes
 PATIENCE = "10s"  # until a scheduler answers

@@ -8,8 +8,7 @@ from typing import Any
 import numpy as np
 
 from hgogen.program import INF, Field, Group
-from hgogen.reading.given import BadGain, real, reals
-from hgogen.reading.named import BadNames, in_order
+from hgogen.reading.given import BadGain, BadNames, in_order, real, reals
 from hgogen.signal import Signal, resting
 
 

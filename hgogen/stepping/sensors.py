@@ -16,8 +16,7 @@ import casadi as ca
 
 from hgogen.errors import BadArgument
 from hgogen.program import Block, Call, Field, Place, Program, Section, When, scalar, sym
-from hgogen.reading.time_unit import plural
-from hgogen.signal import Signal
+from hgogen.signal import Signal, plural
 from hgogen.system import System
 
 ROUND = 1 << 16  # periods after which the count begins again: what the smallest `unsigned` of C holds

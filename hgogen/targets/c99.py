@@ -24,7 +24,7 @@ from hgogen.emit.statements import called
 from hgogen.emit.syntax import Real, demand_real
 from hgogen.emit.syntaxes import C, vectors
 from hgogen.program import Field, Group, Place
-from hgogen.reading.door import demand_switch
+from hgogen.reading.given import demand_switch
 from hgogen.step import Step, demand_step
 from hgogen.stepping.ready import NO_PARAMETERS, UNINITIALISED
 from hgogen.stepping.resolution import demand_motion

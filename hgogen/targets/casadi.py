@@ -31,8 +31,7 @@ from hgogen.emit.syntax import Real
 from hgogen.errors import BadArgument
 from hgogen.graph import Graph
 from hgogen.program import Block
-from hgogen.reading.door import demand_switch
-from hgogen.reading.given import among
+from hgogen.reading.given import among, demand_switch
 from hgogen.rigor.lookup import Lookup, walked
 from hgogen.step import Step, demand_step
 from hgogen.stepping.discretise import NoEquation

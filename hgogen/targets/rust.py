@@ -22,7 +22,7 @@ from hgogen.emit.structs import Struct, declared, doc, initial, structs
 from hgogen.emit.syntax import Real, demand_real
 from hgogen.emit.syntaxes import RUST, keywords
 from hgogen.errors import HgogenError
-from hgogen.reading.door import demand_switch
+from hgogen.reading.given import demand_switch
 from hgogen.step import Step, demand_step
 from hgogen.stepping.resolution import demand_motion
 from hgogen.target import Recipe, Sources
