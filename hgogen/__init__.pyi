@@ -53,10 +53,9 @@ from hgogen.reading.declared import with_disturbance as with_disturbance
 from hgogen.run import excitation as excitation
 from hgogen.run.campaign import campaign as campaign
 from hgogen.run.consistency import consistency as consistency
+from hgogen.run.continuous import reference as reference
+from hgogen.run.continuous import response as response
 from hgogen.run.gramian import gramian as gramian
-from hgogen.run.proposed import proposed_trial as proposed_trial
-from hgogen.run.reference import reference as reference
-from hgogen.run.response import response as response
 from hgogen.run.samples import Run as Run
 from hgogen.run.samples import Sample as Sample
 from hgogen.signal import Signal as Signal
@@ -66,6 +65,7 @@ from hgogen.step import Step as Step
 from hgogen.stepping.delays import delayed as delayed
 from hgogen.system import System as System
 from hgogen.target import write as write
+from hgogen.trial import proposed_trial as proposed_trial
 from hgogen.which_forms import survey as survey
 
 __version__: str

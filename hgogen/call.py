@@ -21,12 +21,9 @@ from hgogen.program import dangling
 from hgogen.reading.given import in_order
 from hgogen.rigor.definite import one_thread
 from hgogen.run import native
-from hgogen.run.asked import Asked, Starts, tunable
-from hgogen.run.batch import Batch, Each, Many
-from hgogen.run.late import arriving, in_time
-from hgogen.run.readers import Kept
-from hgogen.run.replay import Replay
-from hgogen.run.samples import BadShape, Engine, Legend, Run, Sample, Take, door, numbers, table
+from hgogen.run.backends import Asked, Batch, Each, Kept, Many, Starts, tunable
+from hgogen.run.samples import BadShape, Engine, Legend, Run, Sample, Take, arriving, door, in_time, numbers, table
+from hgogen.run.uncertainty import Replay
 from hgogen.signal import plural
 from hgogen.step import BadStep, CannotUpdate, Step, StepMayFail, demand_choice, plan
 from hgogen.stepping.delays import arranged

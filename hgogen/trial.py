@@ -5,15 +5,27 @@ makes of it.
     n_{k+1} = rho n_k + sigma sqrt(1 - rho^2) g_k,  rho = exp(-dt/tau),  n_0 = sigma g_0;  or a tone, a sin(omega t)
 
 The truth is integrated by CVODES (absolute and relative tolerance 1e-13 a step), from jump to jump; many truths of one
-plant by `run/marched.py` where that is as accurate. The noise is the exact discretisation of a stationary
+plant by extrapolation (`March`) where that is as accurate. The noise is the exact discretisation of a stationary
 Ornstein-Uhlenbeck process, g from numpy's default_rng(seed); tau = 0 is white noise.
+
+A plant without a trial has a proposed one:
+
+    x(0) = m + c s S,   u(t) = m + c S sin(2 pi t/D),   xhat(0) = m,   duration 10 D
+
+m: the middle and S: half of a range; D: the longest time in which a state crosses its range at its fastest; s: a sign
+for each state; c = 1/2, 1/4 or 1/10. Of these motions that one is taken which stays longest in all ranges of the
+states, the first of equals; where it leaves them, the trial ends before.
 """
 
+import ctypes
 import math
+import signal
+import threading
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import astuple, dataclass, field, replace
 from functools import cached_property
-from itertools import pairwise
+from itertools import cycle, islice, pairwise
 from numbers import Integral, Real
 from typing import Annotated, Any, NamedTuple
 
@@ -21,18 +33,17 @@ import casadi as ca
 import numpy as np
 import sympy as sp
 
+from hgogen.analysis.pace import NoSight, pace
 from hgogen.call import CallableStep
-from hgogen.errors import HgogenError
+from hgogen.errors import BadArgument, HgogenError
 from hgogen.form import Form
 from hgogen.graph import CVODES, Graph, to_casadi
 from hgogen.modelfiles.setting import SEEDS
 from hgogen.reading import files
 from hgogen.reading.expression import parse
-from hgogen.reading.given import scalar
-from hgogen.run.interrupt import heard
-from hgogen.run.late import at_their_times
-from hgogen.run.marched import March
-from hgogen.run.samples import Engine
+from hgogen.reading.given import asks_a_plant, scalar
+from hgogen.run import native
+from hgogen.run.samples import Engine, at_their_times
 from hgogen.signal import Signal, derived, plural, resting
 from hgogen.system import System
 
@@ -325,9 +336,9 @@ def noisy(plant: System, truth: Truth, trial: Trial, seeds: Sequence[int]) -> np
     """What is measured, y (k, N, p): the truth plus the noise of each of k seeds, output after output from one
     generator a seed."""
     rngs, y = [np.random.default_rng(seed) for seed in seeds], np.repeat(truth.y[None], len(seeds), axis=0)
-    for j, signal in enumerate(plant.outputs):
-        if signal.name in trial.noise:
-            y[:, :, j] += trial.noise[signal.name].at(truth.t, rngs).T
+    for j, output in enumerate(plant.outputs):
+        if output.name in trial.noise:
+            y[:, :, j] += trial.noise[output.name].at(truth.t, rngs).T
     return y
 
 
@@ -540,3 +551,175 @@ _FIELDS: dict[str, tuple[Callable[[Any], Any], str]] = {
     "steady": (_unless_none(_number), "a number, or None"),
     "seeds": (_seeds, f"a count from 1 to {SEEDS}, or whole numbers from 0 in a tuple, such as (0, 1)"),
 }
+
+
+Array = np.ndarray
+ORDERED = (2, 4, 6, 8)  # n_i
+LOCAL = 1e-12  # of the peak of a state, an error of T_43
+_LOOP = """
+void march(long long count, long long n, double* x, double* e, const double* t, const double* h, const double* p,
+           long long* iw, double* w) {
+  const double* arg[%d];
+  double* res[%d];
+  for (long long k = 0; k < count; k++) {
+    arg[0] = x + k*n, arg[1] = t + k, arg[2] = h + k, arg[3] = p;
+    res[0] = x + (k + 1)*n, res[1] = e + k*n;
+    march_step(arg, res, iw, w, 0);
+  }
+}
+"""
+
+
+class March:
+    """The motions of x' = f(x, t; p) from `times[0]` to the others, by extrapolation with given steps, compiled.
+
+        z_1 = x + h/n f(x),   z_(j+1) = z_(j-1) + 2 h/n f(z_j),   T_i1 = z_n,   n = n_i of 2, 4, 6, 8
+        T_(i,k+1) = T_ik + (T_ik - T_(i-1,k))/((n_i/n_(i-k))^2 - 1),   x+ = T_44,   e = T_44 - T_43
+
+    x+ is of order 8, e the error of T_43, of order 6. A motion counts where e stays below `LOCAL` of the peak of each
+    state: what it is off by is then less than what CVODES leaves. An input may jump at a given time, where a step ends.
+    Source: Hairer, Norsett, Wanner, Solving Ordinary Differential Equations I (1993), II.9: Gragg's rule, extrapolated.
+
+    `ode`: graphs of the state "x", the time "t", parameters "p" and the rate "ode", as CasADi's integrators take them.
+    """
+
+    def __init__(self, ode: Mapping[str, Graph], times: Sequence[float]) -> None:
+        self._ode, self._t, self._h = ode, np.asarray(times, dtype=float)[:-1], np.diff(times)
+
+    def __call__(self, start: Array, p: Array) -> Array | None:
+        """The states (k, n) at the times behind the first; None where they are not known well enough, and without a
+        compiler."""
+        if not native.compiler():
+            return None
+        count, n = len(self._t), len(start)
+        states, errors = np.empty((count + 1, n)), np.empty((count, n))
+        states[0] = start
+        integers, numbers = np.empty(self._step.sz_iw(), dtype=np.int64), np.empty(self._step.sz_w())
+        arrays = (states, errors, self._t, self._h, np.asarray(p, dtype=float), integers, numbers)
+        self._march(count, n, *(each.ctypes.data for each in arrays))
+        with np.errstate(all="ignore"):
+            good = errors.max(axis=0) <= LOCAL * np.abs(states).max(axis=0)
+        return states[1:] if good.all() else None
+
+    @cached_property
+    def _step(self) -> Any:
+        """(x, t, h, p) -> x+ and |e|."""
+        t, h = ca.SX.sym("t"), ca.SX.sym("h")
+        x, p = self._ode["x"], self._ode["p"]
+        return ca.Function("march_step", [x, t, h, p], _extrapolated(self._ode, x, t, h, p))
+
+    @cached_property
+    def _march(self) -> Any:
+        generator = ca.CodeGenerator("step.c")
+        generator.add(self._step)
+        loop = _LOOP % (self._step.sz_arg(), self._step.sz_res())
+        march = native.library({"step.c": generator.dump() + loop}, ("-O2",)).march
+        march.argtypes = (*[ctypes.c_longlong] * 2, *[ctypes.c_void_p] * 7)
+        march.restype = None
+        return march
+
+
+def _extrapolated(ode: Mapping[str, Graph], x: Graph, t: Graph, h: Graph, p: Graph) -> list[Graph]:
+    """x+ and |e| of one step."""
+    rate = ca.Function("rate", [ode["x"], ode["t"], ode["p"]], [ca.densify(ode["ode"])])
+    first, rows = rate(x, t, p), [[x]]
+    for i, n in enumerate(ORDERED):
+        before, now = x, x + h / n * first
+        for j in range(1, n):
+            before, now = now, before + 2 * h / n * rate(now, t + j * h / n, p)
+        row = [now]
+        for k in range(1, i + 1):
+            row.append(row[-1] + (row[-1] - rows[-1][k - 1]) / ((n / ORDERED[i - k]) ** 2 - 1))
+        rows.append(row)
+    return [rows[-1][-1], ca.fabs(rows[-1][-1] - rows[-1][-2])]
+
+
+@contextmanager
+def heard() -> Iterator[list[Any]]:
+    """The Ctrl-C within, which count when it ends: CasADi takes what a handler raises for a model that has no value."""
+    heard: list[Any] = []
+    before = signal.getsignal(signal.SIGINT)
+    if not callable(before) or threading.current_thread() is not threading.main_thread():  # it is ignored, or not ours
+        yield heard
+        return
+    signal.signal(signal.SIGINT, lambda *signalled: heard.append(signalled))
+    try:
+        yield heard
+    finally:
+        signal.signal(signal.SIGINT, before)
+    if heard:
+        before(*heard[-1])
+
+
+CROSSINGS = 10.0  # times D
+SAMPLES = 2000  # at which a motion is looked at
+SHARES = (0.5, 0.25, 0.1)  # c
+SIGNS = ((1,), (1, -1), (-1,))
+PARTS = tuple(0.5**k for k in range(7, -1, -1))  # of the duration
+BEFORE = 0.9  # of the time to leave
+LEAST = 0.1  # of D: a shorter motion is no trial
+
+
+class NoTrial(BadArgument):
+    """A plant of which no trial can be made from its ranges."""
+
+
+@asks_a_plant
+def proposed_trial(plant: System) -> Trial:
+    """The trial, without noise, of the plant as first declared. Raises: `NoTrial` where a state or an input has no
+    range, nothing moves, or every motion leaves the ranges at once."""
+    first = plant.declared
+    if unknown := [s.name for s in (*first.states, *first.inputs) if not s.bounded]:
+        raise NoTrial(f"plant {plant.name!r}", f"has no range of {', '.join(unknown)}, and no trial; declare either")
+    try:
+        longest = pace(first).longest
+    except NoSight as error:
+        raise NoTrial(f"plant {plant.name!r}", str(error)) from None
+    if not longest:
+        raise NoTrial(f"plant {plant.name!r}", "does not move within its ranges; declare a trial")
+    motions = list(_motions(first, longest))
+    stays = [_stay(first, one) for one in motions]
+    best = int(np.argmax(stays))
+    if stays[best] < LEAST * longest:
+        raise NoTrial(
+            f"plant {plant.name!r}",
+            f"leaves its ranges within {stays[best]:.2g} {first.time} on every motion that was tried; declare a "
+            "trial in which it is held there",
+        )
+    motion = motions[best]
+    return motion if stays[best] >= motion.duration else replace(motion, duration=BEFORE * stays[best])
+
+
+def _motions(plant: System, longest: float) -> Iterator[Trial]:
+    middle = {x.name: _middle(x) for x in plant.states}
+    for share in SHARES:
+        for signs in SIGNS:
+            signed = zip(plant.states, islice(cycle(signs), len(plant.states)), strict=True)
+            start = {x.name: _middle(x) + share * sign * _half(x) for x, sign in signed}
+            inputs = {u.name: _middle(u) + share * _half(u) * sp.sin(2 * sp.pi * t / longest) for u in plant.inputs}
+            yield Trial("proposed", CROSSINGS * longest, start, inputs, estimate=middle, seeds=(0,))
+
+
+def _stay(plant: System, trial: Trial) -> float:
+    """How long the plant stays in its ranges: parts that double are integrated until it leaves them, or escapes."""
+    low, high = np.array([s.interval for s in plant.states]).T
+    stayed = 0.0
+    for part in PARTS:
+        duration = part * trial.duration
+        try:
+            x = Plant(plant, replace(trial, duration=duration), duration / SAMPLES).states(trial.start)
+        except BadTrial:
+            return stayed
+        outside = np.flatnonzero(((x < low) | (x > high)).any(axis=1))
+        if len(outside):
+            return float(outside[0] * duration / SAMPLES)
+        stayed = duration
+    return stayed
+
+
+def _middle(signal: Signal) -> float:
+    return math.fsum(signal.interval) / 2
+
+
+def _half(signal: Signal) -> float:
+    return (signal.interval[1] - signal.interval[0]) / 2

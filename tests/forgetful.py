@@ -5,7 +5,7 @@ import gc
 from typing import Any
 
 MAKERS = (
-    *("hgogen.observer", "hgogen.step", "hgogen.run.readers", "hgogen.emit.manual"),
+    *("hgogen.observer", "hgogen.step", "hgogen.run.backends", "hgogen.emit.manual"),
     *("hgogen.certificates.rounding_share", "hgogen.recheck.verification", "hgogen.emit.subprograms"),
     "hgogen.discretisation.open_loop",
 )

@@ -27,7 +27,7 @@ from recovery import LONGEST, MODELS, calm, model, within
 import hgogen as hg
 from hgogen.call import CallableStep
 from hgogen.errors import HgogenError
-from hgogen.run.late import at_their_times
+from hgogen.run.samples import at_their_times
 from hgogen.step import _assembled
 from hgogen.stepping import recovery
 from hgogen.stepping.guards import readings

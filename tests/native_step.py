@@ -9,7 +9,7 @@ import numpy as np
 from hgogen.emit import layout
 from hgogen.emit.syntax import Real
 from hgogen.program import Place
-from hgogen.run.readers import Kept
+from hgogen.run.backends import Kept
 from hgogen.step import Step
 
 NUMBER = {"float": np.float32, "double": np.float64}

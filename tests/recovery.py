@@ -30,7 +30,7 @@ from hgogen.emit import layout
 from hgogen.emit.saved import sealed
 from hgogen.errors import HgogenError
 from hgogen.model import Model
-from hgogen.run.late import at_their_times
+from hgogen.run.samples import at_their_times
 from hgogen.trial import BadTrial, Jump, Trial, Truth, noisy, sampled, simulate
 
 MODELS = Path(__file__).resolve().parents[1] / "models"

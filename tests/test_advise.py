@@ -240,7 +240,7 @@ def test_bad_input_is_refused(words: tuple[str, str], reason: str, tmp_path: Pat
 def test_bad_input_is_refused_before_a_process_is_started(
     words: dict[str, Any], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("hgogen.run.spread.Workers.results", lambda *_: pytest.fail("work began"))
+    monkeypatch.setattr("hgogen.run.campaign.Workers.results", lambda *_: pytest.fail("work began"))
     with pytest.raises(BadGain):
         advise(MODEL.plant, **words)
 

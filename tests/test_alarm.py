@@ -14,13 +14,13 @@ import hgogen as hg
 from hgogen import cli, model
 from hgogen.commands import trial_runs
 from hgogen.program import Place
-from hgogen.run import native, noise
+from hgogen.run import consistency, native
 from hgogen.run.metrics import Summary, alarm_complaints, alarm_ratio
 from hgogen.trial import Jump, OrnsteinUhlenbeck, Trial, t
 
 NEURON = model.load(Path(__file__).resolve().parents[1] / "models" / "fitzhugh_nagumo.py")
 SIGMA, DT, D = 0.05, 0.01, 1.0
-GAMMA_0 = SIGMA**2 * D * (1 + noise.SPREADS * noise.spread(round(D / DT), DT, 0.0))
+GAMMA_0 = SIGMA**2 * D * (1 + consistency.SPREADS * consistency.spread(round(D / DT), DT, 0.0))
 TRIAL = Trial(
     "one_jump",
     60.0,

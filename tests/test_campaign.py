@@ -32,14 +32,25 @@ from hgogen.reading.given import BadGain
 from hgogen.registry import NotInstalled
 from hgogen.run import campaign as campaign_module
 from hgogen.run import native
-from hgogen.run import results as results_module
-from hgogen.run.campaign import BadCampaign, BadVariation, Campaign, Outcome, Varied, hypercube, varied
-from hgogen.run.marched import March
+from hgogen.run.campaign import (
+    BadCampaign,
+    BadVariation,
+    Campaign,
+    NoScheduler,
+    Outcome,
+    Spread,
+    Tally,
+    Varied,
+    earlier,
+    hypercube,
+    outcome,
+    results_head,
+    results_line,
+    varied,
+)
 from hgogen.run.metrics import Metrics, Response, metrics
-from hgogen.run.results import Spread, Tally, earlier, head, line, outcome
-from hgogen.run.spread import NoScheduler
 from hgogen.target import CannotWrite, lines_of
-from hgogen.trial import BadTrial, Jump, OrnsteinUhlenbeck, Plant, Sine, Trial, simulate, t, try_out
+from hgogen.trial import BadTrial, Jump, March, OrnsteinUhlenbeck, Plant, Sine, Trial, simulate, t, try_out
 
 NAN, INF = float("nan"), float("inf")
 
@@ -201,11 +212,11 @@ def test_a_long_campaign_takes_its_records_together_with_the_same_numbers(
 
     monkeypatch.setattr(CallableStep, "run_many", counted)
     trial = replace(TRIAL, estimate={"x1": 0.5, "x2": 1.0})
-    alone = [line(one) for one in hg.campaign(made, trial, 30, vary).run(range(9), jobs=1)]
+    alone = [results_line(one) for one in hg.campaign(made, trial, 30, vary).run(range(9), jobs=1)]
     assert records == []
     monkeypatch.setattr(trial_module, "_TOGETHER", 7 * 101)
     monkeypatch.setattr(campaign_module, "WORTH", 30 * 101)
-    together = [line(one) for one in hg.campaign(made, trial, 30, vary).run(range(9), jobs=1)]
+    together = [results_line(one) for one in hg.campaign(made, trial, 30, vary).run(range(9), jobs=1)]
     assert together == alone
     assert records == batches
 
@@ -329,7 +340,7 @@ def test_a_cluster_gives_the_same_numbers() -> None:
 @pytest.mark.parametrize("address", ["nowhere", "tcp://127.0.0.1:1"])
 def test_a_scheduler_that_does_not_answer_is_said(address: str, monkeypatch: pytest.MonkeyPatch) -> None:
     pytest.importorskip("distributed")
-    monkeypatch.setattr("hgogen.run.spread.PATIENCE", "1s")
+    monkeypatch.setattr("hgogen.run.campaign.PATIENCE", "1s")
     with pytest.raises(NoScheduler, match=f"scheduler {address} does not answer"):
         list(hg.campaign(step(), TRIAL, 2).run(scheduler=address))
 
@@ -351,18 +362,18 @@ def campaign_of_three() -> Campaign:
 def test_an_outcome_is_read_as_it_was_written() -> None:
     each = campaign_of_three()
     for one in each.run(jobs=1):
-        assert outcome(each, line(one)) == one
+        assert outcome(each, results_line(one)) == one
     lost = Outcome(2, each.draws.named(2), None, "it escaped")
-    assert outcome(each, line(lost)) == lost
+    assert outcome(each, results_line(lost)) == lost
     assert one.metrics
     escaped = replace(one, metrics=replace(one.metrics, rms={"x1": INF, "x2": INF}))
-    assert outcome(each, line(escaped)) == escaped
+    assert outcome(each, results_line(escaped)) == escaped
 
 
 def test_a_file_of_another_campaign_is_refused() -> None:
     first, second = hg.campaign(step(), TRIAL, 3, "x1=20%"), hg.campaign(step(), TRIAL, 3, "x1=21%")
-    assert list(earlier(first, [head(first)], "file")) == []
-    for text in (head(second), "something else\n", "\n"):
+    assert list(earlier(first, [results_head(first)], "file")) == []
+    for text in (results_head(second), "something else\n", "\n"):
         with pytest.raises(BadCampaign, match="file holds the results of another campaign"):
             list(earlier(first, [text], "file"))
 
@@ -456,7 +467,7 @@ def of_run_one() -> Outcome:
 @pytest.mark.parametrize(("key", "value"), [(key, value) for key, values in FORGED.items() for value in values])
 def test_a_line_that_can_be_no_outcome_of_the_campaign_is_none(key: str, value: Any) -> None:
     each = campaign_of_three()
-    row: Any = json.loads(line(of_run_one()))
+    row: Any = json.loads(results_line(of_run_one()))
     *above, last = (int(word) if word.isdigit() else word for word in key.split("."))
     inner = row
     for word in above:
@@ -473,13 +484,14 @@ def test_a_line_that_is_no_outcome_is_none(text: str) -> None:
 @pytest.mark.parametrize("failed", ["", "\x1b[2Jall is well", 3, None])
 def test_a_failure_says_why_in_printable_text(failed: Any) -> None:
     each = campaign_of_three()
-    assert outcome(each, line(Outcome(1, each.draws.named(1), None, failed))) is None
+    assert outcome(each, results_line(Outcome(1, each.draws.named(1), None, failed))) is None
 
 
 def test_of_noise_alone_a_file_may_hold_more_runs() -> None:
     many, few = (hg.campaign(step(), TRIAL, runs) for runs in (5, 2))
     (one,) = many.run([4], jobs=1)
-    assert list(earlier(few, [head(many), line(one), "torn", line(one)], "file")) == [one, None, one]
+    lines = [results_head(many), results_line(one), "torn", results_line(one)]
+    assert list(earlier(few, lines, "file")) == [one, None, one]
 
 
 # --- what it says -----------------------------------------------------------------------------------------------
@@ -613,7 +625,7 @@ def test_the_neuron_is_sent_to_processes() -> None:
 
 
 def test_the_worst_run_is_named_by_its_number() -> None:
-    assert results_module._spread_of("late", np.array([1.0, np.inf, 2.0]), np.array([4, 7, 9])).run == 7
+    assert campaign_module._spread_of("late", np.array([1.0, np.inf, 2.0]), np.array([4, 7, 9])).run == 7
 
 
 def test_an_interval_may_leave_its_range_at_neither_end() -> None:

@@ -31,8 +31,9 @@ from hgogen.certificates.certificate import certificate
 from hgogen.check import Check, Verdict
 from hgogen.commands.checked import Checked, checked
 from hgogen.model import load
-from hgogen.recheck.file import VERSION, digest, model_digest
-from hgogen.recheck.verification import NoCertificate, Unreadable, read, recheck
+from hgogen.recheck.file import VERSION, NoCertificate, digest, model_digest
+from hgogen.recheck.text import Unreadable
+from hgogen.recheck.verification import read, recheck
 
 ROOT = Path(__file__).resolve().parents[1]
 MODELS = sorted(p for p in ROOT.glob("models/*.*") if p.suffix in (".py", ".toml") and not p.name.startswith("_"))

@@ -14,8 +14,9 @@ from oracle.text import read as as_sympy
 
 import hgogen as hg
 from hgogen.certificates.certificate import certificate
-from hgogen.recheck.file import digest, model_digest
-from hgogen.recheck.verification import NoCertificate, Unreadable, recheck
+from hgogen.recheck.file import NoCertificate, digest, model_digest
+from hgogen.recheck.text import Unreadable
+from hgogen.recheck.verification import recheck
 
 SAMPLES = 400
 e_x, e_q, e_w = sp.symbols("e_x e_q e_w", real=True)

@@ -16,8 +16,8 @@ import hgogen as hg
 from hgogen import cli
 from hgogen.analysis.evidence import NotCertifiable, fingerprint
 from hgogen.certificates.certificate import certificate
-from hgogen.recheck.file import SHOWN, digest, model_digest
-from hgogen.recheck.verification import NoCertificate, Row, recheck
+from hgogen.recheck.file import SHOWN, NoCertificate, digest, model_digest
+from hgogen.recheck.verification import Row, recheck
 
 ROOT = Path(__file__).resolve().parents[1]
 LINKED = ("pendulum", "fitzhugh_nagumo", "cascaded_tanks", "two", "tunable", "no_input")

@@ -24,8 +24,9 @@ from hgogen.certificates.certificate import certificate
 from hgogen.commands.checked import checked
 from hgogen.model import load
 from hgogen.prove import inequality
-from hgogen.recheck.file import digest, model_digest
-from hgogen.recheck.verification import NoCertificate, Unreadable, recheck
+from hgogen.recheck.file import NoCertificate, digest, model_digest
+from hgogen.recheck.text import Unreadable
+from hgogen.recheck.verification import recheck
 
 ROOT = Path(__file__).resolve().parents[1]
 SAMPLES = 20

@@ -30,9 +30,9 @@ from hgogen.commands.options import names_in, numbers_by_name
 from hgogen.modelfiles.place import summary
 from hgogen.modelfiles.setting import UnknownCase
 from hgogen.run import native
-from hgogen.run.agreement import Agreement
-from hgogen.run.proposed import proposed_trial
+from hgogen.run.comparison import Agreement
 from hgogen.target import Files
+from hgogen.trial import proposed_trial
 
 MODELS = Path(__file__).resolve().parents[1] / "models"
 NEURON = MODELS / "fitzhugh_nagumo.py"

@@ -9,10 +9,9 @@ from test_cli import hgogen
 
 import hgogen as hg
 from hgogen.run import consistency as consistency_module
-from hgogen.run.consistency import no_better
+from hgogen.run.consistency import no_better, quantile, whiteness
 from hgogen.run.prediction import Prediction
 from hgogen.run.samples import BadShape
-from hgogen.run.whiteness import quantile, whiteness
 
 Array = np.ndarray
 DT, N = 0.02, 400
@@ -315,14 +314,14 @@ def test_innovations_of_any_size_are_judged() -> None:
     e, s = np.random.default_rng(4).standard_normal(100), np.ones(100)
     for size in (2.0**1020, 2.0**-1000):
         assert whiteness(e * size) == whiteness(e)
-    large = consistency_module._of_output("y", e * 1e300, s)
+    large = consistency_module._output_consistency("y", e * 1e300, s)
     assert (large.nis, large.outside) == (np.inf, 1.0)
-    assert consistency_module._of_output("y", e * 1e-200, s).nis == 0.0
+    assert consistency_module._output_consistency("y", e * 1e-200, s).nis == 0.0
 
 
 def test_whiteness_is_that_of_innovations_over_their_deviations() -> None:
     e, s = np.random.default_rng(3).normal(size=200), np.linspace(0.1, 9.0, 200)
-    assert consistency_module._of_output("y", e, s).whiteness == consistency_module.whiteness(e / np.sqrt(s))
+    assert consistency_module._output_consistency("y", e, s).whiteness == consistency_module.whiteness(e / np.sqrt(s))
 
 
 def test_errors_are_as_many_times_too_large_as_a_state_s_share_of_nees() -> None:

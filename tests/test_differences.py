@@ -14,8 +14,7 @@ from hgogen.call import CallableStep
 from hgogen.discretisation.open_loop import open_loop
 from hgogen.logs.records import Log
 from hgogen.reading.measured import difference, read
-from hgogen.run.prediction import predictions
-from hgogen.run.rejected import _others
+from hgogen.run.prediction import _others, predictions
 from hgogen.signal import derived
 from hgogen.which_forms import of
 

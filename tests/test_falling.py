@@ -8,7 +8,7 @@ import sympy as sp
 from scipy.linalg import eigvalsh
 
 import hgogen as hg
-from hgogen.run.falling import SMALL, falling
+from hgogen.run.comparison import SMALL, falling
 from hgogen.trial import Jump, OrnsteinUhlenbeck, Trial, simulate
 
 

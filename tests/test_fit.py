@@ -27,9 +27,9 @@ from hgogen.modelfiles.json_file import BadFile, read_values
 from hgogen.reading.given import BadGain
 from hgogen.reading.text_model import read as read_model
 from hgogen.reading.text_model import to_text
-from hgogen.run import whiteness as whiteness_module
+from hgogen.run import consistency as whiteness_module
+from hgogen.run.consistency import alike
 from hgogen.run.prediction import predictions
-from hgogen.run.whiteness import alike
 from hgogen.system import BadValue, valued
 
 X, V = hg.Signal("x", nominal=0.5, low=-5, high=5), hg.Signal("v", nominal=0, low=-20, high=20)

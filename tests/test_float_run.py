@@ -9,7 +9,7 @@ from test_cli import hgogen
 from test_mapped import RUN, record
 
 import hgogen as hg
-from hgogen.run.agreement import coarse, differences
+from hgogen.run.comparison import coarse, differences
 from hgogen.run.samples import Run
 
 STATES = (hg.Signal("p", low=0, high=4), hg.Signal("v", "m/s"))

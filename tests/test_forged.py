@@ -18,8 +18,9 @@ from hgogen import cli
 from hgogen.certificates.certificate import certificate
 from hgogen.commands.checked import checked
 from hgogen.model import load
-from hgogen.recheck.file import VERSION
-from hgogen.recheck.verification import NoCertificate, NothingVerified, Rechecked, Unreadable, recheck
+from hgogen.recheck.file import VERSION, NoCertificate
+from hgogen.recheck.text import Unreadable
+from hgogen.recheck.verification import NothingVerified, Rechecked, recheck
 
 ROOT = Path(__file__).resolve().parents[1]
 MODELS = sorted(p for p in ROOT.glob("models/*.*") if p.suffix in (".py", ".toml") and not p.name.startswith("_"))

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from hgogen.commands.output import json_text
-from hgogen.run.incidents import Interventions, guard_notes, interventions
+from hgogen.run.metrics import Interventions, guard_notes, interventions
 
 STEP: Any = SimpleNamespace(
     layout=SimpleNamespace(

@@ -8,7 +8,7 @@ import pytest
 from test_cli import hgogen
 
 import hgogen as hg
-from hgogen.run.incidents import leaving_notes, left
+from hgogen.run.metrics import leaving_notes, left
 from hgogen.trial import Jump, Trial, t, try_out
 
 ESCAPING = """name = "escaping"

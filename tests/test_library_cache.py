@@ -11,8 +11,8 @@ from pathlib import Path
 
 import pytest
 
-from hgogen.run import library_cache, native
-from hgogen.run.library_cache import cache_folder, is_kept, keep
+from hgogen.run import native
+from hgogen.run.native import cache_folder, is_kept, keep
 from hgogen.target import write
 
 pytestmark = pytest.mark.skipif(os.name != "posix", reason="the files of other systems have no owner and no mode")
@@ -96,7 +96,7 @@ def test_neither_is_one_of_another_user(cache: Path, monkeypatch: pytest.MonkeyP
         monkeypatch.setattr(os, "geteuid", lambda: other)
         assert not is_kept(folder / "k.so")
     with cache_folder() as folder:
-        assert folder == library_cache.process_folder()
+        assert folder == native.process_folder()
 
 
 def test_the_folder_is_closed_to_others(cache: Path) -> None:
@@ -151,13 +151,13 @@ def test_where_it_cannot_be_kept_it_is_loaded_all_the_same(cache: Path, monkeypa
 
     def full(path: Path, content: bytes) -> None:
         asked.append(path.parent)
-        if path.parent != library_cache.process_folder():
+        if path.parent != native.process_folder():
             raise native.CannotWrite(str(path), "No space left on device")
         keep(path, content)
 
     monkeypatch.setattr(native, "keep", full)
     assert native.library(returning(13)).f() == 13
-    assert asked[1:] == [library_cache.process_folder()]
+    assert asked[1:] == [native.process_folder()]
     assert not list(cache.iterdir())
 
 

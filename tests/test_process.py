@@ -19,8 +19,7 @@ from hgogen.commands import process, tables
 from hgogen.commands.output import json_text
 from hgogen.reading.files import Unread, content_of
 from hgogen.recheck import verification as recheck
-from hgogen.run.consistency import OfOutput
-from hgogen.run.whiteness import Whiteness
+from hgogen.run.consistency import OfOutput, Whiteness
 
 COMMAND = [sys.executable, "-c", "from hgogen.cli import main; main()"]
 PENDULUM, NEURON = (

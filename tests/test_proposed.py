@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import hgogen as hg
-from hgogen.run.proposed import CROSSINGS, NoTrial
+from hgogen.trial import CROSSINGS, NoTrial
 
 X, V = hg.Signal("x", low=-1, high=3), hg.Signal("v", low=-2, high=2)
 U, Y = hg.Signal("u", low=0, high=2), hg.Signal("y")

@@ -20,7 +20,7 @@ from hgogen.commands import running
 from hgogen.reading import log as log_module
 from hgogen.reading.log import BadRecord, _ragged, _regular, mapping, parsed, table
 from hgogen.reading.measured import Record, read
-from hgogen.run import noise, prediction
+from hgogen.run import consistency, prediction
 from hgogen.run.prediction import predictions
 from hgogen.run.samples import Run
 from hgogen.trial import OrnsteinUhlenbeck, Trial, noisy, simulate
@@ -525,25 +525,26 @@ def test_noise_is_found_again(tau: float):
     trial = Trial("quiet", 400.0, {"x": 3.0}, noise={"y": OrnsteinUhlenbeck(0.2, tau)})
     record = noisy(plant, simulate(plant, trial, 0.02), trial, [1])[0, :, 0]
     record[100:200] = np.nan
-    suggestion = noise.suggest("y", record, 0.02, 1.0)
+    suggestion = consistency.suggest("y", record, 0.02, 1.0)
     # Two estimates' deviations over T/tau independent stretches: 400/(2 tau) for sigma, some 3 sqrt(tau/T) for tau.
     assert suggestion.sigma == pytest.approx(0.2, rel=4 * math.sqrt(max(tau, 0.01) / 400))
     assert suggestion.tau == pytest.approx(tau, rel=10 * math.sqrt(max(tau, 0.01) / 400))
     assert suggestion.notes == ()
-    assert suggestion.gamma_0 == pytest.approx(suggestion.sigma**2 * (1 + 6.5 * noise.spread(50, 0.02, suggestion.tau)))
+    spread = consistency.spread(50, 0.02, suggestion.tau)
+    assert suggestion.gamma_0 == pytest.approx(suggestion.sigma**2 * (1 + 6.5 * spread))
 
 
 def test_the_spread_of_the_quiet_innovation():
-    assert noise.spread(100, 0.01, 0.0) == pytest.approx(math.sqrt(0.02))
+    assert consistency.spread(100, 0.01, 0.0) == pytest.approx(math.sqrt(0.02))
     rho = math.exp(-0.2)
     exact = math.sqrt(0.02 * (1 + 2 * sum((1 - k / 100) * rho**k for k in range(1, 100))))
-    assert noise.spread(100, 0.01, 0.1) == pytest.approx(exact, rel=1e-12)
+    assert consistency.spread(100, 0.01, 0.1) == pytest.approx(exact, rel=1e-12)
     # The reference trial's gamma_0 = .16 lies 6..7 spreads above the mean .04.
     assert 0.04 * (1 + 6 * exact) < 0.16 < 0.04 * (1 + 7 * exact)
 
 
 def test_a_record_that_is_not_quiet_is_doubted():
-    moving = noise.suggest("y", np.sin(np.arange(2000) * 0.01), 0.01, 1.0)
+    moving = consistency.suggest("y", np.sin(np.arange(2000) * 0.01), 0.01, 1.0)
     assert any("quiet" in note for note in moving.notes)
 
 
@@ -552,7 +553,7 @@ def test_a_long_record_that_drifts_takes_a_moment():
     t = np.arange(300_000) * 0.01
     drift, begun = np.sin(2 * np.pi * 1.3 * t / t[-1]), time.process_time()
     drift[::7] = np.nan
-    tau = noise.suggest("y", drift, 0.01, 1.0).tau
+    tau = consistency.suggest("y", drift, 0.01, 1.0).tau
     assert time.process_time() - begun < 30
     direct, lag = np.where(np.isfinite(drift), drift - np.polyval(_line(t, drift), t), 0.0), round(tau / 0.01)
     pairs = np.isfinite(drift)[lag:] & np.isfinite(drift)[:-lag]
@@ -569,7 +570,7 @@ def _line(t: np.ndarray, y: np.ndarray) -> np.ndarray:
     ("begin", "end", "count"), [(None, None, 100), (1, 2, 11), (None, 10, 100), (-0.1, 0.35, 4), (9, None, 10)]
 )
 def test_the_quiet_part(begin: float | None, end: float | None, count: int):
-    assert noise.quiet(np.arange(100) / 10, begin, end).sum() == count
+    assert consistency.quiet(np.arange(100) / 10, begin, end).sum() == count
 
 
 @pytest.mark.parametrize(
@@ -584,8 +585,8 @@ def test_the_quiet_part(begin: float | None, end: float | None, count: int):
     ],
 )
 def test_an_interval_that_is_none_is_a_sentence(begin: float | None, end: float | None, named: str):
-    with pytest.raises(noise.BadInterval) as caught:
-        noise.quiet(np.arange(100) / 10, begin, end)
+    with pytest.raises(consistency.BadInterval) as caught:
+        consistency.quiet(np.arange(100) / 10, begin, end)
     assert f"the quiet part {named} s" in str(caught.value)
     assert "from 0 to 9.9 s" in str(caught.value)
 
@@ -593,16 +594,16 @@ def test_an_interval_that_is_none_is_a_sentence(begin: float | None, end: float 
 @pytest.mark.parametrize("d", [-1.0, 0.0, 0.09, 20.1, math.inf, math.nan])
 def test_a_window_that_does_not_fit_is_a_sentence(d: float):
     y = np.random.default_rng(0).standard_normal(200)
-    with pytest.raises(noise.BadWindow, match=r"must lie within 0\.1\.\.20 s"):
-        noise.suggest("y", y, 0.1, d)
-    assert noise.suggest("y", y, 0.1, 0.1).d == 0.1
-    assert noise.suggest("y", y, 0.1, 20.0).d == 20.0
+    with pytest.raises(consistency.BadWindow, match=r"must lie within 0\.1\.\.20 s"):
+        consistency.suggest("y", y, 0.1, d)
+    assert consistency.suggest("y", y, 0.1, 0.1).d == 0.1
+    assert consistency.suggest("y", y, 0.1, 20.0).d == 20.0
 
 
 @pytest.mark.parametrize("values", [np.ones(500), np.arange(500.0), np.full(500, np.nan), np.zeros(5)])
 def test_nothing_to_learn_from_is_a_sentence(values: np.ndarray):
-    with pytest.raises(noise.TooLittle, match="y "):
-        noise.suggest("y", values, 0.1, 1.0)
+    with pytest.raises(consistency.TooLittle, match="y "):
+        consistency.suggest("y", values, 0.1, 1.0)
 
 
 # --- a clock beside --period ------------------------------------------------------------------------------------

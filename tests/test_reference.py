@@ -6,7 +6,7 @@ from plants import fitzhugh_nagumo, pendulum
 from scipy.integrate import solve_ivp
 
 import hgogen as hg
-from hgogen.run.reference import CannotIntegrate
+from hgogen.run.continuous import CannotIntegrate
 from hgogen.run.samples import BadShape
 from hgogen.step import BadStep
 

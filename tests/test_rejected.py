@@ -8,7 +8,7 @@ import pytest
 from test_cli import hgogen
 
 from hgogen.model import load
-from hgogen.run.rejected import clamped
+from hgogen.run.prediction import clamped
 
 MODEL = """
 name = "swing"

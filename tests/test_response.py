@@ -19,7 +19,7 @@ import hgogen as hg
 from hgogen.model import load
 from hgogen.reading.given import BadGain, Misfit
 from hgogen.run import figures as figure
-from hgogen.run.response import BadFrequency, NoResponse
+from hgogen.run.continuous import BadFrequency, NoResponse
 
 HYPERJERK = str(MODELS / "hyperjerk.py")
 POLES = (-1 + 1j, -1 - 1j, -2 + 1j, -2 - 1j)

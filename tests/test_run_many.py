@@ -15,7 +15,7 @@ from hgogen.model import load
 from hgogen.program import Place
 from hgogen.reading.given import BadGain
 from hgogen.run import native
-from hgogen.run.batch import Batch
+from hgogen.run.backends import Batch
 from hgogen.run.samples import BadShape, Engine, Run
 
 COUNT, SAMPLES = 21, 1200  # of no register's width

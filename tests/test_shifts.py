@@ -13,8 +13,8 @@ from hgogen.call import CallableStep
 from hgogen.model import load
 from hgogen.reading.log import BadRecord, shifts_of
 from hgogen.reading.measured import shifted
-from hgogen.run import native, rejected
-from hgogen.run.rejected import better
+from hgogen.run import native, prediction
+from hgogen.run.prediction import better
 from hgogen.trial import noisy, simulate
 
 DT, N = 0.01, 1500
@@ -86,7 +86,7 @@ def test_a_shift_that_gains_little_is_not_named(step: CallableStep, monkeypatch:
     u, y = driven(1)
     noisy = y + 3e-4 * np.random.default_rng(1).standard_normal(y.shape)
     assert better(step, u, noisy, 0, native.engine()) is None
-    monkeypatch.setattr(rejected, "CLEAR", 1.0)
+    monkeypatch.setattr(prediction, "CLEAR", 1.0)
     slight = better(step, u, noisy, 0, native.engine())
     assert slight is not None
     assert (slight.shift, slight.error < slight.present) == (1, True)
@@ -119,7 +119,7 @@ def test_an_input_that_stands_still_has_no_other_sign() -> None:
 def test_predictions_worse_than_copying_tell_nothing(step: CallableStep, monkeypatch: pytest.MonkeyPatch) -> None:
     u, y = driven(0, -1)
     assert better(step, u[:300], y[:300], 0, native.engine()) is not None
-    monkeypatch.setattr(rejected, "_scale", lambda y: np.full(1, 1e-6))  # as if copying erred by that
+    monkeypatch.setattr(prediction, "_scale", lambda y: np.full(1, 1e-6))  # as if copying erred by that
     assert better(step, u[:300], y[:300], 0, native.engine()) is None
 
 

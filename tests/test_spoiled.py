@@ -9,7 +9,7 @@ import pytest
 from test_cli import hgogen
 
 from hgogen.model import load
-from hgogen.run.incidents import before_loss, loss
+from hgogen.run.metrics import before_loss, loss
 
 PERIOD = 1e-3
 

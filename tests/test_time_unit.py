@@ -16,7 +16,7 @@ from hgogen.errors import HgogenError
 from hgogen.model import load
 from hgogen.modelfiles.tuning import Tuning
 from hgogen.reading.text_model import BadModelFile, from_table, read, to_text
-from hgogen.run import excitation, noise
+from hgogen.run import consistency, excitation
 from hgogen.signal import of_time, pace, plural
 from hgogen.system import BadSystem
 from hgogen.targets import c99
@@ -87,8 +87,8 @@ def test_errors_about_time_tell_its_unit():
             " h,",
         ),
         (lambda: hg.gramian(plant(), Trial("far", 2.0, {"x": 1.0}, {"u": 0}), 3.0), "must be times in hours"),
-        (lambda: noise.quiet(np.arange(100) / 10, 5, 3, "h"), r"5\.\.3 h is not .* to 9\.9 h;"),
-        (lambda: noise.suggest("y", np.arange(200.0), 0.1, 50.0, "h"), r"d = 50 h must lie within 0\.1\.\.20 h,"),
+        (lambda: consistency.quiet(np.arange(100) / 10, 5, 3, "h"), r"5\.\.3 h is not .* to 9\.9 h;"),
+        (lambda: consistency.suggest("y", np.arange(200.0), 0.1, 50.0, "h"), r"d = 50 h must lie within 0\.1\.\.20 h,"),
         (lambda: hg.response(high_gain(), -1), r"must be positive numbers \(rad/h\)"),
         (lambda: numbers_in("fast", "numbers in rad/h", "--omega"), "'fast' must be numbers in rad/h"),
         (lambda: excitation.along(hg.forms.state_affine(plant()), 1, [0.0], [0.0], 1, 5), "d = 5 h on 1 samples"),
@@ -121,5 +121,5 @@ def test_no_option_counts_in_seconds(command: TyperCommand):
 
 
 def test_a_doubt_about_a_record_tells_the_unit():
-    doubts = noise.suggest("y", np.sin(np.arange(2000) * 0.01), 0.01, 1.0, "h").notes
+    doubts = consistency.suggest("y", np.sin(np.arange(2000) * 0.01), 0.01, 1.0, "h").notes
     assert [said for said in doubts if re.search(r"correlation time is \S+ h in a record of 20 h", said)]

@@ -13,7 +13,7 @@ from oracle import fitzhugh_nagumo as oracle
 import hgogen as hg
 from hgogen import model
 from hgogen.run import native
-from hgogen.run.agreement import agreement
+from hgogen.run.comparison import agreement
 from hgogen.run.metrics import crossings, metrics, settling, summary
 from hgogen.trial import BadTrial, Jump, OrnsteinUhlenbeck, Settled, Trial, noisy, read_field, simulate, t, try_out
 

@@ -22,8 +22,8 @@ from hgogen.logs.advise import Advised, advise
 from hgogen.model import load
 from hgogen.modelfiles.json_file import equations
 from hgogen.modelfiles.setting import AS_WRITTEN, Setting
-from hgogen.run.proposed import NoTrial
 from hgogen.system import System
+from hgogen.trial import NoTrial
 
 
 @dataclass(frozen=True, eq=False)

@@ -39,9 +39,7 @@ from hgogen.modelfiles.setting import AS_WRITTEN, Setting, UnknownCase, demand_k
 from hgogen.reading.files import same
 from hgogen.reading.given import by_name, written
 from hgogen.run import native
-from hgogen.run.agreement import Agreement, Disagree
-from hgogen.run.comparison import Seen, seen
-from hgogen.run.falling import Falling, falling
+from hgogen.run.comparison import Agreement, Disagree, Falling, Seen, falling, seen
 from hgogen.run.samples import Engine
 from hgogen.target import Files, Sources
 from hgogen.trial import Trial

@@ -15,9 +15,18 @@ from hgogen.call import CallableStep
 from hgogen.commands.options import Runs
 from hgogen.commands.output import Bar, headed
 from hgogen.commands.process import note
-from hgogen.run.campaign import BadCampaign, Campaign, Outcome, campaign
+from hgogen.run.campaign import (
+    BadCampaign,
+    Campaign,
+    Outcome,
+    Spread,
+    Tally,
+    campaign,
+    earlier,
+    results_head,
+    results_line,
+)
 from hgogen.run.metrics import criterion
-from hgogen.run.results import Spread, Tally, earlier, head, line
 from hgogen.run.samples import Engine
 from hgogen.target import lines_of
 from hgogen.trial import Trial
@@ -133,7 +142,7 @@ def _tallied(name: str, one: Campaign, asked: Runs, bar: Bar) -> Tally:
         left = [number for number in wanted if number not in tally]
         for outcome in one.run(left, asked.jobs if len(left) > 1 else 1, asked.scheduler) if left else ():
             tally.add(outcome)
-            add(line(outcome))
+            add(results_line(outcome))
             bar.tick()
     return tally
 
@@ -150,7 +159,7 @@ def _results(
     with lines_of(file, folder) as (lines, add):
         first = next(lines, None)
         if first is None:
-            add(head(one))
+            add(results_head(one))
         yield _valid(one, lines if first is None else chain([first], lines), str(folder / file)), add
 
 

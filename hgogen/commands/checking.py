@@ -27,7 +27,7 @@ from hgogen.errors import HgogenError
 from hgogen.model import Model, load
 from hgogen.modelfiles.setting import AS_WRITTEN, Setting
 from hgogen.rigor.bounds import Range
-from hgogen.run.sight import Sight, sight
+from hgogen.run.gramian import Sight, sight
 from hgogen.target import demand as demand_place
 from hgogen.trial import Trial
 from hgogen.which_forms import Survey

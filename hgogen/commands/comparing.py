@@ -30,9 +30,8 @@ from hgogen.model import MissingPart, Model, load
 from hgogen.modelfiles.setting import AS_WRITTEN, Setting
 from hgogen.prove.semidefinite import NoSolver
 from hgogen.run.comparison import Measured, measured
-from hgogen.run.incidents import Left, leaving_notes, left
-from hgogen.run.incidents import guard_notes as guards
-from hgogen.run.metrics import criterion
+from hgogen.run.metrics import Left, criterion, leaving_notes, left
+from hgogen.run.metrics import guard_notes as guards
 from hgogen.run.samples import Engine
 from hgogen.system import System
 from hgogen.trial import Trial

@@ -19,7 +19,7 @@ from hgogen.commands.advice import Advice
 from hgogen.commands.checked import Checked
 from hgogen.commands.tables import COLOURS, few
 from hgogen.form import Form
-from hgogen.run.sight import Sight, as_share
+from hgogen.run.gramian import Sight, as_share
 from hgogen.sentence import Sentence, point
 from hgogen.theorem import convergence
 from hgogen.which_forms import Survey

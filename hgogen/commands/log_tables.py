@@ -9,7 +9,7 @@ from rich.text import Text
 from hgogen.commands.output import filled, headed
 from hgogen.logs.result import Fit
 from hgogen.reading.measured import Report
-from hgogen.run.agreement import Difference
+from hgogen.run.comparison import Difference
 from hgogen.run.consistency import Consistency
 from hgogen.run.prediction import Prediction
 from hgogen.signal import Signal

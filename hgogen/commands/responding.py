@@ -18,7 +18,7 @@ from hgogen.commands.output import Folder, Written, headed, rendered
 from hgogen.commands.process import note
 from hgogen.model import load
 from hgogen.modelfiles.setting import AS_WRITTEN, Setting
-from hgogen.run.response import Response, pace
+from hgogen.run.continuous import Response, pace
 
 COUNT = 6  # frequencies of the table, unless they are given
 POINTS = 200  # frequencies of the figure

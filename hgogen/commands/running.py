@@ -42,14 +42,23 @@ from hgogen.modelfiles.setting import AS_WRITTEN, Setting
 from hgogen.reading.files import fault
 from hgogen.reading.log import mapping, shifts_of
 from hgogen.reading.measured import COMMAND, WINDOWS, Record, read
-from hgogen.run import noise
-from hgogen.run.agreement import Difference, coarse, differences
-from hgogen.run.consistency import Consistency, consistency, no_better
+from hgogen.run.comparison import Difference, coarse, differences
+from hgogen.run.consistency import Consistency, Suggestion, consistency, no_better, suggest
+from hgogen.run.consistency import quiet as quiet_part
 from hgogen.run.gramian import Gramian
-from hgogen.run.incidents import Interventions, before_loss, interventions, loss
-from hgogen.run.noise import Suggestion
-from hgogen.run.prediction import Prediction, predictions, rejected, rms
-from hgogen.run.rejected import Better, MostlyRejected, Rejection, better, clamped, rejections
+from hgogen.run.metrics import Interventions, before_loss, interventions, loss
+from hgogen.run.prediction import (
+    Better,
+    MostlyRejected,
+    Prediction,
+    Rejection,
+    better,
+    clamped,
+    predictions,
+    rejected,
+    rejections,
+    rms,
+)
 from hgogen.run.samples import Engine, Run
 from hgogen.signal import Signal, derived
 
@@ -374,8 +383,8 @@ def noise_(
     step = loaded.step(observer)
     d = innovation_window(loaded, "--window", observer) if window is None else window
     record = _record(step, data, columns, step.outputs)
-    quiet = noise.quiet(record.t, begin, end, step.time)
-    suggestions = (noise.suggest(s.name, record.of([s])[quiet, 0], step.dt, d, step.time) for s in step.outputs)
+    quiet = quiet_part(record.t, begin, end, step.time)
+    suggestions = (suggest(s.name, record.of([s])[quiet, 0], step.dt, d, step.time) for s in step.outputs)
     return QuietRecord(loaded.path, record, tuple(suggestions), step.time)
 
 

@@ -13,8 +13,7 @@ from sympy.printing.str import StrPrinter
 from hgogen.check import Check, Verdict
 from hgogen.commands.output import filled, headed
 from hgogen.rigor.bounds import Range
-from hgogen.run.agreement import Agreement
-from hgogen.run.comparison import Measured, Seen
+from hgogen.run.comparison import Agreement, Measured, Seen
 from hgogen.run.gramian import Gramian
 from hgogen.run.metrics import ITSELF, Summary
 from hgogen.sentence import NONE, Reason, Sentence, because, down, plain, point, up

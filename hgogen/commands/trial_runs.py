@@ -8,13 +8,23 @@ from typing import Annotated
 from hgogen.call import CallableStep
 from hgogen.commands.process import note
 from hgogen.model import Model
-from hgogen.run.agreement import Agreement, agreement
-from hgogen.run.incidents import Interventions, Left, interventions, leaving_notes, left
-from hgogen.run.incidents import guard_notes as guards
-from hgogen.run.metrics import Metrics, Summary, alarm_complaints, alarm_ratio, metrics, summary
-from hgogen.run.proposed import proposed_trial
+from hgogen.run.comparison import Agreement, agreement
+from hgogen.run.metrics import (
+    Interventions,
+    Left,
+    Metrics,
+    Summary,
+    alarm_complaints,
+    alarm_ratio,
+    interventions,
+    leaving_notes,
+    left,
+    metrics,
+    summary,
+)
+from hgogen.run.metrics import guard_notes as guards
 from hgogen.run.samples import Engine
-from hgogen.trial import Trajectory, Trial, demand_trial, try_out
+from hgogen.trial import Trajectory, Trial, demand_trial, proposed_trial, try_out
 
 Tick = Callable[[], None]
 

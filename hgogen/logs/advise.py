@@ -25,8 +25,8 @@ from hgogen.logs.grid import first_of, observers_named, reasons, thetas
 from hgogen.modelfiles.first import First, everywhere
 from hgogen.reading.given import asks_a_plant, positive, switches
 from hgogen.run import native
+from hgogen.run.campaign import Workers
 from hgogen.run.metrics import metrics
-from hgogen.run.spread import Workers
 from hgogen.starting import Scale, gains_of, scale, two
 from hgogen.system import System
 from hgogen.trial import OrnsteinUhlenbeck, Trial, Truth, feeds, first_memory, simulate, tried

@@ -18,7 +18,7 @@ from hgogen.logs.records import BadLog, Log, demanded
 from hgogen.logs.result import FINE, SAME, Estimate, Fit, Place, Structure, above, parted, structure
 from hgogen.logs.solution import Progress, Searches, Solution, Solver, digests
 from hgogen.reading.given import asks_a_plant, count, signals_named, switches
-from hgogen.run.whiteness import CORNER, WRONG, alike, corner, deviation, whiteness
+from hgogen.run.consistency import CORNER, WRONG, alike, corner, deviation, whiteness
 from hgogen.signal import Signal, resting
 from hgogen.system import System, valued
 

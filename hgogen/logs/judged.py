@@ -16,9 +16,9 @@ from hgogen.call import CallableStep
 from hgogen.logs.grid import Calibration, Tuned
 from hgogen.logs.records import Log
 from hgogen.logs.score import readable
+from hgogen.run.consistency import LAGS, correlations
 from hgogen.run.prediction import forecasts, rms
 from hgogen.run.samples import Engine, held_last
-from hgogen.run.whiteness import LAGS, correlations
 from hgogen.system import System
 
 Array = np.ndarray

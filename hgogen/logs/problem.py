@@ -31,7 +31,7 @@ from hgogen.logs.innovations import SURE, Innovations, moved_by_noise
 from hgogen.logs.records import BadLog, Log
 from hgogen.part import on_line
 from hgogen.program import column
-from hgogen.run.whiteness import influence
+from hgogen.run.consistency import influence
 from hgogen.signal import Signal, plural, resting
 from hgogen.system import System
 

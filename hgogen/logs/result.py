@@ -11,7 +11,7 @@ from hgogen.analysis.observability import observability
 from hgogen.logs.solution import Solution
 from hgogen.rigor.rank import NothingMeasured, NowhereDefined
 from hgogen.rigor.tape import NoTape
-from hgogen.run.whiteness import Whiteness
+from hgogen.run.consistency import Whiteness
 from hgogen.sentence import Encoded
 from hgogen.signal import Signal
 from hgogen.system import System

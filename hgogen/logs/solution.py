@@ -16,9 +16,9 @@ import numpy as np
 
 from hgogen.logs.problem import Problem
 from hgogen.logs.records import BadLog, Log
-from hgogen.run.interrupt import heard
 from hgogen.sentence import Encoded
 from hgogen.system import System
+from hgogen.trial import heard
 
 Array = np.ndarray
 PULL = 1e-3

@@ -19,7 +19,7 @@ from hgogen.logs.score import BEGIN, Ahead, Hidden, Judge, readable
 from hgogen.modelfiles.first import First, everywhere
 from hgogen.reading.given import asks_a_plant, count, switches
 from hgogen.run import native
-from hgogen.run.spread import Workers
+from hgogen.run.campaign import Workers
 from hgogen.starting import two
 from hgogen.system import System
 from hgogen.which_forms import Row

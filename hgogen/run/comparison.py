@@ -1,4 +1,6 @@
-"""Observers of one model side by side: the same truth, noise and sampling period, and the same first estimate.
+"""Runs of one trial compared: several observers, C and Python, float and double, and a run with its theorem.
+
+Observers have the same truth, noise and sampling period, and the same first estimate:
 
     convergence    time to settle after the start and after each jump, the median of the seeds (`metrics.criterion`)
     steady error   its root mean square over the trial's steady part, the median of the seeds
@@ -9,23 +11,45 @@
                    worst that all seeds show of it from when on it holds (`seen`)
 
 The range of a state: `metrics.ranges`.
+
+C and Python evaluate the same operations in double precision. Until theta first rises they can differ by rounding
+only; while theta is high the gain multiplies what little differs, so from there on the times to settle are
+compared. Of a run in float, as small firmware makes it, and one in double,
+
+    difference = max over samples of |x_float - x_double|, over the width of the state's range, else over its peak
+
+where samples at which one of them is no number do not count.
+
+Of an observer with a covariance, V falls from call to call, and S keeps bounds:
+
+    V_k = e' S e,   S = P^-1, e = z - z(x) after the sample k;   scaled S = theta^g Delta^-1 S Delta^-1
+
+Theorems on such observers have V' <= -alpha V and alpha_1 <= scaled S <= alpha_2 with constants that are existential
+(Boizot, Busvelle, Gauthier, Automatica 46 (2010)); g is 1 where theta scales Q alone, else 0 (`scaling`). These are
+theirs on one trajectory of a trial, without noise: shown in trials, and proved of no other one. Where V has
+fallen to a millionth since an event, rounding and the step's remainder begin to count, and the rest is left out.
 """
 
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
-from typing import Annotated
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from itertools import pairwise
+from typing import Annotated, ClassVar
 
+import casadi as ca
 import numpy as np
 
 from hgogen.call import CallableStep
 from hgogen.certificates.error_bound import ErrorBound
 from hgogen.emit.cost import Cost, cost
-from hgogen.run.incidents import Interventions, interventions
-from hgogen.run.metrics import median, metrics, ranges
-from hgogen.run.samples import Engine
+from hgogen.errors import HgogenError
+from hgogen.form import Form
+from hgogen.graph import to_casadi
+from hgogen.run.metrics import Interventions, Metrics, crossings, interventions, median, metrics, ranges
+from hgogen.run.samples import Engine, Run
+from hgogen.run.uncertainty import uncertainty
 from hgogen.sentence import Encoded
 from hgogen.signal import Signal
-from hgogen.trial import Trajectory, Trial, try_out
+from hgogen.trial import Trajectory, Trial, feeds, first_memory, simulate, try_out
 
 
 @dataclass(frozen=True, eq=False)
@@ -126,3 +150,181 @@ def largest(states: Sequence[Signal], each: Sequence[Trajectory], known: ErrorBo
     """The worst of all trajectories by the name of each state that has a bound; None where none of them tells."""
     rows = [one for trajectory in each for one in seen(states, trajectory, known) if one.worst is not None]
     return {name: max((one.worst or 0.0 for one in rows if one.state == name), default=None) for name in known.bounds}
+
+
+ROUNDING = 1e-11  # of the trajectory's peak: some 1e3 operations a step, each 1e-16, forgotten within 1e2 steps
+COARSE = 1e-3  # of a state's range: more than rounding does where nothing amplifies it
+
+
+@dataclass(frozen=True)
+class Agreement(Encoded):
+    """How two readers of a step differ, relative to each state's peak.
+
+    Times to settle may differ by one sample, because an error that just touches the band may lie on either side of it.
+    """
+
+    json_keys = "trial seed until before after settled dt agreed"
+
+    trial: Annotated[str, "name of the trial"]
+    seed: Annotated[int, "seed of its noise"]
+    until: Annotated[float, "time of the first rise of theta through 1.5, else the end (s)"]
+    before: Annotated[float, "largest difference until then"]
+    after: Annotated[float, "largest difference from then on"]
+    settled: Annotated[tuple[tuple[float | None, float | None], ...], "times to settle after each event: C, Python (s)"]
+    dt: Annotated[float, "sampling period (s)"]
+
+    @property
+    def agreed(self) -> bool:
+        """Whether C and Python say the same."""
+        c, python = np.array(self.settled, dtype=float).reshape(-1, 2).T  # NaN where never
+        return self.before <= ROUNDING and np.allclose(c, python, rtol=0, atol=1.5 * self.dt, equal_nan=True)
+
+
+def agreement(c: tuple[Trajectory, Metrics], python: tuple[Trajectory, Metrics], dt: float) -> Agreement:
+    """Two trajectories of one trial and seed, with their metrics."""
+    (mine, measured), (other, expected) = c, python
+    peak = np.maximum(np.abs(other.x).max(axis=0), np.finfo(float).tiny)
+    difference = (np.abs(mine.x - other.x) / peak).max(axis=1)
+    rises = crossings(other.traces["theta"]) if "theta" in other.traces else np.array([], int)
+    first = int(rises[0]) if len(rises) else len(difference)
+    return Agreement(
+        trial=mine.trial.name,
+        seed=mine.seed,
+        until=float(other.truth.t[min(first, len(difference) - 1)]),
+        before=float(difference[:first].max(initial=0.0)),
+        after=float(difference[first:].max(initial=0.0)),
+        settled=tuple((a.settled, b.settled) for a, b in zip(measured.responses, expected.responses, strict=True)),
+        dt=dt,
+    )
+
+
+@dataclass(eq=False)
+class Disagree(HgogenError):
+    """C and Python do not say the same."""
+
+    status: ClassVar[int] = 1
+    failed: tuple[Agreement, ...]
+
+    def __str__(self) -> str:
+        worst = max(self.failed, key=lambda one: one.before)
+        return (
+            f"C and Python disagree in trial {worst.trial!r}, seed {worst.seed}: {worst.before:.1e} of the peak until "
+            f"t = {worst.until:g}, times to settle {worst.settled}; check the compiler's flags (no -ffast-math)"
+        )
+
+
+@dataclass(frozen=True)
+class Difference:
+    """How far a state is from a run in double."""
+
+    state: Annotated[str, "the state"]
+    unit: Annotated[str, "its unit"]
+    largest: Annotated[float, "largest difference"]
+    t: Annotated[float, "time of the largest difference"]
+    share: Annotated[float, "the difference over the scale"]
+    scale: Annotated[float, "width of the state's range, or its peak"]
+    of: Annotated[str, "range or peak: what the scale is"]
+    status: Annotated[int, "samples whose status differs, in the whole run"]
+
+
+def differences(states: Sequence[Signal], single: Run, double: Run) -> tuple[Difference, ...]:
+    """Of each state of two runs over the same samples, in float and in double."""
+    status = int(np.count_nonzero(single.status != double.status))
+    each = []
+    for signal in states:
+        gap, size = np.abs(single[signal.name] - double[signal.name]), np.abs(double[signal.name])
+        gap, peak = np.where(np.isfinite(gap), gap, 0.0), float(size[np.isfinite(size)].max(initial=0.0))
+        width = signal.interval[1] - signal.interval[0]
+        scale, of = (width, "range") if signal.bounded else (peak, "peak")
+        at = int(np.argmax(gap))
+        share = float(gap[at]) / scale if scale else float(gap[at] > 0)
+        each.append(Difference(signal.name, signal.unit, float(gap[at]), float(single.t[at]), share, scale, of, status))
+    return tuple(each)
+
+
+def coarse(each: Sequence[Difference], unit: str) -> Iterator[str]:
+    """A sentence for each state that float moves by more than rounding does, and one for statuses that differ."""
+    for one in each:
+        if one.share > COARSE:
+            yield (
+                f"in float, {one.state} is {one.share:.2g} of its {one.of} from double at {one.t:.4g} {unit}: scale "
+                "the states to numbers of one size, lower the gains, or take double"
+            )
+    if each and each[0].status:
+        yield f"in float, samples whose status is another than in double: {each[0].status}"
+
+
+SMALL = 1e-6  # share of the largest V since an event, up to which V has fallen
+
+
+@dataclass(frozen=True)
+class Falling:
+    """How V = e' S e falls on a trial without noise."""
+
+    trial: Annotated[str, "name of the trial"]
+    ratio: Annotated[float | None, "largest V_(k+1)/V_k; null where no V is above what rounding leaves"]
+    time: Annotated[float | None, "after which time that is"]
+    calls: Annotated[int, "number of calls"]
+    eigenvalues: Annotated[tuple[float, float], "least and largest eigenvalue of scaled S along the trial"]
+
+    def sentence(self, unit: str) -> str:
+        """In one line; `unit`: that of the model's time."""
+        low, high = self.eigenvalues
+        bounds = f"scaled S has eigenvalues from {low:.3g} to {high:.3g}"
+        if self.ratio is None:
+            return f"shown in trials, not proved: {bounds}"
+        most = (
+            f"V = e' S e becomes at most {self.ratio:.6g} times itself from call to call (after {self.time:g} {unit})"
+        )
+        return f"shown in trials, not proved: without noise {most}; {bounds}"
+
+
+def falling(step: CallableStep, trial: Trial, engine: Engine | None = None) -> Falling | None:
+    """Of a step whose covariance is that of its estimate; None of another. Raises: as `hgogen.trial.try_out`."""
+    known = uncertainty(step)
+    if known is None or known.members is not None:
+        return None
+    quiet = replace(trial, noise={})
+    truth = simulate(step.observer.form.system.declared, quiet, step.dt)
+    (fed,) = feeds(step, quiet, truth, (0,))
+    step.restore(first_memory(step, quiet))
+    run = step.run(u=fed.u, y=step.arriving(fed.y), engine=engine)
+    P, e = _in_form(step.observer.form, run, truth.x, fed.u)
+    there = np.isfinite(P).all(axis=(1, 2)) & np.isfinite(e).all(axis=1)
+    P, e = P[there], e[there]
+    scaling, peak = known.part.scaling, known.part.theta.peak
+    theta = run.traces.get("theta", np.full(len(there), peak))[:, None]
+    Delta = (theta ** -(np.array(scaling.states, dtype=float) + scaling.gauge / 2))[there]  # with theta^(-g/2)
+    spread = np.linalg.eigvalsh(P * Delta[:, :, None] * Delta[:, None, :])
+    if not (spread.size and (spread > 0).all()):
+        return None
+    V = np.einsum("ki,ki->k", e, np.linalg.solve(P, e[:, :, None])[:, :, 0])
+    pairs = list(_ratios(truth.t[there], V, trial))
+    ratio, time = max(pairs) if pairs else (None, None)
+    return Falling(trial.name, ratio, time, len(pairs), (float(1 / spread.max()), float(1 / spread.min())))
+
+
+def _in_form(form: Form, run: Run, truth: np.ndarray, u: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """P (N, n, n) and e (N, n) of the form's coordinates, from those of the plant's states as declared."""
+    x, inputs = ca.SX.sym("x", len(run.names)), ca.SX.sym("u", u.shape[1])
+    symbols = dict(zip(form.system.declared.states, ca.vertsplit(x), strict=True))
+    symbols |= dict(zip(form.system.inputs, ca.vertsplit(inputs), strict=True)) if u.shape[1] else {}
+    symbols |= {p: float(value) for p, value in form.system.nominal.items()}
+    z = ca.vertcat(*to_casadi(form.entry, symbols))
+    there = ca.Function("z", [x, inputs], [ca.densify(z), ca.densify(ca.jacobian(z, x))])
+    estimate, wide = map(np.array, there(run.x.T, u.T))
+    slope = wide.reshape(form.n, len(u), -1).swapaxes(0, 1)
+    P = run.covariance
+    assert P is not None  # the step has one
+    return slope @ P @ slope.swapaxes(1, 2), (estimate - np.array(there(truth.T, u.T)[0])).T
+
+
+def _ratios(t: np.ndarray, V: np.ndarray, trial: Trial) -> Iterator[tuple[float, float]]:
+    """V_(k+1)/V_k and the time, of the calls between two events, while V is not small."""
+    for begin, end in pairwise((*trial.events, np.inf)):
+        here = (t >= begin - 1e-9) & (t < end - 1e-9)
+        level, time = V[here], t[here]
+        large = level > SMALL * level.max(initial=0.0)
+        fallen = int(np.argmin(large)) if not large.all() else len(level)
+        for k in range(min(fallen, len(level) - 1)):
+            yield float(level[k + 1] / level[k]), float(time[k])

@@ -1,4 +1,20 @@
-"""Is an observer consistent: are its errors as large as it says, and is nothing left in them that a model could know?
+"""Statistics of residuals and of measured noise: are they white, as large as declared, and how many are independent?
+
+    N (N + 2) sum_k r_k^2/(N - k)   is chi-square with K degrees of freedom
+
+of the first K autocorrelations r_k of N numbers that are white (Ljung and Box). Those of a model that is too simple
+follow each other: then tau of them tell as much as one, tau = 1 + 2 sum_k r_k up to the first that is not positive.
+
+    sigma = 1.4826 median |e|,   c = 1.345 sigma,   rho(e) = c^2 (sqrt(1 + (e/c)^2) - 1),   psi = rho'
+
+The median is not moved by wrong residuals, as long as they are fewer than half. An estimate that minimises the sum of
+rho has the covariance of least squares with the variance E psi^2/(E psi')^2: so a residual tells psi(e)/E psi'.
+
+Quantiles of chi-square are Wilson and Hilferty's (1931), within 4 % from 5 degrees of freedom on. Sources: G. M. Ljung,
+G. E. P. Box, Biometrika 65 (1978); T. Soederstroem, P. Stoica, System Identification (1989), chapter 11; Huber, Robust
+Statistics (1981), chapters 5 and 7.
+
+An observer is consistent if its errors are as large as it says, and nothing in them could be predicted:
 
     NIS  = mean of e_k^2/s_k over the N samples of an output:  N NIS is chi-square with N degrees of freedom
     NEES = mean of x~' P^-1 x~ over samples with a truth:      N NEES/tau is so with n N/tau
@@ -7,6 +23,15 @@ e the innovation, s the variance that the observer takes it to have; x~ the erro
 P their covariance, tau how many errors tell as much as one, since errors follow each other also where all is right.
 Whiteness is tested of e/sqrt(s). Source: Y. Bar-Shalom, X. R. Li, T. Kirubarajan, "Estimation with applications to
 tracking and navigation" (2001), 5.4.
+
+From a record without excitation follow the noise and the thresholds of an innovation:
+
+    sigma: standard deviation about a straight line;  tau: the lag at which the autocorrelation falls to 1/e
+    s^2 = (2/N) (1 + 2 sum_{k=1..N-1} (1 - k/N) rho^k),  rho = exp(-2 dt/tau),  N = d/dt
+    gamma_0 = sigma^2 d (1 + k s),  k = 6.5,  gamma_1 = 2 gamma_0
+
+sigma^2 d is the mean of the innovation when nothing but noise is there, s its standard deviation over that mean. The
+mean alone, which Boizot, Busvelle, Gauthier 2010 propose as threshold, is exceeded four times in ten; it is the foot.
 """
 
 import math
@@ -16,12 +41,94 @@ from typing import Annotated
 
 import numpy as np
 
+from hgogen.errors import BadArgument
 from hgogen.reading.given import Misfit, asks
 from hgogen.run.prediction import Prediction, rms
 from hgogen.run.samples import BadShape, Run
-from hgogen.run.whiteness import Whiteness, alike, quantile, whiteness
+from hgogen.sentence import Encoded
 
 Array = np.ndarray
+LAGS = 20  # correlations that a test of whiteness asks at most
+LEAST = 3  # samples for each of them
+NORMAL = {0.025: -1.959963985, 0.95: 1.644853627, 0.975: 1.959963985}  # quantiles of the normal distribution
+OF_MEDIAN = 1.4826  # sigma over the median of |e|
+CORNER = 1.345  # c over sigma: 5 % less than the best where all residuals are right
+ROUNDING = 1e-9  # of the scale of an output: smaller residuals are rounding
+WRONG = 5.0  # sigma: what lies beyond is an outlier
+
+
+@dataclass(frozen=True)
+class Whiteness(Encoded):
+    """Ljung and Box's test of a sequence."""
+
+    json_keys = "test statistic limit lags white"
+
+    statistic: Annotated[float, "the statistic of the correlations"]
+    limit: Annotated[float, "what one in 20 white sequences exceeds"]
+    lags: Annotated[int, "number of correlations"]
+
+    @property
+    def test(self) -> str:
+        """Name of the test."""
+        return "Ljung-Box"
+
+    @property
+    def white(self) -> bool:
+        """Whether the limit is kept."""
+        return self.statistic <= self.limit
+
+
+def whiteness(e: Array) -> Whiteness | None:
+    """Ljung and Box's test of a sequence (N,); None where it is too short, or stands still."""
+    N = len(e)
+    lags = min(LAGS, N // LEAST)
+    r = correlations(e, lags)
+    if not lags or r is None:
+        return None
+    statistic = N * (N + 2) * float(np.sum(r**2 / (N - np.arange(1, lags + 1))))
+    return Whiteness(statistic, quantile(0.95, lags), lags)
+
+
+def correlations(e: Array, lags: int) -> Array | None:
+    """The first autocorrelations of a sequence (N,), N - 1 at most; None where it stands still."""
+    e = np.ldexp(e, -np.frexp(np.abs(e).max(initial=0.0))[1])  # exactly so, and without squares that overflow
+    centred = e - e.mean() if len(e) else e
+    power = float(centred @ centred)
+    if not power > 0:
+        return None
+    spectrum = np.abs(np.fft.rfft(centred, 2 * len(e))) ** 2  # of twice the length, so that its ends do not meet
+    return np.asarray(np.fft.irfft(spectrum)[1 : min(lags + 1, len(e))] / power)
+
+
+def quantile(p: float, freedom: float) -> float:
+    """That of chi-square with so many degrees of freedom, p one of `NORMAL`."""
+    spread = 2 / (9 * freedom)
+    return float(freedom * max(0.0, 1 - spread + NORMAL[p] * math.sqrt(spread)) ** 3)
+
+
+def alike(residuals: Array) -> float:
+    """tau: how many of the residuals (N,) tell as much as one that is independent of the others."""
+    r = correlations(residuals, len(residuals))
+    return 1.0 if r is None else 1.0 + 2.0 * float(r[np.cumsum(r <= 0) == 0].sum())
+
+
+def deviation(residuals: Array) -> float:
+    """sigma of residuals (N) in units of their output's scale."""
+    return max(OF_MEDIAN * float(np.median(np.abs(residuals))), ROUNDING)
+
+
+def corner(residuals: Array) -> float:
+    """c of residuals (N)."""
+    return CORNER * deviation(residuals)
+
+
+def influence(residuals: Array, c: float) -> Array:
+    """What each residual (N) tells."""
+    bend = 1 + (residuals / c) ** 2
+    share = float(np.mean(bend**-1.5))
+    return np.asarray(residuals / np.sqrt(bend) / share)
+
+
 _LATER = (
     "if it is only until the estimate has settled, give --initial or --burn-in, else fit the parameters by `hgogen "
     "fit` or the gains by `hgogen tune`"
@@ -95,11 +202,11 @@ def consistency(run: Run, truth: Mapping[str, Array] | None = None) -> Consisten
     if e is None:
         return Consistency((), None)
     s = [None] * e.shape[1] if variances is None else list(variances.T)
-    each = tuple(_of_output(name, *pair) for name, pair in zip(run.outputs, zip(e.T, s, strict=True), strict=True))
+    each = tuple(map(_output_consistency, run.outputs, e.T, s))
     return Consistency(each, _of_states(run, truth or {}))
 
 
-def _of_output(name: str, e: Array, s: Array | None) -> OfOutput:
+def _output_consistency(name: str, e: Array, s: Array | None) -> OfOutput:
     there = np.isfinite(e) & ((s > 0) if s is not None else True)
     e, count = e[there], int(there.sum())
     size = rms(e)
@@ -147,3 +254,119 @@ def no_better(predictions: Sequence[Prediction]) -> Iterator[str]:
             steps = f"{', '.join(str(one.ahead) for one in worse)} step{'s' * (worse[-1].ahead != 1)} ahead"
             errors = ", ".join(f"{one.model:.3g} for {one.copying:.3g}" for one in worse)
             yield f"{output}: worse than copying at {steps}, by RMS errors of {errors}; {_LATER}"
+
+
+SPREADS = 6.5  # standard deviations of the quiet innovation between its mean and gamma_0
+LEAST_QUIET = 100  # samples without which a standard deviation and a correlation say little
+
+
+class TooLittle(BadArgument):
+    """A record too short, or without any noise, to learn from."""
+
+
+class BadInterval(BadArgument):
+    """An interval of time that is not in the record."""
+
+
+class BadWindow(BadArgument):
+    """A window shorter than the sampling period or longer than the quiet part."""
+
+
+@dataclass(frozen=True)
+class Suggestion:
+    """What a quiet record suggests."""
+
+    output: Annotated[str, "the output"]
+    samples: Annotated[int, "number of samples"]
+    sigma: Annotated[float, "standard deviation about a straight line, in the unit of y"]
+    tau: Annotated[float, "correlation time (s); 0: white"]
+    d: Annotated[float, "window of the innovation (s)"]
+    spread: Annotated[float, "the quiet innovation's spread over its mean"]
+    gamma_0: Annotated[float, "theta may rise above it (y^2 s)"]
+    gamma_1: Annotated[float, "theta rises fully above it (y^2 s)"]
+    R: Annotated[float, "spectral density of the noise (y^2 s)"]
+    notes: Annotated[tuple[str, ...], "doubts"]
+
+
+def quiet(t: np.ndarray, begin: float | None, end: float | None, unit: str = "s") -> np.ndarray:
+    """Which of the times t (N,), N >= 2, evenly spaced, lie in begin..end; None: from the first, to the last; times in
+    the unit. Raises: `BadInterval` unless the interval lies within the record, to a sample."""
+    first, last, dt = float(t[0]), float(t[-1]), float(t[1] - t[0])
+    low, high = first if begin is None else begin, last if end is None else end
+    if not first - 1.5 * dt < low < high < last + 1.5 * dt:  # 0..10 s holds the samples 0, dt, .. 10 - dt
+        reason = f"is not an interval in the record, which runs from {first:g} to {last:g} {unit}"
+        fix = "give --from and --to within it, the earlier first"
+        raise BadInterval(f"the quiet part {low:g}..{high:g} {unit}", f"{reason}; {fix}")
+    inside: np.ndarray = (t >= low) & (t <= high)
+    return inside
+
+
+def suggest(output: str, y: np.ndarray, dt: float, d: float, unit: str = "s") -> Suggestion:
+    """sigma, tau and thresholds from y (N,), sampled every `dt`, NaN where missing, for the window `d`, both in the
+    unit. Raises: `TooLittle`, `BadWindow`."""
+    there = np.isfinite(y)
+    if there.sum() < LEAST_QUIET:
+        least = f"give at least {LEAST_QUIET} from a quiet part of the record"
+        raise TooLittle(output, f"has {there.sum()} samples; {least}")
+    if not dt * (1 - 1e-9) <= d <= len(y) * dt * (1 + 1e-9):
+        within = f"{dt:g}..{len(y) * dt:g} {unit}, from the sampling period to the length of the quiet part"
+        raise BadWindow(f"the window d = {d:g} {unit}", f"must lie within {within}; give another by --window")
+    t = np.arange(len(y)) * dt
+    residual = y - np.polyval(np.polyfit(t[there], y[there], 1), t)
+    sigma = float(np.std(residual[there], ddof=2))
+    if sigma <= 1e-12 * float(np.abs(y[there]).max()):
+        raise TooLittle(output, "is constant or a straight line: there is no noise to learn from")
+    tau = correlation_time(residual, dt)
+    window = max(1, round(d / dt))
+    relative = spread(window, dt, tau)
+    gamma = sigma**2 * d * (1 + SPREADS * relative)
+    rho = math.exp(-dt / tau) if tau else 0.0
+    notes = []
+    kurtosis = float(np.mean(residual[there] ** 4)) / sigma**4
+    if not 2 < kurtosis < 5:  # 3 for noise, 1.5 for a sine, more for steps and outliers
+        notes.append(
+            f"the values are not spread as noise is (kurtosis {kurtosis:.2g}, not about 3): is this part quiet?"
+        )
+    if tau > len(y) * dt / 30:
+        notes.append(
+            f"the correlation time is {tau:.3g} {unit} in a record of {len(y) * dt:.3g} {unit}: this part is not "
+            "quiet, or too short; sigma holds the plant's own motion"
+        )
+    density = sigma**2 * dt * (1 + rho) / (1 - rho)
+    return Suggestion(output, int(there.sum()), sigma, tau, d, relative, gamma, 2 * gamma, density, tuple(notes))
+
+
+def correlation_time(residual: np.ndarray, dt: float) -> float:
+    """The lag (s) at which the autocorrelation of a residual (N,), NaN where missing, falls to 1/e; 0 for white noise.
+
+    Between samples the logarithm is interpolated, which is exact for an Ornstein-Uhlenbeck process. White: the first
+    lag's correlation is within two standard deviations, 2/sqrt(N), of 0.
+    """
+    there = np.isfinite(residual).astype(float)
+    value = np.where(there > 0, residual, 0.0)
+    variance = float(np.sum(value**2) / np.sum(there))
+    sums, pairs = _lagged(value), np.maximum(np.rint(_lagged(there)), 1.0)
+    last = 1.0
+    for lag, now in enumerate((sums[1 : len(value) // 2] / pairs[1 : len(value) // 2] / variance).tolist(), 1):
+        if lag == 1 and now < 2 / math.sqrt(float(np.sum(there))):
+            return 0.0
+        if now <= math.exp(-1):
+            if now <= 0:
+                return lag * dt
+            return float((lag - 1 + (1 + math.log(last)) / math.log(last / now)) * dt)
+        last = now
+    return len(value) // 2 * dt
+
+
+def _lagged(value: np.ndarray) -> np.ndarray:
+    """The sums over k of value_k value_(k+lag) (N,), by lag; of twice the length, so that the ends do not meet."""
+    spectrum = np.abs(np.fft.rfft(value, 2 * len(value))) ** 2
+    return np.fft.irfft(spectrum, 2 * len(value))[: len(value)]
+
+
+def spread(window: int, dt: float, tau: float) -> float:
+    """Standard deviation over mean of the innovation of pure noise over `window` samples."""
+    if tau == 0:
+        return math.sqrt(2 / window)
+    k = np.arange(1, window)
+    return math.sqrt(2 / window * (1 + 2 * float(np.sum((1 - k / window) * np.exp(-2 * dt / tau * k)))))

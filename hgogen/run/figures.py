@@ -18,7 +18,7 @@ from matplotlib.axis import Axis
 from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, MaxNLocator, NullFormatter
 
-from hgogen.run.response import Response
+from hgogen.run.continuous import Response
 from hgogen.run.samples import Run
 from hgogen.signal import Signal
 from hgogen.step import Step

@@ -7,19 +7,40 @@ form's, its nonlinear part evaluated in the declared box, by one classical Runge
 reading is limited to the output's declared range, as the sensor's is. A sample that the step rejected is as good as
 missing: nothing is compared with it, and nothing copied from it. Of a record of more than MOST samples k is one at
 random of each two, three, .., so that at most MOST predictions are made.
+
+By such errors it is judged whether a column maps otherwise to what the model declares. A column in other units, with an
+offset or another sign is beyond what its output can read, and predicted only. Few maps are tried on it: of those that
+bring nine in ten of its values into the declared range, the one is named with which the model predicts best, beside
+copying; of maps as good one of units, and an offset last.
+
+A signal that is read is tried shifted by a few samples, or negated:
+
+    J = sum over outputs of (RMS error of predictions h ahead, over that of copying)^2,   h = 5
+
+the median of `SEGMENTS` of the record, since what a wrong first estimate makes of the first tells nothing of signals.
+Shifting all signals alike changes nothing, so that the only output of a plant is shifted by its inputs. Another is
+better where sqrt(J) is less than `CLEAR` times what it is, less in nearly all segments, and less than that of copying,
+since a model that predicts worse tells nothing of signals. The other sign has to be better as well than the signal with
+the mean of its negative, which is all that a signal tells that stands still: a wrong estimate of a hidden state, or an
+offset, may do the same.
 """
 
-from collections.abc import Callable, Iterable, Iterator
+import math
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Annotated
+from typing import Annotated, ClassVar
 
 import numpy as np
 
+from hgogen.call import CallableStep
 from hgogen.discretisation.open_loop import evaluated, open_loop
-from hgogen.run.covariances import raised
-from hgogen.run.samples import Run, held_last
-from hgogen.signal import Signal, resting
+from hgogen.errors import HgogenError
+from hgogen.reading.measured import shifted
+from hgogen.run.samples import Engine, Run, held_last
+from hgogen.run.uncertainty import raised
+from hgogen.signal import Signal, derived, resting
 from hgogen.step import Step
+from hgogen.stepping.guards import readings
 
 MOST = 100_000  # predictions of each horizon: independent errors have their root mean square to half a percent
 
@@ -143,3 +164,257 @@ def _limited(y: np.ndarray, outputs: tuple[Signal, ...], held: bool) -> np.ndarr
     """Predictions in the ranges of the outputs; of a model that is `held` where it has no value, none there."""
     low, high = np.array([s.interval for s in outputs]).T
     return np.asarray(np.clip(np.where(np.isinf(y) & held, np.nan, y), low, high))
+
+
+Array = np.ndarray
+MOST_REJECTED = 0.5  # of an output's samples: more of them rejected is a record of something else
+FITS = 0.9  # of the values in the declared range: a map that fits
+AHEAD = 5  # samples ahead, of the predictions by which maps, shifts and signs are compared
+AS_WELL = 1.5  # times the least error
+ANGLES, TEMPERATURES = ("rad", "deg", "°"), ("K", "degC", "°C", "C")
+MOST_SHIFT = 3  # samples of the shifts tried
+LONGEST = 20_000  # samples that are looked at
+CLEAR = 0.8  # times the RMS error: clearly less; an observer that lags gains some by an input that comes early
+SEGMENTS = 8
+LEAST = 10  # samples of a segment
+
+
+@dataclass(frozen=True)
+class Map:
+    """y -> scale y + shift, as `text` of a column {}, and what it mends; for outputs of these `units` alone, where
+    there are some."""
+
+    text: str
+    scale: float
+    shift: float
+    mends: str
+    units: tuple[str, ...] = ()
+
+    def inside(self, values: Array, ends: tuple[float, float]) -> float:
+        """The share of values that it brings into a range."""
+        mapped = self.scale * values + self.shift
+        return float(np.mean((mapped >= ends[0]) & (mapped <= ends[1])))
+
+    def fits(self, unit: str, values: Array, ends: tuple[float, float]) -> bool:
+        """Whether it is one of this unit and mends the values."""
+        return (not self.units or not unit or unit in self.units) and self.inside(values, ends) >= FITS
+
+
+AS_IT_IS = Map("{}", 1.0, 0.0, "")
+MAPS = (
+    Map("pi/180*{}", math.pi / 180, 0.0, "degrees, where the model has radians", ANGLES[:1]),
+    Map("180/pi*{}", 180 / math.pi, 0.0, "radians, where the model has degrees", ANGLES[1:]),
+    Map("{} + 273.15", 1.0, 273.15, "degrees Celsius, where the model has kelvin", TEMPERATURES[:1]),
+    Map("{} - 273.15", 1.0, -273.15, "kelvin, where the model has degrees Celsius", TEMPERATURES[1:]),
+    Map("5/9*({} - 32) + 273.15", 5 / 9, 273.15 - 160 / 9, "degrees Fahrenheit, where the model has kelvin", ("K",)),
+    Map("5/9*({} - 32)", 5 / 9, -160 / 9, "degrees Fahrenheit, where the model has Celsius", TEMPERATURES[1:]),
+    Map("-{}", -1.0, 0.0, "the other sign"),
+    Map("{}/1000", 1e-3, 0.0, "a factor of 1000, as of milli"),
+    Map("1000*{}", 1e3, 0.0, "a factor of 1000, as of kilo"),
+    Map("{}/100", 1e-2, 0.0, "a factor of 100, as of per cent"),
+)
+
+
+@dataclass(frozen=True)
+class Rejection:
+    """An output most of whose samples the step rejected."""
+
+    output: Annotated[str, "the output"]
+    count: Annotated[int, "number of its samples"]
+    share: Annotated[float, "share of them that the step rejected"]
+    values: Annotated[tuple[float, float], "ends of their middle nine in ten"]
+    range: Annotated[tuple[float, float], "the range that the model reads"]
+    map: Annotated[str, "the map that makes it fit, as --map takes it, or empty"]
+    mends: Annotated[str, "what that map mends, or empty"]
+
+    def __str__(self) -> str:
+        (low, high), (least, most), y = self.values, self.range, self.output
+        said = (
+            f"{100 * self.share:.3g} % of the samples of {y} were rejected: they lie about {low:.4g}..{high:.4g}, and "
+            f"the model reads {least:g}..{most:g}"
+        )
+        if not self.map:
+            return f"{said}; no usual map makes it fit: check column, unit and sign, or widen the range of {y}"
+        return f'{said}; it looks like {self.mends}: say --map {y}="{self.map}"'
+
+
+@dataclass(eq=False)
+class MostlyRejected(HgogenError):
+    """A record whose run is worth nothing, since the step rejected most samples."""
+
+    status: ClassVar[int] = 1
+    rejections: tuple[Rejection, ...]
+
+    def __str__(self) -> str:
+        return "; ".join(map(str, self.rejections))
+
+
+def rejections(
+    step: CallableStep, run: Run, u: Array, y: Array, columns: Mapping[str, str], engine: Engine
+) -> tuple[Rejection, ...]:
+    """Of each output of a run over u (N, m), y (N, p) most of whose samples were rejected; `columns`: what --map reads
+    of the log, by output, such that it can stand in an expression."""
+    lost, there = rejected(step, run, y), np.isfinite(y)
+    ranges = readings(step.observer.form)
+    each = []
+    for j, signal in enumerate(step.outputs):
+        count = int(there[:, j].sum())
+        if not count or lost[:, j].sum() <= MOST_REJECTED * count:
+            continue
+        best = _best(step, u, y, j, ranges[j], engine)
+        low, high = np.quantile(y[there[:, j], j], (0.05, 0.95))
+        text, mends = (best.text.format(columns[signal.name]), best.mends) if best else ("", "")
+        share = float(lost[:, j].sum()) / count
+        each.append(Rejection(signal.name, count, share, (float(low), float(high)), ranges[j], text, mends))
+    return tuple(each)
+
+
+def clamped(step: CallableStep, u: Array, columns: Mapping[str, str]) -> Iterator[str]:
+    """A sentence for each input of u (N, m) that is beyond its range, where guards clamp it, in most samples."""
+    for signal, values in zip(step.inputs, u.T, strict=True):
+        values, ends = values[np.isfinite(values)], signal.interval
+        beyond = 1 - AS_IT_IS.inside(values, ends) if len(values) else 0.0
+        if beyond <= MOST_REJECTED:
+            continue
+        best = max((one for one in MAPS if one.fits(signal.unit, values, ends)), key=_known, default=None)
+        done = "clamped there" if step.clock.guarded else "taken as it is, by a step without guards"
+        said = (
+            f"{signal.name} is beyond its declared range, {ends[0]:g}..{ends[1]:g}, in {100 * beyond:.3g} % of the "
+            f"samples, and {done}"
+        )
+        fix = "check its column and its unit, or widen the range"
+        if best:
+            fix = f'it may be {best.mends}: --map {signal.name}="{best.text.format(columns[signal.name])}"'
+        yield f"{said}; {fix}"
+
+
+def _best(step: CallableStep, u: Array, y: Array, j: int, ends: tuple[float, float], engine: Engine) -> Map | None:
+    values = y[np.isfinite(y[:, j]), j]
+    maps = [*MAPS]
+    middle = float(np.median(values)) - (ends[0] + ends[1]) / 2
+    shift = float(f"{-middle:.3g}") if math.isfinite(middle) else 0.0
+    if shift:  # an offset brings the middle of the values to that of the range
+        text = f"{{}} {'+' if shift > 0 else '-'} {abs(shift):g}"
+        maps.append(Map(text, 1.0, shift, f"an offset of about {-shift:g}, unless the range is too narrow"))
+    fitting = [one for one in maps if one.fits(step.outputs[j].unit, values, ends)]
+    errors = [_error(step, u, y, j, one, engine) for one in fitting]
+    as_well = [one for one, error in zip(fitting, errors, strict=True) if error <= AS_WELL * min(errors)]
+    return max(as_well, key=_known, default=None)
+
+
+def _known(one: Map) -> tuple[bool, bool, float]:
+    """How well known the cause is: of units first, an offset last; then by how the values fill the range."""
+    return bool(one.units), not one.shift, abs(one.scale)
+
+
+def _error(step: CallableStep, u: Array, y: Array, j: int, one: Map, engine: Engine) -> float:
+    """The RMS error of predictions of output j with the map, over that of copying."""
+    y = y.copy()
+    y[:, j] = one.scale * y[:, j] + one.shift
+    step.reset()
+    rows = predictions(step, step.run(u=u, y=y, engine=engine), u, y, (AHEAD,))
+    ratios = [row.model / row.copying for row in rows if row.output == step.outputs[j].name and row.copying]
+    return ratios[0] if ratios else math.inf
+
+
+@dataclass(frozen=True)
+class Better:
+    """A signal taken later, or with another sign; the errors are medians over segments of the record."""
+
+    signal: Annotated[str, "the signal"]
+    shift: Annotated[int, "samples later than it was logged"]
+    sign: Annotated[int, "1 or -1"]
+    error: Annotated[float, "RMS error with it over that of copying"]
+    present: Annotated[float, "RMS error as it is over that of copying"]
+
+    def sentence(self, before: int, operand: str) -> str:
+        """What to say on the command line, where the signal is shifted by `before` already, and its column in an
+        expression is `operand`."""
+        errors = f"{self.error:.3g} times the error of copying {AHEAD} steps ahead for {self.present:.3g}"
+        if self.sign < 0:
+            other, fix = f"the other sign of {self.signal}", f'--map {self.signal}="-{operand}"'
+        else:
+            count = f"{abs(self.shift)} sample{'s' * (abs(self.shift) > 1)} {'later' if self.shift > 0 else 'earlier'}"
+            other, fix = f"{self.signal} taken {count}", f"--shift {self.signal}={before + self.shift}"
+        return f"with {other} predictions are clearly better, {errors}: {fix}"
+
+
+def better(step: CallableStep, u: Array, y: Array, first: int, engine: Engine) -> Better | None:
+    """The other time or sign of one signal that fits the samples u (N, m), y (N, p) clearly better, from the number
+    `first` on; None where none does."""
+    u, y = u[:LONGEST], y[:LONGEST]
+    if len(y) - first < SEGMENTS * LEAST:
+        return None
+    scale, copying = _scale(y), math.sqrt(y.shape[1])
+    present = _squares(step, u, y, first, scale, engine)
+    if not np.isfinite(present).any():
+        return None
+    now = _typical(present)
+    best: Better | None = None
+    for signal, shift, sign, other_u, other_y in _others(step, u, y):
+        squares = _squares(step, other_u, other_y, first, scale, engine)
+        error = _typical(squares)
+        if not (error < CLEAR * now and error < (best.error if best else copying)):
+            continue
+        gains = _means(present - squares)
+        if sum(gain > 0 for gain in gains) < max(2, len(gains) - 1):
+            continue  # nearly all are above 0 by chance in one of 28 records
+        level = _squares(step, *_levelled(step, u, y, signal), first, scale, engine) if sign < 0 else None
+        if level is None or error < CLEAR * _typical(level):
+            best = Better(signal, shift, sign, error, now)
+    return best
+
+
+def _others(step: CallableStep, u: Array, y: Array) -> Iterator[tuple[str, int, int, Array, Array]]:
+    """The signals with another shift or sign: name, shift, sign, and the samples."""
+    whole, m = np.hstack([u, y]), u.shape[1]
+    names: Sequence[str] = [s.name for s in (*step.inputs, *step.outputs)]
+    rates = derived(step.inputs)
+    alone = [j for j in range(len(names)) if (j < m or y.shape[1] > 1) and names[j] not in rates]
+    shifts = [k for size in range(1, MOST_SHIFT + 1) for k in (size, -size)]
+    for j, shift, sign in [(j, 0, -1) for j in alone] + [(j, shift, 1) for j in alone for shift in shifts]:
+        other, moved = whole.copy(), [j, *(names.index(name) for name, (of, _) in rates.items() if of == names[j])]
+        other[:, moved] = sign * np.column_stack([shifted(whole[:, i], shift) for i in moved])
+        yield names[j], shift, sign, other[:, :m], other[:, m:]
+
+
+def _levelled(step: CallableStep, u: Array, y: Array, signal: str) -> tuple[Array, Array]:
+    """The samples with those of one signal about the mean of their negatives."""
+    whole = np.hstack([u, y])
+    j = [s.name for s in (*step.inputs, *step.outputs)].index(signal)
+    values = whole[np.isfinite(whole[:, j]), j]
+    whole[:, j] -= 2 * values.mean() if len(values) else 0.0
+    return whole[:, : u.shape[1]], whole[:, u.shape[1] :]
+
+
+def _scale(y: Array) -> Array:
+    """The RMS error of copying (p); 1 of an output that stands still."""
+    errors = (held_last(y)[:-AHEAD] - y[AHEAD:]).T
+    return np.array([rms(error[np.isfinite(error)]) or 1.0 for error in errors])
+
+
+def _squares(step: CallableStep, u: Array, y: Array, first: int, scale: Array, engine: Engine) -> Array:
+    """The sum over outputs of squared errors over `scale` at each sample, NaN where nothing was compared."""
+    if len(y) <= first + AHEAD:
+        return np.full(len(y), np.nan)
+    step.reset()
+    for one in forecasts(step, step.run(u=u, y=y, engine=engine), u, y, (AHEAD,)):
+        if one.ahead is not None:
+            with np.errstate(over="ignore", invalid="ignore"):
+                squares = np.where(one.compared, (one.model / scale) ** 2, np.nan)
+            there = np.isfinite(squares)
+            total = np.where(there, squares, 0.0).sum(axis=1)
+            total[~there.any(axis=1) | (np.arange(len(y)) < first)] = np.nan
+            return np.asarray(total)
+    return np.full(len(y), np.nan)
+
+
+def _typical(squares: Array) -> float:
+    """The root of the median of the means (N,) of segments; infinite where nothing was compared."""
+    means = _means(squares)
+    return math.sqrt(float(np.median(means))) if means else math.inf
+
+
+def _means(values: Array) -> list[float]:
+    """The mean of each segment in which there are some."""
+    return [float(np.nanmean(part)) for part in np.array_split(values, SEGMENTS) if np.isfinite(part).any()]

@@ -1,0 +1,538 @@
+"""The memory of a step that is called, and what runs it: compiled C, Python, and C for many records at once.
+
+The memory is one record in the layout of the C (`emit.layout`), on which both readers work where it lies. They compute
+the same bits, so they may take turns at any sample.
+
+Many records run in lanes (`targets.lanes`) by threads, or one by one where there are none: the same bits again. What a
+record starts from and its parameters are a scalar record of `emit.layout`, whose numbers in their order are those of
+the memory in lanes.
+"""
+
+import ctypes
+import operator
+import os
+import warnings
+from collections import deque
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
+from dataclasses import dataclass, field, replace
+from dataclasses import fields as fields_of
+from functools import cached_property, lru_cache, partial
+from itertools import product
+from typing import Any, Literal
+
+import numpy as np
+
+from hgogen import targets
+from hgogen.emit import layout, pystep
+from hgogen.emit.lanewriter import NoLanes
+from hgogen.emit.pystep import Entry
+from hgogen.emit.saved import mark, opened, sealed
+from hgogen.emit.syntax import DTYPE, Real
+from hgogen.program import Field, Place
+from hgogen.reading.given import BadGain, among, count, switches, unmasked
+from hgogen.run import native
+from hgogen.run.samples import BadShape, Engine, listed, reals, table
+from hgogen.signal import Signal
+from hgogen.step import Step
+from hgogen.stepping.ready import UNINITIALISED
+
+
+class Kept:
+    """The memory of one step in the precision `real`, `places` of it by name, and what can be called on it.
+
+    `signals`: u, then y, of a sample, as numbers of that precision; `shown`: the estimate, then the traces.
+    """
+
+    def __init__(self, step: Step, real: Real) -> None:
+        self._step, self.real, self.record = step, real, layout.made(step, real)
+        self.places = layout.places(step, self.record)
+        self._readers: dict[Engine, Mapping[str, Entry]] = {}
+        self.whole = self.record.view(np.uint8).data
+        self.state = self.whole[: layout.state_type(step, real).itemsize]
+        shown, signals = len(step.states) + len(step.observer.traces), len(step.inputs) + len(step.samples)
+        self.signals, self.shown = np.split(self.record.view(DTYPE[real])[-signals - shown :], [signals])
+        self._new = bytes(self.state)
+
+    def reset(self) -> None:
+        """The state as before the first call."""
+        self.state[:] = self._new
+
+    def saved(self, state: Any) -> bytes:
+        """A state that was saved, as its bytes. Raises: `BadShape` for what is no bytes; `NotSaved` for what is
+        damaged, or of another program."""
+        if not isinstance(state, bytes | bytearray | memoryview):
+            raise BadShape(f"a saved state that is a {type(state).__name__}", "is no bytes; give what save() gave")
+        return opened(self._step, self.real, bytes(state), len(self.state))
+
+    def ready(self, engine: Engine | None, own: Engine | None) -> Engine:
+        """What takes a record, and has tuned what is in the memory: the engine that is asked for, else the step's own,
+        else C where there is a compiler.
+
+        Raises: `BadShape`; `NoCompiler`, `CompilerFailed`.
+        """
+        if not among(engine, (None, "c", "python")):
+            raise BadShape(f"engine = {engine!r}", 'must be "c", "python" or None')
+        engine = engine or own
+        if engine is None and not native.compiler():
+            warnings.warn(str(native.NoCompilerWarning.__doc__), native.NoCompilerWarning, stacklevel=3)
+        engine = engine or native.engine()
+        self.entries(engine)
+        return engine
+
+    def entries(self, engine: Engine) -> Mapping[str, Entry]:
+        """The functions of a reader by name, which are made at the first time.
+
+        Raises: `NoCompiler`, `CompilerFailed`.
+        """
+        if engine not in self._readers:
+            entries = self._compiled() if engine == "c" else pystep.entries(self._step, self.record, self.real)
+            entries["tune"]()
+            self._readers[engine] = entries
+        return self._readers[engine]
+
+    def run(self, engine: Engine, u: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Estimates (N, n), traces (N, number of them) and statuses (N) of samples u (N, m), y (N, p)."""
+        with np.errstate(over="ignore"):  # what is beyond a float is infinite, and no sample
+            u, y = (array.astype(DTYPE[self.real], copy=False) for array in (u, y))
+        n, traces = len(self._step.states), len(self._step.observer.traces)
+        step, status = self.entries(engine)["step"], np.zeros(len(y), self._step.layout.word)
+        if engine == "c":
+            x, traced = np.zeros((len(y), n), u.dtype), np.zeros((len(y), traces), u.dtype)
+            arrays = (self.record["state"], self.record["params"], u, y, x, traced, status)
+            state, params, *signals = (ctypes.c_void_p(array.ctypes.data) for array in arrays)
+            getattr(self._library, f"{self._step.name}_record")(state, params, ctypes.c_size_t(len(y)), *signals)
+            return x.astype(float, copy=False), traced.astype(float, copy=False), status
+        rows = np.zeros((len(y), n + traces))
+        for k, row in enumerate(np.hstack([u, y])):
+            self.signals[:] = row
+            status[k] = step()
+            rows[k] = self.shown
+        return rows[:, :n], rows[:, n:], status
+
+    @cached_property
+    def _library(self) -> ctypes.CDLL:
+        return _library_of(_Program(self._step, self.real), native.compiler())
+
+    def _compiled(self) -> dict[str, Entry]:
+        """The C function of each entry, of one address, which a thread finishes before another has its turn."""
+        step, library = self._step, self._library
+        size = getattr(library, f"{step.name}_kept_size")
+        size.restype = ctypes.c_size_t
+        if size() != self.record.itemsize:
+            raise BadShape(f"the C struct {step.name}_kept", f"has {size()} bytes, Python's {self.record.itemsize}")
+        names = ["step", "estimate", "tune"]
+        names += [section.name for section in (*step.code.sections, *step.code.timed)] if step.code.apart else []
+        kind = ctypes.PYFUNCTYPE(np.ctypeslib.as_ctypes_type(step.layout.word), ctypes.c_void_p)
+        calls = {name: kind((f"{step.name}_kept_{name}", library)) for name in names}
+        return {name: partial(call, self.record.ctypes.data) for name, call in calls.items()}
+
+
+@dataclass(frozen=True, eq=False)
+class _Program:
+    """A step in a precision; equal are those that are made of the very same parts, as steps that were remembered."""
+
+    step: Step
+    real: Real
+
+    @cached_property
+    def _parts(self) -> list[object]:
+        return [getattr(self.step, each.name) for each in fields_of(Step)]
+
+    def __hash__(self) -> int:
+        return hash((self.real, *map(id, self._parts)))
+
+    def __eq__(self, other: object) -> bool:
+        if not isinstance(other, _Program):
+            return NotImplemented
+        return self.real == other.real and all(map(operator.is_, self._parts, other._parts))
+
+    @property
+    def unread(self) -> Step:
+        """The step as its C is called, which nobody reads: it says nothing of what is proved of the observer."""
+        observer = replace(self.step.observer, claims=tuple)
+        return Step(**{each.name: getattr(self.step, each.name) for each in fields_of(Step)} | {"observer": observer})
+
+
+@lru_cache(maxsize=32)
+def _library_of(program: _Program, _: str | None) -> ctypes.CDLL:
+    """Its C, which is written once for a compiler."""
+    step, real = program.unread, program.real
+    return native.library({**targets.c99(step, real=real, check=False), **targets.record(step, real=real)})
+
+
+Array = np.ndarray
+Starts = Mapping[str, Any] | Sequence[bytes]
+Started = Callable[[Mapping[str, float]], bytes]  # of the plant's state by name: the state of a step that starts there
+
+
+@dataclass(frozen=True, eq=False)
+class Asked:
+    """The signals of many records on a step with this memory: `given_u`, `given_y`, `parameters` and `starts` as a
+    caller gives them; `limited`: what tuning says, by the number of a record whose parameters are out of their ranges.
+
+    Raises: `BadShape`, `BadNames` when they are looked at.
+    """
+
+    step: Step
+    memory: Kept
+    given_u: Any
+    given_y: Any
+    parameters: Any
+    starts: Any
+    limited: dict[int, int] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        """None is no parameters, and no starts."""
+        for name, nothing in (("parameters", {}), ("starts", ())):
+            if getattr(self, name) is None:
+                object.__setattr__(self, name, nothing)
+
+    @cached_property
+    def y(self) -> Array:
+        """The measurements (B, N, p), or (N, p) for all."""
+        return _signals("y", self.given_y, self.step.samples, None)
+
+    @cached_property
+    def u(self) -> Array:
+        """The inputs (B, N, m), or (N, m) for all."""
+        return _signals("u", self.given_u, self.step.inputs, self.y.shape[-2])
+
+    @cached_property
+    def count(self) -> int:
+        """How many records there are: one where nothing says."""
+        lengths = {name: len(array) for name, array in (("u", self.u), ("y", self.y)) if array.ndim == 3}
+        varied = {place.name: array for place, array in self._parameters.items()} | self._numbers
+        lengths |= {name: len(array) for name, array in varied.items() if array.ndim > 1}
+        if not isinstance(self.starts, Mapping) and len(self.starts) > 0:
+            lengths["starts"] = len(self.starts)
+        if len(set(lengths.values())) > 1:
+            listing = ", ".join(f"{name} {length}" for name, length in lengths.items())
+            raise BadShape(f"different numbers of records ({listing})", "must be one for all")
+        return next(iter(lengths.values()), 1)
+
+    def firsts(self, own: Kept, engine: Engine, started: Started) -> Callable[[int], bytes]:
+        """The memory that a record starts from, by its number, which `own` makes. Raises: what `started` raises."""
+        base, states = bytes(self.memory.whole), self._states(started)
+        if not states and not self._parameters:
+            return lambda _: base
+        tune = own.entries(engine)["tune"]
+
+        def first(k: int) -> bytes:
+            own.whole[:] = base
+            if states:
+                own.state[:] = states[k % len(states)]
+            for place, values in self._parameters.items():
+                own.places[place][:] = values[k] if values.ndim == 2 else values
+            if self._parameters and (status := tune()):
+                self.limited[k] = status
+            return bytes(own.whole)
+
+        return first
+
+    @cached_property
+    def _parameters(self) -> dict[Place, Array]:
+        """The values (B, size), or (size) for all, of what varies."""
+        known = tunable(self.step)
+        if not isinstance(self.parameters, Mapping):
+            wanted = f"is no mapping from some of {', '.join(known)} to numbers"
+            raise BadShape(f"parameters = {self.parameters!r}", wanted)
+        for name in self.parameters:
+            if name not in known:
+                raise BadShape(f"parameters {name!r}", f"names nothing tunable; that is {', '.join(known)}")
+        return {known[name][0]: _values(name, value, known[name][1].size) for name, value in self.parameters.items()}
+
+    @cached_property
+    def _numbers(self) -> dict[str, Array]:
+        """The values (B, 1), or (1) for all, of the plant's states that are named."""
+        named = self.starts if isinstance(self.starts, Mapping) else {}
+        return {f"starts {name}": _values(f"starts {name}", value, 1) for name, value in named.items()}
+
+    def _states(self, started: Started) -> list[bytes]:
+        """The state of each record, or one for all; none where they go on from that of the step."""
+        if not isinstance(self.starts, Mapping):
+            if not isinstance(self.starts, Sequence):
+                wanted = "is no mapping from states to numbers, and no list of saved states, such as many.states"
+                raise BadShape(f"starts = {self.starts!r}", wanted)
+            return [self.memory.saved(state) for state in self.starts]
+        columns = [np.broadcast_to(values.reshape(-1), self.count).tolist() for values in self._numbers.values()]
+        rows, made = list(zip(*columns, strict=True)), dict[tuple[float, ...], bytes]()
+        for row in rows:
+            if row not in made:
+                made[row] = self.memory.saved(started(dict(zip(self.starts, row, strict=True))))
+        return [made[row] for row in rows]
+
+
+def tunable(step: Step) -> dict[str, tuple[Place, Field]]:
+    """What can be tuned, by name: where it lies, and what it is."""
+    kinds = [("plant", item) for item in step.layout.plant] + [("gain", item) for item in step.layout.gains]
+    return {item.name: (Place(kind, item.name), item) for kind, item in kinds}
+
+
+def _signals(name: str, value: Any, signals: Sequence[Signal], rows: int | None) -> Array:
+    """Signals (B, N, number), or (N, number) for all records, which may be given as for one. Raises: `BadShape`."""
+    if not isinstance(value, np.ndarray | list | tuple) or np.ndim(value) != 3:
+        return table(name, value, signals, rows)
+    array, width = unmasked(value), len(signals)
+    count, length, last = np.shape(array)
+    if last != width or rows not in (None, length):
+        wanted = f"must have shape (B, {'N' if rows is None else rows}, {width}), or that without B for all records"
+        raise BadShape(f"{name} of shape {(count, length, last)}", f"{wanted}{listed(signals)}")
+    return table(name, np.reshape(array, (count * length, width)), signals, None).reshape(count, length, width)
+
+
+def _values(name: str, value: Any, size: int) -> Array:
+    """Numbers (B, size), or (size) for all records. Raises: `BadShape`."""
+    array = reals(name, value)
+    array = array[..., None] if size == 1 else array
+    if array.ndim not in (1, 2) or array.shape[-1] != size:
+        wanted = "a number, or one for each record (B)" if size == 1 else f"({size}), or (B, {size})"
+        raise BadShape(f"{name} of shape {np.shape(value)}", f"must be {wanted}")
+    return array
+
+
+MOST_THREADS = 1000
+CHUNK = 64  # records whose signals a thread holds at a time
+ALIGNED, LANES = 64, 16  # bytes of the widest register, and how many numbers it holds
+Memories = Callable[[int], bytes]  # of the number of a record: what it starts from
+Each = Callable[[int, int], object]  # is told how many records are done, and of how many
+
+
+@dataclass(frozen=True)
+class Batch:
+    """What many records give: estimates `x` (B, N, n) of the states `names`, `status` (B, N), `traces` (B, N) by name
+    where they were asked for; `engine`: "lanes" where they ran in lanes, else what took them one by one; `memory`
+    (B, bytes) of the states at their ends, which `seal` makes what is saved; `tuned` (B): what `tune` says of each
+    one's parameters, 0 for ok."""
+
+    x: Array
+    names: tuple[str, ...]
+    status: Array
+    traces: Mapping[str, Array]
+    engine: Literal["lanes", "c", "python"]
+    memory: Array = field(repr=False)
+    tuned: Array
+    seal: Callable[[bytes], bytes] = field(repr=False)
+
+    @property
+    def states(self) -> tuple[bytes, ...]:
+        """The state that each record leaves, as `save` gives it: the `starts` of what comes after."""
+        return tuple(map(self.seal, map(bytes, self.memory)))
+
+
+@dataclass(frozen=True, eq=False)
+class Many:
+    """What many records can be run by, of a step in the precision `real`."""
+
+    step: Step
+    real: Real
+
+    @switches
+    def run(
+        self, asked: Asked, memory: Memories, engine: Engine, jobs: int | None, *, traces: bool, each: Each | None
+    ) -> Batch:
+        """The records, each from its memory. Raises: `BadShape`, `BadNames`; `BadGain` for jobs that are no number, and
+        what is not to be called; `Misfit`."""
+        if not (each is None or callable(each)):
+            raise BadGain(f"each = {each!r}", "must be a function of how many records are done, and of how many")
+        u, y, number = asked.u, asked.y, asked.count
+        results = _Results.of(self.step, y.shape[-2], number, traces, self.real)
+        lanes = self.lanes if engine == "c" else None
+        threads = (os.cpu_count() or 1) if jobs is None else count("jobs", jobs, 1, MOST_THREADS)
+        alone = self._alone(u, y, memory, results, engine)
+        for done in _threaded(lanes, u, y, memory, results, threads) if lanes else alone:
+            if each:
+                each(done, number)
+        x, status, shown = results.x[..., :number], results.status[:, :number], results.traces[..., :number]
+        names = self.step.observer.traces if traces else ()
+        return Batch(
+            x.transpose(2, 0, 1).astype(float, copy=False),
+            tuple(signal.name for signal in self.step.states),
+            status.T,
+            {name: shown[:, j].T.astype(float, copy=False) for j, name in enumerate(names)},
+            "lanes" if lanes else engine,
+            results.states,
+            np.array([asked.limited.get(k, 0) for k in range(number)], self.step.layout.word),
+            partial(sealed, self.step, self.real),
+        )
+
+    def _alone(self, u: Array, y: Array, memory: Memories, results: "_Results", engine: Engine) -> Iterator[int]:
+        own = self.own
+        own.entries(engine)
+        for k in range(results.records):
+            own.whole[:] = memory(k)
+            x, traces, status = own.run(engine, *(array[k] if array.ndim == 3 else array for array in (u, y)))
+            results.x[:, :, k], results.status[:, k] = x, status
+            results.states[k] = np.frombuffer(own.state, np.uint8)
+            if results.traced:
+                results.traces[:, :, k] = traces
+            yield k + 1
+
+    @cached_property
+    def own(self) -> Kept:
+        """A memory that is no caller's."""
+        return Kept(self.step, self.real)
+
+    @cached_property
+    def lanes(self) -> "_Lanes | None":
+        """The step in lanes; None where it has none, or the compiler does not know them."""
+        try:
+            files = targets.lanes(self.step, real=self.real)
+            return _Lanes(self.step, self.real, native.library(files, ("-O2", *native.own())))
+        except (NoLanes, native.CompilerFailed):
+            return None
+
+
+@dataclass(frozen=True, eq=False)
+class _Results:
+    """What comes out, with the records beside each other: x (N, n, B), traces (N, number, B), status (N, B), and room
+    for lanes without a record; and the states (B, bytes) at their ends."""
+
+    records: int
+    traced: bool
+    x: Array
+    traces: Array
+    status: Array
+    states: Array
+
+    @classmethod
+    def of(cls, step: Step, samples: int, records: int, traced: bool, real: Real) -> "_Results":
+        kind, size = DTYPE[real], layout.state_type(step, real).itemsize
+        width = -(-records // LANES) * LANES
+        x: Array = np.empty((samples, len(step.states), width), kind)
+        traces: Array = np.empty((samples, len(step.observer.traces) * traced, width), kind)
+        status, states = np.empty((samples, width), step.layout.word), np.empty((records, size), np.uint8)
+        return cls(records, traced, x, traces, status, states)
+
+
+@dataclass(frozen=True, eq=False)
+class _Lanes:
+    """The compiled step in lanes."""
+
+    step: Step
+    real: Real
+    library: ctypes.CDLL
+
+    def run(self, u: Array, y: Array, records: Array, results: _Results, first: int) -> int:
+        """The records from number `first` on, as many as there are; returns how many."""
+        u, y = (_beside(array, first, len(records), DTYPE[self.real]) for array in (u, y))
+        begun = self._begun(records, len(results.x))
+        memory, call = self._memory(records), getattr(self.library, f"{self.step.name}_lanes_run")
+        widths = [*(array.shape[2] if array.ndim == 3 else 0 for array in (u, y)), results.status.shape[1]]
+        width = (ctypes.c_size_t * 3)(*widths)
+        for block, lanes in enumerate(memory):
+            at = block * self.width
+            signals = (array[..., at:] if array.ndim == 3 else array for array in (u, y))
+            shown = (array[..., first + at :] for array in (results.x, results.traces, results.status))
+            x, traces, status = map(_address, shown)
+            arrays = (*map(_address, signals), x, traces if results.traced else ctypes.c_void_p(), status)
+            call(_address(lanes), ctypes.c_size_t(len(results.x)), width, *arrays)
+        self._remembered(memory, records)
+        places = [bit.place for bit in self.step.layout.bits]
+        if UNINITIALISED.place in places:
+            anew = 1 << places.index(UNINITIALISED.place)
+            results.status[:1, first : first + len(records)][:, begun] |= anew
+        results.states[first : first + len(records)] = records[:, : results.states.shape[1]]
+        return len(records)
+
+    def _begun(self, records: Array, samples: int) -> Array:
+        """The numbers of the records (B, bytes) whose first call, where there is a sample, begins anew, for they lack
+        the mark, the first of a state; now they have it."""
+        fresh = np.frombuffer(layout.fresh(self.step, self.real), np.uint8)
+        if not (self.step.layout.mark and samples):
+            return np.array([], int)
+        missing = records.view(np.uint32)[:, 0] != mark(self.step, self.real)
+        records[missing, : len(fresh)] = fresh
+        return np.flatnonzero(missing)
+
+    @cached_property
+    def width(self) -> int:
+        """The number of lanes."""
+        return self._size("width")
+
+    def _size(self, name: str) -> int:
+        size = getattr(self.library, f"{self.step.name}_lanes_{name}")
+        size.restype = ctypes.c_size_t
+        return int(size())
+
+    @cached_property
+    def _numbers(self) -> list[tuple[Array, Array, np.dtype, np.dtype]]:
+        """Of each type of numbers their places in the memory and in a record, counted in such numbers, and their types
+        there."""
+        record, real = layout.kept_type(self.step, self.real), np.dtype(DTYPE[self.real])
+        every = [place for part in ("state", "params") for place in _numbers(*_field(record, part))]
+
+        def of(kind: np.dtype, lanes: np.dtype) -> tuple[Array, Array, np.dtype, np.dtype]:
+            there = [k for k, (_, each) in enumerate(every) if each == kind]
+            here = [every[k][0] // kind.itemsize for k in there]
+            return np.array(there, int), np.array(here, int), lanes, kind
+
+        return [of(real, real), of(np.dtype(np.uint32), np.dtype(f"u{real.itemsize}"))]
+
+    def _memory(self, records: Array) -> Array:
+        """The memory (blocks, bytes) of records (B, bytes); lanes without a record do what the last does."""
+        blocks, size = -(-len(records) // self.width), self._size("size")
+        room = np.zeros(ALIGNED + blocks * size, np.uint8)
+        start = -room.ctypes.data % ALIGNED
+        memory: Array = room[start : start + blocks * size].reshape(blocks, size)
+        records = records[np.minimum(np.arange(blocks * self.width), len(records) - 1)]
+        for there, here, lanes, kind in self._numbers:
+            numbers = records.view(kind)[:, here].reshape(blocks, self.width, -1)
+            memory.view(lanes).reshape(blocks, -1, self.width)[:, there] = numbers.transpose(0, 2, 1)
+        return memory
+
+    def _remembered(self, memory: Array, records: Array) -> None:
+        for there, here, lanes, kind in self._numbers:
+            numbers = memory.view(lanes).reshape(len(memory), -1, self.width)[:, there].transpose(0, 2, 1)
+            records.view(kind)[:, here] = numbers.reshape(-1, len(here))[: len(records)]
+
+
+def _field(kind: np.dtype, name: str) -> tuple[np.dtype, int]:
+    assert kind.fields
+    inner, offset, *_ = kind.fields[name]
+    return inner, offset
+
+
+def _numbers(kind: np.dtype, start: int) -> Iterator[tuple[int, np.dtype]]:
+    """Where each number of a type lies, from `start` on."""
+    if kind.subdtype:
+        base, shape = kind.subdtype
+        for k, _ in enumerate(product(*map(range, shape))):
+            yield from _numbers(base, start + k * base.itemsize)
+    elif kind.names:
+        for name in kind.names:
+            inner, offset = _field(kind, name)
+            yield from _numbers(inner, start + offset)
+    else:
+        yield start, kind
+
+
+def _beside(array: Array, first: int, records: int, kind: type) -> Array:
+    """Signals (B, N, m) from record `first` on as (N, m, at least `records`), with room for whole registers; those that
+    all records have as they are."""
+    with np.errstate(over="ignore"):  # what is beyond a float is infinite, and no sample
+        if array.ndim == 2:
+            return np.ascontiguousarray(array, dtype=kind)
+        room = np.zeros((*array.shape[1:], CHUNK), kind)
+        room[:, :, :records] = array[first : first + records].transpose(1, 2, 0)
+    return room
+
+
+def _address(array: Array) -> ctypes.c_void_p:
+    return ctypes.c_void_p(array.ctypes.data)
+
+
+def _threaded(lanes: _Lanes, u: Array, y: Array, memory: Memories, results: _Results, jobs: int) -> Iterator[int]:
+    """Chunk by chunk; how many records are done. No more chunks wait than there are threads."""
+    done, waiting = 0, deque[Future[int]]()
+    with ThreadPoolExecutor(jobs) as pool:
+        for first in range(0, results.records, CHUNK):
+            last = min(first + CHUNK, results.records)
+            records = np.stack([np.frombuffer(memory(k), np.uint8) for k in range(first, last)])
+            waiting.append(pool.submit(lanes.run, u, y, records, results, first))
+            if len(waiting) > 2 * jobs:
+                done += waiting.popleft().result()
+                yield done
+        while waiting:
+            done += waiting.popleft().result()
+            yield done

@@ -1,0 +1,373 @@
+"""The innovations of a run, their variances and the covariance of its estimates, by its samples taken once more.
+
+    e_j = y_j - h_j(z),   s_j = c P c' + r        z, P as they are just before y_j corrects them
+
+so that an output counts with those before it in the same sample; of a step for late samples, as the prediction left
+them of the period in which the sample was taken, when it came. An observer that integrates with the measurement has
+no such moment: there z and P are those of the last sample, moved on by the model, z by classical Runge-Kutta and
+P <- Phi P Phi' + h Q_theta, and corrected by the outputs before it.
+
+The covariance is that of a Riccati observer, as its method holds it, at records (N) of the layout of the C structs:
+
+    P = L D L', S S', P itself or the inverse of S
+    s = c P c' + r,   c = dh/dz,   r = R_theta/h,   h the output's sampling period
+"""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import casadi as ca
+import numpy as np
+
+from hgogen.discretisation.open_loop import evaluated
+from hgogen.discretisation.runge_kutta import RK4, advance
+from hgogen.emit.syntax import DTYPE, Real
+from hgogen.estimators.factored import Moved
+from hgogen.estimators.riccati_part import AtSamples, Riccati
+from hgogen.graph import Graph, sx
+from hgogen.part import Clock
+from hgogen.program import Field, Group, Place, address, sym
+from hgogen.run.backends import Kept
+from hgogen.run.samples import Engine, remembered
+from hgogen.signal import Signal
+from hgogen.step import Step
+from hgogen.stepping.parallel import Parallel
+
+Array = np.ndarray
+CHUNK = 4096  # samples whose memory is held at a time
+PREDICTED = Place("work", "predicted")
+
+
+@dataclass(frozen=True)
+class Evaluated:
+    """An SX matrix over places of a step, evaluated at records."""
+
+    step: Step
+    matrix: Graph
+
+    def __call__(self, records: Array, signals: dict[Place, Array] | None = None) -> Array:
+        """(N, rows, columns) at records (N); `signals` (N, size): places that lie in no record."""
+        values = [
+            signals[place] if signals and place in signals else values_at(self.step, records, place)
+            for place, _ in self._reads
+        ]
+        rows, columns = self.matrix.shape
+        if not values or not len(records):
+            wide = np.zeros((rows, 0)) if values else np.array(self._graph()["o0"])
+            wide = wide if values else np.tile(wide, len(records))
+            return np.asarray(wide.reshape(rows, len(records), columns).swapaxes(0, 1))
+        return evaluated(self._graph.map(len(records)), *values).reshape(-1, columns, rows).swapaxes(1, 2)
+
+    @cached_property
+    def _reads(self) -> tuple[tuple[Place, int], ...]:
+        return tuple(sorted({(place, size) for place, _, size in map(address, ca.symvar(self.matrix))}))
+
+    @cached_property
+    def _graph(self) -> ca.Function:
+        return ca.Function("at", [sym(*place, size) for place, size in self._reads], [ca.densify(self.matrix)])
+
+
+def values_at(step: Step, records: Array, place: Place) -> Array:
+    """The numbers (N, size) of a place of the state or the parameters in records (N)."""
+    if place.struct in ("plant", "gain", "derived"):
+        return _columns(records["params"][place.struct][place.name])
+    state = records["state"]
+    own = place.name in (state.dtype.names or ())
+    return _columns((state if own else selected(records))[place.name])
+
+
+def selected(records: Array) -> Array:
+    """What the selected member of a bank remembers in records (N)."""
+    state = records["state"]
+    return np.asarray(state["member"][np.arange(len(state)), state["selected"]])
+
+
+def _columns(values: Array) -> Array:
+    return np.asarray(values, dtype=float).reshape(len(values), -1)
+
+
+@dataclass(frozen=True, eq=False)
+class Uncertainty:
+    """That of a step whose covariance is a Riccati observer's; of a bank, that of the selected member: `members` is
+    then their group."""
+
+    step: Step
+    part: Riccati
+    members: Group | None = None
+
+    def covariance(self, records: Array) -> Array:
+        """P (N, n, n) of the form's coordinates."""
+        if "P" in self._fields:
+            return self._triangle("P", records, symmetric=True)
+        if "S" in self._fields:
+            return np.asarray(np.linalg.inv(self._triangle("S", records, symmetric=True)))
+        if "root" in self._fields:
+            root = self._triangle("root", records)
+            return np.asarray(root @ root.swapaxes(1, 2))
+        L, D = np.eye(self.part.dynamics.n), values_at(self.step, records, Place("state", "D"))[:, None, :]
+        if "L" in self._fields:
+            L = self._triangle("L", records) + L
+        elif any(group.name == "column" for group in (self.members or self.step.layout).groups):
+            state = selected(records) if self.members else records["state"]
+            L = np.tril(np.asarray(state["column"]["v"], dtype=float).swapaxes(1, 2), -1) + L
+        return np.asarray((L * D) @ L.swapaxes(-2, -1))
+
+    @cached_property
+    def rows(self) -> Evaluated:
+        """dh/dz (N, p, n) at records (N)."""
+        return Evaluated(self.step, self.part.dynamics.output_jacobian(self.step.observer.z, self._clock.u_now))
+
+    @cached_property
+    def variances(self) -> Evaluated:
+        """r (N, p, 1), a sample's, at records (N)."""
+        moved = Moved(self.part, self._clock)
+        return Evaluated(self.step, ca.vertcat(*(moved.variance(j) for j in range(len(self.step.outputs)))))
+
+    def predicted(self, P: Array, records: Array, signals: dict[Place, Array]) -> Array:
+        """P (N, n, n) one sample on, Phi P Phi' + h Q_theta, where the past is forgotten exp(rho h) as much."""
+        transition, noise, rho = self._motion
+        Phi = transition(records, signals)
+        growth = np.exp(self.step.dt * rho(records))
+        return np.asarray(growth * (Phi @ P @ Phi.swapaxes(1, 2)) + self.step.dt * noise(records, signals))
+
+    @cached_property
+    def _fields(self) -> dict[str, Field]:
+        return {field.name: field for field in (self.members.fields if self.members else self.step.layout.state)}
+
+    def _triangle(self, name: str, records: Array, symmetric: bool = False) -> Array:
+        """The matrices (N, n, n) whose entries a field holds."""
+        packed, n = values_at(self.step, records, Place("state", name)), self.part.dynamics.n
+        whole = np.zeros((len(packed), n, n))
+        for k, (i, j) in enumerate(self._fields[name].entries):
+            whole[:, i - 1, j - 1] = packed[:, k]
+            if symmetric:
+                whole[:, j - 1, i - 1] = packed[:, k]
+        return whole
+
+    @property
+    def _clock(self) -> Clock:
+        return clock_of(self.step)
+
+    @cached_property
+    def _motion(self) -> tuple[Evaluated, ...]:
+        """Phi, Q_theta and rho."""
+        n, moved = self.part.dynamics.n, Moved(self.part, self._clock)
+        noise = sx(self.part.noise()) if self.part.factor.size else ca.SX(n, n)
+        graphs = (moved.transition(moved.stages()), noise, sx(self.part.rho))
+        return tuple(Evaluated(self.step, graph) for graph in graphs)
+
+
+def uncertainty(step: Step) -> Uncertainty | None:
+    """That of a step; None where no covariance stands alone for the estimate. Of a filter by sigma points s is that of
+    the slope of h, which an output linear in the state has as well."""
+    parts, members = step.observer.parts, None
+    if len(parts) == 1 and isinstance(parts[0], Parallel):
+        parts, members = parts[0].member.parts, next(group for group in step.layout.groups if group.name == "member")
+    plain = [part.plain if isinstance(part, AtSamples) else part for part in parts]
+    filters = [part for part in plain if isinstance(part, Riccati)]
+    return Uncertainty(step, filters[0], members) if len(filters) == 1 else None
+
+
+def clock_of(step: Step) -> Clock:
+    """The clock by which a step was assembled."""
+    every = tuple(round(period / step.dt) for period in step.clock.periods)
+    return Clock(step.dt, step.clock.between, len(step.inputs), len(step.outputs), every)
+
+
+def motion(step: Step, known: Uncertainty | None) -> Graph:
+    """z of the step's model one sample on without correction, by one classical Runge-Kutta step; SX (n). Where the
+    measurement enters the model, it is that of the Riccati part."""
+    observer, clock = step.observer, clock_of(step)
+    if known is not None:
+        return Moved(known.part, clock).stages().result["z"]
+    flow = observer.dynamics.flow
+    return advance(RK4, lambda v, c: {"z": flow(v["z"], clock.u(c))}, {"z": observer.z}, step.dt).result["z"]
+
+
+def shown(step: Step) -> Graph:
+    """The slope dx/dz (n, n) of the plant's states, at the form's coordinates in their ranges; SX."""
+    observer, z = step.observer, ca.SX.sym("z", step.observer.z.numel())
+    slope = ca.jacobian(observer.dynamics.estimate(z, clock_of(step).u_now), z)
+    return ca.substitute(slope, z, observer.dynamics.saturated(observer.z))
+
+
+def used(step: Step, status: Array) -> Array:
+    """Whether a step used the sample of each output (N, p), by its status (N)."""
+    return ~raised(step, status, ("MISSING", "REJECTED", "LATE", "EARLY", "REPEATED", "UNDATED"), step.outputs)
+
+
+def raised(step: Step, status: Array, bits: Sequence[str], signals: Sequence[Signal]) -> Array:
+    """Whether one of the bits of each signal, of those that the step has, is raised in each sample (N, k)."""
+    names = [bit.place.name for bit in step.layout.bits]
+    wanted = [[f"{bit}_{signal.name}" for bit in bits] for signal in signals]
+    masks = [sum(1 << k for k, name in enumerate(names) if name in each) for each in wanted]
+    return np.asarray(status[:, None] & np.array(masks, step.layout.word) != 0)
+
+
+@dataclass(frozen=True)
+class Innovations:
+    """Of a record: e (N, p), NaN where a sample was not used; their `variances` (N, p) and the `covariance` (N, n, n)
+    of the estimates after each sample, in the plant's states; None of an observer that holds none."""
+
+    e: Array
+    variances: Array | None
+    covariance: Array | None
+
+
+@dataclass(frozen=True, eq=False)
+class Replay:
+    """The samples u (N, m), y (N, p) of a run that gave `status` (N), and the memory before the first of them; with y
+    go the ages of samples that may be late."""
+
+    step: Step
+    memory: bytes
+    u: Array
+    y: Array
+    status: Array
+    engine: Engine
+    real: Real
+
+    @property
+    def outputs(self) -> tuple[str, ...]:
+        """The names of the outputs."""
+        return tuple(y.name for y in self.step.outputs)
+
+    @cached_property
+    def innovations(self) -> Innovations:
+        """What it shows."""
+        parts = list(self._parts())
+        e = np.concatenate([one.e for one in parts]) if parts else np.zeros((0, len(self.step.outputs)))
+        taken = used(self.step, self.status) & np.isfinite(self.y[:, : len(self.outputs)])
+
+        def whole(arrays: list[Array | None]) -> Array | None:
+            there = [array for array in arrays if array is not None]
+            return np.concatenate(there) if there else None
+
+        variances = whole([one.variances for one in parts])
+        return Innovations(
+            np.where(taken, e, np.nan),
+            None if variances is None else np.where(taken, variances, np.nan),
+            whole([one.covariance for one in parts]),
+        )
+
+    def _parts(self) -> Iterator[Innovations]:
+        memory = Kept(self.step, self.real)
+        memory.entries(self.engine)
+        memory.whole[:] = self.memory
+        look = _Look(self.step, uncertainty(self.step))
+        for first in range(0, len(self.y), CHUNK):
+            u, y = self.u[first : first + CHUNK], self.y[first : first + CHUNK]
+            with np.errstate(all="ignore"):
+                if self.step.code.apart:
+                    yield look.apart(y[:, : len(self.outputs)], *self._sections(memory, u, y))
+                else:
+                    yield look.moved(y, *self._calls(memory, u, y))
+
+    def _sections(self, memory: Kept, u: Array, y: Array) -> tuple[list[Array], Array]:
+        """The memory before each output corrects, and after each sample."""
+        entries, sections = memory.entries(self.engine), self.step.code.sections[1:]
+        before = [np.zeros(len(y), memory.record.dtype) for _ in self.step.outputs]
+        after = np.zeros(len(y), memory.record.dtype)
+        number = {signal.name: j for j, signal in enumerate(self.step.outputs)}
+        correcting = {section.corrects for section in sections}
+        silent = [j for name, j in number.items() if name not in correcting]  # their innovation is the prediction's
+        for k, row in enumerate(self._rows(u, y)):
+            memory.signals[:] = row
+            entries["predict"]()
+            for j in silent:
+                before[j][k] = memory.record[0]
+            for section in sections:
+                if section.corrects:
+                    before[number[section.corrects]][k] = memory.record[0]
+                entries[section.name]()
+            after[k] = memory.record[0]
+        return [remembered(self.step, records, j) for j, records in enumerate(before)], after
+
+    def _calls(self, memory: Kept, u: Array, y: Array) -> tuple[Array, Array]:
+        call = memory.entries(self.engine)["step"]
+        records = np.zeros(len(y) + 1, memory.record.dtype)
+        records[0] = memory.record[0]
+        for k, row in enumerate(self._rows(u, y), 1):
+            memory.signals[:] = row
+            call()
+            records[k] = memory.record[0]
+        return records[:-1], records[1:]
+
+    def _rows(self, u: Array, y: Array) -> Array:
+        with np.errstate(over="ignore"):  # what is beyond a float is infinite, and no sample
+            return np.hstack([u, y]).astype(DTYPE[self.real])
+
+
+@dataclass(frozen=True, eq=False)
+class _Look:
+    """Innovations of samples from what the step remembers."""
+
+    step: Step
+    uncertainty: Uncertainty | None
+
+    def apart(self, y: Array, before: list[Array], after: Array) -> Innovations:
+        """Of a step that corrects at samples: `before` each output, and `after` all."""
+        e = np.column_stack([y[:, j] - self._read(records)[:, j, 0] for j, records in enumerate(before)])
+        if self.uncertainty is None:
+            return Innovations(e, None, None)
+        s = np.zeros_like(e)
+        for j, records in enumerate(before):
+            c, P = self.uncertainty.rows(records)[:, j, :], self.uncertainty.covariance(records)
+            s[:, j] = np.einsum("ki,kij,kj->k", c, P, c) + self.uncertainty.variances(records)[:, j, 0]
+        return Innovations(e, s, self._of_plant(after))
+
+    def moved(self, y: Array, before: Array, after: Array) -> Innovations:
+        """Of a step that integrates with the measurement: `before` and `after` each sample."""
+        fields = {field.name for field in self.step.layout.state}
+        pairs = [("u", "u", after), ("y", "y", after), ("y_last", "y", before), ("valid", "y_valid", after)]
+        signals = {
+            Place("work", name): values_at(self.step, records, Place("state", field))
+            for name, field, records in pairs
+            if field in fields
+        }
+        at, onward, read, slopes = self._model
+        first = (values_at(self.step, before, Place("state", "calls"))[:, 0] == 0)[:, None]
+        z = np.where(first, at(before)[:, :, 0], onward(before, signals)[:, :, 0])
+        signals |= {PREDICTED: z}
+        e, C = y - read(after, signals)[:, :, 0], slopes(after, signals)
+        if self.uncertainty is None:
+            return Innovations(e, None, None)
+        P = self.uncertainty.covariance(before)
+        P = np.where(first[:, :, None], P, self.uncertainty.predicted(P, before, signals))
+        r, s, shift = self.uncertainty.variances(before)[:, :, 0], np.zeros_like(e), np.zeros_like(z)
+        for j in range(e.shape[1]):
+            c = C[:, j, :]
+            e[:, j] -= np.einsum("ki,ki->k", c, shift)
+            s[:, j] = np.einsum("ki,kij,kj->k", c, P, c) + r[:, j]
+            gain = np.where(np.isfinite(e[:, j : j + 1]), np.einsum("kij,kj->ki", P, c) / s[:, j : j + 1], 0.0)
+            shift += gain * np.where(np.isfinite(e[:, j : j + 1]), e[:, j : j + 1], 0.0)
+            P = P - np.einsum("ki,kj->kij", gain, np.einsum("ki,kij->kj", c, P))
+        return Innovations(e, s, self._of_plant(after))
+
+    def _of_plant(self, after: Array) -> Array:
+        assert self.uncertainty is not None
+        J = self._slope(after)
+        return np.asarray(J @ self.uncertainty.covariance(after) @ J.swapaxes(1, 2))
+
+    @cached_property
+    def _read(self) -> Evaluated:
+        observer = self.step.observer
+        return Evaluated(self.step, observer.dynamics.output(observer.z, clock_of(self.step).u_now))
+
+    @cached_property
+    def _model(self) -> tuple[Evaluated, ...]:
+        """z, z a sample on, and h and dh/dz at a z that is predicted."""
+        observer, u = self.step.observer, clock_of(self.step).u_now
+        z, dynamics = sym(*PREDICTED, observer.z.numel()), observer.dynamics
+        graphs = (
+            observer.z,
+            motion(self.step, self.uncertainty),
+            dynamics.output(z, u),
+            dynamics.output_jacobian(z, u),
+        )
+        return tuple(Evaluated(self.step, graph) for graph in graphs)
+
+    @cached_property
+    def _slope(self) -> Evaluated:
+        return Evaluated(self.step, shown(self.step))
