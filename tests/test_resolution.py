@@ -9,8 +9,8 @@ from hypothesis import strategies as st
 
 import hgogen as hg
 from hgogen.step import BadStep
+from hgogen.stepping.discretise import StepTooShort, demand_motion
 from hgogen.stepping.recovery import LONGEST
-from hgogen.stepping.resolution import StepTooShort, demand_motion
 
 pytestmark = pytest.mark.filterwarnings("ignore::hgogen.step.StepMayFail")
 

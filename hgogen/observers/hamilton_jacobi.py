@@ -35,7 +35,7 @@ from hgogen.reading.given import BadGain, Matrix, Values, names_of, of_coordinat
 from hgogen.rigor.slope import JUMPS
 from hgogen.sentence import because
 from hgogen.starting import Gains, Scale, starts
-from hgogen.stepping.curvature import Curved
+from hgogen.stepping.discretise import Curved
 from hgogen.theorem import Hypothesis
 
 REFERENCE = (

@@ -1,11 +1,33 @@
 """The one place that knows all kinds of parts: which rule makes memory and statements of each, what its differential
-equation is, and how long a step may be."""
+equation is, and how long a step may be.
 
-from collections.abc import Iterator
-from dataclasses import dataclass
-from functools import lru_cache
-from typing import Literal
+A minimum-energy estimator (`Curved`) has the second derivatives of the outputs in its Riccati equation:
 
+    Pi' = -Pi F - F'Pi - Pi Q^-1 Pi + C'R C - s D,    D = sum_j R_j (y_j - h_j) d2h_j/dz2
+    P'  = F P + P F' + Q^-1 - P C'R C P + s P D P,    P = Pi^-1
+    s = rate/max(rate, nu),    nu = |Pi^(-1/2) D Pi^(-1/2)|_F = sqrt(tr (P D)^2)
+
+With s = 1 a large error takes more from Pi than there is, and Pi loses positive definiteness. As it stands, s D lies
+between -rate Pi and rate Pi: P' <= F P + P F' + Q^-1 + rate P and Pi' <= -Pi F - F'Pi + C'R C + rate Pi, so both stay
+finite and positive definite. Up to nu = rate the term is whole. A step of finite length need not follow: what is no
+longer positive definite after it restarts at its first value, and the status says so.
+
+A step is too short if a state stands still: z + dt f rounds to z where |dt f| is less than half the distance between z
+and its neighbours. With M the largest |z| of the declared range, that is half an ulp below M; with |f| <= F on the
+ranges, by one outward-rounded look at them, a state stands still for certain in the binade below M where dt F is less.
+A state whose F is 0, and one without a range, limit nothing.
+
+The law of recovery counts samples. Where all that can be counted last for less than the fastest state takes for a part
+of its range, what is counted does not change meanwhile, and the count means nothing.
+"""
+
+import math
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, replace
+from functools import lru_cache, reduce
+from typing import Any, Literal
+
+import casadi as ca
 import numpy as np
 
 from hgogen.analysis.jacobians import flow_jacobians
@@ -13,17 +35,21 @@ from hgogen.discretisation.open_loop_limit import Ranges, open_loop_lengths
 from hgogen.discretisation.runge_kutta import RK4, Tableau
 from hgogen.discretisation.stability import Lengths
 from hgogen.errors import HgogenError
-from hgogen.estimators.covariance import covariance_ode, information_ode
+from hgogen.estimators.covariance import covariance_ode, information_ode, pack, pivots, solve, unpack
 from hgogen.estimators.factored import factored_lengths
 from hgogen.estimators.innovation import Predictors
-from hgogen.estimators.riccati_part import AtSamples, Riccati
+from hgogen.estimators.riccati_part import Around, AtSamples, Riccati
 from hgogen.estimators.transient import errors_at
-from hgogen.method import Method
+from hgogen.form import Form
+from hgogen.graph import Graph
+from hgogen.method import Explicit, Method
 from hgogen.observer import Observer
 from hgogen.part import Clock, Jump, Ode, Part, Pieces
-from hgogen.program import Program
+from hgogen.program import Bit, Block, Field, Place, Program, When, sym
+from hgogen.rigor.bounds import enclose
+from hgogen.rigor.box import box
+from hgogen.sentence import up
 from hgogen.signal import spread
-from hgogen.stepping.curvature import Curved, curved, curved_lengths
 from hgogen.stepping.parallel import Parallel, judge_lengths, parallel
 
 
@@ -145,3 +171,124 @@ def _unmeasured(observer: Observer, tableau: Tableau, part: Ode | None) -> Lengt
         return open_loop_lengths(flow_jacobians(observer.dynamics), ranges, tableau, form.system.time)
     errors = errors_at(part, observer)
     return open_loop_lengths(lambda points: errors(points)[1], ranges, tableau, form.system.time)
+
+
+RESTARTED = Bit(
+    "COVARIANCE_RESTARTED",
+    "a step left the covariance without positive variances: it restarted at its first value",
+    "none if rare; if it comes again, shorten dt, lower curvature or raise Q",
+)
+VIEWS = {"information": ("S", information_ode), "covariance": ("P", covariance_ode)}
+
+
+@dataclass(frozen=True, eq=False)
+class Curved(Around):
+    """A Riccati observer at theta = 1 with the term; `rate` (1/s): SX scalar, at most `fastest`."""
+
+    rate: Graph
+    fastest: float
+
+    def equation(self, view: str) -> Ode:
+        """The differential equation of z and Pi (its name is S), or of z and P."""
+        name, ode = VIEWS[view]
+        plain, n = ode(self.plain), self.plain.dynamics.n
+
+        def rate(values: Mapping[str, Graph], u: Graph, y: Graph, valid: Graph) -> dict[str, Graph]:
+            slopes, X = plain.rhs(values, u, y, valid), unpack(values[name], n)
+            z, dynamics = values[self.plain.z.name], self.plain.dynamics
+            pull = valid * (y - dynamics.output(z, u)) / self.plain.R
+            curvatures = dynamics.output_curvature(z, u)
+            D = sum((pull[j] * curvature for j, curvature in enumerate(curvatures)), ca.SX(n, n))
+            PD = X @ D if name == "P" else ca.horzcat(*(solve(X, D[:, j]) for j in range(n)))
+            size = ca.sum1(ca.sum2(PD * PD.T))  # nu^2, which rounding can make negative
+            share = self.rate / ca.sqrt(ca.fmax(self.rate**2, size))
+            term = PD @ X if name == "P" else -D
+            return {**slopes, name: slopes[name] + pack(share * term)}
+
+        return Ode(plain.fields, rate)
+
+
+def curved(part: Curved, method: Any, clock: Clock) -> Pieces:
+    """The pieces of a step: by an explicit method in its own view, else by classical Runge-Kutta on (z, P)."""
+    explicit = _explicit(method)
+    plain = explicit.riccati(part.plain, clock)
+    moves = explicit.step(part.equation(explicit.view), clock)
+    covariance = next(field for field in plain.fields if field.name == VIEWS[explicit.view][0])
+    return replace(
+        plain,
+        bits=(*plain.bits, RESTARTED),
+        predict=(*moves.predict, *_kept_definite(covariance, part.plain.dynamics.n)),
+    )
+
+
+def curved_lengths(part: Curved, method: Any, dt: float) -> tuple[Lengths, Lengths]:
+    """The step lengths of the observer without the term, and those of the term, which no other method is free of."""
+    plain = replace(_explicit(method).riccati_lengths(part.plain, dt), other="")
+    why = "beyond it the second derivatives of the output can take all of Pi in one step"
+    return plain, Lengths(refused=1 / part.fastest, why=why, rule=plain.rule)
+
+
+def _explicit(method: Any) -> Explicit:
+    return method if isinstance(method, Explicit) else Explicit(RK4, "covariance")
+
+
+def _kept_definite(covariance: Field, n: int) -> Program:
+    """The packed symmetric matrix (n, n) as it was first where a pivot of L D L' is not positive."""
+    place = Place("state", covariance.name)
+    definite = reduce(ca.logic_and, (pivot > 0 for pivot in pivots(unpack(sym(*place, covariance.size), n))[1]))
+    first = {place: ca.SX(ca.DM(covariance.initial)), Place("status", "COVARIANCE_RESTARTED"): ca.SX(1)}
+    return (
+        Block("is it positive definite?", {Place("work", "broken"): ca.logic_not(definite)}),
+        When(Place("work", "broken"), (Block("a covariance that is none restarts", first),)),
+    )
+
+
+_DIGITS = {"float": 24, "double": 53}  # binary
+
+
+@dataclass(eq=False)
+class StepTooShort(HgogenError):
+    """A step length with which a state stands still, or a count does not fit into a number: `take` is long enough, and
+    `way` names what else helps."""
+
+    dt: float
+    why: str
+    take: float
+    unit: str
+    way: str = ""
+
+    def __str__(self) -> str:
+        return f"dt = {self.dt:g} {self.unit} is too short: {self.why}; take dt >= {up(self.take, 3)}{self.way}"
+
+
+def demand_motion(form: Form, dt: float, real: str) -> None:
+    """Raise `StepTooShort` where a state of the form stands still for certain near the end of its range."""
+    for name, (low, high), fastest in _fastest(form):
+        end = max(abs(low), abs(high))
+        share, power = math.frexp(end)
+        half = math.ldexp(1.0, power - (share == 0.5) - _DIGITS[real] - 1)
+        if dt * fastest < half:
+            why = (
+                f"the model moves {name} by at most {dt * fastest:.3g} in a step, and half the distance of two numbers "
+                f"of type {real} below {end:g} is {half:.3g}, so that it stands still there"
+            )
+            way = ', real = "double",' * (real == "float") + f" or estimate {name} as the difference from a constant"
+            raise StepTooShort(dt, why, half / fastest, form.system.time, way)
+
+
+def demand_countable(form: Form, dt: float, most: int, part: float) -> None:
+    """Raise `StepTooShort` where no state of the form moves by so large a part of its range in `most` samples."""
+    times = [part * (high - low) / fastest for _, (low, high), fastest in _fastest(form)]
+    if times and most * dt < min(times):
+        why = f"no state moves by {part:.0%} of its range in the {most} samples that can be counted"
+        raise StepTooShort(dt, why, min(times) / most, form.system.time)
+
+
+@lru_cache(maxsize=16)  # asked of the counts, and of the precision
+def _fastest(form: Form) -> tuple[tuple[str, tuple[float, float], float], ...]:
+    """The name, the range and a bound of |z'| on the ranges of each state that has such a range and moves."""
+    system = form.system
+    known = box((*form.states, *system.inputs, *system.parameters), system.nominal)
+    bounds = (max(abs(float(end)) for end in enclose(row, known)) for row in form.flow)
+    rows = zip(form.names, form.states, bounds, strict=True)
+    return tuple((name, z.interval, fastest) for name, z, fastest in rows if z.bounded and 0 < fastest < math.inf)

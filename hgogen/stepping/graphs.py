@@ -1,32 +1,295 @@
-"""A step, and its continuous observer, as CasADi functions of vectors.
+"""A step, and its continuous observer, as CasADi functions of vectors with named elements.
 
 step         (state, u, y, p) -> next, x, status    one call: the memory after it, the estimate, the status
 derivative   (state, u, y, p) -> rate               of the observer's differential equations
 estimate     (state, u, p) -> x                     from the state of these
+
+`Symbolic` reads programs as one MX graph: what places hold after a program, of what they held before. Blocks are calls
+of their own graphs, which are not written into one another: the order of operations stays, and so do the bits. A
+condition runs one of its two branches, so that a derivative is that of the branch taken. A loop calls its body for each
+member; a member that is chosen as the program runs is read and written at its place in the array.
 """
 
-from collections.abc import Callable, Iterable
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from dataclasses import dataclass, replace
 from functools import cached_property, reduce
-from itertools import chain
+from itertools import chain, product
 from math import prod
 from operator import add
-from typing import Literal
+from typing import Any, Literal
 
 import casadi as ca
+import numpy as np
 
+from hgogen.discretisation.kernel_graphs import kernel_graph
 from hgogen.graph import Graph
 from hgogen.method import Explicit
 from hgogen.part import Clock, Ode
-from hgogen.program import Block, Field, Place, Program, lines_of, sym
-from hgogen.signal import Signal
+from hgogen.program import (
+    INF,
+    Block,
+    Call,
+    Copy,
+    Field,
+    Group,
+    Kernel,
+    Loop,
+    Place,
+    Program,
+    Reader,
+    Statement,
+    When,
+    lines_of,
+    places,
+    sym,
+)
+from hgogen.reading.given import BadGain, BadNames, in_order, real, reals
+from hgogen.signal import Signal, resting
 from hgogen.step import Step
 from hgogen.stepping.discretise import NoEquation, equation, tuned
-from hgogen.stepping.entries import Entry, Vector, distinct, of_field, of_line, of_signals
 from hgogen.stepping.guards import LARGEST_NUMBER, limit_parameters
 from hgogen.stepping.members import read_fields
 from hgogen.stepping.status import EXACT
-from hgogen.stepping.symbolic import Memory, Shape, Symbolic, shapes
+
+
+@dataclass(frozen=True)
+class Entry:
+    """One element of a vector; `array`: what it is an element of, itself where it stands alone, and `label` what it is
+    called there."""
+
+    name: str
+    initial: float
+    unit: str = ""
+    low: float = -INF
+    high: float = INF
+    meaning: str = ""
+    array: str = ""
+    label: str = ""
+
+    def __str__(self) -> str:
+        return f"{self.name} = {self.initial:g} {self.unit}".rstrip() + f": {self.meaning}" * bool(self.meaning)
+
+
+@dataclass(frozen=True, repr=False)
+class Vector:
+    """The elements of an input or output of a function, in order; `title` says of what."""
+
+    title: str
+    entries: tuple[Entry, ...]
+
+    @property
+    def names(self) -> list[str]:
+        """The names of the elements, in their order."""
+        return [entry.name for entry in self.entries]
+
+    @property
+    def initial(self) -> np.ndarray:
+        """The first values (n) of the elements."""
+        return np.array([entry.initial for entry in self.entries])
+
+    def filled(self, values: Mapping[str, Any]) -> np.ndarray:
+        """The first values (n), with others for some elements, or arrays of them, by name: {"theta": 30, "Q": [1, 2]}
+        or, where its elements have labels, {"Q": {"q": 1, "w": 2}}.
+
+        Raises: `BadNames` for an unknown name; `BadGain` for what is no real number, or are not as many as there are.
+        """
+        elements: dict[str, float] = {}
+        for name, value in values.items():
+            own = [entry for entry in self.entries if entry.array == name != entry.name]
+            elements |= _several(name, value, own) if own else {name: value}
+        default = dict(zip(self.names, self.initial, strict=True))
+        ordered = in_order(f"the {self.title}", elements, self.names, default=default)
+        return np.array([real(name, value) for name, value in zip(self.names, ordered, strict=True)])
+
+    def index(self, name: str) -> int:
+        """Where an element stands. Raises: `BadNames`."""
+        if any(entry.array == name != entry.name for entry in self.entries):
+            raise BadNames(f"the {self.title}", f"names {name!r}, which is an array; name one of its elements")
+        self.filled({name: 0.0})
+        return self.names.index(name)
+
+    def __len__(self) -> int:
+        return len(self.entries)
+
+    def __str__(self) -> str:
+        return "\n".join([f"{self.title}:", *(f"  {entry}" for entry in self.entries)])
+
+    def __repr__(self) -> str:
+        return f"<{self.title}: {', '.join(self.names)}>"
+
+
+def _several(name: str, value: Any, own: list[Entry]) -> dict[str, float]:
+    elements = reals(name, in_order(name, value, (entry.label for entry in own))).reshape(-1)
+    if len(elements) != len(own):
+        raise BadGain(f"{name} of {len(elements)} numbers", f"must have {len(own)}")
+    return {entry.name: float(element) for entry, element in zip(own, elements, strict=True)}
+
+
+def of_signals(title: str, signals: Iterable[Signal]) -> Vector:
+    """Signals, each at rest."""
+    return Vector(title, tuple(Entry(s.name, resting(s), s.unit, *s.interval, s.meaning, s.name) for s in signals))
+
+
+def of_field(field: Field, unit: str, name: str = "") -> Iterator[Entry]:
+    """The elements of a field; of one that has several, `name[0]` and so on."""
+    name = name or field.name
+    labels = field.labels or tuple(f"row {i}, column {j}" for i, j in field.entries) or ("",) * field.size
+    for k, (value, (low, high), label) in enumerate(zip(field.initial, field.box, labels, strict=True)):
+        several = field.size > 1
+        meaning = f"{field.meaning} ({label})" if several and label else field.meaning
+        yield Entry(f"{name}[{k}]" if several else name, float(value), unit, low, high, meaning, name, label)
+
+
+def of_line(line: tuple[Group, ...], field: Field, unit: str) -> Iterator[Entry]:
+    """A field of a group in the order of memory: for each member of the outermost group those in it, one by one."""
+    for members in product(*(range(group.count) for group in line)):
+        path = ".".join(f"{group.name}[{k}]" for group, k in zip(line, members, strict=True))
+        yield from of_field(field, unit, f"{path}.{field.name}")
+
+
+def distinct(entries: Iterable[Entry], taken: Iterable[str], prefix: str) -> tuple[Entry, ...]:
+    """Entries with a prefix where another one has the name."""
+    taken = set(taken)
+    return tuple(
+        replace(e, name=f"{prefix}.{e.name}", array=f"{prefix}.{e.array}") if e.array in taken else e for e in entries
+    )
+
+
+Memory = dict[Place, Graph]  # MX: a column (size), of a field of a group a table with a column for each member
+Shape = tuple[int, int]
+
+
+def shapes(fields: Iterable[Field], groups: Iterable[Group]) -> dict[Place, Shape]:
+    """How a state lies in memory; of a group in a group, a column holds all its members, one after the other."""
+    shape_by_place = {Place("state", field.name): (field.size, 1) for field in fields}
+    for line in lines_of(groups):
+        inner = prod(group.count for group in line[1:])
+        shape_by_place |= {
+            Place(line[-1].name, field.name): (field.size * inner, line[0].count) for field in line[-1].fields
+        }
+    return shape_by_place
+
+
+@dataclass(frozen=True, eq=False)
+class Symbolic(Reader[Memory]):
+    """A reader of programs over groups, each by its name with those that it lies in, the outermost first; `graph` gives
+    the function of a block."""
+
+    lines: Mapping[str, tuple[Group, ...]]
+    graph: Callable[[Block], ca.Function]
+
+    def section(self, program: Program, memory: Memory) -> Memory:
+        """The memory after a program whose work values are its own."""
+        work = {place: ca.MX.zeros(size) for place, size in places(program) if place.struct == "work"}
+        return self.program(program, {**memory, **work})
+
+    def program(self, program: Iterable[Statement], *known: Memory) -> Memory:
+        """The memory after statements, of that before them, which has their work values."""
+        (memory,) = known
+        for statement in program:
+            memory = {**memory, **self.statement(statement, memory)}
+        return memory
+
+    def _block(self, block: Block, memory: Memory) -> Memory:
+        results = self.graph(block).call([memory[place] for place, _ in block.reads])
+        after = dict(zip(block.writes, results, strict=False))
+        return after | {p: ca.logic_or(memory[p], value != 0) for p, value in after.items() if p.struct == "status"}
+
+    def _when(self, when: When, memory: Memory) -> Memory:
+        symbols = _symbols(memory)
+        ends = self.program(when.body, symbols), self.program(when.otherwise, symbols)
+        return _Choice(symbols, ends).at(memory[when.flag], memory)
+
+    def _copy(self, copy: Copy, memory: Memory) -> Memory:
+        total = self.lines[copy.group][-1].count
+        source, target = (_number(memory[place], total) for place in (copy.source, copy.target))
+        tables = {place: memory[place] for place in self._inside(copy.group, memory)}
+        return {place: _with_column(table, target, _column(table, source)) for place, table in tables.items()}
+
+    def _kernel(self, kernel: Kernel, memory: Memory) -> Memory:
+        changed = [*([kernel.columns] if kernel.columns else []), *(place for place, _ in kernel.arguments)]
+        graph = kernel_graph(kernel.name, kernel.size, tuple(size for _, size in kernel.arguments), kernel.counts)
+        *values, returned = graph.call([memory[place] for place in changed])
+        return dict(zip(changed, values, strict=True)) | ({kernel.result: returned} if kernel.result else {})
+
+    def _call(self, call: Call, memory: Memory) -> Memory:
+        return self.section(call.section.program, memory)
+
+    def _loop(self, loop: Loop, memory: Memory) -> Memory:
+        total = self.lines[loop.group][-1].count
+        rows = {}
+        for place in self._inside(loop.group, memory):  # the shape of one member's share
+            line, size = self.lines[place.struct], memory[place].shape[0]
+            deeper = line[[each.name for each in line].index(loop.group) + 1 :]
+            rows[place] = (size // deeper[0].count, deeper[0].count) if deeper else (size, 1)
+        symbols = _symbols(memory, rows)
+        body = _Choice(symbols, (self.program(loop.body, symbols), symbols))
+        first, memory = _number(memory[loop.start], total) if loop.start else None, dict(memory)
+        for k in range(loop.count):
+            member = k if first is None else ca.fmod(first + k, total)
+            runs = memory[loop.active] > k if loop.active else ca.MX(1)
+            if loop.index:
+                memory[loop.index] = ca.if_else(runs, member, memory[loop.index])
+            now = {**memory, **{place: ca.reshape(_column(memory[place], member), *rows[place]) for place in rows}}
+            then = body.at(runs, now)
+            memory |= {p: _with_column(memory[p], member, value) if p in rows else value for p, value in then.items()}
+        return memory
+
+    def _inside(self, group: str, memory: Memory) -> list[Place]:
+        return [place for place in memory if any(each.name == group for each in self.lines.get(place.struct, ()))]
+
+
+class _Choice:
+    """Two ends of the same beginning, of which one is taken; where the choice is known there is none."""
+
+    def __init__(self, symbols: Memory, ends: tuple[Memory, Memory]) -> None:
+        self.written = [p for p in symbols if any(end[p] is not symbols[p] for end in ends)]
+        results = [[end[place] for place in self.written] for end in ends]
+        used = {symbol.name() for symbol in ca.symvar(ca.veccat(*results[0], *results[1]))}
+        self.read = [place for place, symbol in symbols.items() if symbol.name() in used]
+        arguments = [symbols[place] for place in self.read]
+        self.yes, self.no = (ca.Function("branch", arguments, values) for values in results)
+
+    def at(self, flag: Graph, memory: Memory) -> Memory:
+        """The places that the taken branch writes, with their values."""
+        arguments = [memory[place] for place in self.read]
+        if not self.written:
+            return {}
+        if flag.is_constant():
+            results = (self.yes if float(flag) else self.no).call(arguments)
+        else:
+            results = ca.Function.if_else("choice", self.yes, self.no).call([flag, *arguments])
+        return dict(zip(self.written, results, strict=True))
+
+
+def _symbols(memory: Memory, rows: Mapping[Place, Shape] | None = None) -> Memory:
+    shaped = {place: value.shape for place, value in memory.items()} | dict(rows or {})
+    return {place: ca.MX.sym(f"m{k}", *shape) for k, (place, shape) in enumerate(shaped.items())}
+
+
+def _number(place: Graph, total: int) -> Graph:
+    """The number of a member, 0 where it is beyond the last, as in C."""
+    return ca.if_else(place < total, place, 0)
+
+
+def _at(table: Graph, member: Graph) -> Graph:
+    """Where the column of a member lies in a table."""
+    rows = table.shape[0]
+    return rows * member + ca.DM(range(rows))
+
+
+def _column(table: Graph, member: Graph | int) -> Graph:
+    return table[:, member] if isinstance(member, int) else table.nz[_at(table, member)]
+
+
+def _with_column(table: Graph, member: Graph | int, value: Graph) -> Graph:
+    changed = ca.MX(table)
+    if isinstance(member, int):
+        changed[:, member] = ca.vec(value)
+    else:
+        elements: Graph = ca.vec(value)
+        changed.nz[_at(table, member)] = elements
+    return changed
 
 
 @dataclass(frozen=True)

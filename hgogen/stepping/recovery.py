@@ -42,7 +42,7 @@ of memory that was spoiled, begin anew where a sign shows: a limit that is too h
 convergence holds from the last restart on.
 
 Restart from the sample: all memory is as after a reset but for what lasts, and the fields that the estimate is read
-from, which fit the sample (stepping/nearest.py). A cold restart would fall into the same attractor.
+from, which fit the sample (stepping/projection.py). A cold restart would fall into the same attractor.
 
 A Riccati observer is told by R how far each sensor is trusted: in units of what they can span, s_j^2/R_j. One that is
 trusted less than LEAST times as much as another, and whose declared noise at a sample is wider than all that it can
@@ -69,12 +69,11 @@ from hgogen.graph import Graph
 from hgogen.observer import Observer
 from hgogen.part import Clock, Pieces
 from hgogen.program import INF, Block, Call, Field, Place, Program, Section, Statement, When, scalar, sym
+from hgogen.stepping.discretise import demand_countable
 from hgogen.stepping.guards import any_of, outside, plausible, readings
 from hgogen.stepping.members import fresh, fresh_groups
-from hgogen.stepping.nearest import nearest
 from hgogen.stepping.parallel import Parallel
-from hgogen.stepping.projection import estimate_fields, projection
-from hgogen.stepping.resolution import demand_countable
+from hgogen.stepping.projection import estimate_fields, nearest, projection
 from hgogen.stepping.settling import plant_rate, settling_time
 
 

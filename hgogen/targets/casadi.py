@@ -35,8 +35,7 @@ from hgogen.reading.given import among, demand_switch
 from hgogen.rigor.lookup import Lookup, walked
 from hgogen.step import Step, demand_step
 from hgogen.stepping.discretise import NoEquation
-from hgogen.stepping.entries import Vector
-from hgogen.stepping.graphs import Flow, Graphs
+from hgogen.stepping.graphs import Flow, Graphs, Vector
 from hgogen.stepping.status import EXACT
 from hgogen.target import Files
 

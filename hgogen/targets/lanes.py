@@ -23,7 +23,7 @@ from hgogen.emit.syntax import Real, demand_real
 from hgogen.emit.syntaxes import C
 from hgogen.program import Place, Program
 from hgogen.step import Step, demand_step
-from hgogen.stepping.resolution import demand_motion
+from hgogen.stepping.discretise import demand_motion
 from hgogen.target import Files
 
 

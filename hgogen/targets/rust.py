@@ -24,7 +24,7 @@ from hgogen.emit.syntaxes import RUST, keywords
 from hgogen.errors import HgogenError
 from hgogen.reading.given import demand_switch
 from hgogen.step import Step, demand_step
-from hgogen.stepping.resolution import demand_motion
+from hgogen.stepping.discretise import demand_motion
 from hgogen.target import Recipe, Sources
 
 _CRATES = {"alloc", "core", "proc_macro", "std", "test"}
