@@ -164,6 +164,6 @@ def test_a_bisection_that_goes_on_is_that_with_more_boxes() -> None:
     program = tape([sp.sin(5 * x1 * x2), x2], (x1, x2))
     vector, root = Field(program, (0, 1), tape([], (x1, x2)), ()), (-np.ones(2), np.ones(2))
     first, whole = (steepest(vector, root, 1e-9, boxes) for boxes in (70, 212))
-    on = steepest(vector, root, 1e-9, 212, first.cover)
+    on = steepest(vector, root, 1e-9, 212, first.before)
     assert (first.boxes, on.boxes) == (69, 211)
-    assert (on.low, on.high, on.tree) == (whole.low, whole.high, whole.tree)
+    assert (on.inner.most, on.high, on.tree) == (whole.inner.most, whole.high, whole.tree)

@@ -62,7 +62,7 @@ from hgogen.rigor.enclosure import enclose as enclosures
 from hgogen.rigor.factors import factors
 from hgogen.rigor.lookup import Axis, Cells, Ends, Stepped, Table, replaced
 from hgogen.rigor.outward import Array, Pair
-from hgogen.rigor.search import Cover, Goal, Inner, Known, Outcome, Tree, is_defined, one_sign, regular, search, tight
+from hgogen.rigor.search import Cover, Goal, Inner, Tree, is_defined, one_sign, regular, search, tight
 from hgogen.rigor.series import ends as of_ball
 from hgogen.rigor.series import values
 from hgogen.rigor.tape import Norm, NoTape, Tape, jump, tape
@@ -646,7 +646,7 @@ def _bound(expression: sp.Expr, ends: tuple[Any, ...], boxes: int, relative: flo
             note = because("it is not a finite real number at {point}", point=equations(special[1]))
             return replace(range_of(problem, outcome, relative), note=note)
     if first < boxes:
-        outcome = problem.search(tight(relative), boxes, outcome.cover)
+        outcome = problem.search(tight(relative), boxes, outcome.before)
     return range_of(problem, outcome, relative)
 
 
@@ -661,9 +661,9 @@ class Problem:
     sides: Sides
     program: Tape
 
-    def search(self, goal: Goal, boxes: int, begun: Cover[Known, Inner] | None = None) -> Outcome:
+    def search(self, goal: Goal, boxes: int, begun: Cover | None = None) -> Cover:
         """The outcome of a bisection of its box for a goal, or of one that was begun for it."""
-        return search(self.program, self.sides.outer, self.sides.inner, goal, boxes, begun)
+        return search(self.program, self.sides, goal, boxes, begun)
 
 
 def problem_of(expression: sp.Expr, box: Box) -> Problem | None:
@@ -675,7 +675,7 @@ def problem_of(expression: sp.Expr, box: Box) -> Problem | None:
     return Problem(fixed, around, tape(variants(fixed), around.symbols))
 
 
-def range_of(problem: Problem, outcome: Outcome, relative: float) -> Range:
+def range_of(problem: Problem, outcome: Cover, relative: float) -> Range:
     """The outcome of a search as a range; `relative`: how tight the search was asked to be."""
     boxes = counted(outcome.boxes)
     note = because("it was not shown to be finite and real everywhere, with {boxes}", boxes=boxes)
@@ -779,7 +779,7 @@ def _nonzero(
     never, cover = False, None
     for limit in dict.fromkeys((min(boxes, _GLANCE), boxes)):
         outcome = problem.search(one_sign, limit, cover)
-        cover = outcome.cover
+        cover = outcome.before
         if outcome.defined and (outcome.low > 0 or outcome.high < 0):
             return _proved(problem, outcome)
         refuted = _refutation(problem, outcome, limit) if refute else None
@@ -800,13 +800,13 @@ def _nonzero(
     return Sign(Verdict.UNKNOWN, 0, 0.0, {}, reason, range_of(problem, outcome, 0.0), never=never)
 
 
-def _proved(problem: Problem, outcome: Outcome) -> Sign:
+def _proved(problem: Problem, outcome: Cover) -> Sign:
     sign, margin = (1, outcome.low) if outcome.low > 0 else (-1, -outcome.high)
     reason, extent = counted(outcome.boxes), range_of(problem, outcome, 0.0)
     return Sign(Verdict.PROVED, sign, margin, {}, reason, extent, never=True)
 
 
-def _enclosed(problem: Problem, outcome: Outcome, low: End, high: End) -> Sign:
+def _enclosed(problem: Problem, outcome: Cover, low: End, high: End) -> Sign:
     """The proof of one sign by the exact range on the box as a whole."""
     outer = replace(range_of(problem, outcome, 0.0), low=number(low)[0], high=number(high)[1], tree="leaf")
     sign, reason = 1 if low > 0 else -1, because("exact algebra and rational ends")
@@ -837,7 +837,7 @@ def _by_algebra(expression: sp.Expr, box: Box) -> tuple[bool, End, End]:
     return never, max(low, product[0]), min(high, product[1])
 
 
-def _refutation(problem: Problem, outcome: Outcome, boxes: int) -> tuple[Cause, Reason, Point] | None:
+def _refutation(problem: Problem, outcome: Cover, boxes: int) -> tuple[Cause, Reason, Point] | None:
     """The cause why an expression has not one sign, the same in words, and a point; None where none is known."""
     extremes = [
         problem.sides.point(at.tolist()) for at in (outcome.inner.at_least, outcome.inner.at_most) if at is not None
@@ -863,7 +863,7 @@ def _refutation(problem: Problem, outcome: Outcome, boxes: int) -> tuple[Cause, 
     return None
 
 
-def _crossed(problem: Problem, outcome: Outcome, boxes: int) -> Point | None:
+def _crossed(problem: Problem, outcome: Cover, boxes: int) -> Point | None:
     least, most = attained(problem, outcome.inner)
     if least is None or most is None or not least.value < 0 < most.value:
         return None

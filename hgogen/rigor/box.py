@@ -8,7 +8,7 @@ import random
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
-from functools import lru_cache
+from functools import cached_property, lru_cache
 from itertools import islice, product
 from typing import Any, Protocol, TypeAlias
 
@@ -229,13 +229,13 @@ class Sides:
         """The box that they are of."""
         return dict(zip(self.symbols, self.ends, strict=True))
 
-    @property
+    @cached_property
     def outer(self) -> Pair:
         """The smallest box of floats around it."""
         lows, highs = [number(low)[0] for low, _ in self.ends], [number(high)[1] for _, high in self.ends]
         return np.array(lows, dtype=float), np.array(highs, dtype=float)
 
-    @property
+    @cached_property
     def inner(self) -> Pair:
         """The largest box of floats inside it."""
         lows, highs = [number(low)[1] for low, _ in self.ends], [number(high)[0] for _, high in self.ends]

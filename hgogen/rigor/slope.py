@@ -26,7 +26,7 @@ positive, or from a slab.
 
 import math
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from fractions import Fraction
 from functools import lru_cache, reduce
 from itertools import islice, product
@@ -43,10 +43,11 @@ from hgogen.rigor.enclosure import enclose
 from hgogen.rigor.lookup import Kinked, Stepped, Table
 from hgogen.rigor.outward import Array, Flags, Pair, add, meet, negate, scale, up, where_known
 from hgogen.rigor.search import (
-    Columns,
+    ROOT,
     Cover,
     Indices,
-    Leaves,
+    Inner,
+    Known,
     Tree,
     best_cuts,
     bisected,
@@ -79,98 +80,50 @@ class Field:
     places: tuple[tuple[int, int], ...]
 
 
-@dataclass(frozen=True)
-class Known(Leaves):
-    """Upper bounds of |J| on boxes, and where it is smooth."""
+def steepest(field: Field, root: Pair, relative: float, limit: int, begun: Cover | None = None) -> Cover:
+    """The cover of a bisection of the box, with bounds of |J| on its leaves, until the upper one is within `relative`
+    of what is attained, or `limit` boxes were tried; what was `begun` with a lower limit goes on."""
 
-    norm: Array
-    smooth: Flags
+    def look(low: Array, high: Array, node: Indices, inner: Inner, points: Array | None = None) -> tuple[Known, Inner]:
+        at = middle(low, high) if points is None else points
+        # one walk of the tape costs little more for twice the columns
+        matrices, sure, continuous = _slopes(field, np.hstack((low, at)), np.hstack((high, at)))
+        k = low.shape[1]
+        matrix, smooth = matrices[..., :k], sure[:k]
+        weight = _sharpen(field, low, high, matrix, smooth & continuous[:k])
+        norm = np.where(smooth, _norm(matrix), np.inf)
+        known = Known(low, high, node, _cuts(root, low, high, weight), np.zeros(k), norm, smooth, smooth)
+        return known, Inner(most=max(inner.most, _attained(matrices[..., k:], sure[k:])))
 
-
-@dataclass(frozen=True)
-class Steep:
-    """Bounds of a slope: high >= |J| on the whole box, and low <= |J| at a point. `smooth` tells whether the field is
-    proved defined; from the `cover` the bisection goes on."""
-
-    low: float
-    high: float
-    smooth: bool
-    boxes: int
-    finished: bool
-    tree: Tree
-    cover: Cover[Known, float]
-
-    @property
-    def bounded(self) -> bool:
-        """Whether the field is proved defined, without jumps, with a bounded Jacobian."""
-        return self.smooth and math.isfinite(self.high)
-
-
-def steepest(field: Field, root: Pair, relative: float, limit: int, begun: Cover[Known, float] | None = None) -> Steep:
-    """Bisect the box until high is within `relative` of low, or `limit` boxes were tried; what was `begun` with a lower
-    limit goes on."""
-
-    def look(low: Array, high: Array, node: Indices, best: float) -> tuple[Known, float]:
-        return _ends(field, root, (low, high), node, best, middle(low, high))
-
-    def doubtful(cover: Cover[Known, float]) -> Indices:
-        leaves = cover.leaves
-        todo = ((leaves.norm > (1.0 + relative) * cover.inner) | ~leaves.smooth) & (leaves.cut >= 0)
-        rows = np.nonzero(todo)[0]
-        return rows[np.argsort(-leaves.norm[rows], kind="stable")][:_BATCH]
+    def goal(leaves: Known, inner: Inner) -> Array:
+        return np.where((leaves.top > (1.0 + relative) * inner.most) | ~leaves.defined, leaves.top, 0.0)
 
     with np.errstate(all="ignore"):
         if begun is None:
-            whole, points = (root[0][:, None], root[1][:, None]), corners(*root)[:, : limit + 1]
-            first = _ends(field, root, whole, np.zeros(1, dtype=np.int64), -math.inf, points)
-            begun = Cover(*first, [])
-        last, cover = bisected(begun, doubtful, look, limit)
-        most, smooth, best = float(last.leaves.norm.max()), bool(last.leaves.smooth.all()), last.inner
-        return Steep(best, most, smooth, last.boxes, most <= (1.0 + relative) * best, last.tree, cover)
+            points = corners(*root)[:, : limit + 1]
+            begun = Cover(*look(root[0][:, None], root[1][:, None], ROOT, Inner(), points), [])
+        return bisected(begun, look, goal, limit, _BATCH)
 
 
-@dataclass(frozen=True)
-class _Slopes(Columns):
-    """Enclosures of J (2 x rows x states x k) by the slopes of the tape, where they are `smooth` and can be used, and
-    where the field is `continuous`."""
-
-    matrix: Array
-    smooth: Flags
-    continuous: Flags
-
-
-def _ends(field: Field, root: Pair, box: Pair, node: Indices, best: float, points: Array) -> tuple[Known, float]:
-    """What is known on boxes (m x k ends), and the best lower bound, also at points (m x l): of one walk of the tape,
-    which costs little more for twice the columns."""
-    low, high = box
-    both = _slopes(field, np.hstack((low, points)), np.hstack((high, points)))
-    k = low.shape[1]
-    slopes, weight = _sharpened(field, low, high, both.only(slice(k)))
-    norm = np.where(slopes.smooth, _norm(slopes.matrix), np.inf)
-    known = Known(low, high, node, _cuts(root, low, high, weight), norm, slopes.smooth)
-    return known, max(best, _attained(both.only(slice(k, None))))
-
-
-def _slopes(field: Field, low: Array, high: Array) -> _Slopes:
+def _slopes(field: Field, low: Array, high: Array) -> tuple[Array, Flags, Flags]:
+    """Enclosures of J (2 x rows x states x k) by the slopes of the tape, where they are smooth and can be used, and
+    where the field is continuous."""
     rows = enclose(field.program, low, high, slopes=field.states)
     smooth = np.logical_and.reduce([row.defined for row in rows])  # what jumps in a state has an infinite slope
     continuous = np.logical_and.reduce([row.continuous for row in rows])
-    matrix = np.stack([row.slope for row in rows if row.slope is not None], axis=1)
-    return _Slopes(matrix, smooth, continuous)
+    return np.stack([row.slope for row in rows if row.slope is not None], axis=1), smooth, continuous
 
 
-def _sharpened(field: Field, low: Array, high: Array, slopes: _Slopes) -> tuple[_Slopes, Array | None]:
-    """The slopes on boxes, sharper where the Jacobian is there as expressions, and how much each variable matters
-    (m x k)."""
-    matrix, smooth, continuous = slopes.matrix, slopes.smooth, slopes.continuous
+def _sharpen(field: Field, low: Array, high: Array, matrix: Array, sound: Flags) -> Array | None:
+    """Sharpen the slopes on boxes where the Jacobian is there as expressions, and the field is `sound`. Return how much
+    each variable matters (m x k)."""
     if not field.places:
-        return slopes, None
+        return None
     entries = enclose(field.jacobian, low, high, slopes=True)
     centre = middle(low, high)
     away = add((low, high), negate((centre, centre)))
     there = enclose(field.jacobian, centre, centre)
     weight = np.zeros(low.shape)
-    usable_everywhere = smooth & continuous
     for place, entry, middle_value in zip(field.places, entries, there, strict=True):
         value, slope = entry.value, entry.slope
         assert slope is not None
@@ -183,9 +136,9 @@ def _sharpened(field: Field, low: Array, high: Array, slopes: _Slopes) -> tuple[
         form = where_known(usable, form)
         first, last = matrix[0][place], matrix[1][place]
         joint = meet((first, last), where_known(entry.defined, meet(value, form)))
-        sound = (joint[0] <= joint[1]) & usable_everywhere
-        matrix[0][place], matrix[1][place] = np.where(sound, joint[0], first), np.where(sound, joint[1], last)
-    return slopes, weight
+        sharper = (joint[0] <= joint[1]) & sound
+        matrix[0][place], matrix[1][place] = np.where(sharper, joint[0], first), np.where(sharper, joint[1], last)
+    return weight
 
 
 def _norm(matrix: Array) -> Array:
@@ -264,9 +217,8 @@ def _product(a: Pair | Array, b: Pair) -> Pair:
     return reduce(outward.add_down, (low[:, j] for j in terms)), reduce(outward.add_up, (high[:, j] for j in terms))
 
 
-def _attained(slopes: _Slopes) -> float:
+def _attained(matrix: Array, smooth: Flags) -> float:
     """The best lower bound of |J| at points."""
-    matrix, smooth = slopes.matrix, slopes.smooth
     usable = smooth & np.isfinite(matrix[0]).all(axis=(0, 1)) & np.isfinite(matrix[1]).all(axis=(0, 1))
     if not usable.any():
         return 0.0
@@ -281,15 +233,11 @@ def _attained(slopes: _Slopes) -> float:
 
 
 def _cuts(root: Pair, low: Array, high: Array, weight: Array | None) -> Indices:
-    width = high - low
-    whole = (root[1] - root[0])[:, None]
+    width, whole = high - low, (root[1] - root[0])[:, None]
     share = np.where(np.isinf(whole), np.where(np.isinf(width), 1.0, 0.5), width / whole)
-    score = share
-    if weight is not None:
-        score = np.where(np.isfinite(weight).all(axis=0), weight + 1e-3 * weight.max(axis=0) * share, share)
-    centre = middle(low, high)
-    possible = (centre > low) & (centre < high) & (share > _FINE) & (np.abs(centre) < 2.0**40)
-    return best_cuts(score, possible)
+    known = np.full(low.shape[1], weight is not None)
+    possible = (share > _FINE) & (np.abs(middle(low, high)) < 2.0**40)
+    return best_cuts(low, high, share if weight is None else weight, known, share, possible)
 
 
 # --- Lipschitz constants
@@ -341,52 +289,50 @@ def lipschitz_bound(
 
 @lru_cache(maxsize=256)  # several forms, and their observers, ask for the slopes of the same rows
 def _lipschitz_bound(
-    b: tuple[sp.Expr, ...], states: tuple[sp.Symbol, ...], ends: Ends, boxes: int, relative: float
+    b: tuple[sp.Expr, ...], states: tuple[sp.Symbol, ...], box: Ends, boxes: int, relative: float
 ) -> Lipschitz:
-    whole, around = sides(sp.Tuple(*map(exact, b)), dict(ends))
+    whole, around = sides(sp.Tuple(*map(exact, b)), dict(box))
     rows = [taken(row, around) for row in whole if not (row.is_number and row.is_real)]
     read = [x for x in states if x in around.symbols]
+
+    def plain(verdict: Verdict, high: float, reason: Reason, tried: int = 0) -> Lipschitz:
+        return Lipschitz(verdict, 0.0, high, reason, tried, around.symbols)
+
     if not rows:
-        return Lipschitz(Verdict.PROVED, 0.0, 0.0, because("it is constant"), 0, around.symbols)
+        return plain(Verdict.PROVED, 0.0, because("it is constant"))
     if any(row.has(*STRANGE) for row in rows):
-        reason = because("it is not a finite real number")
-        return Lipschitz(Verdict.UNKNOWN, 0.0, math.inf, reason, 0, around.symbols)
+        return plain(Verdict.UNKNOWN, math.inf, because("it is not a finite real number"))
     if not read:
-        return _constant(rows, around, boxes)
+        covers = [search(tape([row], around.symbols), around, everywhere, boxes) for row in rows]
+        tried = sum(one.boxes for one in covers)
+        if all(one.defined for one in covers):
+            return plain(Verdict.PROVED, 0.0, because("it does not depend on the state"), tried)
+        return plain(
+            Verdict.UNKNOWN, math.inf, because("{boxes} boxes do not show that it is defined", boxes=tried), tried
+        )
     vector = _field([bent(row) for row in rows], read, around)
     boxes = min(boxes, _WORK // (len(rows) * len(around.symbols) ** 2) + 1)
     first = min(boxes, _FIRST)
-    outcome = steepest(vector, around.outer, relative, first)
-    steep = None if outcome.bounded else _endless(rows, read, around)
-    if not (outcome.finished or steep) and first < boxes:
-        outcome = steepest(vector, around.outer, relative, boxes, outcome.cover)
-    if outcome.bounded:
-        loose = because("{boxes} boxes bring it no closer to the slopes that are attained", boxes=outcome.boxes)
-        return _answer(Verdict.PROVED, outcome, NONE if outcome.finished else loose, around)
+    cover = steepest(vector, around.outer, relative, first)
+    steep = None if cover.defined and math.isfinite(cover.high) else _endless(rows, read, around)
+    if not (cover.finished or steep) and first < boxes:
+        cover = steepest(vector, around.outer, relative, boxes, cover.before)
+    result = Lipschitz(
+        Verdict.UNKNOWN, cover.inner.most, cover.high, NONE, cover.boxes, around.symbols, tree=cover.tree
+    )
+    if cover.defined and math.isfinite(cover.high):
+        loose = because("{boxes} boxes bring it no closer to the slopes that are attained", boxes=cover.boxes)
+        return replace(result, verdict=Verdict.PROVED, reason=NONE if cover.finished else loose)
     if steep:
         slope, point = steep
         reason = because("the slope {slope} has no bound towards {point}", slope=slope, point=equations(point))
-        return Lipschitz(Verdict.REFUTED, outcome.low, math.inf, reason, outcome.boxes, around.symbols, point)
-    return _answer(Verdict.UNKNOWN, outcome, because("{boxes} boxes give no bound", boxes=outcome.boxes), around)
-
-
-def _answer(verdict: Verdict, outcome: Steep, reason: Reason, around: Sides) -> Lipschitz:
-    return Lipschitz(verdict, outcome.low, outcome.high, reason, outcome.boxes, around.symbols, tree=outcome.tree)
-
-
-def _constant(rows: list[sp.Expr], around: Sides, boxes: int) -> Lipschitz:
-    outcomes = [search(tape([row], around.symbols), around.outer, around.inner, everywhere, boxes) for row in rows]
-    tried = sum(one.boxes for one in outcomes)
-    if all(one.defined for one in outcomes):
-        reason = because("it does not depend on the state")
-        return Lipschitz(Verdict.PROVED, 0.0, 0.0, reason, tried, around.symbols)
-    reason = because("{boxes} boxes do not show that it is defined", boxes=tried)
-    return Lipschitz(Verdict.UNKNOWN, 0.0, math.inf, reason, tried, around.symbols)
+        return replace(result, verdict=Verdict.REFUTED, high=math.inf, reason=reason, witness=point, tree="leaf")
+    return replace(result, reason=because("{boxes} boxes give no bound", boxes=cover.boxes))
 
 
 def _field(rows: list[sp.Expr], states: list[sp.Symbol], around: Sides) -> Field:
-    """With the entries of the Jacobian that vary, where the rows are smooth; constant ones the rows' tape gives as
-    well."""
+    """The rows as a field, with the entries of the Jacobian that vary, where the rows are smooth; constant ones the
+    rows' tape gives as well."""
     smooth = not any(row.has(*JUMPS, *KINKS) for row in rows)
     places = [(i, j) for i, row in enumerate(rows) for j, x in enumerate(states) if smooth and x in row.free_symbols]
     slopes = {(i, j): rows[i].diff(states[j]) for i, j in places}
