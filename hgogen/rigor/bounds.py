@@ -136,7 +136,6 @@ def _through(e: sp.Expr, errors: Sequence[float], around: Sides) -> float:
         return math.inf
     (there,) = enclosures(program, low, high, slopes=True)
     least, most = float(there.value[0][0]), float(there.value[1][0])
-    assert there.slope is not None
     steep = np.maximum(np.abs(there.slope[0]), np.abs(there.slope[1]))[:, 0].tolist()
     moved = sum(slope * error for slope, (_, error, _) in zip(steep, moving, strict=True))
     return min(_sure(moved), _sure(most - least)) + UNIT * max(abs(least), abs(most)) + _TINY
@@ -808,7 +807,7 @@ def _proved(problem: Problem, outcome: Cover) -> Sign:
 
 def _enclosed(problem: Problem, outcome: Cover, low: End, high: End) -> Sign:
     """The proof of one sign by the exact range on the box as a whole."""
-    outer = replace(range_of(problem, outcome, 0.0), low=number(low)[0], high=number(high)[1], tree="leaf")
+    outer = replace(range_of(problem, outcome, 0.0), low=outward.number(low)[0], high=outward.number(high)[1], tree="leaf")
     sign, reason = 1 if low > 0 else -1, because("exact algebra and rational ends")
     return Sign(Verdict.PROVED, sign, max(low, -high), {}, reason, outer, never=True, exact=(low, high))
 

@@ -14,8 +14,9 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from fractions import Fraction
-from functools import cached_property, lru_cache, partial, reduce
+from functools import lru_cache, partial, reduce
 from operator import and_
+from typing import Any
 
 import numpy as np
 from flint import arb, ctx, fmpq
@@ -23,7 +24,7 @@ from flint import arb, ctx, fmpq
 from hgogen.rigor import outward
 from hgogen.rigor.lookup import Cells, Ends, Index, next_order
 from hgogen.rigor.outward import Array, Flags, Pair, add, hull, multiply, negate, number, power, reciprocal, scale
-from hgogen.rigor.tape import Instruction, Tape
+from hgogen.rigor.tape import Tape
 
 # --- elementary functions
 
@@ -81,13 +82,6 @@ def elementary(name: str, a: Pair) -> tuple[Pair, Flags]:
     if name == "tan":
         return _tangent(a)
     return _wave(name, a), everywhere
-
-
-def real_power(a: Pair, exponent: tuple[int, int]) -> Pair:
-    """a^(p/q) for p/q > 0, of what of a is not negative."""
-    name = f"{exponent[0]}/{exponent[1]}"
-    low, high = np.maximum(a[0], 0.0), np.maximum(a[1], 0.0)
-    return np.maximum(_at(name, low)[0], 0.0), _at(name, high)[1]
 
 
 def arctangent(y: Pair, x: Pair) -> tuple[Pair, Flags, Flags]:
@@ -221,7 +215,11 @@ def _inverse_root(a: Pair) -> Pair:
 
 
 def _ones(like: Pair) -> Pair:
-    return np.ones(like[0].shape), np.ones(like[0].shape)
+    return _pair((1.0, 1.0), like)
+
+
+def _pair(ends: tuple[float, float], like: Pair) -> Pair:
+    return np.full(like[0].shape, ends[0]), np.full(like[0].shape, ends[1])
 
 
 # --- tapes
@@ -229,84 +227,43 @@ def _ones(like: Pair) -> Pair:
 
 @dataclass(frozen=True)
 class Enclosure:
-    """What is known on each of k boxes.
+    """Facts on each of k boxes.
 
     `value`: (low, high), k each, of the values where the expression and its parts are real; `defined`: finite and real
     on the whole closed box; `continuous` there; `slope`: (low, high), a row for each symbol that it was asked for, k
-    each, None where it was asked for none; `fixed`: a constant, whose slope is 0.
+    each; `fixed`: a constant, whose slope is 0.
     """
 
     value: Pair
     defined: Flags
     continuous: Flags
-    slope: Pair | None = None
+    slope: Pair
     fixed: bool = False
 
 
 def enclose(program: Tape, low: Array, high: Array, *, slopes: bool | Sequence[int] = False) -> list[Enclosure]:
     """One enclosure for each output of the tape, on the boxes low <= x <= high (m x k), with `slopes` in all symbols,
     or in those of some indices."""
-    by = (range(len(low)) if slopes else None) if isinstance(slopes, bool) else slopes
+    by = (range(len(low)) if slopes else ()) if isinstance(slopes, bool) else slopes
+    shape, level = low.shape[1:], np.zeros((len(by), *low.shape[1:]))
+    everywhere, values = np.ones(shape, dtype=bool), list[Enclosure]()
     with np.errstate(all="ignore"):
-        walk = _Walk(low, high, by, [])
-        for instruction in program.instructions:
-            walk.values.append(walk.run(instruction))
-        return [walk.values[place] for place in program.outputs]
-
-
-@dataclass(frozen=True)
-class _Walk:
-    low: Array
-    high: Array
-    by: Sequence[int] | None
-    values: list[Enclosure]
-
-    @cached_property
-    def _yes(self) -> Flags:
-        return np.ones(self.low.shape[1:], dtype=bool)
-
-    @cached_property
-    def _level(self) -> Pair | None:
-        if self.by is None:
-            return None
-        zero = np.zeros((len(self.by), *self.low.shape[1:]))
-        return zero, zero
-
-    def run(self, instruction: Instruction) -> Enclosure:
-        op, value = instruction.op, instruction.value
-        args = [self.values[place] for place in instruction.args]
-        if op == "symbol":
-            return self._symbol(int(value or 0))
-        if op == "number":
-            return self._constant(number(value))
-        if op in _CONSTANTS:
-            return self._constant(_CONSTANTS[op])
-        if op == "constant":
-            return self._constant(_CONSTANTS[str(value)])
-        if op == "power":
-            return _power(args[0], int(value or 0))
-        if op == "root":
-            return _root(args[0], Fraction(value or 0))
-        if op == "table":
-            return _table(args, *value)
-        if op == "direction":
-            return _direction(args, int(value or 0), self.by is not None)
-        if op in FUNCTIONS:
-            return _elementary(op, args[0])
-        return _RULES[op](args)
-
-    def _symbol(self, index: int) -> Enclosure:
-        low, high = self.low[index], self.high[index]
-        if self.by is None or index not in self.by:
-            return Enclosure((low, high), self._yes, self._yes, self._level)
-        unit = np.zeros((len(self.by), *low.shape))
-        unit[self.by.index(index)] = 1.0
-        return Enclosure((low, high), self._yes, self._yes, (unit, unit))
-
-    def _constant(self, ends: tuple[float, float]) -> Enclosure:
-        shape = self.low.shape[1:]
-        value = np.full(shape, ends[0]), np.full(shape, ends[1])
-        return Enclosure(value, self._yes, self._yes, self._level, fixed=True)
+        for op, places, number_of in program.instructions:
+            args = [values[place] for place in places]
+            if op == "symbol":
+                unit = level if number_of not in by else level + (np.array(by) == number_of)[:, None]
+                values.append(Enclosure((low[number_of], high[number_of]), everywhere, everywhere, (unit, unit)))
+            elif op == "number" or op in _CONSTANTS or op == "constant":
+                ends = number(number_of) if op == "number" else _CONSTANTS[op if op in _CONSTANTS else number_of]
+                constant = np.full(shape, ends[0]), np.full(shape, ends[1])
+                values.append(Enclosure(constant, everywhere, everywhere, (level, level), fixed=True))
+            elif op == "direction":
+                values.append(_direction(args, number_of, slopes is not False))
+            elif op in FUNCTIONS:
+                values.append(_elementary(op, args[0]))
+            else:
+                values.append(_RULES[op](args) if number_of is None else _NUMBERED[op](args, number_of))
+        return [values[place] for place in program.outputs]
 
 
 _CONSTANTS = {"pi": PI, "e": E, "true": (1.0, 1.0), "false": (0.0, 0.0)}
@@ -316,35 +273,34 @@ def _both(args: list[Enclosure]) -> tuple[Flags, Flags]:
     return reduce(and_, [a.defined for a in args]), reduce(and_, [a.continuous for a in args])
 
 
-def _chain(a: Enclosure, slope: Callable[[], Pair]) -> Pair | None:
+def _chain(a: Enclosure, slope: Callable[[], Pair]) -> Pair:
     """The slope of f(a) by the chain rule, from an enclosure of f'."""
-    return a.slope if a.fixed or a.slope is None else scale(slope(), a.slope)
+    return a.slope if a.fixed or not len(a.slope[0]) else scale(slope(), a.slope)
 
 
-def _total(first: Pair | None, second: Pair | None) -> Pair | None:
-    return None if first is None or second is None else add(first, second)
+def _total(first: Pair, second: Pair) -> Pair:
+    return add(first, second) if len(first[0]) else first
 
 
-def _joint(a: Enclosure, b: Enclosure, first: Pair | None, second: Pair | None) -> Pair | None:
+def _joint(a: Enclosure, b: Enclosure, first: Pair, second: Pair) -> Pair:
     """The sum of what the slopes of a and of b contribute."""
     return second if a.fixed else first if b.fixed else _total(first, second)
 
 
-def _nowhere(slope: Pair | None, wild: Flags) -> Pair | None:
+def _nowhere(slope: Pair, wild: Flags) -> Pair:
     """The whole line for the slope where `wild`."""
-    return None if slope is None else outward.where_known(~wild, slope)
+    return outward.where_known(~wild, slope)
 
 
-def _jumpy(slope: Pair | None, wild: Flags, reads: list[Enclosure]) -> Pair | None:
+def _jumpy(slope: Pair, wild: Flags, reads: list[Enclosure]) -> Pair:
     """The whole line where `wild`, but only for the variables that `reads` vary with: in the others nothing jumps."""
-    if slope is None:
-        return None
-    varies = np.logical_or.reduce([(a.slope[0] != 0) | (a.slope[1] != 0) for a in reads if a.slope is not None])
-    return _nowhere(slope, wild & varies)
+    if not len(slope[0]):
+        return slope
+    return _nowhere(slope, wild & np.logical_or.reduce([(a.slope[0] != 0) | (a.slope[1] != 0) for a in reads]))
 
 
-def _flat(slope: Pair | None) -> Pair | None:
-    return None if slope is None else (np.zeros(slope[0].shape), np.zeros(slope[0].shape))
+def _flat(slope: Pair) -> Pair:
+    return np.zeros(slope[0].shape), np.zeros(slope[0].shape)
 
 
 def _add(args: list[Enclosure]) -> Enclosure:
@@ -369,10 +325,6 @@ def _power(a: Enclosure, n: int) -> Enclosure:
     return Enclosure(value, a.defined & clear, a.continuous & clear, _nowhere(slope, ~clear))
 
 
-def _pair(ends: tuple[float, float], like: Pair) -> Pair:
-    return np.full(like[0].shape, ends[0]), np.full(like[0].shape, ends[1])
-
-
 def _root(a: Enclosure, r: Fraction) -> Enclosure:
     """a^r, r rational and not whole: real for a >= 0, for r < 0 for a > 0."""
     clear = (a.value[0] > 0) | ((a.value[0] >= 0) & (r > 0))
@@ -387,7 +339,8 @@ def _fractional(a: Pair, r: Fraction) -> Pair:
         return reciprocal(_fractional(a, -r))
     if r == Fraction(1, 2):
         return outward.square_root(a)
-    return real_power(a, (r.numerator, r.denominator))
+    low, high = (_at(f"{r.numerator}/{r.denominator}", np.maximum(end, 0.0)) for end in a)
+    return np.maximum(low[0], 0.0), high[1]
 
 
 def _raise(args: list[Enclosure]) -> Enclosure:
@@ -451,12 +404,10 @@ def _most(args: list[Enclosure]) -> Enclosure:
 
 def _extreme(pick: np.ufunc, args: list[Enclosure], first: Flags, second: Flags) -> Enclosure:
     a, b = args
-    value, slope = (pick(a.value[0], b.value[0]), pick(a.value[1], b.value[1])), None
-    if a.slope is not None and b.slope is not None:
-        sides = zip(a.slope, b.slope, hull(a.slope, b.slope), strict=True)
-        low, high = (np.where(first, x, np.where(second, y, either)) for x, y, either in sides)
-        slope = low, high
-    return Enclosure(value, *_both(args), slope)
+    value = pick(a.value[0], b.value[0]), pick(a.value[1], b.value[1])
+    sides = zip(a.slope, b.slope, hull(a.slope, b.slope), strict=True)
+    low, high = (np.where(first, x, np.where(second, y, either)) for x, y, either in sides)
+    return Enclosure(value, *_both(args), (low, high))
 
 
 def _steps(a: Enclosure, value: Pair) -> Enclosure:
@@ -473,9 +424,7 @@ def _heaviside(args: list[Enclosure]) -> Enclosure:
     value = np.where(below, 0.0, np.where(above, 1.0, np.inf)), np.where(above, 1.0, np.where(below, 0.0, -np.inf))
     steps = _steps(a, _joined(value, at_zero.value, there))
     defined, continuous = steps.defined & (at_zero.defined | ~there), steps.continuous & (at_zero.continuous | ~there)
-    slope = steps.slope
-    if slope is not None and at_zero.slope is not None:
-        slope = _joined(slope, at_zero.slope, there)
+    slope = _joined(steps.slope, at_zero.slope, there)
     return replace(steps, defined=defined, continuous=continuous, slope=slope)
 
 
@@ -496,35 +445,27 @@ def _equal(a: Pair, b: Pair) -> tuple[Flags, Flags]:
     return same, (a[0] <= b[1]) & (b[0] <= a[1])
 
 
-def _not_equal(a: Pair, b: Pair) -> tuple[Flags, Flags]:
-    must, may = _equal(a, b)
-    return ~may, ~must
-
-
 def _piecewise(args: list[Enclosure]) -> Enclosure:
     """The hull of the branches that a point of the box may take; continuous where there is one only."""
     values, conditions = args[::2], args[1::2]
     shape = values[0].value[0].shape
-    left, count = np.ones(shape, dtype=bool), np.zeros(shape, dtype=int)
+    undecided, count = np.ones(shape, dtype=bool), np.zeros(shape, dtype=int)
     defined, continuous = np.ones(shape, dtype=bool), np.ones(shape, dtype=bool)
-    value: Pair = (np.full(shape, np.inf), np.full(shape, -np.inf))
-    slope = None if values[0].slope is None else tuple(np.full(values[0].slope[0].shape, s) for s in (np.inf, -np.inf))
+    value = _pair((np.inf, -np.inf), values[0].value)
+    slope = _pair((np.inf, -np.inf), values[0].slope)
     for branch, condition in zip(values, conditions, strict=True):
-        here = left & (condition.value[1] > 0)
+        here = undecided & (condition.value[1] > 0)
         value = _joined(value, branch.value, here)
-        if slope is not None and branch.slope is not None:
-            slope = _joined((slope[0], slope[1]), branch.slope, here)
-        defined &= (branch.defined | ~here) & (condition.defined | ~left)
+        slope = _joined(slope, branch.slope, here)
+        defined &= (branch.defined | ~here) & (condition.defined | ~undecided)
         continuous &= branch.continuous | ~here
         count += here
-        left &= condition.value[0] <= 0
+        undecided &= condition.value[0] <= 0
     lost = count == 0
     value = outward.where_known(~lost, value)
-    continuous &= (count == 1) & ~left
-    if slope is None:
-        return Enclosure(value, defined & ~left, continuous)
-    final = _nowhere(_jumpy((slope[0], slope[1]), (count != 1), conditions), lost)
-    return Enclosure(value, defined & ~left, continuous, final)
+    continuous &= (count == 1) & ~undecided
+    slope = _nowhere(_jumpy(slope, count != 1, conditions), lost)
+    return Enclosure(value, defined & ~undecided, continuous, slope)
 
 
 def _joined(a: Pair, b: Pair, where: Flags) -> Pair:
@@ -532,10 +473,10 @@ def _joined(a: Pair, b: Pair, where: Flags) -> Pair:
     return np.where(where, low, a[0]), np.where(where, high, a[1])
 
 
-def _table(args: list[Enclosure], cells: Cells, order: Index) -> Enclosure:
+def _table(args: list[Enclosure], table: tuple[Cells, Index]) -> Enclosure:
     """A derivative of a table; where it jumps it is the set of what lies between its limits, and along an axis across
     whose breakpoints it jumps it has no slope."""
-    place = [a.value for a in args]
+    (cells, order), place = table, [a.value for a in args]
     value, bounded, continuous = _cell_ranges(cells, order, place)
     slopes = [
         _jumpy(_chain(a, lambda k=k: _cell_ranges(cells, next_order(order, k), place)[0]), ~continuous[k], [a])  # type: ignore[misc]
@@ -569,6 +510,11 @@ def _whole(function: Callable[[Array], Array]) -> Callable[[list[Enclosure]], En
     return lambda args: _steps(args[0], (function(args[0].value[0]), function(args[0].value[1])))
 
 
+_NUMBERED: dict[str, Callable[[list[Enclosure], Any], Enclosure]] = {
+    "power": lambda args, n: _power(args[0], n),
+    "root": lambda args, r: _root(args[0], r),
+    "table": _table,
+}
 _RULES: dict[str, Callable[[list[Enclosure]], Enclosure]] = {
     "add": _add,
     "mul": _multiply,
@@ -589,5 +535,5 @@ _RULES: dict[str, Callable[[list[Enclosure]], Enclosure]] = {
     "less": _compare(lambda a, b: (a[1] < b[0], a[0] < b[1])),
     "less_equal": _compare(lambda a, b: (a[1] <= b[0], a[0] <= b[1])),
     "equal": _compare(_equal),
-    "unequal": _compare(_not_equal),
+    "unequal": _compare(lambda a, b: (~_equal(a, b)[1], ~_equal(a, b)[0])),
 }

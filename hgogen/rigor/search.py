@@ -340,17 +340,11 @@ def _meet(a: Pair, b: Pair) -> Pair:
 
 
 def _slopes(parts: list[Enclosure], sound: Flags) -> Pair:
-    low, high = (np.full_like(end, s) for end, s in zip(_slope(parts[0]), (-np.inf, np.inf), strict=True))
+    low, high = (np.full_like(end, s) for end, s in zip(parts[0].slope, (-np.inf, np.inf), strict=True))
     for part in parts:
-        one = _slope(part)
-        known = sound & part.defined & part.continuous & ~np.isnan(one[0]) & ~np.isnan(one[1])
-        low, high = _meet((low, high), where_known(known, one))
+        known = sound & part.defined & part.continuous & ~np.isnan(part.slope[0]) & ~np.isnan(part.slope[1])
+        low, high = _meet((low, high), where_known(known, part.slope))
     return low, high
-
-
-def _slope(part: Enclosure) -> Pair:
-    assert part.slope is not None
-    return part.slope
 
 
 def _centres(low: Array, high: Array, slope: Pair, sound: Flags) -> Pair:

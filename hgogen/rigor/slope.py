@@ -111,7 +111,7 @@ def _slopes(field: Field, low: Array, high: Array) -> tuple[Array, Flags, Flags]
     rows = enclose(field.program, low, high, slopes=field.states)
     smooth = np.logical_and.reduce([row.defined for row in rows])  # what jumps in a state has an infinite slope
     continuous = np.logical_and.reduce([row.continuous for row in rows])
-    return np.stack([row.slope for row in rows if row.slope is not None], axis=1), smooth, continuous
+    return np.stack([row.slope for row in rows], axis=1), smooth, continuous
 
 
 def _sharpen(field: Field, low: Array, high: Array, matrix: Array, sound: Flags) -> Array | None:
@@ -126,7 +126,6 @@ def _sharpen(field: Field, low: Array, high: Array, matrix: Array, sound: Flags)
     weight = np.zeros(low.shape)
     for place, entry, middle_value in zip(field.places, entries, there, strict=True):
         value, slope = entry.value, entry.slope
-        assert slope is not None
         terms = scale(slope, away)
         weight = weight + np.maximum(np.abs(terms[0]), np.abs(terms[1]))
         form = middle_value.value
