@@ -807,7 +807,9 @@ def _proved(problem: Problem, outcome: Cover) -> Sign:
 
 def _enclosed(problem: Problem, outcome: Cover, low: End, high: End) -> Sign:
     """The proof of one sign by the exact range on the box as a whole."""
-    outer = replace(range_of(problem, outcome, 0.0), low=outward.number(low)[0], high=outward.number(high)[1], tree="leaf")
+    outer = replace(
+        range_of(problem, outcome, 0.0), low=outward.number(low)[0], high=outward.number(high)[1], tree="leaf"
+    )
     sign, reason = 1 if low > 0 else -1, because("exact algebra and rational ends")
     return Sign(Verdict.PROVED, sign, max(low, -high), {}, reason, outer, never=True, exact=(low, high))
 
