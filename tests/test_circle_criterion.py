@@ -27,8 +27,8 @@ from hgogen.prove.inclusion import Inclusion
 from hgogen.prove.inequality import pushed
 from hgogen.reading.given import BadGain
 from hgogen.recheck.context import Context
+from hgogen.recheck.inclusion import argument_of
 from hgogen.recheck.text import expression
-from hgogen.recheck.uncertain import argument_of
 from hgogen.recheck.verification import read, recheck
 from hgogen.stepping.machine import Machine
 from hgogen.trial import try_out

@@ -30,7 +30,7 @@ from hgogen.program import Place
 from hgogen.prove.method_error import BesideStages
 from hgogen.prove.plant_step import PlantStep, Unbounded
 from hgogen.reading.given import BadGain, BadNames
-from hgogen.recheck.rules.as_it_runs import _root
+from hgogen.recheck.rules.discrete_time import _root
 from hgogen.recheck.verification import recheck
 from hgogen.run.comparison import seen
 from hgogen.run.figures import errors

@@ -13,8 +13,8 @@ from scipy.linalg import expm
 
 import hgogen as hg
 from hgogen.check import Verdict
-from hgogen.recheck.box import NotShown
-from hgogen.recheck.follows import _on_its_way
+from hgogen.recheck.arithmetic import Unproved
+from hgogen.recheck.plant_motion import _on_its_way
 from hgogen.recheck.verification import recheck
 
 
@@ -45,9 +45,9 @@ def test_the_sum_is_not_below_what_it_tends_to() -> None:
 
 
 def test_a_plant_too_fast_for_its_dt_is_not_summed() -> None:
-    with pytest.raises(NotShown, match="too fast"):
+    with pytest.raises(Unproved, match="too fast"):
         _on_its_way(Fraction(1), [[Fraction(21)]], [Fraction(1)])
-    with pytest.raises(NotShown, match="negative"):
+    with pytest.raises(Unproved, match="negative"):
         _on_its_way(Fraction(1), [[Fraction(-1)]], [Fraction(1)])
 
 

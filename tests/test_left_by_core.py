@@ -18,13 +18,12 @@ from scipy.linalg import expm
 
 import hgogen as hg
 from hgogen.check import Verdict
-from hgogen.recheck.box import NotShown
+from hgogen.recheck.arithmetic import Unproved
 from hgogen.recheck.inequality import REALISED, TAKEN
-from hgogen.recheck.left_by_core import _LEAVES, AtCore, _demand_chain
-from hgogen.recheck.matrix import unit
+from hgogen.recheck.local_error import _LEAVES, AtCore, _demand_chain
+from hgogen.recheck.matrix import core_integral, unit
 from hgogen.recheck.plant_motion import Derivative, PlantMotion, demand_derivatives
 from hgogen.recheck.text import expression
-from hgogen.recheck.transition import core_integral
 from hgogen.recheck.verification import recheck
 
 BILINEAR, EXPONENTIAL = _LEAVES
@@ -65,7 +64,7 @@ def test_of_no_core_it_is_a_twelfth() -> None:
 
 
 def test_a_core_that_turns_too_far_is_not_shown() -> None:
-    with pytest.raises(NotShown, match="too fast"):
+    with pytest.raises(Unproved, match="too fast"):
         core_integral([[Fraction(-65)]], Fraction(1), [[Fraction(1)]])
 
 
@@ -112,10 +111,10 @@ def test_a_core_that_is_not_the_plants_chain_is_not_shown() -> None:
         return SimpleNamespace(L=exactly([[L]]))
 
     _demand_chain(number, parts(-2), one, two)
-    with pytest.raises(NotShown, match="is not the plant's chain"):
+    with pytest.raises(Unproved, match="is not the plant's chain"):
         _demand_chain(number, parts(-3), one, two)
     number.form.A = [[None]]
-    with pytest.raises(NotShown, match="moves"):
+    with pytest.raises(Unproved, match="moves"):
         _demand_chain(number, parts(-2), one, two)
 
 
@@ -151,7 +150,7 @@ LARGEST = {
 def test_the_largest_derivative_is_shown_and_no_less(text: str, order: int) -> None:
     row, most = expression(text, SWING.context.form.box), Fraction(LARGEST[text, order])
     demand_derivatives(SWING, [Derivative(row, order, most * Fraction(101, 100))])
-    with pytest.raises(NotShown):
+    with pytest.raises(Unproved):
         demand_derivatives(SWING, [Derivative(row, order, most * Fraction(99, 100))])
 
 
@@ -161,7 +160,7 @@ def test_the_third_derivative_of_a_swing_is_its_largest_anywhere() -> None:
     most = float(np.abs(3 * w**2 * np.sin(q) - 3 * np.cos(q) * (u - 3 * np.sin(q))).max())
     row = SWING.context.rates[1]
     demand_derivatives(SWING, [Derivative(row, 2, Fraction(most * 1.01))])
-    with pytest.raises(NotShown):
+    with pytest.raises(Unproved):
         demand_derivatives(SWING, [Derivative(row, 2, Fraction(most * 0.98))])
 
 
@@ -171,19 +170,19 @@ def test_an_input_moves_at_up_to_its_rate_both_ways() -> None:
     for text in ("x - u", "x + u"):
         one = Derivative(expression(text, {"x", "u"}), 1, Fraction("6.01"))
         demand_derivatives(plain, [one])
-        with pytest.raises(NotShown):
+        with pytest.raises(Unproved):
             demand_derivatives(plain, [replace(one, most=Fraction("5.99"))])
 
 
 def test_where_it_is_too_large_is_on_the_face_towards_which_it_grows() -> None:
     """(3 u + q)' = 3 u' + w is 17 at most."""
     one = Derivative(expression("3*u + q", {"u", "q"}), 1, Fraction("16.9"))
-    with pytest.raises(NotShown, match=r"it does not hold at .* w = -2, u' = -5"):
+    with pytest.raises(Unproved, match=r"it does not hold at .* w = -2, u' = -5"):
         demand_derivatives(SWING, [one])
 
 
 def test_of_a_kink_there_is_none() -> None:
-    with pytest.raises(NotShown):
+    with pytest.raises(Unproved):
         demand_derivatives(SWING, [Derivative(expression("Abs(q)", {"q"}), 1, Fraction(100))])
 
 

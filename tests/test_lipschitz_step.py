@@ -19,11 +19,10 @@ from hgogen.check import Verdict
 from hgogen.discretisation.runge_kutta import EULER, HEUN, RK4, Tableau
 from hgogen.prove.method_error import BesideStages, lipschitz_remainder
 from hgogen.prove.plant_step import PlantStep
-from hgogen.recheck.box import NotShown
+from hgogen.recheck.arithmetic import Unproved
 from hgogen.recheck.inequality import Tableau as Rechecked
 from hgogen.recheck.inequality import tableau_of
-from hgogen.recheck.left_by_core import _LEAVES, _by_steepness
-from hgogen.recheck.remainder import _degree, _orders, left_by_lipschitz
+from hgogen.recheck.local_error import _LEAVES, _by_steepness, _degree, _orders, left_by_lipschitz
 from hgogen.recheck.text import expression
 from hgogen.recheck.verification import recheck
 
@@ -74,9 +73,9 @@ def test_two_codes_leave_the_same(name: str, h: Fraction, sizes: list[Fraction],
 def test_of_weights_that_are_not_exact_nothing_is_known() -> None:
     half, one = Fraction(1, 2), [Fraction(1)]
     assert lipschitz_remainder(H, [[Fraction(0)]], [half], [Fraction(0)], [one], one, [False]) is None
-    with pytest.raises(NotShown, match="constant"):
+    with pytest.raises(Unproved, match="constant"):
         left_by_lipschitz(Rechecked([[]], [half], 1), H, [one], one, [False])
-    with pytest.raises(NotShown, match="negative"):
+    with pytest.raises(Unproved, match="negative"):
         left_by_lipschitz(Rechecked([[]], one, 1), H, [[-half]], one, [False])
 
 
@@ -308,7 +307,7 @@ def test_without_steepness_a_realised_core_has_no_derivatives_at_a_kink() -> Non
 def test_an_order_is_one_of_the_method(order: str) -> None:
     tableau = tableau_of({"method": "Heun"})
     assert _orders({"orders": ["0", "2"]}, 2, tableau) == [0, 2]
-    with pytest.raises(NotShown, match="none of 0 to 2"):
+    with pytest.raises(Unproved, match="none of 0 to 2"):
         _orders({"orders": ["1", order]}, 2, tableau)
 
 

@@ -23,13 +23,10 @@ import hgogen as hg
 from hgogen.certificates.rounding_share import Listing, listed
 from hgogen.program import Place
 from hgogen.recheck.algebra import Algebra, Quotient
-from hgogen.recheck.arithmetic import Undefined
-from hgogen.recheck.box import NotShown
-from hgogen.recheck.computed import Computed, precision
+from hgogen.recheck.arithmetic import Undefined, Unproved
 from hgogen.recheck.interval import between, intervals, point
-from hgogen.recheck.program import Besides, Listed, Walk
-from hgogen.recheck.rounding import Rounded
-from hgogen.recheck.rules.as_it_runs import _root
+from hgogen.recheck.program import Besides, Computed, Listed, Rounded, Walk, precision
+from hgogen.recheck.rules.discrete_time import _root
 from hgogen.recheck.text import expression
 from hgogen.recheck.verification import recheck
 
@@ -502,7 +499,7 @@ def test_what_is_rounded_is_that_at_the_far_end_of_all_ranges(name: str, most: i
     one, size = Fraction(1), Fraction(most**2, 2**24)
     rounded = Rounded(step, "float", [2 * one], [one], [one])
     assert rounded.demand_sizes([size * Fraction("1.000001")]) == 32
-    with pytest.raises(NotShown, match="a size of its rounding is less"):
+    with pytest.raises(Unproved, match="a size of its rounding is less"):
         rounded.demand_sizes([size * Fraction("0.999999")])
 
 
@@ -530,7 +527,7 @@ def test_a_statement_is_beside_one_value_alone() -> None:
     stage.take(["v1"], [x1 + x2], "field")
     after, *both = summed()
     for statements, wanted in ((stage, [x1]), (after, both)):
-        with pytest.raises(NotShown, match="v1 of its program is not what the step has"):
+        with pytest.raises(Unproved, match="v1 of its program is not what the step has"):
             statements.take(["v1"] * len(wanted), wanted)
 
 

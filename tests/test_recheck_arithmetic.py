@@ -12,12 +12,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from hgogen.recheck.algebra import Algebra
-from hgogen.recheck.arithmetic import Undefined, evaluate
-from hgogen.recheck.box import NotShown, covered, leaves, ranged
+from hgogen.recheck.arithmetic import Undefined, Unproved, evaluate
+from hgogen.recheck.box import covered, frobenius, leaves, positive, ranged, spectral
 from hgogen.recheck.interval import Interval, between, intervals, point
 from hgogen.recheck.matrix import decaying, demand_nonnegative, demand_positive
-from hgogen.recheck.moved import ORDER, Balls, balls, piece
-from hgogen.recheck.slope import frobenius, positive, spectral
+from hgogen.recheck.rules.persistence import ORDER, Balls, balls, piece
 from hgogen.recheck.text import expression
 
 F = Fraction
@@ -130,14 +129,14 @@ def test_what_may_have_no_value_is_undefined(name: str, low: int, high: int) -> 
 def test_a_bisection_covers_its_box(tree: str) -> None:
     box = {"x": (F(0), F(1)), "z": (F(0), F(0))}
     assert leaves("x . x . .", box) == [{**box, "x": ends} for ends in ((0, F(1, 2)), (F(1, 2), F(3, 4)), (F(3, 4), 1))]
-    with pytest.raises(NotShown):
+    with pytest.raises(Unproved):
         leaves(tree, box)
 
 
 @pytest.mark.parametrize(("low", "high", "where"), [("-199/100", 2, "x = 0, y = 1"), (-2, "99/100", "x = 1, y = 0")])
 def test_a_bound_that_fails_in_a_corner_fails_there_at_once(low: Any, high: Any, where: str) -> None:
     box = {name: (Fraction(0), Fraction(1)) for name in ("x", "y")}
-    with pytest.raises(NotShown, match=f"it does not hold at {where}"):
+    with pytest.raises(Unproved, match=f"it does not hold at {where}"):
         covered(box, ".", ranged(expression("x - y**3 - y", box), Fraction(low), Fraction(high)), more=1)
 
 
@@ -161,7 +160,7 @@ def test_signs_of_symmetric_matrices(M: list[list[Fraction]], definite: bool, se
         if holds:
             demand({"M": M})
         else:
-            with pytest.raises(NotShown):
+            with pytest.raises(Unproved):
                 demand({"M": M})
     inner = [[point(value) for value in row] for row in M]
     assert positive(inner) is definite
@@ -176,7 +175,7 @@ def test_an_interval_that_touches_zero_is_not_positive() -> None:
 def test_decay_is_by_more_than_one() -> None:
     """-I - N'P - P N of N = -1 is 2 P - 1."""
     assert decaying(rows((-1,)), rows((2,))) == rows((3,))
-    with pytest.raises(NotShown):
+    with pytest.raises(Unproved):
         demand_positive({"decay": decaying(rows((-1,)), [[F(1, 2)]])})
 
 

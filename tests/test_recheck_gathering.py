@@ -7,7 +7,7 @@ import pytest
 
 from hgogen.recheck.file import Built
 from hgogen.recheck.rules import OBSERVERS, RULES, BadRules, merged, rules_of
-from hgogen.recheck.rules import in_continuous_time as rules
+from hgogen.recheck.rules import continuous_time as rules
 
 
 def file(name: str, **parts: Any) -> ModuleType:

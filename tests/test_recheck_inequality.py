@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from hgogen.recheck.box import NotShown
+from hgogen.recheck.arithmetic import Unproved
 from hgogen.recheck.file import _claim
 from hgogen.recheck.inequality import FLOW, NOW, Input, Parts, demand_falls, demand_kept, form_of, method_of
 from hgogen.recheck.rules import rule_of
@@ -42,7 +42,7 @@ STILL = Parts([[Fraction(-1)]], [[]], [], [[Fraction(-1)]], False, [[Fraction(1)
 SAMPLE = Input([[Fraction(1)]], [NONE])
 
 
-SHOWN, NOT_NEGATIVE = nullcontext(), pytest.raises(NotShown, match="not negative")
+SHOWN, NOT_NEGATIVE = nullcontext(), pytest.raises(Unproved, match="not negative")
 
 
 @pytest.mark.parametrize(("alpha", "outcome"), [("1.99", SHOWN), ("2.01", NOT_NEGATIVE)])
@@ -64,12 +64,12 @@ def test_an_error_stays_within_1_that_an_input_may_push_up_to_1(weight: str, out
 @pytest.mark.parametrize(("alpha", "of_input"), [("0", "0"), ("-1", "-1"), ("1", "1.01"), ("1", "-0.01")])
 def test_what_pays_for_inputs_is_within_the_rate(alpha: str, of_input: str) -> None:
     bound = {"P": [[Fraction(1, 100)]], "S": [Fraction(of_input)], "alpha": Fraction(alpha)}
-    with pytest.raises(NotShown):
+    with pytest.raises(Unproved):
         demand_kept(STILL, FLOW, NOW, bound, [SAMPLE])
 
 
 @pytest.mark.parametrize(
-    ("count", "outcome"), [(99, SHOWN), (100, pytest.raises(NotShown, match="more than 100 rows"))]
+    ("count", "outcome"), [(99, SHOWN), (100, pytest.raises(Unproved, match="more than 100 rows"))]
 )
 def test_no_more_inputs_of_a_flow_are_taken_than_an_elimination_can(count: int, outcome: Any) -> None:
     """A certificate says how many there are: what it would cost to look at is its writer's to choose."""
@@ -82,7 +82,7 @@ def test_no_more_inputs_of_a_flow_are_taken_than_an_elimination_can(count: int, 
 def test_no_more_slopes_of_a_step_are_taken_than_an_elimination_can(slopes: int, outcome: str) -> None:
     one, none = [Fraction(1)], [NONE]
     steep = Parts(STILL.M, [one * slopes], [one] * slopes, STILL.L, False, STILL.B, STILL.R, [none] * slopes)
-    with pytest.raises(NotShown, match=outcome):
+    with pytest.raises(Unproved, match=outcome):
         demand_falls(steep, method_of({"method": "Euler"}), Fraction(1, 10), NOW, {"P": [one], "S": one * slopes})
 
 

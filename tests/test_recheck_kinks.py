@@ -15,10 +15,9 @@ from hypothesis import strategies as st
 import hgogen as hg
 from hgogen.certificates.certificate import certificate, stated
 from hgogen.recheck.algebra import Algebra
-from hgogen.recheck.arithmetic import Dual, Undefined, dual, evaluate, fractions
-from hgogen.recheck.box import Box, NotShown, covered
+from hgogen.recheck.arithmetic import Dual, Undefined, Unproved, dual, evaluate, fractions
+from hgogen.recheck.box import Box, continuous, covered, in_ranges, no_steeper, steep
 from hgogen.recheck.interval import between, intervals, point
-from hgogen.recheck.slope import continuous, in_ranges, no_steeper, steep
 from hgogen.recheck.text import expression
 from hgogen.recheck.verification import recheck
 
@@ -32,7 +31,7 @@ def shown(row: str, name: str, low: Fraction, high: Fraction, box: Box = BOX) ->
     statement = in_ranges([expression(row, box)], [name], {(0, 0): (low, high)})
     try:
         return covered(box, ".", statement) > 0
-    except NotShown:
+    except Unproved:
         return False
 
 
@@ -98,16 +97,16 @@ JUMPS = ("sign(v)", "z*sign(v)", "sign(v)**2", "sign(v - z)", "Abs(sign(v))", "L
 
 @pytest.mark.parametrize("row", JUMPS)
 def test_no_bound_is_shown_of_what_jumps(row: str) -> None:
-    with pytest.raises((NotShown, Undefined)):
+    with pytest.raises((Unproved, Undefined)):
         no_steeper([expression(row, BOX)], ["v"], [[F(10**9)]], [F(1)], BOX)
 
 
 def test_what_jumps_with_another_name_bends_with_neither() -> None:
     row = expression("v*sign(z - 2)", BOX)
     assert no_steeper([row], ["v"], [[F(1)]], [F(1)], BOX)
-    with pytest.raises(NotShown):
+    with pytest.raises(Unproved):
         no_steeper([row], ["v"], [[F(9, 10)]], [F(1)], BOX)
-    with pytest.raises(NotShown):
+    with pytest.raises(Unproved):
         no_steeper([row], ["v"], [[F(9, 10)]], [F(1)], {**BOX, "z": (F(2), F(3))})
 
 
@@ -128,7 +127,7 @@ def test_a_norm_is_shown_through_a_kink(drag: str) -> None:
         bound = F(math.isqrt(int(square * 10**8)), 10**4)
         try:
             assert (covered(BOX, ".", steep(rows, ["z", "v"], bound), 400) > 0) is true
-        except NotShown:
+        except Unproved:
             assert not true
 
 

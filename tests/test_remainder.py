@@ -22,9 +22,8 @@ from hgogen.prove.method_error import BesideStages
 from hgogen.prove.plant_step import PlantStep
 from hgogen.recheck.arithmetic import Dual, Undefined, dual, evaluate
 from hgogen.recheck.inequality import Tableau, tableau_of
-from hgogen.recheck.interval import Interval, between, point
+from hgogen.recheck.interval import Interval, Taylor, between, point, taylor
 from hgogen.recheck.plant_motion import PlantSeries
-from hgogen.recheck.taylor import Taylor, taylor
 from hgogen.recheck.text import expression
 from hgogen.recheck.verification import recheck
 

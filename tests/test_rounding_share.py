@@ -32,9 +32,9 @@ from hgogen.program import Place
 from hgogen.prove.inclusion import Inclusion
 from hgogen.prove.plant_step import Unbounded
 from hgogen.prove.quadratic import floats
-from hgogen.recheck import rounding as recheck_rounding
-from hgogen.recheck.box import NotShown
-from hgogen.recheck.rules.as_it_runs import _sizes
+from hgogen.recheck import program as recheck_rounding
+from hgogen.recheck.arithmetic import Unproved
+from hgogen.recheck.rules.discrete_time import _sizes
 from hgogen.recheck.verification import recheck
 from hgogen.rigor.rounding import REALS, Computed, Real, Rounding, Unsure, exactly
 from hgogen.step import BadStep
@@ -639,7 +639,7 @@ def test_in_a_call_the_plant_moves_by_its_speed_and_by_all_that_is_beside_a_step
 @pytest.mark.parametrize("size", ["-1/2", "-2"])
 def test_a_size_is_not_negative(size: str) -> None:
     """Whatever else such a share says that does not follow."""
-    with pytest.raises(NotShown, match="a size of its fields is negative"):
+    with pytest.raises(Unproved, match="a size of its fields is negative"):
         _sizes({"fields": ["0", size]}, "fields", 2)
     assert _sizes({"fields": ["0", "1/2"]}, "fields", 2) == [0, Fraction(1, 2)]
 

@@ -22,6 +22,10 @@ class Undefined(Exception):  # not an error of the user: the walk over the boxes
     """A value is not a finite real number on this box, or no rule shows that it is."""
 
 
+class Unproved(Exception):
+    """A statement that the arithmetic does not confirm; the text says which and where."""
+
+
 @dataclass(frozen=True)
 class Arithmetic:
     """What a kind of value can do besides + - * /.

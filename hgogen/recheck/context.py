@@ -5,33 +5,64 @@ Every rule first shows that the form is the plant:
     dX/dz (A z + b) = f(X(z), u),   h(X(z), u) = output,   Z(X(z)) = z,   X(Z(x)) = x
 
 as rational functions, X = from_form, Z = to_form, where every expression has a value on its whole box.
+
+A form in chains, for the claims about observers: its structure, its a_i, chains of integrators, and slopes.
+
+z' = A(u) z + b(z, u),   y_i = a_1 z_1 + c of its chain:   A has a superdiagonal within each chain only
+w_i = a_1 .. a_i z_i:   w_i' = w_(i+1) + c_i(w, u),   c_i = a_1 .. a_i b_i,   y = w_1 + o(u)
+
+A rule: how one question in one time model is verified against the certificate's own plant, form and observer.
+
+A rule takes what has to be shown from the plant and the form, never from the claim: the claim adds bounds, a bisection
+or a witness.
 """
 
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from decimal import ROUND_CEILING, ROUND_FLOOR, ROUND_HALF_EVEN, Decimal
 from decimal import Context as Digits
 from fractions import Fraction
 from functools import cached_property
-from typing import Any
+from typing import Any, TypeVar
 
 from .algebra import Algebra, Quotient, TooLarge
-from .arithmetic import Undefined, along, total
-from .box import Box, NotShown, covered, ranged
-from .file import Certificate, Claim, NoCertificate, ends, fields, part, scalar
+from .arithmetic import Undefined, Unproved, along, total
+from .box import Box, Norm, continuous, covered, cut, narrowed, ranged, spectral, steep
+from .file import (
+    Certificate,
+    Claim,
+    FormFile,
+    NoCertificate,
+    Observer,
+    column,
+    ends,
+    entries,
+    fields,
+    part,
+    scalar,
+    signless,
+)
+from .matrix import Matrix
 from .text import Expression, Unreadable, expression, number
 
 
 @dataclass(frozen=True)
-class Shown:
+class Finding:
     """What a rule showed, as a sentence, and with how many boxes."""
 
     sentence: str
     boxes: int = 0
 
 
-UNSHOWN = NotShown, Undefined, TooLarge, RecursionError, NoCertificate, Unreadable  # what a verification may end with
+REFUSALS = (
+    Unproved,
+    Undefined,
+    TooLarge,
+    RecursionError,
+    NoCertificate,
+    Unreadable,
+)  # what a verification may end with
 
 
 def reason_of(error: Exception) -> str:
@@ -60,11 +91,11 @@ class Context:
         self.value = self.algebra.read  # of an expression of the form's names
 
     @property
-    def equations(self) -> Shown:
-        """The form is the plant, by exact algebra. Raises: `NotShown`."""
+    def equations(self) -> Finding:
+        """The form is the plant, by exact algebra. Raises: `Unproved`."""
         if self.fault:
-            raise NotShown(self.fault)
-        return Shown("the form's equations are the plant's")
+            raise Unproved(self.fault)
+        return Finding("the form's equations are the plant's")
 
     @cached_property
     def fault(self) -> str:
@@ -72,7 +103,7 @@ class Context:
         try:
             self._finite()
             self._flow()
-        except UNSHOWN as error:
+        except REFUSALS as error:
             return reason_of(error)
         return ""
 
@@ -80,7 +111,7 @@ class Context:
         """Every expression is a finite number on its whole box: an identity says nothing where a side has no value."""
         form, plant = self.form, self.plant
         if len(self.z) != len(plant.states):
-            raise NotShown("the form has not as many states as the plant")
+            raise Unproved("the form has not as many states as the plant")
         rows = [*form.from_form, *form.b, *form.output, *(entry for row in form.A for entry in row)]
         for where, box, texts in (
             ("the plant", plant.box, (*plant.flow, *plant.output, *form.to_form)),
@@ -89,11 +120,11 @@ class Context:
             for text in texts:
                 try:
                     finite(text, box)
-                except NotShown as error:
-                    raise NotShown(f"{cut(text.text)} of {where} is not shown to be a finite number: {error}") from None
+                except Unproved as error:
+                    raise Unproved(f"{cut(text.text)} of {where} is not shown to be a finite number: {error}") from None
 
     def _flow(self) -> None:
-        """Shows dX/dz (A z + b) = f(X(z), u), h(X(z), u) = output, Z(X(z)) = z and X(Z(x)) = x. Raises: `NotShown`."""
+        """Shows dX/dz (A z + b) = f(X(z), u), h(X(z), u) = output, Z(X(z)) = z and X(Z(x)) = x. Raises: `Unproved`."""
         algebra, form, plant, z = self.algebra, self.form, self.plant, self.algebra.names
         for change in (*form.to_form, *form.from_form):
             only(change.names & set(self.file.inputs), (), "the change of coordinates")
@@ -115,7 +146,7 @@ class Context:
         z = {**algebra.names, **{name: algebra.read(row) for name, row in zip(form.states, form.to_form, strict=True)}}
         for name, row in zip(plant.states, form.from_form, strict=True):
             if not algebra.is_zero(algebra.read(row, z) - algebra.names[name]):
-                raise NotShown(f"{name} is not undone by the change of coordinates")
+                raise Unproved(f"{name} is not undone by the change of coordinates")
 
     @cached_property
     def rates(self) -> tuple[Expression, ...]:
@@ -138,7 +169,7 @@ class Context:
 
     def _same(self, a: Quotient, b: Quotient, complaint: str) -> None:
         if not self.algebra.is_zero(a - b):
-            raise NotShown(complaint)
+            raise Unproved(complaint)
 
     def same(self, text: Expression, wanted: Quotient, complaint: str) -> None:
         """That an expression of the file is what has to be shown."""
@@ -146,7 +177,7 @@ class Context:
 
     def first_gain(self, chain: int) -> Quotient:
         """a_1 = dy/dz of an output, 0, 1, .., and the state z that it shows. That y(z) - y(0) = z dy/dz for every z
-        makes it the same for every z. Raises: `NotShown`."""
+        makes it the same for every z. Raises: `Unproved`."""
         first, output = self.seen[chain], self.form.output[chain]
         slope, letters = self.slope(output, first), self.algebra.names
         rest = self.value(output, {**letters, first: self.algebra.zero})
@@ -154,10 +185,10 @@ class Context:
         return slope
 
     def output_slope(self, output: int) -> Fraction:
-        """dy/dz of an output in the state z that it shows, a number other than 0. Raises: `NotShown`."""
+        """dy/dz of an output in the state z that it shows, a number other than 0. Raises: `Unproved`."""
         slope = self.first_gain(output).number
         if not slope:
-            raise NotShown("the slope of an output is no number")
+            raise Unproved("the slope of an output is no number")
         return slope
 
     @property
@@ -180,13 +211,29 @@ class Context:
         return ""
 
     def demand_seen(self, output: int) -> None:
-        """That it is known how an error of an output enters. Raises: `NotShown`."""
+        """That it is known how an error of an output enters. Raises: `Unproved`."""
         if not self.seen[output]:
-            raise NotShown(f"output {output + 1} is not shown to show the first state of a chain")
+            raise Unproved(f"output {output + 1} is not shown to show the first state of a chain")
 
     def slope(self, text: Expression, name: str) -> Quotient:
         """The partial derivative of an expression in a name, in closed form."""
         return self.algebra.speed(text, {name: self.algebra.one})
+
+    def at_kinks(self, slope: Expression, row: Expression) -> Expression:
+        """Return the slope of a row, its `sign` read as the slope of |e|, which at e = 0 is a set and not 0.
+
+        A sign that the row itself has stays: x sign(u) has the slope sign(u), which is 0 at u = 0, at an edge too."""
+        jumps = [self.value(replace(row, result=args[0])) for op, args, _ in row.instructions if op == "sign"]
+
+        def is_own(place: int) -> bool:
+            argument = self.value(replace(slope, result=place))
+            return any(self.algebra.is_zero(argument - jump) for jump in jumps)
+
+        steps = (
+            step._replace(op="side") if step.op == "sign" and not is_own(step.args[0]) else step
+            for step in slope.instructions
+        )
+        return replace(slope, instructions=tuple(steps))
 
 
 def algebra_of(box: Box) -> Algebra:
@@ -229,35 +276,30 @@ RANGE = ("expression", "box", "low", "high", "tree")  # what the evidence of an 
 
 
 def only(names: Iterable[str], allowed: Iterable[str], complaint: str) -> None:
-    """That only allowed names are read. Raises: `NotShown`."""
+    """That only allowed names are read. Raises: `Unproved`."""
     strange = sorted(set(names) - set(allowed))
     if strange:
-        raise NotShown(f"{complaint} reads {', '.join(strange)}")
-
-
-def narrowed(box: Box, names: Iterable[str]) -> Box:
-    """The sides of a box that have these names, sorted."""
-    return {name: box[name] for name in sorted(names)}
+        raise Unproved(f"{complaint} reads {', '.join(strange)}")
 
 
 def finite(text: Expression, box: Box) -> int:
-    """That an expression is a finite number on its whole box; with how many boxes. Raises: `NotShown`."""
+    """That an expression is a finite number on its whole box; with how many boxes. Raises: `Unproved`."""
     return covered(narrowed(box, text.names), ".", ranged(text, -math.inf, math.inf))
 
 
 def declared_box(evidence: Mapping[str, Any], box: Box, names: Iterable[str]) -> Box:
-    """The model's box of these names. The claim's own must be the same. Raises: `NotShown`."""
+    """The model's box of these names. The claim's own must be the same. Raises: `Unproved`."""
     wanted = narrowed(box, names)
     pairs = part(evidence, "box", dict)
     if not all(isinstance(pair, list) and len(pair) == 2 for pair in pairs.values()):
-        raise NotShown("a range of its box has not two ends")
+        raise Unproved("a range of its box has not two ends")
     if {name: ends(low, high, name) for name, (low, high) in sorted(pairs.items())} != wanted:
-        raise NotShown("its box is not the model's ranges of the names it reads")
+        raise Unproved("its box is not the model's ranges of the names it reads")
     return wanted
 
 
 def claimed(context: Context, evidence: Mapping[str, Any], wanted: Quotient) -> Expression:
-    """The evidence's expression, which is what has to be shown. Raises: `NotShown`."""
+    """The evidence's expression, which is what has to be shown. Raises: `Unproved`."""
     text = expression(part(evidence, "expression", str), context.form.box)
     context.same(text, wanted, f"its expression {text.text} is not what the form has")
     return text
@@ -269,21 +311,16 @@ def enclosed(
     wanted: Quotient,
     source: Expression,
     read: Callable[[Expression], Expression] = lambda text: text,
-) -> tuple[Fraction, Fraction, Shown]:
+) -> tuple[Fraction, Fraction, Finding]:
     """An enclosure low <= e <= high of what has to be shown, on the model's box; `read`: how its text is. Raises:
-    `NotShown`."""
+    `Unproved`."""
     text = claimed(context, fields(evidence, "a range", RANGE), wanted)
     low, high = scalar(evidence, "low"), scalar(evidence, "high")
     box = declared_box(evidence, context.form.box, text.names)
     boxes = covered(box, part(evidence, "tree", str), ranged(read(text), low, high))
     if text.text != source.text:  # the form's own expression is defined there, too
         boxes += finite(source, context.form.box)
-    return low, high, Shown(f"{short(low, -1)} <= {cut(text.text)} <= {short(high, 1)}{on(box)}", boxes)
-
-
-def cut(text: str) -> str:
-    """The beginning of a long text, for a sentence."""
-    return text if len(text) <= 60 else f"{text[:57]}..."
+    return low, high, Finding(f"{short(low, -1)} <= {cut(text.text)} <= {short(high, 1)}{on(box)}", boxes)
 
 
 def short(value: Fraction, way: int = 0, digits: int = 6) -> str:
@@ -298,12 +335,12 @@ def short(value: Fraction, way: int = 0, digits: int = 6) -> str:
 
 def is_above(value: Fraction, bound: Fraction) -> str:
     """The words that a number is above a smaller one, in as many digits as it takes to tell them apart. Raises:
-    `NotShown` where so many would be too many to read."""
+    `Unproved` where so many would be too many to read."""
     for digits in range(6, _MOST):
         high, low = short(value, -1, digits), short(bound, 1, digits)
         if Fraction(high) > Fraction(low):
             return f"{high} is above {low}"
-    raise NotShown(f"{short(value)} is above {short(bound)} by less than {_MOST} digits tell")
+    raise Unproved(f"{short(value)} is above {short(bound)} by less than {_MOST} digits tell")
 
 
 def on(box: Box) -> str:
@@ -313,16 +350,308 @@ def on(box: Box) -> str:
 
 
 def witness(claim: Claim, box: Box, names: Iterable[str], key: str = "witness") -> dict[str, Fraction]:
-    """The claim's point in the box, with a value for each of `names`. Raises: `NotShown`."""
+    """The claim's point in the box, with a value for each of `names`. Raises: `Unproved`."""
     coordinates = part(claim.evidence, key, dict)
     at = {name: number(value) for name, value in sorted(coordinates.items())}
     for name, value in at.items():
         if name not in box or not box[name][0] <= value <= box[name][1]:
-            raise NotShown(f"its witness has {name} = {value}, outside the model's range")
+            raise Unproved(f"its witness has {name} = {value}, outside the model's range")
     for name in names:
         low, high = box[name]
         if name not in at and low == high:
             at[name] = Fraction(low)
         if name not in at:
-            raise NotShown(f"its witness does not say {name}")
+            raise Unproved(f"its witness does not say {name}")
     return at
+
+
+# ---
+
+CHAINS = ("triangular", "block_triangular")
+CARRIED = ("phase", "uniform_chain")  # of one output, whose states are maps of the plant's
+ON_CHAINS = (*CHAINS, *CARRIED)
+
+
+def structure(context: Context, claim: Claim) -> Finding:
+    """Shows that A has a superdiagonal within each chain only, which reads no state (but z_1 where there is one chain),
+    that b reads what the alignment lets it, and that y_i = a_1 z_1 + c of its chain, where a_1 and c read no state.
+
+    Of an output whose chain has no states nothing is asked: an observer takes it for a measurement of the first state
+    of a chain where it is a constant multiple of that one's output, and a gain acts on no other."""
+    form, z = context.form, context.z
+    several = form.kind == "block_triangular"
+    if len(form.blocks) != len(form.output) or not (several or len(form.blocks) == 1):
+        raise Unproved("it has not one chain for each output")
+    if form.alignment not in (("top", "end", "cascade") if several else ("",)):
+        raise Unproved(f"{form.alignment!r} is no alignment of its chains")
+    _ = context.equations
+    places = tuple((k, level) for k, size in enumerate(form.blocks) for level in range(1, size + 1))
+    for i, row in enumerate(form.A):
+        for j, entry in enumerate(row):
+            if j == i + 1 and places[j][0] == places[i][0]:
+                only(entry.names & set(z), () if several else z[:1], f"A[{i + 1},{j + 1}]")
+            elif not context.algebra.is_zero(context.value(entry)):
+                raise Unproved(f"A[{i + 1},{j + 1}] is not zero")
+    for i, rest in enumerate(form.b):
+        allowed = [z[j] for j in range(len(z)) if _readable(form, places[i], places[j])]
+        only(rest.names & set(z), allowed, f"b_{i + 1}")
+    _in_order(context, places)
+    for chain, output in ((k, output) for k, output in enumerate(form.output) if form.blocks[k]):
+        only(output.names & set(z), (context.heads[chain],), f"output {chain + 1}")
+        _ = context.first_gain(chain)
+    ranges_kept(context)
+    reads = {name for row in form.A for entry in row for name in entry.names}
+    varies = f", gains vary with the measured {z[0]}" if z[0] in reads else ""
+    chains = "; ".join(
+        " -> ".join((f"y_{k + 1}" if several else "y", *(s for s, (at, _) in zip(z, places, strict=True) if at == k)))
+        for k in range(len(form.blocks))
+        if form.blocks[k]
+    )
+    return Finding(
+        f"{chains}{varies}{f' ({form.alignment})' if several else ''}, and the form's equations are the plant's"
+    )
+
+
+def _readable(form: FormFile, reader: tuple[int, int], read: tuple[int, int]) -> bool:
+    """Whether the row at (chain, level) may read the state at (chain, level)."""
+    (i, level), (k, at) = reader, read
+    if i == k:
+        return at <= level
+    if form.alignment == "top":
+        return at <= level
+    if form.alignment == "end":
+        return at <= level + form.blocks[k] - form.blocks[i]
+    return form.alignment == "cascade"
+
+
+def _in_order(context: Context, places: Sequence[tuple[int, int]]) -> None:
+    """A cascade: the chains have an order in which each reads only those before."""
+    form = context.form
+    if form.alignment != "cascade":
+        return
+    chain = {name: k for name, (k, _) in zip(context.z, places, strict=True)}
+    reads: dict[int, set[int]] = {k: {k} for k in range(len(form.blocks))}
+    for rest, (k, _) in zip(form.b, places, strict=True):
+        reads[k] |= {chain[name] for name in rest.names if name in chain}
+    done: set[int] = set()
+    while len(done) < len(reads):
+        ready = {k for k, others in reads.items() if k not in done and others <= done | {k}}
+        if not ready:
+            raise Unproved("its chains read each other in a circle")
+        done |= ready
+
+
+def ranges_kept(context: Context, every: bool = False) -> int:
+    """Shows that the form's states stay in their ranges while the plant's do, and returns the number of boxes. Where a
+    state is none of the plant's, this may be a claim of its own, unless `every` one is asked for."""
+    boxes = 0
+    range_claimed = not every and context.file.claim("recast.range") is not None
+    for name, row in zip(context.z, context.form.to_form, strict=True):
+        if range_claimed and row.text.lstrip("-") not in context.plant.states:
+            continue
+        boxes += covered(narrowed(context.plant.box, row.names), ".", ranged(row, *context.form.box[name]))
+    return boxes
+
+
+Value = TypeVar("Value")
+
+
+def wanted_gain(context: Context, place: tuple[int, ...]) -> tuple[Quotient, Expression]:
+    """a_i of the one chain, or a_(k,i) of chain k, and the expression that it stands in. Raises: `Unproved`."""
+    _ = context.equations
+    chain, index = place if len(place) == 2 else (1, *place)
+    at = place_of(context, chain, index)
+    if index == 1:
+        return context.first_gain(chain - 1), context.form.output[chain - 1]
+    entry = context.form.A[at - 1][at]
+    return context.value(entry), entry
+
+
+def place_of(context: Context, chain: int, index: int) -> int:
+    """The row of a chain's state, from 0. Raises: `Unproved`."""
+    blocks = context.form.blocks
+    if not (1 <= chain <= min(len(blocks), len(context.form.output)) and 1 <= index <= blocks[chain - 1]):
+        raise Unproved("the form has no such row")
+    return sum(blocks[: chain - 1]) + index - 1
+
+
+def built(context: Context, claim: Claim) -> Observer:
+    """The file's observer with its numbers, which the claim's id names. Raises: `Unproved`."""
+    observer, name = context.file.observer, claim.maker
+    if observer is None or observer.name != name or not observer.numbers:
+        raise Unproved(f"the file has no {name} observer with its numbers")
+    return observer
+
+
+@dataclass(frozen=True)
+class Scale:
+    """Coordinates S w of integrators, S = diag(`units`): `expressions` of parameters, from z to them; with how many
+    boxes they were shown to be finite and not zero."""
+
+    units: list[Fraction]
+    expressions: list[Expression]
+    boxes: int
+
+
+def integrators(context: Context, evidence: Mapping[str, Any]) -> Scale:
+    """The one chain in coordinates S w: the claim's `scale` is units_i a_1 .. a_i, constant in time. Raises:
+    `Unproved`."""
+    _ = context.equations
+    n, algebra, product = len(context.z), context.algebra, context.algebra.one
+    if len(context.form.blocks) != 1:
+        raise Unproved("the form is not one chain")
+    units, scale = column(evidence, "units", n), constants(context, entries(evidence, "scale", n))
+    for i, (unit, text) in enumerate(zip(units, scale, strict=True), 1):
+        product = product * wanted_gain(context, (i,))[0]
+        context.same(text, algebra.number(unit) * product, f"its scale {text.text} is not that of w_{i}")
+        if unit <= 0:
+            raise Unproved("its units are not positive")
+    return Scale(units, scale, invertible(context, scale))
+
+
+def constants(context: Context, texts: Sequence[Any]) -> list[Expression]:
+    """The texts as expressions, which read parameters alone. Raises: `Unproved`."""
+    expressions = [expression(text, context.form.box) for text in texts]
+    for text in expressions:
+        only(text.names, context.file.parameters, f"the constant {text.text}")
+    return expressions
+
+
+def invertible(context: Context, scale: Sequence[Expression]) -> int:
+    """That each is finite and not zero on its box; with how many boxes. Raises: `Unproved`."""
+    box = context.form.box
+    return sum(finite(expression(f"1/({s.text})", box), box) for s in scale)
+
+
+def steady(context: Context, gains: Sequence[Expression]) -> int:
+    """That A reads no state, and that the gains of an observer read parameters alone and are finite whatever these are;
+    with how many boxes. Raises: `Unproved`."""
+    for entry in (entry for row in context.form.A for entry in row):
+        only(entry.names & set(context.z), (), "A")
+    return sum(finite(k, context.form.box) for k in constants(context, [k.text for k in gains]))
+
+
+def gain_of(blocks: Sequence[int], entries: Sequence[Value], none: Value) -> list[list[Value]]:
+    """The gain (n, p) of its entries: one for each state, which acts on the output of the state's own chain, or one for
+    each state and chain, state by state; `none` elsewhere."""
+    chain = [k for k, size in enumerate(blocks) for _ in range(size)]
+    onto = [[k] for k in chain] if len(entries) == len(chain) else [[k for k, size in enumerate(blocks) if size]]
+    columns, rest = onto * (len(chain) // len(onto)), iter(entries)
+    return [[next(rest) if k in each else none for k in range(len(blocks))] for each in columns]
+
+
+def core_of(context: Context, scale: Sequence[Expression], gains: Sequence[Expression], N: Matrix) -> Matrix:
+    """N, with S (A - K C) = N S whatever the parameters. Raises: `Unproved`."""
+    algebra, form = context.algebra, context.form
+    S, entries = ([context.value(text) for text in texts] for texts in (scale, gains))
+    column, K = {z: k for k, z in enumerate(context.heads)}, gain_of(form.blocks, entries, algebra.zero)
+    for i, row in enumerate(form.A):
+        for j, text in enumerate(row):
+            entry, at = context.value(text), column.get(context.z[j])
+            if at is not None:
+                entry = entry - K[i][at] * context.first_gain(at)
+            if not algebra.is_zero(S[i] * entry - algebra.number(N[i][j]) * S[j]):
+                raise Unproved(f"its core[{i + 1},{j + 1}] is not that of S (A - K C) S^-1")
+    return N
+
+
+def slope(
+    context: Context, evidence: Mapping[str, Any], scale: Sequence[Expression], norm: Norm = spectral
+) -> tuple[Fraction, int]:
+    """The claim's bound of |S db/dz S^-1| on the box, S the diagonal `scale`, and with how many boxes it is shown.
+    Raises: `Unproved`."""
+    bound, _, boxes = _steepness(context, evidence, context.form.b, scale, norm)
+    return bound, boxes
+
+
+def jacobian_bound(context: Context, claim: Claim, rows: Sequence[Expression], name: str) -> Finding:
+    """|d rows/dz| <= the claim's bound in the spectral norm, on the form's box. Raises: `Unproved`."""
+    _ = context.equations
+    bound, box, boxes = _steepness(context, claim.evidence, rows)
+    return Finding(f"|{name}| <= {short(bound, 1)}{on(box)}", boxes)
+
+
+def _steepness(
+    context: Context,
+    evidence: Mapping[str, Any],
+    rows: Sequence[Expression],
+    scale: Sequence[Expression] = (),
+    norm: Norm = spectral,
+) -> tuple[Fraction, Box, int]:
+    box = declared_box(evidence, context.form.box, {name for read in (*rows, *scale) for name in read.names})
+    bound = signless(evidence, "bound")
+    continuous(rows, context.z, box)
+    return bound, box, covered(box, part(evidence, "tree", str), steep(rows, context.z, bound, scale, norm))
+
+
+# ---
+
+Verify = Callable[[Context, Claim], Finding]
+Keys = tuple[str, ...]
+STEEP: Keys = ("box", "bound", "tree")  # evidence of the bound of a slope
+POINT: Keys = ("expression", "witness")
+STRUCTURE = "{kind}.structure"  # the claim that a form is in chains
+
+
+@dataclass(frozen=True)
+class Rule:
+    """Which claims it verifies, and how.
+
+    `makers`: what a claim's id is before its dot, none for the form's kind; `facts`: what it is after that, without the
+    numbers at its end, of which a kind of form has as many as `rows` says, none where that says nothing; `kinds`: the
+    forms on which it holds, none for any; `keys`: what the evidence may have; `rests`: the ids of the claims that it
+    rests on; `about`: what it is about, for its sentence. In these two {maker} and {kind}, the form's, are put in."""
+
+    makers: Keys
+    facts: Keys
+    verify: Verify
+    keys: Keys = ()
+    kinds: Keys = ()
+    rows: Mapping[str, int] = field(default_factory=dict, hash=False)
+    verdict: str = "proved"
+    rests: Keys = ()
+    about: str = "the {kind} form"
+
+    def takes(self, kind: str, claim: Claim) -> bool:
+        """Whether it verifies a claim on a form of that kind."""
+        rows = self.rows.get(kind, 0)
+        fact, count = (claim.fact, len(claim.at)) if rows else (claim.what, 0)
+        known = claim.maker in (self.makers or (kind,)) and fact in self.facts and count == rows
+        return known and claim.verdict == self.verdict and (not self.kinds or kind in self.kinds)
+
+    def needs(self, kind: str, claim: Claim) -> Keys:
+        """The ids of the claims that a claim on a form of that kind rests on. Of a form that is carried to other
+        coordinates the structure is no claim, but shown with each that rests on it."""
+        return tuple(self.named(id, kind, claim) for id in self.rests if id != STRUCTURE or kind not in CARRIED)
+
+    def named(self, text: str, kind: str, claim: Claim) -> str:
+        """A text of it with the claim's maker and the form's kind put in."""
+        return text.format(maker=claim.maker, kind=kind)
+
+    def show(self, context: Context, claim: Claim) -> Finding:
+        """What it shows of a claim that it takes. Raises: `Unproved`."""
+        if STRUCTURE in self.rests and context.form.kind in CARRIED:
+            observer = context.file.observer
+            if observer is None or observer.name != claim.maker:
+                raise Unproved("the file's observer is another")
+            structure(context, claim)
+        return self.verify(context, claim)
+
+
+@dataclass(frozen=True)
+class Needed:
+    """What a certificate of a form cannot leave out, whatever the verdicts: the claim of its `structure`, and those
+    `beside` it where that is proved."""
+
+    structure: str
+    beside: Callable[[FormFile], tuple[str, ...]] = lambda form: ()
+
+
+def of_observer(makers: Keys, facts: Keys, verify: Verify, keys: Keys = (), *rests: str, kinds: Keys = ()) -> Rule:
+    """The rule of claims about observers' numbers alone, on a form of any kind, or of these."""
+    return Rule(makers, facts, verify, keys, kinds, rests=rests, about="the {maker} observer")
+
+
+def on_chains(makers: Keys, facts: Keys, verify: Verify, keys: Keys = (), *rests: str) -> Rule:
+    """The rule of claims about observers on a form in chains."""
+    return of_observer(makers, facts, verify, keys, STRUCTURE, *rests, kinds=ON_CHAINS)

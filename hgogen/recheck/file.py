@@ -12,7 +12,8 @@ from fractions import Fraction
 from hashlib import sha256
 from typing import Any
 
-from .box import Box, End, NotShown
+from .arithmetic import Unproved
+from .box import Box, End
 from .matrix import Matrix
 from .text import Expression, RecheckError, expression, kind_of, number
 
@@ -352,62 +353,62 @@ MOST_ROWS = 40  # or columns: beyond, an elimination in fractions takes too long
 
 
 def entries(holder: Mapping[str, Any], key: str, count: int) -> list[Any]:
-    """The list under a key, which must have `count` entries. Raises: `NotShown`."""
+    """The list under a key, which must have `count` entries. Raises: `Unproved`."""
     values = holder.get(key)
     if not isinstance(values, list) or len(values) != count:
-        raise NotShown(f"its {key} has not {count} entries")
+        raise Unproved(f"its {key} has not {count} entries")
     return values
 
 
 def fields(one: Any, what: str, keys: Sequence[str]) -> Mapping[str, Any]:
-    """A JSON object that has these parts and no others; `what` it is, in words. Raises: `NotShown`."""
+    """A JSON object that has these parts and no others; `what` it is, in words. Raises: `Unproved`."""
     if not isinstance(one, dict) or set(one) != set(keys):
         *first, last = keys
-        raise NotShown(f"{what} is no object of {', '.join(first)} and {last}")
+        raise Unproved(f"{what} is no object of {', '.join(first)} and {last}")
     return one
 
 
 def column(holder: Mapping[str, Any], key: str, count: int) -> list[Fraction]:
-    """`count` numbers. Raises: `NotShown`."""
+    """`count` numbers. Raises: `Unproved`."""
     return [_number_of(value, key) for value in entries(holder, key, count)]
 
 
 def matrix(holder: Mapping[str, Any], key: str, rows: int, columns: int) -> Matrix:
-    """The matrix of numbers under a key, of the size (rows, columns). Raises: `NotShown`."""
+    """The matrix of numbers under a key, of the size (rows, columns). Raises: `Unproved`."""
     lists = entries(holder, key, rows)
     if max(rows, columns) > MOST_ROWS:
-        raise NotShown(f"its {key} has more than {MOST_ROWS} rows or columns")
+        raise Unproved(f"its {key} has more than {MOST_ROWS} rows or columns")
     if any(not isinstance(row, list) or len(row) != columns for row in lists):
-        raise NotShown(f"its {key} is not {rows} x {columns}")
+        raise Unproved(f"its {key} is not {rows} x {columns}")
     return [[_number_of(value, key) for value in row] for row in lists]
 
 
 def scalar(holder: Mapping[str, Any], key: str) -> Fraction:
-    """One number. Raises: `NotShown`."""
+    """One number. Raises: `Unproved`."""
     if holder.get(key) is None:
-        raise NotShown(f"its {key} is missing")
+        raise Unproved(f"its {key} is missing")
     return _number_of(holder[key], key)
 
 
 def _number_of(value: Any, key: str) -> Fraction:
     if not isinstance(value, str | Fraction):
-        raise NotShown(f"its {key} has {kind_of(value)} where a number should stand")
+        raise Unproved(f"its {key} has {kind_of(value)} where a number should stand")
     return value if isinstance(value, Fraction) else number(value)
 
 
 def above_zero(holder: Mapping[str, Any], key: str) -> Fraction:
-    """One number > 0. Raises: `NotShown`."""
+    """One number > 0. Raises: `Unproved`."""
     value = scalar(holder, key)
     if value <= 0:
-        raise NotShown(f"its {key} is not positive")
+        raise Unproved(f"its {key} is not positive")
     return value
 
 
 def signless(holder: Mapping[str, Any], key: str) -> Fraction:
-    """One number that is not negative. Raises: `NotShown`."""
+    """One number that is not negative. Raises: `Unproved`."""
     value = scalar(holder, key)
     if value < 0:
-        raise NotShown(f"its {key} is negative")
+        raise Unproved(f"its {key} is negative")
     return value
 
 

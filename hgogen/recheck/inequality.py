@@ -16,18 +16,42 @@ classical one of Runge and Kutta. The second realises the core L of M, X = h L: 
 the bilinear rule phi_1 = (1 - X/2)^-1 = 2 phi_2, by the matrix exponential phi_1 = 1 + X phi_2, phi_2 = (exp X - 1 -
 X)/X^2 but for what a program's polynomial is beside that. What that makes of the form is bounded entry by entry, in
 absolute values, and |d| 2 |v_i v_j| <= |d| (v_i^2 s_j/s_i + v_j^2 s_i/s_j) brings it onto the diagonal, for any s > 0.
+
+That a norm falls whatever the slopes of an inclusion: V = e'P e, V' <= -alpha V for e' = (M + G diag(d) H) e.
+
+M is affine in each |d_j| <= 1, so that the corners stand for all, where there are no multipliers (`inequality`). A
+slope without an end enters M by that which it has; what is beyond, -onto d reads e, d >= 0, takes from V' where P
+onto = lambda reads', lambda >= 0.
 """
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from fractions import Fraction
 from functools import partial
+from itertools import product
 from operator import mul
 from typing import Any
 
-from .box import NotShown
-from .file import column, matrix, part, scalar
+from .arithmetic import Unproved
+from .box import definite
+from .context import (
+    CARRIED,
+    STEEP,
+    STRUCTURE,
+    Context,
+    Finding,
+    Keys,
+    Rule,
+    built,
+    is_above,
+    jacobian_bound,
+    of_observer,
+    on,
+    on_chains,
+    short,
+)
+from .file import Claim, Observer, above_zero, column, matrix, part, scalar, signless
 from .interval import point
 from .matrix import (
     Matrix,
@@ -41,12 +65,12 @@ from .matrix import (
     sizes,
     times,
     transposed,
+    twice,
     unit,
+    weight,
     zeros,
 )
-from .slope import definite
 from .text import number
-from .transition import weight
 
 _ROWS, _WHOLE = 60, 100  # of an inequality of a step, without its inputs; of continuous time, with them
 ONE = Fraction(1)
@@ -139,16 +163,16 @@ class Tableau:
 
 
 def tableau_of(evidence: Mapping[str, Any]) -> Tableau:
-    """That of the method that the evidence names. Raises: `NotShown` for what is none of these methods."""
+    """That of the method that the evidence names. Raises: `Unproved` for what is none of these methods."""
     known = _METHODS.get(part(evidence, "method", str))
     if known is None:
-        raise NotShown(f"its method is none of {', '.join(_METHODS)}")
+        raise Unproved(f"its method is none of {', '.join(_METHODS)}")
     rows, weights, order = known
     return Tableau([[number(a) for a in row] for row in rows], [number(b) for b in weights], order)
 
 
 def method_of(evidence: Mapping[str, Any]) -> Method:
-    """The method that the evidence names. Raises: `NotShown`."""
+    """The method that the evidence names. Raises: `Unproved`."""
     name = part(evidence, "method", str)
     if name in REALISED:
         return Method([Fraction(0), ONE], 0, partial(_realised, REALISED[name]))
@@ -174,9 +198,9 @@ FLOW, NOW = _explicit(Tableau([[]], [ONE], 1)), Fraction(0)  # continuous time, 
 def _realised(
     weights: Callable[[Matrix], Weights], parts: Parts, h: Fraction, e: Matrix, p: list[Matrix], v: list[Matrix]
 ) -> Moved:
-    """By phi_1 and phi_2 of the core. Raises: `NotShown`."""
+    """By phi_1 and phi_2 of the core. Raises: `Unproved`."""
     if parts.moving:
-        raise NotShown("a part of its core moves, which its method does not realise")
+        raise Unproved("a part of its core moves, which its method does not realise")
     rest, X, (phi_1, phi_2, width) = minus(parts.M, parts.L), scaled(h, parts.L), weights(scaled(h, parts.L))
     B, R = (partial(times, each) for each in (parts.B, parts.R))
     first = plus(times(rest, e), *parts.varied(p[0]), R(v[0]))
@@ -246,11 +270,11 @@ def form_of(
     # of a step the inputs are as few as the model's rows; of continuous time a certificate says how many there are
     rows, most = (size + inputs, _WHOLE) if method is FLOW else (size, _ROWS)
     if rows > most:
-        raise NotShown(f"its inequality has more than {most} rows")
+        raise Unproved(f"its inequality has more than {most} rows")
     P, S = matrix(evidence, "P", n, n), column(evidence, "S", s * m + inputs)
     demand_positive({"P": P})
     if any(value < 0 for value in S):
-        raise NotShown("its S has a negative number")
+        raise Unproved("its S has a negative number")
     one = unit(size + inputs)
     start, p = one[:n], [one[n + i * m : n + (i + 1) * m] for i in range(s)]
     nothing, last = zeros(len(parts.B[0]), size + inputs), list(enumerate(entering, size))
@@ -303,7 +327,7 @@ def demand_falls(
     inputs: Sequence[Input] = (),
 ) -> None:
     """Demand that |e|_P^2 falls by alpha h of itself at least, but for the sum of lambda_k u_k^2 of inputs u. Raises:
-    `NotShown`."""
+    `Unproved`."""
     form, n = form_of(parts, method, h, evidence, inputs), len(parts.M)
     for own, row in zip(form, matrix(evidence, "P", n, n), strict=False):
         own[:n] = (x + alpha * y for x, y in zip(own, row, strict=False))
@@ -313,32 +337,32 @@ def demand_falls(
 def demand_kept(
     parts: Parts, method: Method, h: Fraction, evidence: Mapping[str, Any], inputs: Sequence[Input]
 ) -> None:
-    """Demand that |e|_P <= 1 stays so while each input is at most 1. Raises: `NotShown`."""
+    """Demand that |e|_P <= 1 stays so while each input is at most 1. Raises: `Unproved`."""
     alpha, lambdas = scalar(evidence, "alpha"), multipliers(evidence, inputs)
     if not (alpha > 0 and alpha * h < 1 and min(lambdas) >= 0 and sum(lambdas) <= alpha):
-        raise NotShown("alpha is not above 0, alpha dt not below 1, or its lambda exceed alpha")
+        raise Unproved("alpha is not above 0, alpha dt not below 1, or its lambda exceed alpha")
     demand_falls(parts, method, h, alpha, evidence, inputs)
 
 
 def multipliers(evidence: Mapping[str, Any], inputs: Sequence[Input]) -> list[Fraction]:
-    """The lambda of the inputs. Raises: `NotShown`."""
+    """The lambda of the inputs. Raises: `Unproved`."""
     return column({"S": part(evidence, "S", list)[-len(inputs) :]}, "S", len(inputs))
 
 
 def demand_negative(what: str, form: Matrix) -> None:
     """Demand that a symmetric form is negative: by its elimination in intervals, where these are too wide in fractions.
-    Raises: `NotShown`."""
+    Raises: `Unproved`."""
     negated = scaled(Fraction(-1), form)
     known = definite([[point(value) for value in row] for row in negated]) if transposed(negated) == negated else 0
     if known < 0:
-        raise NotShown(f"{what} is not negative")
+        raise Unproved(f"{what} is not negative")
     if not known:
         demand_positive({f"{what}, negated,": negated})
 
 
 def within(one: Mapping[str, Any], field: int, scales: list[Fraction], bound: Fraction, V: Fraction = ONE) -> None:
     """That the error which a field stands for is at most `bound` where |e|_P^2 <= V: bound^2 P >= V c'c. Raises:
-    `NotShown`."""
+    `Unproved`."""
     c = [Fraction(int(k == field)) / scale for k, scale in enumerate(scales)]
     P = matrix(one, "P", len(c), len(c))
     demand_nonnegative(
@@ -352,8 +376,88 @@ def within(one: Mapping[str, Any], field: int, scales: list[Fraction], bound: Fr
 
 
 def place(holder: Mapping[str, Any], key: str, count: int) -> int:
-    """A place from 0, given from 1. Raises: `NotShown`."""
+    """A place from 0, given from 1. Raises: `Unproved`."""
     value = scalar(holder, key)
     if value.denominator > 1 or not 1 <= value <= count:
-        raise NotShown(f"its {key} is none of 1 to {count}")
+        raise Unproved(f"its {key} is none of 1 to {count}")
     return int(value) - 1
+
+
+# ---
+
+# V' <= -alpha V at a theta, by the claim's V, whatever the slopes that the second evidence bounds; in how many boxes
+Falls = Callable[[Context, Claim, Mapping[str, Any], Fraction, Fraction], int]
+WORK = 2**16  # corners times fields^3
+
+
+def demand_decays(parts: Parts, alpha: Fraction, evidence: Mapping[str, Any]) -> None:
+    """V' <= -alpha V by the evidence's P, and its S where it has one. Raises: `Unproved`."""
+    n, m = len(parts.M), len(parts.H)
+    P = matrix(evidence, "P", n, n)
+    for onto, reads in parts.endless:  # P onto is what is read times a number >= 0: V' loses by a slope of any size
+        (pushed,) = times([onto], P)
+        share = sum(x * y for x, y in zip(pushed, reads, strict=True)) / sum(x * x for x in reads)
+        if share < 0 or pushed != [share * x for x in reads]:
+            raise Unproved("a slope without an end is not shown to take from V")
+    if "S" in evidence:
+        demand_falls(parts, FLOW, NOW, alpha, evidence)
+        return
+    demand_positive({"P": P})
+    if 2**m * n**3 > WORK:
+        raise Unproved("it has no S, and more corners of its slopes than are tried one by one")
+    for corner in corners_of(parts):
+        demand_negative("its inequality", plus(twice(P, corner), scaled(alpha, P)))
+
+
+def corners_of(parts: Parts) -> Iterator[Matrix]:
+    """M + G diag(d) H at all corners of the slopes."""
+    for d in product((-1, 1), repeat=len(parts.H)):
+        signed = [[x * sign for x, sign in zip(row, d, strict=True)] for row in parts.G]
+        yield plus(parts.M, times(signed, parts.H)) if d else parts.M
+
+
+@dataclass(frozen=True)
+class Decay:
+    """Decay of an observer's error at every gain from a least one on: how it `falls`, the name and the value of the
+    least `gain` that an observer has, and what is `said` of its error at every gain above a bound."""
+
+    falls: Falls
+    gain: Callable[[Observer], tuple[str, Fraction]] = lambda observer: ("theta", scalar(observer.numbers, "theta"))
+    said: Callable[[Observer], str] = lambda observer: "the error converges exponentially for every theta above {}"
+
+    def converges(self, context: Context, claim: Claim) -> Finding:
+        """The bound above which every gain converges, by a V of the claim; the structure of the form is another."""
+        observer, least = built(context, claim), above_zero(claim.evidence, "least")
+        boxes = self.falls(context, claim, claim.evidence, least, Fraction(0))
+        said = self.said(observer).format(short(least, 1))
+        return Finding(f"in continuous time, without noise, {said}{on(context.form.box)}", boxes)
+
+    def chosen(self, context: Context, claim: Claim) -> Finding:
+        """The observer's gain is above that bound; V falls there, where the claim says at which rate."""
+        (name, chosen), bound = self.gain(built(context, claim)), context.file.claim(f"{claim.maker}.convergence")
+        if bound is None or not chosen > scalar(bound.evidence, "least"):
+            raise Unproved(f"{name} = {short(chosen)} is not above the bound")
+        known = f"{name} = {is_above(chosen, scalar(bound.evidence, 'least'))}"
+        if not claim.evidence:
+            return Finding(known)
+        alpha = signless(claim.evidence, "alpha")
+        boxes = self.falls(context, claim, bound.evidence, chosen, alpha)
+        return Finding(f"{known}, where V' <= -{short(alpha, -1)} V", boxes)
+
+
+def decays(makers: Keys, decay: Decay, slopes: Keys, norm: Keys) -> tuple[Rule, Rule]:
+    """The rules that observers on a form in chains decay: the evidence of their `slopes`, and of a V, its `norm`."""
+    return (
+        on_chains(makers, ("convergence",), decay.converges, (*slopes, "least", *norm)),
+        on_chains(makers, ("theta",), decay.chosen, ("alpha", *norm), "{maker}.convergence"),
+    )
+
+
+def clamped(makers: Keys) -> Rule:
+    """The rule of |db/dz| <= bound on the whole box of z of a form in other coordinates, to which observers clamp the
+    argument of b."""
+
+    def steep(context: Context, claim: Claim) -> Finding:
+        return jacobian_bound(context, claim, context.form.b, "db/dz")
+
+    return of_observer(makers, ("lipschitz",), steep, STEEP, STRUCTURE, kinds=CARRIED)

@@ -1,4 +1,18 @@
-"""A call's program as a certificate lists it: its statements against a step of a method on an observer's equation.
+"""How far a number that a program computes may be from that of exact arithmetic: a running error analysis.
+
+Each value v of exact arithmetic is in an interval, and |v~ - v| <= e, v~ what is computed of it. Round to nearest takes
+at most u |v~| more, u = 2^-24 or 2^-53, and `tiny`, the smallest normal number, where a result underflows:
+
+    v = a +- b  e = e_a + e_b                           v = a b    e = |a| e_b + |b| e_a + e_a e_b
+    v = a / b   e = (e_a + |v| e_b)/(|b| - e_b)         v = f(a)   e = sup|f'| e_a
+    each        + k (u (|v| + e) + tiny)
+
+k is 1 of these operations, 0 of what is exact: -a, |a|, min, max, products with 1 and 2, whole numbers up to 2^24. A
+constant that is none of these is rounded 8 times as a double, and once more. Of functions k is what a program's
+functions are measured to err by, twice: no arithmetic here shows it. Source: N. J. Higham, Accuracy and Stability of
+Numerical Algorithms, 2nd ed., 2002, section 3.3.
+
+A call's program as a certificate lists it: its statements against a step of a method on an observer's equation.
 
     x1, ..   the elements of the fields      y1_last, y1, ..   samples, of the last call and of this one
     v1, ..   the statements                  u1_last, u1, ..   inputs alike
@@ -17,6 +31,12 @@ clamps a field to the range of the state that it estimates. The step
 
 are identities of the program in exact arithmetic, stage by stage, but for what its constants are rounded: by how much a
 statement is beside them is a quotient of what stands before it.
+
+That the sizes of what a program rounds follow from its statements, which are those of the step (`program`).
+
+How far it is from the step in its precision is computed where the plant is in its ranges and the error of each field
+within a bound, in pieces of the ranges of the states that outputs show. All shares together are at most that bound: an
+error that inputs alone made never leaves it.
 """
 
 import re
@@ -24,18 +44,156 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from fractions import Fraction
 from functools import cached_property, partial
+from itertools import pairwise, product
 from typing import Any
 
 from .algebra import Algebra, Quotient, TooLarge
-from .arithmetic import Arithmetic, Undefined, evaluate
-from .box import End, NotShown
-from .computed import Computed
-from .context import Context, applied, inner
-from .file import entries, part
+from .arithmetic import Arithmetic, Dual, Undefined, Unproved, dual, evaluate
+from .box import End
+from .context import Context, applied, inner, short
+from .file import column, entries, part
+from .inclusion import ErrorInclusion
 from .inequality import Tableau
-from .interval import Interval, intervals
+from .interval import Interval, between, hull, intervals, point
+from .plant_motion import demand_keys, demand_speeds
 from .text import HIGHEST, ONE_ARGUMENT, OPERATIONS, Expression, Unreadable, expression, is_number, number
-from .uncertain import ErrorInclusion
+
+_NO_ERROR, _ONE = point(Fraction(0)), point(Fraction(1))
+_WHOLE = 2**24
+_FOLDED = Fraction(8, 2**53) * (1 + Fraction(1, 2**40))  # of a constant, before it is rounded to the precision
+_BITS = {"float": (24, 126), "double": (53, 1022)}  # of u and of the smallest normal number
+_ANGLE = Fraction(200)  # up to which sin, cos and tan are measured
+UNITS: Mapping[str, Fraction] = {  # u by which a function may err, twice its measured ulps, an ulp at most 2 u
+    **{name: Fraction(8) for name in ("sqrt", "exp", "log", "sin", "cos", "asin", "acos", "atan", "cosh")},
+    **{name: Fraction(14) for name in ("tanh", "asinh", "acosh", "atanh")},
+    "tan": Fraction(16),
+    "sinh": Fraction(10),
+}
+POWER = Fraction(6), Fraction(8)  # the same of x^k: so many, and so many for each k |log x|
+PRECISIONS = tuple(_BITS)
+
+
+@dataclass(frozen=True)
+class Computed:
+    """The interval of a value, and the largest error, an interval whose upper end counts; `number` of a value that is
+    one, which the program has exactly."""
+
+    real: str
+    value: Interval
+    error: Interval = _NO_ERROR
+    number: Fraction | None = None
+
+    @property
+    def around(self) -> Interval:
+        """Where the exact and the computed value are."""
+        return self.value + _both(self.error)
+
+    def beside(self, size: Interval) -> "Computed":
+        """Of an exact value that may be so far beside."""
+        return Computed(self.real, self.value + _both(size), self.error + size)
+
+    def __add__(self, other: "Computed") -> "Computed":
+        if self.number == 0 or other.number == 0:
+            return other if self.number == 0 else self
+        return self.rounded(self.value + other.value, self.error + other.error)
+
+    def __sub__(self, other: "Computed") -> "Computed":
+        return self.rounded(self.value - other.value, self.error + other.error)
+
+    def __neg__(self) -> "Computed":
+        return Computed(self.real, -self.value, self.error, None if self.number is None else -self.number)
+
+    def __mul__(self, other: "Computed") -> "Computed":
+        for one, factor in ((self, other), (other, self)):
+            if factor.number in (1, 2):
+                return self.rounded(factor.value * one.value, factor.value * one.error, Fraction(0))
+        a, b = _size(self.value), _size(other.value)
+        value = intervals.power(self.value, 2) if self is other else self.value * other.value
+        return self.rounded(value, a * other.error + b * self.error + self.error * other.error)
+
+    def __truediv__(self, other: "Computed") -> "Computed":
+        value = self.value / other.value
+        return self.rounded(value, (self.error + _size(value) * other.error) / _size(other.around))
+
+    def rounded(self, value: Interval, inherited: Interval, units: Fraction = Fraction(1)) -> "Computed":
+        """The result of an operation on it, which errs by so many u. Raises: `Undefined` of what may overflow."""
+        bits, normal = _BITS[self.real]
+        share, whole = units / 2**bits, _size(value) + inherited
+        error = inherited + point(share * (1 + 2 * share * (units > 1))) * whole + point(units / 2**normal)
+        if not (error.finite and (whole + error).at_most(Fraction(2) ** (normal + 1))):
+            raise Undefined("a value that may overflow")
+        return Computed(self.real, value, error)
+
+    def through(self, name: str, units: Fraction) -> "Computed":
+        """A function of it that is no operation."""
+        slope = dual(intervals).function(name, (Dual(self.around, {0: _ONE}),)).slopes[0]
+        return self.rounded(intervals.function(name, (self.value,)), _size(slope) * self.error, units)
+
+
+def _size(value: Interval) -> Interval:
+    size: Interval = intervals.function("Abs", (value,))
+    return size
+
+
+def _by_power(x: Interval, exponent: Fraction | int) -> Fraction:
+    """The u by which x^exponent may err. Raises: `Undefined` where it is not bounded."""
+    least, each = map(point, POWER)
+    steep = least + each * point(abs(Fraction(exponent))) * _size(intervals.function("log", (x,)))
+    high = steep.exactly[1]
+    if not isinstance(high, Fraction):
+        raise Undefined("a power whose error has no bound")
+    return high
+
+
+def _both(error: Interval) -> Interval:
+    return hull(-error, error)
+
+
+def constant(real: str, text: Expression) -> Computed:
+    """A number that an expression without names says, which a program has as one constant. Raises: `Undefined`."""
+    value: Interval = evaluate(text, {}, intervals)
+    return Computed(real, value).rounded(value, _size(value) * point(_FOLDED))
+
+
+def precision(real: str) -> Arithmetic:
+    """The arithmetic of a program in a precision, of `PRECISIONS`."""
+
+    def number(value: Fraction) -> Computed:
+        if value.denominator == 1 and abs(value) <= _WHOLE:
+            return Computed(real, point(value), number=value)
+        return Computed(real, point(value)).rounded(point(value), point(abs(value) * _FOLDED))
+
+    def power(x: Computed, exponent: int) -> Computed:
+        size = _size(x.around)
+        slope = intervals.power(size, exponent - 1) * point(abs(Fraction(exponent)))
+        return x.rounded(intervals.power(x.value, exponent), slope * x.error, _by_power(size, exponent))
+
+    def root(x: Computed, exponent: Fraction) -> Computed:
+        units = UNITS["sqrt"] if exponent == Fraction(1, 2) else _by_power(x.around, exponent)
+        slope = intervals.root(x.around, exponent - 1) * point(abs(exponent))
+        return x.rounded(intervals.root(x.value, exponent), slope * x.error, units)
+
+    def function(name: str, args: tuple[Computed, ...]) -> Computed:
+        if name in ("Min", "Max"):
+            first, second = args
+            value = intervals.function(name, (first.value, second.value))
+            return Computed(real, value, intervals.function("Max", (first.error, second.error)))
+        (x,) = args
+        if name == "Abs":
+            return Computed(real, _size(x.value), x.error)
+        if name not in UNITS:
+            raise Undefined(f"how far {name} errs is not known")
+        if name in ("sin", "cos", "tan") and not _size(x.around).at_most(_ANGLE):
+            raise Undefined("an angle beyond those of which the error is measured")
+        return x.through(name, UNITS[name])
+
+    def no_hull(way: Computed, a: Computed, b: Computed) -> Computed:
+        raise Undefined("no second slopes of Min and Max")
+
+    return Arithmetic(number, power, root, function, no_hull)
+
+
+# ---
 
 _LONGEST = 5_000  # statements, of which a call of 8 states has some 500
 _FUNCTIONS = 1_000  # of these: each is compared with those before it
@@ -78,7 +236,7 @@ class Walk:
         self.count = 0
 
     def value(self, operand: str) -> Any:
-        """Of a name, a number or a statement. Raises: `NotShown`, and what the arithmetic raises."""
+        """Of a name, a number or a statement. Raises: `Unproved`, and what the arithmetic raises."""
         if is_statement(operand):
             while int(operand[1:]) > self.count:
                 self._next()
@@ -92,7 +250,7 @@ class Walk:
         try:
             return self.constant(expression(operand, ()))
         except Unreadable:
-            raise NotShown(f"its program reads {operand!r}, which it has not") from None
+            raise Unproved(f"its program reads {operand!r}, which it has not") from None
 
     def rename(self, operand: str, value: Any) -> None:
         """Has a statement another value from now on, the first time; a name or a number keeps its own."""
@@ -104,9 +262,9 @@ class Walk:
         try:
             at, (word, operands) = next(self.rest)
         except StopIteration:
-            raise NotShown("its program reads a statement that it has not") from None
+            raise Unproved("its program reads a statement that it has not") from None
         if any(is_statement(each) and int(each[1:]) >= at for each in operands):
-            raise NotShown(f"statement {at} reads one that is not before it")
+            raise Unproved(f"statement {at} reads one that is not before it")
         name, value = f"v{at}", self._applied(word, operands)
         self.count = at
         self.values[name] = self.beside[name](self, value) if name in self.beside else value
@@ -120,13 +278,13 @@ class Walk:
 
 
 def listed(holder: Mapping[str, Any], fields: int, stages: int) -> Listed:
-    """The program of a share. Raises: `NotShown`."""
+    """The program of a share. Raises: `Unproved`."""
     texts = part(holder, "program", list)
     if len(texts) > _LONGEST or not all(isinstance(text, str) and text.split() for text in texts):
-        raise NotShown(f"its program is no list of at most {_LONGEST} statements")
+        raise Unproved(f"its program is no list of at most {_LONGEST} statements")
     statements = [(word, operands) for word, *operands in map(str.split, texts)]
     if sum(word not in _PLAIN for word, _ in statements) > _FUNCTIONS:
-        raise NotShown(f"its program has more than {_FUNCTIONS} functions")
+        raise Unproved(f"its program has more than {_FUNCTIONS} functions")
     rows = {key: [_operands({key: row}, key, fields) for row in entries(holder, key, stages)] for key in _STAGES}
     return Listed(statements, rows["stages"], rows["rates"], _operands(holder, "after", fields))
 
@@ -137,28 +295,28 @@ _STAGES = ("stages", "rates")
 def _operands(holder: Mapping[str, Any], key: str, count: int) -> list[str]:
     texts = entries(holder, key, count)
     if not all(isinstance(text, str) for text in texts):
-        raise NotShown(f"its {key} are no operands")
+        raise Unproved(f"its {key} are no operands")
     return texts
 
 
 def _exponent(text: str) -> Fraction:
-    """An exponent other than 1/2, which is a square root. Raises: `NotShown`."""
+    """An exponent other than 1/2, which is a square root. Raises: `Unproved`."""
     try:
         exponent = number(text)
     except Unreadable:
-        raise NotShown(f"its program has the power {text!r}, which is no number") from None
+        raise Unproved(f"its program has the power {text!r}, which is no number") from None
     if abs(exponent) > HIGHEST or exponent == Fraction(1, 2):
-        raise NotShown(f"its program has the power {text!r}, which is a square root or too large")
+        raise Unproved(f"its program has the power {text!r}, which is a square root or too large")
     return exponent
 
 
 def _applied(word: str, values: Sequence[Any], arithmetic: Arithmetic) -> Any:
-    """Raises: `NotShown` of an operation that is none."""
+    """Raises: `Unproved` of an operation that is none."""
     count = _OPERANDS.get(word)
     if count is None:
-        raise NotShown(f"its program has the operation {word!r}, whose rounding is not known")
+        raise Unproved(f"its program has the operation {word!r}, whose rounding is not known")
     if len(values) != count:
-        raise NotShown(f"its program takes {word!r} of {len(values)} values")
+        raise Unproved(f"its program takes {word!r} of {len(values)} values")
     if word in OPERATIONS:
         return OPERATIONS[word](*values)
     if word == "square":
@@ -177,7 +335,7 @@ _OPERANDS = {
 # --- the equation
 
 Row = Sequence[Quotient]
-_NONE = Fraction(0)
+_ZERO = Fraction(0)
 
 
 @dataclass(frozen=True)
@@ -191,19 +349,19 @@ class Equation:
 
     @cached_property
     def scales(self) -> list[Fraction]:
-        """By field (N), its error e_k where that of its state of the form is 1. Raises: `NotShown`."""
+        """By field (N), its error e_k where that of its state of the form is 1. Raises: `Unproved`."""
         return self.error.scales(self.context, self.theta)
 
     @cached_property
     def units(self) -> list[Fraction]:
-        """r (N), the error e_k where that of the field is 1. Raises: `NotShown`."""
+        """r (N), the error e_k where that of the field is 1. Raises: `Unproved`."""
         if not self.error.units:
             return self.scales
         own = self.error.units
         return [own[i] / self.theta**p for i, p in zip(self.error.index, self.error.power, strict=True)]
 
     def rates(self, algebra: Algebra, x: Row, y: Row, u: Row) -> list[Quotient]:
-        """x' (N) of fields x (N), samples y (p) and inputs u (m). Raises: `NotShown`, `Undefined`, `TooLarge`."""
+        """x' (N) of fields x (N), samples y (p) and inputs u (m). Raises: `Unproved`, `Undefined`, `TooLarge`."""
         context, error, number = self.context, self.error, algebra.number
         names = {name: number(value) for name, value in self.parameters.items()}
         names |= zip(context.file.inputs, u, strict=True)
@@ -273,13 +431,13 @@ class StepProgram:
     between: str
 
     def besides(self) -> "Besides":
-        """By how much its statements are beside the step, in exact arithmetic. Raises: `NotShown`."""
+        """By how much its statements are beside the step, in exact arithmetic. Raises: `Unproved`."""
         try:
             return self._besides()
         except Undefined as error:
-            raise NotShown(f"its program has no value: {error}") from None
+            raise Unproved(f"its program has no value: {error}") from None
         except TooLarge:
-            raise NotShown("its program is too large to verify") from None
+            raise Unproved("its program is too large to verify") from None
 
     def _besides(self) -> "Besides":
         stages, fields = len(self.tableau.weights), len(self.equation.units)
@@ -337,13 +495,13 @@ class Besides:
     beside: dict[str, Quotient] = field(default_factory=dict)
 
     def take(self, operands: Sequence[str], wanted: Sequence[Quotient], letters: str = "") -> list[Quotient]:
-        """The values of operands that stand for what is wanted. Raises: `NotShown`, and as the arithmetic."""
+        """The values of operands that stand for what is wanted. Raises: `Unproved`, and as the arithmetic."""
         for k, (operand, value) in enumerate(zip(operands, wanted, strict=True)):
             off = self.walk.value(operand) - value
             exact = operand in self.walk.computed and operand not in self.beside  # what it was before it was renamed
             if not (self.algebra.is_zero(off) or (exact and self.algebra.is_zero(self.walk.computed[operand] - value))):
                 if not is_statement(operand) or operand in {*self.walk.computed, *self.beside}:
-                    raise NotShown(f"{operand} of its program is not what the step has")
+                    raise Unproved(f"{operand} of its program is not what the step has")
                 self.beside[operand] = off
             if letters:
                 self.walk.rename(operand, self.algebra.names[f"{letters} {k}"])
@@ -369,3 +527,153 @@ class _Letters(dict[str, Interval]):
     def __missing__(self, name: str) -> Interval:
         value: Computed = self.walk.value(self.marks.get(name, name))
         return value.value
+
+
+# ---
+
+_ROUNDING_KEYS = ("between", "parameters", "precision", "speeds", "within", "program", "stages", "rates", "after")
+_BETWEEN = ("line", "hold")
+_PIECES = 32  # of the ranges of the states that outputs show
+_ZERO = Fraction(0)
+Side = tuple[Fraction, Fraction]
+
+
+@dataclass(frozen=True)
+class Rounded:
+    """The program of a `step` in a `precision`; errors of samples at most `samples` (p), of fields in units of their
+    states at most `within` (N), the plant moves by at most `moves` (n) in a call."""
+
+    step: StepProgram
+    precision: str
+    samples: Sequence[Fraction]
+    within: Sequence[Fraction]
+    moves: Sequence[Fraction]
+
+    def demand_sizes(self, sizes: Sequence[Fraction]) -> int:
+        """That a call rounds the error of each field by at most h times its size (N); with how many pieces. Raises:
+        `Unproved`."""
+        pieces, beside = self._pieces, self.step.besides().statements
+        for ranges in pieces:
+            try:
+                held, known = self._values(ranges), partial(constant, self.precision)
+                walk = Walk(self.step.program, held, precision(self.precision), beside, known)
+                errors = [walk.value(operand).error for operand in self.step.program.after]
+            except Undefined as error:
+                raise Unproved(f"how far its program rounds is not known: {error}") from None
+            for beside_step, size, unit in zip(errors, sizes, self.step.equation.units, strict=True):
+                if not (point(abs(unit)) * beside_step).at_most(size * self.step.h):
+                    raise Unproved("a size of its rounding is less than how far its program is from the step")
+        return len(pieces)
+
+    @property
+    def _pieces(self) -> list[tuple[Side, ...]]:
+        """The ranges (n) of the states, those that outputs show in pieces."""
+        context = self.step.equation.context
+        heads, sides = {z for z in context.seen if z}, list[list[Side]]()
+        count = round(_PIECES ** (1 / max(1, len(heads))))
+        for z in context.z:
+            low, high = _finite(context.form.box[z])
+            parts = count if z in heads else 1
+            sides.append(list(pairwise(low + (high - low) * Fraction(part, parts) for part in range(parts + 1))))
+        return list(product(*sides))
+
+    def _values(self, ranges: Sequence[Side]) -> dict[str, Computed]:
+        """What the program reads while the plant is in these ranges at the beginning of a call."""
+        equation, context, values = self.step.equation, self.step.equation.context, dict[str, Interval]()
+        known = zip(equation.units, equation.scales, equation.error.index, equation.error.fed, self.within, strict=True)
+        for k, (unit, scale, i, fed, error) in enumerate(known, 1):
+            low, high = ranges[i] if fed else (_ZERO, _ZERO)
+            values[f"x{k}"] = point(scale / unit) * between(low - error, high + error)
+        for j, most in enumerate(self.samples):
+            seen = self._sample(j, ranges) + between(-most, most)
+            values |= dict.fromkeys((f"y{j + 1}_last", f"y{j + 1}"), seen)
+        for j, name in enumerate(context.file.inputs, 1):
+            values |= dict.fromkeys((f"u{j}_last", f"u{j}"), between(*_finite(context.form.box[name])))
+        return {name: Computed(self.precision, value) for name, value in values.items()}
+
+    def _sample(self, output: int, ranges: Sequence[Side]) -> Interval:
+        """The range of an output, from the beginning of a call to its end."""
+        context = self.step.equation.context
+        moved = zip(context.z, ranges, self.moves, strict=True)
+        box = {**context.form.box, **{z: (low - move, high + move) for z, (low, high), move in moved}}
+        text = context.form.output[output]
+        value: Interval = evaluate(text, {name: between(*box[name]) for name in text.names}, intervals)
+        return value
+
+
+def demand_rounding(
+    equation: Equation,
+    tableau: Tableau,
+    h: Fraction,
+    share: Mapping[str, Any],
+    shares: Mapping[str, Mapping[str, Any]],
+    totals: Sequence[Fraction],
+) -> tuple[str, int]:
+    """That the sizes of a share are those of its program, beside all `shares` which come to `totals` (N) in the units
+    of the fields' states; what it assumes, in words, and with how many boxes. Raises: `Unproved`."""
+    follows, context = share["follows"], equation.context
+    n, count, p = len(context.z), len(totals), len(context.form.output)
+    errors, speeds = column(follows, "within", count), column(follows, "speeds", n)
+    if any(error < total for error, total in zip(errors, totals, strict=True)):
+        raise Unproved("the errors within which its program rounds are less than what all shares come to")
+    boxes = demand_speeds(context, speeds)
+    beside = [column(each, "beside", n) for each in shares.values() if each["beside"] != []]
+    moves = [h * (speed + sum(each, _ZERO)) for speed, *each in zip(speeds, *beside, strict=True)]
+    noisy = [column(each, "samples", p) for each in shares.values() if each["samples"] != []]
+    samples = [sum(each, _ZERO) for each in zip(*noisy, strict=True)] or [_ZERO] * p
+    program = listed(follows, count, len(tableau.weights))
+    step = StepProgram(equation, tableau, h, program, _between(context, follows, shares))
+    rounded = Rounded(step, _one_of(follows, "precision", PRECISIONS), samples, errors, moves)
+    boxes += rounded.demand_sizes(column(share, "fields", count))
+    return _said(rounded), boxes
+
+
+def equation_of(context: Context, error: ErrorInclusion, theta: Fraction, follows: Mapping[str, Any]) -> Equation:
+    """The equation of the observer whose program is listed. Raises: `Unproved`."""
+    demand_keys(follows, _ROUNDING_KEYS, "its rounding")
+    return Equation(context, error, theta, parameters_of(context, follows))
+
+
+def parameters_of(context: Context, follows: Mapping[str, Any]) -> dict[str, Fraction]:
+    """The plant's parameters as the program has them, each in its range. Raises: `Unproved`."""
+    names = context.file.parameters
+    values = dict(zip(names, column(follows, "parameters", len(names)), strict=True))
+    for name, value in values.items():
+        low, high = context.form.box[name]
+        if not low <= value <= high:
+            raise Unproved(f"its program has {name} = {value}, outside the model's range")
+    return values
+
+
+def _between(context: Context, follows: Mapping[str, Any], shares: Mapping[str, Mapping[str, Any]]) -> str:
+    """How its program has inputs between two samples: held where none moves. Raises: `Unproved`."""
+    between, motion = _one_of(follows, "between", _BETWEEN), shares.get("method", {}).get("follows", {})
+    rates = column(motion, "rates", len(context.file.inputs)) if "rates" in motion else []
+    if between == "hold" and any(rates):
+        raise Unproved("its program holds inputs that move")
+    return between
+
+
+def _said(rounded: Rounded) -> str:
+    words = {word for word, _ in rounded.step.program.statements}
+    functions = [f"{name} errs by at most {units / 2} ulps" for name, units in UNITS.items() if name in words]
+    functions += [f"x^k by {POWER[0] / 2} and {POWER[1] / 2} more for each |k log x|"] if "pow" in words else []
+    taken = f", where {', '.join(functions)}" if functions else ""
+    equation, count = rounded.step.equation, len(rounded.step.program.statements)
+    each = zip(equation.context.z, equation.error.picks, strict=True)
+    errs = ", ".join(f"{short(rounded.within[k], -1)} in {z}" for z, k in each)
+    return f"what {count} operations in {rounded.precision} round while the estimate errs by at most {errs}{taken}"
+
+
+def _one_of(follows: Mapping[str, Any], key: str, known: Sequence[str]) -> str:
+    value: str = part(follows, key, str)
+    if value not in known:
+        raise Unproved(f"its {key} is none of {', '.join(known)}")
+    return value
+
+
+def _finite(side: tuple[End, End]) -> Side:
+    low, high = side
+    if not (isinstance(low, Fraction) and isinstance(high, Fraction)):
+        raise Unproved("a state or an input has no range")
+    return low, high

@@ -21,14 +21,14 @@ from functools import lru_cache
 from pathlib import Path
 from typing import Annotated, Any, ClassVar
 
-from .arithmetic import Arithmetic, Undefined, along, evaluate, total
-from .box import NotShown, points
-from .context import UNSHOWN, Context, algebra_of, inside, reason_of, short
+from .arithmetic import Arithmetic, Undefined, Unproved, along, evaluate, total
+from .box import points
+from .context import REFUSALS, Context, algebra_of, inside, reason_of, short
 from .file import LARGEST, Certificate, Claim, NoCertificate, part, words
 from .file import read as read_file
 from .interval import intervals
 from .rules import FORMS, OBSERVERS, required, rests, rule_of
-from .rules.phase import box_of_rates
+from .rules.forms import box_of_rates
 from .text import RecheckError, Unreadable
 
 STATED = "stated"  # proved or refuted, but of no evidence that is verified here
@@ -240,10 +240,10 @@ def _row(context: Context, claim: Claim) -> Row:
             return Row(claim.id, verdict, outcome, f"not verified; in the file's words: {reason}")
         rule = rule_of(kind, claim)
         if rule is None:
-            raise NotShown(f"no rule verifies that it is {verdict}")
+            raise Unproved(f"no rule verifies that it is {verdict}")
         _read_only(claim, rule.keys)
         shown = rule.show(context, claim)
-    except UNSHOWN as error:
+    except REFUSALS as error:
         return Row(claim.id, verdict, "fails", reason_of(error))
     about = rule.named(rule.about, kind, claim)
     return Row(claim.id, verdict, "verified", f"{about}: {shown.sentence}{_narrow(context)}", shown.boxes)
@@ -259,10 +259,10 @@ def _narrow(context: Context) -> str:
 
 
 def _read_only(claim: Claim, keys: Iterable[str]) -> None:
-    """Evidence that nothing reads could say anything. Raises: `NotShown`."""
+    """Evidence that nothing reads could say anything. Raises: `Unproved`."""
     strange = sorted(claim.evidence.keys() - set(keys))
     if strange:
-        raise NotShown(f"its evidence has a part {words(strange[0])}, which is unknown here")
+        raise Unproved(f"its evidence has a part {words(strange[0])}, which is unknown here")
 
 
 # --- what claims leave unexamined
@@ -309,7 +309,7 @@ def _unshown(context: Context) -> str:
                 return f"{name} is not shown to be the plant's"
     except Undefined:
         return "an expression of it has no value"
-    except UNSHOWN as error:
+    except REFUSALS as error:
         return reason_of(error)
     return ""
 
@@ -318,7 +318,7 @@ def _differences(context: Context) -> Iterator[str]:
     """A sentence on the first of some points of the plant's box where the sides of an equation differ."""
     try:
         box, speeds = _moving(context)
-    except NotShown:
+    except Unproved:
         return
     for k in range(_POINTS):
         at = {
@@ -335,7 +335,7 @@ def _differences(context: Context) -> Iterator[str]:
 
 
 def _moving(context: Context) -> tuple[Mapping[str, tuple[Any, Any]], Mapping[str, str]]:
-    """The plant's box with derivatives of inputs, and which is whose. Raises: `NotShown`."""
+    """The plant's box with derivatives of inputs, and which is whose. Raises: `Unproved`."""
     box, rates = box_of_rates(context)
     read = {name for row in context.form.to_form for name in row.names}
     return box, {u: rate for u, rate in rates.items() if u in read}

@@ -11,8 +11,8 @@ from pkgutil import iter_modules
 from types import ModuleType
 from typing import Any
 
+from ..context import Needed, Rule
 from ..file import Built, Certificate, Claim
-from ..rule import Needed, Rule
 from ..text import RecheckError
 
 

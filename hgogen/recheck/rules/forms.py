@@ -5,43 +5,77 @@
     uniform   z_i' = F_i(z_1, .., z_(i+1), u),   y = h(z_1, u),   dh/dz_1, dF_(i-1)/dz_i never 0
 
 Source of the first: N. Boizot, E. Busvelle, J.-P. Gauthier, Automatica 46 (2010), form (3).
+
+The map to phase coordinates, verified again: Phi = (y, y', .., y^(n-1)), its rank, and that it is one to one.
+
+Phi_1 = h, Phi_(k+1) = dPhi_k/dx f + sum_u dPhi_k/du u', as rational functions, with the derivatives of inputs as names.
+Phi is one to one on the box, which is a product of intervals, if at every point all principal minors of L dPhi/dx are
+above 0, L constant and invertible, and Phi is differentiable (Gale, Nikaido, Math. Annalen 159 (1965), theorem 4).
+Source: Gauthier, Hammouri, Othman, IEEE TAC 37 (1992).
 """
 
+import math
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from fractions import Fraction
+from itertools import combinations, pairwise
+from typing import Any
 
-from ..algebra import Quotient
-from ..box import Box, NotShown, covered, witnessed
-from ..chain import jacobian_bound, place_of, ranges_kept, structure, wanted_gain
-from ..context import RANGE, Context, Shown, claimed, enclosed, finite, narrowed, only, witness
-from ..file import Claim, FormFile, part
-from ..rule import POINT, STEEP, Needed, Rule
-from ..slope import at_kinks, continuous, differentiable, regular
+from ..algebra import Algebra, Quotient
+from ..arithmetic import Unproved, determinant
+from ..box import Box, continuous, covered, differentiable, narrowed, ranged, regular, witnessed
+from ..context import (
+    POINT,
+    RANGE,
+    STEEP,
+    Context,
+    Finding,
+    Needed,
+    Rule,
+    algebra_of,
+    applied,
+    claimed,
+    declared_box,
+    enclosed,
+    finite,
+    jacobian_bound,
+    only,
+    place_of,
+    ranges_kept,
+    short,
+    structure,
+    wanted_gain,
+    witness,
+)
+from ..file import Claim, FormFile, fields, matrix, part, scalar
+from ..inequality import place
+from ..matrix import inverse
 from ..tables import jumps
-from ..text import Expression, expression
+from ..text import KINKS, Expression, expression
 
 # --- chains
 
 
-def _gain(context: Context, claim: Claim) -> Shown:
+def _gain(context: Context, claim: Claim) -> Finding:
     """0 < a_m <= a_i <= a_M on the box."""
     low, _, shown = enclosed(context, claim.evidence, *wanted_gain(context, claim.at))
     if low <= 0:
-        raise NotShown("its lower bound is not above zero")
-    return Shown(f"{claim.what}: {shown.sentence}", shown.boxes)
+        raise Unproved("its lower bound is not above zero")
+    return Finding(f"{claim.what}: {shown.sentence}", shown.boxes)
 
 
-def _no_gain(context: Context, claim: Claim) -> Shown:
+def _no_gain(context: Context, claim: Claim) -> Finding:
     """At a point of the box a_i is zero or negative."""
     wanted, source = wanted_gain(context, claim.at)
     text = claimed(context, claim.evidence, wanted)
     at = witness(claim, context.form.box, text.names | source.names)
     what = witnessed(text, at)
     if what not in ("zero", "negative"):
-        raise NotShown(f"{text.text} is not shown to be zero or negative at its witness")
-    return Shown(f"{text.text} is {what} at {', '.join(f'{name} = {value}' for name, value in at.items())}")
+        raise Unproved(f"{text.text} is not shown to be zero or negative at its witness")
+    return Finding(f"{text.text} is {what} at {', '.join(f'{name} = {value}' for name, value in at.items())}")
 
 
-def _offset(context: Context, claim: Claim) -> Shown:
+def _offset(context: Context, claim: Claim) -> Finding:
     """c = y - a_1 z_1 is finite on the box."""
     _ = context.equations
     chain = claim.at[0] if claim.at else 1
@@ -65,7 +99,7 @@ def _rows_of_chains(form: FormFile) -> tuple[str, ...]:
 # --- affine in the states
 
 
-def _affine(context: Context, claim: Claim) -> Shown:
+def _affine(context: Context, claim: Claim) -> Finding:
     """y = d + sum c_k z_k with d = y(0), c_k = y(z_k = 1) - y(0) for every z, so that both are of no state; A, b read
     states that an output shows alone, with a number for c_k."""
     _ = context.equations
@@ -76,65 +110,65 @@ def _affine(context: Context, claim: Claim) -> Shown:
         slopes = {name: algebra.read(output, {**rest, name: algebra.one}) - d for name in z}
         line = sum((slopes[name] * algebra.names[name] for name in z), start=d)
         if not algebra.is_zero(context.value(output) - line):
-            raise NotShown(f"output {j} is not affine in the states")
+            raise Unproved(f"output {j} is not affine in the states")
         seen = [name for name in z if not algebra.is_zero(slopes[name])]
         measured += seen if len(seen) == 1 and slopes[seen[0]].number is not None else []
     for i, (entries, rest_) in enumerate(zip(context.form.A, context.form.b, strict=True), 1):
         for row in (*entries, rest_):
             only(row.names & set(z), measured, f"row {i} of A or b")
     ranges_kept(context)
-    return Shown(f"A and b read {', '.join(measured) or 'no state'}, and the form's equations are the plant's")
+    return Finding(f"A and b read {', '.join(measured) or 'no state'}, and the form's equations are the plant's")
 
 
 # --- uniform
 
 
-def _uniform(context: Context, claim: Claim) -> Shown:
+def _uniform(context: Context, claim: Claim) -> Finding:
     """F_i reads z_1..z_(i+1), y reads z_1."""
     _ = context.equations
     z = context.z
     for i, row in enumerate(context.rates):
         only(row.names & set(z), z[: i + 2], f"F_{i + 1}")
     if len(context.form.output) != 1:
-        raise NotShown("the uniform form has one output")
+        raise Unproved("the uniform form has one output")
     only(context.form.output[0].names & set(z), z[:1], "the output")
     ranges_kept(context)
-    return Shown(f"{' -> '.join(('y', *z))}, and the form's equations are the plant's")
+    return Finding(f"{' -> '.join(('y', *z))}, and the form's equations are the plant's")
 
 
-def _slope(context: Context, claim: Claim) -> Shown:
+def _slope(context: Context, claim: Claim) -> Finding:
     """dh/dz_1, or dF_(i-1)/dz_i, is bounded and bounded away from zero on the box."""
     wanted, rate = _wanted_slope(context, *claim.at)
-    low, high, shown = enclosed(context, claim.evidence, wanted, rate, lambda text: at_kinks(text, rate, context))
+    low, high, shown = enclosed(context, claim.evidence, wanted, rate, lambda text: context.at_kinks(text, rate))
     if low <= 0 <= high:
-        raise NotShown("its bounds do not keep clear of zero")
+        raise Unproved("its bounds do not keep clear of zero")
     continuous((rate,), (context.z[claim.at[0] - 1],), context.form.box)
-    return Shown(f"{claim.what}: {shown.sentence}", shown.boxes)
+    return Finding(f"{claim.what}: {shown.sentence}", shown.boxes)
 
 
-def _no_slope(context: Context, claim: Claim) -> Shown:
+def _no_slope(context: Context, claim: Claim) -> Finding:
     """A slope is zero at a point of the box that is at no kink; or it has opposite signs at two, and what it is of is
     continuous."""
     wanted, rate = _wanted_slope(context, *claim.at)
     text = claimed(context, claim.evidence, wanted)
-    read = at_kinks(text, rate, context)
+    read = context.at_kinks(text, rate)
     keys = [key for key in ("witness", "other") if key in claim.evidence]
     signs = [witnessed(read, witness(claim, context.form.box, text.names, key)) for key in keys]
     if signs == ["zero"]:
         differentiable((rate, text), witness(claim, context.form.box, text.names | rate.names))
-        return Shown(f"{text.text} is zero at its witness")
+        return Finding(f"{text.text} is zero at its witness")
     if sorted(signs) != ["negative", "positive"]:
-        raise NotShown(f"{text.text} is not shown to be zero, or to change its sign")
+        raise Unproved(f"{text.text} is not shown to be zero, or to change its sign")
     if any(step.op == "sign" or jumps(step.op) for step in rate.instructions):
-        raise NotShown(f"{rate.text} is not shown to be continuous")
+        raise Unproved(f"{rate.text} is not shown to be continuous")
     boxes = finite(text, context.form.box) + finite(rate, context.form.box)
-    return Shown(f"{text.text} changes its sign", boxes)
+    return Finding(f"{text.text} changes its sign", boxes)
 
 
 def _wanted_slope(context: Context, index: int) -> tuple[Quotient, Expression]:
     _ = context.equations
     if not 1 <= index <= len(context.z):
-        raise NotShown("the form has no such row")
+        raise Unproved("the form has no such row")
     rate = context.form.output[0] if index == 1 else context.rates[index - 2]
     return context.slope(rate, context.z[index - 1]), rate
 
@@ -146,7 +180,7 @@ def _slopes(form: FormFile) -> tuple[str, ...]:
 # --- how steep
 
 
-def _lipschitz(context: Context, claim: Claim) -> Shown:
+def _lipschitz(context: Context, claim: Claim) -> Finding:
     """|d rows/dz| <= bound, of the rows that the kind of the form has in `_STEEP`."""
     name, rows = _STEEP[context.form.kind]
     return jacobian_bound(context, claim, rows(context), name)
@@ -165,12 +199,12 @@ _STEEP: Mapping[str, tuple[str, Callable[[Context], Sequence[Expression]]]] = {
 # --- coordinates
 
 
-def _inverse(context: Context, claim: Claim) -> Shown:
+def _inverse(context: Context, claim: Claim) -> Finding:
     """z = Z(x) and x = X(z) undo each other and have finite derivatives on their boxes."""
     _ = context.equations
     form, plant = context.form, context.plant
     boxes = _regular(form.to_form, plant.states, plant.box) + _regular(form.from_form, form.states, form.box)
-    return Shown("the change of coordinates and its inverse are smooth and undo each other", boxes)
+    return Finding("the change of coordinates and its inverse are smooth and undo each other", boxes)
 
 
 def _regular(rows: Sequence[Expression], names: Sequence[str], box: Box) -> int:
@@ -178,15 +212,152 @@ def _regular(rows: Sequence[Expression], names: Sequence[str], box: Box) -> int:
     return covered(narrowed(box, read), ".", regular(rows, [name for name in names if name in read]))
 
 
-def _range(context: Context, claim: Claim) -> Shown:
+def _range(context: Context, claim: Claim) -> Finding:
     """Each z_i keeps to its range while the plant's states do."""
-    return Shown("the form's states keep to their ranges while the plant's do", ranges_kept(context, every=True))
+    return Finding("the form's states keep to their ranges while the plant's do", ranges_kept(context, every=True))
+
+
+# ---
+
+MOST = 6  # states, beyond which the determinant's expansion is too long
+
+
+def phases(context: Context, claim: Claim) -> Finding:
+    """Phi is the output with its derivatives along the plant's flow, and smooth on the box, but for its last entry also
+    in what inputs do: where an input passes a kink, the entry has no derivative."""
+    plant, states = context.plant, context.plant.states
+    box, rates, Phi = _read_phases(context, claim)
+    if len(plant.output) != 1 or len(Phi) != len(states):
+        raise Unproved("it is not one output with n - 1 derivatives")
+    for row in (*plant.flow, *plant.output):
+        finite(row, plant.box)
+    algebra = algebra_of(box)
+    speeds = {name: algebra.read(row) for name, row in zip(states, plant.flow, strict=True)}
+    speeds |= {name: algebra.names[rate] for name, rate in rates.items()}
+    if not algebra.is_zero(algebra.read(Phi[0]) - algebra.read(plant.output[0])):
+        raise Unproved("it does not begin with the output")
+    if context.form.kind in ("phase", "phase.recovered"):
+        for row, image in zip(context.form.to_form, Phi, strict=True):
+            if not algebra.is_zero(algebra.read(row) - algebra.read(image)):
+                raise Unproved("the form's states are not Phi")
+    known = set(states) | set(rates) | set(context.file.parameters)
+    _smooth_enough(Phi[:-1], 1)
+    for k, (before, after) in enumerate(pairwise(Phi), 1):
+        if before.names - known:
+            raise Unproved(f"it does not say the derivative of {sorted(before.names - known)[0]}")
+        if not algebra.is_zero(algebra.read(after) - algebra.speed(before, speeds)):
+            raise Unproved(f"its entry {k + 1} is not the derivative of entry {k}")
+    boxes = sum(_regular_row(row, states, box) for row in Phi)
+    return Finding("Phi = (y, y', ..) along the plant's flow", boxes)
+
+
+def rank(context: Context, claim: Claim) -> Finding:
+    """det dPhi/dx keeps clear of zero; Phi is another claim."""
+    slopes = _phase_slopes(context, claim)
+    low, high, boxes = _bounded_determinant(slopes, slopes.rows, claim.evidence)
+    if low <= 0 <= high:
+        raise Unproved("its bounds do not keep clear of zero")
+    return Finding(f"{short(low, -1)} <= det dPhi/dx <= {short(high, 1)}", boxes)
+
+
+def one_to_one(context: Context, claim: Claim) -> Finding:
+    """All principal minors of L dPhi/dx are above zero; Phi is another claim."""
+    slopes, n, boxes = _phase_slopes(context, claim), len(context.plant.states), 0
+    _smooth_enough(slopes.Phi, 0)
+    L, algebra = matrix(claim.evidence, "weights", n, n), slopes.algebra
+    _ = inverse(L)
+    weighed = [*zip(*(applied(algebra, L, column) for column in zip(*slopes.rows, strict=True)), strict=True)]
+    left = {places for size in range(1, n + 1) for places in combinations(range(n), size)}
+    for minor in part(claim.evidence, "minors", list):
+        fields(minor, "a minor", ("places", *RANGE))
+        places = tuple(place({"places": k}, "places", n) for k in part(minor, "places", list))
+        if places not in left:
+            raise Unproved(f"{[k + 1 for k in places]} are no places of a minor, or stand twice")
+        left.remove(places)
+        low, _, more = _bounded_determinant(slopes, [[weighed[i][j] for j in places] for i in places], minor)
+        if low <= 0:
+            raise Unproved("a minor is not shown to be above zero")
+        boxes += more
+    if left:
+        raise Unproved(f"{len(left)} principal minors are missing")
+    return Finding("Phi is one to one on the box: all principal minors of L dPhi/dx are above 0", boxes)
+
+
+@dataclass(frozen=True)
+class _Slopes:
+    """dPhi/dx as quotients, the `rows` (n, n), with what they are made of."""
+
+    rows: list[list[Quotient]]
+    Phi: list[Expression]
+    box: Box
+    algebra: Algebra
+
+
+def _phase_slopes(context: Context, claim: Claim) -> _Slopes:
+    box, _, Phi = _read_phases(context, context.file.claim("phase.chain") or claim)
+    states = context.plant.states
+    if len(states) > MOST:
+        raise Unproved(f"the determinant of more than {MOST} states is not computed")
+    algebra = algebra_of(box)
+    return _Slopes([[algebra.speed(row, {name: algebra.one}) for name in states] for row in Phi], Phi, box, algebra)
+
+
+def _bounded_determinant(
+    slopes: _Slopes, rows: list[list[Quotient]], evidence: Mapping[str, Any]
+) -> tuple[Fraction, Fraction, int]:
+    """The bounds that evidence tells of the determinant of rows, once they are shown, with how many boxes."""
+    text, algebra = expression(part(evidence, "expression", str), slopes.box), slopes.algebra
+    if not algebra.is_zero(algebra.read(text) - (determinant(rows) if rows else algebra.one)):
+        raise Unproved(f"its expression {text.text} is not the determinant")
+    low, high = scalar(evidence, "low"), scalar(evidence, "high")
+    where = declared_box(evidence, slopes.box, text.names)
+    return low, high, covered(where, part(evidence, "tree", str), ranged(text, low, high))
+
+
+def _read_phases(context: Context, claim: Claim) -> tuple[Box, Mapping[str, str], list[Expression]]:
+    """The box and the names of `box_of_rates`, and Phi."""
+    box, rates = box_of_rates(context)
+    return box, rates, [expression(text, box) for text in part(claim.evidence, "chain", list)]
+
+
+def box_of_rates(context: Context) -> tuple[Box, Mapping[str, str]]:
+    """The plant's box with the derivatives of inputs, unbounded where they have no range; which name is the derivative
+    of which, by the names. Raises: `Unproved`."""
+    count, inputs = len(context.plant.states), context.file.inputs
+    endings = [*(f"_{'d' * k}ot" for k in range(1, min(count, 3) + 1)), *(f"_d{k}" for k in range(4, count + 1))]
+    lines = [[name, *(f"{name.rstrip('_')}{suffix}" for suffix in endings)] for name in inputs]
+    derived = {other for line in lines for other in line[1:]}
+    rates = {one: after for line in lines if line[0] not in derived for one, after in pairwise(line)}
+    box = {**dict.fromkeys(rates.values(), (-math.inf, math.inf)), **context.plant.box}
+    if derived & {*context.plant.states, *context.file.parameters}:
+        raise Unproved("a name that a derivative of an input would have is taken")
+    return box, rates
+
+
+def _smooth_enough(rows: Sequence[Expression], order: int) -> None:
+    """That they have no modulus and the like, and no table whose derivative of that order jumps. Raises: `Unproved`."""
+    for row in rows:
+        if any(step.op in KINKS or jumps(step.op, order) for step in row.instructions):
+            raise Unproved(f"{row.text[:60]} is not shown to be differentiable")
+
+
+def _regular_row(row: Expression, states: Sequence[str], box: Box) -> int:
+    """With how many boxes a row is shown to have finite derivatives; where a side is unbounded it is a polynomial.
+    Raises: `Unproved`."""
+    if all(math.isfinite(end) for name in row.names for end in box[name]):
+        return covered(narrowed(box, row.names), ".", regular([row], [name for name in states if name in row.names]))
+    for op, _, value in row.instructions:
+        whole = op == "power" and isinstance(value, int) and value >= 0
+        if not whole and op not in ("number", "symbol", "add", "sub", "mul", "neg"):
+            raise Unproved(f"{row.text[:60]} is not shown to be smooth on an unbounded box")
+    return 0
 
 
 _CHAINS, _UNIFORM = ("triangular", "block_triangular"), ("uniform",)
 _OF_A, _OF_OFFSET, _OF_SLOPE = {"triangular": 1, "block_triangular": 2}, {"block_triangular": 1}, {"uniform": 1}
 _COORDINATES = "the form's coordinates"
 NEEDED = {
+    **dict.fromkeys(("phase", "phase.recovered", "phase, original coordinates"), Needed("phase.chain")),
     "triangular": Needed("triangular.structure", _rows),
     "block_triangular": Needed("block_triangular.structure", _rows_of_chains),
     "state_affine": Needed("state_affine.structure", lambda form: ("state_affine.lipschitz",)),
@@ -204,4 +375,7 @@ RULES = (
     Rule((), ("lipschitz",), _lipschitz, STEEP, (*_STEEP,)),
     Rule(("recast",), ("inverse",), _inverse, about=_COORDINATES),
     Rule(("recast",), ("range",), _range, about=_COORDINATES),
+    Rule(("phase",), ("chain",), phases, ("chain",), about="the plant"),
+    Rule(("phase",), ("rank",), rank, RANGE, rests=("phase.chain",), about="the plant"),
+    Rule(("phase",), ("inverse",), one_to_one, ("weights", "minors"), rests=("phase.chain",), about="the plant"),
 )

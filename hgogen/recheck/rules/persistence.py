@@ -1,4 +1,12 @@
-"""That inputs show every state of a state-affine plant, and how much of it every window shows, verified again.
+"""How x' = A x moves over a piece of time, and what y = C x shows of it there, from the Taylor series of A and C.
+
+    Phi' = A Phi,   W = integral Phi' C' C Phi,   in balls of whole numbers over 2^192: the middle, and how far off it
+
+Phi and Phi' C' C Phi are series to an order N. The coefficient N + 1, taken anywhere in the piece, bounds what they
+leave (Lagrange): its entries are at most those of the series of norms, the largest sums of a row or column, of A and C
+on the whole piece, from |Phi| <= exp(length |A|).
+
+That inputs show every state of a state-affine plant, and how much of it every window shows, verified again.
 
     x' = A(u) x + b,   y = C(u) x + d,   N_0 = C,   N_(k+1) = N_k A + N_k':   rank n of N_0, .., N_(n-1) at a time t_0
 
@@ -18,24 +26,165 @@ an observer clamps them. Derivatives in t are Taylor coefficients, of parameters
 """
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from fractions import Fraction
+from itertools import chain
 from operator import mul
-from typing import Any
+from typing import Any, TypeVar
 
 from ..algebra import Algebra, Quotient
-from ..arithmetic import Undefined, determinant, evaluate, total
-from ..box import Box, NotShown, Try, covered, ranged
-from ..chain import CHAINS
-from ..context import Context, Shown, algebra_of, cut, narrowed, only, short
+from ..arithmetic import Undefined, Unproved, determinant, evaluate, total
+from ..box import Box, Try, covered, cut, narrowed, ranged
+from ..context import CHAINS, Context, Finding, Rule, algebra_of, only, short
 from ..file import Claim, above_zero, column, part, scalar
-from ..interval import Interval, between, intervals, point
+from ..interval import Interval, Taylor, begin, between, intervals, point, taylor
 from ..matrix import demand_nonnegative
-from ..moved import ORDER, Series, balls, piece
-from ..moved import Shown as Moved
-from ..rule import Rule
-from ..taylor import Taylor, begin, taylor
 from ..text import Expression, expression
+
+ORDER = 9  # N
+_BITS = 192
+_ONE = 1 << _BITS
+Value = TypeVar("Value")
+
+
+@dataclass(frozen=True)
+class Balls:
+    """A matrix: its middle, and by how much each entry may be off it, over 2^192."""
+
+    mid: list[list[int]]
+    off: list[list[int]]
+
+    def __add__(self, other: "Balls") -> "Balls":
+        return Balls(_sum(self.mid, other.mid), _sum(self.off, other.off))
+
+    def __matmul__(self, other: "Balls") -> "Balls":
+        columns = list(zip(zip(*other.mid, strict=True), zip(*other.off, strict=True), strict=True))
+        pairs = [[_dot(m, r, *column) for column in columns] for m, r in zip(self.mid, self.off, strict=True)]
+        return Balls([[m for m, _ in row] for row in pairs], [[r for _, r in row] for row in pairs])
+
+    @property
+    def turned(self) -> "Balls":
+        """The transposed."""
+        return Balls(*([list(column) for column in zip(*rows, strict=True)] for rows in (self.mid, self.off)))
+
+    def times(self, share: Fraction) -> "Balls":
+        """The matrix times a number above 0."""
+        p, q = share.numerator, share.denominator
+        return Balls(_each(self.mid, lambda x: x * p // q), _each(self.off, lambda x: x * p // q + 2))
+
+    @property
+    def norm(self) -> int:
+        """The largest sum of sizes of a row, or of a column, from above."""
+        sizes = [[abs(m) + r for m, r in zip(*rows, strict=True)] for rows in zip(self.mid, self.off, strict=True)]
+        return max(map(sum, chain(sizes, zip(*sizes, strict=True))))
+
+    @property
+    def fractions(self) -> tuple[list[list[Fraction]], Fraction]:
+        """The symmetric middle, and the largest sum by which a row may be off it."""
+        n = range(len(self.mid))
+        even = [[Fraction(self.mid[i][j] + self.mid[j][i], 2 * _ONE) for j in n] for i in n]
+        return even, max(Fraction(sum(self.off[i][j] + self.off[j][i] for j in n), 2 * _ONE) for i in n)
+
+
+def _sum(a: list[list[int]], b: list[list[int]]) -> list[list[int]]:
+    return [[x + y for x, y in zip(*rows, strict=True)] for rows in zip(a, b, strict=True)]
+
+
+def _each(rows: Iterable[Iterable[Value]], what: Callable[[Value], int]) -> list[list[int]]:
+    return [[what(value) for value in row] for row in rows]
+
+
+def _dot(m: Sequence[int], r: Sequence[int], n: Sequence[int], s: Sequence[int]) -> tuple[int, int]:
+    middle = sum(map(int.__mul__, m, n))
+    away = sum(abs(a) * d + b * (abs(c) + d) for a, b, c, d in zip(m, r, n, s, strict=True))
+    return middle >> _BITS, (away >> _BITS) + 2
+
+
+def balls(rows: Sequence[Sequence[Interval]]) -> Balls:
+    """A matrix of intervals. Raises: `Unproved` for one that is not finite."""
+    ends = [[_whole(x) for x in row] for row in rows]
+    mid = _each(ends, lambda pair: (pair[0] + pair[1]) >> 1)
+    return Balls(mid, _each(ends, lambda pair: ((pair[1] - pair[0]) >> 1) + 1))
+
+
+def _whole(x: Interval) -> tuple[int, int]:
+    if not x.finite:
+        raise Unproved("A or C is not finite along the course")
+    low, high = (Fraction(end) for end in x.exactly)
+    return low.numerator * _ONE // low.denominator, -(-high.numerator * _ONE // high.denominator)
+
+
+@dataclass(frozen=True)
+class Window:
+    """Of a time: the transition over it, and what is shown in it."""
+
+    Phi: Balls
+    W: Balls
+
+    def then(self, after: "Window") -> "Window":
+        """Of this time and the one after it together."""
+        return Window(after.Phi @ self.Phi, self.W + self.Phi.turned @ after.W @ self.Phi)
+
+
+Series = Sequence[Balls]
+
+
+def piece(A: Series, C: Series, around: tuple[Series, Series], length: Fraction) -> Window:
+    """Of a piece, from the coefficients below N + 1 of A and C at its begin, and those below N + 2 `around`, on all of
+    it."""
+    n, p = len(A[0].mid), len(C[0].mid)
+    unit = [[_ONE * (i == j) for j in range(n)] for i in range(n)]
+    Phi = [Balls(unit, [[0] * n for _ in range(n)])]
+    for k in range(ORDER):
+        Phi.append(_coefficient(A, Phi, k).times(Fraction(1, k + 1)))
+    V = [_coefficient(C, Phi, k) for k in range(ORDER + 1)]
+    rates = [_coefficient([v.turned for v in V], V, k) for k in range(ORDER + 1)]
+    rest, lost = _rest(around, p, length)
+    end, gramian = _off(n, rest) + Phi[0], _off(n, lost)
+    for k in range(1, ORDER + 1):
+        end += Phi[k].times(length**k)
+    for k in range(ORDER + 1):
+        gramian += rates[k].times(length ** (k + 1) / (k + 1))
+    return Window(end, gramian)
+
+
+def _rest(around: tuple[Series, Series], p: int, length: Fraction) -> tuple[int, int]:
+    a, c = ([one.norm for one in series] for series in around)
+    grown = intervals.function("exp", (point(Fraction(a[0], _ONE) * length),))
+    phi = [_whole(grown)[1]]
+    for k in range(ORDER + 1):
+        phi.append(-(-_above(a, phi, k) // (k + 1)))
+    v = [_above(c, phi, k) for k in range(ORDER + 2)]
+    h, N = length, ORDER + 1
+    return _up(phi[N], h**N), _up(p * _above(v, v, N), h ** (N + 1) / (N + 1))
+
+
+def _up(value: int, share: Fraction) -> int:
+    return -(-value * share.numerator // share.denominator)
+
+
+def _above(a: Sequence[int], b: Sequence[int], k: int) -> int:
+    """The coefficient k of a b, from above."""
+    return (sum(a[i] * b[k - i] for i in range(k + 1)) >> _BITS) + 1
+
+
+def _coefficient(a: Series, b: Series, k: int) -> Balls:
+    """The coefficient k of a b: those of a beside each other times those of b below each other, in one product."""
+    first, last = a[: k + 1], b[k::-1]
+    wide = ([list(chain(*rows)) for rows in zip(*each, strict=True)] for each in _parts(first))
+    return Balls(*wide) @ Balls(*([*chain(*each)] for each in _parts(last)))
+
+
+def _parts(series: Series) -> Iterator[tuple[list[list[int]], ...]]:
+    return zip(*((one.mid, one.off) for one in series), strict=True)
+
+
+def _off(n: int, size: int) -> Balls:
+    return Balls([[0] * n for _ in range(n)], [[size] * n for _ in range(n)])
+
+
+# ---
 
 MOST = 5  # states, beyond which determinants and derivatives are too long
 _TURNS = 1000  # of an argument over a period
@@ -46,7 +195,7 @@ TIME = {"t": (-math.inf, math.inf)}
 
 def course(context: Context, claim: Claim) -> tuple[dict[str, Expression], set[str]]:
     """The inputs of the claim, expressions of the time, and what A and C read, which is of these and of parameters.
-    Raises: `NotShown`."""
+    Raises: `Unproved`."""
     _ = context.equations
     form, texts = context.form, part(claim.evidence, "inputs", dict)
     inputs = {name: expression(text, TIME) for name, text in texts.items()}
@@ -57,14 +206,14 @@ def course(context: Context, claim: Claim) -> tuple[dict[str, Expression], set[s
     return inputs, read
 
 
-def persistent(context: Context, claim: Claim) -> Shown:
+def persistent(context: Context, claim: Claim) -> Finding:
     """The claim's inputs show every state, for all parameter values."""
     (inputs, read), evidence, form = course(context, claim), claim.evidence, context.form
     if len(context.z) > MOST:
-        raise NotShown(f"the rank of more than {MOST} states is not computed")
+        raise Unproved(f"the rank of more than {MOST} states is not computed")
     texts = (*inputs.values(), *form.output, *(entry for entries in form.A for entry in entries))
     if any(text.kinked for text in texts):
-        raise NotShown("an input, A or C has kinks or jumps")
+        raise Unproved("an input, A or C has kinks or jumps")
     at = expression(part(evidence, "at", str), {})
     moving = [text for text in inputs.values() if text.names]
     if moving:
@@ -72,7 +221,7 @@ def persistent(context: Context, claim: Claim) -> Shown:
         periodic(moving, period)
         length = _value(period)
         if length.sign <= 0 or not length.at_most(Fraction(10**9)):
-            raise NotShown(f"the period {cut(period.text)} is not shown to be positive, or is too long")
+            raise Unproved(f"the period {cut(period.text)} is not shown to be positive, or is too long")
         turn: Box = {"t": (Fraction(0), next(Fraction(2**k) for k in range(1, 64) if length.at_most(Fraction(2**k))))}
         for text in moving:
             covered(turn, ".", ranged(text, -math.inf, math.inf))
@@ -80,7 +229,7 @@ def persistent(context: Context, claim: Claim) -> Shown:
     parameters = narrowed(form.box, read & set(context.file.parameters))
     boxes = covered(parameters, ".", _full(context, inputs, at))
     excitation = ", ".join(f"{name} = {cut(text.text)}" for name, text in inputs.items()) or "every input"
-    return Shown(
+    return Finding(
         f"{excitation} shows all {len(context.z)} states: C, C A + C', .. have full rank at t = {at.text}", boxes
     )
 
@@ -102,7 +251,7 @@ def periodic(texts: Sequence[Expression], period: Expression) -> None:
                 loose = not _whole_turns(turns, algebra)
             raw.append(loose)
         if raw[text.result]:
-            raise NotShown(f"{cut(period.text)} is not shown to be a period of {cut(text.text)}")
+            raise Unproved(f"{cut(period.text)} is not shown to be a period of {cut(text.text)}")
 
 
 def _whole_turns(turns: Quotient, algebra: Algebra) -> bool:
@@ -122,7 +271,7 @@ def inside(context: Context, inputs: Mapping[str, Expression], at: Expression) -
         above = low == -math.inf or (value - point(Fraction(low))).sign > 0
         below = high == math.inf or (point(Fraction(high)) - value).sign > 0
         if not (held or (above and below)):
-            raise NotShown(f"{name} = {cut(text.text)} is not shown to be inside its range at t = {at.text}")
+            raise Unproved(f"{name} = {cut(text.text)} is not shown to be inside its range at t = {at.text}")
 
 
 def _full(context: Context, inputs: Mapping[str, Expression], at: Expression) -> Any:
@@ -180,19 +329,19 @@ def series_of(
 # --- how much every window shows
 
 
-def least(context: Context, claim: Claim) -> Shown:
+def least(context: Context, claim: Claim) -> Finding:
     """Every window's smallest eigenvalue is at least the bound, for all parameter values."""
     (inputs, _), evidence = course(context, claim), claim.evidence
     level, starts = (_count(evidence, name, most) for name, most in (("level", _LEVEL), ("starts", _STARTS)))
     length, bound = above_zero(evidence, "piece"), above_zero(evidence, "bound")
     moving = [text for text in inputs.values() if text.names]
     if bool(moving) is not bool(starts) or bool(moving) is not ("period" in evidence):
-        raise NotShown("its course moves without a period, or has one and is still")
+        raise Unproved("its course moves without a period, or has one and is still")
     if moving:
         period = expression(part(evidence, "period", str), {})
         periodic(moving, period)
         if (point(length * starts) - evaluate(period, {}, intervals)).sign <= 0:
-            raise NotShown("its pieces do not cover the period")
+            raise Unproved("its pieces do not cover the period")
     inside(context, {name: text for name, text in inputs.items() if not text.names}, expression("0", {}))
     whole: Box = {"t": (Fraction(0), length * (starts + 2**level))}
     for name, text in inputs.items():
@@ -200,22 +349,22 @@ def least(context: Context, claim: Claim) -> Shown:
             covered(whole, ".", ranged(text, *context.form.box[name]))
     R, weights = (column(evidence, name, len(context.form.output)) for name in ("R", "weights"))
     if any(s < 0 or r <= 0 or s * s * r > 1 for s, r in zip(weights, R, strict=True)):
-        raise NotShown("its weights are more than R allows, or R is not positive")
+        raise Unproved("its weights are more than R allows, or R is not positive")
     windows = _Course(context, inputs, weights)
     try:
         windows.demand(length, level, starts, bound)
     except Undefined as reason:
-        raise NotShown(f"A or C has no series along the course: {reason}") from reason
+        raise Unproved(f"A or C has no series along the course: {reason}") from reason
     excitation = ", ".join(f"{name} = {cut(text.text)}" for name, text in inputs.items()) or "every input"
     window = length * (2**level + bool(starts))
     by = f"by the ranges and R = {', '.join(short(value) for value in R)}"
-    return Shown(f"{excitation} shows at least {short(bound, -1)}, {by}, in every window of {short(window, 1)}")
+    return Finding(f"{excitation} shows at least {short(bound, -1)}, {by}, in every window of {short(window, 1)}")
 
 
 def _count(evidence: Mapping[str, Any], name: str, most: int) -> int:
     value = scalar(evidence, name)
     if value.denominator > 1 or not 0 <= value <= most:
-        raise NotShown(f"its {name} is no number up to {most}")
+        raise Unproved(f"its {name} is no number up to {most}")
     return int(value)
 
 
@@ -233,7 +382,7 @@ class _Course:
         self.around: tuple[Series, Series] = ([], [])
 
     def demand(self, length: Fraction, level: int, starts: int, bound: Fraction) -> None:
-        """That the bound holds of every window. Raises: `NotShown`, `Undefined`."""
+        """That the bound holds of every window. Raises: `Unproved`, `Undefined`."""
         if not starts:
             window = self.piece(Fraction(0), length)
             for _ in range(level):
@@ -246,7 +395,7 @@ class _Course:
             _demand(window, bound / self.left(k * length, length))
         return None
 
-    def piece(self, begin: Fraction, length: Fraction) -> Moved:
+    def piece(self, begin: Fraction, length: Fraction) -> Window:
         """Of a piece of time."""
         A, C = self.series(point(begin), ORDER + 1)
         group = begin // (_GROUP * length)
@@ -279,7 +428,7 @@ def _coefficients(rows: list[list[Taylor]], shares: list[list[Fraction]], order:
     return [balls([[x.coefficients[k] * share for x, share in row] for row in pairs]) for k in range(order)]
 
 
-def _demand(window: Moved, bound: Fraction) -> None:
+def _demand(window: Window, bound: Fraction) -> None:
     """That W - bound has no negative eigenvalue."""
     middle, off = window.W.fractions
     rest = [[x - (bound + off) * (i == j) for j, x in enumerate(row)] for i, row in enumerate(middle)]

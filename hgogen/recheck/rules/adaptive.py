@@ -26,68 +26,98 @@ told, and e the error of w scaled by the powers of the gain l, e'/l = (N - r D +
 
 Sources: Alessandri, Mathematical Problems in Engineering (2020), (54)-(62), (70), (87); Andrieu, Praly, Astolfi,
 Automatica 45 (2009); Ahrens, Khalil, Automatica 45 (2009), with the dwell time of Hespanha, Morse, CDC 1999.
+
+The convergence of an observer that injects through a saturation or a dead zone whose level adapts, verified again.
+
+    w' = A w + c(w, u) + diag(l, .., l^n) K i(e),   e = y - w_1,   sigma' = l (-lambda sigma + r e^2),   l = theta
+    stubborn: i(e) = sat e = e - q,   dead_zone: i(e) = e - sat e = e - s,   |sat e| <= sqrt sigma
+
+`gains` are K, `decay` is lambda. In eps_i = units_i l^(1-i) (w_i - plant's), units_1 = 1, with N = A - K C so scaled,
+P > 0, and one mu > 0, tau >= 0 for which the symmetric form
+
+    dead_zone  eps'(N'P + P N) eps + 2 eps'P K s + mu (r eps_1^2 - lambda s^2) + 2 tau s (eps_1 - s)
+    stubborn   eps'(N'P + P N) eps + 2 eps'P K q + mu (2 eps_1 C (N eps + K q) + lambda (eps_1 - q)^2 - r eps_1^2)
+               + 2 tau q (eps_1 - q)
+
+is negative, the core decays: V = eps'P eps + mu sigma of the dead zone, for sigma >= s^2, s (eps_1 - s) >= 0; V =
+eps'P eps + mu max(eps_1^2 - sigma, 0) of the other, for sigma = (eps_1 - q)^2 where q is not 0, and where it is, N'P +
+P N is negative too. With c the error has N + J/l in the place of N, J of slopes in ranges (`uncertain`), in which both
+are affine: at their corners, or with multipliers S, d (v h' + h v') <= S h h' + v v'/S for |d| <= 1. With a/l of V
+beside them V' <= -a V, where of the dead zone a <= l lambda. What holds at a theta holds at every larger one: J/l
+shrinks, and its ranges hold 0. Source of the observers: Astolfi, Alessandri, Zaccarian, IEEE TAC 66(2) (2021).
 """
 
-from collections.abc import Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import replace
 from fractions import Fraction
 from itertools import product
 from typing import Any
 
-from ..box import NotShown
-from ..chain import built, integrators, slope
-from ..context import Context, Shown, on, short
-from ..falling import Decay, clamped, decays, demand_decays
+from ..arithmetic import Unproved
+from ..box import frobenius
+from ..context import STEEP, Context, Finding, built, integrators, of_observer, on, on_chains, short, slope
 from ..file import Built, Claim, Observer, above_zero, column, matrix, part, scalar, signless
-from ..inequality import FLOW, NOW, Input, demand_negative, form_of, multipliers
+from ..inclusion import error_inclusion
+from ..inequality import (
+    FLOW,
+    NOW,
+    WORK,
+    Decay,
+    Input,
+    clamped,
+    decays,
+    demand_decays,
+    demand_negative,
+    form_of,
+    multipliers,
+)
 from ..matrix import (
     Matrix,
     companion,
     decaying,
     demand_nonnegative,
     demand_positive,
+    dot,
     minus,
     plus,
     scaled,
+    similar,
     times,
     transposed,
     twice,
     unit,
 )
-from ..rule import STEEP, of_observer, on_chains
-from ..slope import frobenius
-from ..uncertain import error_inclusion
 
 # --- adaptive_lmi
 
 
-def inequality(context: Context, claim: Claim) -> Shown:
+def inequality(context: Context, claim: Claim) -> Finding:
     """P > 0, D P + P D >= 0, N'P + P N + sigma (D P + P D) < 0: the one that the claim's fact names."""
     observer, P = built(context, claim), _P(context, claim)
     match claim.fact:
         case "definite":
             demand_positive({"P": P})
-            return Shown("P is positive definite")
+            return Finding("P is positive definite")
         case "shrink":
             demand_nonnegative({"D P + P D": _spread(P, Fraction(1))})
-            return Shown("D P + P D is positive semidefinite")
+            return Finding("D P + P D is positive semidefinite")
         case _:
             demand_positive({"-N'P - P N - sigma (D P + P D)": _rate(observer, P)})
-            return Shown("N'P + P N + sigma (D P + P D) is negative definite")
+            return Finding("N'P + P N + sigma (D P + P D) is negative definite")
 
 
-def attenuation(context: Context, claim: Claim) -> Shown:
+def attenuation(context: Context, claim: Claim) -> Finding:
     """The L2 gain from the claim's disturbance has the claim's bound, by a V of its own where it has one."""
     return (_by_one_v if "V" in claim.evidence else _by_formula)(context, claim)
 
 
-def _by_one_v(context: Context, claim: Claim) -> Shown:
+def _by_one_v(context: Context, claim: Claim) -> Finding:
     """By the V of the claim, at the ends of gamma and of each gamma^-i that enters."""
     observer, evidence, n = built(context, claim), claim.evidence, len(context.z)
     (low, high), mu = column(observer.numbers, "gamma", 2), above_zero(evidence, "mu")
     sigma, m = scalar(observer.numbers, "sigma"), len(part(evidence, "G_2", list))
     if not 0 < low <= high or sigma < 0 or not m:
-        raise NotShown("its gamma has no range above zero, its sigma is negative, or its G_2 is no list of numbers")
+        raise Unproved("its gamma has no range above zero, its sigma is negative, or its G_2 is no list of numbers")
     G, g = matrix(evidence, "G_1", n, m), column(evidence, "G_2", m)
     error = error_inclusion(context, observer, evidence)
     units, V, parts = column(evidence, "units", n), matrix(evidence, "V", n, n), error.at(low)
@@ -101,7 +131,7 @@ def _by_one_v(context: Context, claim: Claim) -> Shown:
         B = minus([[row[0] * x for x in g] for row in error.measured], pushed)
         inputs = [Input([[Fraction(0)] * len(context.form.output)], each) for each in transposed(B)]
         if max(multipliers(weights, inputs)) > mu**2:
-            raise NotShown("a lambda is above mu^2")
+            raise Unproved("a lambda is above mu^2")
         form = form_of(replace(parts, M=M), FLOW, NOW, weights, inputs)
         for i, unit_ in enumerate(units):
             form[i][i] += (gamma ** (i + 1) / unit_) ** 2
@@ -109,17 +139,17 @@ def _by_one_v(context: Context, claim: Claim) -> Shown:
     return _attenuated(context, G, [g], mu, error.boxes)
 
 
-def _by_formula(context: Context, claim: Claim) -> Shown:
+def _by_formula(context: Context, claim: Claim) -> Finding:
     """By (87), of the P of the other claims."""
     observer, evidence = built(context, claim), claim.evidence
     (low, high), P, n = column(observer.numbers, "gamma", 2), _P(context, claim), len(context.z)
     if not 0 < low <= high:
-        raise NotShown("its gamma has no range above zero")
+        raise Unproved("its gamma has no range above zero")
     k, peak = scalar(evidence, "bound"), scalar(evidence, "peak")  # of |T^-1 dc/dw T|, and of lambda_max(P)
     demand_positive({"P": P})
     demand_nonnegative({"D P + P D": _spread(P, Fraction(1)), "peak I - P": minus(scaled(peak, unit(n)), P)})
     if not isinstance(evidence.get("G_2"), list) or not evidence["G_2"]:
-        raise NotShown("its G_2 is no list of numbers")
+        raise Unproved("its G_2 is no list of numbers")
     m, share, mu = len(evidence["G_2"]), above_zero(evidence, "share"), above_zero(evidence, "mu")
     G, g, first = matrix(evidence, "G_1", n, m), [column(evidence, "G_2", m)], scalar(evidence, "delta_1")
     ((second,),) = times(times(g, plus(unit(m), times(transposed(G), G))), transposed(g))
@@ -134,15 +164,15 @@ def _by_formula(context: Context, claim: Claim) -> Shown:
         }
     )
     if low < 1 or mu**2 < 2 * share * high ** (2 * n):
-        raise NotShown("its mu is too small")
+        raise Unproved("its mu is too small")
     _, boxes = _at(context, claim, low)
     return _attenuated(context, G, g, mu, boxes)
 
 
-def _attenuated(context: Context, G: Matrix, g: Matrix, mu: Fraction, boxes: int) -> Shown:
+def _attenuated(context: Context, G: Matrix, g: Matrix, mu: Fraction, boxes: int) -> Finding:
     where = f"G_1 = {_printed(G)}, G_2 = {_printed(g)}{on(context.form.box)}"
     gain = f"the L2 gain from v in w' + G_1 v, y + G_2 v to the error of w is at most {short(mu, 1)}"
-    return Shown(f"in continuous time, {gain}, {where}", boxes)
+    return Finding(f"in continuous time, {gain}, {where}", boxes)
 
 
 def _printed(M: Matrix) -> str:
@@ -154,7 +184,7 @@ def _at(context: Context, claim: Claim, gain: Fraction, **norm: Any) -> tuple[Fr
     """The claim's bound of |T^-1 dc/dw T|, T = diag(gain, gain^2, ..), and with how many boxes it is shown."""
     scale = integrators(context, claim.evidence)
     if scale.units != [gain ** -(i + 1) for i in range(len(context.z))]:
-        raise NotShown(f"its units are not the powers of {short(gain)}")
+        raise Unproved(f"its units are not the powers of {short(gain)}")
     bound, boxes = slope(context, claim.evidence, scale.expressions, **norm)
     return bound, scale.boxes + boxes
 
@@ -170,7 +200,7 @@ def _P(context: Context, claim: Claim) -> Matrix:
     n, P = len(context.z), claim.evidence.get("P")
     for other in context.file.claims:
         if other.maker == claim.maker and other.fact not in _OWN and other.evidence.get("P", P) != P:
-            raise NotShown(f"{other.id} tells another P")
+            raise Unproved(f"{other.id} tells another P")
     return matrix(claim.evidence, "P", n, n)
 
 
@@ -182,14 +212,14 @@ def _spread(P: Matrix, b: Fraction) -> Matrix:
 # --- updated_gain
 
 
-def falls(context: Context, claim: Claim) -> Shown:
+def falls(context: Context, claim: Claim) -> Finding:
     """N'P + P N + p_1 (D P + P D) < 0."""
     p_1, (P, N, spread) = above_zero(built(context, claim).numbers, "p_1"), _weighted(context, claim)
     demand_positive({"-N'P - P N - p_1 (D P + P D)": minus(scaled(Fraction(-1), twice(P, N)), scaled(p_1, spread))})
-    return Shown(f"p_1 = {short(p_1)} is small enough: N'P + P N + p_1 (D P + P D) < 0 {_of(claim)}")
+    return Finding(f"p_1 = {short(p_1)} is small enough: N'P + P N + p_1 (D P + P D) < 0 {_of(claim)}")
 
 
-def rises(context: Context, claim: Claim) -> Shown:
+def rises(context: Context, claim: Claim) -> Finding:
     """p_3 (D P + P D) >= 2 lambda_max(P), of the P by which p_1 is small enough, where that is claimed."""
     p_3, (P, _, spread) = above_zero(built(context, claim).numbers, "p_3"), _weighted(context, claim)
     peak, n = scalar(claim.evidence, "peak"), len(P)
@@ -205,8 +235,8 @@ def rises(context: Context, claim: Claim) -> Shown:
             and other.verdict == "proved"
             and _same(other.evidence) != _same(claim.evidence)
         ):
-            raise NotShown("its P is not that of updated_gain.p_1")
-    return Shown(f"p_3 = {short(p_3)} is large enough: p_3 (D P + P D) >= 2 lambda_max(P) {_of(claim)}")
+            raise Unproved("its P is not that of updated_gain.p_1")
+    return Finding(f"p_3 = {short(p_3)} is large enough: p_3 (D P + P D) >= 2 lambda_max(P) {_of(claim)}")
 
 
 def _of(claim: Claim) -> str:
@@ -218,14 +248,14 @@ def _same(evidence: Mapping[str, Any]) -> tuple[Any, Any]:
     return evidence.get("P"), evidence.get("b")
 
 
-def stays(context: Context, claim: Claim) -> Shown:
+def stays(context: Context, claim: Claim) -> Finding:
     """L' < 0 at the cap."""
     numbers = built(context, claim).numbers
     p_1, p_2, p_3, cap = (above_zero(numbers, name) for name in ("p_1", "p_2", "p_3", "cap"))
     gamma, boxes = _at(context, claim, cap, norm=frobenius)
     if not p_1 * (p_2 - cap) + p_3 * gamma < 0:
-        raise NotShown(f"Gamma = {short(gamma, 1)} is not below p_1 (cap - p_2)/p_3")
-    return Shown(
+        raise Unproved(f"Gamma = {short(gamma, 1)} is not below p_1 (cap - p_2)/p_3")
+    return Finding(
         f"in continuous time, L' < 0 at the cap {short(cap)}, where Gamma <= {short(gamma, 1)}{on(context.form.box)}",
         boxes,
     )
@@ -258,19 +288,19 @@ def _by_norm(context: Context, claim: Claim, slopes: Mapping[str, Any], level: F
 
 
 def _updated(observer: Observer) -> tuple[Fraction, bool]:
-    """How fast its gain may fall, and that it does not at its least value, p_2. Raises: `NotShown`."""
+    """How fast its gain may fall, and that it does not at its least value, p_2. Raises: `Unproved`."""
     numbers = observer.numbers
     if not 0 < scalar(numbers, "p_2") <= scalar(numbers, "cap"):
-        raise NotShown("its p_2 is not from 0 to its cap")
+        raise Unproved("its p_2 is not from 0 to its cap")
     above_zero(numbers, "p_3")
     return above_zero(numbers, "p_1"), True
 
 
 def _adaptive(observer: Observer) -> tuple[Fraction, bool]:
-    """How fast its gain may fall, also at its least value. Raises: `NotShown`."""
+    """How fast its gain may fall, also at its least value. Raises: `Unproved`."""
     low, high = column(observer.numbers, "gamma", 2)
     if not 0 < low <= high:
-        raise NotShown("its gamma has no range above zero")
+        raise Unproved("its gamma has no range above zero")
     return signless(observer.numbers, "sigma"), False
 
 
@@ -289,9 +319,102 @@ _FALL = {"updated_gain": _updated, "adaptive_lmi": _adaptive}
 _OWN = ("convergence", "theta")
 _OF_V = ("slopes", "V", "S")
 _SLOPED = (*STEEP, "units", "scale", "P", "peak")
+
+
+# ---
+
+Form = Callable[[Matrix], Matrix]  # of N, in which it is affine
+
+
+def core(context: Context, claim: Claim) -> Finding:
+    """The linear core decays behind its saturation or dead zone."""
+    observer, n = built(context, claim), len(context.z)
+    units = _units(claim.evidence, n)
+    N = similar(units, companion(column(observer.numbers, "gains", n)))
+    for form in _forms(observer, units, claim.evidence, Fraction(0)):
+        demand_negative("form", form(N))
+    return Finding("the linear error core decays, by a quadratic form")
+
+
+def _falls(context: Context, claim: Claim, slopes: Mapping[str, Any], level: Fraction, alpha: Fraction) -> int:
+    """V' <= -alpha V at a theta, by the claim's V, whatever the slopes; with how many boxes these are shown."""
+    observer, evidence = built(context, claim), claim.evidence
+    error = error_inclusion(context, observer, slopes)
+    if observer.name == "dead_zone" and alpha > level * above_zero(observer.numbers, "decay"):
+        raise Unproved("its alpha is above theta decay")
+    parts = error.at(level)
+    G, H, N = parts.G, parts.H, scaled(1 / level, parts.M)
+    n, m = len(N), len(H)
+    moves = [[[row[j] * h / level for h in H[j]] for row in G] for j in range(m)]
+    forms = _forms(observer, _units(slopes, n), evidence, alpha / level)
+    if "S" in evidence:
+        S = column(evidence, "S", m)
+        if min(S, default=Fraction(1)) <= 0:
+            raise Unproved("its S is not positive")
+        for form in forms:
+            demand_negative("form", _bounded(form, N, moves, H, S))
+        return error.boxes
+    if 2**m * n**3 > WORK:
+        raise Unproved("it has no S, and more corners of its slopes than are tried one by one")
+    for form, d in product([*forms], product((-1, 1), repeat=m)):
+        demand_negative("form", form(plus(N, *(scaled(Fraction(x), move) for x, move in zip(d, moves, strict=True)))))
+    return error.boxes
+
+
+def _bounded(form: Form, N: Matrix, moves: list[Matrix], H: Matrix, S: list[Fraction]) -> Matrix:
+    """The form at N, with what each slope adds to it at most."""
+    whole = base = form(N)
+    for move, read, s in zip(moves, H, S, strict=True):
+        by = plus(form(plus(N, move)), scaled(Fraction(-1), base))
+        h = [*read, *[Fraction(0)] * (len(base) - len(read))]
+        along = [dot(row, h) for row in by]
+        twice_own = dot(along, h)
+        v = [x - y * twice_own / 2 for x, y in zip(along, h, strict=True)]
+        added = [[s * h[i] * h[j] + v[i] * v[j] / s for j in range(len(h))] for i in range(len(h))]
+        whole = plus(whole, added)
+    return whole
+
+
+def _units(evidence: Mapping[str, Any], n: int) -> list[Fraction]:
+    units = column(evidence, "units", n)
+    if units[0] != 1 or min(units) <= 0:
+        raise Unproved("its units are not positive with the first 1")
+    return units
+
+
+def _forms(observer: Observer, units: list[Fraction], evidence: Mapping[str, Any], a: Fraction) -> Iterator[Form]:
+    """The forms of N with a times V beside them: (n + 1, n + 1), and (n, n) where all of the error is injected."""
+    n, numbers = len(units), observer.numbers
+    gains, decay, r = column(numbers, "gains", n), above_zero(numbers, "decay"), above_zero(numbers, "r")
+    mu, tau = above_zero(evidence, "mu"), signless(evidence, "tau")
+    K, P = [s * k for s, k in zip(units, gains, strict=True)], matrix(evidence, "P", n, n)
+    demand_positive({"P": P})
+
+    def behind(N: Matrix) -> Matrix:
+        top, side = plus(twice(P, N), scaled(a, P)), [row[0] for row in times(P, [[k] for k in K])]
+        side[0] += tau
+        if observer.name == "dead_zone":
+            top[0][0] += mu * r
+            last = mu * (a - decay) - 2 * tau
+        else:
+            for j in range(n):
+                top[0][j] += mu * N[0][j]
+                top[j][0] += mu * N[0][j]
+            top[0][0] += mu * (decay - r)
+            side[0] += mu * (K[0] - decay + a)
+            last = mu * (decay - a) - 2 * tau
+        whole = [[*row, end] for row, end in zip(top, side, strict=True)]
+        return [*whole, [*side, last]]
+
+    yield behind
+    yield lambda N: plus(twice(P, N), scaled(a, P))
+
+
+_GAINS, _LEVELS = ("updated_gain", "adaptive_lmi"), ("stubborn", "dead_zone")
 OBSERVERS = {
     "updated_gain": Built(("p_1", "p_2", "p_3", "cap", "gains")),
     "adaptive_lmi": Built(("gamma", "sigma", "gains")),
+    **dict.fromkeys(_LEVELS, Built(("theta", "decay", "r", "gains"))),
 }
 RULES = (
     of_observer(("updated_gain",), ("p_1",), falls, ("P", "b")),
@@ -301,6 +424,8 @@ RULES = (
     on_chains(
         ("adaptive_lmi",), ("attenuation",), attenuation, (*_SLOPED, *_OF_V, "G_1", "G_2", "delta_1", "share", "mu")
     ),
-    *decays((*OBSERVERS,), Decay(_by_norm, _gain, _said), ("scale", "slopes", "units", "b"), ("P", "S")),
+    *decays(_GAINS, Decay(_by_norm, _gain, _said), ("scale", "slopes", "units", "b"), ("P", "S")),
+    of_observer(_LEVELS, ("core",), core, ("units", "P", "mu", "tau")),
+    *decays(_LEVELS, Decay(_falls), ("scale", "slopes", "units"), ("P", "mu", "tau", "S")),
     clamped((*OBSERVERS,)),
 )

@@ -21,13 +21,23 @@ from fractions import Fraction
 from itertools import product
 from typing import Any
 
-from .box import NotShown, covered
-from .chain import constants, core_of, gain_of, integrators, invertible, steady, wanted_gain
-from .context import Context, enclosed, narrowed, numbers
+from .arithmetic import Unproved
+from .box import continuous, covered, in_ranges, narrowed
+from .context import (
+    Context,
+    constants,
+    core_of,
+    enclosed,
+    gain_of,
+    integrators,
+    invertible,
+    numbers,
+    steady,
+    wanted_gain,
+)
 from .file import Observer, column, entries, fields, matrix, part, scalar
 from .inequality import Parts
 from .matrix import Matrix, companion, minus, outer, plus, scaled, similar, times, transposed, unit, zeros
-from .slope import continuous, in_ranges
 from .text import Expression
 
 Numbers = Mapping[str, Any]
@@ -92,7 +102,7 @@ def _peaking_free(numbers: Numbers, n: int) -> Core:
     """The core in which p_n follows p_1, .., p_(n-1), at every combination of saturated and free states."""
     _has_pairs(n)
     if n > _SATURATED:
-        raise NotShown(f"saturations of more than {_SATURATED} states are not tried")
+        raise Unproved(f"saturations of more than {_SATURATED} states are not tried")
     k, last = matrix(numbers, "gains", n - 1, 2), scalar(numbers, "last")
     vertices = []
     for shares in product((0, 1), repeat=n - 1):
@@ -110,9 +120,9 @@ def _onto(k: Matrix, p: int, q: int, size: int) -> list[Fraction]:
 
 
 def _has_pairs(n: int) -> None:
-    """That there is a state beside the first: of one state there are no pairs, nor an error. Raises: `NotShown`."""
+    """That there is a state beside the first: of one state there are no pairs, nor an error. Raises: `Unproved`."""
     if n < 2:
-        raise NotShown("the observer is one of at least two states")
+        raise Unproved("the observer is one of at least two states")
 
 
 def _pairs(k: Matrix, shares: list[int]) -> Matrix:
@@ -204,12 +214,12 @@ class ErrorInclusion:
     units: list[Fraction] = field(default_factory=list)
 
     def scales(self, context: Context, theta: Fraction) -> list[Fraction]:
-        """By field (N), its error where that of its state of the form is 1. Raises: `NotShown` where a scale holds
+        """By field (N), its error where that of its state of the form is 1. Raises: `Unproved` where a scale holds
         parameters."""
         values = [context.value(each).number for each in self.scale]
         known = [value for value in values if value]
         if len(known) < len(values):
-            raise NotShown("its scale is not of numbers")
+            raise Unproved("its scale is not of numbers")
         return [known[i] / theta**p for i, p in zip(self.index, self.power, strict=True)]
 
     def at(self, theta: Fraction) -> Parts:
@@ -235,19 +245,19 @@ class ErrorInclusion:
 
 
 def error_inclusion(context: Context, observer: Observer, evidence: Mapping[str, Any]) -> ErrorInclusion:
-    """N and the slopes of the file's observer, from its numbers and the plant. Raises: `NotShown`."""
+    """N and the slopes of the file's observer, from its numbers and the plant. Raises: `Unproved`."""
     error = with_endless(context, observer, evidence)
     if any(slope.endless for slope in error.slopes):
-        raise NotShown("a slope has no bound, for which this claim is not")
+        raise Unproved("a slope has no bound, for which this claim is not")
     return error
 
 
 def with_endless(context: Context, observer: Observer, evidence: Mapping[str, Any]) -> ErrorInclusion:
-    """The same, where slopes may have one end alone. Raises: `NotShown`."""
+    """The same, where slopes may have one end alone. Raises: `Unproved`."""
     _ = context.equations
     made, strange = (_of_core, ("core", "ranges")) if observer.name in CORES else (_of_gain, ("units",))
     if unread := sorted(evidence.keys() & set(strange)):
-        raise NotShown(f"its evidence has a part {unread[0]}, which its observer has not")
+        raise Unproved(f"its evidence has a part {unread[0]}, which its observer has not")
     return made(context, observer, evidence)
 
 
@@ -270,7 +280,7 @@ def _of_gain(context: Context, observer: Observer, evidence: Mapping[str, Any]) 
     """That of a constant gain: the core is a matrix of numbers, or moves with a_i in ranges."""
     n, form = len(context.z), context.form
     if form.alignment not in ("", "top", "end"):
-        raise NotShown("its chains are not aligned at the top or at the end")
+        raise Unproved("its chains are not aligned at the top or at the end")
     scale = constants(context, entries(evidence, "scale", n))
     boxes, longest = steady(context, observer.gains) + invertible(context, scale), max(form.blocks)
     shift = [longest - size if form.alignment == "end" else 0 for size in form.blocks]
@@ -281,7 +291,7 @@ def _of_gain(context: Context, observer: Observer, evidence: Mapping[str, Any]) 
         at = slope.reads.index(Fraction(1))
         slopes[k] = replace(slope, reads=argument.reads[at], takes=argument.takes[at])
     if ("core" in evidence) is ("ranges" in evidence):
-        raise NotShown("its evidence has not one of a core and ranges")
+        raise Unproved("its evidence has not one of a core and ranges")
     seen, N = 0, zeros(n, n)
     if "core" in evidence:
         N = core_of(context, scale, observer.gains, matrix(evidence, "core", n, n))
@@ -304,7 +314,7 @@ def _argument(context: Context, observer: Observer, scale: list[Expression]) -> 
 
 
 def argument_of(context: Context, entries: Sequence[Expression], scale: Sequence[Expression]) -> Argument:
-    """By the entries of N, for each z_j, in the coordinates `scale` z. Raises: `NotShown` where what b reads of the
+    """By the entries of N, for each z_j, in the coordinates `scale` z. Raises: `Unproved` where what b reads of the
     errors is not of numbers."""
     S = [context.value(text) for text in scale]
     N = gain_of(context.form.blocks, [context.value(text) for text in entries], context.algebra.zero)
@@ -316,7 +326,7 @@ def argument_of(context: Context, entries: Sequence[Expression], scale: Sequence
         for j, row in enumerate(N):
             share = (row[k] * a * S[j] / S[head]).number
             if share is None:
-                raise NotShown("what it injects into the argument of b is not of numbers in these coordinates")
+                raise Unproved("what it injects into the argument of b is not of numbers in these coordinates")
             reads[j][head] -= share
     return Argument(reads, [[] for _ in N] if takes is None else takes)
 
@@ -332,16 +342,16 @@ def _by_chain(context: Context, observer: Observer, scale: list[Expression]) -> 
 def _means(context: Context, observer: Observer) -> Matrix:
     """By how much the error of each output is in the mean of those that show the first state of a chain, all samples
     there: w_j/r_j over the sum of the w, y_j = r_j y up to what is known, y that of the chain. Of one of which that is
-    not shown nothing; if it is in a mean, the others are in it by less. Raises: `NotShown`."""
+    not shown nothing; if it is in a mean, the others are in it by less. Raises: `Unproved`."""
     outputs, seen = range(len(context.form.output)), context.seen
     together = [[j for j in outputs if z and seen[j] == z] for z in context.heads]
     if all(len(each) < 2 for each in together):
         return [[Fraction(int(k == j and bool(z))) for j in outputs] for k, z in enumerate(context.heads)]
     if not isinstance(observer.numbers.get("weights"), list):
-        raise NotShown("outputs show one state, and the file does not tell by which weights")
+        raise Unproved("outputs show one state, and the file does not tell by which weights")
     weights, rows = column(observer.numbers, "weights", len(outputs)), zeros(len(outputs), len(outputs))
     if min(weights) <= 0:
-        raise NotShown("a weight of its outputs is not positive")
+        raise Unproved("a weight of its outputs is not positive")
     for k, each in enumerate(together):
         whole = sum((weights[j] for j in each), Fraction(0))
         for j in each:
@@ -356,7 +366,7 @@ def _moving(
     blocks, slopes, boxes = context.form.blocks, [], 0
     S, K = (numbers([[context.value(text) for text in texts]]) for texts in (scale, observer.gains))
     if S is None or any(s != 1 for s in S[0]) or K is None:
-        raise NotShown("its scale is not 1, or its gains are no numbers, which the a_i of ranges want")
+        raise Unproved("its scale is not 1, or its gains are no numbers, which the a_i of ranges want")
     columns = gain_of(blocks, K[0], Fraction(0))
     places = [(k, i) for k, size in enumerate(blocks, 1) for i in range(1, size + 1)]
     for at, (place, range_) in enumerate(zip(places, entries(evidence, "ranges", len(places)), strict=True)):
@@ -379,7 +389,7 @@ def bounded_slopes(
     least: int = 0,
 ) -> tuple[list[Slope], int]:
     """The slopes of b in the coordinates `scale` z, each with 0 in its range, of every b_i in every z_j that it reads,
-    and with how many boxes they are shown. A degree may be as low as `least`. Raises: `NotShown`."""
+    and with how many boxes they are shown. A degree may be as low as `least`. Raises: `Unproved`."""
     form, listed, boxes, slopes = context.form, _listed(evidence), 0, list[Slope]()
     names = {name for text in (*form.b, *scale) for name in text.names}
     where = narrowed(form.box, names)
@@ -389,18 +399,18 @@ def bounded_slopes(
             if z not in row.names:
                 continue
             if (i, j) not in listed:
-                raise NotShown(f"it does not bound the slope of b_{i + 1} in {z}")
+                raise Unproved(f"it does not bound the slope of b_{i + 1} in {z}")
             low, high, tree = listed.pop((i, j))
             boxes += covered(where, tree, in_ranges(form.b, context.z, {(i, j): (low, high)}, scale))
             onto = [Fraction(int(enters and at == i)) for enters, at in zip(fed, index, strict=True)]
             degree = powers[i] - powers[j]
             if degree < least:
-                raise NotShown(f"b_{i + 1} reads {z}, of a higher power of theta")
+                raise Unproved(f"b_{i + 1} reads {z}, of a higher power of theta")
             reads, way = of_field(picks[j], len(onto)), (high == math.inf) - (low == -math.inf)
             known = [Fraction(end) for end in (min(low, Fraction(0)), max(high, Fraction(0))) if math.isfinite(end)]
             slopes.append(Slope(reads, onto, known[0], known[-1], degree, endless=way))
     if listed:
-        raise NotShown("it bounds slopes that are none of b")
+        raise Unproved("it bounds slopes that are none of b")
     return slopes, boxes
 
 
@@ -410,7 +420,7 @@ def of_field(k: int, count: int) -> list[Fraction]:
 
 
 def _listed(evidence: Mapping[str, Any]) -> dict[tuple[int, int], tuple[End, End, str]]:
-    """The claimed ranges by row and column, from 0, one of whose ends may be none. Raises: `NotShown`."""
+    """The claimed ranges by row and column, from 0, one of whose ends may be none. Raises: `Unproved`."""
     known = {}
     for slope in part(evidence, "slopes", list):
         fields(slope, "a slope", ("row", "column", "low", "high", "tree"))
@@ -418,6 +428,6 @@ def _listed(evidence: Mapping[str, Any]) -> dict[tuple[int, int], tuple[End, End
         low, high = (end if slope[key] is None else scalar(slope, key) for key, end in _NO_END.items())
         none = not low <= high or (low, high) == (-math.inf, math.inf)
         if place in known or none or any(k.denominator > 1 for k in place):
-            raise NotShown("a slope stands twice, or has no range")
+            raise Unproved("a slope stands twice, or has no range")
         known[place] = low, high, part(slope, "tree", str)
     return {(int(i), int(j)): bounds for (i, j), bounds in known.items()}

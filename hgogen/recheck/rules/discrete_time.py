@@ -19,11 +19,10 @@ from itertools import chain, product
 from math import comb
 from typing import Any
 
-from ..box import NotShown
-from ..chain import built
-from ..context import Context, Shown, short
+from ..arithmetic import Unproved
+from ..context import Context, Finding, built, on_chains, short
 from ..file import Claim, above_zero, column, entries, fields, matrix, part, scalar
-from ..follows import demand_followed
+from ..inclusion import ERROR, INJECTED, ErrorInclusion, error_inclusion
 from ..inequality import (
     Input,
     Method,
@@ -38,13 +37,11 @@ from ..inequality import (
     tableau_of,
     within,
 )
-from ..left_by_core import demand_left_by_core
+from ..local_error import demand_left_by_core, demand_remainder
 from ..matrix import Matrix, inverse, times, transposed, unit
-from ..remainder import demand_remainder
-from ..rounding import demand_rounding, equation_of
-from ..rule import on_chains
+from ..plant_motion import demand_followed
+from ..program import demand_rounding, equation_of
 from ..text import number
-from ..uncertain import ERROR, INJECTED, ErrorInclusion, error_inclusion
 
 _PIECES = 24  # of a range of step lengths
 _CORNERS = 8  # states up to which all corners of the first errors are tried
@@ -69,7 +66,7 @@ class _Running:
 
     @cached_property
     def scales(self) -> list[Fraction]:
-        """By field (N), its error where that of its state is 1. Raises: `NotShown`."""
+        """By field (N), its error where that of its state is 1. Raises: `Unproved`."""
         return self.error.scales(self.context, self.theta)
 
     @property
@@ -87,37 +84,37 @@ def _running(context: Context, claim: Claim) -> _Running:
     observer, evidence = built(context, claim), claim.evidence
     theta, h = scalar(observer.numbers, "theta"), scalar(evidence, "dt")
     if not (theta > 0 and h > 0):
-        raise NotShown("theta and dt are not positive")
+        raise Unproved("theta and dt are not positive")
     return _Running(context, error_inclusion(context, observer, evidence), method_of(evidence), h, theta, evidence)
 
 
-def step(context: Context, claim: Claim) -> Shown:
+def step(context: Context, claim: Claim) -> Finding:
     """|e+|_P^2 <= (1 - alpha dt) |e|_P^2 at the observer's theta."""
     run, alpha = _running(context, claim), scalar(claim.evidence, "alpha")
     if not 0 <= alpha * run.h < 1:
-        raise NotShown("alpha dt is below 0 or not below 1")
+        raise Unproved("alpha dt is below 0 or not below 1")
     demand_falls(run.parts, run.method, run.h, alpha, claim.evidence)
     rate = f"|e|_P^2 falls at each call{f', by {short(alpha * run.h, -1)} of itself' if alpha else ''}"
-    return Shown(f"{run.at}, {rate}", run.error.boxes)
+    return Finding(f"{run.at}, {rate}", run.error.boxes)
 
 
-def throughout(context: Context, claim: Claim) -> Shown:
+def throughout(context: Context, claim: Claim) -> Finding:
     """|e+|_P < |e|_P at the claim's theta, at most the observer's, at every step length up to a longest."""
     observer, evidence = built(context, claim), claim.evidence
     theta, error, method = scalar(evidence, "theta"), error_inclusion(context, observer, evidence), method_of(evidence)
     if not 0 < theta <= scalar(observer.numbers, "theta"):
-        raise NotShown("its theta is not between 0 and the observer's")
+        raise Unproved("its theta is not between 0 and the observer's")
     parts, end, degree = error.at(theta), Fraction(0), method.degree
     if not degree:
-        raise NotShown("by its method the form is no polynomial in dt")
+        raise Unproved("by its method the form is no polynomial in dt")
     pieces = part(evidence, "pieces", list)
     if not 0 < len(pieces) <= _PIECES:
-        raise NotShown(f"it has no pieces, or more than {_PIECES}")
+        raise Unproved(f"it has no pieces, or more than {_PIECES}")
     for piece in pieces:
         fields(piece, "a piece", ("low", "high", "P", "S"))
         low, high = scalar(piece, "low"), scalar(piece, "high")
         if low != end or not low < high:
-            raise NotShown("its pieces do not follow each other from 0")
+            raise Unproved("its pieces do not follow each other from 0")
         values = [form_of(parts, method, low + (high - low) * Fraction(k, degree), piece) for k in range(degree + 1)]
         size = len(values[0])
         for each in times(_bernstein(degree), [list(chain(*value)) for value in values]):
@@ -125,7 +122,7 @@ def throughout(context: Context, claim: Claim) -> Shown:
         end = high
     at = f"theta = {short(theta)} and every dt up to {short(end, -1)}"
     beyond = f"at each larger theta while theta dt is at most {short(theta * end, -1)}"
-    return Shown(f"by {evidence['method']} |e|_P falls at {at}, and {beyond}", error.boxes)
+    return Finding(f"by {evidence['method']} |e|_P falls at {at}, and {beyond}", error.boxes)
 
 
 @cache
@@ -135,7 +132,7 @@ def _bernstein(degree: int) -> list[list[Fraction]]:
     return inverse([[comb(degree, j) * t**j * (1 - t) ** (degree - j) for j in range(degree + 1)] for t in at])
 
 
-def noise(context: Context, claim: Claim) -> Shown:
+def noise(context: Context, claim: Claim) -> Finding:
     """|z_i| <= bound of an error e in |e|_P <= 1, which stays there while the samples of an output err by at most 1:
     its inputs are those at both ends of a call."""
     run, said = _running(context, claim), dict[tuple[int, int], str]()
@@ -144,33 +141,33 @@ def noise(context: Context, claim: Claim) -> Shown:
         state, output = place(one, "state", len(context.z)), place(one, "output", len(context.form.output))
         context.demand_seen(output)
         if (state, output) in said:
-            raise NotShown("a bound stands twice")
+            raise Unproved("a bound stands twice")
         if not run.error.measured:
-            raise NotShown("its gains are no numbers in these coordinates")
+            raise Unproved("its gains are no numbers in these coordinates")
         bound = above_zero(one, "bound")
         demand_kept(run.parts, run.method, run.h, one, ends(run.method, run.parts, output))
         within(one, run.error.picks[state], run.scales, bound)
         said[state, output] = f"{context.z[state]} by at most {short(bound, 1)} for 1 of output {output + 1}"
     if not said:
-        raise NotShown("it has no bounds")
-    return Shown(f"{run.at}, noise moves {', '.join(said.values())}", run.error.boxes)
+        raise Unproved("it has no bounds")
+    return Finding(f"{run.at}, noise moves {', '.join(said.values())}", run.error.boxes)
 
 
 # --- from first errors
 
 
-def start(context: Context, claim: Claim) -> Shown:
+def start(context: Context, claim: Claim) -> Finding:
     """|e|_P < |e|_P of the call before, and |z_i| <= bound of all e that begin with |z| <= first, by |e(0)|_P^2 <= V at
     the corners and bound^2 P >= V c'c, z_i = c e: for the limits of the fields that estimate, and for each state."""
     run, evidence, n = _running(context, claim), claim.evidence, len(context.z)
     if n > _CORNERS:
-        raise NotShown(f"it has more than {_CORNERS} states")
+        raise Unproved(f"it has more than {_CORNERS} states")
     scales, first = run.scales, column(evidence, "first", n)
     if min(first) < 0:
-        raise NotShown("a first error is negative")
+        raise Unproved("a first error is negative")
     clear, peaks = part(evidence, "clear", dict), entries(evidence, "peaks", n)
     if any(not isinstance(one, dict) for one in peaks):
-        raise NotShown("a peak is no object")
+        raise Unproved("a peak is no object")
     begins = list[Fraction]()
     for one in (clear, *peaks):
         demand_falls(run.parts, run.method, run.h, Fraction(0), one)
@@ -186,17 +183,17 @@ def start(context: Context, claim: Claim) -> Shown:
     from_ = f"from errors of up to {short(multiple, -1)} times {', '.join(short(x) for x in first)}"
     clear_of = ", ".join(short(limit, 1) for _, limit in sorted(limits.items()))
     erring = f"no field errs by more than {clear_of}; from these once {', '.join(said)}"
-    return Shown(f"{run.at}, {from_} {erring}", run.error.boxes)
+    return Finding(f"{run.at}, {from_} {erring}", run.error.boxes)
 
 
 def _limits(clear: Mapping[str, Any], run: _Running) -> dict[int, Fraction]:
-    """The limits of all fields that estimate, by place from 0. Raises: `NotShown`."""
+    """The limits of all fields that estimate, by place from 0. Raises: `Unproved`."""
     limits = {}
     for one in part(clear, "limits", list):
         fields(one, "a limit", ("field", "limit"))
         limits[place(one, "field", len(run.error.N))] = above_zero(one, "limit")
     if limits.keys() != run.estimating:
-        raise NotShown("its limits are not those of the fields that estimate")
+        raise Unproved("its limits are not those of the fields that estimate")
     return limits
 
 
@@ -219,7 +216,7 @@ _SHARE = {"inputs", "follows", "samples", "stages", "beside", "fields", "unit", 
 Shares = Mapping[str, Mapping[str, Any]]  # by their inputs
 
 
-def error(context: Context, claim: Claim) -> Shown:
+def error(context: Context, claim: Claim) -> Finding:
     """The share of each part in the error of each field that estimates."""
     run, shares, by_kind = (
         _running(context, claim),
@@ -228,20 +225,20 @@ def error(context: Context, claim: Claim) -> Shown:
     )
     parts, scales, totals = run.parts, run.scales, dict.fromkeys(range(len(run.scales)), Fraction(0))
     if not run.error.measured:
-        raise NotShown("its gains are no numbers in these coordinates")
+        raise Unproved("its gains are no numbers in these coordinates")
     if not shares:
-        raise NotShown("it has no shares")
+        raise Unproved("it has no shares")
     for share in shares:
         if not isinstance(share, dict) or set(share) != _SHARE:
-            raise NotShown(f"a share is no object of {', '.join(sorted(_SHARE))}")
+            raise Unproved(f"a share is no object of {', '.join(sorted(_SHARE))}")
         kind, _ = part(share, "inputs", str), part(share, "follows", dict)
         if kind not in _KINDS or kind in by_kind:
-            raise NotShown(f"its inputs are none of {', '.join(_KINDS)}, each once")
+            raise Unproved(f"its inputs are none of {', '.join(_KINDS)}, each once")
         size, inputs = above_zero(share, "unit"), _inputs(run, share)
         by_kind[kind] = share
         bounds = part(share, "bounds", list)
         if {_field(one, len(scales)) for one in bounds} != run.estimating or len(bounds) > len(run.estimating):
-            raise NotShown("its bounds are not those of the fields that estimate, each once")
+            raise Unproved("its bounds are not those of the fields that estimate, each once")
         for one in bounds:
             k, bound = _field(one, len(scales)), above_zero(one, "bound")
             demand_kept(parts, run.method, run.h, one, inputs)
@@ -250,11 +247,11 @@ def error(context: Context, claim: Claim) -> Shown:
     sizes, under, boxes = _followed(run, by_kind)
     states = zip(context.z, run.error.picks, strict=True)
     said = ", ".join(f"{z} by at most {short(totals[k], 1)}" for z, k in states)
-    return Shown(f"{run.at}, {'; '.join(sizes)} move {said} in all, {under}", run.error.boxes + boxes)
+    return Finding(f"{run.at}, {'; '.join(sizes)} move {said} in all, {under}", run.error.boxes + boxes)
 
 
 def _followed(run: _Running, shares: Shares) -> tuple[list[str], str, int]:
-    """That the sizes follow: what they are, under what, and with how many boxes. Raises: `NotShown`."""
+    """That the sizes follow: what they are, under what, and with how many boxes. Raises: `Unproved`."""
     context, evidence, left, rounding = run.context, run.evidence, shares.get("method"), shares.get("rounding")
     others = {kind: share for kind, share in shares.items() if share is not left and share is not rounding}
     boxes, sizes = demand_followed(context, run.h, others), list[str]()
@@ -298,12 +295,12 @@ def _root(value: Fraction) -> Fraction:
 
 
 def _field(one: Any, count: int) -> int:
-    """The field of a bound, from 0. Raises: `NotShown`."""
+    """The field of a bound, from 0. Raises: `Unproved`."""
     return place(fields(one, "a bound", ("field", "alpha", "P", "S", "bound")), "field", count)
 
 
 def _inputs(run: _Running, share: Mapping[str, Any]) -> list[Input]:
-    """The inputs of a share that are not 0, in its unit. Raises: `NotShown`."""
+    """The inputs of a share that are not 0, in its unit. Raises: `Unproved`."""
     context, error, method = run.context, run.error, run.method
     p, n, stages = len(context.form.output), len(context.z), len(method.nodes)
     nothing, still, inputs = [Fraction(0)] * p, [Fraction(0)] * len(error.N), list[Input]()
@@ -322,22 +319,22 @@ def _inputs(run: _Running, share: Mapping[str, Any]) -> list[Input]:
         for j in (j for j, z in enumerate(context.seen) if z == context.z[i]):
             slope = context.first_gain(j).number
             if slope is None:
-                raise NotShown("the slope of an output is no number")
+                raise Unproved("the slope of an output is no number")
             moved += ends(method, run.parts, j)[1] * (run.h * slope)
         inputs += [moved * size] if size else []
     for k, size in enumerate(_sizes(share, "fields", len(error.N))):
         itself = Input([nothing] * stages, [Fraction(int(k == at)) for at in range(len(error.N))])
         inputs += [itself * size] if size else []
     if not inputs:
-        raise NotShown("a share has no inputs")
+        raise Unproved("a share has no inputs")
     return [each * (1 / scalar(share, "unit")) for each in inputs]
 
 
 def _sizes(share: Mapping[str, Any], key: str, count: int) -> list[Fraction]:
-    """`count` sizes that are not negative, or none. Raises: `NotShown`."""
+    """`count` sizes that are not negative, or none. Raises: `Unproved`."""
     sizes = column(share, key, count) if share[key] != [] else []
     if any(size < 0 for size in sizes):
-        raise NotShown(f"a size of its {key} is negative")
+        raise Unproved(f"a size of its {key} is negative")
     return sizes
 
 

@@ -18,29 +18,50 @@ integral from 0 to c by at most W times that of the size of min(s, c) - sum of t
 weights that add the c_l to 1/2, and where F_i has a second derivative of at most w, by w (1/24 + sum |w_l| (c_l -
 1/2)^2/2), which a linear row has: w = (L (W, 0))_i. A stage is beside the plant at its time by that, in h, and by what
 the stages before it are, times L.
+
+That the sizes of what a realised core leaves follow from the plant, on its ranges.
+
+The plant in the coordinates of the errors, X_k = s_k z_i of a field k that estimates z_i and 0 of a filter, obeys the
+observer's own equations; a step of these from X_0, of the plant's own samples y_0 and y_1,
+
+    X' = L X + w,   w = B y + beta,   beta_k = s_k b_i
+    a = X_0 + h phi_1 X'_0 + h phi_2 B (y_1 - y_0),   X+ = a + h phi_2 (beta(a) - beta_0)
+
+is beside X_1 by alpha + h phi_2 (beta(a) - beta_1), and a by alpha - h phi_2 (beta_1 - beta_0). With |beta_1 - beta_0|
+<= h sup|beta'|, and the slopes of the rest of what the error obeys, whatever a clamp takes of them,
+
+    by the bilinear rule        (1 - h L/2) alpha = -integral of (X' - line),   |alpha| <= |phi_1 s| h^3/12 sup|z'''|
+    by the matrix exponential   alpha = h (phi_2 - phi_2*) integral of (1 - (h - s) L) X''(s)
+                                        - integral of exp((h - s) L) (w - line)(s)
+
+while the plant keeps clear of the ends of its ranges by h sup|F|: `line` is that between the ends of a signal v, |v -
+line| <= s (h - s)/2 sup|v''|, or as if v'' were 4/h sup|v'|, and phi_2* the exponential's, of which the program's phi_2
+is within 2^-56. Suprema are at most what the certificate says of them, shown by bisection; of a plant with kinks it
+says how steep F and b are, of which their first derivatives follow, of states and inputs that move so fast.
 """
 
-from collections.abc import Container, Iterable, Mapping, Sequence
+from collections.abc import Callable, Container, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
+from functools import partial
 from itertools import chain, pairwise
 from typing import Any
 
-from .arithmetic import Undefined
-from .box import Box, NotShown, Try, covered
-from .context import Context, narrowed
-from .file import column, entries, matrix, part
-from .inequality import ONE, Tableau
+from .arithmetic import Undefined, Unproved
+from .box import Box, Try, covered, narrowed, no_steeper
+from .context import Context, numbers
+from .file import column, entries, matrix, part, scalar
+from .inclusion import ErrorInclusion
+from .inequality import ONE, REALISED, TAKEN, Parts, Tableau, Weights
 from .interval import Interval, point
-from .matrix import Matrix, demand_enough, dot
-from .plant_motion import PlantMotion, PlantSeries, demand_keys, motion_of
-from .slope import no_steeper
+from .matrix import Matrix, core_integral, demand_enough, dot, minus, plus, scaled, sizes, times, unit, zeros
+from .plant_motion import Derivative, PlantMotion, PlantSeries, demand_derivatives, demand_keys, motion_of
 from .text import Expression
 
 _KEYS = ("rates", "speeds", "slopes", "lines", "orders", "flow", "step", "steepness", "tree")
 _THIRD = 3  # the coefficient of a line
 _MORE = 100  # boxes on which coefficients are taken, beyond the cells of a tree
-_BENT = 2  # the degree of what is not linear
+_NONLINEAR = 2  # the degree of what is not linear
 _HALF, _ZERO, _TWELFTH = Fraction(1, 2), Fraction(0), Fraction(1, 12)
 
 
@@ -64,7 +85,7 @@ class Remainder:
 
     @property
     def beside(self) -> list[Fraction]:
-        """Of each row (n), over h. Raises: `NotShown`."""
+        """Of each row (n), over h. Raises: `Unproved`."""
         h, each = self.motion.h, zip(self.orders, self.flow, self.step, strict=True)
         left = [h**order * (x + y) for order, x, y in each]
         if not self.steepness:
@@ -94,7 +115,7 @@ class Remainder:
         return sizes
 
     def demand(self) -> int:
-        """That the bounds are those of the plant; with how many boxes. Raises: `NotShown`."""
+        """That the bounds are those of the plant; with how many boxes. Raises: `Unproved`."""
         context, box, boxes = self.context, self.context.form.box, self.motion.demand()
         names = (*context.z, *context.file.inputs)
         for j, (head, slope) in self.motion.shown.items():
@@ -146,7 +167,7 @@ def _degree(row: Expression, constant: Container[str]) -> int:
         elif op == "mul" or (op == "div" and not own[1]):
             degrees.append(sum(own))
         else:
-            degrees.append(_BENT if any(own) else 0)
+            degrees.append(_NONLINEAR if any(own) else 0)
     return degrees[row.result]
 
 
@@ -157,7 +178,7 @@ def _all_within(pairs: Iterable[tuple[Interval, Fraction]]) -> bool:
 def demand_remainder(
     context: Context, tableau: Tableau, h: Fraction, share: Mapping[str, Any]
 ) -> tuple[PlantMotion, int]:
-    """How the plant moves, from which the sizes of the share follow, with how many boxes. Raises: `NotShown`."""
+    """How the plant moves, from which the sizes of the share follow, with how many boxes. Raises: `Unproved`."""
     follows, p, n, m = part(share, "follows", dict), len(context.form.output), len(context.z), len(context.file.inputs)
     demand_keys(follows, _KEYS)
     motion = motion_of(context, h, follows)
@@ -165,7 +186,7 @@ def demand_remainder(
     orders = _orders(follows, n, tableau)
     steepness = [] if all(orders) else matrix(follows, "steepness", n, n + m)
     if all(orders) and part(follows, "steepness", list):
-        raise NotShown("none of its rows follows from their steepness")
+        raise Unproved("none of its rows follows from their steepness")
     rows = column(follows, "flow", n), column(follows, "step", n)
     tree = part(follows, "tree", str)
     left = Remainder(context, tableau, motion, slopes, _lines(follows, p, tableau), orders, *rows, steepness, tree)
@@ -175,15 +196,15 @@ def demand_remainder(
 
 
 def _orders(follows: Mapping[str, Any], n: int, tableau: Tableau) -> list[int]:
-    """Of each row (n), from 0 to that of the method. Raises: `NotShown`."""
+    """Of each row (n), from 0 to that of the method. Raises: `Unproved`."""
     orders = column(follows, "orders", n)
     if any(q.denominator > 1 or not 0 <= q <= tableau.order for q in orders):
-        raise NotShown(f"one of its orders is none of 0 to {tableau.order}")
+        raise Unproved(f"one of its orders is none of 0 to {tableau.order}")
     return [*map(int, orders)]
 
 
 def _lines(follows: Mapping[str, Any], p: int, tableau: Tableau) -> Matrix:
-    """The bounds of the third coefficients of each output (p, ..), or none of any. Raises: `NotShown`."""
+    """The bounds of the third coefficients of each output (p, ..), or none of any. Raises: `Unproved`."""
     count = len(tableau.cubic) if any(entries(follows, "lines", p)) else 0
     return matrix(follows, "lines", p, count)
 
@@ -195,9 +216,9 @@ def left_by_lipschitz(
     tableau: Tableau, h: Fraction, steepness: Matrix, moving: Sequence[Fraction], linear: Sequence[bool]
 ) -> list[Fraction]:
     """Of each row (n), over h: of `steepness` (n, n + m) where states and inputs are `moving` so fast (n + m), and some
-    rows are `linear`. Raises: `NotShown`."""
+    rows are `linear`. Raises: `Unproved`."""
     if any(x < 0 for row in steepness for x in row):
-        raise NotShown("one of its steepness is negative")
+        raise Unproved("one of its steepness is negative")
     n, nodes, off = len(steepness), tableau.nodes, list[list[Fraction]]()
     W = _driven(steepness, moving)
     for row, c in zip((*tableau.rows, tableau.weights), (*nodes, ONE), strict=True):
@@ -222,9 +243,9 @@ def _driven(rows: Matrix, by: Sequence[Fraction]) -> list[Fraction]:
 
 
 def _kernel(weights: Sequence[Fraction], nodes: Sequence[Fraction], c: Fraction) -> Fraction:
-    """The integral from 0 to 1. Raises: `NotShown` of weights that do not add to c."""
+    """The integral from 0 to 1. Raises: `Unproved` of weights that do not add to c."""
     if sum(weights, _ZERO) != c:
-        raise NotShown("its stages are not exact for what is constant")
+        raise Unproved("its stages are not exact for what is constant")
     jumps = dict.fromkeys(sorted({_ZERO, c, ONE, *nodes}), _ZERO)
     for w, at in zip(weights, nodes, strict=False):
         jumps[at] += w
@@ -242,3 +263,141 @@ def _size(a: Fraction, b: Fraction) -> Fraction:
     if a * b >= 0:
         return abs(a + b) / 2
     return (a * a + b * b) / (2 * abs(b - a))
+
+
+# ---
+
+_CORE_KEYS = ("rates", "speeds", "flow", "rest", "steepness")
+_STAND_IN = 4  # over h, of a first derivative: what stands for the second
+
+
+@dataclass(frozen=True)
+class AtCore:
+    """A step of length `h` of what obeys the core L of `parts`, by `weights`; of the plant's states `lifted`, s (N, n),
+    and what `entering` (N, n) samples show of them, B C.
+
+    Of the plant, bounds of a derivative of the `flow` z' in time (n), and of the first ones of the `rest` b, by their
+    orders from 1 (.., n)."""
+
+    parts: Parts
+    h: Fraction
+    weights: Weights
+    lifted: Matrix
+    entering: Matrix
+    flow: list[Fraction]
+    rest: Matrix
+
+    def total(self, alpha: Matrix) -> list[Fraction]:
+        """By how much a step is beside the plant (N), over h, of the sizes alpha (N, 1)."""
+        _, phi_2, width = self.weights
+        weight = [[self.h * (abs(x) + width) for x in row] for row in phi_2]
+        moved = scaled(self.h, times(sizes(self.lifted), _upright(self.rest[0])))
+        ahead = plus(alpha, times(weight, moved))
+        parts = self.parts
+        J = sizes(minus(parts.M, parts.L))  # at most, of what the rest makes of an error
+        J = plus(J, times(sizes(parts.G), sizes(parts.H))) if parts.H else J
+        return [x / self.h for (x,) in plus(alpha, times(weight, times(J, ahead)))]
+
+
+@dataclass(frozen=True)
+class Leaves:
+    """What a realisation leaves of a plant whose rest is known at both ends of a step: the sizes `alpha` (N, 1), from
+    the derivative of z' of the order `flow`, and those of b of up to the order `rest`."""
+
+    flow: int
+    rest: int
+    alpha: Callable[[AtCore], Matrix]
+
+
+def _by_bilinear_rule(step: AtCore) -> Matrix:
+    phi_1, _, _ = step.weights
+    return scaled(step.h**3 / 12, times(sizes(times(phi_1, step.lifted)), _upright(step.flow)))
+
+
+def _by_matrix_exponential(step: AtCore) -> Matrix:
+    L, h, (head, bent) = step.parts.L, step.h, (_upright(step.flow), _upright(step.rest[1]))
+    source = [[*row, *own] for row, own in zip(step.entering, step.lifted, strict=True)]
+    turned = plus(unit(len(L)), scaled(h / 2, sizes(L)))
+    taken = times([[TAKEN] * len(L) for _ in L], times(turned, times(sizes(step.lifted), head)))
+    return plus(times(core_integral(L, h, source), [*head, *bent]), scaled(h**2, taken))
+
+
+_LEAVES: Mapping[str, Leaves] = {
+    "the bilinear rule": Leaves(2, 1, _by_bilinear_rule),
+    "the matrix exponential": Leaves(1, 2, _by_matrix_exponential),
+}
+
+
+def demand_left_by_core(
+    context: Context, error: ErrorInclusion, theta: Fraction, evidence: Mapping[str, Any], share: Mapping[str, Any]
+) -> tuple[PlantMotion, int]:
+    """How the plant moves, from which the sizes of the share follow, with how many boxes. Raises: `Unproved`."""
+    follows, n, name = part(share, "follows", dict), len(context.z), evidence["method"]
+    demand_keys(follows, _CORE_KEYS)
+    leaves, parts, h = _LEAVES[name], error.at(theta), scalar(evidence, "dt")
+    motion = motion_of(context, h, follows)
+    bounds = _by_steepness if part(follows, "steepness", list) else _by_derivatives
+    flow, rest, shown = bounds(motion, follows, leaves)
+    each = zip(error.scales(context, theta), error.index, error.fed, strict=True)
+    lifted = [[s * int(fed and i == at) for at in range(n)] for s, i, fed in each]
+    entering = zeros(len(parts.L), n)  # B C, from what outputs show
+    for j, (head, slope) in motion.shown.items():
+        for row, by in zip(entering, parts.B, strict=True):
+            row[head] += by[j] * slope
+    _demand_chain(context, parts, lifted, entering)
+    step = AtCore(parts, h, REALISED[name](scaled(h, parts.L)), lifted, entering, flow, rest)
+    least = step.total(leaves.alpha(step))
+    demand_enough("the method", column(share, "fields", len(lifted)), least)
+    return motion, motion.demand() + shown()
+
+
+def _by_derivatives(
+    motion: PlantMotion, follows: Mapping[str, Any], leaves: Leaves
+) -> tuple[list[Fraction], Matrix, Callable[[], int]]:
+    """Bounds of the derivatives of the flow and of the rest, and what shows them with how many boxes. Raises:
+    `Unproved`."""
+    context, n = motion.context, len(motion.context.z)
+    flow, rest = column(follows, "flow", n), matrix(follows, "rest", leaves.rest, n)
+    derivatives = [Derivative(row, leaves.flow, most) for row, most in zip(context.rates, flow, strict=True)]
+    for order, bounds in enumerate(rest, 1):
+        derivatives += [Derivative(row, order, most) for row, most in zip(context.form.b, bounds, strict=True)]
+    return flow, rest, partial(demand_derivatives, motion, derivatives)
+
+
+def _by_steepness(
+    motion: PlantMotion, follows: Mapping[str, Any], leaves: Leaves
+) -> tuple[list[Fraction], Matrix, Callable[[], int]]:
+    """The same, and what stands for them, of how steep both are. Raises: `Unproved`."""
+    context, names = motion.context, (*motion.context.z, *motion.context.file.inputs)
+    if follows["flow"] != [] or follows["rest"] != []:
+        raise Unproved("its sizes follow from derivatives or from steepness")
+    both = (context.rates, context.form.b)
+    steep = [
+        matrix({"steepness": rows}, "steepness", len(context.z), len(names))
+        for rows in entries(follows, "steepness", len(both))
+    ]
+    moving = _upright([*motion.speeds, *motion.rates])
+    flow, rest = ([x for (x,) in times(rows, moving)] for rows in steep)
+
+    def standing(order: int, first: list[Fraction]) -> list[Fraction]:
+        return [(_STAND_IN / motion.h) ** (order - 1) * x for x in first]
+
+    def shown() -> int:
+        ones = [Fraction(1)] * len(names)
+        pairs = zip(both, steep, strict=True)
+        return sum(no_steeper(rows, names, most, ones, context.form.box) for rows, most in pairs)
+
+    return standing(leaves.flow, flow), [standing(k, rest) for k in range(1, leaves.rest + 1)], shown
+
+
+def _demand_chain(context: Context, parts: Parts, lifted: Matrix, entering: Matrix) -> None:
+    """L s + B C = s A: that X obeys the observer's equations. Raises: `Unproved`."""
+    chain = numbers([context.value(entry) for entry in row] for row in context.form.A)
+    if chain is None:
+        raise Unproved("the chain of the plant moves, which its method does not realise")
+    if plus(times(parts.L, lifted), entering) != times(lifted, chain):
+        raise Unproved("its core is not the plant's chain")
+
+
+def _upright(values: list[Fraction]) -> Matrix:
+    return [[value] for value in values]

@@ -1,0 +1,361 @@
+"""The convergence of an observer of a constant injection in continuous time, verified again.
+
+    high_gain            z' = A z + b(sat z, u) + diag(theta, .., theta^n) K (y - C z), on a chain for each output
+    circle_criterion     the same with b(sat(z + N_theta (y - C z)), u), N_theta of the entries `argument`
+    switched_gain        the same with one of two theta, held for a time
+    filtered             w_i' = w_(i+1) + c_i + L_i eta_i,   eta_i' = -theta alpha eta_i + theta^2 beta eta_(i-1)
+    filtered_injection   w' = A w + c + diag(theta, .., theta^n) NH eta,   eta' = theta F eta + theta G (y - w_1)
+    low_power            p_i' = q_i + c_i + theta k_i1 e_i,   q_i' = q_(i+1) + c_(i+1) + theta^2 k_i2 e_i,   i < n
+    peaking_free         the same with sat q_(i+1) in q_i', e_i = sat q_(i-1) - p_i, and p_n' = c_n + theta last e_n
+
+with eta_0 = y - w_1, e_1 = y - p_1, e_i = q_(i-1) - p_i, q_n = 0; b and c take the estimate clamped to the box, sat is
+to the range of the state; `gains` are K, L, or the pairs k. K acts chain by chain, or is a matrix, whose entry for the
+state i and the output of chain k stands times theta^(p(i) - p(k) + 1), p the powers that scale states. The errors e of
+fields, in units and over powers of theta, obey e' = M e with slopes in ranges (`uncertain`); P > 0 with M'P + P M +
+alpha P < 0 for all of them shows V' <= -alpha V, V = e'P e. What holds at the `least` theta holds at every larger one:
+M/theta is N and slopes over theta^(degree + 1), those of a degree above -1 have 0 in their ranges, which shrink, and
+the others stay.
+
+A switch between gains multiplies e by D = diag((low/theta)^p), so that V becomes at most `up` times what it was, or
+`down` times: up P_low - D P_high D >= 0, down P_high - D^-1 P_low D^-1 >= 0. Held for a time T with alpha T > log(up
+down) in the high gain, V falls from cycle to cycle.
+
+How far inputs drive the error: e' = M e + B v at the observer's theta. By `inequality` |e|_P <= 1 stays so while each
+|v_k| <= 1; with |C e|^2 in the place of alpha |e|_P^2, and lambda_k <= mu^2, the L2 norm of C e is at most mu times
+that of v. Inputs are noise of samples, of sizes by output, and what comes to the rows of the form beside b.
+
+Sources of the observers: Gauthier, Hammouri, Othman, IEEE TAC 37 (1992); Ahrens, Khalil, Automatica 45 (2009); Astolfi,
+Jungers, Zaccarian, ECC (2018); Astolfi, Marconi, IEEE TAC 60 (2015); Astolfi, Marconi, Praly, Teel, Automatica 98
+(2018).
+
+The convergence of a high gain on the uniform form, verified again.
+
+    z' = F(z, u) + diag(g_1, .., g_n) (y - h),   F_k = s_k z_(k+1) + b_k(sat z, u),   y = a z_1 + c
+    g_i = theta^i K_i/(a F_1' .. F_(i-1)') at (sat z, u),   F_k' = dF_k/dz_(k+1)
+
+    e' = (theta (N - diag(K_1, K_2 q_1, K_3 q_1 q_2, ..) 1 C) + slopes) e,   q_k in the range of s_k/F_k'
+
+for e_i = s_1 .. s_(i-1) (z_i - x_i)/theta^(i-1), x the plant's state in its ranges, N the shift, the slopes those of b,
+each with 0 in its range, as a clamp lets a share of an error pass. A slope of F_k in z_(k+1) grows as theta does, and
+the others do not grow: what decays in |e|_P at the least theta decays at every larger one. The matrix is affine in
+each slope and in each q_k. So P > 0 with M'P + P M + alpha P < 0 at all combinations of ends shows |e|_P^2 to fall like
+exp(-alpha t); else multipliers S >= 0 of the slopes do, each K_i q_1 .. q_(i-1) taken for a slope of its own.
+
+The convergence of a Kalman filter of a linear plant with constant coefficients, verified again.
+
+    z' = A z + b(u),  y = C z + d(u):   sum_k (A')^k C'C A^k > 0,  sum_k A^k Q Q' (A')^k > 0,  k < n,  R > 0
+
+A and C are those of the certificate's form, which no b reads a state of. With (C, A) observable and (A, Q) controllable
+P of the Riccati equation converges to the one for which A - P C' R^-1 C is Hurwitz. A constant `theta` above 1 scales Q
+by rows and columns, so that it must be positive definite. Source: R. E. Kalman, R. S. Bucy, J. Basic Engineering 83
+(1961), section 7.
+"""
+
+from collections.abc import Iterator, Mapping
+from dataclasses import replace
+from fractions import Fraction
+from itertools import product
+from math import prod
+from typing import Any
+
+from ..arithmetic import Unproved
+from ..box import continuous
+from ..context import Context, Finding, Rule, built, constants, enclosed, inner, on_chains, only, short
+from ..file import Built, Claim, Observer, above_zero, column, entries, fields, matrix, part, scalar
+from ..inclusion import ERROR, INJECTED, ErrorInclusion, Slope, bounded_slopes, error_inclusion, of_field, with_endless
+from ..inequality import (
+    FLOW,
+    NOW,
+    Decay,
+    Input,
+    Parts,
+    clamped,
+    corners_of,
+    decays,
+    demand_decays,
+    demand_kept,
+    demand_negative,
+    form_of,
+    multipliers,
+    within,
+)
+from ..interval import intervals, point
+from ..matrix import Matrix, demand_nonnegative, demand_positive, minus, plus, scaled, times, transposed, unit, zeros
+from ..text import Expression
+
+
+def _least(observer: Observer) -> tuple[str, Fraction]:
+    """The name and the value of the least theta, which of two is not above the other. Raises: `Unproved`."""
+    name = "theta_low" if "theta_low" in observer.numbers else "theta"
+    least = scalar(observer.numbers, name)
+    if least > scalar(observer.numbers, "theta"):
+        raise Unproved("theta_low is above theta")
+    return name, least
+
+
+def _said(observer: Observer) -> str:
+    if "hold" in observer.numbers:
+        return "the error decays exponentially between switches, in every gain above {}"
+    return "the error converges exponentially for every theta above {}"
+
+
+def held(context: Context, claim: Claim) -> Finding:
+    """The time hold is long enough; that the low gain's norm falls is another claim."""
+    numbers, evidence = built(context, claim).numbers, claim.evidence
+    theta, low, hold = (above_zero(numbers, name) for name in ("theta", "theta_low", "hold"))
+    up, down = above_zero(evidence, "up"), above_zero(evidence, "down")
+    alpha, bound = scalar(evidence, "alpha"), context.file.claim(f"{claim.maker}.convergence")
+    if alpha < 0 or bound is None:
+        raise Unproved("its alpha is negative, or there is no bound on theta")
+    error = error_inclusion(context, built(context, claim), bound.evidence)
+    demand_decays(error.at(theta), alpha, evidence)
+    size, other = len(error.N), context.file.claim(f"{claim.maker}.theta")
+    if other is None or not other.evidence:
+        raise Unproved("there is no norm of the low gain")
+    high, slow = matrix(evidence, "P", size, size), matrix(other.evidence, "P", size, size)
+    D = [(low / theta) ** p for p in error.power]
+    entering = [[x * D[i] * D[j] for j, x in enumerate(row)] for i, row in enumerate(high)]
+    leaving = [[x / D[i] / D[j] for j, x in enumerate(row)] for i, row in enumerate(slow)]
+    demand_nonnegative({"up P_low - D P_high D": minus(scaled(up, slow), entering)})
+    demand_nonnegative({"down P_high - D^-1 P_low D^-1": minus(scaled(down, high), leaving)})
+    lost = intervals.function("log", (point(up * down),))
+    if (point(alpha * hold) - lost).sign <= 0:
+        raise Unproved(f"hold = {short(hold)} is not shown to be long enough")
+    return Finding(f"in continuous time, hold = {short(hold)} is long enough: switching keeps the error's decay")
+
+
+def _falls(context: Context, claim: Claim, slopes: Mapping[str, Any], level: Fraction, alpha: Fraction) -> int:
+    """V' <= -alpha V at a theta, by the claim's V, whatever the slopes; with how many boxes these are shown."""
+    error = with_endless(context, built(context, claim), slopes)
+    demand_decays(error.at(level), alpha, claim.evidence)
+    return error.boxes
+
+
+# --- inputs
+
+
+def l2_gain(context: Context, claim: Claim) -> Finding:
+    """The L2 gain from the claim's inputs to the errors of the states, weighed by what they count for."""
+    error, parts, scales, inputs, said = _of(context, claim)
+    evidence, n, mu = claim.evidence, len(context.z), above_zero(claim.evidence, "mu")
+    if max(multipliers(evidence, inputs)) > mu**2:
+        raise Unproved("a lambda is above mu^2")
+    form, counts = form_of(parts, FLOW, NOW, evidence, inputs), column(evidence, "counts", n)
+    for count, field in zip(counts, error.picks, strict=True):
+        form[field][field] += (count / scales[field]) ** 2
+    demand_negative("its inequality", form)
+    of = ", ".join(f"{short(x)} {z}" for x, z in zip(counts, context.z, strict=True))
+    return Finding(
+        f"in continuous time, {said}, the L2 gain to the error of {of} is at most {short(mu, 1)}", error.boxes
+    )
+
+
+def iss_gain(context: Context, claim: Claim) -> Finding:
+    """The bound to which the error of each state comes."""
+    error, parts, scales, inputs, said = _of(context, claim)
+    bounds = list[str]()
+    each = entries(claim.evidence, "bounds", len(context.z))
+    for z, field, one in zip(context.z, error.picks, each, strict=True):
+        bound = above_zero(fields(one, "a bound", ("alpha", "P", "S", "bound")), "bound")
+        demand_kept(parts, FLOW, NOW, one, inputs)
+        within(one, field, scales, bound)
+        bounds.append(f"{z} comes to at most {short(bound, 1)}")
+    return Finding(f"in continuous time, {said}, the error of {', '.join(bounds)}", error.boxes)
+
+
+def _of(context: Context, claim: Claim) -> tuple[ErrorInclusion, Parts, list[Fraction], list[Input], str]:
+    """The error at the observer's theta, its scales, the inputs, and words for these. Raises: `Unproved`."""
+    observer, evidence = built(context, claim), claim.evidence
+    theta, error = scalar(observer.numbers, "theta"), error_inclusion(context, observer, evidence)
+    if not theta > 0 or not error.measured:
+        raise Unproved("its theta is not positive, or its gains are no numbers in these coordinates")
+    scales, said, p = error.scales(context, theta), list[str](), len(context.form.output)
+    inputs, nothing = list[Input](), [Fraction(0)] * p
+    for j, size in enumerate(column(evidence, "noise", p)):
+        if size:
+            context.demand_seen(j)
+            inputs.append(Input([unit(p)[j]], [Fraction(0)] * len(scales)) * size)
+            said.append(f"under noise of {short(size)} in output {j + 1}")
+    for beside in part(evidence, "beside", list):
+        rows = column({"beside": beside}, "beside", len(context.z))
+        fields = zip(scales, error.index, error.fed, strict=True)
+        inputs.append(Input([nothing], [-scale * rows[i] * fed for scale, i, fed in fields]))
+        said.append(f"under ({', '.join(short(x) for x in rows)}) beside b")
+    if not inputs:
+        raise Unproved("nothing enters")
+    return error, error.at(theta), scales, inputs, ", ".join(said)
+
+
+# ---
+
+_CORNERS = 1024  # of slopes and shares
+Shares = list[tuple[Fraction, Fraction]]
+
+
+def _uniform_falls(context: Context, claim: Claim, ranges: Mapping[str, Any], level: Fraction, alpha: Fraction) -> int:
+    """V' <= -alpha V at a theta, by the claim's P, whatever the slopes; with how many boxes these are shown."""
+    _ = context.equations
+    observer, n = built(context, claim), len(context.z)
+    K, s = column(observer.numbers, "gains", n), _above(context)
+    only(context.form.output[0].names & set(context.z), context.z[:1], "the output")
+    _ = context.first_gain(0)
+    scale, every = constants(context, entries(ranges, "scale", n)), [*range(n)]
+    if [context.value(text).number for text in scale] != [prod(s[:i], start=Fraction(1)) for i in every]:
+        raise Unproved("its scale is not that of the slopes above the diagonal of A")
+    slopes, boxes = bounded_slopes(context, ranges, scale, every, [True] * n, every, every, least=-1)
+    shares, more = _shares(context, ranges, s)
+    if "S" in claim.evidence:
+        demand_decays(_inclusion(n, [*slopes, *_of_products(K, shares)]).at(level), alpha, claim.evidence)
+    else:
+        for corner in _corners(_inclusion(n, slopes).at(level), K, shares, level):
+            demand_decays(corner, alpha, claim.evidence)
+    return boxes + more
+
+
+def _above(context: Context) -> list[Fraction]:
+    """The numbers s_k above the diagonal of A, where it has nothing else. Raises: `Unproved`."""
+    numbers = []
+    for i, row in enumerate(context.form.A):
+        for j, text in enumerate(row):
+            entry = context.value(text)
+            if j != i + 1:
+                if not context.algebra.is_zero(entry):
+                    raise Unproved(f"A[{i + 1},{j + 1}] is not zero")
+                continue
+            if not entry.number:
+                raise Unproved(f"A[{i + 1},{j + 1}] is no number, or zero")
+            numbers.append(entry.number)
+    return numbers
+
+
+def _shares(context: Context, evidence: Mapping[str, Any], s: list[Fraction]) -> tuple[Shares, int]:
+    """The range of each s_k/F_k', and with how many boxes these are shown. Raises: `Unproved`."""
+    shares, boxes, one = Shares(), 0, context.algebra.number(Fraction(1))
+    for k, (number, range_) in enumerate(zip(s, entries(evidence, "shares", len(s)), strict=True)):
+        rate, z = context.rates[k], context.z[k + 1]
+
+        def read(text: Expression, rate: Expression = rate) -> Expression:
+            return context.at_kinks(text, rate)
+
+        low, high, shown = enclosed(context, range_, one / context.slope(rate, z), rate, read)
+        if low <= 0 <= high:
+            raise Unproved("the bounds of a slope do not keep clear of zero")
+        continuous((rate,), (z,), context.form.box)
+        shares.append((min(number * low, number * high), max(number * low, number * high)))
+        boxes += shown.boxes
+    return shares, boxes
+
+
+def _inclusion(n: int, slopes: list[Slope]) -> ErrorInclusion:
+    shift = zeros(n, n)
+    for k in range(n - 1):
+        shift[k][k + 1] = Fraction(1)
+    every = [*range(n)]
+    return ErrorInclusion(shift, slopes, 0, [], every, [True] * n, every, every, [], [])
+
+
+def _injected(K: list[Fraction], q: tuple[Fraction, ...]) -> list[Fraction]:
+    """K_1, K_2 q_1, K_3 q_1 q_2, .."""
+    return [k * prod(q[:i], start=Fraction(1)) for i, k in enumerate(K)]
+
+
+def _of_products(K: list[Fraction], shares: Shares) -> Iterator[Slope]:
+    """Each K_i q_1 .. q_(i-1) as a slope of its own."""
+    every, n = [_injected(K, q) for q in product(*shares)], range(len(K))
+    for i in n:
+        ends = [each[i] for each in every]
+        yield Slope(of_field(0, len(K)), [Fraction(-int(k == i)) for k in n], min(ends), max(ends), -1)
+
+
+def _corners(parts: Parts, K: list[Fraction], shares: Shares, theta: Fraction) -> Iterator[Parts]:
+    """What the error obeys at all combinations of ends. Raises: `Unproved`."""
+    ends = [sorted(set(pair)) for pair in shares]
+    if 2 ** len(parts.H) * prod(map(len, ends)) > _CORNERS:
+        raise Unproved(f"its slopes have more than {_CORNERS} combinations of ends")
+    for moved in corners_of(parts):
+        for q in product(*ends):
+            push = _injected(K, q)
+            whole = [[x - theta * push[i] * (j == 0) for j, x in enumerate(row)] for i, row in enumerate(moved)]
+            yield replace(parts, M=whole, G=[[] for _ in whole], H=[])
+
+
+# ---
+
+
+def convergence(context: Context, claim: Claim) -> Finding:
+    """The error converges exponentially from everywhere."""
+    observer, form, n = built(context, claim), context.form, len(context.z)
+    A, C = matrix(claim.evidence, "A", n, n), matrix(claim.evidence, "C", len(form.output), n)
+    _linear(context, A, C)
+    Q, R = matrix(observer.numbers, "Q", n, n), column(observer.numbers, "R", len(form.output))
+    theta = scalar(observer.numbers, "theta")
+    if theta <= 0 or any(r <= 0 for r in R):
+        raise Unproved("its theta or R is not positive")
+    demand_positive({"sum of (A')^k C'C A^k": _gramian(transposed(A), times(transposed(C), C))})
+    if theta != 1:
+        demand_positive({"Q": Q})
+    demand_nonnegative({"Q": Q})
+    demand_positive({"sum of A^k Q Q (A')^k": _gramian(A, times(Q, Q))})
+    known = "(C, A) is observable, (A, Q) is controllable"
+    return Finding(f"in continuous time, without noise, the error converges exponentially from everywhere: {known}")
+
+
+def _linear(context: Context, A: Matrix, C: Matrix) -> None:
+    """That the form is z' = A z + b(u), y = C z + d(u). Raises: `Unproved`."""
+    _ = context.equations
+    form, algebra = context.form, context.algebra
+    for texts, row in zip(form.A, A, strict=True):
+        for entry, number in zip(texts, row, strict=True):
+            context.same(entry, algebra.number(number), "A is not that of the form")
+    for rest in form.b:
+        only(rest.names & set(context.z), (), "b")
+    letters = algebra.names
+    still = {**letters, **dict.fromkeys(context.z, algebra.zero)}
+    for output, row in zip(form.output, C, strict=True):
+        shown = inner(algebra, [algebra.number(each) for each in row], [letters[name] for name in context.z])
+        context.same(output, algebra.read(output, still) + shown, "C is not that of the form")
+
+
+def _gramian(A: Matrix, start: Matrix) -> Matrix:
+    """The sum of A^k M (A')^k for k < n."""
+    total, term = start, start
+    for _ in range(len(A) - 1):
+        term = times(times(A, term), transposed(A))
+        total = plus(total, term)
+    return total
+
+
+_INJECTED = (*INJECTED, "switched_gain")
+_UNIFORM = "uniform_injection"
+OBSERVERS = {
+    _UNIFORM: Built(("theta", "gains")),
+    "riccati": Built(("theta", "Q", "R")),
+    "high_gain": Built(("theta",), ("gains",), ("weights",)),
+    "circle_criterion": Built(("theta",), ("gains", "argument"), ("weights",)),
+    "switched_gain": Built(("theta", "theta_low", "hold"), ("gains",), ("weights",)),
+    "filtered": Built(("theta", "alpha", "beta", "gains")),
+    "filtered_injection": Built(("theta", "F", "G", "NH")),
+    "low_power": Built(("theta", "gains")),
+    "peaking_free": Built(("theta", "gains", "last")),
+}
+_NORM = ("P", "S")
+_INPUTS = (*ERROR, "noise", "beside")
+_UNIFORM_DECAY = Decay(
+    _uniform_falls, said=lambda _: "the error against the plant converges exponentially for every theta above {}"
+)
+RULES = (
+    *(
+        replace(rule, kinds=("uniform",), rests=rests)
+        for rule, rests in zip(
+            decays((_UNIFORM,), _UNIFORM_DECAY, ("scale", "slopes", "shares"), _NORM),
+            (("uniform.structure", "uniform.slope_1"), (f"{_UNIFORM}.convergence",)),
+            strict=True,
+        )
+    ),
+    Rule(("riccati",), ("convergence",), convergence, ("A", "C"), about="the filter of a linear plant"),
+    *decays(_INJECTED, Decay(_falls, _least, _said), ERROR, _NORM),
+    on_chains(("switched_gain",), ("hold",), held, ("alpha", *_NORM, "up", "down"), "switched_gain.theta"),
+    clamped(_INJECTED),
+    on_chains(INJECTED, ("l2_gain",), l2_gain, (*_INPUTS, "counts", "mu", "P", "S")),
+    on_chains(INJECTED, ("iss_gain",), iss_gain, (*_INPUTS, "bounds")),
+)
