@@ -506,7 +506,7 @@ def test_what_is_rounded_is_that_at_the_far_end_of_all_ranges(name: str, most: i
 def test_the_plant_moves_at_its_speed_and_by_what_is_beside_it(monkeypatch: pytest.MonkeyPatch) -> None:
     """As the method leaves something in each row."""
     content, seen = changed(certified("a swing"), speeds=["5", "7"]), []
-    monkeypatch.setattr("hgogen.recheck.rounding.Rounded", lambda *parts: seen.append(parts[-1]) or Rounded(*parts))
+    monkeypatch.setattr("hgogen.recheck.program.Rounded", lambda *parts: seen.append(parts[-1]) or Rounded(*parts))
     assert row(content).found == "fails"
     (claim,) = (each["evidence"] for each in content["claims"] if each["id"].endswith(".error"))
     (left,) = (map(Fraction, one["beside"]) for one in claim["shares"] if one["inputs"] == "method")
