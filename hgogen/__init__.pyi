@@ -6,8 +6,8 @@ from hgogen import observers as observers
 from hgogen import targets as targets
 from hgogen import trial as trial
 from hgogen.analysis.observability import observability as observability
-from hgogen.analysis.query import bound as bound
-from hgogen.analysis.query import nonzero as nonzero
+from hgogen.analysis.ranges import bound as bound
+from hgogen.analysis.ranges import nonzero as nonzero
 from hgogen.analysis.recast import recast as recast
 from hgogen.analysis.singularity import singularity as singularity
 from hgogen.call import sample as sample

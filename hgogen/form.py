@@ -87,7 +87,7 @@ class Form:
     `clamped`: whether an observer clamps these arguments, on which what is proved of it rests. `limits`: of each row of
     b, the range that its value is limited to by an observer, () without; `free`: whether its argument is then taken as
     it is, in the place of a clamped one. `held`: the rows, by their names, that have no finite value somewhere and were
-    accepted all the same, of which an observer keeps the last one (`structure.holding`).
+    accepted all the same, of which an observer keeps the last one (`analysis.dynamics`).
     """
 
     system: System

@@ -9,7 +9,7 @@ from typing import Literal, Protocol, runtime_checkable
 import casadi as ca
 import numpy as np
 
-from hgogen.analysis.jacobians import jacobians_on_box
+from hgogen.analysis.linearised import jacobians_on_box
 from hgogen.discretisation import explicit_covariance
 from hgogen.discretisation.growth import polynomial
 from hgogen.discretisation.routine import RATE, Values, routine

@@ -10,10 +10,9 @@ from typing import Annotated, Any
 import numpy as np
 import sympy as sp
 
-from hgogen.analysis.dynamics import Dynamics
-from hgogen.analysis.holding import holding
-from hgogen.analysis.jacobians import evaluated
-from hgogen.analysis.lie import without_rates
+from hgogen.analysis.dynamics import Dynamics, holding
+from hgogen.analysis.linearised import evaluated
+from hgogen.analysis.maps import without_rates
 from hgogen.analysis.scaling import exponents
 from hgogen.check import Check, ClaimId, Refuted, demand
 from hgogen.form import Form

@@ -111,7 +111,7 @@ class Signal(sp.Symbol):  # type: ignore[misc]
     neither, with ends within 1e30. A signal without a range is never clamped. A parameter with a range can be tuned at
     run time, one without is folded into the code. `rates`: closed ranges of an input's derivatives, the first
     derivative's first, for the forms into which they enter; of a state, the range of the rate that is taken where the
-    plant may have no finite one (`structure.holding`).
+    plant may have no finite one (`analysis.dynamics`).
 
     Raises: `BadName`, `BadRange`.
 

@@ -22,7 +22,7 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from hgogen.analysis.pace import NoSight, Pace, pace, slopes
+from hgogen.analysis.linearised import NoSight, Pace, pace, slopes
 from hgogen.form import Form
 from hgogen.observer import Observer
 from hgogen.reading.given import BadGain, positive, remembers

@@ -33,7 +33,7 @@ import casadi as ca
 import numpy as np
 import sympy as sp
 
-from hgogen.analysis.pace import NoSight, pace
+from hgogen.analysis.linearised import NoSight, pace
 from hgogen.call import CallableStep
 from hgogen.errors import BadArgument, HgogenError
 from hgogen.form import Form

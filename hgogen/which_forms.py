@@ -11,7 +11,7 @@ from typing import Annotated, Any
 import sympy as sp
 
 from hgogen import forms
-from hgogen.analysis.gauthier_bornard import of_plant
+from hgogen.analysis.singularity import of_plant
 from hgogen.analysis.undefined import MAKER
 from hgogen.check import Verdict, worst
 from hgogen.errors import HgogenError

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 
 import hgogen as hg
 from hgogen import forms
-from hgogen.analysis.jacobians import jacobians_on_box
+from hgogen.analysis.linearised import jacobians_on_box
 from hgogen.check import Refuted, demand
 from hgogen.form import OneOutput
 from hgogen.forms.block_triangular import NoAlignment

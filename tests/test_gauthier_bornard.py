@@ -9,7 +9,7 @@ import sympy as sp
 from neuron import MODEL
 
 import hgogen as hg
-from hgogen.analysis.gauthier_bornard import gauthier_bornard, of_plant
+from hgogen.analysis.singularity import gauthier_bornard, of_plant
 from hgogen.check import Verdict
 
 x1, x2, x3, u, v = sp.symbols("x1 x2 x3 u v")

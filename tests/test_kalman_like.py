@@ -17,7 +17,7 @@ from plants import MODELS, chain, model
 
 import hgogen as hg
 from hgogen import excitation
-from hgogen.analysis.affine import measurements
+from hgogen.analysis.chain import measurements
 from hgogen.certificates.certificate import certificate
 from hgogen.check import Check, ClaimId, Refuted, Verdict
 from hgogen.discretisation.stability import Limit

@@ -10,9 +10,8 @@ from oracle import observability as oracle
 from test_rank import here, library
 
 import hgogen as hg
-from hgogen.analysis.gauthier_bornard import of_plant
-from hgogen.analysis.observability import observability
-from hgogen.analysis.symmetry import symmetries
+from hgogen.analysis.observability import observability, symmetries
+from hgogen.analysis.singularity import of_plant
 from hgogen.check import Verdict
 from hgogen.rigor.rank import NowhereDefined
 from hgogen.rigor.rank import observability as ranks

@@ -15,8 +15,8 @@ from plants import model, van_der_pol
 import hgogen as hg
 from hgogen.analysis.determinant import Determinant
 from hgogen.analysis.dynamics import Dynamics
-from hgogen.analysis.inverse import inverse
-from hgogen.analysis.jacobians import NoDeterminant, largest_determinant
+from hgogen.analysis.linearised import NoDeterminant, largest_determinant
+from hgogen.analysis.maps import inverse
 from hgogen.check import Check, Refuted, Verdict
 from hgogen.forms.phase import NoPhase
 from hgogen.reading.given import BadGain

@@ -14,8 +14,7 @@ from plants import two_outputs
 from worst import Worst
 
 import hgogen as hg
-from hgogen.analysis.scaling import scaling
-from hgogen.analysis.spare import shown, unused
+from hgogen.analysis.scaling import scaling, shown, unused
 from hgogen.check import Verdict
 from hgogen.modelfiles.first import NoFirst, first
 from hgogen.program import Place

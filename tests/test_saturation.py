@@ -8,7 +8,7 @@ import sympy as sp
 
 import hgogen as hg
 from hgogen.analysis.dynamics import Dynamics
-from hgogen.analysis.saturation import saturated
+from hgogen.analysis.ranges import saturated
 from hgogen.check import Verdict
 from hgogen.reading.given import BadGain, BadNames
 

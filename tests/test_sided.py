@@ -11,7 +11,7 @@ import sympy as sp
 
 import hgogen as hg
 from hgogen.analysis.dynamics import Dynamics, regular_at
-from hgogen.analysis.inverse import sided
+from hgogen.analysis.maps import sided
 from hgogen.observers.high_gain import high_gain
 from hgogen.program import Place
 

@@ -9,7 +9,7 @@ from plants import MODELS
 from scipy.linalg import expm, solve_continuous_lyapunov
 
 import hgogen as hg
-from hgogen.analysis.pace import NoSight
+from hgogen.analysis.linearised import NoSight
 from hgogen.model import load
 from hgogen.run.gramian import HOPELESS, Sight, sight
 from hgogen.trial import BadTrial, Jump, Trial, t

@@ -10,7 +10,7 @@ from plants import model
 
 import hgogen as hg
 from hgogen.analysis.determinant import determinant, independent
-from hgogen.analysis.lie import along, derivatives, input_derivatives, rates
+from hgogen.analysis.maps import along, derivatives, input_derivatives, rates
 from hgogen.analysis.singularity import singular_set, singularity
 from hgogen.check import Verdict
 from hgogen.model import load

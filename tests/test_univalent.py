@@ -12,7 +12,7 @@ import sympy as sp
 from hypothesis import strategies as st
 
 import hgogen as hg
-from hgogen.analysis.univalent import subsets, univalent
+from hgogen.analysis.determinant import subsets, univalent
 from hgogen.certificates.certificate import certificate
 from hgogen.check import Check, Verdict
 from hgogen.recheck.file import digest, model_digest

@@ -14,13 +14,20 @@ from functools import cached_property
 import sympy as sp
 
 from hgogen.analysis.coordinates import coordinates, form_in
-from hgogen.analysis.determinant import determinant
+from hgogen.analysis.determinant import Weights, determinant, minor, subsets, univalent, weighted
 from hgogen.analysis.evidence import Evidence, enclosure
-from hgogen.analysis.inverse import inverse, tidy
-from hgogen.analysis.lie import derivatives, input_derivatives, rates, size, without_derivative, without_rates
-from hgogen.analysis.lipschitz import lipschitz
-from hgogen.analysis.univalent import Weights, minor, subsets, univalent, weighted
-from hgogen.analysis.written import asked
+from hgogen.analysis.hypotheses import lipschitz
+from hgogen.analysis.maps import (
+    derivatives,
+    input_derivatives,
+    inverse,
+    rates,
+    size,
+    tidy,
+    without_derivative,
+    without_rates,
+)
+from hgogen.analysis.undefined import asked
 from hgogen.check import Check, ClaimId, Verdict
 from hgogen.form import Form
 from hgogen.rigor.bounds import bound, nonzero, problem_of

@@ -7,24 +7,31 @@ Nothing is permuted: y brings in one state, the row of that state the next. A ro
 of a shape: CONSTANT, the gain varies with inputs and parameters only; MEASURED, with z_1 too; UNIFORM, the row has any
 slope in the state that is not zero identically. What is read is what `identity` proves to matter; an answer is True or
 False only where that is proved, else None.
+
+Rows that are affine in some states, exactly, and the states that an output shows alone.
 """
 
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import Enum
 from functools import cached_property, partial
 
+import casadi as ca
 import sympy as sp
 
+from hgogen.analysis.dynamics import Dynamics
 from hgogen.analysis.evidence import ByForm
-from hgogen.analysis.written import on_box
+from hgogen.analysis.hypotheses import apart
+from hgogen.analysis.undefined import on_box
 from hgogen.check import Check, ClaimId, Verdict
+from hgogen.graph import Graph
 from hgogen.rigor.box import put
 from hgogen.rigor.field import Box, dependence, free_of, is_zero
 from hgogen.rigor.slope import JUMPS
-from hgogen.rigor.tape import bent, unbent
+from hgogen.rigor.tape import bent, slope, unbent
 from hgogen.rigor.tape import slope as slope_of
 from hgogen.sentence import NONE, Reason, because
+from hgogen.signal import Signal
 from hgogen.system import System
 
 Answer = tuple[bool | None, Reason]
@@ -426,6 +433,17 @@ def _moved(links: list[Link], left: list[sp.Symbol], rows: Rows, waiting: set[in
 # ---------------------------------------------------------------- checks
 
 
+def without_jumps(check: Check, link: Link) -> Check:
+    """The check of the slope of a link: unknown in place of proved where the row may jump with its state, since it is
+    not one-to-one for its slope alone."""
+    if check.verdict is not Verdict.PROVED or link.jumps is None:
+        return check
+    pattern = "{row} may jump with {state}, at a step of {part}, where it has no slope"
+    reason = because(pattern, row=link.name, state=link.state, part=link.jumps)
+    fix = f"Narrow the range of {link.state} to one branch, or smooth the step."
+    return replace(check, verdict=Verdict.UNKNOWN, reason=reason, fix=fix, subject=None, proofs=())
+
+
 def structure(maker: str, claim: str, answer: Answer, fix: str) -> Check:
     """The check `MAKER.structure` of chains with this answer."""
     is_so, why = answer
@@ -466,3 +484,84 @@ def cut_off(maker: str, plant: System) -> tuple[Check, ...]:
     shown = reached(of_plant(plant))
     hidden = [x for x in plant.states if x not in shown]
     return (connected(maker, hidden),) if hidden else ()
+
+
+# ---------------------------------------------------------------- affine
+
+
+@dataclass(frozen=True)
+class Affine:
+    """A row as sum_k slopes[k] x_k + rest over the states asked, slopes and rest free of them; `answer`: whether that
+    is proved, refuted (False) or neither, and `why`."""
+
+    slopes: tuple[sp.Expr, ...]
+    rest: sp.Expr
+    answer: bool | None = True
+    why: Reason = NONE
+
+
+@dataclass(frozen=True)
+class Measurement:
+    """Output number `output` is gain * (state number `state`) + offset, the gain bounded away from zero; neither reads
+    a state."""
+
+    state: int
+    output: int
+    gain: sp.Expr
+    offset: sp.Expr
+
+
+def affine(name: str, row: sp.Expr, states: Sequence[Signal], rows: Rows) -> Affine:
+    """The row of that name as an affine function of the states. A slope that varies with one of them refutes it, and so
+    does what is left after the slopes; proved is that nothing is left."""
+    none, slopes, rest, may = (sp.S.Zero,) * len(states), [], bent(row), list[sp.Symbol]()
+    for x in states:
+        sure, maybe = rows.reads(row, (x,))
+        gain = free_of(slope(row, x), states, rows.box) if sure or maybe else sp.S.Zero
+        varies, may_vary = rows.reads(gain, states)
+        if varies:
+            pattern = "{name} has the slope {gain} in {state}, which varies with {states}"
+            return Affine(none, row, False, because(pattern, name=name, gain=gain, state=x, states=varies))
+        may += may_vary
+        slopes.append(gain)
+        rest -= gain * x
+    rest = free_of(sp.expand(rest), states, rows.box)
+    sure, maybe = rows.reads(rest, states)
+    if sure:
+        return Affine(none, row, False, because("{name} is not affine in {states}", name=name, states=sure))
+    doubtful = list(dict.fromkeys((*may, *maybe)))
+    if doubtful:
+        why = because("{name} is not shown to be affine in {states}", name=name, states=doubtful)
+        return Affine(tuple(slopes), rest, None, why)
+    return Affine(tuple(slopes), rest)
+
+
+_GAIN = ClaimId("state_affine", "gain")  # of which the verdict alone is read
+
+
+def measurements(plant: System) -> tuple[Measurement, ...]:
+    """The states that an output shows alone, each by the first such output, as far as is proved."""
+    rows, by_state = of_plant(plant), dict[int, Measurement]()
+    for j, (name, row) in enumerate(zip(rows.names, rows.output, strict=True)):
+        line = affine(name, row, plant.states, rows)
+        seen = [(k, gain) for k, gain in enumerate(line.slopes) if gain != 0]
+        if line.answer and len(seen) == 1 and apart(_GAIN, "c", seen[0][1], plant).verdict is Verdict.PROVED:
+            by_state.setdefault(seen[0][0], Measurement(seen[0][0], j, seen[0][1], line.rest))
+    return tuple(by_state.values())
+
+
+def known(dynamics: Dynamics) -> Callable[[Graph, Graph, Graph, Graph], Graph]:
+    """A function of the SX columns z (n), u (m), y (p), valid (p) that returns z with the measured states in the place
+    of their estimates, for a form in the plant's own coordinates."""
+    measured = measurements(dynamics.form.system)
+
+    def replaced(z: Graph, u: Graph, y: Graph, valid: Graph) -> Graph:
+        values = [z[i] for i in range(dynamics.n)]
+        offset = dynamics.output(ca.SX.zeros(dynamics.n), u)
+        slope = dynamics.output_jacobian(z, u)
+        for one in measured:
+            shown = (y[one.output] - offset[one.output]) / slope[one.output, one.state]
+            values[one.state] = ca.if_else(valid[one.output], shown, values[one.state])
+        return ca.vertcat(*values)
+
+    return replaced

@@ -17,7 +17,7 @@ import sympy as sp
 from sympy.core.evalf import PrecisionExhausted
 
 from hgogen.analysis.evidence import ByForm
-from hgogen.analysis.inverse import stand_ins
+from hgogen.analysis.maps import stand_ins
 from hgogen.check import Check, ClaimId, Verdict
 from hgogen.reading.given import Misfit, asks_a_plant
 from hgogen.rigor.bounds import Interval, enclose, finite

@@ -22,11 +22,10 @@ from typing import Any, TypeVar
 
 import sympy as sp
 
-from hgogen.analysis.coordinates import linear_terms
-from hgogen.analysis.dynamics import moved, reach
-from hgogen.analysis.inverse import sided
-from hgogen.analysis.polytope import signals
-from hgogen.analysis.spare import of_used
+from hgogen.analysis.dynamics import linear_terms, moved, reach
+from hgogen.analysis.maps import sided
+from hgogen.analysis.ranges import signals
+from hgogen.analysis.scaling import of_used
 from hgogen.certificates.contraction import claimed, contraction, running
 from hgogen.certificates.rounding_share import rounding_share
 from hgogen.certificates.start_set import NO_WAY, Running, Start, patient, room, start_of

@@ -17,8 +17,8 @@ from functools import lru_cache
 import numpy as np
 import sympy as sp
 
-from hgogen.analysis.polytope import fixed
-from hgogen.analysis.spare import heads, of_used
+from hgogen.analysis.ranges import fixed
+from hgogen.analysis.scaling import heads, of_used
 from hgogen.certificates.contraction import claimed, contraction, running, theta_of
 from hgogen.check import Check, ClaimId, Verdict
 from hgogen.form import Form

@@ -35,7 +35,7 @@ import casadi as ca
 import sympy as sp
 
 from hgogen.analysis.evidence import Evidence, text
-from hgogen.analysis.polytope import signals
+from hgogen.analysis.ranges import signals
 from hgogen.certificates.start_set import Running, Start
 from hgogen.discretisation.routine import RATE
 from hgogen.form import Form

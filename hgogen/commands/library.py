@@ -18,8 +18,7 @@ from typing import Annotated, Any
 import sympy as sp
 
 from hgogen.analysis.chain import Chains, Rows, Shape, cascade, levelwise
-from hgogen.analysis.gauthier_bornard import gauthier_bornard
-from hgogen.analysis.singularity import singular_set
+from hgogen.analysis.singularity import gauthier_bornard, singular_set
 from hgogen.check import Verdict
 from hgogen.commands.workers import End, run
 from hgogen.errors import HgogenError

@@ -23,7 +23,7 @@ from functools import cache
 import numpy as np
 from numpy.typing import NDArray
 
-from hgogen.analysis.jacobians import jacobians_on_box
+from hgogen.analysis.linearised import jacobians_on_box
 from hgogen.analysis.scaling import Scaling
 from hgogen.discretisation.growth import GROWTH, WIDER, continuous, growth, longest, polynomial
 from hgogen.discretisation.runge_kutta import HEUN, RK4

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from hgogen.analysis.dynamics import Dynamics
-from hgogen.analysis.jacobians import jacobians_on_box
+from hgogen.analysis.linearised import jacobians_on_box
 from hgogen.analysis.scaling import scaling
 from hgogen.estimators.covariance import factor
 from hgogen.estimators.riccati_part import Riccati

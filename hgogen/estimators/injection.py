@@ -13,7 +13,7 @@ import casadi as ca
 import numpy as np
 
 from hgogen.analysis.dynamics import Dynamics
-from hgogen.analysis.spare import mean
+from hgogen.analysis.scaling import mean
 from hgogen.estimators.gains import coefficients
 from hgogen.estimators.integrators import Integrators, shifted
 from hgogen.estimators.scaled_gain import ScaledGain

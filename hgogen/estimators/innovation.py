@@ -21,7 +21,7 @@ from typing import Any, Protocol, TypeAlias, runtime_checkable
 import casadi as ca
 
 from hgogen.analysis.dynamics import HUGE, Dynamics, clamp, inside
-from hgogen.analysis.jacobians import jacobians_on_box
+from hgogen.analysis.linearised import jacobians_on_box
 from hgogen.discretisation.routine import routine
 from hgogen.discretisation.runge_kutta import HEUN, Tableau, advance
 from hgogen.discretisation.stability import EVERYWHERE, Lengths, decay_limits

@@ -17,9 +17,8 @@ import numpy as np
 import sympy as sp
 
 from hgogen.analysis.dynamics import Dynamics
-from hgogen.analysis.lipschitz import clamped
-from hgogen.analysis.polytope import fixed, span
-from hgogen.analysis.saturation import described
+from hgogen.analysis.hypotheses import clamped
+from hgogen.analysis.ranges import described, fixed, span
 from hgogen.check import Check
 from hgogen.form import Form
 from hgogen.graph import Graph, to_casadi

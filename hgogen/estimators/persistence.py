@@ -22,7 +22,7 @@ import sympy as sp
 
 from hgogen.analysis.determinant import determinant
 from hgogen.analysis.evidence import Evidence, spelled
-from hgogen.analysis.written import if_valued, written
+from hgogen.analysis.undefined import if_valued, written
 from hgogen.check import Check, ClaimId, Verdict
 from hgogen.form import Form
 from hgogen.reading.expression import BadExpression, parse

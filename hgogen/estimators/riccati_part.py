@@ -15,7 +15,7 @@ import casadi as ca
 import numpy as np
 
 from hgogen.analysis.dynamics import Dynamics
-from hgogen.analysis.jacobians import jacobians_on_box
+from hgogen.analysis.linearised import jacobians_on_box
 from hgogen.analysis.scaling import Scaling, scaling
 from hgogen.estimators.theta import Theta
 from hgogen.graph import Graph

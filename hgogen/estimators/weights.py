@@ -9,7 +9,7 @@ import numpy as np
 from flint import fmpq_mat
 
 from hgogen.analysis.dynamics import HUGE, Dynamics
-from hgogen.analysis.jacobians import jacobians_on_box
+from hgogen.analysis.linearised import jacobians_on_box
 from hgogen.analysis.scaling import Scaling
 from hgogen.discretisation.stability import steady_covariance
 from hgogen.observer import gain

@@ -10,7 +10,7 @@ What b_(i,j) may read is the alignment of the chains:
     cascade   z_(i,l) for l <= j, and all states of the chains before
 
 An output that adds nothing, as a second sensor of the same state, has a chain of length 0: those of the others hold all
-states. One that is a multiple of the first output of a chain enters the mean of its readings (`structure.spare`).
+states. One that is a multiple of the first output of a chain enters the mean of its readings (`analysis.scaling`).
 z is the plant's state in another order, some with the other sign, chain by chain in the order of the outputs.
 
 N. Boizot, "Adaptive high-gain extended Kalman filter and applications", thesis (2010), chapter 5, for the ends;
@@ -22,8 +22,7 @@ from dataclasses import dataclass, replace
 from itertools import combinations
 
 from hgogen.analysis.chain import Chains, Rows, Shape, cascade, cut_off, end_aligned, levelwise, of_plant, structure
-from hgogen.analysis.coordinates import coordinates, form_in
-from hgogen.analysis.triangle import triangle
+from hgogen.analysis.coordinates import coordinates, form_in, triangle
 from hgogen.errors import HgogenError
 from hgogen.form import Asking, Form
 from hgogen.reading.given import among

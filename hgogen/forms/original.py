@@ -17,7 +17,7 @@ import sympy as sp
 
 from hgogen.analysis.chain import Rows, connected, of_plant, reached
 from hgogen.analysis.coordinates import coordinates, form_in, split
-from hgogen.analysis.lipschitz import lipschitz
+from hgogen.analysis.hypotheses import lipschitz
 from hgogen.check import Check, ClaimId, Verdict
 from hgogen.errors import HgogenError
 from hgogen.form import Asking, Form

@@ -24,8 +24,8 @@ from hgogen.analysis.carried import (
     one_to_one,
 )
 from hgogen.analysis.determinant import as_written, determinant
-from hgogen.analysis.lie import along, rates, size, without_derivative
-from hgogen.analysis.written import if_valued, on_box
+from hgogen.analysis.maps import along, rates, size, without_derivative
+from hgogen.analysis.undefined import if_valued, on_box
 from hgogen.check import ClaimId, Verdict
 from hgogen.form import Asking, Form, NoForm, one_output
 from hgogen.rigor.box import exact

@@ -16,11 +16,10 @@ from collections.abc import Sequence
 
 import sympy as sp
 
-from hgogen.analysis.affine import Affine, affine, measurements
-from hgogen.analysis.chain import cut_off, of_plant
+from hgogen.analysis.chain import Affine, affine, cut_off, measurements, of_plant
 from hgogen.analysis.coordinates import coordinates, form_in, split
 from hgogen.analysis.evidence import ByForm
-from hgogen.analysis.lipschitz import lipschitz
+from hgogen.analysis.hypotheses import lipschitz
 from hgogen.check import Check, ClaimId, Verdict
 from hgogen.form import Asking, Form
 from hgogen.rigor.tape import unbent

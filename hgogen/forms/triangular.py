@@ -14,9 +14,8 @@ N. Boizot, E. Busvelle, J.-P. Gauthier, "An adaptive high-gain observer for nonl
 """
 
 from hgogen.analysis.chain import Chains, Shape, levelwise, of_plant, structure
-from hgogen.analysis.coordinates import coordinates, form_in
+from hgogen.analysis.coordinates import coordinates, form_in, triangle
 from hgogen.analysis.hypotheses import sign
-from hgogen.analysis.triangle import triangle
 from hgogen.form import Asking, Form, one_output
 from hgogen.system import System
 

@@ -16,11 +16,10 @@ H. Hammouri, M. Farza, "Nonlinear observers for locally uniformly observable sys
 
 from dataclasses import replace
 
-from hgogen.analysis.chain import Shape, levelwise, of_plant, structure
+from hgogen.analysis.chain import Shape, levelwise, of_plant, structure, without_jumps
 from hgogen.analysis.coordinates import coordinates, form_in
-from hgogen.analysis.hypotheses import AwayFromZero, Vanishing, apart, without_jumps
-from hgogen.analysis.lipschitz import lipschitz
-from hgogen.analysis.written import if_valued
+from hgogen.analysis.hypotheses import AwayFromZero, Vanishing, apart, lipschitz
+from hgogen.analysis.undefined import if_valued
 from hgogen.check import ClaimId
 from hgogen.form import Asking, Form, one_output
 from hgogen.system import System

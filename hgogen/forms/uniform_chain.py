@@ -15,10 +15,10 @@ Busvelle's slides have it with F_2 of z_1, z_2, z_3 in xi_3, as here.
 import sympy as sp
 
 from hgogen.analysis.carried import ROUGH, Carried, by_construction, on_image, undefined
-from hgogen.analysis.chain import Chains, Shape, levelwise, of_plant
-from hgogen.analysis.hypotheses import apart, without_jumps
-from hgogen.analysis.lie import size, without_derivative
-from hgogen.analysis.written import if_valued
+from hgogen.analysis.chain import Chains, Shape, levelwise, of_plant, without_jumps
+from hgogen.analysis.hypotheses import apart
+from hgogen.analysis.maps import size, without_derivative
+from hgogen.analysis.undefined import if_valued
 from hgogen.check import Check, ClaimId, Verdict
 from hgogen.form import Asking, Form, NoForm, one_output
 from hgogen.rigor.box import exact

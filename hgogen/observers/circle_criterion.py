@@ -18,8 +18,8 @@ import numpy as np
 import sympy as sp
 
 from hgogen.analysis.dynamics import Dynamics
-from hgogen.analysis.lipschitz import clamped
-from hgogen.analysis.spare import mean, weighted
+from hgogen.analysis.hypotheses import clamped
+from hgogen.analysis.scaling import mean, weighted
 from hgogen.estimators.columns import columns
 from hgogen.estimators.injection import injected_chains
 from hgogen.estimators.scaled_gain import ScaledGain

@@ -18,7 +18,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from hgogen.analysis.saturation import Limits, saturated
+from hgogen.analysis.ranges import Limits, saturated
 from hgogen.check import Claims, Verdict
 from hgogen.estimators.core import core_numbers, measured_numbers
 from hgogen.estimators.gains import coefficients, demand_parabola, filtered_core, parabola_advice

@@ -17,7 +17,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from hgogen.analysis.saturation import Limits, saturated
+from hgogen.analysis.ranges import Limits, saturated
 from hgogen.check import Claims, Verdict
 from hgogen.estimators.injection import listed, scaled
 from hgogen.estimators.integrators import integrators, observer_on, shifted

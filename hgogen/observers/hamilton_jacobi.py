@@ -18,9 +18,9 @@ import numpy as np
 import sympy as sp
 
 from hgogen.analysis.dynamics import Dynamics
-from hgogen.analysis.jacobians import evaluated
-from hgogen.analysis.lipschitz import clamped
-from hgogen.analysis.written import if_valued
+from hgogen.analysis.hypotheses import clamped
+from hgogen.analysis.linearised import evaluated
+from hgogen.analysis.undefined import if_valued
 from hgogen.check import Check, ClaimId, Claims, Verdict
 from hgogen.estimators.covariance import factor
 from hgogen.estimators.kalman_theorems import KALMAN, OTHER_COORDINATES

@@ -22,10 +22,10 @@ import casadi as ca
 import numpy as np
 
 from hgogen.analysis.dynamics import Dynamics
-from hgogen.analysis.jacobians import largest_determinant
-from hgogen.analysis.lipschitz import clamped
-from hgogen.analysis.saturation import Limits, described, saturated
-from hgogen.analysis.spare import mean, shown, unused, weighted
+from hgogen.analysis.hypotheses import clamped
+from hgogen.analysis.linearised import largest_determinant
+from hgogen.analysis.ranges import Limits, described, saturated
+from hgogen.analysis.scaling import mean, shown, unused, weighted
 from hgogen.check import Claims, Verdict
 from hgogen.estimators.injection import injected_chains
 from hgogen.form import Form

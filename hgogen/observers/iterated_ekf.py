@@ -11,7 +11,7 @@ Between samples it is the extended Kalman filter, and so it is for outputs linea
 from collections.abc import Iterable
 from functools import partial
 
-from hgogen.analysis.jacobians import evaluated
+from hgogen.analysis.linearised import evaluated
 from hgogen.check import Verdict
 from hgogen.estimators.extended import extended
 from hgogen.estimators.iterated import Iterated, iterated

@@ -41,7 +41,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from hgogen.analysis.affine import known
+from hgogen.analysis.chain import known
 from hgogen.analysis.dynamics import Dynamics
 from hgogen.check import ClaimId, Claims, Verdict, demand
 from hgogen.estimators.least_shown import least_shown

@@ -17,7 +17,7 @@ from collections.abc import Iterable, Mapping, Sequence
 import casadi as ca
 import numpy as np
 
-from hgogen.analysis.saturation import Limits, saturated
+from hgogen.analysis.ranges import Limits, saturated
 from hgogen.check import Claims, Verdict
 from hgogen.estimators.core import core_numbers, measured_numbers
 from hgogen.estimators.injection import listed

@@ -18,10 +18,9 @@ from fractions import Fraction
 import numpy as np
 
 from hgogen.analysis.evidence import Grounds
-from hgogen.analysis.jacobians import evaluated
-from hgogen.analysis.lipschitz import clamped
-from hgogen.analysis.scaling import ALIGNED, noise_equation
-from hgogen.analysis.spare import unused
+from hgogen.analysis.hypotheses import clamped
+from hgogen.analysis.linearised import evaluated
+from hgogen.analysis.scaling import ALIGNED, noise_equation, unused
 from hgogen.check import Check, ClaimId, Verdict
 from hgogen.estimators.extended import extended
 from hgogen.estimators.kalman_theorems import LINEAR, of_form

@@ -29,8 +29,8 @@ from typing import Any
 import numpy as np
 import sympy as sp
 
-from hgogen.analysis.polytope import chains, fixed, several_corners
-from hgogen.analysis.spare import entering, weighted
+from hgogen.analysis.ranges import chains, fixed, several_corners
+from hgogen.analysis.scaling import entering, weighted
 from hgogen.estimators.columns import as_matrix, columns
 from hgogen.estimators.gains import coefficients
 from hgogen.estimators.injection import companion

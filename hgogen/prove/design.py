@@ -39,7 +39,7 @@ from typing import Any
 
 import numpy as np
 
-from hgogen.analysis.polytope import chains, corners
+from hgogen.analysis.ranges import chains, corners
 from hgogen.check import Check, ClaimId, Verdict
 from hgogen.estimators.gains import BadPoles, coefficients, filtered_core, least_ratio, numbers
 from hgogen.estimators.injection import companion

@@ -38,7 +38,7 @@ from typing import Any
 import sympy as sp
 
 from hgogen.analysis.evidence import Evidence, end, spelled, tree
-from hgogen.analysis.written import written
+from hgogen.analysis.undefined import written
 from hgogen.check import Check, ClaimId, Verdict
 from hgogen.errors import BadArgument
 from hgogen.form import Form

@@ -55,11 +55,9 @@ import numpy as np
 import sympy as sp
 
 from hgogen.analysis.evidence import Evidence, enclosure, outward
-from hgogen.analysis.polytope import chains, fixed, span
-from hgogen.analysis.saturation import cut
-from hgogen.analysis.scaling import ALIGNED, exponents
-from hgogen.analysis.spare import entering, heads, sharing, weighted
-from hgogen.analysis.written import valueless
+from hgogen.analysis.ranges import chains, cut, fixed, span
+from hgogen.analysis.scaling import ALIGNED, entering, exponents, heads, sharing, weighted
+from hgogen.analysis.undefined import valueless
 from hgogen.check import Verdict
 from hgogen.estimators.columns import as_matrix
 from hgogen.estimators.integrators import Integrators

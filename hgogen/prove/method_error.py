@@ -71,8 +71,8 @@ import sympy as sp
 from flint import arb, arb_mat, ctx
 
 from hgogen.analysis.evidence import Evidence
-from hgogen.analysis.polytope import fixed
-from hgogen.analysis.spare import heads
+from hgogen.analysis.ranges import fixed
+from hgogen.analysis.scaling import heads
 from hgogen.discretisation.runge_kutta import Tableau
 from hgogen.prove import inequality
 from hgogen.prove.inclusion import Inclusion, Uncertain

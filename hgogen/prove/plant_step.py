@@ -26,8 +26,8 @@ import flint
 import sympy as sp
 
 from hgogen.analysis.evidence import Evidence
-from hgogen.analysis.polytope import fixed, signals
-from hgogen.analysis.spare import heads
+from hgogen.analysis.ranges import fixed, signals
+from hgogen.analysis.scaling import heads
 from hgogen.check import Verdict
 from hgogen.form import Form
 from hgogen.prove.inclusion import Inclusion

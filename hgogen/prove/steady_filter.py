@@ -33,8 +33,8 @@ from flint import fmpq_mat
 
 from hgogen.analysis.dynamics import Dynamics
 from hgogen.analysis.evidence import Evidence
-from hgogen.analysis.jacobians import jacobians_at
-from hgogen.analysis.polytope import fixed
+from hgogen.analysis.linearised import jacobians_at
+from hgogen.analysis.ranges import fixed
 from hgogen.analysis.scaling import exponents
 from hgogen.analysis.undefined import undefined_values
 from hgogen.discretisation.stability import steady_covariance

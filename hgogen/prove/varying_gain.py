@@ -87,7 +87,7 @@ import sympy as sp
 from flint import arb, fmpq_mat
 
 from hgogen.analysis.evidence import LOOSE, Evidence, Grounds, Steep
-from hgogen.analysis.polytope import chains
+from hgogen.analysis.ranges import chains
 from hgogen.check import Check, ClaimId, Verdict
 from hgogen.estimators.columns import as_matrix
 from hgogen.estimators.injection import companion

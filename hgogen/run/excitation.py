@@ -12,7 +12,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from hgogen.analysis.affine import known
+from hgogen.analysis.chain import known
 from hgogen.analysis.dynamics import Dynamics
 from hgogen.check import Check, ClaimId, Verdict
 from hgogen.estimators.weights import positive

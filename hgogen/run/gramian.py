@@ -36,7 +36,7 @@ import casadi as ca
 import numpy as np
 import sympy as sp
 
-from hgogen.analysis.pace import NoSight, linear, on_box, ranged
+from hgogen.analysis.linearised import NoSight, linear, linearisation_on_box, ranged
 from hgogen.errors import BadArgument
 from hgogen.graph import CVODES, to_casadi
 from hgogen.reading.given import Misfit, asks_a_plant, real
@@ -211,7 +211,7 @@ def sight(plant: System, trial: Trial | None = None) -> Sight:
     with np.errstate(all="ignore"):
         if trial:
             return _along(plant, trial)
-        points, linearised, rates = on_box(plant)
+        points, linearised, rates = linearisation_on_box(plant)
         window = rates.longest or 1.0
         each = [_frozen(A, C, window) for A, C in zip(linearised.A, linearised.C, strict=True)]
         names = [s.name for s in (*plant.states, *plant.inputs)]

@@ -30,7 +30,7 @@ from typing import Any, Literal
 import casadi as ca
 import numpy as np
 
-from hgogen.analysis.jacobians import flow_jacobians
+from hgogen.analysis.linearised import flow_jacobians
 from hgogen.discretisation.open_loop_limit import Ranges, open_loop_lengths
 from hgogen.discretisation.runge_kutta import RK4, Tableau
 from hgogen.discretisation.stability import Lengths

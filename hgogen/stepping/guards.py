@@ -11,8 +11,7 @@ from itertools import compress
 
 import casadi as ca
 
-from hgogen.analysis.dynamics import HUGE, clamp, inside, widened
-from hgogen.analysis.holding import last
+from hgogen.analysis.dynamics import HUGE, clamp, inside, last, widened
 from hgogen.check import Verdict
 from hgogen.form import Form
 from hgogen.graph import Graph, binary, dense, leaves

@@ -18,7 +18,7 @@ from typing import Any
 
 import numpy as np
 
-from hgogen.analysis.jacobians import Singular, jacobians_on_box
+from hgogen.analysis.linearised import Singular, jacobians_on_box
 from hgogen.discretisation.stability import closed_loop_rates
 from hgogen.estimators.core import core, nominal, numbers
 from hgogen.estimators.riccati_part import Around, Riccati
