@@ -21,7 +21,7 @@ from hgogen.program import dangling
 from hgogen.reading.given import in_order
 from hgogen.rigor.definite import one_thread
 from hgogen.run import native
-from hgogen.run.backends import Asked, Batch, Each, Kept, Many, Starts, tunable
+from hgogen.run.backends import Batch, Each, Many, Records, Starts, StepMemory, tunable
 from hgogen.run.samples import BadShape, Engine, Legend, Run, Sample, Take, arriving, door, in_time, numbers, table
 from hgogen.run.uncertainty import Replay
 from hgogen.signal import plural
@@ -42,7 +42,7 @@ class CallableStep(Step):
 
     engine: Engine | None = None
     real: Annotated[Real, "working precision: float or double"] = "double"
-    _kept: Kept = field(init=False)
+    _kept: StepMemory = field(init=False)
     _clock: list[int] = field(init=False)
     _legend: Legend = field(init=False)
     _take_u: Take = field(init=False)
@@ -52,7 +52,7 @@ class CallableStep(Step):
 
     def __post_init__(self) -> None:
         """Gives the step a memory of its own, as before the first call."""
-        memory, u = Kept(self, self.real), len(self.inputs)
+        memory, u = StepMemory(self, self.real), len(self.inputs)
         signals = (*self.inputs, *self.samples)
 
         def to(name: str, first: int, last: int) -> Take:
@@ -185,9 +185,8 @@ class CallableStep(Step):
         Raises: as `run`; `BadShape` for lengths that differ, `BadNames`, `BadGain` for a start.
         """
         engine = self._kept.ready(engine, self.engine)
-        asked = Asked(self, self._kept, u, y, parameters, starts)
-        firsts = asked.firsts(self._many.own, engine, lambda start: self.started(start).save())
-        return self._many.run(asked, firsts, engine, jobs, traces=traces, each=each)
+        records = Records.of(self._kept, u, y, parameters, starts, lambda start: self.started(start).save())
+        return self._many.run(records, bytes(self._kept.whole), engine, jobs, traces=traces, each=each)
 
     def reset(self) -> None:
         """Sets the state to what it is before the first call; tuned parameters stay."""

@@ -9,7 +9,7 @@ import numpy as np
 from hgogen.emit import layout
 from hgogen.emit.syntax import Real
 from hgogen.program import Place
-from hgogen.run.backends import Kept
+from hgogen.run.backends import StepMemory
 from hgogen.step import Step
 
 NUMBER = {"float": np.float32, "double": np.float64}
@@ -43,7 +43,7 @@ class NativeStep:
 
     def __init__(self, step: Step, real: Real) -> None:
         self.step, self.number = step, NUMBER[real]
-        self._library = Kept(step, real)._library  # that which a call of it compiles
+        self._library = StepMemory(step, real)._library  # that which a call of it compiles
         self.state = np.zeros(1, layout.state_type(step, real))
         self.params = np.zeros(1, layout.params_type(step, real))
         for kind, array in (("state", self.state), ("params", self.params)):

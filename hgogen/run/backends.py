@@ -38,14 +38,14 @@ from hgogen.step import Step
 from hgogen.stepping.ready import UNINITIALISED
 
 
-class Kept:
+class StepMemory:
     """The memory of one step in the precision `real`, `places` of it by name, and what can be called on it.
 
     `signals`: u, then y, of a sample, as numbers of that precision; `shown`: the estimate, then the traces.
     """
 
     def __init__(self, step: Step, real: Real) -> None:
-        self._step, self.real, self.record = step, real, layout.made(step, real)
+        self.step, self.real, self.record = step, real, layout.made(step, real)
         self.places = layout.places(step, self.record)
         self._readers: dict[Engine, Mapping[str, Entry]] = {}
         self.whole = self.record.view(np.uint8).data
@@ -63,7 +63,7 @@ class Kept:
         damaged, or of another program."""
         if not isinstance(state, bytes | bytearray | memoryview):
             raise BadShape(f"a saved state that is a {type(state).__name__}", "is no bytes; give what save() gave")
-        return opened(self._step, self.real, bytes(state), len(self.state))
+        return opened(self.step, self.real, bytes(state), len(self.state))
 
     def ready(self, engine: Engine | None, own: Engine | None) -> Engine:
         """What takes a record, and has tuned what is in the memory: the engine that is asked for, else the step's own,
@@ -86,7 +86,7 @@ class Kept:
         Raises: `NoCompiler`, `CompilerFailed`.
         """
         if engine not in self._readers:
-            entries = self._compiled() if engine == "c" else pystep.entries(self._step, self.record, self.real)
+            entries = self._compiled() if engine == "c" else pystep.entries(self.step, self.record, self.real)
             entries["tune"]()
             self._readers[engine] = entries
         return self._readers[engine]
@@ -95,13 +95,13 @@ class Kept:
         """Estimates (N, n), traces (N, number of them) and statuses (N) of samples u (N, m), y (N, p)."""
         with np.errstate(over="ignore"):  # what is beyond a float is infinite, and no sample
             u, y = (array.astype(DTYPE[self.real], copy=False) for array in (u, y))
-        n, traces = len(self._step.states), len(self._step.observer.traces)
-        step, status = self.entries(engine)["step"], np.zeros(len(y), self._step.layout.word)
+        n, traces = len(self.step.states), len(self.step.observer.traces)
+        step, status = self.entries(engine)["step"], np.zeros(len(y), self.step.layout.word)
         if engine == "c":
             x, traced = np.zeros((len(y), n), u.dtype), np.zeros((len(y), traces), u.dtype)
             arrays = (self.record["state"], self.record["params"], u, y, x, traced, status)
             state, params, *signals = (ctypes.c_void_p(array.ctypes.data) for array in arrays)
-            getattr(self._library, f"{self._step.name}_record")(state, params, ctypes.c_size_t(len(y)), *signals)
+            getattr(self._library, f"{self.step.name}_record")(state, params, ctypes.c_size_t(len(y)), *signals)
             return x.astype(float, copy=False), traced.astype(float, copy=False), status
         rows = np.zeros((len(y), n + traces))
         for k, row in enumerate(np.hstack([u, y])):
@@ -112,11 +112,11 @@ class Kept:
 
     @cached_property
     def _library(self) -> ctypes.CDLL:
-        return _library_of(_Program(self._step, self.real), native.compiler())
+        return _library_of(_Program(self.step, self.real), native.compiler())
 
     def _compiled(self) -> dict[str, Entry]:
         """The C function of each entry, of one address, which a thread finishes before another has its turn."""
-        step, library = self._step, self._library
+        step, library = self.step, self._library
         size = getattr(library, f"{step.name}_kept_size")
         size.restype = ctypes.c_size_t
         if size() != self.record.itemsize:
@@ -143,21 +143,17 @@ class _Program:
         return hash((self.real, *map(id, self._parts)))
 
     def __eq__(self, other: object) -> bool:
-        if not isinstance(other, _Program):
-            return NotImplemented
-        return self.real == other.real and all(map(operator.is_, self._parts, other._parts))
-
-    @property
-    def unread(self) -> Step:
-        """The step as its C is called, which nobody reads: it says nothing of what is proved of the observer."""
-        observer = replace(self.step.observer, claims=tuple)
-        return Step(**{each.name: getattr(self.step, each.name) for each in fields_of(Step)} | {"observer": observer})
+        if not isinstance(other, _Program) or self.real != other.real:
+            return False
+        return all(map(operator.is_, self._parts, other._parts))
 
 
 @lru_cache(maxsize=32)
 def _library_of(program: _Program, _: str | None) -> ctypes.CDLL:
-    """Its C, which is written once for a compiler."""
-    step, real = program.unread, program.real
+    """The C of a program, written once for a compiler; nobody reads it, so it says nothing of what is proved."""
+    step, real = program.step, program.real
+    unread = {"observer": replace(step.observer, claims=tuple)}
+    step = Step(**{each.name: getattr(step, each.name) for each in fields_of(Step)} | unread)
     return native.library({**targets.c99(step, real=real, check=False), **targets.record(step, real=real)})
 
 
@@ -167,106 +163,71 @@ Started = Callable[[Mapping[str, float]], bytes]  # of the plant's state by name
 
 
 @dataclass(frozen=True, eq=False)
-class Asked:
-    """The signals of many records on a step with this memory: `given_u`, `given_y`, `parameters` and `starts` as a
-    caller gives them; `limited`: what tuning says, by the number of a record whose parameters are out of their ranges.
+class Records:
+    """The inputs `u` (B, N, m), or (N, m) for all, and measurements `y` (B, N, p), or (N, p), of `count` records on a
+    step; the `parameters` of each, (B, size) or (size) for all, by their places; the `states` from which they start,
+    one for all or one for each; none where they go on from that of the step."""
 
-    Raises: `BadShape`, `BadNames` when they are looked at.
-    """
+    u: Array
+    y: Array
+    count: int
+    parameters: Mapping[Place, Array]
+    states: Sequence[bytes]
 
-    step: Step
-    memory: Kept
-    given_u: Any
-    given_y: Any
-    parameters: Any
-    starts: Any
-    limited: dict[int, int] = field(default_factory=dict)
-
-    def __post_init__(self) -> None:
-        """None is no parameters, and no starts."""
-        for name, nothing in (("parameters", {}), ("starts", ())):
-            if getattr(self, name) is None:
-                object.__setattr__(self, name, nothing)
-
-    @cached_property
-    def y(self) -> Array:
-        """The measurements (B, N, p), or (N, p) for all."""
-        return _signals("y", self.given_y, self.step.samples, None)
-
-    @cached_property
-    def u(self) -> Array:
-        """The inputs (B, N, m), or (N, m) for all."""
-        return _signals("u", self.given_u, self.step.inputs, self.y.shape[-2])
-
-    @cached_property
-    def count(self) -> int:
-        """How many records there are: one where nothing says."""
-        lengths = {name: len(array) for name, array in (("u", self.u), ("y", self.y)) if array.ndim == 3}
-        varied = {place.name: array for place, array in self._parameters.items()} | self._numbers
-        lengths |= {name: len(array) for name, array in varied.items() if array.ndim > 1}
-        if not isinstance(self.starts, Mapping) and len(self.starts) > 0:
-            lengths["starts"] = len(self.starts)
+    @classmethod
+    def of(cls, memory: "StepMemory", u: Any, y: Any, parameters: Any, starts: Any, started: Started) -> "Records":
+        """The records on the step of a memory, as a caller gives them. Raises: `BadShape`, `BadNames`; `NotSaved`;
+        what `started` raises."""
+        step = memory.step
+        y = _signals("y", y, step.samples, None)
+        u = _signals("u", u, step.inputs, y.shape[-2])
+        varied = _parameters(step, {} if parameters is None else parameters)
+        starts = () if starts is None else starts
+        named = isinstance(starts, Mapping)
+        if not (named or isinstance(starts, Sequence)):
+            wanted = "is no mapping from states to numbers, and no list of saved states, such as many.states"
+            raise BadShape(f"starts = {starts!r}", wanted)
+        columns = {name: _values(f"starts {name}", value, 1) for name, value in starts.items()} if named else {}
+        lengths = {name: len(array) for name, array in (("u", u), ("y", y)) if array.ndim == 3}
+        lengths |= {place.name: len(array) for place, array in varied.items() if array.ndim > 1}
+        lengths |= {f"starts {name}": len(array) for name, array in columns.items() if array.ndim > 1}
+        lengths |= {} if named or not len(starts) else {"starts": len(starts)}
         if len(set(lengths.values())) > 1:
             listing = ", ".join(f"{name} {length}" for name, length in lengths.items())
             raise BadShape(f"different numbers of records ({listing})", "must be one for all")
-        return next(iter(lengths.values()), 1)
+        number = next(iter(lengths.values()), 1)
+        if not named:
+            return cls(u, y, number, varied, list(map(memory.saved, starts)))
+        rows = list(zip(*(np.broadcast_to(c.reshape(-1), number).tolist() for c in columns.values()), strict=True))
+        states = {row: memory.saved(started(dict(zip(columns, row, strict=True)))) for row in dict.fromkeys(rows)}
+        return cls(u, y, number, varied, [states[row] for row in rows])
 
-    def firsts(self, own: Kept, engine: Engine, started: Started) -> Callable[[int], bytes]:
-        """The memory that a record starts from, by its number, which `own` makes. Raises: what `started` raises."""
-        base, states = bytes(self.memory.whole), self._states(started)
-        if not states and not self._parameters:
-            return lambda _: base
-        tune = own.entries(engine)["tune"]
-
-        def first(k: int) -> bytes:
-            own.whole[:] = base
-            if states:
-                own.state[:] = states[k % len(states)]
-            for place, values in self._parameters.items():
-                own.places[place][:] = values[k] if values.ndim == 2 else values
-            if self._parameters and (status := tune()):
-                self.limited[k] = status
-            return bytes(own.whole)
-
-        return first
-
-    @cached_property
-    def _parameters(self) -> dict[Place, Array]:
-        """The values (B, size), or (size) for all, of what varies."""
-        known = tunable(self.step)
-        if not isinstance(self.parameters, Mapping):
-            wanted = f"is no mapping from some of {', '.join(known)} to numbers"
-            raise BadShape(f"parameters = {self.parameters!r}", wanted)
-        for name in self.parameters:
-            if name not in known:
-                raise BadShape(f"parameters {name!r}", f"names nothing tunable; that is {', '.join(known)}")
-        return {known[name][0]: _values(name, value, known[name][1].size) for name, value in self.parameters.items()}
-
-    @cached_property
-    def _numbers(self) -> dict[str, Array]:
-        """The values (B, 1), or (1) for all, of the plant's states that are named."""
-        named = self.starts if isinstance(self.starts, Mapping) else {}
-        return {f"starts {name}": _values(f"starts {name}", value, 1) for name, value in named.items()}
-
-    def _states(self, started: Started) -> list[bytes]:
-        """The state of each record, or one for all; none where they go on from that of the step."""
-        if not isinstance(self.starts, Mapping):
-            if not isinstance(self.starts, Sequence):
-                wanted = "is no mapping from states to numbers, and no list of saved states, such as many.states"
-                raise BadShape(f"starts = {self.starts!r}", wanted)
-            return [self.memory.saved(state) for state in self.starts]
-        columns = [np.broadcast_to(values.reshape(-1), self.count).tolist() for values in self._numbers.values()]
-        rows, made = list(zip(*columns, strict=True)), dict[tuple[float, ...], bytes]()
-        for row in rows:
-            if row not in made:
-                made[row] = self.memory.saved(started(dict(zip(self.starts, row, strict=True))))
-        return [made[row] for row in rows]
+    def memory(self, k: int, own: "StepMemory", base: bytes, engine: Engine) -> int:
+        """Make `own` the memory from which record k starts, on that of the step, `base`; returns what tuning says."""
+        own.whole[:] = base
+        if self.states:
+            own.state[:] = self.states[k % len(self.states)]
+        for place, values in self.parameters.items():
+            own.places[place][:] = values[k] if values.ndim == 2 else values
+        return own.entries(engine)["tune"]() if self.parameters else 0
 
 
 def tunable(step: Step) -> dict[str, tuple[Place, Field]]:
     """What can be tuned, by name: where it lies, and what it is."""
     kinds = [("plant", item) for item in step.layout.plant] + [("gain", item) for item in step.layout.gains]
     return {item.name: (Place(kind, item.name), item) for kind, item in kinds}
+
+
+def _parameters(step: Step, parameters: Any) -> dict[Place, Array]:
+    """The values (B, size), or (size) for all, of what varies. Raises: `BadShape`."""
+    known = tunable(step)
+    if not isinstance(parameters, Mapping):
+        wanted = f"is no mapping from some of {', '.join(known)} to numbers"
+        raise BadShape(f"parameters = {parameters!r}", wanted)
+    for name in parameters:
+        if name not in known:
+            raise BadShape(f"parameters {name!r}", f"names nothing tunable; that is {', '.join(known)}")
+    return {known[name][0]: _values(name, value, known[name][1].size) for name, value in parameters.items()}
 
 
 def _signals(name: str, value: Any, signals: Sequence[Signal], rows: int | None) -> Array:
@@ -294,7 +255,7 @@ def _values(name: str, value: Any, size: int) -> Array:
 MOST_THREADS = 1000
 CHUNK = 64  # records whose signals a thread holds at a time
 ALIGNED, LANES = 64, 16  # bytes of the widest register, and how many numbers it holds
-Memories = Callable[[int], bytes]  # of the number of a record: what it starts from
+Memories = Callable[[int], memoryview]  # of the number of a record: what it starts from
 Each = Callable[[int, int], object]  # is told how many records are done, and of how many
 
 
@@ -322,25 +283,31 @@ class Batch:
 
 @dataclass(frozen=True, eq=False)
 class Many:
-    """What many records can be run by, of a step in the precision `real`."""
+    """The engines of many records, of a step in the precision `real`."""
 
     step: Step
     real: Real
 
     @switches
     def run(
-        self, asked: Asked, memory: Memories, engine: Engine, jobs: int | None, *, traces: bool, each: Each | None
+        self, records: Records, base: bytes, engine: Engine, jobs: int | None, *, traces: bool, each: Each | None
     ) -> Batch:
-        """The records, each from its memory. Raises: `BadShape`, `BadNames`; `BadGain` for jobs that are no number, and
-        what is not to be called; `Misfit`."""
+        """The records from the memory `base` on. Raises: `BadGain` for jobs that are no number, and what is not to be
+        called; `Misfit`."""
         if not (each is None or callable(each)):
             raise BadGain(f"each = {each!r}", "must be a function of how many records are done, and of how many")
-        u, y, number = asked.u, asked.y, asked.count
-        results = _Results.of(self.step, y.shape[-2], number, traces, self.real)
+        number, own, word = records.count, self.own, self.step.layout.word
+        results, tuned = _Results.of(self.step, records.y.shape[-2], number, traces, self.real), np.zeros(number, word)
         lanes = self.lanes if engine == "c" else None
         threads = (os.cpu_count() or 1) if jobs is None else count("jobs", jobs, 1, MOST_THREADS)
-        alone = self._alone(u, y, memory, results, engine)
-        for done in _threaded(lanes, u, y, memory, results, threads) if lanes else alone:
+
+        def memory(k: int) -> memoryview:
+            tuned[k] = records.memory(k, own, base, engine)
+            return own.whole
+
+        own.entries(engine)
+        alone = self._alone(records, memory, results, engine)
+        for done in lanes.chunks(records.u, records.y, memory, results, threads) if lanes else alone:
             if each:
                 each(done, number)
         x, status, shown = results.x[..., :number], results.status[:, :number], results.traces[..., :number]
@@ -352,26 +319,26 @@ class Many:
             {name: shown[:, j].T.astype(float, copy=False) for j, name in enumerate(names)},
             "lanes" if lanes else engine,
             results.states,
-            np.array([asked.limited.get(k, 0) for k in range(number)], self.step.layout.word),
+            tuned,
             partial(sealed, self.step, self.real),
         )
 
-    def _alone(self, u: Array, y: Array, memory: Memories, results: "_Results", engine: Engine) -> Iterator[int]:
-        own = self.own
-        own.entries(engine)
+    def _alone(self, records: Records, memory: Memories, results: "_Results", engine: Engine) -> Iterator[int]:
+        """The records one by one; how many are done."""
         for k in range(results.records):
-            own.whole[:] = memory(k)
-            x, traces, status = own.run(engine, *(array[k] if array.ndim == 3 else array for array in (u, y)))
+            memory(k)
+            signals = (array[k] if array.ndim == 3 else array for array in (records.u, records.y))
+            x, traces, status = self.own.run(engine, *signals)
             results.x[:, :, k], results.status[:, k] = x, status
-            results.states[k] = np.frombuffer(own.state, np.uint8)
+            results.states[k] = np.frombuffer(self.own.state, np.uint8)
             if results.traced:
                 results.traces[:, :, k] = traces
             yield k + 1
 
     @cached_property
-    def own(self) -> Kept:
+    def own(self) -> StepMemory:
         """A memory that is no caller's."""
-        return Kept(self.step, self.real)
+        return StepMemory(self.step, self.real)
 
     @cached_property
     def lanes(self) -> "_Lanes | None":
@@ -413,9 +380,24 @@ class _Lanes:
     real: Real
     library: ctypes.CDLL
 
-    def run(self, u: Array, y: Array, records: Array, results: _Results, first: int) -> int:
+    def chunks(self, u: Array, y: Array, memory: Memories, results: _Results, jobs: int) -> Iterator[int]:
+        """All records by threads, chunk by chunk; how many are done. No more chunks wait than there are threads."""
+        done, waiting = 0, deque[Future[int]]()
+        with ThreadPoolExecutor(jobs) as pool:
+            for first in range(0, results.records, CHUNK):
+                last = min(first + CHUNK, results.records)
+                records = np.stack([np.frombuffer(bytes(memory(k)), np.uint8) for k in range(first, last)])
+                waiting.append(pool.submit(self._run, u, y, records, results, first))
+                if len(waiting) > 2 * jobs:
+                    done += waiting.popleft().result()
+                    yield done
+            while waiting:
+                done += waiting.popleft().result()
+                yield done
+
+    def _run(self, u: Array, y: Array, records: Array, results: _Results, first: int) -> int:
         """The records from number `first` on, as many as there are; returns how many."""
-        u, y = (_beside(array, first, len(records), DTYPE[self.real]) for array in (u, y))
+        u, y = (_side_by_side(array, first, len(records), DTYPE[self.real]) for array in (u, y))
         begun = self._begun(records, len(results.x))
         memory, call = self._memory(records), getattr(self.library, f"{self.step.name}_lanes_run")
         widths = [*(array.shape[2] if array.ndim == 3 else 0 for array in (u, y)), results.status.shape[1]]
@@ -460,7 +442,9 @@ class _Lanes:
         """Of each type of numbers their places in the memory and in a record, counted in such numbers, and their types
         there."""
         record, real = layout.kept_type(self.step, self.real), np.dtype(DTYPE[self.real])
-        every = [place for part in ("state", "params") for place in _numbers(*_field(record, part))]
+        assert record.fields
+        parts = [record.fields[part] for part in ("state", "params")]
+        every = [place for kind, offset, *_ in parts for place in _numbers(kind, offset)]
 
         def of(kind: np.dtype, lanes: np.dtype) -> tuple[Array, Array, np.dtype, np.dtype]:
             there = [k for k, (_, each) in enumerate(every) if each == kind]
@@ -487,12 +471,6 @@ class _Lanes:
             records.view(kind)[:, here] = numbers.reshape(-1, len(here))[: len(records)]
 
 
-def _field(kind: np.dtype, name: str) -> tuple[np.dtype, int]:
-    assert kind.fields
-    inner, offset, *_ = kind.fields[name]
-    return inner, offset
-
-
 def _numbers(kind: np.dtype, start: int) -> Iterator[tuple[int, np.dtype]]:
     """Where each number of a type lies, from `start` on."""
     if kind.subdtype:
@@ -500,14 +478,13 @@ def _numbers(kind: np.dtype, start: int) -> Iterator[tuple[int, np.dtype]]:
         for k, _ in enumerate(product(*map(range, shape))):
             yield from _numbers(base, start + k * base.itemsize)
     elif kind.names:
-        for name in kind.names:
-            inner, offset = _field(kind, name)
+        for inner, offset, *_ in (kind.fields or {}).values():
             yield from _numbers(inner, start + offset)
     else:
         yield start, kind
 
 
-def _beside(array: Array, first: int, records: int, kind: type) -> Array:
+def _side_by_side(array: Array, first: int, records: int, kind: type) -> Array:
     """Signals (B, N, m) from record `first` on as (N, m, at least `records`), with room for whole registers; those that
     all records have as they are."""
     with np.errstate(over="ignore"):  # what is beyond a float is infinite, and no sample
@@ -520,19 +497,3 @@ def _beside(array: Array, first: int, records: int, kind: type) -> Array:
 
 def _address(array: Array) -> ctypes.c_void_p:
     return ctypes.c_void_p(array.ctypes.data)
-
-
-def _threaded(lanes: _Lanes, u: Array, y: Array, memory: Memories, results: _Results, jobs: int) -> Iterator[int]:
-    """Chunk by chunk; how many records are done. No more chunks wait than there are threads."""
-    done, waiting = 0, deque[Future[int]]()
-    with ThreadPoolExecutor(jobs) as pool:
-        for first in range(0, results.records, CHUNK):
-            last = min(first + CHUNK, results.records)
-            records = np.stack([np.frombuffer(memory(k), np.uint8) for k in range(first, last)])
-            waiting.append(pool.submit(lanes.run, u, y, records, results, first))
-            if len(waiting) > 2 * jobs:
-                done += waiting.popleft().result()
-                yield done
-        while waiting:
-            done += waiting.popleft().result()
-            yield done

@@ -26,9 +26,8 @@ from hgogen.emit.syntax import DTYPE, Real
 from hgogen.estimators.factored import Moved
 from hgogen.estimators.riccati_part import AtSamples, Riccati
 from hgogen.graph import Graph, sx
-from hgogen.part import Clock
 from hgogen.program import Field, Group, Place, address, sym
-from hgogen.run.backends import Kept
+from hgogen.run.backends import StepMemory
 from hgogen.run.samples import Engine, remembered
 from hgogen.signal import Signal
 from hgogen.step import Step
@@ -73,12 +72,12 @@ def values_at(step: Step, records: Array, place: Place) -> Array:
     if place.struct in ("plant", "gain", "derived"):
         return _columns(records["params"][place.struct][place.name])
     state = records["state"]
-    own = place.name in (state.dtype.names or ())
-    return _columns((state if own else selected(records))[place.name])
+    inside = place.name in (state.dtype.names or ())
+    return _columns((state if inside else selected(records))[place.name])
 
 
 def selected(records: Array) -> Array:
-    """What the selected member of a bank remembers in records (N)."""
+    """The memory of the selected member of a bank in records (N)."""
     state = records["state"]
     return np.asarray(state["member"][np.arange(len(state)), state["selected"]])
 
@@ -89,7 +88,7 @@ def _columns(values: Array) -> Array:
 
 @dataclass(frozen=True, eq=False)
 class Uncertainty:
-    """That of a step whose covariance is a Riccati observer's; of a bank, that of the selected member: `members` is
+    """The covariance of a step whose part is a Riccati observer; of a bank that of the selected member: `members` is
     then their group."""
 
     step: Step
@@ -116,12 +115,12 @@ class Uncertainty:
     @cached_property
     def rows(self) -> Evaluated:
         """dh/dz (N, p, n) at records (N)."""
-        return Evaluated(self.step, self.part.dynamics.output_jacobian(self.step.observer.z, self._clock.u_now))
+        return Evaluated(self.step, self.part.dynamics.output_jacobian(self.step.observer.z, self.step.clock.u_now))
 
     @cached_property
     def variances(self) -> Evaluated:
         """r (N, p, 1), a sample's, at records (N)."""
-        moved = Moved(self.part, self._clock)
+        moved = Moved(self.part, self.step.clock)
         return Evaluated(self.step, ca.vertcat(*(moved.variance(j) for j in range(len(self.step.outputs)))))
 
     def predicted(self, P: Array, records: Array, signals: dict[Place, Array]) -> Array:
@@ -145,51 +144,24 @@ class Uncertainty:
                 whole[:, j - 1, i - 1] = packed[:, k]
         return whole
 
-    @property
-    def _clock(self) -> Clock:
-        return clock_of(self.step)
-
     @cached_property
     def _motion(self) -> tuple[Evaluated, ...]:
         """Phi, Q_theta and rho."""
-        n, moved = self.part.dynamics.n, Moved(self.part, self._clock)
+        n, moved = self.part.dynamics.n, Moved(self.part, self.step.clock)
         noise = sx(self.part.noise()) if self.part.factor.size else ca.SX(n, n)
         graphs = (moved.transition(moved.stages()), noise, sx(self.part.rho))
         return tuple(Evaluated(self.step, graph) for graph in graphs)
 
 
 def uncertainty(step: Step) -> Uncertainty | None:
-    """That of a step; None where no covariance stands alone for the estimate. Of a filter by sigma points s is that of
-    the slope of h, which an output linear in the state has as well."""
+    """The uncertainty of a step; None where no covariance stands alone for the estimate. Of a filter by sigma points s
+    is that of the slope of h, which an output linear in the state has as well."""
     parts, members = step.observer.parts, None
     if len(parts) == 1 and isinstance(parts[0], Parallel):
         parts, members = parts[0].member.parts, next(group for group in step.layout.groups if group.name == "member")
     plain = [part.plain if isinstance(part, AtSamples) else part for part in parts]
     filters = [part for part in plain if isinstance(part, Riccati)]
     return Uncertainty(step, filters[0], members) if len(filters) == 1 else None
-
-
-def clock_of(step: Step) -> Clock:
-    """The clock by which a step was assembled."""
-    every = tuple(round(period / step.dt) for period in step.clock.periods)
-    return Clock(step.dt, step.clock.between, len(step.inputs), len(step.outputs), every)
-
-
-def motion(step: Step, known: Uncertainty | None) -> Graph:
-    """z of the step's model one sample on without correction, by one classical Runge-Kutta step; SX (n). Where the
-    measurement enters the model, it is that of the Riccati part."""
-    observer, clock = step.observer, clock_of(step)
-    if known is not None:
-        return Moved(known.part, clock).stages().result["z"]
-    flow = observer.dynamics.flow
-    return advance(RK4, lambda v, c: {"z": flow(v["z"], clock.u(c))}, {"z": observer.z}, step.dt).result["z"]
-
-
-def shown(step: Step) -> Graph:
-    """The slope dx/dz (n, n) of the plant's states, at the form's coordinates in their ranges; SX."""
-    observer, z = step.observer, ca.SX.sym("z", step.observer.z.numel())
-    slope = ca.jacobian(observer.dynamics.estimate(z, clock_of(step).u_now), z)
-    return ca.substitute(slope, z, observer.dynamics.saturated(observer.z))
 
 
 def used(step: Step, status: Array) -> Array:
@@ -207,8 +179,8 @@ def raised(step: Step, status: Array, bits: Sequence[str], signals: Sequence[Sig
 
 @dataclass(frozen=True)
 class Innovations:
-    """Of a record: e (N, p), NaN where a sample was not used; their `variances` (N, p) and the `covariance` (N, n, n)
-    of the estimates after each sample, in the plant's states; None of an observer that holds none."""
+    """The innovations e (N, p) of a record, NaN where a sample was not used; their `variances` (N, p) and the
+    `covariance` (N, n, n) of the estimates after each sample, in the plant's states; None without a covariance."""
 
     e: Array
     variances: Array | None
@@ -235,10 +207,10 @@ class Replay:
 
     @cached_property
     def innovations(self) -> Innovations:
-        """What it shows."""
+        """The innovations of the run."""
         parts = list(self._parts())
         e = np.concatenate([one.e for one in parts]) if parts else np.zeros((0, len(self.step.outputs)))
-        taken = used(self.step, self.status) & np.isfinite(self.y[:, : len(self.outputs)])
+        usable = used(self.step, self.status) & np.isfinite(self.y[:, : len(self.outputs)])
 
         def whole(arrays: list[Array | None]) -> Array | None:
             there = [array for array in arrays if array is not None]
@@ -246,33 +218,33 @@ class Replay:
 
         variances = whole([one.variances for one in parts])
         return Innovations(
-            np.where(taken, e, np.nan),
-            None if variances is None else np.where(taken, variances, np.nan),
+            np.where(usable, e, np.nan),
+            None if variances is None else np.where(usable, variances, np.nan),
             whole([one.covariance for one in parts]),
         )
 
     def _parts(self) -> Iterator[Innovations]:
-        memory = Kept(self.step, self.real)
+        memory = StepMemory(self.step, self.real)
         memory.entries(self.engine)
         memory.whole[:] = self.memory
-        look = _Look(self.step, uncertainty(self.step))
         for first in range(0, len(self.y), CHUNK):
             u, y = self.u[first : first + CHUNK], self.y[first : first + CHUNK]
-            with np.errstate(all="ignore"):
+            with np.errstate(all="ignore"):  # what is beyond a float is infinite, and no sample
+                rows = np.hstack([u, y]).astype(DTYPE[self.real])
                 if self.step.code.apart:
-                    yield look.apart(y[:, : len(self.outputs)], *self._sections(memory, u, y))
+                    yield self._apart(y[:, : len(self.outputs)], *self._sections(memory, rows))
                 else:
-                    yield look.moved(y, *self._calls(memory, u, y))
+                    yield self._integrated(y, *self._calls(memory, rows))
 
-    def _sections(self, memory: Kept, u: Array, y: Array) -> tuple[list[Array], Array]:
+    def _sections(self, memory: StepMemory, rows: Array) -> tuple[list[Array], Array]:
         """The memory before each output corrects, and after each sample."""
         entries, sections = memory.entries(self.engine), self.step.code.sections[1:]
-        before = [np.zeros(len(y), memory.record.dtype) for _ in self.step.outputs]
-        after = np.zeros(len(y), memory.record.dtype)
+        before = [np.zeros(len(rows), memory.record.dtype) for _ in self.step.outputs]
+        after = np.zeros(len(rows), memory.record.dtype)
         number = {signal.name: j for j, signal in enumerate(self.step.outputs)}
         correcting = {section.corrects for section in sections}
         silent = [j for name, j in number.items() if name not in correcting]  # their innovation is the prediction's
-        for k, row in enumerate(self._rows(u, y)):
+        for k, row in enumerate(rows):
             memory.signals[:] = row
             entries["predict"]()
             for j in silent:
@@ -284,41 +256,33 @@ class Replay:
             after[k] = memory.record[0]
         return [remembered(self.step, records, j) for j, records in enumerate(before)], after
 
-    def _calls(self, memory: Kept, u: Array, y: Array) -> tuple[Array, Array]:
+    def _calls(self, memory: StepMemory, rows: Array) -> tuple[Array, Array]:
         call = memory.entries(self.engine)["step"]
-        records = np.zeros(len(y) + 1, memory.record.dtype)
+        records = np.zeros(len(rows) + 1, memory.record.dtype)
         records[0] = memory.record[0]
-        for k, row in enumerate(self._rows(u, y), 1):
+        for k, row in enumerate(rows, 1):
             memory.signals[:] = row
             call()
             records[k] = memory.record[0]
         return records[:-1], records[1:]
 
-    def _rows(self, u: Array, y: Array) -> Array:
-        with np.errstate(over="ignore"):  # what is beyond a float is infinite, and no sample
-            return np.hstack([u, y]).astype(DTYPE[self.real])
+    @cached_property
+    def _uncertainty(self) -> Uncertainty | None:
+        return uncertainty(self.step)
 
-
-@dataclass(frozen=True, eq=False)
-class _Look:
-    """Innovations of samples from what the step remembers."""
-
-    step: Step
-    uncertainty: Uncertainty | None
-
-    def apart(self, y: Array, before: list[Array], after: Array) -> Innovations:
-        """Of a step that corrects at samples: `before` each output, and `after` all."""
+    def _apart(self, y: Array, before: list[Array], after: Array) -> Innovations:
+        """The innovations of a step that corrects at samples, `before` each output, and `after` all."""
         e = np.column_stack([y[:, j] - self._read(records)[:, j, 0] for j, records in enumerate(before)])
-        if self.uncertainty is None:
+        if self._uncertainty is None:
             return Innovations(e, None, None)
         s = np.zeros_like(e)
         for j, records in enumerate(before):
-            c, P = self.uncertainty.rows(records)[:, j, :], self.uncertainty.covariance(records)
-            s[:, j] = np.einsum("ki,kij,kj->k", c, P, c) + self.uncertainty.variances(records)[:, j, 0]
+            c, P = self._uncertainty.rows(records)[:, j, :], self._uncertainty.covariance(records)
+            s[:, j] = np.einsum("ki,kij,kj->k", c, P, c) + self._uncertainty.variances(records)[:, j, 0]
         return Innovations(e, s, self._of_plant(after))
 
-    def moved(self, y: Array, before: Array, after: Array) -> Innovations:
-        """Of a step that integrates with the measurement: `before` and `after` each sample."""
+    def _integrated(self, y: Array, before: Array, after: Array) -> Innovations:
+        """The innovations of a step that integrates with the measurement: memory `before` and `after` each sample."""
         fields = {field.name for field in self.step.layout.state}
         pairs = [("u", "u", after), ("y", "y", after), ("y_last", "y", before), ("valid", "y_valid", after)]
         signals = {
@@ -331,11 +295,11 @@ class _Look:
         z = np.where(first, at(before)[:, :, 0], onward(before, signals)[:, :, 0])
         signals |= {PREDICTED: z}
         e, C = y - read(after, signals)[:, :, 0], slopes(after, signals)
-        if self.uncertainty is None:
+        if self._uncertainty is None:
             return Innovations(e, None, None)
-        P = self.uncertainty.covariance(before)
-        P = np.where(first[:, :, None], P, self.uncertainty.predicted(P, before, signals))
-        r, s, shift = self.uncertainty.variances(before)[:, :, 0], np.zeros_like(e), np.zeros_like(z)
+        P = self._uncertainty.covariance(before)
+        P = np.where(first[:, :, None], P, self._uncertainty.predicted(P, before, signals))
+        r, s, shift = self._uncertainty.variances(before)[:, :, 0], np.zeros_like(e), np.zeros_like(z)
         for j in range(e.shape[1]):
             c = C[:, j, :]
             e[:, j] -= np.einsum("ki,ki->k", c, shift)
@@ -346,28 +310,32 @@ class _Look:
         return Innovations(e, s, self._of_plant(after))
 
     def _of_plant(self, after: Array) -> Array:
-        assert self.uncertainty is not None
+        assert self._uncertainty is not None
         J = self._slope(after)
-        return np.asarray(J @ self.uncertainty.covariance(after) @ J.swapaxes(1, 2))
+        return np.asarray(J @ self._uncertainty.covariance(after) @ J.swapaxes(1, 2))
 
     @cached_property
     def _read(self) -> Evaluated:
         observer = self.step.observer
-        return Evaluated(self.step, observer.dynamics.output(observer.z, clock_of(self.step).u_now))
+        return Evaluated(self.step, observer.dynamics.output(observer.z, self.step.clock.u_now))
 
     @cached_property
     def _model(self) -> tuple[Evaluated, ...]:
-        """z, z a sample on, and h and dh/dz at a z that is predicted."""
-        observer, u = self.step.observer, clock_of(self.step).u_now
+        """z, z a sample on without correction, and h and dh/dz at a z that is predicted. Where the measurement enters
+        the model, z moves on by that of the Riccati part."""
+        observer, clock = self.step.observer, self.step.clock
         z, dynamics = sym(*PREDICTED, observer.z.numel()), observer.dynamics
-        graphs = (
-            observer.z,
-            motion(self.step, self.uncertainty),
-            dynamics.output(z, u),
-            dynamics.output_jacobian(z, u),
-        )
-        return tuple(Evaluated(self.step, graph) for graph in graphs)
+        if self._uncertainty:
+            stages = Moved(self._uncertainty.part, clock).stages()
+        else:
+            flow = dynamics.flow
+            stages = advance(RK4, lambda v, c: {"z": flow(v["z"], clock.u(c))}, {"z": observer.z}, self.step.dt)
+        read = dynamics.output(z, clock.u_now), dynamics.output_jacobian(z, clock.u_now)
+        return tuple(Evaluated(self.step, graph) for graph in (observer.z, stages.result["z"], *read))
 
     @cached_property
     def _slope(self) -> Evaluated:
-        return Evaluated(self.step, shown(self.step))
+        """The slope dx/dz (n, n) of the plant's states, at the form's coordinates in their ranges."""
+        observer, z = self.step.observer, ca.SX.sym("z", self.step.observer.z.numel())
+        slope = ca.jacobian(observer.dynamics.estimate(z, self.step.clock.u_now), z)
+        return Evaluated(self.step, ca.substitute(slope, z, observer.dynamics.saturated(observer.z)))
