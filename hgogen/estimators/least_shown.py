@@ -77,18 +77,18 @@ class Course:
         A, C = self._series(flint.arb(number(begin)), order)
         Phi = [flint.arb_mat(self.n, self.n, [int(i == j) for i in range(self.n) for j in range(self.n)])]
         for k in range(ORDER):
-            Phi.append(_convolved(A, Phi, k) * _BALLS.over(k + 1))
+            Phi.append(_convolved(A, Phi, k) * (1 / flint.arb(k + 1)))
         V = [_convolved(C, Phi, k) for k in range(order)]
         rates = [_convolved([v.transpose() for v in V], V, k) for k in range(order)]
         rest, lost = self._rest(begin, length)
         end = sum((Phi[k] * h**k for k in range(1, order)), Phi[0] + _around(self.n, rest))
-        shown = (rates[k] * (h ** (k + 1) * _BALLS.over(k + 1)) for k in range(order))
+        shown = (rates[k] * (h ** (k + 1) * (1 / flint.arb(k + 1))) for k in range(order))
         return Shown(end, sum(shown, _around(self.n, lost)))
 
     def steepest(self, begin: Fraction, length: Fraction) -> Any:
         """A bound of the largest eigenvalue of |A + A'|/2 on the piece, a ball."""
         (A,), _ = self._series(between(begin, begin + length), 1)
-        return _norm((A + A.transpose()) * _BALLS.over(2))
+        return _norm((A + A.transpose()) * (1 / flint.arb(2)))
 
     def _rest(self, begin: Fraction, length: Fraction) -> tuple[Any, Any]:
         """What the two series leave at the end of the piece, balls whose upper ends are the bounds."""
@@ -97,10 +97,10 @@ class Course:
         a, c = ([_norm(each) for each in series] for series in (A, C))
         phi = [(h * a[0]).exp()]
         for k in range(ORDER + 1):
-            phi.append(_convolved(a, phi, k) * _BALLS.over(k + 1))
+            phi.append(_convolved(a, phi, k) * (1 / flint.arb(k + 1)))
         v = [_convolved(c, phi, k) for k in range(order)]
         shown = _convolved(v, v, ORDER + 1)
-        return phi[-1] * h ** (ORDER + 1), shown * h ** (ORDER + 2) * _BALLS.over(ORDER + 2)
+        return phi[-1] * h ** (ORDER + 1), shown * h ** (ORDER + 2) * (1 / flint.arb(ORDER + 2))
 
     def _series(self, time: Any, order: int) -> tuple[list[Any], list[Any]]:
         """The Taylor coefficients of A and C, below the order, at a ball of times."""

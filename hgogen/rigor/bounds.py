@@ -77,28 +77,17 @@ _TINY = 2.0**-120  # what is smaller may be lost
 def rounded(expression: sp.Expr, around: Sides) -> sp.Expr:
     """The expression with tables that know how far their arguments may be rounded on a box."""
 
-    def cells(node: Table) -> Cells:
-        pairs = zip(node.cells.axes, node.args, strict=True)
-        return node.cells.rounding(*(_sides(axis, e, around) for axis, e in pairs))
+    def near(axis: Axis, argument: sp.Expr) -> Ends:
+        # a signal by itself is rounded as breakpoints are: past none but one that is the same number in single
+        # precision as the end of its range
+        error = _error(argument, around)
+        most = Fraction(error) if math.isfinite(error) else math.inf
+        if not argument.is_Symbol:
+            return most, most
+        high = around.ends[around.symbols.index(argument)][1]
+        return Fraction(0), most if any(high < x <= high + most for x in axis.x) else Fraction(0)
 
-    return replaced(expression, cells)
-
-
-def rounding(argument: sp.Expr, box: Box) -> End:
-    """How far an argument may be rounded on a box; infinite where that is not known."""
-    error = _error(*sides(exact(argument), box))
-    return Fraction(error) if math.isfinite(error) else math.inf
-
-
-def _sides(axis: Axis, argument: sp.Expr, around: Sides) -> Ends:
-    """How far below and above. A signal by itself is rounded as breakpoints are: past none but one that is the same
-    number in single precision as the end of its range."""
-    error = _error(argument, around)
-    most = Fraction(error) if math.isfinite(error) else math.inf
-    if not argument.is_Symbol:
-        return most, most
-    high = around.ends[around.symbols.index(argument)][1]
-    return Fraction(0), most if any(high < x <= high + most for x in axis.x) else Fraction(0)
+    return replaced(expression, lambda node: node.cells.rounding(*map(near, node.cells.axes, node.args)))
 
 
 @lru_cache(maxsize=4096)
@@ -117,28 +106,27 @@ def _error(e: sp.Expr, around: Sides) -> float:
     if isinstance(e, (sp.Add, sp.Mul)):
         sizes = [_largest_size(part, around) for part in e.args]
         whole = [size + error for size, error in zip(sizes, errors, strict=True)]
-        moved = sum(errors) if isinstance(e, sp.Add) else math.prod(whole) - math.prod(sizes)
+        inherited = sum(errors) if isinstance(e, sp.Add) else math.prod(whole) - math.prod(sizes)
         total = sum(whole) if isinstance(e, sp.Add) else math.prod(whole)
-        return _sure(moved + len(whole) * UNIT * total + _TINY)
-    return _through(e, errors, around)
+        return _sure(inherited + len(whole) * UNIT * total + _TINY)
+    return _function_error(e, errors, around)
 
 
-def _through(e: sp.Expr, errors: Sequence[float], around: Sides) -> float:
-    """Through a function: by its slopes, where it has any, or by its whole range."""
-    moving = [(part, error, sp.Dummy(real=True)) for part, error in zip(e.args, errors, strict=True)]
-    moving = [each for each in moving if each[0].free_symbols]
-    stands = {part: dummy for part, _, dummy in moving}
-    ends = [(low - error, high + error) for (low, high), error in ((_range(part, around), d) for part, d, _ in moving)]
-    low, high = np.array(ends).reshape(len(moving), 2).T[:, :, None]
+def _function_error(e: sp.Expr, errors: Sequence[float], around: Sides) -> float:
+    """The error of a function: by its slopes, where it has any, or by its whole range."""
+    varying = [(part, error) for part, error in zip(e.args, errors, strict=True) if part.free_symbols]
+    dummies = {part: sp.Dummy(real=True) for part, _ in varying}
+    ends = [(low - error, high + error) for (low, high), error in ((_range(part, around), d) for part, d in varying)]
+    low, high = np.array(ends).reshape(len(varying), 2).T[:, :, None]
     try:
-        program = tape([e.func(*(stands.get(part, part) for part in e.args))], stands.values())
+        program = tape([e.func(*(dummies.get(part, part) for part in e.args))], dummies.values())
     except NoTape:
         return math.inf
     (there,) = enclosures(program, low, high, slopes=True)
     least, most = float(there.value[0][0]), float(there.value[1][0])
     steep = np.maximum(np.abs(there.slope[0]), np.abs(there.slope[1]))[:, 0].tolist()
-    moved = sum(slope * error for slope, (_, error, _) in zip(steep, moving, strict=True))
-    return min(_sure(moved), _sure(most - least)) + UNIT * max(abs(least), abs(most)) + _TINY
+    inherited = sum(slope * error for slope, (_, error) in zip(steep, varying, strict=True))
+    return min(_sure(inherited), _sure(most - least)) + UNIT * max(abs(least), abs(most)) + _TINY
 
 
 def _largest_size(e: sp.Expr, around: Sides) -> float:
@@ -194,17 +182,12 @@ _BITS = 512  # of an end, of the ends of functions
 _PRECISIONS = (128, 512, 2048)  # of a number, until its sign is known
 _STEEPEST = 10**6  # beyond it exp is left alone: its ends would have too many digits
 _POWER = 64  # exponents beyond which ends are left to floats
-_RISING: dict[type, Callable[[Any], Any]] = {
-    sp.exp: arb.exp,
-    sp.sinh: arb.sinh,
-    sp.tanh: arb.tanh,
-    sp.atan: arb.atan,
-    sp.asinh: arb.asinh,
-}
-_BOUNDS: dict[type, Interval] = {
-    sp.exp: (Fraction(0), math.inf),
-    sp.tanh: (Fraction(-1), Fraction(1)),
-    sp.atan: (Fraction(-2), Fraction(2)),
+_RISING: dict[type, tuple[Callable[[Any], Any], End, End]] = {  # with bounds of all their values
+    sp.exp: (arb.exp, Fraction(0), math.inf),
+    sp.sinh: (arb.sinh, *EVERYTHING),
+    sp.tanh: (arb.tanh, Fraction(-1), Fraction(1)),
+    sp.atan: (arb.atan, Fraction(-2), Fraction(2)),
+    sp.asinh: (arb.asinh, *EVERYTHING),
 }
 
 
@@ -225,19 +208,19 @@ def _ends(e: sp.Expr, box: Box) -> Interval:
     if e.is_Symbol:
         return box.get(e, EVERYTHING)
     if e.is_number:
-        return _number(e)
+        return _number_ends(e)
     if e.is_Add:
         return reduce(_sum, (_ends(part, box) for part in e.args))
     if e.is_Mul:
         return reduce(multiplied, (_ends(part, box) for part in e.args))
     if e.is_Pow and e.exp.is_Integer and abs(e.exp) <= _POWER:
-        return _short(raised(_ends(e.base, box), int(e.exp)))
+        return _rounded_outward(raised(_ends(e.base, box), int(e.exp)))
     if isinstance(e, sp.Abs) or (isinstance(e, Norm) and len(e.args) == 1):
         return _absolute(_ends(e.args[0], box))
     if type(e) in _RISING:
         low, high = _ends(e.args[0], box)
-        least, most = _BOUNDS.get(type(e), EVERYTHING)
-        return max(least, _applied(_RISING[type(e)], low)[0]), min(most, _applied(_RISING[type(e)], high)[1])
+        function, least, most = _RISING[type(e)]
+        return max(least, _applied(function, low)[0]), min(most, _applied(function, high)[1])
     if isinstance(e, sp.cosh):
         low, high = _absolute(_ends(e.args[0], box))
         return max(Fraction(1), _applied(arb.cosh, low)[0]), _applied(arb.cosh, high)[1]
@@ -245,7 +228,7 @@ def _ends(e: sp.Expr, box: Box) -> Interval:
     return (max(low, Fraction(0)), high) if e.is_Pow and e.exp.is_Rational and e.exp.q % 2 == 0 else (low, high)
 
 
-def _number(e: sp.Expr) -> Interval:
+def _number_ends(e: sp.Expr) -> Interval:
     try:
         program = tape([e], ())
     except NoTape:
@@ -276,7 +259,7 @@ def _absolute(a: Interval) -> Interval:
 
 def _sum(a: Interval, b: Interval) -> Interval:
     (low, high), (first, last) = a, b
-    return _short(
+    return _rounded_outward(
         (-math.inf if -math.inf in (low, first) else low + first, math.inf if math.inf in (high, last) else high + last)
     )
 
@@ -289,14 +272,14 @@ def fractions(a: Interval) -> Interval:
 
 def multiplied(a: Interval, b: Interval) -> Interval:
     """a b; an infinite end is a bound and no value, so 0 times it is 0."""
-    ends = [_times(x, y) for x in a for y in b]
-    return _short((min(ends), max(ends)))
 
+    def times(x: End, y: End) -> End:
+        if math.inf in (abs(x), abs(y)):
+            return Fraction(0) if x == 0 or y == 0 else math.inf if (x > 0) == (y > 0) else -math.inf
+        return x * y
 
-def _times(x: End, y: End) -> End:
-    if math.inf in (abs(x), abs(y)):
-        return Fraction(0) if x == 0 or y == 0 else math.inf if (x > 0) == (y > 0) else -math.inf
-    return x * y
+    ends = [times(x, y) for x in a for y in b]
+    return _rounded_outward((min(ends), max(ends)))
 
 
 def raised(a: Interval, n: int) -> Interval:
@@ -304,7 +287,7 @@ def raised(a: Interval, n: int) -> Interval:
     if abs(n) > STEEP:
         return EVERYTHING
     if n < 0:
-        low, high = _short(raised(a, -n))
+        low, high = _rounded_outward(raised(a, -n))
         if low == 0 < high:
             return _over(high), math.inf
         if low < 0 == high:
@@ -318,17 +301,16 @@ def _over(end: End) -> End:
     return Fraction(0) if abs(end) == math.inf else 1 / Fraction(end)
 
 
-def _short(a: Interval) -> Interval:
-    return _rounded(a[0], -1), _rounded(a[1], 1)
+def _rounded_outward(a: Interval) -> Interval:
+    """The interval with ends of at most `_BITS` bits."""
 
+    def rounded(end: End, whole: Callable[[Fraction], int]) -> End:
+        if isinstance(end, float) or max(end.numerator.bit_length(), end.denominator.bit_length()) <= 2 * _BITS:
+            return end
+        unit = Fraction(2) ** (_BITS - end.numerator.bit_length() + end.denominator.bit_length())
+        return Fraction(whole(end * unit)) / unit
 
-def _rounded(end: End, way: int) -> End:
-    """The end in at most `_BITS` bits, outward."""
-    if isinstance(end, float) or max(end.numerator.bit_length(), end.denominator.bit_length()) <= 2 * _BITS:
-        return end
-    shift = _BITS - end.numerator.bit_length() + end.denominator.bit_length()
-    scaled = end * (Fraction(2) ** shift)
-    return Fraction(math.ceil(scaled) if way > 0 else math.floor(scaled)) / (Fraction(2) ** shift)
+    return rounded(a[0], math.floor), rounded(a[1], math.ceil)
 
 
 # --- the cells that a program may take
@@ -362,17 +344,18 @@ def beyond(expression: sp.Expr, around: Sides) -> tuple[Fraction, str] | None:
 
 def between(node: Table, arguments: Sequence[sp.Expr], box: Box, *, program: bool = False) -> Cells:
     """The table without its ends along the axes where its argument keeps within its points."""
+
+    def within(axis: Axis, argument: sp.Expr) -> bool:
+        (low, high), first, last = rational(argument, box), axis.x[0], axis.x[-1]
+        inside = first <= low and high <= last
+        if program and not inside and low < last and high > first:
+            error = _error(*sides(exact(argument), box))
+            inside = error < (last - first) * _LARGE_ROUNDING
+            inside = inside and first - Fraction(error) <= low and high <= last + Fraction(error)
+        return inside and is_defined(argument, box)
+
     pairs = zip(node.cells.axes, arguments, strict=True)
-    return node.cells.holding(*(axis.held and not _inside(axis, argument, box, program) for axis, argument in pairs))
-
-
-def _inside(axis: Axis, argument: sp.Expr, box: Box, program: bool) -> bool:
-    (low, high), first, last = rational(argument, box), axis.x[0], axis.x[-1]
-    within = first <= low and high <= last
-    if program and not within and low < last and high > first:
-        error = rounding(argument, box)
-        within = first - error <= low and high <= last + error and error < (last - first) * _LARGE_ROUNDING
-    return within and is_defined(argument, box)
+    return node.cells.holding(*(axis.held and not within(axis, argument) for axis, argument in pairs))
 
 
 # --- zeros
@@ -434,7 +417,7 @@ def crossing(expression: sp.Expr, program: Tape, sides: Sides, below: Point, abo
     return below
 
 
-def _rational(point: Point) -> dict[sp.Symbol, sp.Rational]:
+def _rational(point: Mapping[sp.Symbol, Fraction]) -> dict[sp.Symbol, sp.Rational]:
     return {s: sp.Rational(value) for s, value in point.items()}
 
 

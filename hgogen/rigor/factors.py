@@ -122,9 +122,9 @@ class Elimination:
             if not row[column].is_zero():
                 self.work.spend(len(row[column]) * len(before[column]))
                 shared = row[column].gcd(before[column])
-                own, other = before[column] / shared, row[column] / shared
-                row = [self.work.times(own, a) - self.work.times(other, b) for a, b in zip(row, before, strict=True)]
-                scales.append((own, 1))
+                scale, other = before[column] / shared, row[column] / shared
+                row = [self.work.times(scale, a) - self.work.times(other, b) for a, b in zip(row, before, strict=True)]
+                scales.append((scale, 1))
                 row = self._plain(row, scales)
         present = [i for i, entry in enumerate(row) if not entry.is_zero()]
         if not present:
@@ -168,30 +168,22 @@ def expanded(field: Field, rows: Sequence[Sequence[Quotient]], work: Work) -> Qu
 
     Raises: `TooLarge`.
     """
-    one = field.ring.constant(1)
+    zero, one = field.ring.constant(0), field.ring.constant(1)
     minors: dict[tuple[int, ...], Quotient] = {(): (one, one)}
     for k, row in enumerate(rows):
-        minors = {
-            columns: _minor(field, row, columns, minors, work) for columns in combinations(range(len(rows)), k + 1)
-        }
+        smaller, minors = minors, {}
+        for columns in combinations(range(len(rows)), k + 1):
+            top, bottom = zero, one
+            for place, j in enumerate(columns):
+                other = smaller[columns[:place] + columns[place + 1 :]]
+                work.spend(1 + sum(len(a) * len(b) for a, b in zip(row[j], other, strict=True)))
+                term = multiply(row[j], other)
+                top, bottom = add((top, bottom), term if (place + k) % 2 == 0 else (-term[0], term[1]))
+            for root in reversed(field.relations):
+                (top,), power = reduced([top], root.index, root.degree, root.value)
+                bottom = bottom * root.value[1] ** power
+            minors[columns] = multiply((top, one), (one, bottom))
     return minors[tuple(range(len(rows)))]
-
-
-def _minor(
-    field: Field, row: Sequence[Quotient], columns: tuple[int, ...], minors: dict[tuple[int, ...], Quotient], work: Work
-) -> Quotient:
-    total: Quotient = field.ring.constant(0), field.ring.constant(1)
-    for place, j in enumerate(columns):
-        other = minors[columns[:place] + columns[place + 1 :]]
-        work.spend(1 + sum(len(a) * len(b) for a, b in zip(row[j], other, strict=True)))
-        term = multiply(row[j], other)
-        total = add(total, term if (place + len(columns)) % 2 else (-term[0], term[1]))
-    top, bottom = total
-    for root in reversed(field.relations):
-        (top,), power = reduced([top], root.index, root.degree, root.value)
-        bottom = bottom * root.value[1] ** power
-    one: Any = field.ring.constant(1)
-    return multiply((top, one), (one, bottom))
 
 
 # --- a plant over a field
@@ -231,12 +223,12 @@ def tower(flow: Sequence[sp.Expr], output: Sequence[sp.Expr], states: Sequence[s
         writer.measure(row)
     values = [writer.write(row) for row in rows]
     slopes = dict(_slopes(writer, states))
-    made, as_quotients = field(writer, (*values, *slopes.values(), *states))
-    place = {g: k for k, g in enumerate(made.generators)}
-    n, m = len(states), len(rows)
-    own = {(place[x], i): (made.ring.constant(1), made.ring.constant(1)) for i, x in enumerate(states)}
-    steep = {(place[g], i): q for (g, i), q in zip(slopes, as_quotients[m:], strict=False)}
-    return Tower(tuple(states), made, tuple(as_quotients[:n]), tuple(as_quotients[n:m]), own | steep)
+    of_plant, as_quotients = field(writer, (*values, *slopes.values(), *states))
+    place = {g: k for k, g in enumerate(of_plant.generators)}
+    n, m, one = len(states), len(rows), of_plant.ring.constant(1)
+    rates = {(place[x], i): (one, one) for i, x in enumerate(states)}
+    rates |= {(place[g], i): q for (g, i), q in zip(slopes, as_quotients[m:], strict=False)}
+    return Tower(tuple(states), of_plant, tuple(as_quotients[:n]), tuple(as_quotients[n:m]), rates)
 
 
 def _slopes(writer: Writer, states: Sequence[sp.Symbol]) -> Iterator[tuple[tuple[sp.Symbol, int], sp.Expr]]:
@@ -248,15 +240,11 @@ def _slopes(writer: Writer, states: Sequence[sp.Symbol]) -> Iterator[tuple[tuple
         done += 1
         for i, x in enumerate(states):
             if x in key.free_symbols:
-                yield (dummy, i), _slope(writer, key, dummy, x)
-
-
-def _slope(writer: Writer, key: sp.Expr, kernel: sp.Dummy, x: sp.Symbol) -> sp.Expr:
-    if isinstance(key, Exp):
-        return kernel * writer.write(key.args[0].diff(x)) * key.args[1]
-    if isinstance(key, Half):
-        return (1 + kernel**2) * writer.write(key.args[0].diff(x)) * key.args[1] / 2
-    return writer.write(key.diff(x))
+                if isinstance(key, (Exp, Half)):
+                    inner = writer.write(key.args[0].diff(x)) * key.args[1]
+                    yield (dummy, i), dummy * inner if isinstance(key, Exp) else (1 + dummy**2) * inner / 2
+                else:
+                    yield (dummy, i), writer.write(key.diff(x))
 
 
 # --- the codistribution
@@ -264,28 +252,22 @@ def _slope(writer: Writer, key: sp.Expr, kernel: sp.Dummy, x: sp.Symbol) -> sp.E
 Row = tuple[int, int]  # (output, order of the derivative), both from 0
 
 
-@dataclass(frozen=True)
-class _Flow:
-    """`common` times the flow and its Jacobian, which are then polynomials; `rates` by generator."""
-
-    common: Any
-    rates: Mapping[int, Any]
-    jacobian: Sequence[Sequence[Any]]
-    work: Work
-
-    def along(self, row: list[Any]) -> list[Any]:
-        """`common` times the Lie derivative L_f of a row."""
-        lie_derivative = []
-        for i, entry in enumerate(row):
-            total = entry.context().constant(0)
-            for g, degree in enumerate(entry.degrees()):
-                if degree and g in self.rates:
-                    total += self.work.times(entry.derivative(g), self.rates[g])
-            for j, other in enumerate(row):
-                if not other.is_zero() and not self.jacobian[j][i].is_zero():
-                    total += self.work.times(other, self.jacobian[j][i])
-            lie_derivative.append(total)
-        return lie_derivative
+def _lie_derivative(
+    row: list[Any], rates: Mapping[int, Any], jacobian: Sequence[Sequence[Any]], work: Work
+) -> list[Any]:
+    """The Lie derivative L_f of a row, times a factor that makes polynomials of the `rates` of generators and of the
+    flow's Jacobian."""
+    derivative = []
+    for i, entry in enumerate(row):
+        total = entry.context().constant(0)
+        for g, degree in enumerate(entry.degrees()):
+            if degree and g in rates:
+                total += work.times(entry.derivative(g), rates[g])
+        for j, other in enumerate(row):
+            if not other.is_zero() and not jacobian[j][i].is_zero():
+                total += work.times(other, jacobian[j][i])
+        derivative.append(total)
+    return derivative
 
 
 def codistribution_product(tower: Tower, rows: Sequence[Row], limit: int) -> Product:
@@ -300,15 +282,15 @@ def codistribution_product(tower: Tower, rows: Sequence[Row], limit: int) -> Pro
         g: reduce(add, (multiply(slope, tower.flow[i]) for (h, i), slope in tower.slopes.items() if h == g))
         for g in sorted({g for g, _ in tower.slopes})
     }
-    common, (moving, *slopes) = cleared([list(rates.values()), *jacobian])
-    flow = _Flow(common, dict(zip(rates, moving, strict=True)), slopes, work)
+    common, (tops, *slopes) = cleared([list(rates.values()), *jacobian])
+    whole_rates = dict(zip(rates, tops, strict=True))
     elimination = Elimination(tower.field, work)
     last = {j: max(k for output, k in rows if output == j) for j, _ in rows}
     factors: Product = []
     chain: dict[int, list[Any]] = {}
     for j, k in rows:
         if k:
-            raw, scale = flow.along(chain[j]), flow.common
+            raw, scale = _lie_derivative(chain[j], whole_rates, slopes, work), common
         else:
             scale, (raw,) = cleared([tower.gradient(tower.output[j])])
         chain[j], more = elimination.added(raw)
@@ -359,8 +341,8 @@ def _squared(roots: Sequence[Root]) -> list[list[Any]]:
     basis, count = flint.nmod_mat(parities, 2).nullspace()
     squares = []
     for j in range(count):
-        taken = [one for i, one in enumerate(exponents) if int(basis[i, j])]
-        halves = {name: sum(one[name][1] for one in taken if name in one) // 2 for name in factors}
+        chosen = [one for i, one in enumerate(exponents) if int(basis[i, j])]
+        halves = {name: sum(one[name][1] for one in chosen if name in one) // 2 for name in factors}
         squares.append([factors[name] for name, half in halves.items() if half % 2])
     return squares
 
@@ -500,18 +482,18 @@ def factors(expression: sp.Expr) -> Factors | None:
     writer, e = Writer(), exact(expression)
     try:
         writer.measure(e)
-        made, ((top, bottom),) = field(writer, [writer.write(e)])
-        if made.angles or branches(made) or top.is_zero():
+        over, ((top, bottom),) = field(writer, [writer.write(e)])
+        if over.angles or branches(over) or top.is_zero():
             return None
         whole = [(top, 1), (bottom, -1)]
-        if all(one_sign(made, p) for p, _ in whole):  # exp(2000 x) + 1 has factors that are not
-            return Factors(sp.S.One, tuple(Factor(made.expression(p), k, True) for p, k in whole))
-        number, parts = powers(made, whole)
+        if all(one_sign(over, p) for p, _ in whole):  # exp(2000 x) + 1 has factors that are not
+            return Factors(sp.S.One, tuple(Factor(over.expression(p), k, True) for p, k in whole))
+        number, parts = powers(over, whole)
     except (TooLarge, NoTape, ZeroDivisionError):
         return None
     if sum(len(one.polynomial) for one in parts) > _MOST_TERMS or any(one.exponent.denominator != 1 for one in parts):
         return None
-    irreducible = (Factor(made.expression(p.polynomial), int(p.exponent), one_sign(made, p.polynomial)) for p in parts)
+    irreducible = (Factor(over.expression(p.polynomial), int(p.exponent), one_sign(over, p.polynomial)) for p in parts)
     return Factors(number, tuple(irreducible))
 
 
@@ -559,15 +541,15 @@ def factored_form(
     sines = dict(zip(field.angles, ring.gens()[count + 1 :: 2], strict=True))
     layers: dict[tuple[int, ...], dict[tuple[int, ...], Any]] = {}
     for powers, coefficient in polynomial.terms():
-        rest = tuple(0 if g in field.angles else int(k) for g, k in enumerate(powers[:count]))
-        key = tuple(int(powers[g]) for g in field.angles)
-        layers.setdefault(key, {})[(*rest, *(0,) * (2 * len(field.angles)))] = coefficient
+        others = tuple(0 if g in field.angles else int(k) for g, k in enumerate(powers[:count]))
+        layer_of = layers.setdefault(tuple(int(powers[g]) for g in field.angles), {})
+        layer_of[(*others, *(0,) * (2 * len(field.angles)))] = coefficient
     total, one = ring.constant(0), ring.constant(1)
     for key, terms in layers.items():
         layer = ring.from_dict(terms)
         for g, k in zip(field.angles, key, strict=True):
-            c, s, left = cosines[g], sines[g], degree[g] - k
-            layer = layer * ((s / 2) ** (k % 2) * ((one - c) / 2) ** (k // 2) * ((one + c) / 2) ** (left // 2))
+            halves = ((one - cosines[g]) / 2) ** (k // 2) * ((one + cosines[g]) / 2) ** ((degree[g] - k) // 2)
+            layer = layer * ((sines[g] / 2) ** (k % 2) * halves)
         total = total + layer
         if len(total) > _ANGLE_TERMS:
             raise TooLarge("the form in sines and cosines")

@@ -28,7 +28,7 @@ refuted on x >= 1, and not proved either.
 """
 
 import random
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from dataclasses import field as attribute
 from fractions import Fraction
@@ -43,7 +43,7 @@ from flint import Ordering, fmpq, fmpq_mpoly_ctx
 from hgogen.errors import HgogenError
 from hgogen.rigor.box import exact, put, settled
 from hgogen.rigor.series import values
-from hgogen.rigor.tape import Instruction, Norm, NoTape, tape
+from hgogen.rigor.tape import Norm, NoTape, tape
 from hgogen.sentence import Reason, because
 
 # A multiple of an angle, the terms and the operations of one argument beyond these would only cost time.
@@ -120,7 +120,10 @@ class Writer:
         if isinstance(node, sp.log):
             return self._log(_canonical(node.args[0]))
         if isinstance(node, sp.Abs) or (isinstance(node, Norm) and len(node.args) == 1):
-            return self._abs(node.args[0])
+            argument = _canonical(node.args[0])
+            if argument.could_extract_minus_sign():
+                argument = _canonical(-argument)
+            return self._relation(sp.Abs(argument, evaluate=False), 2, argument**2)
         if isinstance(node, (sp.Min, sp.Max)):
             sign = 1 if isinstance(node, sp.Max) else -1
             return self.write(reduce(lambda a, b: (a + b + sign * sp.Abs(a - b)) / 2, node.args))
@@ -139,12 +142,6 @@ class Writer:
             self.relations.append(Relation(self.kernels[key], degree, inner))
         return self.kernels[key]
 
-    def _abs(self, argument: sp.Expr) -> sp.Expr:
-        argument = _canonical(argument)
-        if argument.could_extract_minus_sign():
-            argument = _canonical(-argument)
-        return self._relation(sp.Abs(argument, evaluate=False), 2, argument**2)
-
     def _log(self, argument: sp.Expr) -> sp.Expr:
         if argument.is_Integer and argument > 1:
             known = {} if argument < 2**40 else {"limit": _TRIED, "use_rho": False, "use_pm1": False, "use_ecm": False}
@@ -160,7 +157,14 @@ class Writer:
         return sp.Add(inner, ends[0], -ends[1], *(self.write(power.args[0]) for power in powers))
 
     def _exponential(self, node: sp.Expr) -> sp.Expr:
-        power = sp.Mul(*(self._factor(*term) for term in _terms(_argument(node))))
+        factors = []
+        for factor, monomial in _terms(_argument(node)):
+            if isinstance(monomial, sp.log):
+                factors.append(self.write(sp.Pow(monomial.args[0], factor)))
+            else:
+                unit, times = self._unit("exp", factor, monomial)
+                factors.append(self._kernel(Exp(monomial, unit)) ** times)
+        power = sp.Mul(*factors)
         rules = {
             sp.sinh: (power - 1 / power) / 2,
             sp.cosh: (power + 1 / power) / 2,
@@ -170,13 +174,6 @@ class Writer:
             sp.csch: 2 * power / (power**2 - 1),
         }
         return rules.get(type(node), power)
-
-    def _factor(self, factor: sp.Rational, monomial: sp.Expr) -> sp.Expr:
-        """exp(factor monomial)."""
-        if isinstance(monomial, sp.log):
-            return self.write(sp.Pow(monomial.args[0], factor))
-        unit, times = self._unit("exp", factor, monomial)
-        return self._kernel(Exp(monomial, unit)) ** times
 
     def _unit(self, kind: str, factor: sp.Rational, monomial: sp.Expr) -> tuple[sp.Rational, int]:
         """g and the whole number factor/g; an argument that was not measured has a g of its own."""
@@ -281,30 +278,23 @@ def quotients(expressions: Iterable[sp.Expr], generators: Sequence[sp.Symbol], r
     Raises: `TooLarge`; `ZeroDivisionError` for a denominator that is zero; `NoTape` for what is no such function.
     """
     program = tape(expressions, generators)
-    values: list[Quotient] = []
-    for instruction in program.instructions:
-        values.append(_apply(instruction, [values[i] for i in instruction.args], ring))
-    return [values[i] for i in program.outputs]
-
-
-def _apply(instruction: Instruction, args: list[Quotient], ring: Any) -> Quotient:
-    op, value, one = instruction.op, instruction.value, ring.constant(1)
-    if op == "symbol":
-        return ring.gens()[value], one
-    if op == "number":
-        return ring.constant(fmpq(value.numerator, value.denominator)), one
-    if op == "add":
-        return add(*args)
-    if op == "mul":
-        return multiply(*args)
-    if op == "power":
-        (top, bottom), exponent = args[0], int(value or 0)
-        if exponent < 0:
-            if top.is_zero():
+    values, one = list[Quotient](), ring.constant(1)
+    for op, places, value in program.instructions:
+        args = [values[i] for i in places]
+        if op == "symbol":
+            values.append((ring.gens()[value], one))
+        elif op == "number":
+            values.append((ring.constant(fmpq(value.numerator, value.denominator)), one))
+        elif op in ("add", "mul"):
+            values.append(add(*args) if op == "add" else multiply(*args))
+        elif op == "power":
+            top, bottom = args[0] if value >= 0 else args[0][::-1]
+            if bottom.is_zero():
                 raise ZeroDivisionError
-            top, bottom = bottom, top
-        return power(top, abs(exponent)), power(bottom, abs(exponent))
-    raise NoTape(op, "a rational function")
+            values.append((power(top, abs(value)), power(bottom, abs(value))))
+        else:
+            raise NoTape(op, "a rational function")
+    return [values[i] for i in program.outputs]
 
 
 def add(one: Quotient, other: Quotient) -> Quotient:
@@ -431,9 +421,14 @@ def field(writer: Writer, expressions: Sequence[sp.Expr]) -> tuple[Field, list[Q
         Root(place[r.generator], r.degree, plain if r.generator in rational else value, r.generator in rational)
         for r, plain, value in zip(writer.relations, as_quotients[len(expressions) :], inner, strict=True)
     )
+    functions: dict[type, Callable[..., sp.Expr]] = {
+        Exp: lambda m, unit: sp.exp(m * unit),
+        Half: lambda m, unit: sp.tan(m * unit / 2),
+    }
+    meaning = {g: functions[type(key)](*key.args) if type(key) in functions else key for g, key in keys.items()}
     made = Field(
         generators=generators,
-        meaning=tuple(_meaning(keys[g]) if g in keys else g for g in generators),
+        meaning=tuple(meaning.get(g, g) for g in generators),
         ring=ring,
         roots=tuple(roots),
         angles={place[g]: key.args[0] * key.args[1] for g, key in keys.items() if isinstance(key, Half)},
@@ -455,14 +450,6 @@ def _replaced(relations: Sequence[Relation]) -> tuple[dict[sp.Symbol, sp.Expr], 
             replacements = {old: sp.expand(e.xreplace(new)) for old, e in replacements.items()} | new
             roots.add(relation.generator)
     return replacements, roots
-
-
-def _meaning(key: sp.Expr) -> sp.Expr:
-    if isinstance(key, Exp):
-        return sp.exp(key.args[0] * key.args[1])
-    if isinstance(key, Half):
-        return sp.tan(key.args[0] * key.args[1] / 2)
-    return key
 
 
 # --- relations
@@ -534,10 +521,8 @@ def is_zero(expression: sp.Expr, box: Box | None = None) -> bool | None:
     symbol whose ends are equal has that value.
     """
     expression = _settled(expression, box)
-    if expression.is_Rational:
-        return bool(expression == 0)
-    if expression.has(*_INFINITE):
-        return None
+    if expression.is_Rational or expression.has(*_INFINITE):
+        return bool(expression == 0) if expression.is_Rational else None
     symbols = sorted(expression.free_symbols, key=str)
     try:
         program = tape((expression,), symbols)
@@ -547,12 +532,9 @@ def is_zero(expression: sp.Expr, box: Box | None = None) -> bool | None:
     quick = [values(program, point, _BITS)[0] for point in points[:_QUICK]]
     if any(_not_zero(ball) for ball in quick):
         return False
-    answer = vanishes(expression)
-    if answer is False:
-        return False
-    finite = any(ball.is_finite() for ball in quick)
-    if answer and finite:
-        return True
+    answer, finite = vanishes(expression), any(ball.is_finite() for ball in quick)
+    if answer is False or (answer and finite):
+        return answer
     for bits in _MORE_BITS:
         balls = [values(program, point, bits)[0] for point in points]
         if any(_not_zero(ball) for ball in balls):
@@ -579,12 +561,12 @@ def dependence(
     """
     expression = _settled(expression, box)
     present = [s for s in symbols if s in expression.free_symbols]
-    seen = _seen(expression, present, box) if present else set()
+    changing = _changing(expression, present, box) if present else set()
     sure: list[sp.Symbol] = []
     maybe: list[sp.Symbol] = []
     for s in present:
         answer: bool | None = False
-        if s not in seen:
+        if s not in changing:
             t = sp.Dummy(s.name, real=s.is_real)
             wider = {**(box or {}), **({t: box[s]} if box and s in box else {})}
             answer = is_zero(expression - expression.xreplace({s: t}), wider)
@@ -619,21 +601,21 @@ def _settled(expression: sp.Expr, box: Box | None) -> sp.Expr:
     return exact(settled(expression, point) if point else sp.sympify(expression))
 
 
-def _seen(expression: sp.Expr, symbols: Sequence[sp.Symbol], box: Box | None) -> set[sp.Symbol]:
+def _changing(expression: sp.Expr, symbols: Sequence[sp.Symbol], box: Box | None) -> set[sp.Symbol]:
     """The symbols that change the value between two sample points that differ in them only."""
     every = sorted(expression.free_symbols, key=str)
     try:
         program = tape((expression,), every)
     except NoTape:
         return set()
-    seen = set()
+    changing = set()
     for point, other in pairwise(list(_points(every, box, _QUICK + 1))):
         before = values(program, point, _BITS)[0]
         for s in symbols:
-            moved = [b if t == s else a for t, a, b in zip(every, point, other, strict=True)]
-            if s not in seen and _not_zero(before - values(program, moved, _BITS)[0]):
-                seen.add(s)
-    return seen
+            beside = [b if t == s else a for t, a, b in zip(every, point, other, strict=True)]
+            if s not in changing and _not_zero(before - values(program, beside, _BITS)[0]):
+                changing.add(s)
+    return changing
 
 
 def _not_zero(ball: Any) -> bool:

@@ -31,7 +31,7 @@ from flint import arb, arb_mat, arb_series, ctx, fmpq
 
 from hgogen.rigor.definite import fraction, number
 from hgogen.rigor.lookup import Cells, Index, next_order, over, polynomial_value
-from hgogen.rigor.tape import Instruction, Tape
+from hgogen.rigor.tape import Tape
 
 # --- series
 
@@ -70,10 +70,6 @@ class Balls:
         low, high = _SCALES[self.seed % len(_SCALES)]
         return low + (high - low) * arb(source.getrandbits(_BITS)) / (1 << _BITS)
 
-    def near(self, value: Fraction, source: random.Random) -> Any:
-        """A random number beside a rational: by less than a millionth of it, none where it is 0."""
-        return number(value) * (1 + arb(source.getrandbits(_BITS)) / (1 << _BITS + _FINER))
-
     def series(self, coefficients: Sequence[Any], order: int) -> Any:
         """c_0 + c_1 t + ... , known below t^order."""
         return arb_series(list(coefficients[:order]), prec=order)
@@ -101,15 +97,19 @@ class Balls:
     def unary(self, op: str, a: Any, value: Any, order: int) -> tuple[Any, Any]:
         """(f(a), f'(a)) below t^order, for the function or power of an instruction."""
         a = self.cut(a, order)
+        if op == "power" and value < 0:
+            inverse = _inverse(a)
+            result = _whole(inverse, -value)
+            return result, value * result * inverse
         if op == "power":
-            return self._power(a, value, order)
+            less = _whole(a, value - 1) if value > 1 else self.series([1], order)
+            return less * a, value * less
         if op == "root":
             inverse = _inverse(a)
             if value.denominator == 2 and value > 0:
                 result = a.sqrt() ** value.numerator
             else:
-                _positive(a)
-                result = (self.number(value, a.prec) * a.log()).exp()
+                result = (self.number(value, a.prec) * _positive(a).log()).exp()
             return _finite(result), self.number(value, order) * result * inverse
         if op in _STEPS:
             level, slope = _STEPS[op](a[0])
@@ -117,22 +117,13 @@ class Balls:
         result, slope = _FUNCTIONS[op](a)
         return _finite(result), _finite(slope)
 
-    def _power(self, a: Any, value: int, order: int) -> tuple[Any, Any]:
-        if value < 0:
-            inverse = _inverse(a)
-            result = _whole(inverse, -value)
-            return result, value * result * inverse
-        less = _whole(a, value - 1) if value > 1 else self.series([1], order)
-        return less * a, value * less
-
-    def raised(self, a: Any, b: Any, order: int) -> tuple[Any, Any, Any]:
+    def raised(self, a: Any, b: Any) -> tuple[Any, Any, Any]:
         """a^b = exp(b log a) and its derivatives by a and by b."""
-        _positive(a)
-        log = a.log()
+        log = _positive(a).log()
         result = _finite((b * log).exp())
         return result, b * result * _inverse(a), result * log
 
-    def angle(self, a: Any, b: Any, order: int) -> tuple[Any, Any, Any]:
+    def angle(self, a: Any, b: Any) -> tuple[Any, Any, Any]:
         """atan2(a, b) and its derivatives by a and by b."""
         square = _inverse(a * a + b * b)
         if b[0].contains(0):
@@ -140,7 +131,7 @@ class Balls:
         turn = arb.atan2(a[0], b[0]) - (a[0] / b[0]).atan()
         return _finite((a * _inverse(b)).atan() + turn), b * square, -a * square
 
-    def table(self, arguments: Sequence[Any], cells: Cells, order: Index) -> tuple[Any, ...]:
+    def table(self, cells: Cells, order: Index, *arguments: Any) -> tuple[Any, ...]:
         """A derivative of a table, and those by each argument, by the cell that the arguments are in."""
         cell = cells.cell([ends(a[0]) for a in arguments])
         if cell is None:
@@ -178,10 +169,6 @@ class Balls:
         """A matrix from its entries, row by row."""
         return arb_mat(rows, columns, list(entries))
 
-    def over(self, k: int) -> Any:
-        """1/k."""
-        return 1 / arb(k)
-
     @property
     def nudge(self) -> Any:
         """A small step d: F(x + d v) - F(x) = d F'(x) v but for d^2."""
@@ -208,9 +195,10 @@ def _inverse(a: Any) -> Any:
     return 1 / a
 
 
-def _positive(a: Any) -> None:
+def _positive(a: Any) -> Any:
     if not a[0] > 0:
         raise Undecided
+    return a
 
 
 def _whole(a: Any, k: int) -> Any:
@@ -265,34 +253,18 @@ def _tanh(a: Any) -> tuple[Any, Any]:
     return series, 1 - series * series
 
 
-def _tan(a: Any) -> tuple[Any, Any]:
-    t = a.sin() * _inverse(a.cos())
-    return t, 1 + t * t
-
-
 def _area(a: Any, sign: int) -> tuple[Any, Any]:
     """The series of asinh (sign 1) or acosh (sign -1)."""
     root = (a * a + sign).sqrt()
     return (a + root).log(), _inverse(root)
 
 
-def _log(a: Any) -> tuple[Any, Any]:
-    _positive(a)
-    return a.log(), _inverse(a)
-
-
-def _atanh(a: Any) -> tuple[Any, Any]:
-    ratio = (1 + a) * _inverse(1 - a)
-    _positive(ratio)
-    return ratio.log() / 2, _inverse(1 - a * a)
-
-
 _FUNCTIONS: Mapping[str, Callable[[Any], tuple[Any, Any]]] = {
     "exp": lambda a: (a.exp(), a.exp()),
-    "log": _log,
+    "log": lambda a: (_positive(a).log(), _inverse(a)),
     "sin": lambda a: (a.sin(), a.cos()),
     "cos": lambda a: (a.cos(), -a.sin()),
-    "tan": _tan,
+    "tan": lambda a: (tan := a.sin() * _inverse(a.cos()), 1 + tan * tan),
     "asin": lambda a: (a.asin(), _inverse((1 - a * a).sqrt())),
     "acos": lambda a: (arb.pi() / 2 - a.asin(), -_inverse((1 - a * a).sqrt())),
     "atan": lambda a: (a.atan(), _inverse(1 + a * a)),
@@ -301,7 +273,7 @@ _FUNCTIONS: Mapping[str, Callable[[Any], tuple[Any, Any]]] = {
     "tanh": _tanh,
     "asinh": lambda a: _area(a, 1),
     "acosh": lambda a: _area(a, -1),
-    "atanh": _atanh,
+    "atanh": lambda a: (_positive((1 + a) * _inverse(1 - a)).log() / 2, _inverse(1 - a * a)),
 }
 # What is level or straight but at its corners: (level, slope) at a value.
 _STEPS: Mapping[str, Callable[[Any], tuple[Any, int]]] = {
@@ -323,32 +295,16 @@ def values(tape: Tape, point: Sequence[Fraction], bits: int = 64) -> list[Ball]:
     """The tape's outputs at `point`, one number for each of its symbols, in a working precision of `bits`."""
     registers: list[Any] = []
     with ctx.workprec(bits):
-        for instruction in tape.instructions:
-            value = _value(instruction, [registers[i] for i in instruction.args], point)
-            registers.append(_NAN if isinstance(value, arb) and not value.is_finite() else value)
+        for op, places, value in tape.instructions:
+            args = [registers[i] for i in places]
+            if op == "symbol":
+                result = _rational(point[value])
+            elif value is not None:
+                result = _NUMBERED[op](args, value)
+            else:
+                result = _BALL_RULES[op](*args) if op in _BALL_RULES else _NAN
+            registers.append(_NAN if isinstance(result, arb) and not result.is_finite() else result)
     return [registers[i] if isinstance(registers[i], arb) else _NAN for i in tape.outputs]
-
-
-def _value(instruction: Instruction, args: list[Any], point: Sequence[Fraction]) -> Any:
-    op, value = instruction.op, instruction.value
-    if op == "symbol":
-        return _rational(point[int(value or 0)])
-    if op == "number":
-        return _rational(Fraction(value or 0))
-    if op == "constant":
-        return arb.pi() if value == "pi" else arb(1).exp()
-    if op == "power":
-        return _whole_power(args[0], int(value or 0))
-    if op == "root":
-        exponent = Fraction(value or 0)
-        root = args[0].root(exponent.denominator) if args[0] >= 0 else _NAN
-        return _whole_power(root, exponent.numerator)
-    if op == "direction":
-        return _ball_direction(args, int(value or 0))
-    if op == "table":
-        return _ball_table(args, *value)
-    rule = _BALL_RULES.get(op)
-    return rule(*args) if rule else _NAN
 
 
 def _rational(value: Fraction) -> Ball:
@@ -367,8 +323,13 @@ def _norm(*parts: Ball) -> Ball:
     return sum((a**2 for a in parts), start=arb(0)).sqrt() if all(a.is_finite() for a in parts) else _NAN
 
 
+def _ball_root(args: Sequence[Ball], exponent: Fraction) -> Ball:
+    root = args[0].root(exponent.denominator) if args[0] >= 0 else _NAN
+    return _whole_power(root, exponent.numerator)
+
+
 def _ball_direction(parts: Sequence[Ball], index: int) -> Ball:
-    """Undefined at 0."""
+    """The direction, undefined at 0."""
     if len(parts) == 1:
         return _NAN if parts[0].contains(0) else _ball_sign(parts[0])
     size = _norm(*parts)
@@ -381,10 +342,11 @@ def _step(a: Ball, at_zero: Ball = None) -> Ball:
     return arb(1) if a > 0 else arb(0) if a < 0 else middle if a.is_zero() else _NAN
 
 
-def _ball_table(place: Sequence[Ball], cells: Cells, order: Index) -> Ball:
+def _ball_table(place: Sequence[Ball], derivative: tuple[Cells, Index]) -> Ball:
     """A derivative of a table by the cells that the balls meet; undefined where it may jump among them."""
     if not all(a.is_finite() for a in place):
         return _NAN
+    cells, order = derivative
     spans = cells.met(list(map(ends, place)))
     if not all(cells.continuous(spans, order)):
         return _NAN
@@ -421,6 +383,14 @@ def _first_piece(*parts: Any) -> Ball:
     return _NAN
 
 
+_NUMBERED: dict[str, Callable[[Sequence[Ball], Any], Ball]] = {  # of arguments and the value of an instruction
+    "number": lambda _, number: _rational(number),
+    "constant": lambda _, name: arb.pi() if name == "pi" else arb(1).exp(),
+    "power": lambda args, n: _whole_power(args[0], n),
+    "root": _ball_root,
+    "direction": _ball_direction,
+    "table": _ball_table,
+}
 _BALL_RULES: dict[str, Callable[..., Any]] = {
     "add": lambda a, b: a + b,
     "mul": lambda a, b: a * b,
@@ -490,10 +460,6 @@ class Modular:
         """a b below t^order."""
         return a.mul_low(b, order)
 
-    def cut(self, a: Any, order: int) -> Any:
-        """a below t^order."""
-        return a.truncate(order)
-
     def nothing(self, a: Any) -> bool:
         """Whether the series is known to be zero."""
         return bool(a.is_zero())
@@ -518,10 +484,6 @@ class Modular:
     def matrix(self, rows: int, columns: int, entries: Iterable[int]) -> Any:
         """A matrix from its entries, row by row."""
         return flint.nmod_mat(rows, columns, list(entries), self.modulus)
-
-    def over(self, k: int) -> int:
-        """1/k."""
-        return pow(k, -1, self.modulus)
 
     @property
     def nudge(self) -> int:
@@ -581,7 +543,9 @@ def random_point(plant: Plant, numbers: Arithmetic) -> Point:
     """A random point, of balls near one of the plant's places, with inputs whose derivatives are all random."""
     source = draws(numbers.seed, "point")
     if isinstance(numbers, Balls) and plant.places:
-        point = [numbers.near(value, source) for value in source.choice(plant.places)]
+        # beside each value by less than a millionth of it
+        place = source.choice(plant.places)
+        point = [number(v) * (1 + arb(source.getrandbits(_BITS)) / (1 << _BITS + _FINER)) for v in place]
     else:
         point = [numbers.draw(source) for _ in plant.tape.symbols]
     forced = point[plant.n : plant.n + plant.m]
@@ -613,7 +577,7 @@ def gradients(plant: Plant, numbers: Arithmetic, point: Point) -> Iterator[list[
             target[:] = new
         slopes = _split(output, plant, numbers, known)
         while len(phi) < known:
-            phi.append(_row(phi, *rates, len(phi) - 1) * numbers.over(len(phi)))
+            phi.append(_row(phi, *rates, len(phi) - 1) / len(phi))
         yield [_row(phi, *slopes, k) for k in range(known // 2 if known > 1 else 0, known)]
         states = _newton(states, flow, rates[0], numbers, known)
         known = order
@@ -636,8 +600,7 @@ def evaluate(
     one = numbers.series([1], slope_order)
     wanted = {k: k for k in range(plant.n)} | {plant.n + plant.m + k: plant.n + k for k in range(plant.q)}
     done: list[Any] = []
-    for instruction in plant.tape.instructions:
-        op, args, value = instruction
+    for op, args, value in plant.tape.instructions:
         if op == "symbol":
             assert isinstance(value, int)
             done.append((values[value], {wanted[value]: one} if value in wanted else {}))
@@ -653,8 +616,7 @@ def evaluate(
 def _scaled(numbers: Arithmetic, slopes: Gradient, factor: Any, order: int) -> Gradient:
     if not slopes or numbers.nothing(factor):
         return {}
-    mul = numbers.mul
-    return {k: mul(slope, factor, order) for k, slope in slopes.items()}
+    return {k: numbers.mul(slope, factor, order) for k, slope in slopes.items()}
 
 
 def _sum(a: Gradient, b: Gradient) -> Gradient:
@@ -666,35 +628,21 @@ def _sum(a: Gradient, b: Gradient) -> Gradient:
     return total
 
 
-def _add(numbers: Arithmetic, parts: list[Any], value: Any, order: int, slope_order: int) -> Any:
-    (a, da), (b, db) = parts
-    return a + b, _sum(da, db)
-
-
 def _mul(numbers: Arithmetic, parts: list[Any], value: Any, order: int, slope_order: int) -> Any:
     (a, da), (b, db) = parts
     slopes = _sum(_scaled(numbers, da, b, slope_order), _scaled(numbers, db, a, slope_order))
     return numbers.mul(a, b, order), slopes
 
 
-def _two(method: str) -> Callable[..., Any]:
+def _several(method: str) -> Callable[..., Any]:
+    """The rule of a function of several arguments, which a method gives with the derivatives by each."""
+
     def rule(numbers: Balls, parts: list[Any], value: Any, order: int, slope_order: int) -> Any:
-        (a, _), (b, _) = parts
-        result, *rates = getattr(numbers, method)(a, b, order)
-        return result, _chain(numbers, parts, rates, slope_order)
+        result, *rates = getattr(numbers, method)(*(value or ()), *(numbers.cut(a, order) for a, _ in parts))
+        terms = (_scaled(numbers, slopes, rate, slope_order) for (_, slopes), rate in zip(parts, rates, strict=True))
+        return result, reduce(_sum, terms)
 
     return rule
-
-
-def _table(numbers: Balls, parts: list[Any], value: Any, order: int, slope_order: int) -> Any:
-    result, *rates = numbers.table([numbers.cut(a, order) for a, _ in parts], *value)
-    return result, _chain(numbers, parts, rates, slope_order)
-
-
-def _chain(numbers: Balls, parts: list[Any], rates: list[Any], order: int) -> Gradient:
-    """The gradient by the derivatives by each part."""
-    terms = (_scaled(numbers, slopes, rate, order) for (_, slopes), rate in zip(parts, rates, strict=True))
-    return reduce(_sum, terms)
 
 
 def _piecewise(numbers: Balls, parts: list[Any], value: Any, order: int, slope_order: int) -> Any:
@@ -707,11 +655,11 @@ def _piecewise(numbers: Balls, parts: list[Any], value: Any, order: int, slope_o
 _RULES: Mapping[str, Callable[..., Any]] = {
     "number": lambda numbers, parts, value, order, _: (numbers.number(value, order), {}),
     "constant": lambda numbers, parts, value, order, _: (numbers.constant(value, order), {}),
-    "add": _add,
+    "add": lambda numbers, parts, *_: (parts[0][0] + parts[1][0], _sum(parts[0][1], parts[1][1])),
     "mul": _mul,
-    "raise": _two("raised"),
-    "atan2": _two("angle"),
-    "table": _table,
+    "raise": _several("raised"),
+    "atan2": _several("angle"),
+    "table": _several("table"),
     "min": lambda numbers, parts, *_: parts[0 if numbers.less(parts[0][0], parts[1][0]) else 1],
     "max": lambda numbers, parts, *_: parts[1 if numbers.less(parts[0][0], parts[1][0]) else 0],
     "piecewise": _piecewise,
@@ -762,6 +710,6 @@ def _newton(
         total = numbers.matrix(n, 1, residual)
         for j in range(k - known + 1):
             total = total + slopes[j] * correction[k - j]
-        correction[k + 1] = total * numbers.over(k + 1)
+        correction[k + 1] = total / (k + 1)
     tail = [correction[k].entries() for k in range(known, 2 * known)]
     return [row + [entries[i] for entries in tail] for i, row in enumerate(states)]

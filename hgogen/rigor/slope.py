@@ -28,7 +28,7 @@ import math
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from fractions import Fraction
-from functools import lru_cache, reduce
+from functools import lru_cache, partial, reduce
 from itertools import islice, product
 from typing import Any
 
@@ -37,7 +37,7 @@ import sympy as sp
 
 from hgogen.check import Verdict
 from hgogen.rigor import outward
-from hgogen.rigor.bounds import Proof, ends, nonzero, special_point, taken
+from hgogen.rigor.bounds import Proof, Sign, ends, nonzero, special_point, taken
 from hgogen.rigor.box import STRANGE, Box, End, Point, Sides, exact, kind, put, sides
 from hgogen.rigor.enclosure import enclose
 from hgogen.rigor.lookup import Kinked, Stepped, Table
@@ -309,6 +309,11 @@ def _lipschitz_bound(
         return plain(
             Verdict.UNKNOWN, math.inf, because("{boxes} boxes do not show that it is defined", boxes=tried), tried
         )
+    return _norm_bound(rows, read, around, boxes, relative)
+
+
+def _norm_bound(rows: list[sp.Expr], read: list[sp.Symbol], around: Sides, boxes: int, relative: float) -> Lipschitz:
+    """The bound of a field that varies with the symbols that it is `read` in."""
     vector = _field([bent(row) for row in rows], read, around)
     boxes = min(boxes, _WORK // (len(rows) * len(around.symbols) ** 2) + 1)
     first = min(boxes, _FIRST)
@@ -491,38 +496,44 @@ def negative(claim: SecondOrder, boxes: int, obstacle: Reason = NONE) -> Answer:
     """Whether S < 0, by the method of the module, with `boxes` for each question of a sign. With an `obstacle`, the
     reason why N says nothing of S, the answer is refuted or unknown."""
     program = _Program.of(claim)
-    violation = next(program.violations(_samples(program)), None)
-    if violation:
-        return _refuted(violation)
-    if obstacle:
-        return Answer(Verdict.UNKNOWN, obstacle)
+
+    def refuted(points: Iterator[Point]) -> Answer | None:
+        violations = program.violations(points)
+        return next((Answer(Verdict.REFUTED, point=point, value=value) for point, value in violations), None)
+
+    counterexample = refuted(_samples(program))
+    if counterexample or obstacle:
+        return counterexample or Answer(Verdict.UNKNOWN, obstacle)
     share, definite = _largest(claim, boxes)
     if definite is None:
-        violation = next(program.violations(_along(program)), None)
-        if violation:
-            return _refuted(violation)
         pattern = "near e = 0 the second order does not decide it, with {boxes} boxes for a sign"
-        return Answer(Verdict.UNKNOWN, because(pattern, boxes=boxes))
+        return refuted(_along(program)) or Answer(Verdict.UNKNOWN, because(pattern, boxes=boxes))
+    proof, basis = definite
     if share == 1:
         whole = because("its second order is definite on the whole box of errors")
-        return Answer(Verdict.PROVED, whole, proofs=(definite.proof,), basis=definite.basis)
-    left = tuple(nonzero(claim.value, slab, boxes=boxes, refute=False) for slab in _slabs(claim, share))
-    met = (dict(sign.range.most.point) for sign in left if sign.range.most is not None)  # at the largest values
-    violation = next(program.violations(met), None)
-    if violation:
-        return _refuted(violation)
-    if all(sign.verdict is Verdict.PROVED and sign.sign < 0 for sign in left):
-        total = sum(sign.range.boxes for sign in left)
+        return Answer(Verdict.PROVED, whole, proofs=(proof,), basis=basis)
+    signs = tuple(nonzero(claim.value, slab, boxes=boxes, refute=False) for slab in _slabs(claim, share))
+    largest = (dict(sign.range.most.point) for sign in signs if sign.range.most is not None)
+    return refuted(largest) or _on_slabs(claim, boxes, share, definite, signs)
+
+
+def _on_slabs(
+    claim: SecondOrder, boxes: int, share: Fraction, definite: tuple[Proof, sp.Matrix], signs: Sequence[Sign]
+) -> Answer:
+    """The answer from the signs on the slabs beyond the share on which the second order is definite."""
+    proof, basis = definite
+    if all(sign.verdict is Verdict.PROVED and sign.sign < 0 for sign in signs):
+        total = sum(sign.range.boxes for sign in signs)
         pattern = "its second order is definite on {share} of the box of errors, {boxes} boxes cover the rest"
         reason = because(pattern, share=share, boxes=total)
-        extents = (sign.range for sign in left)
+        extents = (sign.range for sign in signs)
         slabs = (Proof((claim.value,), *ends(each.low, each.high), each.variables, each.tree) for each in extents)
-        return Answer(Verdict.PROVED, reason, proofs=(definite.proof, *slabs), share=share, basis=definite.basis)
+        return Answer(Verdict.PROVED, reason, proofs=(proof, *slabs), share=share, basis=basis)
     pattern = (
         "its second order is definite on {share} of the box of errors; the rest is not decided, with {boxes} boxes for "
         "each of {slabs} slabs"
     )
-    return Answer(Verdict.UNKNOWN, because(pattern, share=share, boxes=boxes, slabs=len(left)))
+    return Answer(Verdict.UNKNOWN, because(pattern, share=share, boxes=boxes, slabs=len(signs)))
 
 
 # --- a counterexample
@@ -543,7 +554,7 @@ class _Grid:
         low, high = np.array(self.sides, dtype=float).reshape(-1, 2).T[:, :, None]
         return np.asarray(low + (high - low) * (columns / _GRID))
 
-    def exactly(self, column: np.ndarray) -> dict[sp.Symbol, Fraction]:
+    def exactly(self, column: Iterable[float]) -> dict[sp.Symbol, Fraction]:
         pairs = zip(self.symbols, self.sides, column, strict=True)
         return {s: low + (high - low) * int(k) / _GRID for s, (low, high), k in pairs}
 
@@ -552,6 +563,9 @@ def _neighbours(column: np.ndarray, step: int, rng: np.random.Generator) -> np.n
     """Random points of a grid around one, the closer the later the step."""
     reach = max(1, _GRID >> (step + 2))
     return np.clip(column[:, None] + rng.integers(-reach, reach + 1, size=(len(column), 48)), 0, _GRID)
+
+
+Rate = Callable[[np.ndarray], np.ndarray]  # of columns, what is to be large
 
 
 def _cut(ends: tuple[Any, Any]) -> tuple[Fraction, Fraction]:
@@ -588,19 +602,26 @@ class _Program:
             if ball >= 0:
                 yield point, float(ball.mid())
 
-    def ratio(self, columns: np.ndarray, scale: np.ndarray) -> np.ndarray:
-        """The ratios S/|e|^2 at points of the grid (number of symbols, k), e scaled, -inf where one is not finite."""
-        x, n = self.grid.floats(columns), len(self.claim.errors)
-        x[:n] = x[:n] * scale
+    def ratio(self, columns: np.ndarray) -> np.ndarray:
+        """The ratios S/|e|^2 at points of the grid (number of symbols, k), e scaled by what the last row says, -inf
+        where one is not finite."""
+        x, n = self.grid.floats(columns[:-1]), len(self.claim.errors)
+        x[:n] = x[:n] * columns[-1]
         with np.errstate(all="ignore"):
             value = np.broadcast_to(np.asarray(self.floats(*x), dtype=float), x.shape[1:])
             ratios = value / (x[:n] ** 2).sum(axis=0)
         return np.where(np.isfinite(ratios), ratios, -np.inf)
 
 
-def _refuted(violation: tuple[Point, float]) -> Answer:
-    point, value = violation
-    return Answer(Verdict.REFUTED, point=point, value=value)
+def _uphill(best: np.ndarray, most: float, step_to: Callable[[np.ndarray, int], np.ndarray], rate: Rate) -> np.ndarray:
+    """The best of what random steps from a column reach, each taken where its rate is above the one before."""
+    for step in range(_ROUNDS):
+        tried = step_to(best, step)
+        rates = rate(tried)
+        j = int(np.argmax(rates))
+        if rates[j] > most:
+            best, most = tried[:, j], rates[j]
+    return best
 
 
 def _samples(program: _Program) -> Iterator[Point]:
@@ -609,19 +630,17 @@ def _samples(program: _Program) -> Iterator[Point]:
     rng, size = np.random.default_rng(1), len(program.grid.symbols)
     whole = rng.integers(0, _GRID + 1, size=(size, _SAMPLES))
     whole[:, : _SAMPLES // 4] = rng.integers(0, 2, size=(size, _SAMPLES // 4)) * _GRID
-    scale = 2.0 ** -rng.integers(0, _SCALES, size=_SAMPLES)
-    ratio = program.ratio(whole, scale)
+    columns = np.vstack((whole, 2.0 ** -rng.integers(0, _SCALES, size=_SAMPLES)))
+    ratio = program.ratio(columns)
+
+    def step_to(best: np.ndarray, step: int) -> np.ndarray:
+        neighbours = _neighbours(best[:-1], step, rng)
+        return np.vstack((neighbours, np.minimum(best[-1] * 2.0 ** rng.integers(-1, 2, size=48), 1.0)))
+
     for k in np.argsort(-ratio, kind="stable")[:_BEST]:
-        best, small, most = whole[:, k], scale[k], ratio[k]
-        for step in range(_ROUNDS):
-            neighbours = _neighbours(best, step, rng)
-            scales = np.minimum(small * 2.0 ** rng.integers(-1, 2, size=48), 1.0)
-            tried = program.ratio(neighbours, scales)
-            j = int(np.argmax(tried))
-            if tried[j] > most:
-                best, small, most = neighbours[:, j], scales[j], tried[j]
-        point, share = program.grid.exactly(best), Fraction(float(small))
-        yield {s: x * share if s in program.claim.errors else x for s, x in point.items()}
+        *best, share = _uphill(columns[:, k], ratio[k], step_to, program.ratio).tolist()
+        point = program.grid.exactly(best)
+        yield {s: x * Fraction(share) if s in program.claim.errors else x for s, x in point.items()}
 
 
 def _along(program: _Program) -> Iterator[Point]:
@@ -632,7 +651,7 @@ def _along(program: _Program) -> Iterator[Point]:
     for column in eigenvalues.worst():
         worst = eigenvalues.grid.exactly(column)
         x = {s: worst[s] if s in worst else _cut(claim.box[s])[0] for s in program.grid.symbols[n:]}
-        direction = np.linalg.eigh(eigenvalues.floats(column[:, None])[0])[1][:, 0]
+        direction = np.linalg.eigh(eigenvalues.floats(np.array([column]).T)[0])[1][:, 0]
         e = [Fraction(round(float(d) * _GRID), _GRID) for d in direction]
         for k, sign in product(range(0, 40, 3), (1, -1)):
             yield x | {s: sign * d * reach / 2**k for s, d in zip(claim.errors, e, strict=True)}
@@ -641,24 +660,15 @@ def _along(program: _Program) -> Iterator[Point]:
 # --- positive definite
 
 
-@dataclass(frozen=True)
-class _Definite:
-    """The proof that N is positive definite, with T = `basis`."""
-
-    proof: Proof
-    basis: sp.Matrix
-
-
-def _largest(claim: SecondOrder, boxes: int) -> tuple[Fraction, _Definite | None]:
+def _largest(claim: SecondOrder, boxes: int) -> tuple[Fraction, tuple[Proof, sp.Matrix] | None]:
     """The largest tried share of the box of e on which N is proved positive definite, halved as often as it takes, and
     the proof; the proof is None where N is not shown to be definite on any of them, or not even at e = 0."""
     share, definite = Fraction(1), None
-    if _definite(*_restricted(claim, Fraction(0)), boxes) is None:
-        return share, None
-    for share in (Fraction(1, 2**k) for k in range(_SMALLEST + 1)):
-        definite = _definite(*_restricted(claim, share), boxes)
-        if definite is not None:
-            break
+    if _definite(*_restricted(claim, Fraction(0)), boxes) is not None:
+        for share in (Fraction(1, 2**k) for k in range(_SMALLEST + 1)):
+            definite = _definite(*_restricted(claim, share), boxes)
+            if definite is not None:
+                break
     return share, definite
 
 
@@ -682,30 +692,31 @@ def _restricted(claim: SecondOrder, share: Fraction) -> tuple[sp.Matrix, Box]:
     return matrix, {s: box[s] for s in sorted(matrix.free_symbols, key=str)}
 
 
-def _definite(matrix: sp.Matrix, box: Box, boxes: int) -> _Definite | None:
-    """The proof that N is positive definite on the whole box, or None."""
+def _definite(matrix: sp.Matrix, box: Box, boxes: int) -> tuple[Proof, sp.Matrix] | None:
+    """The proof that N is positive definite on the whole box, with T, or None."""
     n, eigenvalues = matrix.rows, _Eigenvalues.of(matrix, box)
     if not eigenvalues.least > 0:
         return None
     T = np.linalg.inv(np.linalg.cholesky(eigenvalues.middle)).T
-    short = sp.Matrix(n, n, [_short(value) for value in T.ravel()])
-    moved = _Eigenvalues.of(short.T * matrix * short, box)
-    if not moved.least > 0:
+    basis = sp.Matrix(n, n, [_four_digits(value) for value in T.ravel()])
+    turned = _Eigenvalues.of(basis.T * matrix * basis, box)
+    if not turned.least > 0:
         return None
     t = tuple(sp.Dummy(f"t{i + 1}", real=True) for i in range(n))
-    rows = (sp.eye(n) - short.T * matrix * short / _short((moved.least + moved.most) / 2)) * sp.Matrix(t)
+    middle = _four_digits((turned.least + turned.most) / 2)
+    rows = (sp.eye(n) - basis.T * matrix * basis / middle) * sp.Matrix(t)
     whole: Box = {**box, **dict.fromkeys(t, (Fraction(-1), Fraction(1)))}
     for relative in _RELATIVES:
         steepest = lipschitz_bound(rows, t, whole, boxes=boxes, relative=relative)
         if steepest.verdict is Verdict.PROVED and steepest.high < 1:
             high, tree = Fraction(steepest.high), steepest.tree
-            return _Definite(Proof(tuple(rows), None, high, steepest.variables, tree), short)
+            return Proof(tuple(rows), None, high, steepest.variables, tree), basis
         if steepest.verdict is not Verdict.PROVED or steepest.low >= 1:
             break
     return None
 
 
-def _short(value: float) -> sp.Rational:
+def _four_digits(value: float) -> sp.Rational:
     return sp.Rational(f"{float(value):.4g}")
 
 
@@ -751,20 +762,18 @@ class _Eigenvalues:
     def middle(self) -> np.ndarray:
         return np.asarray(self.floats(self.columns[:, :1])[0])
 
-    def worst(self) -> Iterator[np.ndarray]:
+    def worst(self) -> Iterator[list[float]]:
         """The points with the smallest eigenvalues, each moved downhill, where they are finite."""
         rng = np.random.default_rng(2)
+
+        def rate(columns: np.ndarray) -> np.ndarray:
+            smallest = _spectrum(self.floats(columns))[:, 0]
+            return np.where(np.isfinite(smallest), -smallest, -np.inf)
+
+        step_to = partial(_neighbours, rng=rng)
         for k in np.argsort(self.spectra[:, 0], kind="stable")[:_BEST]:
-            best, least = self.columns[:, k], self.spectra[k, 0]
-            if not np.isfinite(least):
-                continue
-            for step in range(_ROUNDS):
-                neighbours = _neighbours(best, step, rng)
-                smallest = _spectrum(self.floats(neighbours))[:, 0]
-                j = int(np.argmin(np.where(np.isfinite(smallest), smallest, np.inf)))
-                if np.isfinite(smallest[j]) and smallest[j] < least:
-                    best, least = neighbours[:, j], smallest[j]
-            yield best
+            if np.isfinite(self.spectra[k, 0]):
+                yield _uphill(self.columns[:, k], -self.spectra[k, 0], step_to, rate).tolist()
 
 
 def _spectrum(matrices: np.ndarray) -> np.ndarray:

@@ -41,7 +41,7 @@ from hgogen.sentence import Reason, because
 _LARGE = 400  # operations of a root's argument, of a piecewise expression, that are looked at
 
 
-class _Shown(sp.Function):  # type: ignore[misc]
+class _Printed(sp.Function):  # type: ignore[misc]
     """A function that is printed as SymPy has it."""
 
     def _sympystr(self, printer: Any) -> str:
@@ -56,7 +56,7 @@ class _Shown(sp.Function):  # type: ignore[misc]
         raise NotImplementedError
 
 
-class Norm(_Shown):
+class Norm(_Printed):
     """sqrt(e_1^2 + .. + e_k^2); of one argument |e|."""
 
     is_real = True
@@ -75,15 +75,14 @@ class Norm(_Shown):
         return None
 
     def _eval_derivative(self, s: sp.Symbol) -> sp.Expr:
-        terms = (Direction(sp.Integer(i), *self.args) * e.diff(s) for i, e in enumerate(self.args) if e.has(s))
-        return sp.Add(*terms)
+        return sp.Add(*(Direction(sp.Integer(i), *self.args) * e.diff(s) for i, e in enumerate(self.args) if e.has(s)))
 
     def plain(self) -> sp.Expr:
         """The expression in SymPy's own functions."""
         return _size(*self.args)
 
 
-class Direction(_Shown):
+class Direction(_Printed):
     """Direction(i, e_0, .., e_(k-1)) = e_i/|e|, and at e = 0 every number of [-1, 1]; of one e it is the sign else."""
 
     is_real = True
@@ -125,13 +124,13 @@ def _size(*args: sp.Expr) -> sp.Expr:
 
 def slope(row: sp.Expr, symbol: sp.Symbol) -> sp.Expr:
     """d row/d symbol over the reals, where the row has one; at a kink the set of slopes next to it, in `Direction`."""
-    return over_reals(lambda e, x: _bent(e).diff(x), row, symbol)
+    return over_reals(lambda e, x: _as_norms(e).diff(x), row, symbol)
 
 
 def bent(row: sp.Expr) -> sp.Expr:
     """The function over the reals with its kinks written as `Norm`: |e|, max, min, roots of sums of squares, e sign(e),
     and what is continuous of Piecewise."""
-    return over_reals(lambda e, _: _bent(e), row)
+    return over_reals(lambda e, _: _as_norms(e), row)
 
 
 def unbent(e: sp.Expr) -> sp.Expr:
@@ -177,11 +176,11 @@ def over_reals(
     return value.xreplace({dummy: s for s, dummy in plain.items()})
 
 
-def _bent(e: sp.Expr) -> sp.Expr:
+def _as_norms(e: sp.Expr) -> sp.Expr:
     if not e.has(sp.Abs, sp.Min, sp.Max, sp.Piecewise, sp.sign) and not any(rooted(p) for p in e.atoms(sp.Pow)):
         return e
     if e.args and not isinstance(e, sp.Piecewise):
-        e = e.func(*map(_bent, e.args))
+        e = e.func(*map(_as_norms, e.args))
     if isinstance(e, sp.Abs):
         return Norm(e.args[0])
     if isinstance(e, (sp.Min, sp.Max)):
@@ -252,13 +251,16 @@ def _joined(e: sp.Piecewise) -> sp.Expr:
     kinds = (sp.StrictLessThan, sp.LessThan, sp.StrictGreaterThan, sp.GreaterThan)
     if last != sp.true or e.count_ops() > _LARGE or not all(isinstance(where, kinds) for _, where in branches):
         return e
-    rest = _bent(rest)
+    rest = _as_norms(rest)
     conditions = [sp.expand(where.gts - where.lts) for _, where in branches]
-    if not all(_disjoint(a, b) for a, b in combinations(conditions, 2)):
-        return e
+    for a, b in combinations(conditions, 2):  # not positive at once where a positive multiple of b is a number below -a
+        symbols = sorted(a.free_symbols & b.free_symbols, key=str)
+        ratio = -a.coeff(symbols[0]) / b.coeff(symbols[0]) if symbols and b.coeff(symbols[0]) != 0 else sp.S.Zero
+        if not (ratio.is_positive and sp.expand(a + ratio * b).is_nonpositive):
+            return e
     total = rest
     for (value, _), c in zip(branches, conditions, strict=True):
-        rise = sp.expand(_bent(value) - rest)
+        rise = sp.expand(_as_norms(value) - rest)
         if not all(map(_polynomial, (rise, rest, c))):
             return e
         quotient, left = _divided(rise, c)
@@ -266,13 +268,6 @@ def _joined(e: sp.Piecewise) -> sp.Expr:
             return e
         total += quotient * (c + Norm(c)) / 2
     return total
-
-
-def _disjoint(a: sp.Expr, b: sp.Expr) -> bool:
-    """Whether a positive multiple of b is a number below -a: then they are not positive at once."""
-    symbols = sorted(a.free_symbols & b.free_symbols, key=str)
-    ratio = -a.coeff(symbols[0]) / b.coeff(symbols[0]) if symbols and b.coeff(symbols[0]) != 0 else sp.S.Zero
-    return bool(ratio.is_positive and sp.expand(a + ratio * b).is_nonpositive)
 
 
 def _polynomial(e: sp.Expr) -> bool:
@@ -365,12 +360,13 @@ def plain(expression: sp.Expr) -> sp.Expr:
     Not alone, and with |e| in the place of e sign(e) where e is real."""
     if expression.has(*_MEANING):
         expression = expression.replace(lambda e: type(e) in _MEANING, lambda e: _MEANING[type(e)](*e.args))
-    return expression.replace(_is_size, lambda e: unbent(signed(e))) if expression.has(sp.sign) else expression
+    if not expression.has(sp.sign):
+        return expression
 
+    def is_size(e: sp.Basic) -> bool:  # e sign(e) of log(x) has no value at x < 0, where SymPy's |log(x)| has one
+        return e.is_Mul and all(part.args[0].is_real for part in e.args if isinstance(part, sp.sign))
 
-def _is_size(e: sp.Basic) -> bool:
-    """Whether it may be e sign(e): of log(x) it has no value at x < 0, where SymPy's |log(x)| has one."""
-    return e.is_Mul and all(part.args[0].is_real for part in e.args if isinstance(part, sp.sign))
+    return expression.replace(is_size, lambda e: unbent(signed(e)))
 
 
 # --- tapes
