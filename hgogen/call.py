@@ -28,7 +28,7 @@ from hgogen.signal import plural
 from hgogen.step import BadStep, CannotUpdate, Step, StepMayFail, demand_choice, plan
 from hgogen.stepping.delays import arranged
 from hgogen.stepping.discretise import demand_motion
-from hgogen.stepping.sensors import AT, ROUND
+from hgogen.stepping.sections import AT, ROUND
 from hgogen.system import System
 
 

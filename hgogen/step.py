@@ -28,12 +28,21 @@ from hgogen.reading.given import among
 from hgogen.rigor.definite import one_thread
 from hgogen.signal import Signal, of_time, plural
 from hgogen.stepping import discretise
-from hgogen.stepping.guards import OR_LOWER, implausible, limit_parameters, or_lower, readings
-from hgogen.stepping.ready import MARK, UNMADE
+from hgogen.stepping.guards import (
+    MARK,
+    OR_LOWER,
+    UNMADE,
+    certain_bits,
+    implausible,
+    limit_parameters,
+    or_lower,
+    possible_bits,
+    readings,
+    shortage,
+    word,
+)
 from hgogen.stepping.recovery import Sign
-from hgogen.stepping.sections import Assembly, flat
-from hgogen.stepping.sensors import multiples
-from hgogen.stepping.status import certain_bits, possible_bits, shortage, word
+from hgogen.stepping.sections import Assembly, flat, multiples
 
 
 class BadStep(BadArgument):

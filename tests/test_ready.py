@@ -16,8 +16,7 @@ from hgogen.emit.naming import prefixed
 from hgogen.emit.saved import mark
 from hgogen.run import native
 from hgogen.run.samples import Engine
-from hgogen.stepping import ready
-from hgogen.stepping.ready import NO_PARAMETERS, UNINITIALISED
+from hgogen.stepping.guards import NO_PARAMETERS, UNINITIALISED, mark_number
 from tests.sweep import by_turns
 
 NAMES = [*emitted.STEPS]
@@ -260,7 +259,7 @@ def test_a_mark_is_no_number_that_memory_is_likely_to_hold() -> None:
 
 def test_marks_of_any_program_have_two_bytes_that_differ() -> None:
     """Over the digests that there may be, as far as they count."""
-    seen = {ready.number(bytes((high, low))) for high in range(0, 256, 5) for low in range(256)}
+    seen = {mark_number(bytes((high, low))) for high in range(0, 256, 5) for low in range(256)}
     assert all(number >> 8 != number & 0xFF for number in seen)
     assert all(0 < byte < 0xFF for number in seen for byte in divmod(number, 256))
 

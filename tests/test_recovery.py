@@ -18,8 +18,7 @@ from hgogen.model import load
 from hgogen.observer import Observer
 from hgogen.program import Place
 from hgogen.run import native
-from hgogen.stepping.recovery import MARGIN, SHARE
-from hgogen.stepping.settling import FINE
+from hgogen.stepping.recovery import FINE, MARGIN, SHARE
 
 needs_compiler = pytest.mark.skipif(native.compiler() is None, reason="no C compiler")
 

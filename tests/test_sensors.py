@@ -23,7 +23,7 @@ from hgogen.program import Place
 from hgogen.run.native import run_check
 from hgogen.run.samples import BadShape
 from hgogen.step import CannotUpdate
-from hgogen.stepping.sensors import BadRate
+from hgogen.stepping.sections import BadRate
 from hgogen.trial import try_out
 
 NAN = float("nan")

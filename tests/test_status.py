@@ -12,7 +12,7 @@ from hgogen import step as steps
 from hgogen.emit.interface import status_type
 from hgogen.run import native
 from hgogen.step import BadStep
-from hgogen.stepping.status import certain_bits
+from hgogen.stepping.guards import certain_bits
 
 NAN = float("nan")
 needs_compiler = pytest.mark.skipif(native.compiler() is None, reason="there is no C compiler")

@@ -44,7 +44,7 @@ from hgogen.program import Section
 from hgogen.registry import version
 from hgogen.signal import pace, plural
 from hgogen.step import Step
-from hgogen.stepping.sensors import ROUND
+from hgogen.stepping.sections import ROUND
 
 _NONE, _NO_RANGE = f"unsigned char none; {BESIDE}there are none */", "of no declared range"
 

@@ -13,7 +13,7 @@ from hgogen.emit.saved import mark
 from hgogen.emit.syntax import DTYPE, Real
 from hgogen.program import Field, Group, Place, lines_of
 from hgogen.step import Step
-from hgogen.stepping.sensors import AT
+from hgogen.stepping.sections import AT
 
 
 def state_type(step: Step, real: Real = "double") -> np.dtype:

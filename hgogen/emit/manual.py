@@ -24,9 +24,9 @@ from hgogen.sentence import Down, Sentence, Up, same
 from hgogen.signal import pace
 from hgogen.step import Step
 from hgogen.stepping.delays import MEMORY
+from hgogen.stepping.guards import NO_PARAMETERS, UNINITIALISED
 from hgogen.stepping.members import read_fields
-from hgogen.stepping.ready import NO_PARAMETERS, UNINITIALISED
-from hgogen.stepping.sensors import OLDEST
+from hgogen.stepping.sections import OLDEST
 
 
 def document_name(step: Step) -> str:

@@ -35,7 +35,7 @@ from hgogen.program import (
     walk,
 )
 from hgogen.step import Step
-from hgogen.stepping.ready import NO_PARAMETERS, UNINITIALISED
+from hgogen.stepping.guards import NO_PARAMETERS, UNINITIALISED
 
 Entry = Callable[[], int]
 

@@ -28,7 +28,7 @@ from hgogen.program import Field, Group
 from hgogen.reading.given import names_of
 from hgogen.registry import version
 from hgogen.step import Step
-from hgogen.stepping import ready
+from hgogen.stepping.guards import mark_number
 from hgogen.system import System
 
 DIGEST, CHECKSUM = 8, 4  # bytes
@@ -60,7 +60,7 @@ def layout(step: Step, real: Real, language: str = "c") -> bytes:
 
 def mark(step: Step, real: Real) -> int:
     """Return the number that marks memory of a step in a precision."""
-    return ready.number(layout(step, real))
+    return mark_number(layout(step, real))
 
 
 def sealed(step: Step, real: Real, state: bytes) -> bytes:

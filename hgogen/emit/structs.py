@@ -10,7 +10,7 @@ from hgogen.emit.syntax import Number, Real, Syntax
 from hgogen.emit.syntaxes import RUST, C, beside, documented, line
 from hgogen.program import Field, Group, lines_of
 from hgogen.step import Step
-from hgogen.stepping.ready import OF_PARAMETERS
+from hgogen.stepping.guards import OF_PARAMETERS
 
 SIGNALS = {
     "input": "the input now",

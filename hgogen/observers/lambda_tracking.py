@@ -58,8 +58,7 @@ from hgogen.reading.given import BadGain, positive, reals
 from hgogen.sentence import same
 from hgogen.starting import Gains, Scale, starts, two
 from hgogen.stepping.guards import readings
-from hgogen.stepping.recovery import SHARE
-from hgogen.stepping.settling import FINE
+from hgogen.stepping.recovery import FINE, SHARE
 from hgogen.theorem import FORM, LIPSCHITZ, OPERATION, Hypothesis, Theorem
 
 REFERENCE = "Bullinger, Ilchmann, Allgoewer, A simple adaptive observer for nonlinear systems, NOLCOS (1998)"

@@ -35,7 +35,7 @@ from hgogen.run import native
 from hgogen.run.samples import BadShape, Engine, listed, reals, table
 from hgogen.signal import Signal
 from hgogen.step import Step
-from hgogen.stepping.ready import UNINITIALISED
+from hgogen.stepping.guards import UNINITIALISED
 
 
 class StepMemory:

@@ -47,9 +47,8 @@ from hgogen.reading.given import BadGain, BadNames, in_order, real, reals
 from hgogen.signal import Signal, resting
 from hgogen.step import Step
 from hgogen.stepping.discretise import NoEquation, equation, tuned
-from hgogen.stepping.guards import LARGEST_NUMBER, limit_parameters
+from hgogen.stepping.guards import EXACT, LARGEST_NUMBER, limit_parameters
 from hgogen.stepping.members import read_fields
-from hgogen.stepping.status import EXACT
 
 
 @dataclass(frozen=True)

@@ -1,15 +1,24 @@
 """Guards: no input, sample or parameter, however absurd, makes the state infinite or not a number.
 
 A value is taken if it is a number of plausible size, and clamped to its declared range; what the step wrote is kept in
-its box; each guard says in the status what it did.
+its box; each guard says in the status what it did. The order of the bits in the status word is here as well.
+
+Memory has a mark: a number that init and reset leave in a state, and init in parameters, and that other memory is
+unlikely to hold. Every entry that a caller has asks for it first. Memory without it (zeros, what a stack held, what
+another program left) is not used, and the status says so: a state begins anew; with parameters no sample is taken, and
+the state begins anew. The number has 16 bits, which the smallest `unsigned` of C holds, and two bytes that differ,
+neither of them 0x00 or 0xFF: memory that was filled with one byte has no mark. It is made of a digest of the program
+(`hgogen.emit.saved`), so that memory of two programs is told apart but for one pair in 64262.
 """
 
-from collections.abc import Iterable
+from collections import Counter
+from collections.abc import Container, Iterable, Mapping, Sequence
 from fractions import Fraction
 from functools import partial, reduce
 from itertools import compress
 
 import casadi as ca
+import numpy as np
 
 from hgogen.analysis.dynamics import HUGE, clamp, inside, last, widened
 from hgogen.check import Verdict
@@ -17,7 +26,22 @@ from hgogen.form import Form
 from hgogen.graph import Graph, binary, dense, leaves
 from hgogen.observer import Observer
 from hgogen.part import Clock
-from hgogen.program import INF, Block, Field, Kernel, Limit, Place, Program, When, address, column, scalar, sym, walk
+from hgogen.program import (
+    INF,
+    Bit,
+    Block,
+    Field,
+    Kernel,
+    Limit,
+    Place,
+    Program,
+    When,
+    address,
+    column,
+    scalar,
+    sym,
+    walk,
+)
 from hgogen.rigor.bounds import enclose
 from hgogen.rigor.box import box
 from hgogen.signal import LOST, Signal
@@ -392,3 +416,79 @@ def _block(title: str, limits: Iterable[Limit], rows: bool = False) -> Block:
         changed.append(ca.logic_not(ca.logic_and(value >= limit.low, value <= limit.high)))
     writes = {place: column(each) for place, each in values.items()}
     return Block(title, {**writes, LIMITED: any_of(changed)}, limits=limits if rows else ())
+
+
+CERTAIN_BITS, DATED_BITS = ("MISSING", "REJECTED"), ("LATE", "EARLY", "REPEATED")  # of each output; of a dated one
+OUTPUT_BITS = (*CERTAIN_BITS, "UNDEFINED", *DATED_BITS, "UNDATED")  # in the order of the word
+RATE_BITS = ("HELD",)
+INPUT_BITS = ("REUSED", "CLAMPED")
+WIDTHS = (32, 64)  # bits of a status word
+EXACT = 32  # bits of one that is told as real numbers, of which each has 53
+
+
+def word(bits: Sequence[Bit]) -> np.dtype:
+    """Return numpy's type of the narrowest status word that holds these bits."""
+    return np.dtype(f"u{next(size for size in WIDTHS if len(bits) <= size) // 8}")
+
+
+def possible_bits(
+    outputs: Iterable[Signal], inputs: Iterable[Signal], rates: Iterable[Signal], beyond: Mapping[Signal, str]
+) -> list[Bit]:
+    """Return the bits that a status may have, in the order of the word: those of each output, of each state whose rate
+    may be held, of each input, of the step; `beyond`: when a sample of an output is implausible."""
+    bits = []
+    for signals, kinds in ((outputs, OUTPUT_BITS), (rates, RATE_BITS), (inputs, INPUT_BITS)):
+        for signal in signals:
+            for kind in kinds:
+                meaning, action = SIGNAL_BITS[kind]
+                bits.append(
+                    Bit(f"{kind}_{signal.name}", meaning.format(signal.name, beyond=beyond.get(signal)), action)
+                )
+    return bits + [Bit(name, meaning, action) for name, (meaning, action) in STEP_BITS.items()]
+
+
+def certain_bits(outputs: Iterable[Signal], inputs: Iterable[Signal], dated: Container[str] = ()) -> list[str]:
+    """Return the names of the bits that every step with guards has of these signals, as their declaration tells;
+    `dated`: the names of the outputs whose samples say when they were taken."""
+    of_outputs = [
+        f"{kind}_{each}" for each in outputs for kind in (*CERTAIN_BITS, *(DATED_BITS if each.name in dated else ()))
+    ]
+    return of_outputs + [f"{kind}_{each.name}" for each in inputs for kind in INPUT_BITS[: 1 + each.bounded]]
+
+
+def shortage(names: Sequence[str]) -> str:
+    """Return what is wrong with a status of bits of these names: what takes them, and a way out; "" where they fit."""
+    most, kinds = WIDTHS[-1], (*OUTPUT_BITS, *RATE_BITS, *INPUT_BITS)
+    if len(names) <= most:
+        return ""
+    counts = Counter(next((kind for kind in kinds if name.startswith(f"{kind}_")), "") for name in names)
+    taken = [f"{kind} for {counts[kind]} signals" for kind in kinds if counts[kind]]
+    taken += [f"{counts['']} for the whole step"] * bool(counts[""])
+    return (
+        f"has more than {most}: {', '.join(taken)}; drop outputs, inputs or ranges of inputs, or take "
+        'guards="none", which has no status'
+    )
+
+
+UNINITIALISED = Bit(
+    "UNINITIALISED",
+    "the memory of the state was none that init or reset had made, or one of another program: it was not used, the "
+    "state began as before the first call",
+    "call init once before all else; of a state that was restored, check what was saved",
+)
+NO_PARAMETERS = Bit(
+    "NO_PARAMETERS",
+    "the memory of the parameters was none that init or PARAMS_INIT had made, or of another program: tune took the "
+    "nominal values, any other call took no sample and left the state as before the first call",
+    "call init once before all else, or begin constant parameters with PARAMS_INIT",
+)
+UNMADE = (UNINITIALISED, NO_PARAMETERS)  # what no block raises: an entry does
+MARK = scalar("ready", 0, kind="index", meaning="what init and reset leave here; a state without it begins anew")
+OF_PARAMETERS = "what init and PARAMS_INIT leave here; parameters without it are not used"
+_LEAST, _MOST = 0x01, 0xFE  # of a byte
+
+
+def mark_number(digest: bytes) -> int:
+    """Return the mark of the programs with this digest."""
+    high, low = _LEAST + digest[0] % (_MOST - _LEAST + 1), _LEAST + digest[1] % (_MOST - _LEAST)
+    return (high << 8) + low + (low >= high)  # so that the bytes differ

@@ -27,7 +27,7 @@ from hgogen.program import Field, Group, Place
 from hgogen.reading.given import demand_switch
 from hgogen.step import Step, demand_step
 from hgogen.stepping.discretise import demand_motion
-from hgogen.stepping.ready import NO_PARAMETERS, UNINITIALISED
+from hgogen.stepping.guards import NO_PARAMETERS, UNINITIALISED
 from hgogen.target import Sources
 
 

@@ -36,7 +36,7 @@ from hgogen.rigor.lookup import Lookup, walked
 from hgogen.step import Step, demand_step
 from hgogen.stepping.discretise import NoEquation
 from hgogen.stepping.graphs import Flow, Graphs, Vector
-from hgogen.stepping.status import EXACT
+from hgogen.stepping.guards import EXACT
 from hgogen.target import Files
 
 
