@@ -21,7 +21,7 @@ from hgogen.check import Verdict
 from hgogen.recheck.arithmetic import Unproved
 from hgogen.recheck.inequality import REALISED, TAKEN
 from hgogen.recheck.local_error import _LEAVES, AtCore, _demand_chain
-from hgogen.recheck.matrix import core_integral, unit
+from hgogen.recheck.matrix import Matrix, core_integral, unit
 from hgogen.recheck.plant_motion import Derivative, PlantMotion, demand_derivatives
 from hgogen.recheck.text import expression
 from hgogen.recheck.verification import recheck
@@ -29,8 +29,8 @@ from hgogen.recheck.verification import recheck
 BILINEAR, EXPONENTIAL = _LEAVES
 
 
-def exactly(rows: Sequence[Sequence[float]]) -> list[list[Fraction]]:
-    return [[Fraction(x) for x in row] for row in rows]
+def exactly(rows: Sequence[Sequence[float]]) -> Matrix:
+    return Matrix([[Fraction(x) for x in row] for row in rows])
 
 
 # --- the integral -----------------------------------------------------------------------------------------------------
@@ -54,18 +54,18 @@ def test_the_integral_is_from_above_and_not_far(name: str) -> None:
     s = np.linspace(0, h, 4001)
     sizes = np.abs(expm(s[:, None, None] * core)) * (s * (h - s) / 2)[:, None, None]
     whole = trapezoid(sizes, s, axis=0)
-    assert (whole * (1 - 1e-5) <= np.array(known, dtype=float)).all()
-    assert (np.array(known, dtype=float) <= 1.02 * whole + 1e-5).all()
+    assert (whole * (1 - 1e-5) <= np.array(known.rows, dtype=float)).all()
+    assert (np.array(known.rows, dtype=float) <= 1.02 * whole + 1e-5).all()
 
 
 def test_of_no_core_it_is_a_twelfth() -> None:
-    ((one,),) = core_integral([[Fraction(0)]], Fraction(2), [[Fraction(-3)]])
+    ((one,),) = core_integral(exactly([[0]]), Fraction(2), exactly([[-3]]))
     assert float(one) == pytest.approx(2, rel=1e-15)
 
 
 def test_a_core_that_turns_too_far_is_not_shown() -> None:
     with pytest.raises(Unproved, match="too fast"):
-        core_integral([[Fraction(-65)]], Fraction(1), [[Fraction(1)]])
+        core_integral(exactly([[-65]]), Fraction(1), exactly([[1]]))
 
 
 # --- sizes by hand ----------------------------------------------------------------------------------------------------
@@ -73,8 +73,8 @@ def test_a_core_that_turns_too_far_is_not_shown() -> None:
 
 def at_core(method: str, slope: int, **beside: Any) -> AtCore:
     """A step of length 1 of one field, L = -2 by the bilinear rule and 0 by the exponential."""
-    L = [[Fraction(-2 if method == BILINEAR else 0)]]
-    parts: Any = SimpleNamespace(L=L, M=[[L[0][0] + slope]], G=[[Fraction(2)]], H=[[Fraction(-1)]])
+    L = exactly([[-2 if method == BILINEAR else 0]])
+    parts: Any = SimpleNamespace(L=L, M=exactly([[L[0][0] + slope]]), G=exactly([[2]]), H=exactly([[-1]]))
     return AtCore(
         parts, Fraction(1), REALISED[method](L), exactly([[-1]]), exactly([[5]]), exactly([[12]])[0], **beside
     )
@@ -93,12 +93,12 @@ def test_the_matrix_exponential_by_hand() -> None:
     step = at_core(EXPONENTIAL, 0, rest=exactly([[8], [24]]))
     ((alpha,),) = _LEAVES[EXPONENTIAL].alpha(step)
     assert 7 + 12 * TAKEN <= alpha < 7 + 12 * TAKEN + Fraction(1, 2**60)
-    assert float(step.total([[alpha]])[0]) == pytest.approx(7 + 2 / 2 * (7 + 8 / 2))
+    assert float(step.total(exactly([[alpha]]))[0]) == pytest.approx(7 + 2 / 2 * (7 + 8 / 2))
 
 
 def test_the_exponential_counts_what_its_polynomials_may_be_beside_it() -> None:
     step = at_core(EXPONENTIAL, 0, rest=exactly([[8], [0]]))
-    assert step.total([[Fraction(0)]])[0] > 4
+    assert step.total(exactly([[0]]))[0] > 4
 
 
 def test_a_core_that_is_not_the_plants_chain_is_not_shown() -> None:

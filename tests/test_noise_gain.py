@@ -16,7 +16,7 @@ import hgogen as hg
 from hgogen.model import load
 from hgogen.reading.given import BadGain, BadNames
 from hgogen.recheck.inequality import Parts, method_of
-from hgogen.recheck.matrix import unit
+from hgogen.recheck.matrix import Matrix, unit
 from hgogen.recheck.verification import recheck
 from hgogen.stepping.machine import Machine
 
@@ -235,10 +235,11 @@ def test_both_ends_of_a_call_are_paid_for_by_the_bilinear_rule(share: Fraction, 
 
 def test_the_rest_takes_the_sample_at_each_end_by_a_realised_core() -> None:
     """L = -20, M = -18, B = 3, R = 5, h = 1/10, so that phi_1 = 1/2 and phi_2 = 1/4: of (e, v_0, v_1)."""
-    M, L, B, R = ([[Fraction(each)]] for each in (-18, -20, 3, 5))
-    e, *v = ([row] for row in unit(3))
+    M, L, B, R = (Matrix([[Fraction(each)]]) for each in (-18, -20, 3, 5))
+    e, *v = (Matrix([row]) for row in unit(3))
     method = method_of({"method": "the bilinear rule"})
-    moved = method.moves(Parts(M, [[]], [], L, False, B, R, []), Fraction(1, 10), e, [[], []], v)
+    parts = Parts(M, Matrix([[]]), Matrix([], 1), L, False, B, R, Matrix([], 1))
+    moved = method.changes(parts, Fraction(1, 10), e, [Matrix([], 3)] * 2, v)
     (after,), (rates,) = moved.stages[1], moved.D
     assert [float(x) for x in after] == [0.1, 0.325, 0.075]
     assert [float(x) for x in rates] == [-9.45, 2.1625, 2.0375]

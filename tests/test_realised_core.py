@@ -27,7 +27,7 @@ from hgogen.prove.inclusion import Inclusion
 from hgogen.prove.inequality import Steps, unstable
 from hgogen.prove.quadratic import BALLS, floats, rational
 from hgogen.recheck import inequality
-from hgogen.recheck.matrix import weight
+from hgogen.recheck.matrix import Matrix, weight
 from hgogen.recheck.verification import recheck
 from hgogen.rigor.definite import definite, fraction, number
 from hgogen.stepping.machine import Machine
@@ -176,7 +176,7 @@ def test_balls_that_hold_a_singular_matrix_are_not_definite(rows: list[list[int]
 def test_the_weight_is_rebuilt_to_its_width(size: float) -> None:
     """By mpmath at many digits, as (exp X - 1 - X)/X^2."""
     rng = np.random.default_rng(5)
-    X = [[Fraction(value) for value in row] for row in rng.normal(0, size, (4, 4)) - size * np.eye(4)]
+    X = Matrix([[Fraction(value) for value in row] for row in rng.normal(0, size, (4, 4)) - size * np.eye(4)])
     middle, width = weight(X)
     with mpmath.workdps(80):
         big = mpmath.matrix([[mpmath.mpf(x.numerator) / x.denominator for x in row] for row in X])
@@ -233,7 +233,7 @@ def _smaller(one: dict[str, Any]) -> None:
 def test_a_core_too_fast_for_its_dt_is_not_rebuilt() -> None:
     limit = sys.float_info.max
     with pytest.raises(inequality.Unproved, match="too fast"):
-        weight([[Fraction(limit)]])
+        weight(Matrix([[Fraction(limit)]]))
 
 
 @pytest.mark.parametrize("method", ["exponential", "bilinear"])
@@ -294,7 +294,7 @@ def test_a_core_is_realised_with_its_saturations_open(method: str) -> None:
 
 def one_state(rest: int, read: int) -> inequality.Parts:
     """M = 1 + rest, L = 1, G = 1, H = read, of a sample that enters by 1 as L takes it."""
-    M, L, G, H, B, none = ([[Fraction(value)]] for value in (1 + rest, 1, 1, read, 1, 0))
+    M, L, G, H, B, none = (Matrix([[Fraction(value)]]) for value in (1 + rest, 1, 1, read, 1, 0))
     return inequality.Parts(M, G, H, L, False, B, none, none)
 
 
@@ -303,7 +303,7 @@ def within_width(width: Fraction, by: int = 0) -> Any:
 
     def weights(X: inequality.Matrix) -> inequality.Weights:
         phi_2 = Fraction(1, 2) + by * width
-        return [[1 + X[0][0] * phi_2]], [[phi_2]], Fraction(0) if by else width
+        return Matrix([[1 + X[0][0] * phi_2]]), Matrix([[phi_2]]), Fraction(0) if by else width
 
     return weights
 
@@ -311,15 +311,13 @@ def within_width(width: Fraction, by: int = 0) -> Any:
 @pytest.mark.parametrize("width", [Fraction(1, 100), Fraction(1), Fraction(1000)])
 def test_what_a_polynomial_may_be_beside_moves_a_step_by_no_more_and_no_less(width: Fraction) -> None:
     """Of one state all that is added has one sign, so that the width is met at its end: D, and the last X."""
-    parts, (e, p_0, p_1, v_0, v_1) = one_state(3, 2), ([row] for row in inequality.unit(5))
+    parts, (e, p_0, p_1, v_0, v_1) = one_state(3, 2), (Matrix([row]) for row in inequality.unit(5))
     known, moved = (
         inequality._realised(within_width(width, by), parts, Fraction(1, 10), e, [p_0, p_1], [v_0, v_1])
         for by in (0, 1)
     )
     off_D, off_X = known.off
-    beside_D, beside_X = (
-        inequality.sizes(inequality.minus(a, b)) for a, b in ((moved.D, known.D), (moved.stages[1], known.stages[1]))
-    )
+    beside_D, beside_X = (abs(a - b) for a, b in ((moved.D, known.D), (moved.stages[1], known.stages[1])))
     assert all(x <= most for x, most in zip(beside_D[0], off_D[0], strict=True))
     assert all(x <= most for x, most in zip(beside_X[0], off_X[0], strict=True))
     assert (beside_D[0][0], beside_X[0][0]) == (off_D[0][0], off_X[0][0])
@@ -341,4 +339,4 @@ def test_the_inequality_holds_whatever_a_polynomial_is_within_its_width(
         )
         for k in (0, by)
     )
-    inequality.demand_nonnegative({"what is allowed beside it": inequality.minus(allowed, moved)})
+    inequality.demand_nonnegative({"what is allowed beside it": allowed - moved})

@@ -15,7 +15,7 @@ from hgogen.recheck.algebra import Algebra
 from hgogen.recheck.arithmetic import Undefined, Unproved, evaluate
 from hgogen.recheck.box import covered, frobenius, leaves, positive, ranged, spectral
 from hgogen.recheck.interval import Interval, between, intervals, point
-from hgogen.recheck.matrix import decaying, demand_nonnegative, demand_positive
+from hgogen.recheck.matrix import Matrix, decaying, demand_nonnegative, demand_positive
 from hgogen.recheck.rules.persistence import ORDER, Balls, balls, piece
 from hgogen.recheck.text import expression
 
@@ -140,8 +140,8 @@ def test_a_bound_that_fails_in_a_corner_fails_there_at_once(low: Any, high: Any,
         covered(box, ".", ranged(expression("x - y**3 - y", box), Fraction(low), Fraction(high)), more=1)
 
 
-def rows(*numbers: tuple[int, ...]) -> list[list[Fraction]]:
-    return [list(map(F, row)) for row in numbers]
+def rows(*numbers: tuple[int, ...]) -> Matrix:
+    return Matrix([map(F, row) for row in numbers])
 
 
 @pytest.mark.parametrize(
@@ -155,7 +155,7 @@ def rows(*numbers: tuple[int, ...]) -> list[list[Fraction]]:
         (rows((1, 0, 0), (0, 0, 1), (0, 1, 0)), False, False),
     ],
 )
-def test_signs_of_symmetric_matrices(M: list[list[Fraction]], definite: bool, semidefinite: bool) -> None:
+def test_signs_of_symmetric_matrices(M: Matrix, definite: bool, semidefinite: bool) -> None:
     for demand, holds in ((demand_positive, definite), (demand_nonnegative, semidefinite)):
         if holds:
             demand({"M": M})
@@ -176,7 +176,7 @@ def test_decay_is_by_more_than_one() -> None:
     """-I - N'P - P N of N = -1 is 2 P - 1."""
     assert decaying(rows((-1,)), rows((2,))) == rows((3,))
     with pytest.raises(Unproved):
-        demand_positive({"decay": decaying(rows((-1,)), [[F(1, 2)]])})
+        demand_positive({"decay": decaying(rows((-1,)), Matrix([[F(1, 2)]]))})
 
 
 @pytest.mark.parametrize("within", [frobenius, spectral])

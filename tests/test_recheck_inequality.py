@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 from hgogen.recheck.arithmetic import Unproved
 from hgogen.recheck.file import _claim
 from hgogen.recheck.inequality import FLOW, NOW, Input, Parts, demand_falls, demand_kept, form_of, method_of
+from hgogen.recheck.matrix import Matrix
 from hgogen.recheck.rules import rule_of
 
 NONE = Fraction(0)
@@ -27,9 +28,9 @@ def test_continuous_time_is_a_step_of_length_0(M: Any, G: Any, H: Any, B: Any, R
     """[M'P + P M, P G, P D; G'P, -S, 0; D'P, 0, -lambda] + [H, 0, E]'S [H, 0, E],   D = [B + R, beside]."""
     P, s = [[Fraction(3), Fraction(1)], [Fraction(1), Fraction(2)]], Fraction(5, 2)
     lambdas = [Fraction(7), Fraction(11)]
-    parts = Parts(M, G, H, M, False, B, R, E)
-    inputs = [Input([[Fraction(1)]], [NONE] * 2), Input([[NONE]], [each for (each,) in beside])]
-    made = np.array(form_of(parts, FLOW, NOW, {"P": P, "S": [s, *lambdas]}, inputs))
+    parts = Parts(*map(Matrix, (M, G, H, M)), False, *map(Matrix, (B, R, E)))
+    inputs = [Input(Matrix([[Fraction(1)]]), [NONE] * 2), Input(Matrix([[NONE]]), [each for (each,) in beside])]
+    made = np.array(form_of(parts, FLOW, NOW, {"P": P, "S": [s, *lambdas]}, inputs).rows)
     D = np.hstack([np.array(B) + np.array(R), np.array(beside)])
     rates = np.hstack([np.array(M), np.array(G), D])
     reads = np.hstack([np.array(H), [[NONE]], np.array(E), [[NONE]]])
@@ -38,8 +39,9 @@ def test_continuous_time_is_a_step_of_length_0(M: Any, G: Any, H: Any, B: Any, R
     assert (made == half + half.T + s * reads.T @ reads + squares).all()
 
 
-STILL = Parts([[Fraction(-1)]], [[]], [], [[Fraction(-1)]], False, [[Fraction(1)]], [[NONE]], [])
-SAMPLE = Input([[Fraction(1)]], [NONE])
+FALL, SHARE = Matrix([[Fraction(-1)]]), Matrix([[Fraction(1)]])
+STILL = Parts(FALL, Matrix([[]]), Matrix([], 1), FALL, False, SHARE, Matrix([[NONE]]), Matrix([], 1))
+SAMPLE = Input(SHARE, [NONE])
 
 
 SHOWN, NOT_NEGATIVE = nullcontext(), pytest.raises(Unproved, match="not negative")
@@ -81,7 +83,8 @@ def test_no_more_inputs_of_a_flow_are_taken_than_an_elimination_can(count: int, 
 @pytest.mark.parametrize(("slopes", "outcome"), [(59, "not negative"), (60, "more than 60 rows")])
 def test_no_more_slopes_of_a_step_are_taken_than_an_elimination_can(slopes: int, outcome: str) -> None:
     one, none = [Fraction(1)], [NONE]
-    steep = Parts(STILL.M, [one * slopes], [one] * slopes, STILL.L, False, STILL.B, STILL.R, [none] * slopes)
+    G, H, E = Matrix([one * slopes]), Matrix([one] * slopes), Matrix([none] * slopes)
+    steep = Parts(STILL.M, G, H, STILL.L, False, STILL.B, STILL.R, E)
     with pytest.raises(Unproved, match=outcome):
         demand_falls(steep, method_of({"method": "Euler"}), Fraction(1, 10), NOW, {"P": [one], "S": one * slopes})
 

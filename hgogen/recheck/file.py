@@ -380,7 +380,7 @@ def matrix(holder: Mapping[str, Any], key: str, rows: int, columns: int) -> Matr
         raise Unproved(f"its {key} has more than {MOST_ROWS} rows or columns")
     if any(not isinstance(row, list) or len(row) != columns for row in lists):
         raise Unproved(f"its {key} is not {rows} x {columns}")
-    return [[_number_of(value, key) for value in row] for row in lists]
+    return Matrix([[_number_of(value, key) for value in row] for row in lists], columns)
 
 
 def scalar(holder: Mapping[str, Any], key: str) -> Fraction:

@@ -37,7 +37,7 @@ from .context import (
 )
 from .file import Observer, column, entries, fields, matrix, part, scalar
 from .inequality import Parts
-from .matrix import Matrix, companion, minus, outer, plus, scaled, similar, times, transposed, unit, zeros
+from .matrix import Matrix, companion, of_field, outer, similar, unit, zeros
 from .text import Expression
 
 Numbers = Mapping[str, Any]
@@ -61,10 +61,10 @@ class Core:
     def gates(self) -> list[tuple[int, list[Fraction]]]:
         """What each saturation takes away: the field whose error it passes, and the column by which that enters the
         core beside the last vertex, where all is passed."""
-        whole, columns = self.vertices[-1], []
+        columns = []
         for k in reversed(range(len(self.vertices).bit_length() - 1)):
-            taken = minus(self.vertices[-1 - 2**k], whole)
-            columns += [(j, list(each)) for j, each in enumerate(transposed(taken)) if any(each)]
+            removed = self.vertices[-1 - 2**k] - self.vertices[-1]
+            columns += [(j, each) for j, each in enumerate(removed.T) if any(each)]
         return columns
 
 
@@ -85,10 +85,10 @@ def _filtered(numbers: Numbers, n: int) -> Core:
 def _filtered_injection(numbers: Numbers, n: int) -> Core:
     m = len(numbers["G"]) if isinstance(numbers["G"], list) else 0
     F, G, NH = matrix(numbers, "F", m, m), column(numbers, "G", m), matrix(numbers, "NH", n, m)
-    above = [[Fraction(int(j == i + 1)) for j in range(n)] + NH[i] for i in range(n)]
+    above = [[*of_field(i + 1, n), *NH[i]] for i in range(n)]
     below = [[-G[i], *[Fraction(0)] * (n - 1), *F[i]] for i in range(m)]
     order = [*range(n), *[0] * m]
-    return Core([above + below], order, order, [True] * n + [False] * m, [*range(n)], [Fraction(0)] * n + G)
+    return Core([Matrix(above + below)], order, order, [True] * n + [False] * m, [*range(n)], [Fraction(0)] * n + G)
 
 
 def _low_power(numbers: Numbers, n: int) -> Core:
@@ -109,7 +109,7 @@ def _peaking_free(numbers: Numbers, n: int) -> Core:
         inner = [[*row[: n - 1], Fraction(0), *row[n - 1 :]] for row in _pairs(k, [1, *shares])]
         follows = [Fraction(0)] * (2 * n - 1)
         follows[n - 1], follows[-1] = -last, last * shares[-1]
-        vertices.append([*inner[: n - 1], follows, *inner[n - 1 :]])
+        vertices.append(Matrix([*inner[: n - 1], follows, *inner[n - 1 :]]))
     order = [*range(n), *range(1, n)]
     return Core(vertices, order, order, [True] * (2 * n - 1), [*range(n)], _onto(k, 0, n, 2 * n - 1))
 
@@ -184,8 +184,8 @@ class Argument:
     """What b reads in the place of z_j: `reads` (n) of the errors, and `takes` (p) of those of the samples, over their
     powers of theta; these empty where they are no numbers."""
 
-    reads: list[list[Fraction]]
-    takes: list[list[Fraction]]
+    reads: Matrix
+    takes: Matrix
 
     @property
     def heard(self) -> bool:
@@ -210,7 +210,7 @@ class ErrorInclusion:
     power: list[int]
     scale: list[Expression]
     late: list[int]
-    takes: Matrix = field(default_factory=list)
+    takes: Matrix = field(default_factory=lambda: Matrix([]))
     units: list[Fraction] = field(default_factory=list)
 
     def scales(self, context: Context, theta: Fraction) -> list[Fraction]:
@@ -224,15 +224,15 @@ class ErrorInclusion:
 
     def at(self, theta: Fraction) -> Parts:
         """What the error obeys at a theta."""
-        M, G, H, E = scaled(theta, self.N), [], [], []
+        M, G, H, E = theta * self.N, [], [], []
         late = [theta**-power for power in self.late]
-        beside = zeros(len(M), len(late))
-        B = [[theta * x * by for x, by in zip(row, late, strict=True)] for row in self.measured or beside]
+        R, p = zeros(len(M), len(late)), len(late)
+        B = theta * (self.measured or R).T.weighed(late).T
         for slope in self.slopes:
             share, takes = theta**-slope.degree, slope.takes or [Fraction(0)] * len(late)
             takes, middle = [x * by for x, by in zip(takes, late, strict=True)], share * (slope.low + slope.high) / 2
             onto = [x * middle for x in slope.onto]
-            M, beside = plus(M, outer(onto, slope.reads)), plus(beside, outer(onto, takes))
+            M, R = M + outer(onto, slope.reads), R + outer(onto, takes)
             if slope.low < slope.high:
                 G.append([x * share * (slope.high - slope.low) / 2 for x in slope.onto])
                 H.append(slope.reads)
@@ -240,8 +240,7 @@ class ErrorInclusion:
         moving = not all(slope.realised for slope in self.slopes)
         endless = [slope for slope in self.slopes if slope.endless and any(slope.reads)]
         signed = [(slope.onto, [-slope.endless * x for x in slope.reads]) for slope in endless]
-        G = transposed(G) if G else [[] for _ in M]
-        return Parts(M, G, H, scaled(theta, self.N), moving, B, beside, E, signed)
+        return Parts(M, Matrix(G, len(M)).T, Matrix(H, len(M)), theta * self.N, moving, B, R, Matrix(E, p), signed)
 
 
 def error_inclusion(context: Context, observer: Observer, evidence: Mapping[str, Any]) -> ErrorInclusion:
@@ -270,7 +269,7 @@ def _of_core(context: Context, observer: Observer, evidence: Mapping[str, Any]) 
     for of, onto in core.gates:
         moved = [x * t[k] / t[of] for k, x in enumerate(onto)]
         slopes.append(Slope(of_field(of, len(t)), moved, Fraction(0), Fraction(1), -1))
-    measured = [[x * unit] for x, unit in zip(core.measured, t, strict=True)]
+    measured = Matrix([[x * unit] for x, unit in zip(core.measured, t, strict=True)])
     N, boxes, late = similar(t, core.vertices[-1]), boxes + scale.boxes, [0]
     where = (core.index, core.fed, core.picks, core.power)
     return ErrorInclusion(N, slopes, boxes, measured, *where, scale.expressions, late, units=scale.units)
@@ -298,7 +297,7 @@ def _of_gain(context: Context, observer: Observer, evidence: Mapping[str, Any]) 
     else:
         moving, seen = _moving(context, observer, evidence, scale)
         slopes = slopes + moving
-    measured, each = _by_chain(context, observer, scale) if argument.heard else [], [*range(n)]
+    measured, each = _by_chain(context, observer, scale) if argument.heard else Matrix([]), [*range(n)]
     late = [shift[context.heads.index(z)] if z else 0 for z in context.seen]
     where = (each, [True] * n, each, powers)
     return ErrorInclusion(N, slopes, boxes + more + seen, measured, *where, scale, late, argument.takes)
@@ -308,7 +307,7 @@ def _argument(context: Context, observer: Observer, scale: list[Expression]) -> 
     """What b reads and takes; of an observer that injects nothing there the errors alone."""
     if "argument" in observer.entries:
         argument = argument_of(context, observer.entries["argument"], scale)
-        return replace(argument, takes=times(argument.takes, _means(context, observer))) if argument.heard else argument
+        return replace(argument, takes=argument.takes @ _means(context, observer)) if argument.heard else argument
     n = len(context.z)
     return Argument(unit(n), zeros(n, len(context.heads)))
 
@@ -328,7 +327,7 @@ def argument_of(context: Context, entries: Sequence[Expression], scale: Sequence
             if share is None:
                 raise Unproved("what it injects into the argument of b is not of numbers in these coordinates")
             reads[j][head] -= share
-    return Argument(reads, [[] for _ in N] if takes is None else takes)
+    return Argument(reads, Matrix([[] for _ in N] if takes is None else takes))
 
 
 def _by_chain(context: Context, observer: Observer, scale: list[Expression]) -> Matrix:
@@ -336,7 +335,7 @@ def _by_chain(context: Context, observer: Observer, scale: list[Expression]) -> 
     blocks, none = context.form.blocks, context.algebra.zero
     K = gain_of(blocks, [context.value(text) for text in observer.gains], none)
     known = numbers([context.value(s) * k for k in row] for s, row in zip(scale, K, strict=True))
-    return [] if known is None else times(known, _means(context, observer))
+    return Matrix([]) if known is None else Matrix(known) @ _means(context, observer)
 
 
 def _means(context: Context, observer: Observer) -> Matrix:
@@ -346,7 +345,7 @@ def _means(context: Context, observer: Observer) -> Matrix:
     outputs, seen = range(len(context.form.output)), context.seen
     together = [[j for j in outputs if z and seen[j] == z] for z in context.heads]
     if all(len(each) < 2 for each in together):
-        return [[Fraction(int(k == j and bool(z))) for j in outputs] for k, z in enumerate(context.heads)]
+        return Matrix([[Fraction(int(k == j and bool(z))) for j in outputs] for k, z in enumerate(context.heads)])
     if not isinstance(observer.numbers.get("weights"), list):
         raise Unproved("outputs show one state, and the file does not tell by which weights")
     weights, rows = column(observer.numbers, "weights", len(outputs)), zeros(len(outputs), len(outputs))
@@ -412,11 +411,6 @@ def bounded_slopes(
     if listed:
         raise Unproved("it bounds slopes that are none of b")
     return slopes, boxes
-
-
-def of_field(k: int, count: int) -> list[Fraction]:
-    """What reads the error of one field (N)."""
-    return [Fraction(int(k == at)) for at in range(count)]
 
 
 def _listed(evidence: Mapping[str, Any]) -> dict[tuple[int, int], tuple[End, End, str]]:

@@ -57,14 +57,10 @@ from .matrix import (
     Matrix,
     demand_nonnegative,
     demand_positive,
+    dot,
     inverse,
-    minus,
+    of_field,
     outer,
-    plus,
-    scaled,
-    sizes,
-    times,
-    transposed,
     twice,
     unit,
     weight,
@@ -84,7 +80,7 @@ Weights = tuple[Matrix, Matrix, Fraction]  # phi_1 and phi_2, and by how much el
 
 
 @dataclass(frozen=True)
-class Moved:
+class Change:
     """D, and X_i of each stage; `off`: by how much D and the last X may be beside these, entry by entry, empty where
     they are exact."""
 
@@ -110,27 +106,15 @@ class Parts:
     E: Matrix
     endless: list[tuple[list[Fraction], list[Fraction]]] = field(default_factory=list)
 
-    def varied(self, p: Matrix) -> list[Matrix]:
-        """G p of rows p (m, size), as a sum's one term; none without slopes that vary."""
-        return [times(self.G, p)] if p else []
-
-    def read(self, X: Matrix, v: Matrix) -> Matrix:
-        """H X + E v (m, size) of rows v (p, size), of no sample none."""
-        return plus(times(self.H, X), *([times(self.E, v)] if v else [])) if self.H else []
-
-    def heard(self, v: Matrix) -> list[Matrix]:
-        """(B + R) v of rows v (p, size), as a sum's one term; none without samples."""
-        return [times(plus(self.B, self.R), v)] if v else []
-
 
 @dataclass(frozen=True)
 class Method:
-    """A method: where its stages stand, from 0 to 1, the `degree` of its form in h, 0 of none; and how it `moves` e (N,
-    size), of p_i (m, size) and of errors v_i of the samples (p, size) at each stage."""
+    """A method: where its stages stand, from 0 to 1, the `degree` of its form in h, 0 of none; and how it `changes` e
+    (N, size), of p_i (m, size) and of errors v_i of the samples (p, size) at each stage."""
 
     nodes: list[Fraction]
     degree: int
-    moves: Callable[[Parts, Fraction, Matrix, list[Matrix], list[Matrix]], Moved]
+    changes: Callable[[Parts, Fraction, Matrix, list[Matrix], list[Matrix]], Change]
 
 
 @dataclass(frozen=True)
@@ -148,22 +132,20 @@ class Tableau:
         return [sum(row, Fraction(0)) for row in self.rows]
 
     @property
-    def bends(self) -> Matrix:
+    def deviations(self) -> Matrix:
         """c_i b_j - a_ij (s, s): by what k_j is in c_i Phi_h - X_i, over h."""
         s = len(self.weights)
-        wide = [[*row, *[Fraction(0)] * (s - len(row))] for row in self.rows]
-        return [
-            [c * b - a for b, a in zip(self.weights, row, strict=True)] for c, row in zip(self.nodes, wide, strict=True)
-        ]
+        wide = Matrix([[*row, *[Fraction(0)] * (s - len(row))] for row in self.rows])
+        return outer(self.nodes, self.weights) - wide
 
     @property
     def cubic(self) -> list[int]:
         """The stages at which that begins with a third Taylor coefficient."""
-        return [i for i, row in enumerate(self.bends) if any(row) and not sum(map(mul, row, self.nodes))]
+        return [i for i, row in enumerate(self.deviations) if any(row) and not sum(map(mul, row, self.nodes))]
 
 
 def tableau_of(evidence: Mapping[str, Any]) -> Tableau:
-    """That of the method that the evidence names. Raises: `Unproved` for what is none of these methods."""
+    """Return the tableau of the method that the evidence names. Raises: `Unproved` for what is none of these."""
     known = _METHODS.get(part(evidence, "method", str))
     if known is None:
         raise Unproved(f"its method is none of {', '.join(_METHODS)}")
@@ -172,7 +154,7 @@ def tableau_of(evidence: Mapping[str, Any]) -> Tableau:
 
 
 def method_of(evidence: Mapping[str, Any]) -> Method:
-    """The method that the evidence names. Raises: `Unproved`."""
+    """Return the method that the evidence names. Raises: `Unproved`."""
     name = part(evidence, "method", str)
     if name in REALISED:
         return Method([Fraction(0), ONE], 0, partial(_realised, REALISED[name]))
@@ -182,14 +164,15 @@ def method_of(evidence: Mapping[str, Any]) -> Method:
 def _explicit(tableau: Tableau) -> Method:
     rows, weights = tableau.rows, tableau.weights
 
-    def moves(parts: Parts, h: Fraction, e: Matrix, p: list[Matrix], v: list[Matrix]) -> Moved:
+    def changes(parts: Parts, h: Fraction, e: Matrix, p: list[Matrix], v: list[Matrix]) -> Change:
         rates, stages = list[Matrix](), list[Matrix]()
         for row, p_i, v_i in zip(rows, p, v, strict=True):
-            stages.append(plus(e, *(scaled(h * a, w) for a, w in zip(row, rates, strict=True))))
-            rates.append(plus(times(parts.M, stages[-1]), *parts.varied(p_i), *parts.heard(v_i)))
-        return Moved(plus(*(scaled(b, w) for b, w in zip(weights, rates, strict=True))), stages)
+            stages.append(sum((h * a * w for a, w in zip(row, rates, strict=True)), start=e))
+            rates.append(parts.M @ stages[-1] + parts.G @ p_i + (parts.B + parts.R) @ v_i)
+        whole = (b * w for b, w in zip(weights, rates, strict=True))
+        return Change(sum(whole, start=zeros(len(e), e.width)), stages)
 
-    return Method(tableau.nodes, 2 * len(weights) - 1, moves)
+    return Method(tableau.nodes, 2 * len(weights) - 1, changes)
 
 
 FLOW, NOW = _explicit(Tableau([[]], [ONE], 1)), Fraction(0)  # continuous time, and the length of its step
@@ -197,36 +180,36 @@ FLOW, NOW = _explicit(Tableau([[]], [ONE], 1)), Fraction(0)  # continuous time, 
 
 def _realised(
     weights: Callable[[Matrix], Weights], parts: Parts, h: Fraction, e: Matrix, p: list[Matrix], v: list[Matrix]
-) -> Moved:
-    """By phi_1 and phi_2 of the core. Raises: `Unproved`."""
+) -> Change:
+    """Return the change by phi_1 and phi_2 of the core. Raises: `Unproved`."""
     if parts.moving:
         raise Unproved("a part of its core moves, which its method does not realise")
-    rest, X, (phi_1, phi_2, width) = minus(parts.M, parts.L), scaled(h, parts.L), weights(scaled(h, parts.L))
-    B, R = (partial(times, each) for each in (parts.B, parts.R))
-    first = plus(times(rest, e), *parts.varied(p[0]), R(v[0]))
-    driven = plus(times(parts.L, e), first, B(v[0]))  # by phi_1; by phi_2 what the last sample is beside the first
-    later = B(minus(v[1], v[0]))
-    ahead = plus(times(phi_1, driven), times(phi_2, later))
-    after = plus(e, scaled(h, ahead))
-    change = minus(plus(times(rest, after), *parts.varied(p[1]), R(v[1])), first)
-    D = plus(ahead, times(phi_2, change))
+    nonlinear, X = parts.M - parts.L, h * parts.L
+    phi_1, phi_2, width = weights(X)
+    first = nonlinear @ e + parts.G @ p[0] + parts.R @ v[0]
+    driven = parts.L @ e + first + parts.B @ v[0]  # by phi_1; by phi_2 what the last sample is beside the first
+    later = parts.B @ (v[1] - v[0])
+    ahead = phi_1 @ driven + phi_2 @ later
+    after = e + h * ahead
+    change = nonlinear @ after + parts.G @ p[1] + parts.R @ v[1] - first
+    D = ahead + phi_2 @ change
     if not width:
-        return Moved(D, [e, after])
-    any_of_it = [[width] * len(X) for _ in X]
-    off = times(any_of_it, plus(times(sizes(X), sizes(driven)), sizes(later)))  # of `ahead`
-    bent = times(sizes(rest), scaled(h, off))
-    off_D = plus(off, times(any_of_it, plus(sizes(change), bent)), times(sizes(phi_2), bent))
-    return Moved(D, [e, after], (off_D, scaled(h, off)))
+        return Change(D, [e, after])
+    any_of_it = Matrix([[width] * len(X) for _ in X])
+    off = any_of_it @ (abs(X) @ abs(driven) + abs(later))  # of `ahead`
+    spread = abs(nonlinear) @ (h * off)
+    off_D = off + any_of_it @ (abs(change) + spread) + abs(phi_2) @ spread
+    return Change(D, [e, after], (off_D, h * off))
 
 
 def _bilinear(X: Matrix) -> Weights:
-    phi_1 = inverse(minus(unit(len(X)), scaled(Fraction(1, 2), X)))
-    return phi_1, scaled(Fraction(1, 2), phi_1), Fraction(0)
+    phi_1 = inverse(unit(len(X)) - Fraction(1, 2) * X)
+    return phi_1, Fraction(1, 2) * phi_1, Fraction(0)
 
 
 def _exponential(X: Matrix) -> Weights:
     phi_2, width = weight(X)
-    return plus(unit(len(X)), times(X, phi_2)), phi_2, width + TAKEN
+    return unit(len(X)) + X @ phi_2, phi_2, width + TAKEN
 
 
 REALISED: Mapping[str, Callable[[Matrix], Weights]] = {  # by the name of a method, of X
@@ -237,60 +220,57 @@ REALISED: Mapping[str, Callable[[Matrix], Weights]] = {  # by the name of a meth
 
 @dataclass(frozen=True)
 class Input:
-    """What one input adds: to the samples (p) at each of the stages (s), and `beside` (N) to e over h."""
+    """What one input adds: to the samples (p) at each of the `stages` (s, p), and to the `rate` of e (N), over h."""
 
-    stages: list[list[Fraction]]
-    beside: list[Fraction]
+    stages: Matrix
+    rate: list[Fraction]
 
     def __add__(self, other: "Input") -> "Input":
         """One input that is both."""
-        return Input(plus(self.stages, other.stages), plus([self.beside], [other.beside])[0])
+        return Input(self.stages + other.stages, [x + y for x, y in zip(self.rate, other.rate, strict=True)])
 
     def __mul__(self, size: Fraction) -> "Input":
         """That of an input in units of a size."""
-        return Input(scaled(size, self.stages), scaled(size, [self.beside])[0])
+        return Input(size * self.stages, [size * x for x in self.rate])
 
 
 def ends(method: Method, parts: Parts, output: int) -> tuple[Input, Input]:
-    """An error of the sample of an output at the beginning of a step, and at the end, with the line between them."""
-    row, nothing = unit(len(parts.B[0]))[output], [Fraction(0)] * len(parts.M)
-    first, last = (
-        [[w * x for x in row] for w in weights] for weights in ([ONE - c for c in method.nodes], method.nodes)
-    )
-    return Input(first, nothing), Input(last, nothing)
+    """Return the inputs of an error of the sample of an output at the beginning of a step, and at the end, with the
+    line between them."""
+    row, still = of_field(output, parts.B.width), [Fraction(0)] * len(parts.M)
+    return Input(outer([ONE - c for c in method.nodes], row), still), Input(outer(method.nodes, row), still)
 
 
 def form_of(
-    parts: Parts, method: Method, h: Fraction, evidence: Mapping[str, Any], entering: Sequence[Input] = ()
+    parts: Parts, method: Method, h: Fraction, evidence: Mapping[str, Any], inputs: Sequence[Input] = ()
 ) -> Matrix:
-    """2 e'P D v + h |D v|_P^2 + sum of Q'S Q - p'S p, without alpha; P and S are shown to have their signs. Inputs
-    stand at the end of v, and S goes on with them."""
-    n, m, s, inputs = len(parts.M), len(parts.H), len(method.nodes), len(entering)
+    """Return 2 e'P D v + h |D v|_P^2 + sum of Q'S Q - p'S p, without alpha; P and S are shown to have their signs.
+    Inputs stand at the end of v, and S goes on with them."""
+    n, m, s = len(parts.M), len(parts.H), len(method.nodes)
     size = n + s * m
+    width = size + len(inputs)
     # of a step the inputs are as few as the model's rows; of continuous time a certificate says how many there are
-    rows, most = (size + inputs, _WHOLE) if method is FLOW else (size, _ROWS)
+    rows, most = (width, _WHOLE) if method is FLOW else (size, _ROWS)
     if rows > most:
         raise Unproved(f"its inequality has more than {most} rows")
-    P, S = matrix(evidence, "P", n, n), column(evidence, "S", s * m + inputs)
+    P, S = matrix(evidence, "P", n, n), column(evidence, "S", s * m + len(inputs))
     demand_positive({"P": P})
     if any(value < 0 for value in S):
         raise Unproved("its S has a negative number")
-    one = unit(size + inputs)
-    start, p = one[:n], [one[n + i * m : n + (i + 1) * m] for i in range(s)]
-    nothing, last = zeros(len(parts.B[0]), size + inputs), list(enumerate(entering, size))
-    v = [plus(nothing, *(outer(each.stages[i], one[k]) for k, each in last)) for i in range(s)]
-    moved = method.moves(parts, h, start, p, v)
-    D = plus(moved.D, *(outer(each.beside, one[k]) for k, each in last))
-    reads = [row for X, v_i in zip(moved.stages, v, strict=True) for row in parts.read(X, v_i)]
-    PD = times(P, D)
-    linear = times(transposed(start), PD)
-    form = plus(linear, transposed(linear), scaled(h, times(transposed(D), PD)))
-    if m:
-        weighed = [[value * x for x in row] for value, row in zip(S, reads, strict=False)]
-        form = plus(form, times(transposed(reads), weighed))
+    one = unit(width)
+    e, p = Matrix(one.rows[:n]), [Matrix(one.rows[n + i * m : n + (i + 1) * m], width) for i in range(s)]
+    last = list(enumerate(inputs, size))
+    v = [sum((outer(u.stages[i], one[k]) for k, u in last), start=zeros(parts.B.width, width)) for i in range(s)]
+    change = method.changes(parts, h, e, p, v)
+    D = sum((outer(u.rate, one[k]) for k, u in last), start=change.D)
+    pairs = zip(change.stages, v, strict=True)
+    reads = Matrix([row for X, v_i in pairs for row in parts.H @ X + parts.E @ v_i], width)
+    PD = P @ D
+    linear = e.T @ PD
+    form = linear + linear.T + h * (D.T @ PD) + reads.T @ reads.weighed(S[: s * m])
     for k, value in enumerate(S):
         form[n + k][n + k] -= value
-    return plus(form, _slack(form, h, P, S[: s * m], D, parts.H, reads, moved.off)) if moved.off else form
+    return form + _slack(form, h, P, S[: s * m], D, parts.H, reads, *change.off) if change.off else form
 
 
 def _slack(
@@ -301,21 +281,19 @@ def _slack(
     D: Matrix,
     H: Matrix,
     reads: Matrix,
-    off: tuple[Matrix, ...],
+    off_D: Matrix,
+    off_X: Matrix,
 ) -> Matrix:
-    """A diagonal that is at least what the form becomes larger by where D and the last X are off."""
-    off_D, off_X, n, m = *off, len(P), len(H)
-    PD = times(sizes(P), off_D)
-    linear = plus([*PD, *zeros(len(form) - n, len(form))], scaled(h, times(transposed(sizes(D)), PD)))
-    terms = [linear, transposed(linear), scaled(h, times(transposed(off_D), PD))]
-    if m:
-        read = times(sizes(H), off_X)
-        weighed = [[value * x for x in row] for value, row in zip(S[-m:], read, strict=True)]
-        mixed = times(transposed(sizes(reads[-m:])), weighed)
-        terms += [mixed, transposed(mixed), times(transposed(read), weighed)]
+    """Return a diagonal that is at least what the form becomes larger by where D and the last X are off."""
+    n, m, size = len(P), len(H), len(form)
+    PD = abs(P) @ off_D
+    linear = Matrix([*PD, *zeros(size - n, size)]) + h * (abs(D).T @ PD)
+    read, last = abs(H) @ off_X, Matrix(reads.rows[len(reads) - m :], size)
+    weighed = read.weighed(S[len(S) - m :])
+    mixed = abs(last).T @ weighed
+    whole = linear + linear.T + h * (off_D.T @ PD) + mixed + mixed.T + read.T @ weighed
     scales = [Fraction(1 / math.sqrt(abs(float(row[i])) or 1.0)) for i, row in enumerate(form)]
-    sums = [sum(map(mul, row, scales)) / own for row, own in zip(plus(*terms), scales, strict=True)]
-    return [[value * x for x in row] for value, row in zip(sums, unit(len(form)), strict=True)]
+    return unit(size).weighed(x / own for x, own in zip(whole.applied(scales), scales, strict=True))
 
 
 def demand_falls(
@@ -345,15 +323,15 @@ def demand_kept(
 
 
 def multipliers(evidence: Mapping[str, Any], inputs: Sequence[Input]) -> list[Fraction]:
-    """The lambda of the inputs. Raises: `Unproved`."""
+    """Return the lambda of the inputs. Raises: `Unproved`."""
     return column({"S": part(evidence, "S", list)[-len(inputs) :]}, "S", len(inputs))
 
 
 def demand_negative(what: str, form: Matrix) -> None:
     """Demand that a symmetric form is negative: by its elimination in intervals, where these are too wide in fractions.
     Raises: `Unproved`."""
-    negated = scaled(Fraction(-1), form)
-    known = definite([[point(value) for value in row] for row in negated]) if transposed(negated) == negated else 0
+    negated = -1 * form
+    known = definite(negated.mapped(point).rows) if negated == negated.T else 0
     if known < 0:
         raise Unproved(f"{what} is not negative")
     if not known:
@@ -361,29 +339,22 @@ def demand_negative(what: str, form: Matrix) -> None:
 
 
 def within(one: Mapping[str, Any], field: int, scales: list[Fraction], bound: Fraction, V: Fraction = ONE) -> None:
-    """That the error which a field stands for is at most `bound` where |e|_P^2 <= V: bound^2 P >= V c'c. Raises:
+    """Demand that the error which a field stands for is at most `bound` where |e|_P^2 <= V: bound^2 P >= V c'c. Raises:
     `Unproved`."""
     c = [Fraction(int(k == field)) / scale for k, scale in enumerate(scales)]
-    P = matrix(one, "P", len(c), len(c))
-    demand_nonnegative(
-        {
-            "bound": [
-                [bound**2, *(V * x for x in c)],
-                *([V * x, *(V * y for y in row)] for x, row in zip(c, P, strict=True)),
-            ]
-        }
-    )
+    rows = zip(c, V * matrix(one, "P", len(c), len(c)), strict=True)
+    demand_nonnegative({"bound": Matrix([[bound**2, *(V * x for x in c)], *([V * x, *row] for x, row in rows)])})
 
 
 def place(holder: Mapping[str, Any], key: str, count: int) -> int:
-    """A place from 0, given from 1. Raises: `Unproved`."""
+    """Return a place from 0, given from 1. Raises: `Unproved`."""
     value = scalar(holder, key)
     if value.denominator > 1 or not 1 <= value <= count:
         raise Unproved(f"its {key} is none of 1 to {count}")
     return int(value) - 1
 
 
-# ---
+# --- decay in continuous time
 
 # V' <= -alpha V at a theta, by the claim's V, whatever the slopes that the second evidence bounds; in how many boxes
 Falls = Callable[[Context, Claim, Mapping[str, Any], Fraction, Fraction], int]
@@ -391,12 +362,12 @@ WORK = 2**16  # corners times fields^3
 
 
 def demand_decays(parts: Parts, alpha: Fraction, evidence: Mapping[str, Any]) -> None:
-    """V' <= -alpha V by the evidence's P, and its S where it has one. Raises: `Unproved`."""
+    """Demand V' <= -alpha V by the evidence's P, and its S where it has one. Raises: `Unproved`."""
     n, m = len(parts.M), len(parts.H)
     P = matrix(evidence, "P", n, n)
     for onto, reads in parts.endless:  # P onto is what is read times a number >= 0: V' loses by a slope of any size
-        (pushed,) = times([onto], P)
-        share = sum(x * y for x, y in zip(pushed, reads, strict=True)) / sum(x * x for x in reads)
+        pushed = P.T.applied(onto)
+        share = dot(pushed, reads) / dot(reads, reads)
         if share < 0 or pushed != [share * x for x in reads]:
             raise Unproved("a slope without an end is not shown to take from V")
     if "S" in evidence:
@@ -406,14 +377,13 @@ def demand_decays(parts: Parts, alpha: Fraction, evidence: Mapping[str, Any]) ->
     if 2**m * n**3 > WORK:
         raise Unproved("it has no S, and more corners of its slopes than are tried one by one")
     for corner in corners_of(parts):
-        demand_negative("its inequality", plus(twice(P, corner), scaled(alpha, P)))
+        demand_negative("its inequality", twice(P, corner) + alpha * P)
 
 
 def corners_of(parts: Parts) -> Iterator[Matrix]:
-    """M + G diag(d) H at all corners of the slopes."""
+    """Return M + G diag(d) H at all corners of the slopes."""
     for d in product((-1, 1), repeat=len(parts.H)):
-        signed = [[x * sign for x, sign in zip(row, d, strict=True)] for row in parts.G]
-        yield plus(parts.M, times(signed, parts.H)) if d else parts.M
+        yield parts.M + parts.G @ parts.H.weighed(d)
 
 
 @dataclass(frozen=True)

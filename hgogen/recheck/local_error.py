@@ -54,7 +54,7 @@ from .file import column, entries, matrix, part, scalar
 from .inclusion import ErrorInclusion
 from .inequality import ONE, REALISED, TAKEN, Parts, Tableau, Weights
 from .interval import Interval, point
-from .matrix import Matrix, core_integral, demand_enough, dot, minus, plus, scaled, sizes, times, unit, zeros
+from .matrix import Matrix, core_integral, demand_enough, dot, unit, upright, zeros
 from .plant_motion import Derivative, PlantMotion, PlantSeries, demand_derivatives, demand_keys, motion_of
 from .text import Expression
 
@@ -102,14 +102,13 @@ class Remainder:
     @property
     def stages(self) -> Matrix:
         """Of the line between the samples of each output, at each stage (p, s)."""
-        return [self._line(*each) for each in zip(self.slopes, self.lines, strict=True)]
+        return Matrix(self._line(*each) for each in zip(self.slopes, self.lines, strict=True))
 
     def _line(self, slopes: list[Fraction], thirds: list[Fraction]) -> list[Fraction]:
         h = self.motion.h
-        bend = dot(slopes, self._moving)
+        curvature = dot(slopes, self._moving)
         away = [sum(map(abs, row), _ZERO) for row in self.tableau.rows]
-        shares = [dot(map(abs, row), away) for row in self.tableau.bends]
-        sizes = [h**2 * bend * share for share in shares]
+        sizes = [h**2 * curvature * share for share in abs(self.tableau.deviations).applied(away)]
         for i, third in zip(self.tableau.cubic, thirds, strict=False):
             sizes[i] = min(sizes[i], h**_THIRD * third)
         return sizes
@@ -118,8 +117,8 @@ class Remainder:
         """That the bounds are those of the plant; with how many boxes. Raises: `Unproved`."""
         context, box, boxes = self.context, self.context.form.box, self.motion.demand()
         names = (*context.z, *context.file.inputs)
-        for j, (head, slope) in self.motion.shown.items():
-            bounds = [[x / abs(slope) for x in self.slopes[j]]]
+        for j, (head, slope) in self.motion.observed.items():
+            bounds = Matrix([[x / abs(slope) for x in self.slopes[j]]])
             boxes += no_steeper((context.rates[head],), names, bounds, [Fraction(1)] * len(names), box)
         if self.steepness:
             boxes += no_steeper(context.rates, names, self.steepness, [Fraction(1)] * len(names), box)
@@ -140,7 +139,7 @@ class Remainder:
             return Try(False)
         step = [x.coefficients for x in steps[-1]]
         pairs = _after(step, orders, self.step)
-        for j, (head, slope) in self.motion.shown.items():
+        for j, (head, slope) in self.motion.observed.items():
             for i, third in zip(self.tableau.cubic, self.lines[j], strict=False):
                 line = point(self.tableau.nodes[i]) * step[head][_THIRD] - steps[i][head].coefficients[_THIRD]
                 pairs.append((line, third / abs(slope)))
@@ -184,7 +183,7 @@ def demand_remainder(
     motion = motion_of(context, h, follows)
     slopes = matrix(follows, "slopes", p, n + m)
     orders = _orders(follows, n, tableau)
-    steepness = [] if all(orders) else matrix(follows, "steepness", n, n + m)
+    steepness = Matrix([]) if all(orders) else matrix(follows, "steepness", n, n + m)
     if all(orders) and part(follows, "steepness", list):
         raise Unproved("none of its rows follows from their steepness")
     rows = column(follows, "flow", n), column(follows, "step", n)
@@ -288,15 +287,12 @@ class AtCore:
     rest: Matrix
 
     def total(self, alpha: Matrix) -> list[Fraction]:
-        """By how much a step is beside the plant (N), over h, of the sizes alpha (N, 1)."""
+        """Return how far a step is from the plant at most (N), over h, of the sizes alpha (N, 1)."""
         _, phi_2, width = self.weights
-        weight = [[self.h * (abs(x) + width) for x in row] for row in phi_2]
-        moved = scaled(self.h, times(sizes(self.lifted), _upright(self.rest[0])))
-        ahead = plus(alpha, times(weight, moved))
-        parts = self.parts
-        J = sizes(minus(parts.M, parts.L))  # at most, of what the rest makes of an error
-        J = plus(J, times(sizes(parts.G), sizes(parts.H))) if parts.H else J
-        return [x / self.h for (x,) in plus(alpha, times(weight, times(J, ahead)))]
+        weight, parts = self.h * phi_2.mapped(lambda x: abs(x) + width), self.parts
+        ahead = alpha + weight @ (self.h * (abs(self.lifted) @ upright(self.rest[0])))
+        J = abs(parts.M - parts.L) + abs(parts.G) @ abs(parts.H)  # at most, of what the rest makes of an error
+        return [x / self.h for (x,) in alpha + weight @ (J @ ahead)]
 
 
 @dataclass(frozen=True)
@@ -310,16 +306,15 @@ class Leaves:
 
 
 def _by_bilinear_rule(step: AtCore) -> Matrix:
-    phi_1, _, _ = step.weights
-    return scaled(step.h**3 / 12, times(sizes(times(phi_1, step.lifted)), _upright(step.flow)))
+    return step.h**3 / 12 * (abs(step.weights[0] @ step.lifted) @ upright(step.flow))
 
 
 def _by_matrix_exponential(step: AtCore) -> Matrix:
-    L, h, (head, bent) = step.parts.L, step.h, (_upright(step.flow), _upright(step.rest[1]))
-    source = [[*row, *own] for row, own in zip(step.entering, step.lifted, strict=True)]
-    turned = plus(unit(len(L)), scaled(h / 2, sizes(L)))
-    taken = times([[TAKEN] * len(L) for _ in L], times(turned, times(sizes(step.lifted), head)))
-    return plus(times(core_integral(L, h, source), [*head, *bent]), scaled(h**2, taken))
+    L, h, head = step.parts.L, step.h, upright(step.flow)
+    source = Matrix([[*row, *own] for row, own in zip(step.entering, step.lifted, strict=True)])
+    rotated = unit(len(L)) + h / 2 * abs(L)
+    taken = Matrix([[TAKEN] * len(L) for _ in L]) @ (rotated @ (abs(step.lifted) @ head))
+    return core_integral(L, h, source) @ upright([*step.flow, *step.rest[1]]) + h**2 * taken
 
 
 _LEAVES: Mapping[str, Leaves] = {
@@ -328,27 +323,26 @@ _LEAVES: Mapping[str, Leaves] = {
 }
 
 
-def demand_left_by_core(
+def demand_core_error(
     context: Context, error: ErrorInclusion, theta: Fraction, evidence: Mapping[str, Any], share: Mapping[str, Any]
 ) -> tuple[PlantMotion, int]:
-    """How the plant moves, from which the sizes of the share follow, with how many boxes. Raises: `Unproved`."""
+    """Return how the plant moves, from which the sizes of the share follow, with how many boxes. Raises: `Unproved`."""
     follows, n, name = part(share, "follows", dict), len(context.z), evidence["method"]
     demand_keys(follows, _CORE_KEYS)
     leaves, parts, h = _LEAVES[name], error.at(theta), scalar(evidence, "dt")
     motion = motion_of(context, h, follows)
     bounds = _by_steepness if part(follows, "steepness", list) else _by_derivatives
-    flow, rest, shown = bounds(motion, follows, leaves)
+    flow, rest, demanded = bounds(motion, follows, leaves)
     each = zip(error.scales(context, theta), error.index, error.fed, strict=True)
-    lifted = [[s * int(fed and i == at) for at in range(n)] for s, i, fed in each]
+    lifted = Matrix([s * int(fed and i == at) for at in range(n)] for s, i, fed in each)
     entering = zeros(len(parts.L), n)  # B C, from what outputs show
-    for j, (head, slope) in motion.shown.items():
+    for j, (head, slope) in motion.observed.items():
         for row, by in zip(entering, parts.B, strict=True):
             row[head] += by[j] * slope
     _demand_chain(context, parts, lifted, entering)
-    step = AtCore(parts, h, REALISED[name](scaled(h, parts.L)), lifted, entering, flow, rest)
-    least = step.total(leaves.alpha(step))
-    demand_enough("the method", column(share, "fields", len(lifted)), least)
-    return motion, motion.demand() + shown()
+    step = AtCore(parts, h, REALISED[name](h * parts.L), lifted, entering, flow, rest)
+    demand_enough("the method", column(share, "fields", len(lifted)), step.total(leaves.alpha(step)))
+    return motion, motion.demand() + demanded()
 
 
 def _by_derivatives(
@@ -376,28 +370,22 @@ def _by_steepness(
         matrix({"steepness": rows}, "steepness", len(context.z), len(names))
         for rows in entries(follows, "steepness", len(both))
     ]
-    moving = _upright([*motion.speeds, *motion.rates])
-    flow, rest = ([x for (x,) in times(rows, moving)] for rows in steep)
+    flow, rest = (rows.applied([*motion.speeds, *motion.rates]) for rows in steep)
 
-    def standing(order: int, first: list[Fraction]) -> list[Fraction]:
+    def stand_in(order: int, first: list[Fraction]) -> list[Fraction]:
         return [(_STAND_IN / motion.h) ** (order - 1) * x for x in first]
 
-    def shown() -> int:
-        ones = [Fraction(1)] * len(names)
-        pairs = zip(both, steep, strict=True)
+    def demanded() -> int:
+        pairs, ones = zip(both, steep, strict=True), [Fraction(1)] * len(names)
         return sum(no_steeper(rows, names, most, ones, context.form.box) for rows, most in pairs)
 
-    return standing(leaves.flow, flow), [standing(k, rest) for k in range(1, leaves.rest + 1)], shown
+    return stand_in(leaves.flow, flow), Matrix(stand_in(k, rest) for k in range(1, leaves.rest + 1)), demanded
 
 
 def _demand_chain(context: Context, parts: Parts, lifted: Matrix, entering: Matrix) -> None:
-    """L s + B C = s A: that X obeys the observer's equations. Raises: `Unproved`."""
+    """Demand L s + B C = s A: that X obeys the observer's equations. Raises: `Unproved`."""
     chain = numbers([context.value(entry) for entry in row] for row in context.form.A)
     if chain is None:
         raise Unproved("the chain of the plant moves, which its method does not realise")
-    if plus(times(parts.L, lifted), entering) != times(lifted, chain):
+    if parts.L @ lifted + entering != lifted @ Matrix(chain):
         raise Unproved("its core is not the plant's chain")
-
-
-def _upright(values: list[Fraction]) -> Matrix:
-    return [[value] for value in values]

@@ -16,93 +16,129 @@ p = s (h - s)/2, which is concave, and m the middle of the piece
 """
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from fractions import Fraction
-from functools import lru_cache, reduce
+from functools import lru_cache
 from itertools import pairwise
 from math import factorial, lcm
-from operator import add, mul
+from operator import mul
+from typing import Any
 
 from .arithmetic import Unproved, total
-from .interval import Interval, between, point
+from .interval import between, point
 
-Matrix = list[list[Fraction]]
-_ZERO = Fraction(0)  # as most entries are
-
-
-def demand_enough(name: str, sizes: Iterable[Fraction], least: Iterable[Fraction]) -> None:
-    """That the sizes of something are at least these. Raises: `Unproved`."""
-    if any(size < few for size, few in zip(sizes, least, strict=True)):
-        raise Unproved(f"a size of {name} is less than what it follows from")
+_ZERO = Fraction(0)
 
 
-def dot(a: Iterable[Fraction], b: Iterable[Fraction]) -> Fraction:
-    """The sum of products."""
-    return sum((x * y for x, y in zip(a, b, strict=True)), _ZERO)
+class Matrix:
+    """Rows of numbers of one kind, as many in each as its `width`, also where there are no rows."""
 
+    def __init__(self, rows: Iterable[Iterable[Any]], width: int | None = None) -> None:
+        self.rows = [list(row) for row in rows]
+        self.width = len(self.rows[0]) if width is None and self.rows else width or 0
 
-def unit(n: int) -> Matrix:
-    """The unit matrix (n, n)."""
-    return [[Fraction(int(i == j)) for j in range(n)] for i in range(n)]
+    def __iter__(self) -> Iterator[list[Any]]:
+        return iter(self.rows)
 
+    def __len__(self) -> int:
+        return len(self.rows)
 
-def zeros(rows: int, columns: int) -> Matrix:
-    """A matrix of zeros."""
-    return [[Fraction(0)] * columns for _ in range(rows)]
+    def __getitem__(self, row: int) -> list[Any]:
+        return self.rows[row]
 
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, Matrix | list) and self.rows == [*other]
 
-def scaled(factor: Fraction, M: Matrix) -> Matrix:
-    """factor M."""
-    return [[factor * value if value else _ZERO for value in row] for row in M]
+    def __hash__(self) -> int:
+        return hash(tuple(map(tuple, self.rows)))
 
+    def __add__(self, other: "Matrix") -> "Matrix":
+        rows = zip(self.rows, other.rows, strict=True)  # what is 0, as most entries are, costs nothing
+        return Matrix([[x + y if x and y else x or y for x, y in zip(*row, strict=True)] for row in rows], self.width)
 
-def plus(*terms: Matrix) -> Matrix:
-    """The sum."""
-    return [[_sum(values) for values in zip(*rows, strict=True)] for rows in zip(*terms, strict=True)]
+    def __sub__(self, other: "Matrix") -> "Matrix":
+        return self + -1 * other
 
+    def __rmul__(self, factor: Fraction | int) -> "Matrix":
+        return self.mapped(lambda x: factor * x if x else x)
 
-def _sum(values: Sequence[Fraction]) -> Fraction:
-    """What is 0, as most entries are, costs nothing."""
-    there = [value for value in values if value]
-    return reduce(add, there) if there else _ZERO
+    def __matmul__(self, other: "Matrix") -> "Matrix":
+        """Return the product; of fractions, each row and column of whole numbers over one denominator, so that each
+        entry is brought to lowest terms once."""
+        if self.width != len(other):
+            raise ValueError("matrices that do not fit")
+        rows, columns = self.rows, other.T.rows
+        if isinstance(next((x for row in (*rows, *columns) for x in row), _ZERO), Fraction):
+            whole, others = map(_whole, rows), list(map(_whole, columns))
+            products = [[(sum(map(mul, a, b)), p * q) for b, q in others] for a, p in whole]
+            return Matrix([[Fraction(*x) if x[0] else _ZERO for x in row] for row in products], other.width)
+        return Matrix([[total(map(mul, row, column)) for column in columns] for row in rows], other.width)
 
+    def __abs__(self) -> "Matrix":
+        return self.mapped(abs)
 
-def minus(first: Matrix, *others: Matrix) -> Matrix:
-    """The first less the others."""
-    return plus(first, *(scaled(Fraction(-1), other) for other in others))
+    @property
+    def T(self) -> "Matrix":
+        """The transpose."""
+        return Matrix([[row[j] for row in self.rows] for j in range(self.width)], len(self.rows))
 
+    def mapped(self, function: Callable[[Any], Any]) -> "Matrix":
+        """Return the matrix of a function's values at the entries."""
+        return Matrix([[function(x) for x in row] for row in self.rows], self.width)
 
-def sizes(M: Matrix) -> Matrix:
-    """|m_ij|."""
-    return [[abs(value) for value in row] for row in M]
+    def weighed(self, weights: Iterable[Any]) -> "Matrix":
+        """Return diag(weights) M."""
+        pairs = zip(weights, self.rows, strict=True)
+        return Matrix([[weight * x for x in row] for weight, row in pairs], self.width)
 
-
-def times(A: Matrix, B: Matrix) -> Matrix:
-    """A B, each row and column of whole numbers over one denominator: each entry is brought to lowest terms once."""
-    rows, columns = list(map(_whole, A)), list(map(_whole, transposed(B)))
-    if len({len(values) for values, _ in (*rows, *columns)}) > 1 and columns:
-        raise ValueError("matrices that do not fit")  # which `map` below would not see
-    return [[Fraction(sum_, p * q) if (sum_ := sum(map(mul, a, b))) else _ZERO for b, q in columns] for a, p in rows]
+    def applied(self, x: Sequence[Fraction]) -> list[Fraction]:
+        """Return M x."""
+        return [dot(row, x) for row in self.rows]
 
 
 def _whole(values: Sequence[Fraction]) -> tuple[list[int], int]:
-    """Numbers times their least common denominator, and that."""
+    """Return numbers times their least common denominator, and that."""
     common = lcm(*(value.denominator for value in values))
     return [value.numerator * (common // value.denominator) for value in values], common
 
 
-def outer(column: list[Fraction], row: list[Fraction]) -> Matrix:
-    """A column times a row."""
-    return [[x * y for y in row] for x in column]
+def dot(a: Iterable[Fraction], b: Iterable[Fraction]) -> Fraction:
+    """Return the sum of products."""
+    return sum((x * y for x, y in zip(a, b, strict=True)), _ZERO)
 
 
-def transposed(M: Matrix) -> Matrix:
-    """M'."""
-    return [list(column) for column in zip(*M, strict=True)]
+def unit(n: int) -> Matrix:
+    """Return the unit matrix (n, n)."""
+    return Matrix([of_field(k, n) for k in range(n)])
+
+
+def of_field(k: int, count: int) -> list[Fraction]:
+    """Return the row k of the unit matrix: what reads the error of one field (N)."""
+    return [Fraction(int(k == at)) for at in range(count)]
+
+
+def zeros(rows: int, columns: int) -> Matrix:
+    """Return a matrix of zeros."""
+    return Matrix([[_ZERO] * columns for _ in range(rows)], columns)
+
+
+def upright(values: Iterable[Fraction]) -> Matrix:
+    """Return the matrix of one column."""
+    return Matrix([[value] for value in values], 1)
+
+
+def outer(column: Iterable[Fraction], row: Sequence[Fraction]) -> Matrix:
+    """Return a column times a row."""
+    return Matrix([[x * y for y in row] for x in column], len(row))
+
+
+def largest_row(M: Matrix) -> Fraction:
+    """Return the norm max_i sum_j |m_ij|."""
+    return max((sum(map(abs, row), _ZERO) for row in M), default=_ZERO)
 
 
 def inverse(M: Matrix) -> Matrix:
-    """M^-1 by elimination. Raises: `Unproved` of a singular one."""
+    """Return M^-1 by elimination. Raises: `Unproved` of a singular one."""
     size = len(M)
     rows = [[*row, *one] for row, one in zip(M, unit(size), strict=True)]
     for k in range(size):
@@ -115,176 +151,143 @@ def inverse(M: Matrix) -> Matrix:
             if i != k:
                 factor = rows[i][k]
                 rows[i] = [x - factor * y for x, y in zip(rows[i], rows[k], strict=True)]
-    return [row[size:] for row in rows]
+    return Matrix([row[size:] for row in rows])
 
 
 def twice(P: Matrix, N: Matrix) -> Matrix:
-    """N'P + P N of a symmetric P."""
-    PN = times(P, N)
-    return plus(PN, transposed(PN))
+    """Return N'P + P N of a symmetric P."""
+    PN = P @ N
+    return PN + PN.T
 
 
 def similar(t: Sequence[Fraction], N: Matrix) -> Matrix:
-    """T N T^-1, T the diagonal t."""
-    return [[t[i] * value / t[j] for j, value in enumerate(row)] for i, row in enumerate(N)]
+    """Return T N T^-1, T the diagonal t."""
+    return Matrix([[t[i] * value / t[j] for j, value in enumerate(row)] for i, row in enumerate(N)])
 
 
 def companion(K: Sequence[Fraction]) -> Matrix:
-    """A - K C (n, n) of a chain of integrators."""
-    return [[Fraction(int(j == i + 1)) - (k if j == 0 else 0) for j in range(len(K))] for i, k in enumerate(K)]
+    """Return A - K C (n, n) of a chain of integrators."""
+    return Matrix([[Fraction(int(j == i + 1)) - (k if j == 0 else 0) for j in range(len(K))] for i, k in enumerate(K)])
 
 
-def demand_positive(matrices: Mapping[str, Matrix]) -> None:
-    """That these symmetric matrices are positive definite. Raises: `Unproved`."""
-    _demand(matrices, True)
-
-
-def demand_nonnegative(matrices: Mapping[str, Matrix]) -> None:
-    """That these symmetric matrices have no negative eigenvalue. Raises: `Unproved`."""
-    _demand(matrices, False)
-
-
-def _demand(matrices: Mapping[str, Matrix], strictly: bool) -> None:
+def demand_positive(matrices: Mapping[str, Matrix], strictly: bool = True) -> None:
+    """Demand that symmetric matrices, by their names, are positive definite. Raises: `Unproved`."""
     for name, M in matrices.items():
-        if transposed(M) != M:
+        if M.T != M:
             raise Unproved(f"its {name} is not symmetric")
-        if not _nonnegative(M, strictly):
+        if not _is_positive(M, strictly):
             raise Unproved(f"its {name} is not positive {'' if strictly else 'semi'}definite")
 
 
-def _nonnegative(M: Matrix, strictly: bool) -> bool:
-    """Whether a symmetric matrix has no negative eigenvalue, `strictly` none of zero, by the pivots of its elimination:
-    a pivot of zero wants a row of zeros."""
-    M = [list(row) for row in M]
-    for k, row in enumerate(M):
+def demand_nonnegative(matrices: Mapping[str, Matrix]) -> None:
+    """Demand that symmetric matrices, by their names, have no negative eigenvalue. Raises: `Unproved`."""
+    demand_positive(matrices, strictly=False)
+
+
+def _is_positive(M: Matrix, strictly: bool) -> bool:
+    """Return whether a symmetric matrix has no negative eigenvalue, `strictly` none of zero, by the pivots of its
+    elimination: a pivot of zero wants a row of zeros."""
+    rows = [list(row) for row in M]
+    for k, row in enumerate(rows):
         if row[k] < 0 or (row[k] == 0 and (strictly or any(row[k:]))):
             return False
         if row[k] == 0:
             continue
-        for i in range(k + 1, len(M)):
-            factor = M[i][k] / row[k]
-            M[i] = [x - factor * y for x, y in zip(M[i], row, strict=True)]
+        for i in range(k + 1, len(rows)):
+            factor = rows[i][k] / row[k]
+            rows[i] = [x - factor * y for x, y in zip(rows[i], row, strict=True)]
     return True
 
 
 def decaying(N: Matrix, P: Matrix) -> Matrix:
-    """-I - N'P - P N, which is positive definite where P shows N to decay."""
-    return minus(scaled(Fraction(-1), unit(len(N))), twice(P, N))
+    """Return -I - N'P - P N, which is positive definite where P shows N to decay."""
+    return -1 * unit(len(N)) - twice(P, N)
 
 
-# ---
+def demand_enough(name: str, sizes: Iterable[Fraction], least: Iterable[Fraction]) -> None:
+    """Demand that the sizes of something are at least these. Raises: `Unproved`."""
+    if any(size < few for size, few in zip(sizes, least, strict=True)):
+        raise Unproved(f"a size of {name} is less than what it follows from")
+
+
+# --- the matrix exponential
 
 _TERMS = 24  # of the series
 _DOUBLINGS = 40
-Intervals = list[list[Interval]]
-
-
-def weight(X: Matrix) -> tuple[Matrix, Fraction]:
-    """A matrix, and by how much none of its elements is beside that of phi_2(X). Raises: `Unproved`."""
-    return _weight(tuple(map(tuple, X)))
 
 
 @lru_cache(maxsize=8)  # the inequalities of one claim share it
-def _weight(X: tuple[tuple[Fraction, ...], ...]) -> tuple[Matrix, Fraction]:
-    norm, k, n = max(sum(map(abs, row), Fraction(0)) for row in X), 0, len(X)
+def weight(X: Matrix) -> tuple[Matrix, Fraction]:
+    """Return a matrix, and how far its elements are at most from those of phi_2(X). Raises: `Unproved`."""
+    norm, k, n = largest_row(X), 0, len(X)
     while norm > Fraction(1, 2):
         norm, k = norm / 2, k + 1
     if k > _DOUBLINGS:
         raise Unproved("its core is too fast for its dt")
-    small = [[point(x / 2**k) for x in row] for row in X]
-    one = [[point(Fraction(i == j)) for j in range(n)] for i in range(n)]
-    left = 2 * norm**_TERMS / factorial(_TERMS + 2)  # the terms that are left out are together below twice the first
-    phi_2 = [[between(-left, left)] * n for _ in range(n)]
-    power = one
+    small, one = X.mapped(lambda x: point(x / 2**k)), unit(n).mapped(point)
+    tail = 2 * norm**_TERMS / factorial(_TERMS + 2)  # the terms that are left out are together below twice the first
+    phi_2, power = Matrix([[between(-tail, tail)] * n for _ in range(n)]), one
     for j in range(_TERMS):
-        phi_2 = _plus(phi_2, _over(factorial(j + 2), power))
-        power = _product(small, power)
-    phi_1 = _plus(one, _product(small, phi_2))
-    phi_0 = _plus(one, _product(small, phi_1))
+        phi_2 = phi_2 + _over(factorial(j + 2), power)
+        power = small @ power
+    phi_1 = one + small @ phi_2
+    phi_0 = one + small @ phi_1
     for _ in range(k):
-        phi_2 = _over(4, _plus(_product(phi_0, phi_2), phi_1, phi_2))
-        phi_1 = _over(2, _plus(_product(phi_0, phi_1), phi_1))
-        phi_0 = _product(phi_0, phi_0)
+        phi_2 = _over(4, phi_0 @ phi_2 + phi_1 + phi_2)
+        phi_1 = _over(2, phi_0 @ phi_1 + phi_1)
+        phi_0 = phi_0 @ phi_0
     if not all(x.finite for row in phi_2 for x in row):
         raise Unproved("its core has no exponential that intervals bound")
-    ends = [[tuple(Fraction(end) for end in each.exactly) for each in row] for row in phi_2]
-    middles = [[(low + high) / 2 for low, high in row] for row in ends]
-    return middles, max((high - low) / 2 for row in ends for low, high in row)
+    low, high = phi_2.mapped(lambda x: Fraction(x.exactly[0])), phi_2.mapped(lambda x: Fraction(x.exactly[1]))
+    return Fraction(1, 2) * (low + high), max(map(max, Fraction(1, 2) * (high - low)))
 
 
-def _product(a: Intervals, b: Intervals) -> Intervals:
-    columns = list(zip(*b, strict=True))
-    return [[total(map(mul, row, each)) for each in columns] for row in a]
-
-
-def _plus(*terms: Intervals) -> Intervals:
-    return [[total(each) for each in zip(*rows, strict=True)] for rows in zip(*terms, strict=True)]
-
-
-def _over(divisor: int, a: Intervals) -> Intervals:
+def _over(divisor: int, a: Matrix) -> Matrix:
     share = point(Fraction(1, divisor))
-    return [[share * x for x in row] for row in a]
+    return a.mapped(lambda x: share * x)
 
 
-# --- what a core drives
-
-_FEW, _MANY = 16, 128  # pieces
-_FINE = 16  # of them, where the core turns by 1
+_FEW, _MANY = 16, 128  # pieces of an integral
+_FINE = 16  # pieces where the core turns by 1
 _ROUNDS = 8  # of a balance
 _SLOW = Fraction(1, 2)  # by how much it may turn in a piece
 
 
 def core_integral(L: Matrix, h: Fraction, V: Matrix) -> Matrix:
-    """Of a core L (N, N) and what it drives (N, k). Raises: `Unproved` of a core that is too fast."""
-    d = _balance(L)
-    whole = _integral(similar(d, L), h, [[own * x for x in row] for own, row in zip(d, V, strict=True)])
-    return [[x / own for x in row] for own, row in zip(d, whole, strict=True)]
-
-
-def _balance(L: Matrix) -> list[Fraction]:
-    """Powers of 2 by which the rows and the columns of d L d^-1 have sums that are near each other: that is slower."""
+    """Return the integral of a core L (N, N) and what it drives (N, k), balanced first: powers of 2 by which the rows
+    and the columns of d L d^-1 have sums that are near each other, which is slower. Raises: `Unproved` of a core that
+    is too fast."""
     d, each = [Fraction(1)] * len(L), range(len(L))
     for i in _ROUNDS * [*each]:
-        row = sum((abs(L[i][j]) * d[i] / d[j] for j in each if j != i), Fraction(0))
-        column = sum((abs(L[j][i]) * d[j] / d[i] for j in each if j != i), Fraction(0))
+        row = sum((abs(L[i][j]) * d[i] / d[j] for j in each if j != i), _ZERO)
+        column = sum((abs(L[j][i]) * d[j] / d[i] for j in each if j != i), _ZERO)
         if row and column:
             ratio = column / row
             d[i] *= Fraction(2) ** ((ratio.numerator.bit_length() - ratio.denominator.bit_length()) // 2)
-    return d
+    return _integral(similar(d, L), h, V.weighed(d)).weighed(1 / x for x in d)
 
 
 def _integral(L: Matrix, h: Fraction, V: Matrix) -> Matrix:
-    turns = h * max(sum(map(abs, row), Fraction(0)) for row in L)
+    turns = h * largest_row(L)
     count = min(_MANY, max(_FEW, math.ceil(_FINE * turns)))
     if turns > count * _SLOW:
         raise Unproved("its core is too fast for its dt")
     places = [h * Fraction(k, count) for k in range(count + 1)]
-    w, values, total = h / count, [_driven(L, s, V) for s in places], zeros(len(V), len(V[0]))
-    LL = times(L, L)
-    for (a, (F, off)), (b, (after, beside)) in pairwise(zip(places, values, strict=True)):
+    w, values, total = h / count, [_driven(L, s, V) for s in places], zeros(len(V), V.width)
+    LL, wL, q = L @ L, w * abs(L), w * largest_row(L)
+    for (a, (F, off)), (b, (after, off_after)) in pairwise(zip(places, values, strict=True)):
         middle, first, last = ((h - s) * s / 2 for s in ((a + b) / 2, a, b))
-        bent = plus(sizes(times(LL, F)), times(sizes(LL), off))
-        total = plus(
-            total,
-            scaled(w / 6 * (first + 2 * middle), plus(sizes(F), off)),
-            scaled(w / 6 * (last + 2 * middle), plus(sizes(after), beside)),
-            scaled(w**3 / 12 * middle, _grown(L, w, bent)),
-        )
+        second = abs(LL @ F) + abs(LL) @ off
+        # exp(w |L|) from above: beyond 1 + w |L| it is at most q^2 of the largest of a column, as q <= 1/2
+        most = Matrix([[q**2 * max(column) for column in second.T]] * len(V))
+        total += w / 6 * (first + 2 * middle) * (abs(F) + off) + w / 6 * (last + 2 * middle) * (abs(after) + off_after)
+        total += w**3 / 12 * middle * (second + wL @ second + most)
     return total
 
 
 def _driven(L: Matrix, s: Fraction, V: Matrix) -> tuple[Matrix, Matrix]:
-    """exp(s L) V = V + X V + X^2 phi_2 V, X = s L, and by how much none of its elements is beside that."""
-    X = scaled(s, L)
+    """Return exp(s L) V = V + X V + X^2 phi_2 V, X = s L, and how far its elements are at most from that."""
+    X = s * L
     phi_2, width = weight(X)
-    XX, XV = times(X, X), times(X, V)
-    any_of_it = [[width] * len(L) for _ in L]
-    return plus(V, XV, times(XX, times(phi_2, V))), times(sizes(XX), times(any_of_it, sizes(V)))
-
-
-def _grown(L: Matrix, w: Fraction, V: Matrix) -> Matrix:
-    """exp(w |L|) V from above, of V >= 0: what is beyond 1 + w |L| is at most q^2 of the largest of a column, as the
-    sums of the rows of w |L| are at most q <= 1/2."""
-    q = w * max(sum(map(abs, row), Fraction(0)) for row in L)
-    most = [[q**2 * max(column) for column in zip(*V, strict=True)]] * len(V)
-    return plus(V, times(scaled(w, sizes(L)), V), most)
+    any_of_it = Matrix([[width] * len(L) for _ in L])
+    return V + X @ V + X @ X @ (phi_2 @ V), abs(X @ X) @ (any_of_it @ abs(V))

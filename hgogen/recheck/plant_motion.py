@@ -32,7 +32,7 @@ from .context import Context, only, short
 from .file import column, matrix, part
 from .inequality import Tableau
 from .interval import Interval, Taylor, begin, between, intersection, point, taylor
-from .matrix import Matrix, demand_enough, dot
+from .matrix import Matrix, demand_enough, largest_row
 from .text import Expression
 
 _ONE = Fraction(1)
@@ -51,7 +51,7 @@ class PlantMotion:
         """That the bounds are those of the plant, and that no input is in what outputs show; with how many boxes.
         Raises: `Unproved`."""
         context = self.context
-        for j in self.shown:
+        for j in self.observed:
             only(context.form.output[j].names & set(context.file.inputs), (), "an output")
         for u, rate in zip(context.file.inputs, self.rates, strict=True):
             if rate < 0 or (rate and u not in self.read):
@@ -64,13 +64,13 @@ class PlantMotion:
         return frozenset(name for row in self.context.rates for name in row.names)
 
     @cached_property
-    def shown(self) -> dict[int, tuple[int, Fraction]]:
+    def observed(self) -> dict[int, tuple[int, Fraction]]:
         """By output, the place of the state that it shows, and dy/dz; without those that show none, which are not
         injected. Raises: `Unproved`."""
-        shown = dict[int, tuple[int, Fraction]]()
+        observed = dict[int, tuple[int, Fraction]]()
         for j, z in ((j, z) for j, z in enumerate(self.context.seen) if z):
-            shown[j] = self.context.z.index(z), self.context.output_slope(j)
-        return shown
+            observed[j] = self.context.z.index(z), self.context.output_slope(j)
+        return observed
 
     @property
     def said(self) -> str:
@@ -269,7 +269,7 @@ def demand_followed(context: Context, h: Fraction, shares: Shares) -> int:
         demand_keys(follows, keys, name)
         if name in _ROWS:
             rows, sizes, seen = _ROWS[name](context, follows)
-            each = [dot(row, sizes) for row in rows]
+            each = rows.applied(sizes)
             J = matrix(follows, "steepness", n, n)
             boxes += seen + no_steeper(context.rates, context.z, J, [Fraction(1)] * n, context.form.box)
             demand_enough(name, column(share, "beside", n), _on_its_way(h, J, each))
@@ -336,12 +336,12 @@ def _on_its_way(h: Fraction, J: Matrix, moved: Sequence[Fraction]) -> list[Fract
     """At least the sum of (h J)^k m/(k + 1)! over all k. Raises: `Unproved`."""
     if any(x < 0 for row in J for x in row):
         raise Unproved("one of its steepness is negative")
-    norm = h * max((sum(row, Fraction(0)) for row in J), default=Fraction(0))
+    norm = h * largest_row(J)
     if norm > _FAST:
         raise Unproved("the plant is too fast for its dt")
     term, total = list(moved), list(moved)
     for k in range(2, _TERMS + 2):
-        exact = [h * dot(row, term) / k for row in J]
+        exact = [h * x / k for x in J.applied(term)]
         term = [Fraction(-(-x.numerator * 2**_BITS // x.denominator), 2**_BITS) for x in exact]  # or a little above
         total = [x + y for x, y in zip(total, term, strict=True)]
     left = max(term, default=Fraction(0))  # each term that is left out is at most half of the one before

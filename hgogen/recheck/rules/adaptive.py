@@ -51,6 +51,7 @@ from collections.abc import Callable, Iterator, Mapping
 from dataclasses import replace
 from fractions import Fraction
 from itertools import product
+from operator import mul
 from typing import Any
 
 from ..arithmetic import Unproved
@@ -78,14 +79,12 @@ from ..matrix import (
     demand_nonnegative,
     demand_positive,
     dot,
-    minus,
-    plus,
-    scaled,
+    outer,
     similar,
-    times,
-    transposed,
     twice,
     unit,
+    upright,
+    zeros,
 )
 
 # --- adaptive_lmi
@@ -122,21 +121,19 @@ def _by_one_v(context: Context, claim: Claim) -> Finding:
     error = error_inclusion(context, observer, evidence)
     units, V, parts = column(evidence, "units", n), matrix(evidence, "V", n, n), error.at(low)
     demand_nonnegative({"D V + V D": _spread(V, Fraction(1))})
-    rest, weights = minus(parts.M, parts.L), {"P": evidence["V"], "S": evidence["S"]}
-    D = [[(i + 1) * x for x in row] for i, row in enumerate(unit(n))]
+    weights, D = {"P": evidence["V"], "S": evidence["S"]}, unit(n).weighed(range(1, n + 1))
     ends = [(low**-i, high**-i) if any(row) else (low**-i,) for i, row in enumerate(G, 1)]
     for gamma, powers in product((low, high), product(*ends)):
-        M = plus(scaled(gamma, plus(error.N, scaled(sigma, D))), rest)
-        pushed = [[unit_ * power * x for x in row] for unit_, power, row in zip(units, powers, G, strict=True)]
-        B = minus([[row[0] * x for x in g] for row in error.measured], pushed)
-        inputs = [Input([[Fraction(0)] * len(context.form.output)], each) for each in transposed(B)]
+        M = gamma * (error.N + sigma * D) + parts.M - parts.L
+        B = error.measured @ Matrix([g]) - G.weighed(map(mul, units, powers))
+        inputs = [Input(zeros(1, len(context.form.output)), each) for each in B.T]
         if max(multipliers(weights, inputs)) > mu**2:
             raise Unproved("a lambda is above mu^2")
         form = form_of(replace(parts, M=M), FLOW, NOW, weights, inputs)
         for i, unit_ in enumerate(units):
             form[i][i] += (gamma ** (i + 1) / unit_) ** 2
         demand_negative("its inequality", form)
-    return _attenuated(context, G, [g], mu, error.boxes)
+    return _attenuated(context, G, Matrix([g]), mu, error.boxes)
 
 
 def _by_formula(context: Context, claim: Claim) -> Finding:
@@ -147,20 +144,18 @@ def _by_formula(context: Context, claim: Claim) -> Finding:
         raise Unproved("its gamma has no range above zero")
     k, peak = scalar(evidence, "bound"), scalar(evidence, "peak")  # of |T^-1 dc/dw T|, and of lambda_max(P)
     demand_positive({"P": P})
-    demand_nonnegative({"D P + P D": _spread(P, Fraction(1)), "peak I - P": minus(scaled(peak, unit(n)), P)})
+    demand_nonnegative({"D P + P D": _spread(P, Fraction(1)), "peak I - P": peak * unit(n) - P})
     if not isinstance(evidence.get("G_2"), list) or not evidence["G_2"]:
         raise Unproved("its G_2 is no list of numbers")
     m, share, mu = len(evidence["G_2"]), above_zero(evidence, "share"), above_zero(evidence, "mu")
-    G, g, first = matrix(evidence, "G_1", n, m), [column(evidence, "G_2", m)], scalar(evidence, "delta_1")
-    ((second,),) = times(times(g, plus(unit(m), times(transposed(G), G))), transposed(g))
-    PK = times(P, [[k] for k in column(observer.numbers, "gains", n)])
-    load = plus(scaled(first, times(P, P)), scaled(second, times(PK, transposed(PK))))
-    rate = (4 * k * peak + 1) / (2 * low)
-    left = minus(_rate(observer, P), scaled(rate, unit(n)), scaled(1 / share, load))
+    G, g, first = matrix(evidence, "G_1", n, m), Matrix([column(evidence, "G_2", m)]), scalar(evidence, "delta_1")
+    ((second,),) = g @ (unit(m) + G.T @ G) @ g.T
+    PK = P @ upright(column(observer.numbers, "gains", n))
+    load, rate = first * (P @ P) + second * (PK @ PK.T), (4 * k * peak + 1) / (2 * low)
     demand_nonnegative(
         {
-            "(delta_1 - 1) I - G_1 G_1'": minus(scaled(first - 1, unit(n)), times(G, transposed(G))),
-            "matrix of (87), negated,": left,
+            "(delta_1 - 1) I - G_1 G_1'": (first - 1) * unit(n) - G @ G.T,
+            "matrix of (87), negated,": _rate(observer, P) - rate * unit(n) - 1 / share * load,
         }
     )
     if low < 1 or mu**2 < 2 * share * high ** (2 * n):
@@ -192,7 +187,7 @@ def _at(context: Context, claim: Claim, gain: Fraction, **norm: Any) -> tuple[Fr
 def _rate(observer: Observer, P: Matrix) -> Matrix:
     """-N'P - P N - sigma (D P + P D)."""
     N = companion(column(observer.numbers, "gains", len(P)))
-    return scaled(Fraction(-1), plus(twice(P, N), scaled(signless(observer.numbers, "sigma"), _spread(P, Fraction(1)))))
+    return -1 * twice(P, N) - signless(observer.numbers, "sigma") * _spread(P, Fraction(1))
 
 
 def _P(context: Context, claim: Claim) -> Matrix:
@@ -206,7 +201,7 @@ def _P(context: Context, claim: Claim) -> Matrix:
 
 def _spread(P: Matrix, b: Fraction) -> Matrix:
     """D P + P D."""
-    return [[(2 * b + i + j) * value for j, value in enumerate(row)] for i, row in enumerate(P)]
+    return Matrix([[(2 * b + i + j) * value for j, value in enumerate(row)] for i, row in enumerate(P)])
 
 
 # --- updated_gain
@@ -215,7 +210,7 @@ def _spread(P: Matrix, b: Fraction) -> Matrix:
 def falls(context: Context, claim: Claim) -> Finding:
     """N'P + P N + p_1 (D P + P D) < 0."""
     p_1, (P, N, spread) = above_zero(built(context, claim).numbers, "p_1"), _weighted(context, claim)
-    demand_positive({"-N'P - P N - p_1 (D P + P D)": minus(scaled(Fraction(-1), twice(P, N)), scaled(p_1, spread))})
+    demand_positive({"-N'P - P N - p_1 (D P + P D)": -1 * twice(P, N) - p_1 * spread})
     return Finding(f"p_1 = {short(p_1)} is small enough: N'P + P N + p_1 (D P + P D) < 0 {_of(claim)}")
 
 
@@ -225,8 +220,8 @@ def rises(context: Context, claim: Claim) -> Finding:
     peak, n = scalar(claim.evidence, "peak"), len(P)
     demand_nonnegative(
         {
-            "peak I - P": minus(scaled(peak, unit(n)), P),
-            "p_3 (D P + P D) - 2 peak I": minus(scaled(p_3, spread), scaled(2 * peak, unit(n))),
+            "peak I - P": peak * unit(n) - P,
+            "p_3 (D P + P D) - 2 peak I": p_3 * spread - 2 * peak * unit(n),
         }
     )
     for other in context.file.claims:
@@ -276,14 +271,14 @@ def _by_norm(context: Context, claim: Claim, slopes: Mapping[str, Any], level: F
     """V' <= -alpha V at every gain from a level on, by the claim's P; with how many boxes the slopes are shown."""
     observer, n = built(context, claim), len(context.z)
     error, P, b = error_inclusion(context, observer, slopes), matrix(claim.evidence, "P", n, n), scalar(slopes, "b")
-    D = [[b + i if i == j else Fraction(0) for j in range(n)] for i in range(n)]
+    D = unit(n).weighed(b + i for i in range(n))
     demand_positive({"D P + P D": twice(P, D)})
     fall, eased = _FALL[claim.maker](observer)
-    parts, shift = error.at(level), scaled(level * fall, D)
+    parts, shift = error.at(level), level * fall * D
     if eased:
-        core = plus(scaled(level, error.N), shift)
-        demand_negative("its inequality without b", plus(twice(P, core), scaled(alpha, P)))
-    demand_decays(parts if eased else replace(parts, M=plus(parts.M, shift)), alpha, claim.evidence)
+        core = level * error.N + shift
+        demand_negative("its inequality without b", twice(P, core) + alpha * P)
+    demand_decays(parts if eased else replace(parts, M=parts.M + shift), alpha, claim.evidence)
     return error.boxes
 
 
@@ -343,35 +338,33 @@ def _falls(context: Context, claim: Claim, slopes: Mapping[str, Any], level: Fra
     if observer.name == "dead_zone" and alpha > level * above_zero(observer.numbers, "decay"):
         raise Unproved("its alpha is above theta decay")
     parts = error.at(level)
-    G, H, N = parts.G, parts.H, scaled(1 / level, parts.M)
+    G, H, N = parts.G, parts.H, 1 / level * parts.M
     n, m = len(N), len(H)
-    moves = [[[row[j] * h / level for h in H[j]] for row in G] for j in range(m)]
+    steps = [1 / level * outer(column_, read) for column_, read in zip(G.T, H, strict=True)]
     forms = _forms(observer, _units(slopes, n), evidence, alpha / level)
     if "S" in evidence:
         S = column(evidence, "S", m)
         if min(S, default=Fraction(1)) <= 0:
             raise Unproved("its S is not positive")
         for form in forms:
-            demand_negative("form", _bounded(form, N, moves, H, S))
+            demand_negative("form", _bounded(form, N, steps, H, S))
         return error.boxes
     if 2**m * n**3 > WORK:
         raise Unproved("it has no S, and more corners of its slopes than are tried one by one")
     for form, d in product([*forms], product((-1, 1), repeat=m)):
-        demand_negative("form", form(plus(N, *(scaled(Fraction(x), move) for x, move in zip(d, moves, strict=True)))))
+        demand_negative("form", form(sum((x * each for x, each in zip(d, steps, strict=True)), start=N)))
     return error.boxes
 
 
-def _bounded(form: Form, N: Matrix, moves: list[Matrix], H: Matrix, S: list[Fraction]) -> Matrix:
+def _bounded(form: Form, N: Matrix, steps: list[Matrix], H: Matrix, S: list[Fraction]) -> Matrix:
     """The form at N, with what each slope adds to it at most."""
     whole = base = form(N)
-    for move, read, s in zip(moves, H, S, strict=True):
-        by = plus(form(plus(N, move)), scaled(Fraction(-1), base))
+    for step, read, s in zip(steps, H, S, strict=True):
         h = [*read, *[Fraction(0)] * (len(base) - len(read))]
-        along = [dot(row, h) for row in by]
-        twice_own = dot(along, h)
-        v = [x - y * twice_own / 2 for x, y in zip(along, h, strict=True)]
-        added = [[s * h[i] * h[j] + v[i] * v[j] / s for j in range(len(h))] for i in range(len(h))]
-        whole = plus(whole, added)
+        along = (form(N + step) - base).applied(h)
+        square = dot(along, h)
+        v = [x - y * square / 2 for x, y in zip(along, h, strict=True)]
+        whole += s * outer(h, h) + 1 / s * outer(v, v)
     return whole
 
 
@@ -391,7 +384,7 @@ def _forms(observer: Observer, units: list[Fraction], evidence: Mapping[str, Any
     demand_positive({"P": P})
 
     def behind(N: Matrix) -> Matrix:
-        top, side = plus(twice(P, N), scaled(a, P)), [row[0] for row in times(P, [[k] for k in K])]
+        top, side = twice(P, N) + a * P, P.applied(K)
         side[0] += tau
         if observer.name == "dead_zone":
             top[0][0] += mu * r
@@ -403,11 +396,10 @@ def _forms(observer: Observer, units: list[Fraction], evidence: Mapping[str, Any
             top[0][0] += mu * (decay - r)
             side[0] += mu * (K[0] - decay + a)
             last = mu * (decay - a) - 2 * tau
-        whole = [[*row, end] for row, end in zip(top, side, strict=True)]
-        return [*whole, [*side, last]]
+        return Matrix([*([*row, end] for row, end in zip(top, side, strict=True)), [*side, last]])
 
     yield behind
-    yield lambda N: plus(twice(P, N), scaled(a, P))
+    yield lambda N: twice(P, N) + a * P
 
 
 _GAINS, _LEVELS = ("updated_gain", "adaptive_lmi"), ("stubborn", "dead_zone")

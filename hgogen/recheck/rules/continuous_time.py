@@ -62,7 +62,7 @@ from ..arithmetic import Unproved
 from ..box import continuous
 from ..context import Context, Finding, Rule, built, constants, enclosed, inner, on_chains, only, short
 from ..file import Built, Claim, Observer, above_zero, column, entries, fields, matrix, part, scalar
-from ..inclusion import ERROR, INJECTED, ErrorInclusion, Slope, bounded_slopes, error_inclusion, of_field, with_endless
+from ..inclusion import ERROR, INJECTED, ErrorInclusion, Slope, bounded_slopes, error_inclusion, with_endless
 from ..inequality import (
     FLOW,
     NOW,
@@ -80,7 +80,7 @@ from ..inequality import (
     within,
 )
 from ..interval import intervals, point
-from ..matrix import Matrix, demand_nonnegative, demand_positive, minus, plus, scaled, times, transposed, unit, zeros
+from ..matrix import Matrix, demand_nonnegative, demand_positive, of_field, outer, zeros
 from ..text import Expression
 
 
@@ -113,11 +113,9 @@ def held(context: Context, claim: Claim) -> Finding:
     if other is None or not other.evidence:
         raise Unproved("there is no norm of the low gain")
     high, slow = matrix(evidence, "P", size, size), matrix(other.evidence, "P", size, size)
-    D = [(low / theta) ** p for p in error.power]
-    entering = [[x * D[i] * D[j] for j, x in enumerate(row)] for i, row in enumerate(high)]
-    leaving = [[x / D[i] / D[j] for j, x in enumerate(row)] for i, row in enumerate(slow)]
-    demand_nonnegative({"up P_low - D P_high D": minus(scaled(up, slow), entering)})
-    demand_nonnegative({"down P_high - D^-1 P_low D^-1": minus(scaled(down, high), leaving)})
+    D, back = ([ratio**p for p in error.power] for ratio in (low / theta, theta / low))
+    demand_nonnegative({"up P_low - D P_high D": up * slow - high.weighed(D).T.weighed(D)})
+    demand_nonnegative({"down P_high - D^-1 P_low D^-1": down * high - slow.weighed(back).T.weighed(back)})
     lost = intervals.function("log", (point(up * down),))
     if (point(alpha * hold) - lost).sign <= 0:
         raise Unproved(f"hold = {short(hold)} is not shown to be long enough")
@@ -170,16 +168,16 @@ def _of(context: Context, claim: Claim) -> tuple[ErrorInclusion, Parts, list[Fra
     if not theta > 0 or not error.measured:
         raise Unproved("its theta is not positive, or its gains are no numbers in these coordinates")
     scales, said, p = error.scales(context, theta), list[str](), len(context.form.output)
-    inputs, nothing = list[Input](), [Fraction(0)] * p
+    inputs = list[Input]()
     for j, size in enumerate(column(evidence, "noise", p)):
         if size:
             context.demand_seen(j)
-            inputs.append(Input([unit(p)[j]], [Fraction(0)] * len(scales)) * size)
+            inputs.append(Input(Matrix([of_field(j, p)]), [Fraction(0)] * len(scales)) * size)
             said.append(f"under noise of {short(size)} in output {j + 1}")
     for beside in part(evidence, "beside", list):
         rows = column({"beside": beside}, "beside", len(context.z))
         fields = zip(scales, error.index, error.fed, strict=True)
-        inputs.append(Input([nothing], [-scale * rows[i] * fed for scale, i, fed in fields]))
+        inputs.append(Input(zeros(1, p), [-scale * rows[i] * fed for scale, i, fed in fields]))
         said.append(f"under ({', '.join(short(x) for x in rows)}) beside b")
     if not inputs:
         raise Unproved("nothing enters")
@@ -247,11 +245,8 @@ def _shares(context: Context, evidence: Mapping[str, Any], s: list[Fraction]) ->
 
 
 def _inclusion(n: int, slopes: list[Slope]) -> ErrorInclusion:
-    shift = zeros(n, n)
-    for k in range(n - 1):
-        shift[k][k + 1] = Fraction(1)
-    every = [*range(n)]
-    return ErrorInclusion(shift, slopes, 0, [], every, [True] * n, every, every, [], [])
+    every, shift = [*range(n)], Matrix([of_field(k + 1, n) for k in range(n)])
+    return ErrorInclusion(shift, slopes, 0, Matrix([]), every, [True] * n, every, every, [], [])
 
 
 def _injected(K: list[Fraction], q: tuple[Fraction, ...]) -> list[Fraction]:
@@ -272,11 +267,10 @@ def _corners(parts: Parts, K: list[Fraction], shares: Shares, theta: Fraction) -
     ends = [sorted(set(pair)) for pair in shares]
     if 2 ** len(parts.H) * prod(map(len, ends)) > _CORNERS:
         raise Unproved(f"its slopes have more than {_CORNERS} combinations of ends")
-    for moved in corners_of(parts):
+    for corner in corners_of(parts):
         for q in product(*ends):
-            push = _injected(K, q)
-            whole = [[x - theta * push[i] * (j == 0) for j, x in enumerate(row)] for i, row in enumerate(moved)]
-            yield replace(parts, M=whole, G=[[] for _ in whole], H=[])
+            whole = corner - theta * outer(_injected(K, q), of_field(0, len(K)))
+            yield replace(parts, M=whole, G=zeros(len(K), 0), H=zeros(0, len(K)), E=zeros(0, parts.B.width))
 
 
 # ---
@@ -291,11 +285,11 @@ def convergence(context: Context, claim: Claim) -> Finding:
     theta = scalar(observer.numbers, "theta")
     if theta <= 0 or any(r <= 0 for r in R):
         raise Unproved("its theta or R is not positive")
-    demand_positive({"sum of (A')^k C'C A^k": _gramian(transposed(A), times(transposed(C), C))})
+    demand_positive({"sum of (A')^k C'C A^k": _gramian(A.T, C.T @ C)})
     if theta != 1:
         demand_positive({"Q": Q})
     demand_nonnegative({"Q": Q})
-    demand_positive({"sum of A^k Q Q (A')^k": _gramian(A, times(Q, Q))})
+    demand_positive({"sum of A^k Q Q (A')^k": _gramian(A, Q @ Q)})
     known = "(C, A) is observable, (A, Q) is controllable"
     return Finding(f"in continuous time, without noise, the error converges exponentially from everywhere: {known}")
 
@@ -320,8 +314,8 @@ def _gramian(A: Matrix, start: Matrix) -> Matrix:
     """The sum of A^k M (A')^k for k < n."""
     total, term = start, start
     for _ in range(len(A) - 1):
-        term = times(times(A, term), transposed(A))
-        total = plus(total, term)
+        term = A @ term @ A.T
+        total += term
     return total
 
 

@@ -14,9 +14,10 @@ import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
-from functools import cache, cached_property
-from itertools import chain, product
+from functools import cache, cached_property, reduce
+from itertools import product
 from math import comb
+from operator import add
 from typing import Any
 
 from ..arithmetic import Unproved
@@ -37,8 +38,8 @@ from ..inequality import (
     tableau_of,
     within,
 )
-from ..local_error import demand_left_by_core, demand_remainder
-from ..matrix import Matrix, inverse, times, transposed, unit
+from ..local_error import demand_core_error, demand_remainder
+from ..matrix import Matrix, dot, inverse, of_field, outer, zeros
 from ..plant_motion import demand_followed
 from ..program import demand_rounding, equation_of
 from ..text import number
@@ -116,9 +117,9 @@ def throughout(context: Context, claim: Claim) -> Finding:
         if low != end or not low < high:
             raise Unproved("its pieces do not follow each other from 0")
         values = [form_of(parts, method, low + (high - low) * Fraction(k, degree), piece) for k in range(degree + 1)]
-        size = len(values[0])
-        for each in times(_bernstein(degree), [list(chain(*value)) for value in values]):
-            demand_negative("its polynomial", [each[i : i + size] for i in range(0, len(each), size)])
+        for weights in _bernstein(degree):
+            terms = (x * value for x, value in zip(weights, values, strict=True) if x)
+            demand_negative("its polynomial", reduce(add, terms))
         end = high
     at = f"theta = {short(theta)} and every dt up to {short(end, -1)}"
     beyond = f"at each larger theta while theta dt is at most {short(theta * end, -1)}"
@@ -126,10 +127,10 @@ def throughout(context: Context, claim: Claim) -> Finding:
 
 
 @cache
-def _bernstein(degree: int) -> list[list[Fraction]]:
+def _bernstein(degree: int) -> Matrix:
     """The Bernstein coefficients of a polynomial from its values at k/degree: the inverse of the basis there."""
     at = [Fraction(k, degree) for k in range(degree + 1)]
-    return inverse([[comb(degree, j) * t**j * (1 - t) ** (degree - j) for j in range(degree + 1)] for t in at])
+    return inverse(Matrix([comb(degree, j) * t**j * (1 - t) ** (degree - j) for j in range(degree + 1)] for t in at))
 
 
 def noise(context: Context, claim: Claim) -> Finding:
@@ -202,9 +203,8 @@ def _largest(error: ErrorInclusion, scales: list[Fraction], first: list[Fraction
     sides = [s * first[i] * fed for s, i, fed in zip(scales, error.index, error.fed, strict=True)]
     largest = Fraction(0)
     for signs in product((1,), *[(1, -1)] * (len(first) - 1)):
-        e = [[side * signs[i] for side, i in zip(sides, error.index, strict=True)]]
-        ((value,),) = times(times(e, P), transposed(e))
-        largest = max(largest, value)
+        e = [side * signs[i] for side, i in zip(sides, error.index, strict=True)]
+        largest = max(largest, dot(e, P.applied(e)))
     return largest
 
 
@@ -268,7 +268,7 @@ def _followed(run: _Running, shares: Shares) -> tuple[list[str], str, int]:
     if run.method.degree:
         motion, more = demand_remainder(context, tableau_of(evidence), run.h, left)
     else:
-        motion, more = demand_left_by_core(context, run.error, run.theta, evidence, left)
+        motion, more = demand_core_error(context, run.error, run.theta, evidence, left)
     return [*sizes, motion.said], f"{_CLEAR} by {motion.clear}", boxes + more
 
 
@@ -303,7 +303,7 @@ def _inputs(run: _Running, share: Mapping[str, Any]) -> list[Input]:
     """The inputs of a share that are not 0, in its unit. Raises: `Unproved`."""
     context, error, method = run.context, run.error, run.method
     p, n, stages = len(context.form.output), len(context.z), len(method.nodes)
-    nothing, still, inputs = [Fraction(0)] * p, [Fraction(0)] * len(error.N), list[Input]()
+    still, inputs = [Fraction(0)] * len(error.N), list[Input]()
     for j, size in enumerate(_sizes(share, "samples", p)):
         if size:
             context.demand_seen(j)
@@ -312,19 +312,18 @@ def _inputs(run: _Running, share: Mapping[str, Any]) -> list[Input]:
         for i, size in enumerate(_sizes({"stages": row}, "stages", stages)):
             if size:
                 context.demand_seen(j)
-                inputs.append(Input([unit(p)[j] if k == i else nothing for k in range(stages)], still) * size)
+                inputs.append(Input(outer(of_field(i, stages), of_field(j, p)), still) * size)
     for i, size in enumerate(_sizes(share, "beside", n)):
         onto = [-s * (fed and at == i) for s, fed, at in zip(run.scales, error.fed, error.index, strict=True)]
-        moved = Input([nothing] * stages, onto)
+        deviation = Input(zeros(stages, p), onto)
         for j in (j for j, z in enumerate(context.seen) if z == context.z[i]):
             slope = context.first_gain(j).number
             if slope is None:
                 raise Unproved("the slope of an output is no number")
-            moved += ends(method, run.parts, j)[1] * (run.h * slope)
-        inputs += [moved * size] if size else []
+            deviation += ends(method, run.parts, j)[1] * (run.h * slope)
+        inputs += [deviation * size] if size else []
     for k, size in enumerate(_sizes(share, "fields", len(error.N))):
-        itself = Input([nothing] * stages, [Fraction(int(k == at)) for at in range(len(error.N))])
-        inputs += [itself * size] if size else []
+        inputs += [Input(zeros(stages, p), of_field(k, len(error.N))) * size] if size else []
     if not inputs:
         raise Unproved("a share has no inputs")
     return [each * (1 / scalar(share, "unit")) for each in inputs]

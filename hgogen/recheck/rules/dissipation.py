@@ -49,7 +49,7 @@ from ..box import Box, End, Try, by_mean_value, covered, cut, narrowed, points, 
 from ..context import Context, Finding, Rule, algebra_of, finite, inner, inside, numbers, on, short
 from ..file import Claim, Equations, above_zero, entries, fields, matrix, part, scalar, signals
 from ..interval import Interval, intervals, point
-from ..matrix import Matrix, demand_nonnegative, scaled
+from ..matrix import Matrix, demand_nonnegative, of_field, outer
 from ..text import Expression, expression
 
 Rows = tuple[tuple[Expression, ...], ...]
@@ -375,9 +375,8 @@ def level(context: Context, claim: Claim) -> Finding:
     P, boxes = _quadratic(claimed), 0
     if P is not None:
         for i, end in faces:
-            left = [list(entries_) for entries_ in P]
-            left[i][i] -= floor / end**2
-            demand_nonnegative({f"P - {short(floor)}/{short(end)}^2 on its place ({i + 1}, {i + 1})": left})
+            shell = floor / end**2 * outer(*[of_field(i, len(P))] * 2)
+            demand_nonnegative({f"P - {short(floor)}/{short(end)}^2 on its place ({i + 1}, {i + 1})": P - shell})
     else:
         for i, end in faces:
             face = narrowed({**claimed.around, claimed.errors[i]: (end, end)}, claimed.V.names)
@@ -493,15 +492,15 @@ def _quadratic(claimed: ClaimedGain) -> Matrix | None:
     """The matrix P of V = e'P e, None where V is another function."""
     algebra = algebra_of(claimed.around)
     H = numbers(_second(claimed, algebra.names, algebra.arithmetic))
-    return None if H is None else scaled(Fraction(1, 2), H)
+    return None if H is None else Fraction(1, 2) * Matrix(H)
 
 
-def _second(claimed: ClaimedGain, values: Mapping[str, Any], arithmetic: Arithmetic) -> list[list[Any]]:
+def _second(claimed: ClaimedGain, values: Mapping[str, Any], arithmetic: Arithmetic) -> Matrix:
     """V_ee (n, n) in any arithmetic."""
     inner_ = seeded(values, claimed.errors, arithmetic)
     zero = arithmetic.number(Fraction(0))
     (slopes,) = jacobian((claimed.V,), inner_, claimed.errors, dual(arithmetic))
-    return [[slope.slopes.get(j, zero) for j in range(len(slopes))] for slope in slopes]
+    return Matrix([[slope.slopes.get(j, zero) for j in range(len(slopes))] for slope in slopes])
 
 
 # --- definite matrices on boxes
@@ -520,36 +519,27 @@ def _copies(claimed: ClaimedGain, share: Fraction, reads: Mapping[str, Any]) -> 
     return box
 
 
-def _definite(claimed: ClaimedGain, T: Matrix, made: Any) -> Any:
+def _definite(claimed: ClaimedGain, T: Matrix, made: Callable[[ClaimedGain, Box], Matrix]) -> Any:
     """The statement that T'M T is positive definite, M of `made`."""
-    basis = [[_number(x) for x in row] for row in T]
+    basis = T.mapped(_number)
 
     @lru_cache(maxsize=2)
-    def moved(sides: tuple[tuple[str, tuple[End, End]], ...]) -> list[list[Dual]]:
-        return _product(_turned(basis), _product(made(claimed, dict(sides)), basis))
+    def transformed(sides: tuple[tuple[str, tuple[End, End]], ...]) -> Matrix:
+        return basis.T @ (made(claimed, dict(sides)) @ basis)
 
     def values(box: Box) -> list[list[Interval]]:
-        return [[x.value for x in row] for row in moved(tuple(box.items()))]
+        return transformed(tuple(box.items())).mapped(lambda x: x.value).rows
 
     def varying(box: Box) -> list[list[Dual]]:
         if unbounded(box):
             raise Undefined("an unbounded side")
-        return moved(tuple(box.items()))
+        return transformed(tuple(box.items())).rows
 
     return by_mean_value(values, varying, positive)
 
 
 def _number(value: Fraction) -> Dual:
     return Dual(point(value), {})
-
-
-def _product(a: list[list[Dual]], b: list[list[Dual]]) -> list[list[Dual]]:
-    columns = _turned(b)
-    return [[total(map(mul, row, column)) for column in columns] for row in a]
-
-
-def _turned(a: list[list[Dual]]) -> list[list[Dual]]:
-    return [list(column) for column in zip(*a, strict=True)]
 
 
 def _values(claimed: ClaimedGain, box: Box, copy: str) -> dict[str, Dual]:
@@ -559,25 +549,26 @@ def _values(claimed: ClaimedGain, box: Box, copy: str) -> dict[str, Dual]:
     return {name: every.get(copied, _number(Fraction(0))) for name, copied in names.items()}
 
 
-def _hessian(claimed: ClaimedGain, box: Box) -> list[list[Dual]]:
+def _hessian(claimed: ClaimedGain, box: Box) -> Matrix:
     return _second(claimed, _values(claimed, box, "c"), _duals)
 
 
-def _second_order(claimed: ClaimedGain, box: Box) -> list[list[Dual]]:
+def _second_order(claimed: ClaimedGain, box: Box) -> Matrix:
     """The matrix 2 N(c, d, g) over a box."""
     n, one, zero = range(len(claimed.errors)), _number(Fraction(1)), _number(Fraction(0))
     H, values = _hessian(claimed, box), seeded(_values(claimed, box, "d"), claimed.errors, _duals)
     rates = [rate.slopes for rate in claimed.system.flow(values, dual(_duals))]
-    HF = _product(H, [[rate.get(j, zero) for j in n] for rate in rates])
-    HG = _product(H, claimed.system.noise(_values(claimed, box, "g"), _duals))
+    HF = H @ Matrix([[rate.get(j, zero) for j in n] for rate in rates])
+    HG = H @ Matrix(claimed.system.noise(_values(claimed, box, "g"), _duals))
     level_ = _number(1 / claimed.mu**2)
 
     def entry(i: int, j: int) -> Dual:
         pairs = zip(HG[i], HG[j], strict=True)
         squares = total((zero, *(_duals.power(a, 2) if i == j else a * b for a, b in pairs)))
-        return -(HF[i][j] + HF[j][i] + level_ * squares + (one if i == j else zero))
+        value: Dual = -(HF[i][j] + HF[j][i] + level_ * squares + (one if i == j else zero))
+        return value
 
-    return [[entry(i, j) for j in n] for i in n]
+    return Matrix([[entry(i, j) for j in n] for i in n])
 
 
 _SECOND = ("system", "share", "basis", "slabs")

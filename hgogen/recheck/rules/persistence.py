@@ -39,7 +39,7 @@ from ..box import Box, Try, covered, cut, narrowed, ranged
 from ..context import CHAINS, Context, Finding, Rule, algebra_of, only, short
 from ..file import Claim, above_zero, column, part, scalar
 from ..interval import Interval, Taylor, begin, between, intervals, point, taylor
-from ..matrix import demand_nonnegative
+from ..matrix import Matrix, demand_nonnegative, unit
 from ..text import Expression, expression
 
 ORDER = 9  # N
@@ -80,10 +80,10 @@ class Balls:
         return max(map(sum, chain(sizes, zip(*sizes, strict=True))))
 
     @property
-    def fractions(self) -> tuple[list[list[Fraction]], Fraction]:
+    def fractions(self) -> tuple[Matrix, Fraction]:
         """The symmetric middle, and the largest sum by which a row may be off it."""
         n = range(len(self.mid))
-        even = [[Fraction(self.mid[i][j] + self.mid[j][i], 2 * _ONE) for j in n] for i in n]
+        even = Matrix([[Fraction(self.mid[i][j] + self.mid[j][i], 2 * _ONE) for j in n] for i in n])
         return even, max(Fraction(sum(self.off[i][j] + self.off[j][i] for j in n), 2 * _ONE) for i in n)
 
 
@@ -431,8 +431,7 @@ def _coefficients(rows: list[list[Taylor]], shares: list[list[Fraction]], order:
 def _demand(window: Window, bound: Fraction) -> None:
     """That W - bound has no negative eigenvalue."""
     middle, off = window.W.fractions
-    rest = [[x - (bound + off) * (i == j) for j, x in enumerate(row)] for i, row in enumerate(middle)]
-    demand_nonnegative({"W less the bound": rest})
+    demand_nonnegative({"W less the bound": middle - (bound + off) * unit(len(middle))})
 
 
 _INPUTS = ("inputs", "period")
