@@ -414,7 +414,7 @@ def test_a_search_that_goes_on_is_that_with_more_boxes() -> None:
     problem = problem_of(sp.sin(5 * u * v) + v, UNIT)
     assert problem is not None
     first, whole = (problem.search(tight(1e-6), boxes) for boxes in (10, 32))
-    on = problem.search(tight(1e-6), 32, first.cover)
+    on = problem.search(tight(1e-6), 32, first.before)
     assert (first.boxes, on.boxes) == (9, 31)
     assert (on.low, on.high, on.tree) == (whole.low, whole.high, whole.tree)
 

@@ -428,13 +428,17 @@ def _around(points: list[Point], sides: Sides) -> Pair:
 
 
 def _candidates(expression: sp.Expr, sides: Sides) -> Iterator[Point]:
-    values = [_simple_values(ends) for ends in sides.ends]
-    if len(values) == 1:
-        yield from _points(sides, [[*_roots(expression, sides), *values[0], *_fractions(sides.ends[0])]])
+    values = [_simple_values(*ends) for ends in sides.ends]
+    if len(values) > 1:
+        few = values if len(values) < 5 else [side[:3] for side in values]
+        yield from _solved(expression, sides, values)
+        yield from _points(sides, few)
         return
-    few = values if len(values) < 5 else [side[:3] for side in values]
-    yield from _solved(expression, sides, values)
-    yield from _points(sides, few)
+    ((first, last),) = sides.ends
+    low, high = (max(-20, min(20, end)) for end in (first, last))
+    numerators = ((q, range(math.ceil(low * q), math.floor(high * q) + 1)) for q in range(1, _DENOMINATORS + 1))
+    fractions = [Fraction(p, q) for q, each in numerators for p in each if first <= Fraction(p, q) <= last]
+    yield from _points(sides, [[*_roots(expression, sides), *values[0], *fractions]])
 
 
 def _points(sides: Sides, values: list[list[Fraction]]) -> Iterator[Point]:
@@ -442,20 +446,11 @@ def _points(sides: Sides, values: list[list[Fraction]]) -> Iterator[Point]:
         yield dict(zip(sides.symbols, coordinates, strict=True))
 
 
-def _simple_values(ends: tuple[End, End]) -> list[Fraction]:
-    low, high = ends
-    finite = [Fraction(end) for end in ends if abs(end) != math.inf]
+def _simple_values(low: End, high: End) -> list[Fraction]:
+    finite = [Fraction(end) for end in (low, high) if abs(end) != math.inf]
     middle = sum(finite, Fraction(0)) / 2 if len(finite) == 2 else Fraction(0)
     wanted = (*finite, Fraction(0), middle, Fraction(1), Fraction(-1))
     return list(dict.fromkeys(value for value in wanted if low <= value <= high)) or [Fraction(1)]
-
-
-def _fractions(ends: tuple[End, End]) -> Iterator[Fraction]:
-    low, high = (max(-20, min(20, end)) for end in ends)
-    for q in range(1, _DENOMINATORS + 1):
-        for p in range(math.ceil(low * q), math.floor(high * q) + 1):
-            if ends[0] <= Fraction(p, q) <= ends[1]:
-                yield Fraction(p, q)
 
 
 def _roots(expression: sp.Expr, sides: Sides) -> Iterable[Fraction]:
@@ -475,13 +470,13 @@ def _solved(expression: sp.Expr, sides: Sides, values: list[list[Fraction]]) -> 
     """Zeros of an expression that is linear in a symbol, the others at simple values."""
     for k, symbol in enumerate(sides.symbols):
         slope = expression.diff(symbol)
-        rest = None if slope == 0 or slope.has(symbol) else put(expression, {symbol: sp.S.Zero})
-        if rest is None:
+        constant = None if slope == 0 or slope.has(symbol) else put(expression, {symbol: sp.S.Zero})
+        if constant is None:
             continue
         others = [side if i != k else [Fraction(0)] for i, side in enumerate(values)]
         for point in islice(_points(sides, others), 8):
             at = _rational(point)
-            steep, start = put(slope, at), put(rest, at)
+            steep, start = put(slope, at), put(constant, at)
             if not (steep and start is not None and steep.is_Rational and start.is_Rational):
                 continue
             solution = point | {symbol: Fraction(-start / steep)}
@@ -513,8 +508,8 @@ def variants(expression: sp.Expr) -> tuple[sp.Expr, ...]:
         return (expression,)
     forms = [expression]
     try:
-        stands = {e: sp.Dummy() for e in sorted(expression.atoms(sp.exp), key=str) if steep(e)}
-        forms.append(sp.factor(expression.xreplace(stands)).xreplace({d: e for e, d in stands.items()}))
+        dummies = {e: sp.Dummy() for e in sorted(expression.atoms(sp.exp), key=str) if steep(e)}
+        forms.append(sp.factor(expression.xreplace(dummies)).xreplace({d: e for e, d in dummies.items()}))
         if expression.is_polynomial(*symbols):
             whole = sp.expand(expression)
             forms += [whole, *(sp.horner(whole, wrt=wrt) for wrt in (symbols, symbols[::-1]))]
@@ -673,20 +668,17 @@ def range_of(problem: Problem, outcome: Cover, relative: float) -> Range:
 def attained(problem: Problem, inner: Inner) -> tuple[Attained | None, Attained | None]:
     """Bounds of the least and the most value at points that a search looked at; None without one, or where a table's
     derivative jumps there: what lies on its other side need not be of the box."""
-    return _attained(problem, inner.least, inner.at_least), _attained(problem, inner.most, inner.at_most)
 
-
-def _attained(problem: Problem, value: float, at: Array | None) -> Attained | None:
-    if not problem.sides.symbols and math.isfinite(value):
-        return Attained(value, {})
-    if at is None:
-        return None
-    point = problem.sides.point(at.tolist())
-    if problem.expression.has(Stepped):
-        there = put(problem.expression, {s: sp.Rational(x) for s, x in point.items()})
-        if there is None or there.has(Stepped):
+    def at(value: float, place: Array | None) -> Attained | None:
+        if not problem.sides.symbols and math.isfinite(value):
+            return Attained(value, {})
+        if place is None:
             return None
-    return Attained(value, point)
+        point = problem.sides.point(place.tolist())
+        there = put(problem.expression, _rational(point)) if problem.expression.has(Stepped) else sp.S.Zero
+        return None if there is None or there.has(Stepped) else Attained(value, point)
+
+    return at(inner.least, inner.at_least), at(inner.most, inner.at_most)
 
 
 def counted(count: int) -> Reason:
@@ -763,7 +755,7 @@ def _nonzero(
         outcome = problem.search(one_sign, limit, cover)
         cover = outcome.before
         if outcome.defined and (outcome.low > 0 or outcome.high < 0):
-            return _proved(problem, outcome)
+            return _proof(problem, outcome)
         refuted = _refutation(problem, outcome, limit) if refute else None
         if refuted:
             cause, reason, witness = refuted
@@ -771,7 +763,7 @@ def _nonzero(
         if limit <= _GLANCE and not outcome.inner.least < 0 < outcome.inner.most:
             never, low, high = _by_algebra(problem.expression, problem.sides.box)
             if outcome.defined and (low > 0 or high < 0):
-                return _enclosed(problem, outcome, low, high)
+                return _proof(problem, outcome, (low, high))
         if outcome.boxes + 2 <= limit:  # more boxes would change nothing
             break
     undecided = "{boxes} does not decide it" if outcome.boxes == 1 else "{boxes} do not decide it"
@@ -782,19 +774,14 @@ def _nonzero(
     return Sign(Verdict.UNKNOWN, 0, 0.0, {}, reason, range_of(problem, outcome, 0.0), never=never)
 
 
-def _proved(problem: Problem, outcome: Cover) -> Sign:
-    sign, margin = (1, outcome.low) if outcome.low > 0 else (-1, -outcome.high)
-    reason, extent = counted(outcome.boxes), range_of(problem, outcome, 0.0)
-    return Sign(Verdict.PROVED, sign, margin, {}, reason, extent, never=True)
-
-
-def _enclosed(problem: Problem, outcome: Cover, low: End, high: End) -> Sign:
-    """The proof of one sign by the exact range on the box as a whole."""
-    outer = replace(
-        range_of(problem, outcome, 0.0), low=outward.number(low)[0], high=outward.number(high)[1], tree="leaf"
-    )
-    sign, reason = 1 if low > 0 else -1, because("exact algebra and rational ends")
-    return Sign(Verdict.PROVED, sign, max(low, -high), {}, reason, outer, never=True, exact=(low, high))
+def _proof(problem: Problem, cover: Cover, exact: Interval | None = None) -> Sign:
+    """The proof of one sign by a bisection, or by the exact range on the box as a whole."""
+    (low, high), extent, reason = exact or (cover.low, cover.high), range_of(problem, cover, 0.0), counted(cover.boxes)
+    if exact:
+        extent = replace(extent, low=outward.number(low)[0], high=outward.number(high)[1], tree="leaf")
+        reason = because("exact algebra and rational ends")
+    sign = 1 if low > 0 else -1
+    return Sign(Verdict.PROVED, sign, max(low, -high), {}, reason, extent, never=True, exact=exact)
 
 
 def _by_algebra(expression: sp.Expr, box: Box) -> tuple[bool, End, End]:
@@ -814,8 +801,8 @@ def _by_algebra(expression: sp.Expr, box: Box) -> tuple[bool, End, End]:
             sign = nonzero(one.base, box, boxes=_GLANCE, refute=False)
             known = known or sign.never
             if sign.verdict is Verdict.PROVED:  # its range is that of the proof
-                seen = sign.exact or fractions((sign.range.low, sign.range.high))
-                least, most = max(least, seen[0]), min(most, seen[1])
+                ends = sign.exact or fractions((sign.range.low, sign.range.high))
+                least, most = max(least, ends[0]), min(most, ends[1])
         never = never and (known or one.exponent < 0)
         product = multiplied(product, raised((least, most), one.exponent))
     return never, max(low, product[0]), min(high, product[1])
@@ -833,7 +820,7 @@ def _refutation(problem: Problem, outcome: Cover, boxes: int) -> tuple[Cause, Re
         return cause, because(cause.value), point
     crossed = _crossed(problem, outcome, boxes)
     if crossed:
-        sides = jump(problem.expression, {s: sp.Rational(value) for s, value in crossed.items()})
+        sides = jump(problem.expression, _rational(crossed))
         if sides is None:
             return Cause.CROSSING, because(Cause.CROSSING.value), crossed
         jumps = because("jumps from {one} to {other}, not of one sign", one=sides[0], other=sides[1])
@@ -842,8 +829,8 @@ def _refutation(problem: Problem, outcome: Cover, boxes: int) -> tuple[Cause, Re
         inner = nonzero(part, problem.sides.box, boxes=boxes)
         if inner.verdict is Verdict.REFUTED and inner.cause is not Cause.JUMP:
             box = problem.sides.box.items()
-            rest = {s: Fraction(next((end for end in ends if abs(end) != math.inf), 0)) for s, ends in box}
-            return Cause.PART, because(pattern, part=part), rest | dict(inner.witness)
+            corner = {s: Fraction(next((end for end in ends if abs(end) != math.inf), 0)) for s, ends in box}
+            return Cause.PART, because(pattern, part=part), corner | dict(inner.witness)
     return None
 
 

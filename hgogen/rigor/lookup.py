@@ -85,11 +85,11 @@ def polynomial_value(coefficients: Polynomial, at: Sequence[Any], number: Callab
 
 def taylor(piece: Polynomial, a: Fraction) -> list[Any]:
     """The coefficients of the same polynomial of the first argument about a, by Horner's scheme."""
-    moved = list(piece)
+    shifted = list(piece)
     for i in range(len(piece) - 1):
         for j in range(len(piece) - 2, i - 1, -1):
-            moved[j] = moved[j] + a * moved[j + 1]
-    return moved
+            shifted[j] = shifted[j] + a * shifted[j + 1]
+    return shifted
 
 
 def polynomial_range(piece: Polynomial, box: Sequence[Side]) -> Side:
@@ -107,29 +107,13 @@ def _along(piece: Sequence[Any], a: Any, b: Any) -> Side:
     slope = [k * c for k, c in enumerate(piece)][1:]
     if len(piece) > 3 and any(slope):
         low, high = _along(slope, a, b)
-        ends = ends if low >= 0 or high <= 0 else _bernstein(piece, a, b)
+        if low < 0 < high:  # coefficients on [a, b] in the basis of Bernstein: sum_j C(i, j)/C(n, j) p_j, p on [0, 1]
+            n = len(piece) - 1
+            scaled = [c * (b - a) ** j / comb(n, j) for j, c in enumerate(taylor(piece, a))]
+            ends = tuple(sum(comb(i, j) * scaled[j] for j in range(i + 1)) for i in range(n + 1))
     elif len(piece) == 3 and piece[2] and a < (turn := -piece[1] / (2 * piece[2])) < b:
         ends = (*ends, polynomial_value(piece, (turn,)))
     return min(ends), max(ends)
-
-
-def _bernstein(piece: Sequence[Any], a: Any, b: Any) -> tuple[Any, ...]:
-    """The coefficients on [a, b] in the basis of Bernstein: beta_i = sum_j C(i, j)/C(n, j) p_j, p on [0, 1]."""
-    n = len(piece) - 1
-    scaled = [c * (b - a) ** j / comb(n, j) for j, c in enumerate(taylor(piece, a))]
-    return tuple(sum(comb(i, j) * scaled[j] for j in range(i + 1)) for i in range(n + 1))
-
-
-def _differentiated(pieces: np.ndarray, axis: int, order: int) -> np.ndarray:
-    """Polynomials differentiated by the argument whose powers lie along an axis."""
-    powers = np.moveaxis(pieces, axis, -1)
-    factors = np.array([perm(k, order) for k in range(powers.shape[-1])], dtype=object)
-    return np.moveaxis((powers * factors)[..., order:] if order < len(factors) else 0 * powers[..., :1], -1, axis)
-
-
-def _constant(piece: np.ndarray, k: int) -> bool:
-    """Whether a polynomial does not depend on its argument k."""
-    return not np.take(piece, range(1, piece.shape[k]), axis=k).any()
 
 
 # --- the polynomials between the points of one axis, of numbers or of arrays of them
@@ -145,18 +129,13 @@ def _monotone(x: Sequence[Fraction], y: Sequence[Fraction]) -> list[tuple[Any, .
     if len(h) == 1:
         d = [D[0], D[0]]
     else:
-        inner = [_mean(h[k], h[k + 1], D[k], D[k + 1]) for k in range(len(h) - 1)]
-        d = [_end(h[0], h[1], D[0], D[1]), *inner, _end(h[-1], h[-2], D[-1], D[-2])]
+        pairs = list(zip(pairwise(h), pairwise(D), strict=True))
+        means = (3 * (a + b) / ((2 * b + a) / C + (b + 2 * a) / E) if C * E > 0 else ZERO for (a, b), (C, E) in pairs)
+        d = [_end(h[0], h[1], D[0], D[1]), *means, _end(h[-1], h[-2], D[-1], D[-2])]
     return [
         (y[k], d[k], (3 * D[k] - 2 * d[k] - d[k + 1]) / h[k], (d[k] + d[k + 1] - 2 * D[k]) / h[k] ** 2)
         for k in range(len(h))
     ]
-
-
-def _mean(h: Fraction, g: Fraction, D: Fraction, E: Fraction) -> Fraction:
-    if D * E <= 0:
-        return ZERO
-    return 3 * (h + g) / ((2 * g + h) / D + (g + 2 * h) / E)
 
 
 def _end(h: Fraction, g: Fraction, D: Fraction, E: Fraction) -> Fraction:
@@ -250,19 +229,17 @@ class Axis:
         """For each breakpoint the first derivative of such polynomials that jumps there, 1 for a kink, `NEVER` where
         none does."""
         widths = [b - a for a, b in zip(self.starts, self.x, strict=False)]
-        return tuple(map(_first_jump, widths, pieces, pieces[1:]))
+        jumps = []
+        for width, below, above in zip(
+            widths, pieces[:-1], pieces[1:], strict=True
+        ):  # about the breakpoint between them
+            sides = enumerate(zip(taylor(below, width), above, strict=True))
+            jumps.append(next((order for order, (a, b) in sides if np.any(np.not_equal(a, b))), NEVER))
+        return tuple(jumps)
 
 
 def _since(start: Any, end: Any) -> Any:
     return end if end in (-inf, inf) else number(end) - start
-
-
-def _first_jump(width: Fraction, below: np.ndarray, above: np.ndarray) -> int:
-    """By the coefficients of both about the breakpoint between them."""
-    for order, (left, right) in enumerate(zip(taylor(below, width), above, strict=True)):
-        if np.any(np.not_equal(left, right)):
-            return order
-    return NEVER
 
 
 # --- a table
@@ -351,7 +328,7 @@ class Cells:
         )
 
     def continuous(self, spans: Spans, order: Sequence[int]) -> tuple[bool, ...]:
-        """For each axis, whether a derivative has no jump at a breakpoint between two cells."""
+        """Return for each axis whether a derivative has no jump at a breakpoint between two cells."""
         return tuple(k < smooth for k, smooth in zip(order, self.least_smooth(spans), strict=True))
 
     def at(self, place: Sequence[Fraction], order: Index) -> Fraction | None:
@@ -406,7 +383,7 @@ class Cells:
         sides = [axis.part(k, span, *side) for axis, k, span, side in zip(self.axes, cell, spans, box, strict=True)]
         for k, side in enumerate(sides):
             if inf in (-side[0], side[1]):
-                if not _constant(piece, k):
+                if np.take(piece, range(1, piece.shape[k]), axis=k).any():  # it varies with this argument
                     return None
                 sides[k] = (_NOTHING, _NOTHING)
         return polynomial_range(piece, sides)
@@ -421,7 +398,10 @@ def over(spans: Spans) -> Iterator[Index]:
 def _of_order(cells: Cells, order: Index) -> np.ndarray:
     pieces = cells.pieces
     for k, times in enumerate(order):
-        pieces = _differentiated(pieces, len(order) + k, times)
+        powers = np.moveaxis(pieces, len(order) + k, -1)  # those of argument k
+        factors = np.array([perm(n, times) for n in range(powers.shape[-1])], dtype=object)
+        derivative = (powers * factors)[..., times:] if times < len(factors) else 0 * powers[..., :1]
+        pieces = np.moveaxis(derivative, -1, len(order) + k)
     return pieces
 
 
@@ -454,9 +434,10 @@ class Table(sp.Function):  # type: ignore[misc]
     @classmethod
     def eval(cls, *arguments: sp.Expr) -> sp.Expr | None:
         """The exact value at rational numbers, where there is one."""
-        place = [_exactly(argument) for argument in arguments]
-        numbers = [number for number in place if number is not None]
-        exact = cls.cells.at(numbers, cls.order) if len(numbers) == len(place) else None
+        if not all(isinstance(argument, (sp.Float, sp.Rational)) for argument in arguments):
+            return None
+        written = (repr(float(each)) if isinstance(each, sp.Float) else each for each in arguments)
+        exact = cls.cells.at([Fraction(str(each)) for each in written], cls.order)
         return None if exact is None else sp.Rational(exact)
 
     def fdiff(self, argindex: int = 1) -> sp.Expr:
@@ -553,12 +534,6 @@ def by_power(pieces: np.ndarray) -> np.ndarray:
     """Many polynomials as one, whose coefficients have an entry for each cell."""
     count = pieces.ndim // 2
     return np.moveaxis(pieces, range(count), range(-count, 0))
-
-
-def _exactly(argument: sp.Expr) -> Fraction | None:
-    if isinstance(argument, sp.Float):
-        return Fraction(repr(float(argument)))
-    return Fraction(int(argument.p), int(argument.q)) if isinstance(argument, sp.Rational) else None
 
 
 Graph = Any
@@ -680,7 +655,7 @@ class Lookup:
         _KNOWN[name] = self
         names = [axis.name for axis in self.axes]
         arguments = [ca.MX.sym(each) for each in names]
-        cells = [_cell(axis, x) for axis, x in zip(self.axes, arguments, strict=True)]
+        cells = [_searched(axis, x) for axis, x in zip(self.axes, arguments, strict=True)]
         d = [x - _element(axis.starts, k) for axis, x, k in zip(self.axes, arguments, cells, strict=True)]
         cell = reduce(lambda whole, part: whole * len(part[0].starts) + part[1], zip(self.axes, cells, strict=True), 0)
         missing = [(0, max(_TERMS - powers, 0)) for powers in self.coefficients.shape[: len(d)]]
@@ -701,7 +676,7 @@ def _formula(shape: Sequence[int], name: str, distances: Sequence[str], cell: st
     return total
 
 
-def _cell(axis: Argument, x: Graph) -> Graph:
+def _searched(axis: Argument, x: Graph) -> Graph:
     n, k = len(axis.breaks), ca.MX(0)
     for probe in axis.probes:
         there = k + probe
@@ -743,10 +718,10 @@ def walked(
         values = call(target, columns) if call else walked(target, columns, apply)
         return [each for value in values for each in value.nonzeros()]
 
-    def of_operation(op: int, values: Sequence[Graph]) -> Graph:
+    def operation(op: int, values: Sequence[Graph]) -> Graph:
         return apply(op, None, *values)
 
-    outputs = folded(function, lambda k, i: inputs[k][i], ca.SX, of_operation, of_call, operations)
+    outputs = folded(function, lambda k, i: inputs[k][i], ca.SX, operation, of_call, operations)
     results = [ca.SX(function.sparsity_out(k)) for k in range(function.n_out())]
     for result, elements in zip(results, outputs, strict=True):
         for k, element in enumerate(elements):
