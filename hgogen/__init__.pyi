@@ -32,11 +32,11 @@ from hgogen.estimators import innovation as innovation
 from hgogen.estimators import theta as theta
 from hgogen.form import Form as Form
 from hgogen.logs.advise import advise as advise
+from hgogen.logs.fit import Fit as Fit
 from hgogen.logs.fit import fit as fit
-from hgogen.logs.grid import Calibration as Calibration
 from hgogen.logs.records import Log as Log
 from hgogen.logs.records import record as record
-from hgogen.logs.result import Fit as Fit
+from hgogen.logs.tune import Calibration as Calibration
 from hgogen.logs.tune import tune as tune
 from hgogen.model import Model as Model
 from hgogen.model import load as load

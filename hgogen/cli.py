@@ -9,27 +9,27 @@ import _signal as signal  # type: ignore[import-not-found]  # `signal` makes enu
 
 
 def main() -> None:
-    """Run the command line of this process."""
+    """Run the command line of this output."""
     interruptible = signal.getsignal(signal.SIGINT) is signal.default_int_handler  # or its parent ignores Ctrl-C
     if interruptible:
         signal.signal(signal.SIGINT, signal.SIG_DFL)  # nothing is to be put in order yet
-    from hgogen.commands import process
+    from hgogen.commands import output
     from hgogen.commands.app import app
 
-    process.set_apart()
-    status: object = process.INTERRUPTED
+    output.set_apart()
+    status: object = output.INTERRUPTED
     try:
         app()
     except SystemExit as ended:
-        status = process.flushed(ended.code)
+        status = output.flushed(ended.code)
     except OSError as error:  # as of a full disk under the help
-        process.note(str(error))
-        status = process.flushed(2)
+        output.note(str(error))
+        status = output.flushed(2)
     except KeyboardInterrupt:
         pass
     if interruptible:
         signal.signal(signal.SIGINT, signal.SIG_DFL)
-        if status == process.INTERRUPTED:
+        if status == output.INTERRUPTED:
             signal.raise_signal(signal.SIGINT)
     raise SystemExit(status)
 

@@ -17,14 +17,11 @@ from hgogen import observers
 from hgogen.call import CallableStep
 from hgogen.check import Refuted
 from hgogen.errors import BadArgument, HgogenError, nearest
-from hgogen.modelfiles.first import NoFirst, everywhere, first
+from hgogen.modelfiles.declarations import Bounds, NoBounds, bounds, stored, trial_of
 from hgogen.modelfiles.json_file import put, read_tunings, read_values
-from hgogen.modelfiles.place import PYTHON, NoModel, listed, located
-from hgogen.modelfiles.raised import ends_python, sentence
-from hgogen.modelfiles.recipe import trial_of
+from hgogen.modelfiles.place import PYTHON, NoModel, ends_python, listed, located, sentence
 from hgogen.modelfiles.setting import AS_WRITTEN, Setting
-from hgogen.modelfiles.storage import Bounds, NoBounds, bounds, stored
-from hgogen.modelfiles.tuning import Start, Tuning, arguments
+from hgogen.modelfiles.tuning import NoFirst, Start, Tuning, arguments, everywhere, first
 from hgogen.prove.dissipation import Dissipation
 from hgogen.reading import files
 from hgogen.reading.expression import Fold

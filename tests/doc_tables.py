@@ -16,8 +16,8 @@ import hgogen as hg
 from hgogen.call import CallableStep
 from hgogen.emit.cost import cost
 from hgogen.model import load
-from hgogen.modelfiles.first import First, first, places
 from hgogen.modelfiles.place import shipped
+from hgogen.modelfiles.tuning import First, first, places
 from hgogen.registry import summary
 from hgogen.run.metrics import metrics
 from hgogen.starting import rule

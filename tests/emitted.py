@@ -16,7 +16,7 @@ import pytest
 import sympy as sp
 
 import hgogen as hg
-from hgogen.extras.qemu import M4F as M4F
+from hgogen.extras.costs import M4F as M4F
 from hgogen.model import load
 from hgogen.program import Field, lines_of
 from hgogen.run.native import WARNINGS, with_main

@@ -11,8 +11,8 @@ import hgogen as hg
 from hgogen.call import CallableStep
 from hgogen.check import Verdict
 from hgogen.commands.advice import Admitted, Advice, advice
-from hgogen.commands.checked import checked
-from hgogen.commands.findings import taking
+from hgogen.commands.checking import advice_tables
+from hgogen.commands.claims import checked
 from hgogen.emit.cost import cost
 from hgogen.model import Model, load
 from hgogen.starting import rule
@@ -81,7 +81,7 @@ def test_those_with_a_proof_come_first_then_the_cheaper() -> None:
 def test_a_proof_is_said_to_be_of_continuous_time() -> None:
     """Beside it stands what a sample costs, of a step of which nothing is proved."""
     _, advised = asked(MODELS / "duffing.toml")
-    shown = taking(advised)
+    shown = advice_tables(advised)
     assert isinstance(shown, Group)
     assert "convergence in continuous time" in str(shown.renderables[0])
 

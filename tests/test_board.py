@@ -13,9 +13,8 @@ from test_cli import as_json, hgogen
 from test_packing import here as here  # the fixture
 
 import hgogen as hg
-from hgogen.extras import qemu, texts
-from hgogen.extras.costs import FLAGS, measured
-from hgogen.extras.texts import driver, head, hostile, literal
+from hgogen.extras import costs as costs_
+from hgogen.extras.costs import COMPILER, EMULATOR, FLAGS, SIZE, driver, head, hostile, literal, measured
 from hgogen.model import load
 from hgogen.trial import rows_given
 
@@ -24,7 +23,7 @@ LIMITS = {"--max-flash": "flash", "--max-ram": "ram", "--max-stack": "stack", "-
 
 @pytest.fixture
 def board() -> None:
-    for name in (qemu.COMPILER, qemu.EMULATOR):
+    for name in (COMPILER, EMULATOR):
         tool(name)
 
 
@@ -47,7 +46,7 @@ def test_costs_are_those_of_the_step(board: None) -> None:
 def test_the_worst_is_that_of_a_hostile_record(board: None, monkeypatch: pytest.MonkeyPatch) -> None:
     rows = np.full((300, 2), 0.1)
     worst = measured(step("pendulum"), files("pendulum"), rows, "float").worst
-    monkeypatch.setattr(texts, "hostile", np.copy)
+    monkeypatch.setattr(costs_, "hostile", np.copy)
     assert worst > measured(step("pendulum"), files("pendulum"), rows, "float").worst + 10
 
 
@@ -55,7 +54,7 @@ def test_the_worst_is_that_of_a_hostile_record(board: None, monkeypatch: pytest.
 def test_the_stack_is_that_of_memory_that_is_spoiled_too(board: None, tmp_path: Path) -> None:
     """At least the frames of the calls that begin a state anew, of which calm samples make none."""
     hg.write(files("pendulum"), tmp_path)
-    run([qemu.COMPILER, "-std=c99", *FLAGS, "-fstack-usage", "-c", "pendulum.c"], tmp_path)
+    run([COMPILER, "-std=c99", *FLAGS, "-fstack-usage", "-c", "pendulum.c"], tmp_path)
     frames = dict(re.findall(r":pendulum_(\w+)\t(\d+)", (tmp_path / "pendulum.su").read_text()))
     needed = sum(int(frames[name]) for name in ("step", "ready", "reset", "clear_fault_counts"))
     assert measured(step("pendulum"), files("pendulum"), np.full((300, 2), 0.1), "float").stack >= needed
@@ -144,9 +143,9 @@ def test_the_page_shows_a_command_that_keeps_to_its_limits(board: None, here: Pa
     assert wanted.strip() in out
 
 
-@pytest.mark.parametrize("missing", [qemu.COMPILER, qemu.SIZE, qemu.EMULATOR])
+@pytest.mark.parametrize("missing", [COMPILER, SIZE, EMULATOR])
 def test_without_a_tool_it_says_so(missing: str, here: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(qemu.shutil, "which", lambda name: None if name == missing else f"/bin/{name}")
+    monkeypatch.setattr(costs_.shutil, "which", lambda name: None if name == missing else f"/bin/{name}")
     out, err = hgogen("cost", "tank.toml", "--max-flash", "10", status=2)
     assert out == ""
     assert f"there is no {missing}, without which nothing is measured; install gcc-arm-none-eabi" in err

@@ -13,8 +13,7 @@ from emitted import M4F, M7, files, run, step, tool
 
 import hgogen as hg
 from hgogen.emit.syntaxes import C
-from hgogen.extras import qemu
-from hgogen.extras.texts import harness
+from hgogen.extras.costs import bytes_of, harness, linked, ran
 from hgogen.run.native import WARNINGS
 from hgogen.signal import resting
 from tests.sweep import by_turns
@@ -145,8 +144,8 @@ def on_the_board(
         run([*command, "-c", source], folder)
     objects = [source.replace(".c", ".o") for source in sources]
     # the harness is compiled as any firmware is; only the step and its check under test take all the flags
-    board_ = qemu.linked(program, objects, harness(), folder, ("-O2", *flags))
-    return qemu.ran(board_, machine) | {"text": qemu.bytes_of(objects[:1], folder)}
+    board_ = linked(program, objects, harness(), folder, ("-O2", *flags))
+    return ran(board_, machine) | {"text": bytes_of(objects[:1], folder)}
 
 
 @pytest.mark.slow

@@ -11,13 +11,12 @@ from scipy.stats import gamma
 
 import hgogen as hg
 from hgogen.logs.advise import advise
-from hgogen.logs.grid import Search, Tuned, thetas, together
 from hgogen.logs.judged import Judged, verdicts
 from hgogen.logs.likelihood import Likelihood, Noise
 from hgogen.logs.records import Log
-from hgogen.logs.tune import FILTER, adaptive
-from hgogen.modelfiles.first import First
+from hgogen.logs.tune import FILTER, Search, Tuned, adaptive, thetas, together
 from hgogen.modelfiles.json_file import BadFile, read_tunings
+from hgogen.modelfiles.tuning import First
 from hgogen.starting import Scale, Starting, scale, two
 
 DT = 0.1

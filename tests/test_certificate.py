@@ -29,7 +29,7 @@ from hgogen import cli
 from hgogen.analysis.evidence import NotCertifiable, outward
 from hgogen.certificates.certificate import certificate
 from hgogen.check import Check, Verdict
-from hgogen.commands.checked import Checked, checked
+from hgogen.commands.claims import Checked, checked
 from hgogen.model import load
 from hgogen.recheck.file import VERSION, NoCertificate, digest, model_digest
 from hgogen.recheck.text import Unreadable

@@ -21,7 +21,7 @@ from oracle.text import read as as_sympy
 
 import hgogen as hg
 from hgogen.certificates.certificate import certificate
-from hgogen.commands.checked import checked
+from hgogen.commands.claims import checked
 from hgogen.model import load
 from hgogen.prove import inequality
 from hgogen.recheck.file import NoCertificate, digest, model_digest

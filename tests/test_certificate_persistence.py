@@ -15,7 +15,7 @@ from oracle.text import read as as_sympy
 import hgogen as hg
 from hgogen.certificates.certificate import certificate
 from hgogen.check import ClaimId
-from hgogen.commands.checked import checked
+from hgogen.commands.claims import checked
 from hgogen.estimators.persistence import persistent
 from hgogen.model import load
 from hgogen.recheck.file import digest, model_digest

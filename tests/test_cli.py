@@ -22,11 +22,10 @@ from typer.testing import CliRunner
 import hgogen as hg
 from hgogen import cli
 from hgogen.check import Check, ClaimId, Verdict
-from hgogen.commands import building, tables, trial_runs
-from hgogen.commands import process as process_
+from hgogen.commands import building, claims
 from hgogen.commands.app import command_of
-from hgogen.commands.keys import Meaning, meanings
-from hgogen.commands.options import names_in, numbers_by_name
+from hgogen.commands.command import Meaning, meanings, names_in, numbers_by_name
+from hgogen.commands.output import UNREAD
 from hgogen.modelfiles.place import summary
 from hgogen.modelfiles.setting import UnknownCase
 from hgogen.run import native
@@ -271,7 +270,7 @@ def test_build_without_a_compiler(here: Path, monkeypatch: pytest.MonkeyPatch):
 @pytest.mark.usefixtures("undrawn")
 def test_build_exits_1_where_c_and_python_disagree(here: Path, monkeypatch: pytest.MonkeyPatch):
     bad = Agreement("short", 0, until=1.0, before=0.5, after=0.5, settled=((1.0, 2.0),), dt=0.01)
-    monkeypatch.setattr(trial_runs, "agreements", lambda *_: (bad,))
+    monkeypatch.setattr(building, "agreements", lambda *_: (bad,))
     _, err = hgogen("build", "neuron", status=1)
     assert "hgogen: C and Python disagree in trial 'short', seed 0: 5.0e-01" in err
 
@@ -555,7 +554,7 @@ def test_what_is_accepted_or_said_in_another_way_is_not_gathered() -> None:
     alike = tuple(Check(ClaimId("f", "a", i), f"a_{i}", Verdict.PROVED, "it is 1", subject=sp.S.One) for i in range(4))
 
     def called(checks: Sequence[Check], accepted: Sequence[str] = ()) -> list[str]:
-        return [name for name, _ in tables._gathered(checks, accepted)]
+        return [name for name, _ in claims._gathered(checks, accepted)]
 
     assert called(alike) == ["f.a_0..a_3"]
     assert called(alike[:3]) == ["f.a_0", "f.a_1", "f.a_2"]
@@ -904,7 +903,7 @@ def test_a_reader_that_stops_early_is_no_error(arguments: tuple[str, ...]):
     process.stdout.close()  # type: ignore[union-attr]
     process.stdout = None
     assert process.communicate() == (None, "")
-    assert process.returncode == process_.UNREAD
+    assert process.returncode == UNREAD
 
 
 @pytest.mark.full

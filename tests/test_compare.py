@@ -14,7 +14,7 @@ from typer.testing import CliRunner
 
 import hgogen as hg
 from hgogen.call import CallableStep
-from hgogen.commands import stated_bounds, tables
+from hgogen.commands import comparing
 from hgogen.commands.app import app
 from hgogen.emit.cost import cost
 from hgogen.model import MissingPart, Model, load
@@ -225,12 +225,12 @@ def test_the_command_prints_and_draws(tmp_path: Path) -> None:
 def test_the_tables_say_what_their_columns_mean() -> None:
     """And by which method each is carried out, where there are several."""
     one = measured("high_gain", step("high_gain"), TRIAL, "python", (0,), lambda: None)
-    text = said(tables.compared("title", [one], "s", {"x": 1.0}, {"x": 2.0}))
+    text = said(comparing.comparison_tables("title", [one], "s", {"x": 1.0}, {"x": 2.0}))
     assert "steady: from 5.4 s on, the median of the seeds; peaking: of all seeds" in text
     assert "functions (sine, exponential, root, ..): of one call" in text
     assert "every observer starts at x = 1; the plant at x = 2" in text
     assert "by " not in text
-    text = said(tables.compared("title", [one, replace(one, name="other", method="bilinear")], "s", {}, {}))
+    text = said(comparing.comparison_tables("title", [one, replace(one, name="other", method="bilinear")], "s", {}, {}))
     assert f"by {one.method}: high_gain; by bilinear: other" in text
 
 
@@ -368,10 +368,10 @@ def test_bounds_wider_than_their_ranges_say_why_there_are_none(tmp_path: Path) -
 
 def test_the_table_of_what_is_proved_has_a_dash_for_what_is_not() -> None:
     one = measured("high_gain", step("high_gain"), TRIAL, "python", (0,), lambda: None)
-    assert "proved" not in said(tables.compared("title", [one], "s", {}, {}))
+    assert "proved" not in said(comparing.comparison_tables("title", [one], "s", {}, {}))
     bound = {"proved": {"x1": 0.00123451, "x2": 1.0}, "worst": {"x1": 0.001, "x2": None}}
     other = replace(one, name="other", unproved="no norm")
-    text = said(tables.compared("title", [replace(one, **bound), other], "s", {}, {}))
+    text = said(comparing.comparison_tables("title", [replace(one, **bound), other], "s", {}, {}))
     rows = [line.split() for line in text.partition("proved: no error above")[2].splitlines()]
     assert ["high_gain", "0.00124", "(0.001)", "1", "(-)", "-", "-"] in rows
     assert ["other", "-", "-", "-", "-"] in rows
@@ -382,7 +382,7 @@ def test_the_table_of_what_is_proved_has_a_dash_for_what_is_not() -> None:
 def test_what_begins_alike_is_proved_once(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     asked, path = list[Any](), tmp_path / "swing.py"
     path.write_text(BOUNDED)
-    monkeypatch.setattr(stated_bounds, "bound_of", lambda step, _: asked.append(step.observer.name))
+    monkeypatch.setattr(comparing, "bound_of", lambda step, _: asked.append(step.observer.name))
     arguments = ["--observers", "high_gain", "--engine", "python", "--seeds", "1"]
     done = CliRunner().invoke(app, ["compare", str(path), "-o", str(tmp_path), *arguments])
     assert done.exit_code == 0, done.output

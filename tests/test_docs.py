@@ -20,7 +20,7 @@ from hgogen.commands.app import _FILES as COMMANDS
 from hgogen.commands.app import app
 from hgogen.commands.library import answers
 from hgogen.model import load
-from hgogen.modelfiles import recipe, tuning
+from hgogen.modelfiles import declarations, tuning
 from hgogen.modelfiles.place import shipped
 from hgogen.reading import text_model
 from hgogen.reading.text_model import entry
@@ -188,7 +188,7 @@ def test_every_key_of_a_plain_text_model_is_listed() -> None:
     assert set(listed) == {"at the top", *(key for key, kind in text_model._TOP.items() if kind == text_model.TABLE)}
     assert {kind: set(listed[kind]) for kind in signals} == {kind: set(keys) for kind, keys in signals.items()}
     assert set(listed["tables"]) == set(text_model._POINTS)
-    assert set(listed["trial"]) == set(recipe._TRIAL)
+    assert set(listed["trial"]) == set(declarations._TRIAL)
     assert set(listed["observer"]) == set(tuning._PLACED) - {"member"}
     assert set(listed["at the top"]) == set(text_model._TOP) - set(listed)
 

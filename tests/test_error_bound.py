@@ -23,7 +23,7 @@ from typer.testing import CliRunner
 import hgogen as hg
 from hgogen import cli
 from hgogen.check import Verdict
-from hgogen.commands.checked import checked
+from hgogen.commands.claims import checked
 from hgogen.discretisation.runge_kutta import EULER, HEUN, RK4, Tableau
 from hgogen.model import MissingPart, load
 from hgogen.program import Place

@@ -11,8 +11,8 @@ from test_headline import NONE, agrees
 import hgogen as hg
 from hgogen.check import Verdict
 from hgogen.commands.advice import advice
-from hgogen.commands.checked import checked
-from hgogen.commands.findings import headline
+from hgogen.commands.checking import headline
+from hgogen.commands.claims import checked
 from hgogen.model import load
 
 FILES = sorted(path for path in MODELS.glob("*.*") if path.is_file())

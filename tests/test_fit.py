@@ -18,11 +18,9 @@ from test_cli import hgogen
 
 import hgogen as hg
 from hgogen.commands.fitting import By, HeldOutError, _verdicts, _without_offset
-from hgogen.logs.fit import CannotFit, Task, best_of, lagged
-from hgogen.logs.problem import Shooting
+from hgogen.logs.fit import CannotFit, Task, best_of, lagged, parted
+from hgogen.logs.problem import Progress, Shooting, Solution
 from hgogen.logs.records import BadLog
-from hgogen.logs.result import parted
-from hgogen.logs.solution import Progress, Solution
 from hgogen.modelfiles.json_file import BadFile, read_values
 from hgogen.reading.given import BadGain
 from hgogen.reading.text_model import read as read_model

@@ -12,9 +12,8 @@ import pytest
 from emitted import run, step, tool
 
 import hgogen as hg
-from hgogen.extras.ecosystem import ReservedName, UnknownEcosystem, chosen, known
-from hgogen.extras.folder import folder
-from hgogen.extras.price import digest
+from hgogen.extras.costs import digest
+from hgogen.extras.folder import ReservedName, UnknownEcosystem, chosen, folder, known
 from hgogen.run.native import WARNINGS
 
 NAMES = ("pendulum", "bank", "no_input", "delayed", "tunable", "wide")

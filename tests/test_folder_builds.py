@@ -11,8 +11,7 @@ from test_folder import lying, made
 
 import hgogen as hg
 from hgogen.emit.naming import prefixed
-from hgogen.extras.ecosystem import chosen
-from hgogen.extras.folder import folder
+from hgogen.extras.folder import chosen, folder
 
 USE = """
 cmake_minimum_required(VERSION 3.16)

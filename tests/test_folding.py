@@ -7,7 +7,7 @@ import sympy as sp
 
 import hgogen as hg
 from hgogen.check import Verdict
-from hgogen.commands.checked import checked
+from hgogen.commands.claims import checked
 from hgogen.model import load
 from hgogen.reading.expression import read
 from hgogen.sentence import NONE

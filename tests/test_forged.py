@@ -16,7 +16,7 @@ from typer.testing import CliRunner
 
 from hgogen import cli
 from hgogen.certificates.certificate import certificate
-from hgogen.commands.checked import checked
+from hgogen.commands.claims import checked
 from hgogen.model import load
 from hgogen.recheck.file import VERSION, NoCertificate
 from hgogen.recheck.text import Unreadable

@@ -11,7 +11,7 @@ from packaging.version import Version
 from pinned import OLDEST, differing, versions
 from test_cli import hgogen
 
-from hgogen.extras.price import digest
+from hgogen.extras.costs import digest
 from hgogen.model import MissingPart, load
 
 ROOT = Path(__file__).parent.parent

@@ -11,7 +11,7 @@ from rich.console import Console
 from scipy.integrate import solve_ivp
 
 import hgogen as hg
-from hgogen.commands.tables import windows
+from hgogen.commands.running import window_table
 from hgogen.model import load
 from hgogen.run.gramian import BadWindows, gramian
 from hgogen.trial import Jump, Trial, t
@@ -99,7 +99,7 @@ def test_the_innovation_of_a_small_error_is_its_quadratic_form() -> None:
     assert innovation(1e-3) / 1e-6 == pytest.approx(1, rel=1e-5)
     assert innovation(1) < 0.6 * gramians.smallest[0]
     console = Console(width=200, record=True, file=StringIO())
-    console.print(windows("rest", [gramians], "s"))
+    console.print(window_table("rest", [gramians], "s"))
     said = " ".join(console.export_text().split())
     assert (
         "of a small initial error, per its squared length, is at least the smallest eigenvalue, to first order" in said

@@ -8,8 +8,8 @@ import sympy as sp
 from plants import MODELS, chain
 
 import hgogen as hg
-from hgogen.commands.checked import Checked, checked
-from hgogen.commands.findings import headline
+from hgogen.commands.checking import headline
+from hgogen.commands.claims import Checked, checked
 from hgogen.model import load
 from hgogen.which_forms import Survey
 

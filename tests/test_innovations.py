@@ -9,7 +9,7 @@ import pytest
 from scipy.integrate import quad
 
 import hgogen as hg
-from hgogen.logs.innovations import Innovations
+from hgogen.logs.likelihood import Innovations
 from hgogen.logs.problem import Predicting
 
 F, G, THEN = np.array([[0.9, 0.2], [-0.1, 0.8]]), np.array([0.3, -0.5]), np.array([0.7, 0.4])

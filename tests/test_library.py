@@ -14,8 +14,7 @@ import pytest
 from typer.testing import CliRunner
 
 from hgogen import cli
-from hgogen.commands.library import FIELDS, BadLibrary, answers, check, read
-from hgogen.commands.workers import End, Event, run
+from hgogen.commands.library import FIELDS, BadLibrary, End, Event, answers, check, read, run
 from hgogen.errors import HgogenError
 from hgogen.reading.expression import parse
 from hgogen.reading.text_model import FORMAT, entry

@@ -16,7 +16,7 @@ from typer.testing import CliRunner
 import hgogen as hg
 from hgogen.check import Refuted
 from hgogen.commands.app import app
-from hgogen.commands.checked import checked
+from hgogen.commands.claims import checked
 from hgogen.model import MissingPart, load
 from hgogen.modelfiles.place import NoModel, listed
 from hgogen.reading.text_model import BadModelFile, NoText, from_table, read, to_text

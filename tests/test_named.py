@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 from plants import model, two_outputs
 
 import hgogen as hg
-from hgogen.commands.checked import checked
+from hgogen.commands.claims import checked
 from hgogen.model import load
 from hgogen.reading.given import BadGain, BadNames, in_order, of_coordinates
 from hgogen.reading.text_model import BadModelFile

@@ -16,7 +16,7 @@ from scipy.integrate import solve_ivp
 import hgogen as hg
 from hgogen.certificates.certificate import certificate
 from hgogen.check import Verdict
-from hgogen.commands.checked import checked
+from hgogen.commands.claims import checked
 from hgogen.errors import HgogenError
 from hgogen.model import load
 from hgogen.recheck.algebra import Algebra

@@ -15,7 +15,7 @@ import pytest
 from typer.testing import CliRunner
 
 from hgogen import cli
-from hgogen.commands import process, tables
+from hgogen.commands import output, trial_runs
 from hgogen.commands.output import json_text
 from hgogen.reading.files import Unread, content_of
 from hgogen.recheck import verification as recheck
@@ -131,7 +131,7 @@ def test_a_reader_of_the_help_that_stops_early_ends_it_quietly() -> None:
     done = subprocess.run([*COMMAND, "--help"], stdout=writer, stderr=subprocess.PIPE, text=True, check=False)
     os.close(writer)
     assert done.stderr == ""
-    assert done.returncode in (1, process.UNREAD)
+    assert done.returncode in (1, output.UNREAD)
 
 
 def test_json_has_no_number_that_is_not_finite() -> None:
@@ -164,7 +164,7 @@ def test_a_record_with_huge_values(huge: str, here: Path) -> None:
     [(None, "never"), (0.0, "0"), (0.002, "0.002"), (0.0096, "0.0096"), (0.01, "0.01"), (9, "9.00")],
 )
 def test_a_short_time_is_told_in_full(value: float | None, shown: str) -> None:
-    assert tables._number(value) == shown
+    assert trial_runs.time_cell(value) == shown
 
 
 # --- input --------------------------------------------------------------------------------------------------

@@ -17,8 +17,8 @@ from test_fit import DT, PLANT, TRUE, here, log  # noqa: F401, the fixture
 
 import hgogen as hg
 from hgogen.commands import fitting
-from hgogen.logs.innovations import SURE
-from hgogen.logs.solution import CannotGoOn, Progress, Searches, Solution, Solver, digests, progress_of
+from hgogen.logs.likelihood import SURE
+from hgogen.logs.problem import CannotGoOn, Progress, Searches, Solution, Solver, digests, progress_of
 from hgogen.run.prediction import predictions
 from hgogen.system import valued
 

@@ -16,7 +16,7 @@ from worst import Worst
 import hgogen as hg
 from hgogen.analysis.scaling import scaling, shown, unused
 from hgogen.check import Verdict
-from hgogen.modelfiles.first import NoFirst, first
+from hgogen.modelfiles.tuning import NoFirst, first
 from hgogen.program import Place
 from hgogen.prove.plant_step import Heads, Sizes, heads_of
 from hgogen.reading.given import BadGain, BadNames

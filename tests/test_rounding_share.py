@@ -27,7 +27,7 @@ from hgogen.certificates import rounding_share
 from hgogen.certificates.rounding_share import rounding_errors
 from hgogen.check import Verdict
 from hgogen.model import MissingPart, load
-from hgogen.modelfiles.storage import Bounds
+from hgogen.modelfiles.declarations import Bounds
 from hgogen.program import Place
 from hgogen.prove.inclusion import Inclusion
 from hgogen.prove.plant_step import Unbounded

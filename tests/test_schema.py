@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 from hgogen.commands.app import command_of, known
-from hgogen.commands.keys import Meaning, meanings, names
-from hgogen.extras.qemu import COMPILER, EMULATOR
+from hgogen.commands.command import Meaning, meanings, names
+from hgogen.extras.costs import COMPILER, EMULATOR
 from hgogen.sentence import Encoded, because, encoded
 from tests.test_cli import NEURON, SHORT, as_json, hgogen, undescribed
 

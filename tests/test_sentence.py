@@ -19,7 +19,7 @@ from plants import MODELS, model
 
 import hgogen as hg
 from hgogen.check import Check, Verdict
-from hgogen.commands.tables import _short
+from hgogen.commands.claims import _short
 from hgogen.form import Form
 from hgogen.model import load
 from hgogen.rigor.singular import singular

@@ -17,7 +17,7 @@ import hgogen as hg
 from hgogen import cli
 from hgogen.call import CallableStep
 from hgogen.certificates import contraction
-from hgogen.commands.checked import checked
+from hgogen.commands.claims import checked
 from hgogen.emit.promised import promised
 from hgogen.model import load
 from hgogen.prove import questions

@@ -16,8 +16,8 @@ from typer.testing import CliRunner
 import hgogen as hg
 from hgogen.commands.app import app
 from hgogen.model import MissingPart, load
-from hgogen.modelfiles.first import First, NoFirst, first, places
 from hgogen.modelfiles.setting import Setting
+from hgogen.modelfiles.tuning import First, NoFirst, first, places
 from hgogen.observers import high_gain
 from hgogen.reading.given import BadGain
 from hgogen.run.metrics import metrics

@@ -17,7 +17,7 @@ from threadpoolctl import ThreadpoolController
 
 import hgogen as hg
 from hgogen.certificates.contraction import Admitted
-from hgogen.commands.checked import checked
+from hgogen.commands.claims import checked
 from hgogen.discretisation.growth import growth, polynomial
 from hgogen.discretisation.runge_kutta import EULER, RK4
 from hgogen.discretisation.stability import core_limit

@@ -11,10 +11,10 @@ from typer.testing import CliRunner
 import hgogen as hg
 from hgogen import cli
 from hgogen.check import Verdict
-from hgogen.commands.checked import checked
+from hgogen.commands.claims import checked
 from hgogen.errors import HgogenError
 from hgogen.model import MissingPart, load
-from hgogen.modelfiles.storage import stored
+from hgogen.modelfiles.declarations import stored
 from hgogen.prove.dissipation import BadErrorSystem
 from hgogen.reading.given import Misfit
 

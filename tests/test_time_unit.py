@@ -9,8 +9,8 @@ from typer import BadParameter
 from typer.core import TyperCommand
 
 import hgogen as hg
-from hgogen.commands.options import numbers_in
-from hgogen.commands.responding import response_
+from hgogen.commands.command import numbers_in
+from hgogen.commands.designing import response_
 from hgogen.commands.running import noise_, window_
 from hgogen.errors import HgogenError
 from hgogen.model import load

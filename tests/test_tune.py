@@ -24,12 +24,10 @@ from hgogen.commands.calibrating import _own_forms, renamed
 from hgogen.errors import BadArgument
 from hgogen.logs import judged as judged_module
 from hgogen.logs import tune as tune_module
-from hgogen.logs.grid import Calibration, Task, Tuned
 from hgogen.logs.judged import DIFFERENCING, Held, Judged, coloured, judged, verdicts
 from hgogen.logs.likelihood import STARTS, Likelihood, Noise
-from hgogen.logs.records import BadLog
-from hgogen.logs.score import Ahead, Hidden, Judge, as_good, chosen, readable
-from hgogen.logs.tune import CannotTune
+from hgogen.logs.records import Ahead, BadLog, Hidden, Judge, as_good, chosen, readable
+from hgogen.logs.tune import Calibration, CannotTune, Task, Tuned
 from hgogen.model import load
 from hgogen.modelfiles.json_file import BadFile, OtherPlant, equations, read_tunings
 from hgogen.modelfiles.setting import Setting

@@ -16,12 +16,12 @@ from hgogen import forms, observers
 from hgogen.analysis.observability import Observability
 from hgogen.call import CallableStep
 from hgogen.check import Verdict
-from hgogen.commands.checked import Checked
+from hgogen.commands.claims import Checked
 from hgogen.emit.cost import Cost, cost
 from hgogen.errors import HgogenError
 from hgogen.form import Form
 from hgogen.model import Model
-from hgogen.modelfiles.first import First, NoFirst, first, places
+from hgogen.modelfiles.tuning import First, NoFirst, first, places
 from hgogen.reading.text_model import inline
 from hgogen.registry import summary
 from hgogen.signal import Signal

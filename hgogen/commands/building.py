@@ -1,48 +1,219 @@
-"""The commands `build`, `generate` and `simulate`: a model's observer in C and in Python, and what its trials show."""
+"""The commands that write code: `build` and `generate`, `simulate`, which tries a model's observer alone, and `cost`,
+which measures what the C costs on a Cortex-M4F.
+"""
 
-from collections.abc import Iterator
+import json
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from inspect import signature
 from itertools import combinations
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, ClassVar
 
 import typer
 
 from hgogen import targets
 from hgogen.call import CallableStep
 from hgogen.certificates.error_bound import ErrorBound
-from hgogen.commands import drawings, stated_bounds, tables, trial_runs
-from hgogen.commands.campaigning import CampaignRow, campaigns
-from hgogen.commands.checked import Checked, checked
-from hgogen.commands.command import ModelReport, Report, command, early
-from hgogen.commands.options import (
+from hgogen.commands.claims import Checked, checked, checks_table, proved_bound, stating
+from hgogen.commands.command import (
     NO_RUNS,
     ModelArgument,
+    ModelReport,
     OneTrial,
     Out,
     ReaderOption,
+    Report,
     Runs,
     Seeds,
     Tuned,
+    command,
+    early,
     engine_here,
     one_or_all,
 )
-from hgogen.commands.output import Bar, Folder, Written, file_list, folder_of, named, rendered
-from hgogen.commands.packing import For, Prefix, beside, demand_packing, packed
-from hgogen.commands.process import note
-from hgogen.commands.trial_runs import TrialRow
-from hgogen.emit.naming import prefixed
+from hgogen.commands.output import Bar, Folder, Written, file_list, folder_of, headed, json_text, named, note, rendered
+from hgogen.commands.trial_runs import (
+    CampaignRow,
+    TrialRow,
+    Tried,
+    agreement_table,
+    agreements,
+    bounds_table,
+    campaigns,
+    departures,
+    summaries,
+    trial_figures,
+    trial_rows,
+    trials_of,
+    trials_or_proposed,
+    trials_table,
+    tried,
+)
+from hgogen.emit.naming import demand_prefix, prefixed
 from hgogen.emit.syntax import Real
+from hgogen.errors import HgogenError
+from hgogen.extras.costs import Costs, demand_board, measured
+from hgogen.extras.folder import ALL, SOURCES, chosen, folder, known
 from hgogen.model import Model, load
 from hgogen.modelfiles.setting import AS_WRITTEN, Setting, UnknownCase, demand_known
-from hgogen.reading.files import same
+from hgogen.reading.files import BYTES, Unread, content_of, same
 from hgogen.reading.given import by_name, written
 from hgogen.run import native
 from hgogen.run.comparison import Agreement, Disagree, Falling, Seen, falling, seen
 from hgogen.run.samples import Engine
-from hgogen.target import Files, Sources
-from hgogen.trial import Trial
+from hgogen.sentence import encoded
+from hgogen.step import Step
+from hgogen.target import CannotWrite, Files, Sources
+from hgogen.trial import Trial, rows_given
+
+COSTS = "cost.json"
+EXTRAS = "extras"  # where a library has what is no part of it, as Arduino calls it
+_MARK = "hgogen"  # in what hgogen writes
+
+For = Annotated[
+    str | None,
+    typer.Option(
+        "--for",
+        metavar="NAME",
+        help=f"A folder that a project takes as it is, for {', '.join(known())}, several with commas, or {ALL}.",
+    ),
+]
+Prefix = Annotated[
+    str | None,
+    typer.Option("--name", metavar="PREFIX", help="What files, functions, types and macros begin with."),
+]
+
+
+def demand_packing(ecosystems: str | None, name: str | None, target: str, c: str) -> None:
+    """Raises: `BadParameter` where a folder is asked for of another language than C; `UnknownEcosystem`,
+    `ReservedName`, and as `demand_prefix` does."""
+    demand_prefix(name)
+    if ecosystems is None:
+        return
+    if target != c:
+        raise typer.BadParameter(f"is for {c}, not for {target}; leave one of the two", param_hint="--for")
+    chosen(ecosystems, name or "")
+
+
+def packed(step: Step, files: Files, ecosystems: str | None, real: Real, where: Folder) -> Files:
+    """The files as they go into the folder: as they are, or laid out for ecosystems with what these ask for, and with
+    the costs that are known there.
+
+    Raises: `UnknownEcosystem`, `ReservedName`; `CannotWrite` for a folder that holds what is not hgogen's.
+    """
+    if ecosystems is None:
+        return files
+    made = folder(step, files, chosen(ecosystems, step.name), real=real, costs=_costs(where))
+    _demand_own(where, made)
+    return made
+
+
+def beside(files: Mapping[str, bytes], ecosystems: str | None) -> dict[str, bytes]:
+    """Figures, as they go into the folder."""
+    return {f"{EXTRAS}/{name}" if ecosystems else name: content for name, content in files.items()}
+
+
+def _costs(where: Folder) -> Mapping[str, Any] | None:
+    """What `hgogen cost` wrote there, if it did."""
+    (path,) = where.demand(COSTS)
+    try:
+        costs = json.loads(content_of(path, BYTES))
+    except (Unread, ValueError, RecursionError):
+        return None
+    return costs if isinstance(costs, dict) else None
+
+
+def _demand_own(where: Folder, made: Files) -> None:
+    """Nothing is replaced that hgogen did not write, and no other source lies where every build compiles all."""
+    for path, text in zip(where.demand(*made), made.values(), strict=True):
+        if path.exists() and _MARK in text and _MARK.encode() not in content_of(path, BYTES):
+            raise CannotWrite(str(path), "hgogen did not write what is there", "take another folder by --out")
+    source = where.demand(f"{SOURCES}/{COSTS}")[0].parent
+    names = {Path(name).name for name in made}
+    if others := sorted(path.name for path in source.glob("*") if path.name not in names):
+        reason = f"it holds {others[0]} too, which a build would compile along"
+        raise CannotWrite(str(source), reason, "remove that, or take another folder by --out")
+
+
+_MEANINGS = {
+    "quiet": "instructions of a step, calm",
+    "worst": "instructions of a step, the worst of a hostile record",
+    "flash": "flash, bytes",
+    "ram": "RAM, bytes of state and parameters",
+    "stack": "stack, bytes",
+}
+
+
+@dataclass(eq=False)
+class TooDear(HgogenError):
+    """Costs above the limits that were asked for: each with what it is and its limit."""
+
+    status: ClassVar[int] = 1
+    over: tuple[tuple[str, int, int], ...]
+
+    def __str__(self) -> str:
+        return "; ".join(f"{_MEANINGS[name]}: {value}, more than {limit}" for name, value, limit in self.over)
+
+
+def _most(what: str) -> typer.models.OptionInfo:
+    option: typer.models.OptionInfo = typer.Option(metavar="N", min=0, help=f"Fail where {what} is more.")
+    return option
+
+
+@dataclass(frozen=True)
+class CostReport(ModelReport):
+    """The costs of a model's C."""
+
+    json_keys = "model *costs files"
+
+    costs: Costs
+    files: Written
+    title: str
+    limits: Mapping[str, int | None]
+
+    def tables(self) -> Iterator[Any]:
+        """A row for each cost."""
+        rows = ((meaning, str(getattr(self.costs, key))) for key, meaning in _MEANINGS.items())
+        yield headed(self.title, "what", "how much", numbers=1, rows=rows)
+        yield f"{self.costs.compiler} {self.costs.flags}\n"
+
+    def demand(self) -> None:
+        """Raise `TooDear` where a cost is above its limit."""
+        asked = [(key, getattr(self.costs, key), limit) for key, limit in self.limits.items() if limit is not None]
+        if over := tuple((key, value, limit) for key, value, limit in asked if value > limit):
+            raise TooDear(over)
+
+
+@command(CostReport)
+def cost_(
+    model: ModelArgument,
+    observer: Tuned = None,
+    setting: Setting = AS_WRITTEN,
+    out: Annotated[Path, typer.Option("--out", "-o", help="Folder that holds one folder a model.")] = Path("generated"),
+    name: Prefix = None,
+    max_flash: Annotated[int | None, _most("the step's code, in bytes,")] = None,
+    max_ram: Annotated[int | None, _most("its state with the parameters, in bytes,")] = None,
+    max_stack: Annotated[int | None, _most("its stack, in bytes,")] = None,
+    max_instructions: Annotated[int | None, _most("the worst number of instructions of a step")] = None,
+) -> CostReport:
+    """Measure what the C of a model costs on a Cortex-M4F: compiled by arm-none-eabi-gcc and run in QEMU over the
+    model's trial, or one made of its ranges, without jumps, and over the same record with gaps, jumps and numbers that
+    are none. Writes MODEL/cost.json below --out, of which `hgogen generate --for` tells in the folder's README.
+    """
+    demand_prefix(name)
+    demand_board()
+    loaded = load(model).set(setting)
+    folder = Folder(out, name or named(loaded, observer))
+    folder.demand(COSTS)
+    note(*loaded.notes)
+    made, trial, real = loaded.step(observer), trials_or_proposed(loaded)[0], loaded.setting.real or "float"
+    step = prefixed(made, name) if name else made
+    costs = measured(step, targets.c99(step, real=real, check=False), rows_given(made, trial), real)
+    paths = folder.write({COSTS: json_text({"model": loaded.name, **encoded(costs)}) + "\n"})
+    limits = {"flash": max_flash, "ram": max_ram, "stack": max_stack, "worst": max_instructions}
+    return CostReport(loaded.path, costs, tuple(paths), f"{step.name} in {real} on a {costs.machine}", limits)
+
 
 C99 = "c99"
 _TAKES = ("command", "real", "check")  # what a language takes beside the step
@@ -78,11 +249,11 @@ _SPOKEN = f"The language of the code: {_either(_languages())}."
 Target = Annotated[str, typer.Option("--target", metavar="NAME", help=_SPOKEN)]
 
 
-def _tried(step: CallableStep, trials: tuple[Trial, ...], engine: Engine, count: int | None) -> list[trial_runs.Tried]:
+def _tried(step: CallableStep, trials: tuple[Trial, ...], engine: Engine, count: int | None) -> list[Tried]:
     seeds = {trial.name: trial.seeds if count is None else tuple(range(count)) for trial in trials}
     language = {"c": "C", "python": "Python"}[engine]
     with Bar(f"trials in {language}", sum(map(len, seeds.values()))) as bar:
-        return [trial_runs.tried(step, trial, engine, seeds[trial.name], bar.tick) for trial in trials]
+        return [tried(step, trial, engine, seeds[trial.name], bar.tick) for trial in trials]
 
 
 def _emitted(step: CallableStep, model: Model, observer: str | None, target: str, name: str | None) -> Sources:
@@ -122,9 +293,9 @@ class Built(ModelReport):
 
     def tables(self) -> Iterator[Any]:
         """What the trials say, and whether C and Python agree."""
-        yield tables.trials([one.summary for one in self.trials], self.unit)
+        yield trials_table([one.summary for one in self.trials], self.unit)
         if self.comparison:
-            yield tables.agreements(self.comparison, self.unit)
+            yield agreement_table(self.comparison, self.unit)
         if self.self_check:
             yield f"self-check of the {self.code}: {self.self_check}\n"
 
@@ -158,18 +329,18 @@ def build_(
     folder = Folder(Path("build"), name) if name and out is None else folder_of(out, loaded, observer)
     folder.demand("report.json")
     step = loaded.step(observer)
-    trials = trial_runs.trials_of(loaded, step)
+    trials = trials_of(loaded, step)
     claims = checked(loaded, name=observer)
-    early(tables.checks(claims.head, claims.checks, claims.accepted))
+    early(checks_table(claims.head, claims.checks, claims.accepted))
     note(*claims.notes)
     files, library = _coded(loaded, step, claims.known, observer, target, ecosystems, name, folder)
     engine = engine_here()
     self_check = _checked(files, engine)
     done = _tried(step, trials, engine, seeds if engine == "c" else 1)
     again = _tried(step, trials, "python", 1) if engine == "c" else []
-    comparison = trial_runs.agreements(done, again, step.dt) if again else ()
-    drawn = beside(rendered(drawings.figures(step, done, claims.known)), ecosystems)
-    rows = trial_runs.trial_rows(trial_runs.summaries(step, done, engine, note), done)
+    comparison = agreements(done, again, step.dt) if again else ()
+    drawn = beside(rendered(trial_figures(step, done, claims.known)), ecosystems)
+    rows = trial_rows(summaries(step, done, engine, note), done)
     code = f"{_real(loaded)} {'C' if target == C99 else target}"
     report = Built(loaded.path, claims, dict(files.names), self_check, rows, comparison, code, step.time)
     return folder.save(report, "report.json", {**library, **drawn})
@@ -186,7 +357,7 @@ def _coded(
     folder: Folder,
 ) -> tuple[Sources, Files]:
     """The code of a step of which that is `known`, and all files as they go into the folder."""
-    stated = stated_bounds.stating(step, model, known)
+    stated = stating(step, model, known)
     coded = prefixed(stated, name) if name else stated
     files = _emitted(coded, model, observer, target, name)
     return files, packed(coded, files, ecosystems, _real(model), folder)
@@ -253,7 +424,7 @@ def generate_(
         folder = Folder(out, name or named(one, observer))
         note(*one.notes)
         step = one.step(observer)
-        known = stated_bounds.proved(step, one, note)
+        known = proved_bound(step, one, note)
         code, library = _coded(one, step, known, observer, target, ecosystems, name, folder)
         folder.demand(*library)
         made.append((one, folder, step, known, code, library))
@@ -271,8 +442,8 @@ def _figures(model: Model, step: CallableStep, known: ErrorBound | None, engine:
         note(f"{model.path} has no trial, so there are no figures of it")
         return {}
     done = _tried(step, model.trials(), engine, 1)
-    note(*trial_runs.departures(done, step.time))
-    return rendered(drawings.figures(step, done, known))
+    note(*departures(done, step.time))
+    return rendered(trial_figures(step, done, known))
 
 
 @dataclass(frozen=True, eq=False)
@@ -304,8 +475,8 @@ class Simulated(ModelReport):
     def tables(self) -> Iterator[Any]:
         """What followed each event of each trial, and errors beside their bounds."""
         yield f"{self.step.observer.name} observer: {', '.join(map(written, self.step.layout.gains))}\n"
-        yield tables.trials([one.row.summary for one in self.trials], self.step.time)
-        yield from (tables.within(one.bounds) for one in self.trials if one.bounds)
+        yield trials_table([one.row.summary for one in self.trials], self.step.time)
+        yield from (bounds_table(one.bounds) for one in self.trials if one.bounds)
         falls = (one.falling for one in self.trials if one.falling)
         yield from (f"{one.trial}: {one.sentence(self.step.time)}" for one in falls)
 
@@ -340,7 +511,7 @@ def simulate_(
     """
     loaded = load(model).set(setting)
     step = loaded.step(observer)
-    trials = trial_runs.trials_of(loaded, step)
+    trials = trials_of(loaded, step)
     chosen, engine = one_or_all(trials, trial), engine_here(reader)
     if asked:
         if out is not None:
@@ -350,9 +521,9 @@ def simulate_(
     if out is not None:
         Folder(out).demand(*(f"{one.name}_states.svg" for one in chosen))
     done = _tried(step, chosen, engine, seeds)
-    summed = trial_runs.trial_rows(trial_runs.summaries(step, done, engine, note), done)
-    known = stated_bounds.proved(step, loaded, note)
+    summed = trial_rows(summaries(step, done, engine, note), done)
+    known = proved_bound(step, loaded, note)
     seen_ = [seen(step.states, one.first, known) if known else () for one in done]
     falls = [falling(step, one, engine) for one in chosen]
-    paths = [] if out is None else Folder(out).write(rendered(drawings.figures(step, done, known)))
+    paths = [] if out is None else Folder(out).write(rendered(trial_figures(step, done, known)))
     return Simulated(loaded.path, step, tuple(map(SimulatedTrial, summed, seen_, falls)), tuple(paths))

@@ -1,34 +1,43 @@
-"""The command `check`: the claims of one model, or the answers to many."""
+"""The command `check`: the claims of one model, or the answers to many.
+
+It begins with the answer in one line: what is observable, which forms the plant is in, and whether the observer
+converges. The forms are the rows of the survey, which the table under it prints; the observer's own form is named where
+it is none of those that are proved.
+"""
 
 import json
-from collections.abc import Iterable
+import re
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any
 
+import sympy as sp
 import typer
+from rich.console import Group, RenderableType
 from rich.table import Table
+from rich.text import Text
 from typer.core import TyperCommand
 
 import hgogen as hg
-from hgogen.analysis.observability import Observability
+from hgogen.analysis.observability import Answer, Observability
 from hgogen.analysis.singularity import Singularity
-from hgogen.analysis.undefined import undefined_slopes, undefined_values
-from hgogen.check import Check, Refuted
-from hgogen.commands import findings, library, tables
+from hgogen.analysis.undefined import MAKER, undefined_slopes, undefined_values
+from hgogen.check import Check, ClaimId, Refuted, Verdict
+from hgogen.commands import library
 from hgogen.commands.advice import Advice, advice
-from hgogen.commands.checked import Checked, checked
-from hgogen.commands.command import ModelReport, command
-from hgogen.commands.latex import fragment
-from hgogen.commands.options import Tuned
-from hgogen.commands.output import Bar, json_text, show
-from hgogen.commands.process import note, results
+from hgogen.commands.claims import COLOURS, Checked, _text, checked, checks_table, few, theorem_table
+from hgogen.commands.command import ModelReport, Tuned, command
+from hgogen.commands.output import Bar, filled, headed, json_text, note, results, show
 from hgogen.errors import HgogenError
+from hgogen.form import Form
 from hgogen.model import Model, load
 from hgogen.modelfiles.setting import AS_WRITTEN, Setting
 from hgogen.rigor.bounds import Range
-from hgogen.run.gramian import Sight, sight
+from hgogen.run.gramian import Sight, as_share, sight
+from hgogen.sentence import NONE, Reason, Sentence, because, down, point, up
 from hgogen.target import demand as demand_place
+from hgogen.theorem import convergence
 from hgogen.trial import Trial
 from hgogen.which_forms import Survey
 
@@ -209,26 +218,26 @@ def _checked(
     note(*loaded.notes)  # before anything is called proved
     ranges = {text: hg.bound(text, plant) for text in bounds}
     gaps = (*undefined_values(plant), *undefined_slopes(plant))
-    say(findings.undefined(gaps))
+    say(undefined_list(gaps))
     seen = hg.observability(plant)
     least = _least(loaded) if seen.rank == seen.n else None
     try:
         forms = hg.survey(plant, deep=deep)
         claims = checked(loaded, forms, observer)
-        first = findings.headline(seen, forms, claims, least)
+        first = headline(seen, forms, claims, least)
         say(first, "")
     finally:
-        say(tables.ranges(ranges), findings.observed(seen, least))
-    say(tables.survey(forms, claims.checks))
+        say(ranges_table(ranges), observability_table(seen, least))
+    say(survey_table(forms, claims.checks))
     if claims.shown:
-        say(tables.checks(claims.head, claims.checks, claims.accepted))
+        say(checks_table(claims.head, claims.checks, claims.accepted))
     singular = hg.singularity(plant)
     if seen.rank == seen.n:
-        say(tables.checks(singular.head, singular.checks, ()))
-    say(tables.theorem(claims.theorem, claims.hypotheses))
+        say(checks_table(singular.head, singular.checks, ()))
+    say(theorem_table(claims.theorem, claims.hypotheses))
     take = _advice(loaded, observer, seen, forms, claims, deep) if advised else None
     if take:
-        say(findings.taking(take))
+        say(advice_tables(take))
     named = tuple(NamedRange(text, one) for text, one in ranges.items())
     return CheckReport(loaded.path, first, ObservedPlant(seen, least), forms, named, claims, gaps, singular, take)
 
@@ -277,3 +286,210 @@ def _library(path: Path, limit: float, out: str | None) -> None:
     bad = sum("error" in answer for answer in answers.values())
     if bad:
         note(f"{bad} of {len(answers)} models {'has an error' if bad == 1 else 'have errors'}")
+
+
+_SHORT = 20  # a reason that may be repeated
+
+
+def survey_table(forms: Survey, below: Iterable[Check] = ()) -> RenderableType:
+    """Which form the plant is in, in which order of states, or why not; a fix that is not told `below`."""
+    table = headed(f"{forms.plant.name}: which form, on the declared ranges", *("", "form", "order", "why"))
+    before = NONE
+    for row in forms.answered:
+        verdict = Text(str(row.verdict), style=COLOURS.get(row.verdict, "cyan") if row.verdict else "")
+        why = because("as above") if row.why == before and len(str(row.why)) > _SHORT else row.why
+        table.add_row(verdict, Text(row.name), Text(few(row.order)), _text(why))
+        before = row.why
+    reasons: dict[Reason, list[str]] = {}
+    for row in forms.rows:
+        if row.verdict is None:
+            reasons.setdefault(row.why, []).append(row.name)
+    silent = [Text(f"{', '.join(names)}: {why}", style="dim") for why, names in reasons.items()]
+    advised = {check.advice for check in below}
+    settled = any(row.verdict is Verdict.PROVED for row in forms.answered)
+    fixes = {row.fix: f"{row.name}: {row.fix}" for row in forms.answered if row.fix and row.fix not in advised}
+    return Group(table, *silent, *map(Text, () if settled else fixes.values()), "")
+
+
+def ranges_table(bounds: Mapping[str, Range]) -> RenderableType:
+    """The ranges of expressions; nothing without one."""
+    rows = (
+        (Text(text), down(one.low, 9), up(one.high, 9), str(one.boxes), Text(str(one.note)))
+        for text, one in bounds.items()
+    )
+    title, columns = "ranges on the declared box, outward-rounded", ("expression", "from", "to", "boxes", "")
+    return Group(*filled(headed(title, *columns, rows=rows)))
+
+
+_PLAIN: Any = {"box": None, "pad_edge": False, "padding": (0, 2, 0, 0)}
+_LINES = {False: "with the gains of the model's tuning", True: "with first gains, read off the ranges, untried"}
+_WHERE = {  # by whether the gains are proposed, and whether the model is plain text
+    (False, False): ", after `from hgogen.model import load`:",
+    (False, True): ", by the command:",
+    (True, False): ", beside the model's plant, after `import hgogen as hg`:",
+    (True, True): ", an entry that goes above the first [table] of the model, or into its object:",
+}
+
+
+def headline(seen: Observability, survey: Survey, claims: Checked, least: Sight | None = None) -> str:
+    """As "pendulum: locally observable; triangular, uniform, state_affine, proved; convergence unknown"."""
+    said = [_observed(seen, least), *_forms(survey, claims)]
+    if claims.observer:
+        said.append(str(convergence(claims.observer, claims.checks)))
+    else:
+        said.append("its observer is refused" if claims.demanded else "no observer")
+    for check in claims.checks:
+        if check.id == ClaimId(claims.observer, "step"):  # of an observer of which that is asked
+            said.append(f"{'' if check.verdict is Verdict.PROVED else 'not '}proved as it runs")
+    return f"{claims.plant}: " + "; ".join(said)
+
+
+def _observed(seen: Observability, least: Sight | None) -> str:
+    known = seen.known
+    if known.rank.unobservable:
+        hidden, doubtful = (few((s.name for s in names), 4) for names in (known.hidden, known.doubtful))
+        said = [f"{hidden} not observable"] if hidden else []
+        said += [f"whether {doubtful} can be observed is unknown"] if doubtful else []
+        return ", ".join(said) + (f", where {known.condition}" if known.where else "")
+    if known.elsewhere:
+        first, *more = known.exceptions
+        return f"locally observable, but {first}" + (", ..." if more else "")
+    if least is not None and least.by_motion:
+        return f"locally observable, {next(iter(least.direction))} by its motion alone"
+    if least is not None and least.hopeless:
+        return f"locally observable, but {next(iter(least.direction))} hopelessly little ({as_share(least.median, 1)})"
+    return "locally observable"
+
+
+def _forms(survey: Survey, claims: Checked) -> Iterator[str]:
+    """The forms in which the plant is proved to be, else the one that comes nearest; then the observer's, if that is
+    another one."""
+    proved = [row.kind for row in survey.proved]
+    recast = claims.form.system.origin is not survey.plant.origin
+    known = claims.demanded and not recast and claims.form.kind in (proved or [row.kind for row in survey.candidates])
+    if proved:
+        yield f"{', '.join(proved)}, proved"
+    elif known:
+        yield _form(claims.form, claims.accepted)
+    else:
+        yield _form(survey.best, ()) if survey.candidates else "in none of the forms asked"
+    if claims.demanded and not known:
+        yield f"its observer's form{', of the recast plant' * recast}: {_form(claims.form, claims.accepted)}"
+
+
+def _form(form: Form, accepted: Iterable[str]) -> str:
+    """A form with what is not proved of it."""
+    failed = [check for check in form.checks if check.verdict is Verdict.REFUTED]
+    if failed:
+        known = "accepted" if all(check.id in accepted for check in failed) else "refuted"
+        return f"{form.kind} but for {_names(failed)} ({known})"
+    doubtful = [check for check in form.checks if check.verdict is not Verdict.PROVED]
+    if doubtful:
+        return f"{form.kind} as far as is known: {_names(doubtful)} not proved"
+    return f"{form.kind}, proved"
+
+
+def _names(checks: Iterable[Check]) -> str:
+    return few((check.id if check.id.maker == MAKER else check.id.short for check in checks), 4)
+
+
+def undefined_list(checks: Iterable[Check]) -> RenderableType:
+    """The rows of the plant that have no finite value somewhere in the declared ranges, or may have none, line by
+    line."""
+    lines = []
+    for check in checks:
+        pattern = "{id}: {reason}; at {point}" if check.witness else "{id}: {reason}"
+        said = Sentence.of(pattern, id=check.id, reason=check.reason, point=point(check.witness))
+        lines.append(Text(f"{check.verdict:10}", style=COLOURS.get(check.verdict, "cyan")).append(str(said), "default"))
+    return Group(*lines)
+
+
+def observability_table(seen: Observability, least: Sight | None = None) -> RenderableType:
+    """What the outputs tell of the states, and of the parameters that have a range; how much at `least`."""
+    title = f"{seen.system.name}: observability, at almost every state, parameter value and input"
+    loose = few(s for s in seen.system.parameters if s.bounded)
+    whose = ("the states", f"the states and {loose}") if loose else ("the states",)
+    table = Table(show_header=False, **_PLAIN)
+    for check, answer, what in zip(seen.checks, (seen.known, seen.joint), whose, strict=False):
+        verdict = Text(str(check.verdict), style=COLOURS.get(check.verdict, "cyan"))
+        table.add_row(verdict, Text(_answered(answer, what)) if answer else "")
+    if least is not None:
+        table.add_row(Text("hopeless", style="red") if least.hopeless else Text("measured"), Text(str(least)))
+    return Group(Text(title, style="bold"), table, *([Text(str(seen.asked))] if seen.asked else []), "")
+
+
+def _answered(answer: Answer, what: str) -> str:
+    """What is observable of the states; advice on measurements only where it is proved that something is not."""
+    rank = answer.rank
+    count = f"rank {rank.rank} of {rank.dimension}, by derivatives of the outputs up to order {rank.order}"
+    if not rank.unobservable:
+        but = "".join(f"\nbut {exception}" for exception in answer.exceptions)
+        return f"{what} are locally observable: {count}{but}"
+    said = [f"of {what}, {', and '.join(map(str, answer.unseen))}: {count}"]
+    said += [f"no output sees {symmetry}" for symmetry in answer.symmetries if symmetry.proved]
+    said += map(str, answer.exceptions)
+    return "\n".join([*said, *([answer.advice] if answer.advice else [])])
+
+
+def advice_tables(advice: Advice) -> RenderableType:
+    """The observers that the plant admits, best first, with a line for each, and what else to do."""
+    said = "each built without accepting anything, with what is known of its convergence in continuous time"
+    head = Text(f"{advice.plant}: what to take, {said}", style="bold")
+    parts: list[RenderableType] = [head]
+    if advice.admitted:
+        table = Table(*("observer", "form", "convergence", "cost", "take it where"), **_PLAIN)
+        for one in advice.admitted:
+            count = f"{one.cost.operations} + {one.cost.functions}"
+            table.add_row(*map(Text, (one.observer, one.form, one.known, count, one.where.replace("`", ""))))
+        parts.append(table)
+    for proposed, title in _LINES.items():
+        lines = [
+            Text(f"  {one.line}", no_wrap=True, overflow="ignore")
+            for one in advice.admitted
+            if one.proposed is proposed
+        ]
+        parts += [Text(title + _WHERE[proposed, advice.plain]), *lines] if lines else []
+    return Group(*parts, *map(Text, advice.notes), "")
+
+
+_ESCAPED = {
+    "\\": r"\textbackslash{}",
+    "^": r"\textasciicircum{}",
+    "~": r"\textasciitilde{}",
+    "<": r"\textless{}",
+    ">": r"\textgreater{}",
+    **{mark: f"\\{mark}" for mark in "&%$#_{}"},
+}
+
+
+def fragment(form: Form, checks: Iterable[Check], accepted: Sequence[str] = ()) -> str:
+    """The form's coordinates and equations, and a table of the checks with their verdicts."""
+    plant = form.system
+    parts = (
+        _aligned("{} &= {}", dict(zip(form.states, form.to_form, strict=True))),
+        _aligned(r"\dot{{{}}} &= {}", dict(zip(form.states, form.flow, strict=True))),
+        _aligned("{} &= {}", dict(zip(plant.outputs, form.output, strict=True))),
+        _table(checks, accepted),
+    )
+    return f"% {_escaped(plant.name)}, {_escaped(form.kind)} form\n" + "\n".join(parts) + "\n"
+
+
+def _aligned(row: str, equations: Mapping[sp.Symbol, sp.Expr]) -> str:
+    rows = (row.format(sp.latex(left), sp.latex(right)) for left, right in equations.items())
+    return "\\begin{align*}\n" + " \\\\\n".join(rows) + "\n\\end{align*}"
+
+
+def _table(checks: Iterable[Check], accepted: Sequence[str]) -> str:
+    rows = [r"verdict & check & claim and reason \\ \hline"]
+    for check in checks:
+        at = ", ".join(f"{name} = {float(value):g}" for name, value in check.witness.items())
+        verdict = f"{check.verdict}{', accepted' if check.id in accepted else ''}"
+        said = f"{check.claim}: {check.reason}{'; at ' + at if at else ''}"
+        rows.append(rf"{_escaped(verdict)} & {_escaped(check.id)} & {_escaped(said)} \\")
+    columns = r"p{0.14\textwidth}p{0.24\textwidth}p{0.52\textwidth}"
+    return f"\\begin{{tabular}}{{{columns}}}\n" + "\n".join(rows) + "\n\\end{tabular}"
+
+
+def _escaped(text: str) -> str:
+    """Text in which LaTeX reads no command; what is not ASCII is left to its input encoding."""
+    return re.sub(r"[\\^~<>&%$#_{}]", lambda mark: _ESCAPED[mark[0]], text)

@@ -1,35 +1,48 @@
 """The command `compare`: several observers of one model over its trials, on the same noise."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
+from typing import TYPE_CHECKING, Any
+
+from rich.console import Group, RenderableType
+from rich.text import Text
+
+from hgogen.call import CallableStep
+from hgogen.certificates.error_bound import ErrorBound
+from hgogen.commands.output import filled, headed
+from hgogen.run.comparison import Measured
+from hgogen.sentence import up
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Annotated, Any
+from typing import Annotated
 
 import typer
 
 from hgogen import observers as every
-from hgogen.call import CallableStep
-from hgogen.certificates.error_bound import ErrorBound
-from hgogen.commands import drawings, log_tables, stated_bounds, tables, trial_runs
-from hgogen.commands.campaigning import CampaignRow, campaigns
-from hgogen.commands.command import ModelReport, command
-from hgogen.commands.options import (
+from hgogen.commands.claims import bound_of
+from hgogen.commands.command import (
     NO_RUNS,
     ModelArgument,
+    ModelReport,
     OneTrial,
     Out,
     ReaderOption,
     Runs,
     Seeds,
+    command,
     engine_here,
     one_or_all,
 )
-from hgogen.commands.output import Bar, Written, folder_of, rendered
-from hgogen.commands.process import note
+from hgogen.commands.output import Bar, Written, folder_of, note, refusals_table, rendered
+from hgogen.commands.trial_runs import CampaignRow, campaigns, time_cell, trials_or_proposed
 from hgogen.errors import HgogenError
 from hgogen.model import MissingPart, Model, load
 from hgogen.modelfiles.setting import AS_WRITTEN, Setting
 from hgogen.prove.semidefinite import NoSolver
-from hgogen.run.comparison import Measured, measured
+from hgogen.run.comparison import measured
 from hgogen.run.metrics import Left, criterion, leaving_notes, left
 from hgogen.run.metrics import guard_notes as guards
 from hgogen.run.samples import Engine
@@ -98,8 +111,8 @@ class Comparison(ModelReport):
         """Observers side by side."""
         for one in self.trials:
             title = f"trial {one.trial.name}, seeds {one.seeds}, settled: {one.criterion}"
-            yield tables.compared(title, one.observers, self.unit, one.estimate, one.trial.start)
-        yield from log_tables.without(self.refused, "refused, and not compared")
+            yield comparison_tables(title, one.observers, self.unit, one.estimate, one.trial.start)
+        yield from refusals_table(self.refused, "refused, and not compared")
 
 
 @dataclass(frozen=True, eq=False)
@@ -115,7 +128,7 @@ class ComparedCampaigns(ModelReport):
         """A table for each campaign."""
         for row in self.campaigns:
             yield from row.tables()
-        yield from log_tables.without(self.refused, "refused, and not compared")
+        yield from refusals_table(self.refused, "refused, and not compared")
 
 
 @command(Comparison, ComparedCampaigns)
@@ -142,7 +155,7 @@ def compare_(
     loaded = load(model).set(setting)
     folder = folder_of(out, loaded)
     names = _names(loaded, observers)
-    chosen, engine = one_or_all(trial_runs.trials(loaded), trial), engine_here(reader)
+    chosen, engine = one_or_all(trials_or_proposed(loaded), trial), engine_here(reader)
     if not asked:
         folder.demand(*(f"{one.name}_errors.svg" for one in chosen))
     steps, dt, refused = _alike(loaded, names, chosen)
@@ -151,7 +164,7 @@ def compare_(
         return ComparedCampaigns(loaded.path, dt, engine, rows, refused)
     tried = _tried(loaded, steps, chosen, engine, seeds)
     unit = loaded.plant.time
-    drawn = {f"{one.trial.name}_errors": drawings.errors(one.observers, unit) for one in tried}
+    drawn = {f"{one.trial.name}_errors": error_figure(one.observers, unit) for one in tried}
     return Comparison(loaded.path, dt, engine, unit, tried, refused, tuple(folder.write(rendered(drawn))))
 
 
@@ -225,7 +238,7 @@ def _known(
             start = one.first_estimate(step.observer.form)
             same = [earlier for other, earlier in begun if other == start]
             try:
-                bound = same[0] if same else stated_bounds.bound_of(steps[one.name][name], model)
+                bound = same[0] if same else bound_of(steps[one.name][name], model)
             except NoSolver as missing:
                 note(str(missing))
                 bound = None
@@ -256,3 +269,67 @@ def _names(model: Model, asked: str | None) -> list[str]:
         if name not in model.tuning.tables and name not in every.__all__:
             model.tuned(name)  # says what it may have been
     return list(dict.fromkeys(names))
+
+
+def error_figure(each: Sequence[Measured], unit: str) -> "Figure":
+    """The errors of several observers on the first seed of one trial; `unit`: that of the plant's time."""
+    from hgogen.run import figures as figure
+
+    first = each[0].first
+    of = {one.name: one.first.error for one in each}
+    return figure.errors(each[0].states, first.truth.t, of, first.trial.events, unit)
+
+
+def comparison_tables(
+    title: str, each: Sequence[Measured], unit: str, estimate: Mapping[str, float], start: Mapping[str, float]
+) -> RenderableType:
+    """Observers side by side, one a row, from their first `estimate` of the plant's state `start`, by name."""
+    states = list(each[0].rms)
+    columns = (f"settled after each event ({unit})", "operations", "functions", "bytes of state")
+    whole = headed(title, "observer", *columns, numbers=len(columns))
+    for one in each:
+        settled = ", ".join(map(time_cell, one.settled))
+        whole.add_row(one.name, settled, *map(str, (one.cost.operations, one.cost.functions, one.cost.state)))
+    rms = headed("steady error, root mean square", "observer", *states, numbers=len(states))
+    peak = headed(
+        "peaking: largest rise of the error after an event, over the state's range",
+        "observer",
+        *states,
+        numbers=len(states),
+    )
+    for one in each:
+        rms.add_row(one.name, *(f"{value:.3g}" for value in one.rms.values()))
+        peak.add_row(one.name, *(f"{value:.2g}" for value in one.peak.values()))
+    begun = f"every observer starts at {_state(estimate)}; the plant at {_state(start)}"
+    said = (begun, *_meanings(each, unit), *(f"{one.name}: {one.unproved}" for one in each if one.unproved))
+    return Group(whole, "", rms, "", *_proved(each, states), peak, "", *map(Text, said), "")
+
+
+def _proved(each: Sequence[Measured], states: Sequence[str]) -> list[RenderableType]:
+    """What is proved of the errors, beside the worst of the seeds; nothing where it was not asked of any."""
+    if not any(one.proved or one.unproved for one in each):
+        return []
+    title = "proved: no error above, once the start has decayed; behind it the worst of all seeds from then on"
+    table = headed(title, "observer", *states, numbers=len(states))
+    for one in each:
+        cells = []
+        for bound, worst in ((one.proved.get(x), one.worst.get(x)) for x in states):
+            seen = "-" if worst is None else f"{worst:.3g}"
+            cells.append("-" if bound is None else f"{up(bound, 3)} ({seen})")
+        table.add_row(one.name, *cells)
+    return filled(table)
+
+
+def _state(values: Mapping[str, float]) -> str:
+    return ", ".join(f"{name} = {value:g}" for name, value in values.items())
+
+
+def _meanings(each: Sequence[Measured], unit: str) -> Iterable[str]:
+    """What the columns of a comparison mean, and which methods it compares, if several."""
+    yield f"steady: from {each[0].first.trial.steady_from:g} {unit} on, the median of the seeds; peaking: of all seeds"
+    yield "operations, functions (sine, exponential, root, ..): of one call; settled: the median of the seeds"
+    methods: dict[str, list[str]] = {}
+    for one in each:
+        methods.setdefault(one.method, []).append(one.name)
+    if len(methods) > 1:
+        yield "; ".join(f"by {method}: {', '.join(names)}" for method, names in methods.items())

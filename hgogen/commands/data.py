@@ -1,4 +1,4 @@
-"""Measured records on the command line: which columns are signals, and the rows held out."""
+"""Measured records on the command line: which columns are signals, the rows held out, and what was found in a log."""
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -8,8 +8,10 @@ from typing import Any
 
 import numpy as np
 import typer
+from rich.console import Group, RenderableType
+from rich.text import Text
 
-from hgogen.commands.options import Columns, once
+from hgogen.commands.command import Columns, once
 from hgogen.logs.records import Log, beyond
 from hgogen.reading.log import mapping, shifts_of
 from hgogen.reading.measured import COMMAND, Record, Report, Window, read
@@ -115,3 +117,12 @@ def too_far(ahead: Iterable[int], compared: Iterable[int | None]) -> Iterator[st
     far = ", ".join(map(str, sorted({*ahead} - {*compared})))
     if far:
         yield f"no sample is there to compare with predictions {far} samples ahead"
+
+
+def log_summary(read: Report, begins: Mapping[str, float] | None = None) -> RenderableType:
+    """What was found in a log; `begins`: the states that it gives the estimate to start from."""
+    lines = list(read.sentences())
+    if begins:
+        at = ", ".join(f"{name} = {value:g}" for name, value in begins.items())
+        lines.append(f"the estimate starts at {at}, and elsewhere where the observer does")
+    return Group(Text(read.path, style="bold"), *(Text(f"  {said}") for said in lines), "")

@@ -2,7 +2,7 @@
 
 import math
 import os
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from enum import StrEnum
@@ -12,31 +12,40 @@ from typing import Annotated, Any
 
 import numpy as np
 import typer
-from rich.console import Group
+from rich.console import Group, RenderableType
 from rich.text import Text
 
 from hgogen.call import CallableStep
-from hgogen.commands import log_tables
-from hgogen.commands.command import ModelReport, command
-from hgogen.commands.data import Logs, logs_of
-from hgogen.commands.options import (
+from hgogen.commands.command import (
     NO_COLUMNS,
     Columns,
     Data,
     HeldOut,
     ModelArgument,
+    ModelReport,
     Out,
     Shift,
     Tuned,
+    command,
     engine_here,
     names_in,
 )
-from hgogen.commands.output import Bar, Folder, Written, folder_of, headed, json_text, rendered
-from hgogen.commands.process import interruptible, note
+from hgogen.commands.data import Logs, log_summary, logs_of
+from hgogen.commands.output import (
+    Bar,
+    Folder,
+    Written,
+    cell,
+    folder_of,
+    headed,
+    interruptible,
+    json_text,
+    note,
+    rendered,
+)
 from hgogen.errors import HgogenError
-from hgogen.logs.fit import AGAIN, fit
-from hgogen.logs.result import Fit
-from hgogen.logs.solution import ITERATIONS, Progress, progress_of
+from hgogen.logs.fit import AGAIN, Fit, fit
+from hgogen.logs.problem import ITERATIONS, Progress, progress_of
 from hgogen.model import Model, load
 from hgogen.modelfiles.json_file import equations, table_of
 from hgogen.modelfiles.setting import AS_WRITTEN, Setting
@@ -112,8 +121,8 @@ class FitReport(ModelReport):
 
     def tables(self) -> Iterator[Any]:
         """The records, the fit and its predictions."""
-        yield from map(log_tables.report, self.logs.reports)
-        yield log_tables.fitted(self.result, self.logs.notes())
+        yield from map(log_summary, self.logs.reports)
+        yield fit_tables(self.result, self.logs.notes())
         if not self.predictions:
             yield Text(f"nothing judges the fit; {self.unjudged}\n")
             return
@@ -123,7 +132,7 @@ class FitReport(ModelReport):
         for one in self.predictions:
             name = f"{one.output} in {one.record}" if several else one.output
             ahead = "all, open loop" if one.ahead is None else str(one.ahead)
-            table.add_row(name, ahead, *map(log_tables.cell, (one.fitted, one.unfitted, one.copying)))
+            table.add_row(name, ahead, *map(cell, (one.fitted, one.unfitted, one.copying)))
         yield Group(table, *map(Text, self.verdicts), "")
 
 
@@ -335,3 +344,34 @@ def _without_offset(result: Fit) -> Iterator[str]:
     for one in (each for each in result.offsets if math.isfinite(each.deviation)):
         taken = f"'{one.name}=[COLUMN] - ({one.value:.5g})'"
         yield f"no observer knows the offset of {one.name}: tune and run take it off by --map {taken}, in its unit"
+
+
+def fit_tables(result: Fit, notes: Iterable[str]) -> RenderableType:
+    """Fitted parameters, how well the outputs are followed, and what that is worth; `notes` on the records."""
+    parts = headed("fitted parameters", "name", "value", "standard error", "before", "unit", numbers=4)
+    for one in result.parameters:
+        spread = "at its end" if one.at else _spread(one.deviation)
+        parts.add_row(one.name, f"{one.value:.5g}", spread, f"{one.nominal:.5g}", Text(one.unit))
+    for one in result.lags:
+        parts.add_row(f"lag of {one.name}", f"{one.value:.5g}", _spread(one.deviation), "", Text(one.unit))
+    for one in result.offsets:
+        parts.add_row(f"offset of {one.name}", f"{one.value:.5g}", _spread(one.deviation), "0", Text(one.unit))
+    for what, levels in zip(("process noise of", "noise of a sample of"), result.noise, strict=True):
+        for name, level in levels.items():
+            parts.add_row(f"{what} {name}", f"{level:.3g}", "", "", "density" if levels is result.noise[0] else "")
+    follows = headed(_ALONG[result.by], "output", "fitted", "before", "Ljung-Box", "limit", numbers=5)
+    for name, error in result.error.items():
+        test = result.whiteness[name]
+        white = ("", "") if test is None else (f"{test.statistic:.4g}", f"{test.limit:.4g}")
+        follows.add_row(name, f"{error:.4g}", f"{result.unfitted[name]:.4g}", *white)
+    return Group(parts, "", follows, *map(Text, (*notes, *result.notes())), "")
+
+
+_ALONG = {
+    "simulation": "RMS error of the outputs along the record, from its first state; Ljung-Box tests whiteness",
+    "prediction": "RMS error of predictions one sample ahead along the record; Ljung-Box tests whiteness",
+}
+
+
+def _spread(deviation: float) -> str:
+    return f"{deviation:.2g}" if math.isfinite(deviation) else "not told"

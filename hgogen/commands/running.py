@@ -1,51 +1,65 @@
 """The commands `run`, `noise` and `window`: a measured record, what a quiet one says of noise, what windows show."""
 
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from rich.console import Group, RenderableType
+from rich.text import Text
+
+from hgogen.call import CallableStep
+from hgogen.commands.output import cell, filled, headed
+from hgogen.reading.measured import Record
+from hgogen.run.gramian import Gramian
+from hgogen.run.samples import Run
+from hgogen.step import Step
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
 import csv
 import io
 import math
 import re
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Iterator
+from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 from types import MappingProxyType
-from typing import Annotated, Any
+from typing import Annotated
 
-import numpy as np
 import typer
-from rich.console import Group
-from rich.text import Text
 
 import hgogen as hg
-from hgogen.call import CallableStep
-from hgogen.commands import drawings, log_tables, tables, trial_runs
-from hgogen.commands.command import ModelReport, command
-from hgogen.commands.data import too_far, truth_name, truth_of, truth_options
-from hgogen.commands.options import (
+from hgogen.commands.command import (
     NO_COLUMNS,
     Columns,
     ModelArgument,
+    ModelReport,
     Out,
     Shift,
     Truth,
     Tuned,
+    command,
     engine_here,
     horizons,
     numbers_by_name,
     numbers_in,
     one_or_all,
 )
-from hgogen.commands.output import Bar, Written, folder_of, headed, rendered
+from hgogen.commands.data import log_summary, too_far, truth_name, truth_of, truth_options
+from hgogen.commands.output import Bar, Written, folder_of, rendered
+from hgogen.commands.trial_runs import trials_or_proposed
 from hgogen.logs.records import Log, beyond
 from hgogen.model import MissingPart, Model, load
 from hgogen.modelfiles.setting import AS_WRITTEN, Setting
 from hgogen.reading.files import fault
 from hgogen.reading.log import mapping, shifts_of
-from hgogen.reading.measured import COMMAND, WINDOWS, Record, read
+from hgogen.reading.measured import COMMAND, WINDOWS, read
 from hgogen.run.comparison import Difference, coarse, differences
 from hgogen.run.consistency import Consistency, Suggestion, consistency, no_better, suggest
 from hgogen.run.consistency import quiet as quiet_part
-from hgogen.run.gramian import Gramian
 from hgogen.run.metrics import Interventions, before_loss, interventions, loss
 from hgogen.run.prediction import (
     Better,
@@ -59,7 +73,7 @@ from hgogen.run.prediction import (
     rejections,
     rms,
 )
-from hgogen.run.samples import Engine, Run
+from hgogen.run.samples import Engine
 from hgogen.signal import Signal, derived
 
 Data = Annotated[Path, typer.Option("--data", help="The log, a CSV file with a header, a Parquet or a MAT file.")]
@@ -127,18 +141,18 @@ class RecordRun(ModelReport):
         texts = {"estimates": _estimates(self.step, self.record, self.run)}
         texts |= {"innovations": _innovations(self.step, self.record, self.run)}
         in_time = _drawn(self.step, self.record)
-        drawn = rendered(drawings.record_figures(self.step, name, in_time, self.run, self.truth))
+        drawn = rendered(record_figures(self.step, name, in_time, self.run, self.truth))
         return {**{f"{name}_{what}.csv": text for what, text in texts.items()}, **drawn}
 
     def tables(self) -> Iterator[Any]:
         """The record, the status, predictions and innovations."""
         step = self.step
-        yield log_tables.report(self.record.report, self.initial)
-        yield tables.status(step, self.status, len(self.record.t))
-        yield log_tables.predictions(self.predictions, step.dt, step.time)
-        yield from log_tables.hidden(self.hidden, step.states)
-        yield from log_tables.from_double(self.from_double, step.time)
-        yield log_tables.consistent(self.sure, self.notes)
+        yield log_summary(self.record.report, self.initial)
+        yield status_table(step, self.status, len(self.record.t))
+        yield predictions_table(self.predictions, step.dt, step.time)
+        yield from hidden_table(self.hidden, step.states)
+        yield from double_table(self.from_double, step.time)
+        yield consistency_table(self.sure, self.notes)
 
     def demand(self) -> None:
         """Raise `MostlyRejected` where the observer rejects most samples of an output."""
@@ -350,7 +364,7 @@ class QuietRecord(ModelReport):
 
     def tables(self) -> Iterator[Any]:
         """The record, and what it suggests."""
-        yield log_tables.report(self.record.report)
+        yield log_summary(self.record.report)
         for one in self.noise:
             rows = (
                 ("sigma", f"{one.sigma:.4g}", "standard deviation about a straight line"),
@@ -415,7 +429,7 @@ class Windows(ModelReport):
 
     def tables(self) -> Iterator[Any]:
         """A row for each window."""
-        yield tables.windows(self.trial, self.windows, self.unit)
+        yield window_table(self.trial, self.windows, self.unit)
 
 
 @command(Windows)
@@ -431,7 +445,7 @@ def window_(
     the trial is long.
     """
     loaded = load(model)
-    chosen, *_ = one_or_all(trial_runs.trials(loaded), trial)
+    chosen, *_ = one_or_all(trials_or_proposed(loaded), trial)
     if lengths:
         windows = numbers_in(lengths, "times, such as 0.5,1,2", "--d")
     else:
@@ -439,3 +453,103 @@ def window_(
         windows = tuple(d * k for k in (0.5, 1.0, 2.0, 4.0) if d * k <= chosen.duration)
     gramians = hg.gramian(loaded.plant, chosen, windows)
     return Windows(loaded.path, chosen.name, gramians, loaded.plant.time)
+
+
+def predictions_table(each: Sequence[Prediction], dt: float, unit: str) -> RenderableType:
+    """RMS prediction errors."""
+    table = headed(
+        "RMS prediction error of the measured outputs",
+        *("output", "samples ahead", f"time ahead ({unit})", "from the estimate", "copying the last value"),
+        numbers=4,
+    )
+    for one in each:
+        ahead = ("all, open loop", "") if one.ahead is None else (str(one.ahead), f"{one.ahead * dt:g}")
+        table.add_row(one.output, *ahead, f"{one.model:.4g}", "" if one.copying is None else f"{one.copying:.4g}")
+    lost = {one.output: one.rejected for one in each if one.rejected}
+    said = [f"{name}: {count} that the observer rejected, not compared" for name, count in lost.items()]
+    return Group(table, *map(Text, said), "")
+
+
+def hidden_table(errors: Mapping[str, float | None], states: Sequence[Signal]) -> list[RenderableType]:
+    """Errors of states whose truth was measured, if any."""
+    units = {x.name: Text(x.unit) for x in states}
+    rows = ((name, cell(error) or "nothing measured", units[name]) for name, error in errors.items())
+    return filled(headed("RMS error of the estimate, by the truth", "state", "error", "unit", rows=rows))
+
+
+def consistency_table(whole: Consistency, notes: Iterable[str]) -> RenderableType:
+    """Whether innovations and errors are as large as the observer takes them to be, and white; `notes` on the run."""
+    known = any(one.nis is not None for one in whole.outputs)
+    says = "NIS is 1 where they are as large as the observer takes them to be; " if known else ""
+    sure = ("NIS", "its 95 % band", "beyond 2 sigma") if known else ()
+    title = f"innovations: {says}Ljung-Box tests whiteness"
+    table = headed(title, "output", "samples", "RMS", *sure, "Ljung-Box", "limit", numbers=4 + len(sure))
+    for one in whole.outputs:
+        share = "" if one.outside is None else f"{100 * one.outside:.3g} %"
+        size = (cell(one.nis), _band(one.band), share) if known else ()
+        test = one.whiteness
+        white = ("", "") if test is None else (f"{test.statistic:.4g}", f"{test.limit:.4g}")
+        table.add_row(one.output, f"{one.count}", cell(one.rms), *size, *white)
+    lines = [
+        f"NEES of {', '.join(one.states)}: {one.nees:.4g}, its 95 % band {_band(one.band)}, from {one.count} samples "
+        f"of which {one.alike:.3g} tell as much as one"
+        for one in [whole.states]
+        if one is not None
+    ]
+    return Group(table, *map(Text, (*lines, *notes)), "")
+
+
+def double_table(each: Sequence[Difference], time: str) -> list[RenderableType]:
+    """How far a run in float is from double, if it is one."""
+    title = "in float, the bits that fly: the largest difference from double"
+    columns = ("state", "difference", "unit", f"at ({time})", "share", "of its")
+    rows = (
+        (one.state, f"{one.largest:.3g}", Text(one.unit), f"{one.t:.4g}", f"{one.share:.2g}", one.of) for one in each
+    )
+    return filled(headed(title, *columns, rows=rows))
+
+
+def _band(ends: tuple[float, float] | None) -> str:
+    return "" if ends is None else f"{ends[0]:.4g} .. {ends[1]:.4g}"
+
+
+def record_figures(
+    step: CallableStep, name: str, record: Record, run: Run, truth: Mapping[str, np.ndarray]
+) -> dict[str, "Figure"]:
+    """The figures of a measured record, by file name without ending; `truth` (N,) by state."""
+    from hgogen.run import figures as figure
+
+    drawn = {
+        f"{name}_states": figure.record_states(step, record.t, run, record.of(step.outputs), truth),
+        f"{name}_innovations": figure.record_innovations(step, record.t, run),
+    }
+    if run.traces:
+        drawn[f"{name}_theta"] = figure.adaptation(step, record.t, run.traces)
+    return drawn
+
+
+def status_table(step: Step, counts: Mapping[str, int], samples: int) -> RenderableType:
+    """How often each status bit was raised, and what it asks for."""
+    if not step.layout.bits:
+        return Text("status: none, of a step without guards\n")
+    raised = [bit for bit in step.layout.bits if counts.get(bit.name)]
+    if not raised:
+        return Text(f"status: 0 (ok) in all {samples} samples\n")
+    rows = ((str(counts[bit.name]), bit.name, Text(bit.meaning), Text(step.asked(bit))) for bit in raised)
+    table = headed(f"status over {samples} samples", "samples", "bit", "meaning", "what to do", rows=rows)
+    return Group(table, "")
+
+
+def window_table(trial: str, gramians: Iterable[Gramian], unit: str) -> RenderableType:
+    """What windows of several lengths show along a trial."""
+    names = (f"d ({unit})", "smallest eigenvalue", "median", "weakest direction", "its share")
+    table = headed(f"what a window d shows along trial {trial}: its observability Gramian", *names)
+    for one in gramians:
+        (low, high), (name, share) = one.range, one.weakest
+        table.add_row(f"{one.d:g}", f"{low:.2g} .. {high:.2g}", f"{one.median:.2g}", name, f"{share:.0%}")
+    advice = (
+        "The innovation of a small initial error, per its squared length, is at least the smallest eigenvalue, to "
+        "first order: take a window at which an error that matters stands out of sigma^2 d, the innovation of the "
+        "noise."
+    )
+    return Group(table, Text(advice), "")

@@ -1,21 +1,44 @@
-"""A model's trials over their seeds, and what commands say of them."""
+"""A model's trials over their seeds, campaigns of many runs of each step on each trial, and what commands print of
+them.
+"""
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from itertools import chain
-from typing import Annotated
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+from rich.console import Group, RenderableType
+from rich.text import Text
 
 from hgogen.call import CallableStep
-from hgogen.commands.process import note
+from hgogen.certificates.error_bound import ErrorBound
+from hgogen.commands.command import Runs
+from hgogen.commands.output import Bar, headed, note
 from hgogen.model import Model
-from hgogen.run.comparison import Agreement, agreement
+from hgogen.run.campaign import (
+    BadCampaign,
+    Campaign,
+    Outcome,
+    Spread,
+    Tally,
+    campaign,
+    earlier,
+    results_head,
+    results_line,
+)
+from hgogen.run.comparison import Agreement, Seen, agreement
 from hgogen.run.metrics import (
+    ITSELF,
     Interventions,
     Left,
     Metrics,
     Summary,
     alarm_complaints,
     alarm_ratio,
+    criterion,
     interventions,
     leaving_notes,
     left,
@@ -24,12 +47,18 @@ from hgogen.run.metrics import (
 )
 from hgogen.run.metrics import guard_notes as guards
 from hgogen.run.samples import Engine
+from hgogen.sentence import up
+from hgogen.target import lines_of
 from hgogen.trial import Trajectory, Trial, demand_trial, proposed_trial, try_out
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
 
 Tick = Callable[[], None]
 
 
-def trials(model: Model) -> tuple[Trial, ...]:
+def trials_or_proposed(model: Model) -> tuple[Trial, ...]:
     """The model's own, else one that is made of its ranges, and said. Raises: `NoTrial`, `MissingPart`."""
     if model.has("trial"):
         return model.trials()
@@ -42,7 +71,7 @@ def trials(model: Model) -> tuple[Trial, ...]:
 
 def trials_of(model: Model, step: CallableStep) -> tuple[Trial, ...]:
     """The trials of a model, each of which its step can be tried on. Raises: `NoTrial`, `MissingPart`, `BadTrial`."""
-    known = trials(model)
+    known = trials_or_proposed(model)
     for trial in known:
         demand_trial(step.observer.form.system.declared, trial, step.dt)
     return known
@@ -107,3 +136,250 @@ def agreements(c: Iterable[Tried], python: Iterable[Tried], dt: float) -> tuple[
     """C against Python, on the first seed of each trial."""
     pairs = zip(c, python, strict=True)
     return tuple(agreement((a.first, a.each[0]), (b.first, b.each[0]), dt) for a, b in pairs)
+
+
+def trial_figures(step: CallableStep, done: Iterable[Tried], known: ErrorBound | None = None) -> dict[str, "Figure"]:
+    """The figures of each trial, by file name without ending: the states, what theta did, and where bounds of the
+    errors are `known` the errors with them."""
+    from hgogen.run import figures as figure
+
+    drawn = {}
+    for one in done:
+        drawn[f"{one.trial.name}_states"] = figure.states(step, one.first)
+        if known and known.bounds:
+            of = {step.observer.name: one.first.error}
+            drawn[f"{one.trial.name}_errors"] = figure.errors(
+                step.states, one.first.truth.t, of, one.trial.events, step.time, known.bounds
+            )
+        if one.first.traces:
+            drawn[f"{one.trial.name}_theta"] = figure.adaptation(step, one.first.truth.t, one.first.traces)
+    return drawn
+
+
+def trials_table(each: Iterable[Summary], unit: str) -> RenderableType:
+    """What followed each event of each trial, over the seeds; `unit`, here and below: that of the model's time."""
+    parts: list[RenderableType] = []
+    for one in each:
+        table = headed(
+            f"trial {one.trial}: {one.seeds} seed{'s' * (one.seeds != 1)}, in {_ENGINE[one.engine]}; "
+            f"settled: {one.criterion}",
+            *(f"event at ({unit})", f"settled after ({unit})", f"worst ({unit})"),
+            *("peak theta", f"theta < 1.05 after ({unit})"),
+            *("triggered", "still > 1.5"),
+            numbers=7,
+        )
+        for k, time in enumerate(one.times):
+            peak = one.peak[k]
+            table.add_row(
+                f"{time:g}",
+                time_cell(one.settled[k]),
+                time_cell(one.worst[k]),
+                "" if peak is None else _range(*peak),
+                "" if peak is None else time_cell(one.calm[k]),
+                _percent(one.triggered[k]),
+                _percent(one.loud[k]),
+            )
+        rms = ", ".join(f"{name} {value:.3g}" for name, value in one.rms.items())
+        clamped = f"{one.clamped} samples" if one.clamped else "no sample"
+        parts += [table, Text(f"steady RMS: {rms}; outside the box after the first 5%: {clamped}")]
+        if one.alarm_ratio is not None:
+            parts.append(Text(f"alarm ratio: {one.alarm_ratio:.2f}; above {ITSELF:g} an alarm can feed itself"))
+        parts.append("")
+    return Group(*parts)
+
+
+def bounds_table(each: Sequence[Seen]) -> RenderableType:
+    """The worst of each state's error beside its bound."""
+    title = f"errors of the first seed, from {each[0].after:g} after each event on, beside what is proved of them"
+    table = headed(title, "state", "worst seen", "proved", numbers=2)
+    for one in each:
+        worst = "-" if one.worst is None else f"{one.worst:.3g} {one.unit}"
+        table.add_row(one.state, worst, f"{up(one.bound, 3)} {one.unit}")
+    return table
+
+
+_ENGINE = {"c": "C", "python": "Python"}
+
+
+def time_cell(value: float | None) -> str:
+    """A time; two decimals tell nothing of a short one."""
+    if value is None:
+        return "never"
+    return f"{value:g}" if abs(value) < 0.01 else f"{value:.2f}"
+
+
+def _percent(share: float | None) -> str:
+    return "" if share is None else f"{100 * share:.0f}%"
+
+
+def _range(low: float, high: float) -> str:
+    return f"{low:.2f}" if f"{low:.2f}" == f"{high:.2f}" else f"{low:.2f} .. {high:.2f}"
+
+
+def agreement_table(each: Iterable[Agreement], unit: str) -> RenderableType:
+    """C against Python."""
+    table = headed(
+        "C against Python, double precision, relative to each state's peak",
+        *(
+            "trial",
+            "seed",
+            f"until ({unit})",
+            "difference until then",
+            "afterwards",
+            f"settled after ({unit}), both",
+            "agreed",
+        ),
+        numbers=5,
+    )
+    for one in each:
+        pairs = [(time_cell(first), time_cell(second)) for first, second in one.settled]
+        settled = ", ".join(first if first == second else f"{first}/{second}" for first, second in pairs)
+        agreed = Text("yes", style="green") if one.agreed else Text("no", style="red")
+        difference = f"{one.before:.1e}", f"{one.after:.1e}"
+        table.add_row(one.trial, str(one.seed), f"{one.until:g}", *difference, settled, agreed)
+    return Group(table, "")
+
+
+RUNS = 1000  # where nothing is said
+NAMED = 5  # lines that are left out
+
+
+@dataclass(frozen=True, eq=False)
+class CampaignRow:
+    """The campaign of a step on a trial, called `name`."""
+
+    json_keys = (
+        "trial=campaign.trial.name observer=name engine=campaign.engine criterion runs failed "
+        "varied=campaign.draws.varied quantiles run?"
+    )
+
+    name: Annotated[str, "name of the tuning"]
+    campaign: Campaign
+    tally: Tally
+    repeat: int | None
+
+    @property
+    def criterion(self) -> str:
+        """What settled means."""
+        return criterion(self.campaign.trial, self.campaign.step.time)
+
+    @property
+    def runs(self) -> int:
+        """Number of runs."""
+        return len(self.campaign.draws)
+
+    @property
+    def failed(self) -> int:
+        """Number of runs without a truth."""
+        return self.tally.failed
+
+    @property
+    def quantiles(self) -> list[Spread]:
+        """The quantities over the runs."""
+        return self.tally.spreads()
+
+    @property
+    def run(self) -> Outcome | None:
+        """The run of --repeat."""
+        return None if self.repeat is None else self.tally.last
+
+    def notes(self) -> Iterator[str]:
+        """What is wrong with runs."""
+        if self.tally.failure:
+            share = f"{self.tally.failed} of {len(self.tally)} runs without a truth"
+            first = f"of run {self.tally.failure.run} {self.tally.failure.failed}"
+            yield f"{self.name}, trial {self.campaign.trial.name}: {share}; {first}"
+
+    def tables(self) -> Iterator[RenderableType]:
+        """A row for each quantity, or the numbers of one run."""
+        every, run = self.repeat is None, self.run
+        which = f"{len(self.tally)} runs" if every else f"run {self.repeat}"
+        columns = ("5 %", "50 %", "95 %", "worst", "of run") if every else ("",)
+        title = f"{self.name}, trial {self.campaign.trial.name}, {which}"
+        table = headed(title, "", *columns, numbers=len(columns))
+        for spread in self.quantiles:
+            values = (spread.low, spread.middle, spread.high, spread.worst)
+            numbers = ["never" if value is None else f"{value:.3g}" for value in values]
+            table.add_row(Text(spread.name), *([*numbers, str(spread.run)] if every else numbers[:1]))
+        yield table
+        drawn = [f"{each.name} in {each.low:g} .. {each.high:g}" for each in self.campaign.draws.varied]
+        yield Text(f"settled: {self.criterion}; varied: {', '.join(drawn) or 'noise seeds alone'}")
+        if run is None:
+            yield Text("the same options and --repeat K run number K alone, and say what was drawn for it\n")
+            return
+        varied = "".join(f", {key} = {value:.6g}" for key, value in run.varied.items())
+        yield Text(f"run {self.repeat}: noise of seed {self.repeat}{varied}\n")
+
+
+def campaigns(
+    steps: Callable[[Trial], Mapping[str, CallableStep]],
+    trials: Iterable[Trial],
+    engine: Engine,
+    asked: Runs,
+    seeds: int | None,
+) -> tuple[CampaignRow, ...]:
+    """The campaign of each step, by name, on each trial.
+
+    Raises: `BadParameter` for options that exclude each other; as `trials.campaign` does.
+    """
+    if seeds is not None:
+        raise typer.BadParameter("run k of a campaign has the noise of seed k; give --runs", param_hint="--seeds")
+    each = [
+        (name, campaign(step, trial, RUNS if asked.runs is None else asked.runs, asked.vary, asked.draw or 0, engine))
+        for trial in trials
+        for name, step in steps(trial).items()
+    ]
+    if asked.repeat is not None and asked.repeat >= min(len(one.draws) for _, one in each):
+        raise typer.BadParameter(f"the runs are numbered from 0 to {len(each[0][1].draws) - 1}", param_hint="--repeat")
+    with Bar("runs", sum(len(one.draws) if asked.repeat is None else 1 for _, one in each)) as bar:
+        rows = tuple(CampaignRow(name, one, _tallied(name, one, asked, bar), asked.repeat) for name, one in each)
+    note(*(sentence for row in rows for sentence in row.notes()))
+    if all(row.tally.failed == len(row.tally) for row in rows):
+        raise BadCampaign("vary", "leaves no run whose plant can be integrated; vary less, or shorten the trial")
+    return rows
+
+
+def _tallied(name: str, one: Campaign, asked: Runs, bar: Bar) -> Tally:
+    """What all runs, or the one that is asked for, say; each goes into the folder of results as it comes."""
+    tally, first = Tally(len(one.draws), one.step.time), asked.repeat or 0
+    wanted = range(first, len(one.draws) if asked.repeat is None else first + 1)
+    with _results(name, one, asked.results) as (known, add):
+        for outcome in known:
+            if outcome.run in wanted:
+                tally.add(outcome)
+        bar.advance_by(len(tally))
+        left = [number for number in wanted if number not in tally]
+        for outcome in one.run(left, asked.jobs if len(left) > 1 else 1, asked.scheduler) if left else ():
+            tally.add(outcome)
+            add(results_line(outcome))
+            bar.tick()
+    return tally
+
+
+@contextmanager
+def _results(
+    name: str, one: Campaign, folder: Path | None
+) -> Iterator[tuple[Iterable[Outcome], Callable[[str], None]]]:
+    """The outcomes that a folder of results holds, and what adds the line of another."""
+    if folder is None:
+        yield (), lambda line: None
+        return
+    file = f"{one.trial.name}_{name}.jsonl"
+    with lines_of(file, folder) as (lines, add):
+        first = next(lines, None)
+        if first is None:
+            add(results_head(one))
+        yield _valid(one, lines if first is None else chain([first], lines), str(folder / file)), add
+
+
+def _valid(one: Campaign, lines: Iterable[str], file: str) -> Iterator[Outcome]:
+    """The outcomes of the lines of a file; says which lines are left out."""
+    dropped = list[int]()
+    for number, outcome in enumerate(earlier(one, lines, file), 2):
+        if outcome is None:
+            dropped.append(number)
+        else:
+            yield outcome
+    if dropped:
+        listed = ", ".join(map(str, dropped[:NAMED])) + (", .." if len(dropped) > NAMED else "")
+        note(f"{file}: {len(dropped)} lines ({listed}) hold no outcome of this campaign: left out, their runs repeated")

@@ -1,25 +1,186 @@
-"""What the emitted C of a step costs on a Cortex-M4F."""
+"""What the emitted C of a step costs on a Cortex-M4F: a program that steps over a record, compiled and run in QEMU."""
 
+import hashlib
+import re
+import shutil
+import subprocess
 import tempfile
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import cache
+from importlib.resources import files
 from pathlib import Path
-from typing import Annotated
+from string import Template
+from typing import Annotated, Any, ClassVar
 
 import numpy as np
 
+from hgogen.emit.code import indented
+from hgogen.emit.interface import Parameter, assigned, prototypes, structs
+from hgogen.emit.naming import c_name
 from hgogen.emit.syntax import Real
-from hgogen.extras import qemu, texts
-from hgogen.extras.price import digest
+from hgogen.errors import HgogenError
 from hgogen.step import Step
 from hgogen.target import write
 
-FLAGS = ("-O2", *qemu.M4F, "-ffp-contract=off")
+NAME = "Cortex-M4F"
+COMPILER, SIZE, EMULATOR = "arm-none-eabi-gcc", "arm-none-eabi-size", "qemu-system-arm"
+M4F = ("-mcpu=cortex-m4", "-mthumb", "-mfloat-abi=hard", "-mfpu=fpv4-sp-d16")
+FLAGS = ("-O2", *M4F, "-ffp-contract=off")
+_QEMU = ("-nographic", "-icount", "shift=0", "-semihosting-config", "enable=on,target=native")
+_SECONDS = 900  # that a tool may take
+
+
+@dataclass(eq=False)
+class NoBoard(HgogenError):
+    """A tool of the board that is not there."""
+
+    name: str
+
+    def __str__(self) -> str:
+        return (
+            f"there is no {self.name}, without which nothing is measured; install gcc-arm-none-eabi, "
+            "libnewlib-arm-none-eabi and qemu-system-arm"
+        )
+
+
+@dataclass(eq=False)
+class BoardFailed(HgogenError):
+    """A tool of the board that fails."""
+
+    status: ClassVar[int] = 1
+    command: tuple[str, ...]
+    output: str
+
+    def __str__(self) -> str:
+        return f"{' '.join(self.command)} failed\n{self.output.rstrip()}"
+
+
+def demand_board() -> None:
+    """Raise `NoBoard` where a tool is missing."""
+    for name in (COMPILER, SIZE, EMULATOR):
+        if shutil.which(name) is None:
+            raise NoBoard(name)
+
+
+def version(name: str) -> str:
+    """The first line of what a tool says of itself. Raises: `NoBoard`, `BoardFailed`."""
+    return _output([name, "--version"], Path()).splitlines()[0]
+
+
+def compiled(source: str, folder: Path, flags: Sequence[str]) -> int:
+    """Compile a file of C in the folder to an object, and return the bytes of its code and constants.
+
+    Raises: `NoBoard`, `BoardFailed`.
+    """
+    _output([COMPILER, "-std=c99", *flags, "-c", source], folder)
+    return bytes_of([str(Path(source).with_suffix(".o"))], folder)
+
+
+def bytes_of(objects: Sequence[str], folder: Path) -> int:
+    """The bytes of code and constants of the first object. Raises: `NoBoard`, `BoardFailed`."""
+    return int(_output([SIZE, *objects], folder).splitlines()[1].split()[0])
+
+
+def linked(main: str, objects: Sequence[str], harness: Mapping[str, str], folder: Path, flags: Sequence[str]) -> Path:
+    """The program of a main, of objects that are there and of the board's own files.
+
+    Raises: `NoBoard`, `BoardFailed`.
+    """
+    write({**harness, "main.c": main}, folder)
+    own = ["-nostartfiles", "-T", "mps2.ld", "mps2.c", "main.c"]
+    _output([COMPILER, "-std=gnu99", *flags, "-w", *own, *objects, "-o", "program", "-lm"], folder)
+    return folder / "program"
+
+
+def ran(program: Path, machine: str = "mps2-an386") -> dict[str, int]:
+    """The numbers that a program says, by name. Raises: `NoBoard`, `BoardFailed`."""
+    text = _output([EMULATOR, "-M", machine, *_QEMU, "-kernel", str(program)], program.parent)
+    return {key: int(value) for key, value in re.findall(r"(\w+) (\d+)", text)}
+
+
+def _output(command: Sequence[str], folder: Path) -> str:
+    """Return what a command prints. Raises: `NoBoard`, `BoardFailed`."""
+    try:
+        done = subprocess.run(command, cwd=folder, capture_output=True, text=True, timeout=_SECONDS, check=False)
+    except FileNotFoundError:
+        raise NoBoard(command[0]) from None
+    except subprocess.TimeoutExpired:
+        raise BoardFailed(tuple(command), f"it took more than {_SECONDS} s") from None
+    if done.returncode:
+        raise BoardFailed(tuple(command), done.stdout + done.stderr)
+    return done.stdout + done.stderr
+
+
+ROWS = 600  # of a record in the flash of the board: a calm half, and a hostile one
+COPIES = 40  # of the state, so that a tick of 40 instructions tells one of them
+_WORST = (np.nan, np.inf, -np.inf, 1e30, -1e12, 1e-40, 50.0, -3.0)
+
+
+@cache
+def text(name: str) -> str:
+    """A file of C of this folder."""
+    return files("hgogen.extras").joinpath(name).read_text(encoding="ascii")
+
+
+def harness() -> dict[str, str]:
+    """The board's own files by name."""
+    return {name: text(name) for name in ("mps2.c", "mps2.h", "mps2.ld")}
+
+
+def hostile(rows: np.ndarray) -> np.ndarray:
+    """Return the rows with what a sensor and a bus do at their worst: gaps, numbers that are none, jumps."""
+    draw, rows = np.random.default_rng(8), rows.copy()
+    for column in rows.T:
+        hit = draw.random(len(column)) < 0.3
+        column[hit] = draw.choice(_WORST, size=int(hit.sum()))
+    return rows
+
+
+def head(rows: np.ndarray, real: Real, states: int, quiet: int) -> str:
+    """The record (N, columns) and the sizes; `quiet`: how many of its rows are calm."""
+    lines = ",\n".join("    {" + ", ".join(literal(v, real) for v in row) + "}" for row in rows.tolist())
+    sizes = {"N": states, "COLUMNS": rows.shape[1], "RECORD": len(rows), "QUIET": quiet}
+    defined = f"enum {{ {', '.join(f'{name} = {value}' for name, value in sizes.items())} }};\n"  # no member is one
+    includes = "#include <math.h>\n#include <stddef.h>\n"
+    return f"{includes}{defined}typedef {real} real;\nstatic const real record[RECORD][COLUMNS] = {{\n{lines}\n}};\n"
+
+
+def literal(value: float, real: Real) -> str:
+    """A number in C, which may be infinite or none."""
+    if not np.isfinite(value):
+        return "NAN" if np.isnan(value) else "INFINITY" if value > 0 else "-INFINITY"
+    return f"{value!r}f" if real == "float" else repr(value)
+
+
+def driver(step: Step) -> str:
+    """Return the C that calls a step: `memory`, BEGIN, `sample` and `estimate`."""
+    declared, inner = prototypes(step), [each for each in structs(step) if each.name in ("in", "out")]
+    filled = [f"{short}.{c_name(s.name)} = row[{column}];" for column, (short, s) in enumerate(assigned(step))]
+    states = [f"values[{i}] = x.{c_name(s.name)};" for i, s in enumerate(step.states)]
+    return Template(text("step.c")).substitute(
+        name=step.name,
+        locals="\n".join(indented(each.local for each in inner)),
+        given="\n".join(indented(filled)),
+        step=declared["step"].call(_argument),
+        estimate=declared["estimate"].call(_argument),
+        states="\n".join(indented(states)),
+    )
+
+
+def counting(called: str) -> str:
+    """The main of the board around what `driver` gives, or the like of it."""
+    return f"{called}\nenum {{ COPIES = {COPIES} }};\n{text('count.c')}"
+
+
+def _argument(parameter: Parameter) -> str:
+    """The argument from a function that has a pointer `m` to state and parameters."""
+    return f"&m->{parameter.name}" if parameter.name in ("s", "p") else f"&{parameter.name}"
 
 
 @dataclass(frozen=True)
 class Costs:
-    """What a step costs, and by what that was measured."""
+    """The costs of a step, and by what they were measured."""
 
     quiet: Annotated[int, "instructions of a step, the mean of calm samples"]
     worst: Annotated[int, "instructions of a step, the worst of a hostile record"]
@@ -40,24 +201,50 @@ def measured(step: Step, files: Mapping[str, str], rows: np.ndarray, real: Real)
 
     Raises: `NoBoard`, `BoardFailed`.
     """
-    qemu.demand_board()
-    calm = rows[np.arange(texts.ROWS // 2) % len(rows)]
-    record = np.concatenate([calm, texts.hostile(calm)])
-    head = texts.head(record, real, len(step.states), len(calm))
+    demand_board()
+    calm = rows[np.arange(ROWS // 2) % len(rows)]
+    record = np.concatenate([calm, hostile(calm)])
     sources = {name: files[name] for name in (f"{step.name}.h", f"{step.name}.c")}
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         write(sources, folder)
-        flash = qemu.compiled(f"{step.name}.c", folder, FLAGS)
-        main = head + texts.counting(texts.driver(step))
-        numbers = qemu.ran(qemu.linked(main, [f"{step.name}.o"], texts.harness(), folder, FLAGS))
+        flash = compiled(f"{step.name}.c", folder, FLAGS)
+        main = head(record, real, len(step.states), len(calm)) + counting(driver(step))
+        numbers = ran(linked(main, [f"{step.name}.o"], harness(), folder, FLAGS))
     return Costs(
         flash=flash,
         real=real,
-        machine=qemu.NAME,
-        compiler=qemu.version(qemu.COMPILER),
+        machine=NAME,
+        compiler=version(COMPILER),
         flags=" ".join(FLAGS),
-        emulator=qemu.version(qemu.EMULATOR),
+        emulator=version(EMULATOR),
         source=digest(files[f"{step.name}.c"]),
         **numbers,
     )
+
+
+_UNKNOWN = (
+    "`hgogen cost` measures instructions, flash, RAM and stack on a Cortex-M4F, and writes them to `cost.json` here;\n"
+    "generated again, this page tells them."
+)
+_ROWS = (
+    ("instructions of a step, calm", "quiet"),
+    ("instructions of a step, the worst of a hostile record", "worst"),
+    ("bytes of flash", "flash"),
+    ("bytes of RAM, of `s` and `p`", "ram"),
+    ("bytes of stack, the deepest of a hostile record and of spoiled memory", "stack"),
+)
+
+
+def digest(source: str) -> str:
+    """Return the digest by which costs and the source that they are of are known to belong together."""
+    return hashlib.sha256(source.encode()).hexdigest()[:16]
+
+
+def priced(costs: Mapping[str, Any] | None, source: str) -> str:
+    """The costs as a table, or how they are measured, where they are unknown or of another source."""
+    if costs is None or costs.get("source") != digest(source):
+        return _UNKNOWN
+    title = f"On a {costs['machine']}, compiled by {costs['compiler']} with `{costs['flags']}`:"
+    rows = (f"| {what} | {costs[key]} |" for what, key in _ROWS)
+    return "\n".join((title, "", "| what | how much |", "|---|---|", *rows))

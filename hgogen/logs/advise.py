@@ -21,8 +21,8 @@ from hgogen.call import CallableStep
 from hgogen.check import refuted
 from hgogen.errors import BadArgument, HgogenError
 from hgogen.form import Form
-from hgogen.logs.grid import first_of, observers_named, reasons, thetas
-from hgogen.modelfiles.first import First, everywhere
+from hgogen.logs.tune import first_of, observers_named, reasons, thetas
+from hgogen.modelfiles.tuning import First, everywhere
 from hgogen.reading.given import asks_a_plant, positive, switches
 from hgogen.run import native
 from hgogen.run.campaign import Workers

@@ -13,9 +13,8 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from hgogen.call import CallableStep
-from hgogen.logs.grid import Calibration, Tuned
-from hgogen.logs.records import Log
-from hgogen.logs.score import readable
+from hgogen.logs.records import Log, readable
+from hgogen.logs.tune import Calibration, Tuned
 from hgogen.run.consistency import LAGS, correlations
 from hgogen.run.prediction import forecasts, rms
 from hgogen.run.samples import Engine, held_last

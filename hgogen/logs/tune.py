@@ -1,28 +1,347 @@
 """Gains of observers from measured records: for each observer that the forms of a plant admit, those that predict best.
 
-Gains are chosen by what they predict `ahead` samples ahead, or by a truth that was measured, and judged on segments
-that did not choose them.
+What an observer makes of the numbers of a `Scale` is the rule beside it. Here these numbers come from the record: Q and
+R where the likelihood has a maximum, theta and the longest time from a grid, refined once round the best, and then
+the shape of poles and filters. Gains are chosen by what they predict `ahead` samples ahead, or by a truth that was
+measured, and judged on segments that did not choose them.
 """
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import replace
+import warnings
+from collections.abc import Callable, Generator, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from functools import partial
-from typing import Any, Literal
+from itertools import product
+from typing import Any, ClassVar, Literal, TypeVar
 
 import numpy as np
 
+from hgogen import methods
+from hgogen import observers as every
+from hgogen.call import sample
+from hgogen.check import refuted
+from hgogen.emit.cost import cost
 from hgogen.emit.syntax import Real
 from hgogen.errors import BadArgument, HgogenError, nearest
-from hgogen.logs.grid import Calibration, Piece, Task, Tuned, observers_named, reasons, together, tuned
-from hgogen.logs.records import Log
-from hgogen.logs.score import BEGIN, Ahead, Hidden, Judge, readable
-from hgogen.modelfiles.first import First, everywhere
+from hgogen.logs.likelihood import STARTS, Ended, Likelihood, Noise
+from hgogen.logs.problem import paced
+from hgogen.logs.records import BEGIN, Ahead, Hidden, Judge, Log, as_good, chosen, readable
+from hgogen.modelfiles.tuning import First, everywhere, value
 from hgogen.reading.given import asks_a_plant, count, switches
 from hgogen.run import native
 from hgogen.run.campaign import Workers
-from hgogen.starting import two
+from hgogen.starting import Gains, Scale, Starting, gains_of, scale, two
+from hgogen.step import StepMayFail
 from hgogen.system import System
+from hgogen.theorem import Convergence
 from hgogen.which_forms import Row
+
+Array = np.ndarray
+Result = TypeVar("Result")
+STEEPEST = 2.0  # 1/(theta dt), at least
+GRID = 9  # values of theta, or of the longest time
+LONG = np.geomspace(1e-2, 1e2, GRID)  # of the longest time
+SHAPES: dict[str, tuple[float, ...]] = {"spread": (2, 4), "corner": (1.5, 6)}  # of poles, and of filters
+FASTER = (1.0, 1.4)  # times theta, with another shape
+_RANK = {Convergence.PROVED: 0, Convergence.ABOVE: 0, Convergence.BELOW: 1, Convergence.UNKNOWN: 1, None: 2}
+
+
+@dataclass(frozen=True)
+class Tuned:
+    """The gains of an observer that predict best.
+
+    `name`: the observer's, or "adaptive" of a riccati whose theta adapts; `first`: observer, form and step; `numbers`:
+    the scale from which its rule made them; `noise`: the maximum of the `likelihood` that holds Q and R, None where the
+    rule does not read both; `sampling`: `method`, `between` and, in float,
+    `real`, as a tuning names them; `errors`: by segment,
+    cross-validated, as in `logs/records.py`; `tried`: the scales tried, with their errors over all segments.
+    """
+
+    name: str
+    first: First
+    numbers: Scale
+    noise: Noise | None
+    likelihood: Likelihood | None = field(repr=False)
+    sampling: Mapping[str, str]
+    errors: Array
+    tried: tuple[tuple[Scale, float], ...] = field(repr=False)
+
+    @property
+    def error(self) -> float:
+        """RMS of the errors, cross-validated, over that of copying the last value, or of the mean of a truth."""
+        return float(np.sqrt(self.errors.mean()))
+
+    @property
+    def table(self) -> Mapping[str, Any]:
+        """The tuning that makes the same step."""
+        return {**self.first.table(self.name), **self.sampling}
+
+    def innovations(self, records: Iterable[tuple[Log, int]]) -> dict[str, Array]:
+        """Innovations over their deviations, e/sqrt(s), by output, in rows of records from a number on; empty without
+        noise."""
+        if self.noise is None or self.likelihood is None:
+            return {}
+        scaled = []
+        for record, cut in records:
+            e, s = self.likelihood.innovations(self.noise, record.of(self.likelihood.form.system.inputs))
+            scaled.append((e / np.sqrt(s))[max(0, cut - 1) :])
+        columns = (column[np.isfinite(column)] for column in np.concatenate(scaled).T)
+        return {y: there for y, there in zip(self.noise.sample, columns, strict=True) if len(there)}
+
+    @property
+    def rank(self) -> tuple[int, bool, int]:
+        """Of those that predict as well: with a proof, with known noise, cheap; the least is taken."""
+        return _RANK[self.first.known], self.noise is None, cost(self.first.step).operations
+
+
+@dataclass(frozen=True, eq=False)
+class Task:
+    """What is tuned to what: the forms of `rows`, in their order, by `judge` on `records`."""
+
+    records: tuple[Log, ...]
+    judge: Judge
+    sampling: Mapping[str, str]
+    rows: tuple[Row, ...]
+    _likelihoods: dict[int, Likelihood] = field(default_factory=dict)
+
+    @property
+    def dt(self) -> float:
+        """Of the records."""
+        return self.records[0].dt
+
+    def likelihood(self, row: int) -> Likelihood:
+        """On the form of a row, made once for all observers."""
+        if row not in self._likelihoods:
+            form = self.rows[row].form
+            assert form is not None
+            steps, _ = paced(form.system, self.dt)
+            base = scale(form, self.dt)
+            records = [record.of(form.system.inputs) for record in self.records]
+            self._likelihoods[row] = Likelihood(form, records, base, self.sampling["between"], steps)
+        return self._likelihoods[row]
+
+    def made(self, name: str, row: Row, gains: Gains) -> First:
+        """An observer on a form at the period of the records. Raises: as the observer and `sample` do."""
+        return first_of(name, row, gains, self.dt, self.sampling)
+
+    def first(self, name: str, row: int, numbers: Scale) -> First | str:
+        """The step of an observer on the form of a row with the gains that its rule makes, or why there is none."""
+        gains = gains_of(getattr(every, name), numbers)
+        if isinstance(gains, str):
+            return gains
+        try:
+            return self.made(name, self.rows[row], gains)
+        except HgogenError as error:
+            return str(error)
+
+
+@dataclass(frozen=True)
+class Start:
+    """The search for a maximum of the likelihood on the form of a row, from start `number`."""
+
+    row: int
+    number: int
+    label: ClassVar[str] = "likelihood"
+
+    def result(self, task: Task) -> Ended:
+        """Where it ends."""
+        return task.likelihood(self.row).ended(self.number)
+
+
+@dataclass(frozen=True, eq=False)
+class Attempt:
+    """An observer, `label` its name, on the form of a row with the gains that its rule makes of `numbers`."""
+
+    row: int
+    label: str
+    numbers: Scale
+
+    def result(self, task: Task) -> Array | str:
+        """E_s of its step, or why there is none."""
+        first = task.first(self.label, self.row, self.numbers)
+        return first if isinstance(first, str) else task.judge.errors(first.step)
+
+
+Piece = Start | Attempt
+Asking = Generator[list[Piece], list[Any], Result]  # asks for pieces of work, is told their results, and ends with one
+
+
+def together(
+    searches: Mapping[str, Asking[Result]], work: Callable[[Iterable[Piece]], Mapping[Piece, Any]]
+) -> Iterator[tuple[str, Result]]:
+    """The ends of searches, as they come: what all of them ask for is worked on at once, a piece that several ask for
+    once."""
+    answers: dict[str, Any] = dict.fromkeys(searches)
+    while answers:
+        asked = {}
+        for name, answer in answers.items():
+            try:
+                asked[name] = searches[name].send(answer)
+            except StopIteration as end:
+                yield name, end.value
+        results = work(dict.fromkeys(piece for pieces in asked.values() for piece in pieces))
+        answers = {name: [results[piece] for piece in pieces] for name, pieces in asked.items()}
+
+
+class UnknownObserver(BadArgument):
+    """A name of no observer."""
+
+
+def observers_named(names: Iterable[str] | None) -> tuple[str, ...]:
+    """The names, each once, by default all there are. Raises: `UnknownObserver`."""
+    known = tuple(every.__all__)
+    for name in names or ():
+        if name not in known:
+            fix = nearest(name, known, f"there are {', '.join(known)}")
+            raise UnknownObserver(f"observer {name[:60]!r}", f"is none; {fix}")
+    return known if names is None else tuple(dict.fromkeys(names))
+
+
+def reasons(refused: Mapping[str, object]) -> str:
+    """Why there are no gains, each reason once."""
+    names: dict[str, list[str]] = {}
+    for name, reason in refused.items():
+        names.setdefault(str(reason), []).append(name)
+    return "; ".join(f"{', '.join(those)}: {reason}" for reason, those in names.items())
+
+
+def first_of(observer: str, row: Row, gains: Gains, dt: float, sampling: Mapping[str, Any]) -> First:
+    """An observer on the form of a row with gains as a tuning holds them, `method`, `between` and `real` of `sampling`
+    too; that its step may fail is left to what judges it. Raises: as the observer and `sample` do."""
+    method = getattr(methods, sampling.get("method", "continuous_discrete"))
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", StepMayFail)
+        made = getattr(every, observer)(row.form, **{key: value(key, entry) for key, entry in gains.items()})
+        options = {key: entry for key, entry in sampling.items() if key != "method"}
+        return First(observer, row, Starting(gains, dt), sample(made, method, dt, **options))
+
+
+def thetas(theta: float, dt: float) -> list[float]:
+    """A grid from a thirtieth of a theta to what steps of dt take."""
+    least, largest = max(1.0, theta / 30), 1 / (STEEPEST * dt)
+    return [two(each) for each in np.geomspace(least, max(largest, 2 * least), GRID)]
+
+
+def tuned(task: Task, name: str) -> Asking[Tuned | str]:
+    """An observer on the first form that admits it with gains of its rule, or why there is none."""
+    refusals = ["the plant is in none of its forms"]
+    for number, row in enumerate(task.rows):
+        if row.form is None or refuted(row.form.checks):
+            continue
+        search = Search(task, name, number, scale(row.form, task.dt))
+        gains = gains_of(getattr(every, name), search.base)
+        if isinstance(gains, str):
+            return gains
+        if (best := (yield from search.search())) is not None:
+            return best
+        refusals += search.refusals[:1]
+    return refusals[:2][-1]
+
+
+@dataclass(frozen=True, eq=False)
+class Search:
+    """The scales tried for an observer on the form of a row, from the scale `base` on."""
+
+    task: Task
+    name: str
+    row: int
+    base: Scale
+    scales: list[Scale] = field(default_factory=list)
+    refusals: list[str] = field(default_factory=list)
+
+    def search(self) -> Asking[Tuned | None]:
+        """The best scale of the grid, and of those between it and its neighbours; None where none makes a step."""
+        noisier = {name: 2 * sigma for name, sigma in self.base.noise.items()}
+        maxima: tuple[Noise, ...] = ()
+        if self._reads(noise=noisier):
+            ended = yield [Start(self.row, number) for number in range(len(STARTS))]
+            maxima = self.task.likelihood(self.row).maxima(ended)
+        errors = yield from self._tried(self._grid(maxima))
+        if errors:
+            for others in (self._between, self._shaped):
+                best, _ = chosen(errors)
+                errors |= yield from self._tried(others(best, errors))
+        if not errors:
+            return None
+        best, judged = chosen(errors)
+        first = self.task.first(self.name, self.row, self.scales[best])
+        assert isinstance(first, First)  # as where it was tried
+        filters = self._reads(process={name: 2 * q for name, q in self.base.process.items()})
+        noise = next((one for one in maxima if filters and one.sample is self.scales[best].noise), None)
+        likelihood = self.task.likelihood(self.row) if noise else None
+        tried = tuple((self.scales[k], float(np.sqrt(e.mean()))) for k, e in errors.items())
+        return Tuned(self.name, first, self.scales[best], noise, likelihood, self.task.sampling, judged, tried)
+
+    def _tried(self, scales: Iterable[Scale]) -> Asking[dict[int, Array]]:
+        """E_s of each scale that makes a step which is not lost, by its number."""
+        new = list(scales)
+        results = yield [Attempt(self.row, self.name, numbers) for numbers in new]
+        self.refusals.extend(one for one in results if isinstance(one, str))
+        known = {len(self.scales) + k: one for k, one in enumerate(results) if not isinstance(one, str)}
+        self.scales.extend(new)
+        return {k: e for k, e in known.items() if np.isfinite(e).all()}
+
+    def _grid(self, maxima: Sequence[Noise]) -> list[Scale]:
+        """What the rule reads is varied."""
+        scales = [self.base]
+        if self._reads(theta=2 * self.base.theta):
+            values = thetas(self.base.theta, self.task.dt)
+            scales = [replace(one, theta=theta) for one in scales for theta in values]
+        if self._reads(longest=2 * self.base.longest):
+            scales = [replace(one, longest=one.longest * factor) for one in scales for factor in LONG]
+        pairs = product(scales, maxima)
+        return [replace(one, process=q.process, noise=q.sample) for one, q in pairs] if maxima else scales
+
+    def _between(self, best: int, tried: Iterable[int]) -> Iterator[Scale]:
+        """Half way from the best theta, and the best longest time, to those next to it."""
+        middle = self.scales[best]
+        varied: dict[str, Callable[[float], Scale]] = {
+            "theta": lambda value: replace(middle, theta=value),
+            "longest": lambda value: replace(middle, longest=value),
+        }
+        for name, of in varied.items():
+            value, every_value = getattr(middle, name), sorted(getattr(self.scales[k], name) for k in tried)
+            neighbours = [o for o in every_value if o < value][-1:] + [o for o in every_value if o > value][:1]
+            yield from (of(two((value * other) ** 0.5)) for other in neighbours)
+
+    def _shaped(self, best: int, tried: Iterable[int]) -> Iterator[Scale]:
+        """Other shapes of poles and filters than the best scale's, with a larger theta too."""
+        middle, largest = self.scales[best], 1 / (STEEPEST * self.task.dt)
+        every_theta = {min(two(factor * middle.theta), max(middle.theta, largest)) for factor in FASTER}
+        for name, values in SHAPES.items():
+            if self._reads(**{name: values[0]}):
+                shapes: Iterable[dict[str, Any]] = ({name: value} for value in values)
+                yield from (replace(middle, theta=theta, **shape) for shape in shapes for theta in sorted(every_theta))
+
+    def _reads(self, **values: Any) -> bool:
+        """Whether gains change with a number."""
+        observer = getattr(every, self.name)
+        return gains_of(observer, replace(self.base, **values)) != gains_of(observer, self.base)
+
+
+@dataclass(frozen=True)
+class Calibration:
+    """`rows`: of each observer, the best first; `refused`: why there is none, by observer; `ahead`: samples, and
+    `segments` of each record, by which they were chosen, or by the `truth` of these states."""
+
+    rows: tuple[Tuned, ...]
+    refused: Mapping[str, str]
+    ahead: int
+    segments: int
+    truth: tuple[str, ...] = ()
+
+    @property
+    def tied(self) -> tuple[Tuned, ...]:
+        """The rows that predict as well as the best."""
+        return tuple(row for row in self.rows if as_good(row.errors, self.rows[0].errors))
+
+    @property
+    def best(self) -> Tuned:
+        """The row to take: of these the one of the least rank."""
+        return min(self.tied, key=lambda row: row.rank)
+
+    def __getitem__(self, name: str) -> Tuned:
+        return next(row for row in self.rows if row.name == name)
+
 
 SEGMENTS = 5
 SAME = 1e-3  # relative: periods of one grid, as typical times between rows tell them

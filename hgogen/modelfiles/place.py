@@ -1,16 +1,22 @@
-"""Where model files lie: at a path, in the folder `models` here, and with the package.
+"""Where model files lie: at a path, in the folder `models` here, and with the package; how one begins, and what one
+that fails raises.
 
 Those that come with hgogen lie in the folder `models` of an installed package, and in a clone, where that folder is not
 there, in the one beside the package.
 """
 
 import ast
+import os
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
+from hgogen.emit.naming import demand_file
 from hgogen.errors import HgogenError, nearest
 from hgogen.reading.files import BYTES, READERS, Unread, content_of, declares
+from hgogen.reading.files import demand as demand_name
+from hgogen.signal import check_name
+from hgogen.target import CannotWrite
 
 FOLDER = Path("models")
 PYTHON = ".py"
@@ -104,3 +110,38 @@ def summary(path: str) -> str:
     except (Unread, ValueError, SyntaxError, RecursionError, MemoryError):  # `load` tells what is wrong with it
         return ""
     return " ".join(meaning.partition("\n\n")[0].split()).partition(". ")[0].removesuffix(".")
+
+
+_TEXT = Path(__file__).with_name("template.txt")
+_NAME = "NAME"  # stands in the text for that of the model
+
+
+def new_model(name: str, folder: Path) -> dict[str, str]:
+    """A model file of this name, by the name of the file. Raises: `BadName`, `BadFileName`, `HidesHeader` for a name
+    that a plant or a file cannot have; `CannotWrite` where the folder holds such a file."""
+    check_name(name)
+    demand_file(name)
+    file = f"{demand_name(name)}{PYTHON}"
+    if os.path.lexists(folder / file):
+        raise CannotWrite(str(folder / file), "it is there already", "take another name, or another folder by --out")
+    return {file: _TEXT.read_text(encoding="utf-8").replace(_NAME, name)}
+
+
+def sentence(error: Exception) -> str:
+    """What an error says, after its type where it is none of hgogen's."""
+    return _text(error) if isinstance(error, HgogenError) else f"{type(error).__name__}: {_text(error)}"
+
+
+def ends_python(error: BaseException) -> str:
+    """What a model does that raises what is no `Exception`, and the fix."""
+    kind, text = type(error).__name__, _text(error)
+    said = f" ({text})" if text else ""
+    return f"raises {kind}{said}, which ends Python; leave it out, or raise an error that says what is wrong"
+
+
+def _text(error: BaseException) -> str:
+    """The text of an error; empty where its own `__str__` fails, which is code of the model too."""
+    try:
+        return str(error)
+    except BaseException:
+        return ""

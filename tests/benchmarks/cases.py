@@ -12,7 +12,7 @@ import sympy as sp
 from scipy.integrate import solve_ivp
 
 import hgogen as hg
-from hgogen.extras.texts import hostile
+from hgogen.extras.costs import hostile
 
 SAMPLES = 1200  # of a record
 

@@ -14,8 +14,8 @@ from peers import PEERS, Missing, source, start
 from programs import M4F, X86, Built, CannotBuild, Parts
 
 from hgogen.emit.cost import cost
-from hgogen.extras import qemu
-from hgogen.extras.qemu import BoardFailed, NoBoard
+from hgogen.extras import costs as qemu
+from hgogen.extras.costs import BoardFailed, NoBoard
 
 OURS = "hgogen"
 SAMPLES, REPEATS = 4000, 15  # of a timing

@@ -12,8 +12,8 @@ from cases import Case
 from peers import EIGEN, Source
 
 import hgogen as hg
-from hgogen.extras import qemu
-from hgogen.extras.texts import ROWS, counting, driver, harness, head, literal
+from hgogen.extras import costs as qemu
+from hgogen.extras.costs import ROWS, counting, driver, harness, head, literal
 
 X86 = {"O2": ("-O2",), "O3": ("-O3", "-mavx2", "-mfma", "-ffp-contract=fast")}
 CPP = ("-std=c++17", f"-I{EIGEN}", "-DNDEBUG", "-fno-exceptions")  # no test of an index, nothing that unwinds

@@ -13,7 +13,7 @@ import programs
 from cases import CASES
 from programs import M4F, X86
 
-from hgogen.extras import qemu
+from hgogen.extras import costs as qemu
 
 TABLE = Path(__file__).with_name("costs.json")
 SIX = ("adaptive", "default", "rk4_covariance", "two_outputs", "dense6", "chain10")

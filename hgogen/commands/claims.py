@@ -1,22 +1,31 @@
-"""The claims about a model, as commands show them: of its step's observer, or of a form alone."""
+"""The claims about a model, as commands print them: of its step's observer, or of a form alone, and how far errors go
+under the noise and the like that the model declares.
+"""
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
+from itertools import groupby
 from typing import Annotated, Any
+
+import sympy as sp
+from rich.console import Group, RenderableType
+from rich.text import Text
+from sympy.printing.str import StrPrinter
 
 import hgogen as hg
 from hgogen.call import CallableStep
 from hgogen.certificates.contraction import Admitted, admitted
 from hgogen.certificates.error_bound import ErrorBound
-from hgogen.check import Check, Refuted, refuted
-from hgogen.commands.stated_bounds import bound_of
+from hgogen.check import Check, Refuted, Verdict, refuted
+from hgogen.commands.output import headed
 from hgogen.form import Form
-from hgogen.model import Model
+from hgogen.model import MissingPart, Model
 from hgogen.program import Field
 from hgogen.prove.inclusion import Nothing
+from hgogen.prove.questions import Signed
 from hgogen.prove.semidefinite import NoSolver
-from hgogen.reading.given import by_name, written
-from hgogen.sentence import Encoded, Sentence, equations
+from hgogen.reading.given import BadGain, BadNames, by_name, written
+from hgogen.sentence import Encoded, Sentence, equations, plain, point
 from hgogen.signal import Signal
 from hgogen.theorem import Row, Theorem, rows
 from hgogen.which_forms import Survey
@@ -211,3 +220,125 @@ def _alone(model: Model, asked: Survey, form: Form) -> str:
     if proved:
         return f"{model.path} has no observer; of the forms asked its plant is in {proved}, proved, and in no other"
     return f"{model.path} has no observer, and its plant has the structure of none of the forms asked"
+
+
+COLOURS = {Verdict.PROVED: "green", Verdict.REFUTED: "red", Verdict.UNKNOWN: "yellow"}
+
+
+_ALIKE = 4  # rows that say the same, before they are one
+
+
+_ZEROS, _DIGITS = 20, 15  # of a whole number that is written as digits and a power of ten
+
+
+def checks_table(head: Iterable[Sentence], listed: Iterable[Check], accepted: Sequence[str]) -> RenderableType:
+    """The form's equations, the lines of `head`; the claims with their verdicts; what to do about those that are
+    open."""
+    listed = tuple(listed)
+    title, *lines = head
+    table = headed("", "verdict", "check", "claim and reason")
+    for called, check in _gathered(listed, accepted):
+        pattern = "{claim}\n{reason}; at {point}" if check.witness else "{claim}\n{reason}"
+        said = Sentence.of(pattern, claim=check.claim, reason=check.reason, point=point(check.witness))
+        verdict = Text(str(check.verdict), style=COLOURS.get(check.verdict, "cyan"))
+        if check.id in accepted:
+            verdict.append("\naccepted", style="yellow")
+        table.add_row(verdict, Text(called), _text(said))
+    fixes = [Text(f"{c.id}: {c.advice}") for c in listed if c.fix and c.verdict is Verdict.REFUTED]
+    return Group(Text(str(title), style="bold"), *map(_text, lines), table, *fixes, "")
+
+
+class _Tens(StrPrinter):  # type: ignore[misc]
+    """An expression in which a whole number with many zeros at its end has a power of ten in their place."""
+
+    def _print_Integer(self, number: sp.Integer) -> str:
+        return _whole(number.p)
+
+    def _print_Rational(self, number: sp.Rational) -> str:
+        return f"{_whole(number.p)}/{_whole(number.q)}"
+
+
+def _short(value: Any) -> str:
+    """A value of a sentence as the tables show it."""
+    if isinstance(value, sp.Basic):
+        return str(_Tens({"order": None}).doprint(value))
+    return _whole(value) if isinstance(value, int) else plain(value)
+
+
+def _whole(number: int) -> str:
+    digits = str(number).rstrip("0")
+    zeros = len(str(number)) - len(digits)
+    return f"{digits}e{zeros}" if zeros >= _ZEROS and len(digits.lstrip("-")) <= _DIGITS else str(number)
+
+
+def _text(said: Sentence) -> Text:
+    return Text(said.written(_short))
+
+
+def _gathered(listed: Iterable[Check], accepted: Sequence[str]) -> Iterable[tuple[str, Check]]:
+    """The checks with what they are called, those that say the same of equal a_1, a_2, .. as one."""
+
+    def kind(check: Check) -> tuple[Any, ...]:
+        alone = check.id in accepted or check.subject is None
+        return (check.id,) if alone else (check.id.maker, check.id.fact, check.verdict, check.reason, check.subject)
+
+    for _, group in groupby(listed, key=kind):
+        first, *others = group
+        if 1 + len(others) < _ALIKE:
+            yield from ((check.id, check) for check in (first, *others))
+        else:
+            alike = Sentence.of("{claim}, and so for each up to {last}", claim=first.claim, last=others[-1].id.short)
+            yield f"{first.id}..{others[-1].id.short}", replace(first, claim=alike)
+
+
+def few(names: Iterable[Any], most: int = 8) -> str:
+    """Names with commas, the middle of many left out."""
+    names = [str(name) for name in names]
+    return ", ".join(names if len(names) <= most else (*names[:3], "..", names[-1]))
+
+
+def theorem_table(theorem: Theorem | None, hypotheses: Iterable[Row]) -> RenderableType:
+    """What the observer's theorem concludes, and what is known of each hypothesis; nothing without a theorem."""
+    if theorem is None:
+        return Group()
+    head = f"Theorem: {theorem.conclusion}\n({theorem.reference}), if"
+    table = headed("", "", "hypothesis", "known by")
+    for row in hypotheses:
+        standing = Text(row.standing, style=COLOURS.get(row.verdict, "cyan") if row.verdict else "magenta")
+        known = "; ".join(said for said in (", ".join(row.checks), str(row.reason)) if said)
+        where = f" [{row.reference}]" if row.reference else ""
+        table.add_row(standing, Text(row.claim + where), Text(known))
+    return Group(Text(head), table, "")
+
+
+def bound_of(step: CallableStep, model: Model) -> ErrorBound | None:
+    """How well each state is known under what the model says of noise and the like; None where it says nothing.
+
+    Raises: `NoSolver`; `MissingPart` for what is no size, or of no signal.
+    """
+    if model.bounds is None:
+        return None
+    try:
+        return hg.error_bound(step, **model.bounds.sizes)
+    except (BadNames, BadGain) as error:
+        raise MissingPart(model.path, f"in bounds, {error}") from None
+
+
+def proved_bound(step: CallableStep, model: Model, say: Callable[[str], None]) -> ErrorBound | None:
+    """`bound_of`, None without a solver; `say` is called with what stands in the way."""
+    try:
+        known = bound_of(step, model)
+    except NoSolver as missing:
+        say(str(missing))
+        return None
+    if known and known.missing:
+        say(f"{model.path}: {known.missing}")
+    return known
+
+
+def stating(step: CallableStep, model: Model, known: ErrorBound | None) -> CallableStep:
+    """The step whose code states what is known of its errors, or that nothing is; as it is where the model does not
+    ask."""
+    if model.bounds is None:
+        return step
+    return replace(step, signed=known.signed if known else Signed())
