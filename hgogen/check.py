@@ -145,11 +145,8 @@ class UnknownCheck(HgogenError):
     """`accept=` names a check that does not exist."""
 
     id: str
-    known: tuple[str, ...]
-
-    def __str__(self) -> str:
-        fix = nearest(str(self.id), self.known, f"the checks are {', '.join(self.known)}")
-        return f"accept names {self.id!r}, which is no check here; {fix}"
+    fix: str
+    text = "accept names {id!r}, which is no check here; {fix}"
 
 
 _FROM_WORST = (Verdict.REFUTED, Verdict.UNKNOWN, Verdict.WHERE, Verdict.GENERIC, Verdict.PROVED)
@@ -169,7 +166,7 @@ def refuted(checks: Iterable[Check], accept: Iterable[str] = (), later: Iterable
     known = (*(check.id for check in checks), *later)
     for name in accept:
         if not (isinstance(name, str) and name in known):
-            raise UnknownCheck(str(name), known)
+            raise UnknownCheck(str(name), nearest(str(name), known, f"the checks are {', '.join(known)}"))
     return tuple(check for check in checks if check.verdict is Verdict.REFUTED and check.id not in accept)
 
 

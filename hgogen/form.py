@@ -15,7 +15,7 @@ import sympy as sp
 from hgogen.analysis.undefined import MAKER, undefined_values
 from hgogen.check import Check, Verdict
 from hgogen.errors import BadArgument
-from hgogen.rigor.box import End, box
+from hgogen.rigor.box import End
 from hgogen.sentence import Sentence, equations
 from hgogen.signal import Signal
 from hgogen.system import System
@@ -125,7 +125,7 @@ class Form:
     @property
     def box(self) -> dict[sp.Symbol, tuple[End, End]]:
         """The box of z, the inputs and the parameters, those without a range at their values."""
-        return box((*self.states, *self.system.inputs, *self.system.parameters), self.system.nominal)
+        return self.system.box_with(self.states)
 
     @property
     def names(self) -> tuple[str, ...]:

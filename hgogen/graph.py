@@ -234,12 +234,10 @@ class NoSymbols(HgogenError):
     """A CasADi operation, or a constant, that has no SymPy expression here."""
 
     operation: str
-
-    def __str__(self) -> str:
-        return (
-            f"CasADi's {self.operation} has no expression in SymPy that hgogen can read; write the model with "
-            "+ - * / powers, sqrt, exp, log, trigonometric and hyperbolic functions, fabs, sign, fmin, fmax and if_else"
-        )
+    text = (
+        "CasADi's {operation} has no expression in SymPy that hgogen can read; write the model with "
+        "+ - * / powers, sqrt, exp, log, trigonometric and hyperbolic functions, fabs, sign, fmin, fmax and if_else"
+    )
 
 
 def _value(term: sp.Basic) -> sp.Expr:

@@ -23,10 +23,8 @@ class NoCase(HgogenError):
     """A file in a registry folder that does not define its own name."""
 
     module: str
-
-    def __str__(self) -> str:
-        name = self.module.rpartition(".")[2]
-        return f"{self.module} defines no {name!r}; give the case its file's name, or move the file elsewhere"
+    name: str
+    text = "{module} defines no {name!r}; give the case its file's name, or move the file elsewhere"
 
 
 def load(package: str) -> dict[str, Any]:
@@ -43,7 +41,7 @@ def load(package: str) -> dict[str, Any]:
     for name in sorted(info.name for info in iter_modules(sys.modules[package].__path__)):
         module = import_module(f"{package}.{name}")
         if name not in vars(module):
-            raise NoCase(module.__name__)
+            raise NoCase(module.__name__, name)
         case = loaded[name] = vars(module)[name]
         if isfunction(case) and case.__doc__ and module.__doc__:
             file, own = cleandoc(module.__doc__), cleandoc(case.__doc__)
@@ -74,9 +72,7 @@ class NotInstalled(HgogenError):
     what: str
     library: str
     extra: str
-
-    def __str__(self) -> str:
-        return f'{self.what} needs {self.library}; install it: pip install "hgogen[{self.extra}]"'
+    text = '{what} needs {library}; install it: pip install "hgogen[{extra}]"'
 
 
 def library(name: str, what: str, extra: str = "logs") -> Any:
@@ -89,5 +85,5 @@ def library(name: str, what: str, extra: str = "logs") -> Any:
 
 @cache
 def version() -> str:
-    """That of pyproject.toml, as it was installed."""
+    """The version of pyproject.toml, as it was installed."""
     return metadata.version("hgogen")

@@ -34,9 +34,7 @@ class BadName(HgogenError):
 
     name: str
     reason: str
-
-    def __str__(self) -> str:
-        return f"the name {self.name!r} {self.reason}; choose another, letters and digits, such as {self.hint!r}"
+    text = "the name {name!r} {reason}; choose another, letters and digits, such as {self.hint!r}"
 
     @property
     def hint(self) -> str:

@@ -130,6 +130,10 @@ class System:
         """The box of all signals: of those without a range the parameters at their values, the others unbounded."""
         return box(self.signals, self.nominal)
 
+    def box_with(self, states: Iterable[Signal]) -> dict[sp.Symbol, tuple[End, End]]:
+        """The box of these states, the inputs and the parameters, those without a range at their values."""
+        return box((*states, *self.inputs, *self.parameters), self.nominal)
+
     @property
     def constants(self) -> dict[Signal, sp.Rational]:
         """The parameters without a range, with their values."""

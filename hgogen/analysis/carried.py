@@ -109,7 +109,7 @@ class Carried:
         rename = dict(zip(self.images, states, strict=True))
         psi = {x: held(e.xreplace(rename)) for x, e in back.items()}
         b = tuple(min((e := held(row).xreplace(psi), tidy(e)), key=lambda e: size([e])) for row in self.rows)
-        around = box((*states, *plant.inputs, *plant.parameters), plant.nominal)
+        around = plant.box_with(states)
         direct = not recovered and all(row.is_number or _defined(row, around, _POLES) for row in b)
         return Form(
             system=plant,

@@ -489,7 +489,7 @@ class Dynamics:
         symbols |= {p: sym("plant", p.name) for p in system.tunable}
         rows: Iterable[sp.Expr] = map(sp.sympify, expressions)
         if self.form.clamped and boxed:
-            around = box((*(states or self.form.states), *system.inputs, *system.parameters), system.nominal)
+            around = system.box_with(states or self.form.states)
             rows = (computed(resolved(e), around) for e in rows)
         return to_casadi([_with_constants(e, self._constants) for e in rows], symbols)
 

@@ -293,7 +293,7 @@ def bounded(id: ClaimId, form: Form, products: Sequence[sp.Expr]) -> Check:
         fix = f"Declare a range for {', '.join(loose)}; of an input's derivative by rates=((low, high), ..)."
         reason = because("no range is declared for {names}; an input that steps has none", names=loose)
         return Check(id, claim, Verdict.UNKNOWN, reason, fix=fix)
-    around = box((*states, *form.system.inputs, *form.system.parameters), form.system.nominal)
+    around = form.system.box_with(states)
     try:
         ranges = [bound(a * row, around, boxes=_OF_PRODUCTS) for a, row in zip(products, rows, strict=True) if row != 0]
     except NoTape as missing:
@@ -402,7 +402,7 @@ def clamped(observer: str, form: Form, *, boxes: int = BOXES) -> tuple[Check, ..
 
 def _steepest(rows: Sequence[sp.Expr], states: Sequence[Signal], form: Form, boxes: int) -> Proof | Reason:
     """The proof of the steepest slope of the rows on the box of the states, or the reason why none is proved."""
-    around = box((*states, *form.system.inputs, *form.system.parameters), form.system.nominal)
+    around = form.system.box_with(states)
     try:
         steepest = lipschitz_bound(rows, states, around, boxes=boxes)
     except NoTape as missing:

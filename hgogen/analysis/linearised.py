@@ -163,9 +163,7 @@ class NoSight(HgogenError):
     """A measure of how observable the states are from the outputs is not made; `reason`: what is missing."""
 
     reason: str
-
-    def __str__(self) -> str:
-        return f"how much the outputs show is not measured: {self.reason}"
+    text = "how much the outputs show is not measured: {reason}"
 
 
 @dataclass(frozen=True)

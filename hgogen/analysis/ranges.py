@@ -16,7 +16,7 @@ Rigorous answers about an expression that a user asks, on the declared box of a 
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from fractions import Fraction
 from itertools import product
 from math import prod
@@ -27,7 +27,7 @@ import numpy as np
 import sympy as sp
 
 from hgogen.check import Verdict
-from hgogen.errors import BadArgument, HgogenError
+from hgogen.errors import BadArgument
 from hgogen.form import Form
 from hgogen.reading.expression import Fold, read
 from hgogen.reading.given import BadGain, in_order, limits, real, reals, scalar
@@ -199,18 +199,8 @@ def described(form: Form) -> tuple[str, ...]:
 # ---------------------------------------------------------------- query
 
 
-@dataclass(eq=False)
-class NotInBox(HgogenError):
+class NotInBox(BadArgument):
     """An expression with a symbol that has no place in the box."""
-
-    symbol: str
-    known: tuple[str, ...]
-    alike: bool
-
-    def __str__(self) -> str:
-        if self.alike:
-            return f"{self.symbol} is not the symbol declared with that name; use the Signal itself, or write text"
-        return f"{self.symbol} is not in the box, which has {', '.join(self.known) or 'no symbols'}; declare it there"
 
 
 class BadRange(BadArgument):
@@ -252,14 +242,20 @@ def nonzero(expression: Any, where: System | Box, *, boxes: int = LIMIT) -> Sign
 def _resolved(what: str, source: Any, where: System | Box) -> tuple[sp.Expr, Box, Reason]:
     """The expression, the box, and where the text has no value though its expression has one, or `NONE`."""
     plant = where if isinstance(where, System) else None
-    around = box((*plant.states, *plant.inputs, *plant.parameters), plant.nominal) if plant else _ranges(where)
+    around = plant.box_with(plant.states) if plant else _ranges(where)
     equations = dict(zip(plant.outputs, plant.output, strict=True)) if plant else {}
     names: dict[str, sp.Symbol] = {s.name: s for s in (*around, *equations)}
     tables = {cells.name: cells for cells in plant.tables} if plant else {}
     fold = read(source, names, tables) if isinstance(source, str) else Fold("", scalar(source, what), ())
     expression = fold.reading
     for symbol in sorted(expression.free_symbols - {*around, *equations}, key=str):
-        raise NotInBox(str(symbol), tuple(names), symbol.name in names)
+        if symbol.name in names:
+            raise NotInBox(
+                str(symbol), "is not the symbol declared with that name; use the Signal itself, or write text"
+            )
+        raise NotInBox(
+            str(symbol), f"is not in the box, which has {', '.join(names) or 'no symbols'}; declare it there"
+        )
     written = replace(fold, lost=tuple(one._replace(of=one.of.xreplace(equations)) for one in fold.lost))
     return expression.xreplace(equations), around, written.on(around)
 

@@ -75,7 +75,7 @@ def _of_plant(form: Form, state: sp.Symbol) -> tuple[Fraction, ...]:
     to its ranges, and are then clamped to theirs. Raises: `Unbounded`."""
     system, inverse = form.system, sided(form)
     (reported,) = (expression for signal, expression in system.reported if signal == state)
-    around = box((*system.states, *system.inputs, *system.parameters), system.nominal)
+    around = system.box_with(system.states)
     total = [Fraction(0)] * form.n
     for x, row, finite in zip(system.states, inverse.rows, inverse.finite, strict=True):
         share = steepness_in(reported, x, around)

@@ -31,7 +31,6 @@ from hgogen.prove.plant_step import Heads, PlantStep, Sizes
 from hgogen.prove.quadratic import Array, rational
 from hgogen.prove.questions import InputBound, confined, of_step, reached
 from hgogen.rigor.bounds import bound
-from hgogen.rigor.box import box
 from hgogen.rigor.outward import number
 from hgogen.sentence import Down, Sentence, Up, because
 from hgogen.signal import LOST
@@ -230,7 +229,7 @@ def room(running: Running, samples: Sequence[Fraction], totals: Mapping[int, Fra
     """By field, what an error may be beside its bound of the `totals` for no guard to act; None where one may act with
     no more than these. `samples` (p): by how much a sample may err."""
     form, layout = running.step.observer.form, running.steps.error.layout
-    where = box((*form.states, *form.system.inputs, *form.system.parameters), form.system.nominal)
+    where = form.box
     for y, (low, high), size in zip(form.output, readings(form), samples, strict=True):
         known, width = bound(sp.sympify(y), where), high - low
         taken = known.low - size >= low - width and known.high + size <= high + width

@@ -44,9 +44,7 @@ class NoAlignment(HgogenError):
     """A name that is no alignment."""
 
     name: object
-
-    def __str__(self) -> str:
-        return f"align={self.name!r} is none of {', '.join(_ALIGNMENTS)}; leave it out to take the first that is proved"
+    text = "align={name!r} is none of top, end, cascade; leave it out to take the first that is proved"
 
 
 @Asking(3, ({"align": "top"}, {"align": "end"}, {"align": "cascade"}), least=2)

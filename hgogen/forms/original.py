@@ -33,16 +33,12 @@ from hgogen.system import System
 
 @dataclass(eq=False)
 class BadOrder(HgogenError):
-    """An order that is not the plant's states, each once in a sequence; `kind`: the type of what is none."""
+    """An `order`, as it is shown, that is not the plant's states, each once in a sequence."""
 
     system: str
-    order: tuple[str, ...]
-    states: tuple[str, ...]
-    kind: str = ""
-
-    def __str__(self) -> str:
-        of = f"is a {self.kind}, which has no order; it" if self.kind else f"({', '.join(self.order)})"
-        return f"system {self.system!r}: the order {of} must hold each of the states {', '.join(self.states)} once"
+    order: str
+    states: str
+    text = "system {system!r}: the order {order} must hold each of the states {states} once"
 
 
 @Asking(6, costly=True)  # its Lipschitz constant takes seconds, and no theorem covers it
@@ -63,16 +59,17 @@ def original(plant: System, order: Sequence[Signal | str] | None = None) -> Form
     if order is not None:
         by_name = {x.name: x for x in plant.states}
         if isinstance(order, Mapping | Set):
-            raise BadOrder(plant.name, (), tuple(by_name), type(order).__name__)
-        asked = tuple(map(str, several("order", order)))
-        if sorted(asked) != sorted(by_name):
-            raise BadOrder(plant.name, asked, tuple(by_name))
-        states = tuple(by_name[name] for name in asked)
+            shown = f"is a {type(order).__name__}, which has no order; it"
+            raise BadOrder(plant.name, shown, ", ".join(by_name))
+        names = tuple(map(str, several("order", order)))
+        if sorted(names) != sorted(by_name):
+            raise BadOrder(plant.name, f"({', '.join(names)})", ", ".join(by_name))
+        states = tuple(by_name[name] for name in names)
     z = coordinates(plant, states)
     A, b = split(z.flow, z.states)
     flow = (sp.Add(*(a * s for a, s in zip(A.row(i), z.states, strict=True)), row) for i, row in enumerate(b))
-    names = ", ".join(map(str, along))
-    shape = f"in the order ({names}) y and each derivative in turn read states up to the next, with a slope in that"
+    listed = ", ".join(map(str, along))
+    shape = f"in the order ({listed}) y and each derivative in turn read states up to the next, with a slope in that"
     nowhere = because("no slope is zero identically; zeros on the box are not excluded")
     doubt = _misshapen(along, rows)
     checks = (

@@ -33,7 +33,6 @@ from hgogen.observer import Observer, founded, high_gain_parameter
 from hgogen.program import INF, Field, column, sym
 from hgogen.reading.given import BadGain, reals
 from hgogen.rigor.bounds import bound
-from hgogen.rigor.box import box
 from hgogen.rigor.tape import NoTape
 from hgogen.signal import resting
 from hgogen.starting import starts
@@ -150,7 +149,7 @@ def _field(chain: Integrators, slopes: np.ndarray, initial: Mapping[str, float] 
     rates = [w.initial[i + 1] + c[i] for i in range(n - 1)]
     system, states, (bottom, top) = chain.form.system, chain.form.states, (-INF, INF)
     with suppress(NoTape):  # the range of c_1 on the declared box
-        around = box((*states, *system.inputs, *system.parameters), system.nominal)
+        around = system.box_with(states)
         enclosure = bound(sp.sympify(chain.products[0] * chain.form.b[0]), around)
         bottom, top = enclosure.low, enclosure.high
     low = (w.low[0], w.low[1] + bottom, *w.low[1 : n - 1])

@@ -119,7 +119,7 @@ class PlantStep:
         """sup|dT_i/dx_j| (n, n) of the form's coordinates T in the plant's states x as first declared, 0 where `most`
         (n) is. Raises: `Unbounded`."""
         system, form, plant = self.form.system, self.form, self.form.system.declared
-        where = box((*plant.states, *system.inputs, *system.parameters), system.nominal)
+        where = system.box_with(plant.states)
         rows = [sp.sympify(row).xreplace(self._recast) for row in form.to_form]
         T, nothing = sp.Matrix(rows).jacobian(sp.Matrix(plant.states)), Fraction(0)
         return tuple(

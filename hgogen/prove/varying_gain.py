@@ -102,7 +102,6 @@ from hgogen.prove.semidefinite import Lyapunov, NoSolver, lyapunov
 from hgogen.reading.given import BadGain, reals
 from hgogen.rigor import definite
 from hgogen.rigor.bounds import Proof, bound
-from hgogen.rigor.box import box
 from hgogen.rigor.definite import (
     Matrix,
     exact,
@@ -582,7 +581,7 @@ def stays(chain: Integrators, p_1: float, p_2: float, p_3: float, cap: float) ->
     units = tuple(Fraction(cap) ** -(i + 1) for i in range(n))
     scale = tuple(product * sp.Rational(s) for product, s in zip(chain.products, units, strict=True))
     slopes = (scale[i] * form.b[i].diff(form.states[j]) / scale[j] for i in range(n) for j in range(n))
-    around = box((*form.states, *form.system.inputs, *form.system.parameters), form.system.nominal)
+    around = form.box
     try:
         squares = bound(sp.Add(*(slope**2 for slope in slopes)), around, boxes=BOXES)
     except NoTape as missing:

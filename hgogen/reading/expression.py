@@ -224,14 +224,14 @@ _FIXES = {
 class BadExpression(HgogenError):
     """A text outside the grammar, or without a finite real value; `column` counts from 1."""
 
-    text: str
+    source: str
     column: int
     reason: str
 
     def __str__(self) -> str:
-        start = max(0, min(self.column - 1, len(self.text)) - 30)
-        shown = repr(self.text[start : start + 60])
-        head, tail = "..." if start else "", "..." if start + 60 < len(self.text) else ""
+        start = max(0, min(self.column - 1, len(self.source)) - 30)
+        shown = repr(self.source[start : start + 60])
+        head, tail = "..." if start else "", "..." if start + 60 < len(self.source) else ""
         return f"expression {head}{shown}{tail}, column {self.column}: {self.reason}"
 
 

@@ -47,7 +47,6 @@ from hgogen.observer import Observer
 from hgogen.part import Clock, Jump, Ode, Part, Pieces
 from hgogen.program import Bit, Block, Field, Place, Program, When, sym
 from hgogen.rigor.bounds import enclose
-from hgogen.rigor.box import box
 from hgogen.sentence import up
 from hgogen.signal import spread
 from hgogen.stepping.parallel import Parallel, judge_lengths, parallel
@@ -287,8 +286,7 @@ def demand_countable(form: Form, dt: float, most: int, part: float) -> None:
 @lru_cache(maxsize=16)  # asked of the counts, and of the precision
 def _fastest(form: Form) -> tuple[tuple[str, tuple[float, float], float], ...]:
     """The name, the range and a bound of |z'| on the ranges of each state that has such a range and moves."""
-    system = form.system
-    known = box((*form.states, *system.inputs, *system.parameters), system.nominal)
+    known = form.box
     bounds = (max(abs(float(end)) for end in enclose(row, known)) for row in form.flow)
     rows = zip(form.names, form.states, bounds, strict=True)
     return tuple((name, z.interval, fastest) for name, z, fastest in rows if z.bounded and 0 < fastest < math.inf)
