@@ -111,7 +111,12 @@ class Link:
     def answer(self, shape: Shape, measured: sp.Symbol | None = None) -> Answer:
         """Whether the row has the shape, and what is wrong; `measured` is z_1 where a gain may vary with it."""
         if shape is Shape.UNIFORM:
-            return self._uniform()
+            if self.moves is False:
+                return False, because("{link} with a slope that is zero", link=self._reason)
+            if self.strays:
+                return None, self._straying
+            doubt = because("{link} with a slope that is not shown to differ from zero", link=self._reason)
+            return (True, self._reason) if self.moves else (None, doubt)
         allowed = {measured} if shape is Shape.MEASURED else set()
         varies = [x for x in self.varies if x not in allowed]
         doubtful = [x for x in self.may_vary if x not in allowed]
@@ -128,14 +133,6 @@ class Link:
         if self.affine is None:
             return None, because("{link} in a way that is not shown to be linear", link=self._reason)
         return True, self._reason
-
-    def _uniform(self) -> Answer:
-        if self.moves is False:
-            return False, because("{link} with a slope that is zero", link=self._reason)
-        if self.strays:
-            return None, self._straying
-        doubt = because("{link} with a slope that is not shown to differ from zero", link=self._reason)
-        return (True, self._reason) if self.moves else (None, doubt)
 
     @property
     def _reason(self) -> Reason:

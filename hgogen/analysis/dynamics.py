@@ -474,11 +474,6 @@ class Dynamics:
         linear, rest = zip(*(linear_terms(e, self.form.states) for e in expressions), strict=True)
         return column(self._convert(linear, z, u)) + column(self._convert(rest, self.saturated(z), u))
 
-    @cached_property
-    def _constants(self) -> tuple[tuple[sp.Symbol, Any], ...]:
-        """The parameters that have no range, with their values."""
-        return tuple(self.form.system.constants.items())
-
     def _convert(
         self, expressions: Any, z: Graph, u: Graph, states: Sequence[sp.Symbol] | None = None, boxed: bool = True
     ) -> list[Graph]:
@@ -491,12 +486,12 @@ class Dynamics:
         if self.form.clamped and boxed:
             around = system.box_with(states or self.form.states)
             rows = (computed(resolved(e), around) for e in rows)
-        return to_casadi([_with_constants(e, self._constants) for e in rows], symbols)
+        constants = tuple(system.constants.items())
+        return to_casadi([_with_values(e, constants) for e in rows], symbols)
 
 
 @lru_cache(maxsize=512)  # the same rows are asked for at each stage of a step
-def _with_constants(expression: sp.Expr, constants: tuple[tuple[sp.Symbol, Any], ...]) -> sp.Expr:
-    """The expression with the values of the parameters that have no range."""
+def _with_values(expression: sp.Expr, constants: tuple[tuple[sp.Symbol, Any], ...]) -> sp.Expr:
     return expression.subs(dict(constants))
 
 
