@@ -5,6 +5,7 @@ What is installed beside them: libraries that few need, else a sentence that say
 
 import ast
 import sys
+from collections.abc import Callable
 from dataclasses import dataclass, is_dataclass
 from functools import cache
 from importlib import import_module, metadata
@@ -30,10 +31,9 @@ class NoCase(HgogenError):
 def load(package: str) -> dict[str, Any]:
     """Import every module of the package, in alphabetical order; return {case name: its public object}.
 
-    A folder's `__init__` says `globals().update(load(__name__))`. Loading is eager because importing a module
-    later would bind the package's attribute to the module in place of the case. That hides the file's docstring too: a
-    function's own follows it, so that help() shows equations and reference before the arguments, and a value has it in
-    the place of its class's.
+    Loading is eager because importing a module later would bind the package's attribute to the module in place of the
+    case. That hides the file's docstring too: a function's own follows it, so that help() shows equations and reference
+    before the arguments, and a value has it in the place of its class's.
 
     Raises: `NoCase`.
     """
@@ -49,6 +49,25 @@ def load(package: str) -> dict[str, Any]:
         elif is_dataclass(case) and not isinstance(case, type):
             object.__setattr__(case, "__doc__", module.__doc__)  # help() shows a value's own, else all of its class
     return loaded
+
+
+Names = tuple[list[str], Callable[[], list[str]], Callable[[str], Any]]
+
+
+def cases_of(package: str, prepared: Callable[[Any], Any] = lambda case: case) -> Names:
+    """Bind the cases of a folder, each as it is `prepared`, to the names of its package; return what its `__init__`
+    calls `__all__`, `__dir__` and `__getattr__`, of which the last tells a type checker that there are such names.
+
+    Raises: `NoCase`.
+    """
+    loaded = {name: prepared(case) for name, case in load(package).items()}
+    names = list(loaded)
+    vars(sys.modules[package]).update(loaded)
+
+    def missing(name: str) -> Any:
+        raise AttributeError(f"module {package!r} has no attribute {name!r}")
+
+    return names, lambda: names, missing
 
 
 def cases(folder: str) -> list[str]:

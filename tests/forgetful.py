@@ -7,7 +7,7 @@ from typing import Any
 MAKERS = (
     *("hgogen.observer", "hgogen.step", "hgogen.run.backends", "hgogen.emit.manual"),
     *("hgogen.certificates.rounding_share", "hgogen.recheck.verification", "hgogen.emit.subprograms"),
-    "hgogen.discretisation.open_loop",
+    "hgogen.discretisation.runge_kutta",
 )
 _REMEMBERED: list[Any] = []
 

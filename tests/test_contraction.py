@@ -15,7 +15,6 @@ from plants import MODELS, model
 import hgogen as hg
 from hgogen.certificates.contraction import Reach, _beyond, _proved, contraction, reach
 from hgogen.check import Verdict
-from hgogen.estimators.sampled import Sampled
 from hgogen.model import load
 from hgogen.program import Place
 from hgogen.prove.inclusion import Inclusion, Nothing
@@ -307,9 +306,14 @@ def test_where_nothing_is_proved_it_is_said_why() -> None:
 
 
 def test_nothing_is_proved_by_a_method_of_which_it_is_not_known_how_it_moves_the_error() -> None:
-    known = hg.methods.exponential
-    own = Sampled("my own", known.matrices, known.numbers, known.equations)
-    (check,) = hg.contraction(hg.sample(made("pendulum", "high_gain"), own, dt=1e-3)).checks
+    class Own:
+        """The contract of a method, and no more."""
+
+        known = hg.methods.exponential
+        name, equations, prediction = "my own", known.equations, known.prediction
+        ode, riccati, ode_lengths, riccati_lengths = known.ode, known.riccati, known.ode_lengths, known.riccati_lengths
+
+    (check,) = hg.contraction(hg.sample(made("pendulum", "high_gain"), Own(), dt=1e-3)).checks
     assert "not made for my own" in str(check.reason)
 
 

@@ -11,7 +11,7 @@ from test_cli import as_json
 import hgogen as hg
 from hgogen import forms, methods, observers
 from hgogen.call import CallableStep
-from hgogen.discretisation.open_loop import open_loop
+from hgogen.discretisation.runge_kutta import open_loop
 from hgogen.logs.records import Log
 from hgogen.reading.measured import difference, read
 from hgogen.run.prediction import _others, predictions

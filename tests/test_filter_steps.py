@@ -8,8 +8,8 @@ import pytest
 from step_lengths import pairs, row
 
 import hgogen as hg
-from hgogen.estimators.closed_loop import advised
 from hgogen.estimators.riccati_part import Riccati
+from hgogen.estimators.step_lengths import factored_lengths
 from hgogen.model import load
 from hgogen.step import StepMayFail
 
@@ -30,7 +30,7 @@ def test_no_step_is_advised_at_which_a_neuron_at_rest_is_lost() -> None:
     2.5, bursts, and settles up to half a second."""
     observer = load(MODELS / "hindmarsh_rose.toml").step("riccati").observer
     (part,) = (part for part in observer.parts if isinstance(part, Riccati))
-    take = advised(part, 10.0)[1]
+    take = factored_lengths(part, 10.0).take
     assert 0.05 < take < 0.1
     assert resting(observer, take) < 0.01
     assert resting(observer, 0.14) > 10
@@ -64,7 +64,7 @@ def test_no_step_is_advised_at_which_a_motor_at_full_speed_is_lost() -> None:
     settles by steps six times as long as is advised."""
     own = load(MODELS / "pmsm.toml").step("riccati")
     (part,) = (part for part in own.observer.parts if isinstance(part, Riccati))
-    take = advised(part, 10.0)[1]
+    take = factored_lengths(part, 10.0).take
     assert 0.003 < take < 0.0035
     assert weakened(own.observer, take) < 1
     assert weakened(own.observer, 4 * take) > 40

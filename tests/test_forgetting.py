@@ -23,8 +23,8 @@ import hgogen as hg
 from hgogen.discretisation.stability import Limit
 from hgogen.emit import layout
 from hgogen.emit.syntax import Real
-from hgogen.estimators.covariance import unpack
 from hgogen.estimators.factored import largest
+from hgogen.estimators.riccati_part import unpack
 from hgogen.observer import Observer
 from hgogen.program import Place
 from hgogen.run import native
@@ -366,7 +366,7 @@ def test_an_unset_bit_means_that_the_samples_show_more(view: str, rate: float, m
     monkeypatch.setattr("hgogen.method.covariance_limits", lambda *arguments: [Limit(np.inf, "not asked")])
     loops, engine = view.startswith("loops"), "python" if "Python" in view else None
     if loops:
-        monkeypatch.setattr("hgogen.estimators.chosen.LONGER", {"speed": -(10**9)})
+        monkeypatch.setattr("hgogen.estimators.factored.LONGER", {"speed": -(10**9)})
     method = getattr(hg.methods, "continuous_discrete" if loops else view)
     step, limited = hg.sample(common(3, rate), method, dt=0.02, engine=engine), []
     step.reset()

@@ -22,8 +22,8 @@ from hgogen.certificates.certificate import certificate
 from hgogen.check import Check, ClaimId, Refuted, Verdict
 from hgogen.discretisation.stability import Limit
 from hgogen.emit import layout
-from hgogen.estimators.covariance import unpack
 from hgogen.estimators.persistence import persistent
+from hgogen.estimators.riccati_part import unpack
 from hgogen.model import load
 from hgogen.reading.given import BadGain
 from hgogen.recheck.verification import recheck
@@ -322,7 +322,7 @@ def test_every_view_is_of_one_equation() -> None:
 def test_loops_are_the_unrolled_step(monkeypatch: pytest.MonkeyPatch) -> None:
     samples = record(0.01, 3.0)
     unrolled = hg.sample(kalman_like(), dt=0.01).run(**samples, engine="python").x
-    monkeypatch.setattr("hgogen.estimators.chosen.LONGER", {"speed": -(10**9)})
+    monkeypatch.setattr("hgogen.estimators.factored.LONGER", {"speed": -(10**9)})
     looped = hg.sample(kalman_like(), dt=0.01).run(**samples, engine="python").x
     assert looped == pytest.approx(unrolled, abs=1e-9 * np.abs(unrolled).max())
 

@@ -17,7 +17,7 @@ from scipy.signal import lsim
 
 import hgogen as hg
 from hgogen.check import Verdict
-from hgogen.estimators.injection import companion
+from hgogen.estimators.integrators import companion
 from hgogen.model import load
 from hgogen.program import Place
 from hgogen.prove.semidefinite import lyapunov

@@ -16,7 +16,7 @@ from scipy.integrate import solve_ivp
 
 import hgogen as hg
 from hgogen.check import Check, Verdict
-from hgogen.estimators.least_shown import Course, LeastShown, Shown, _smallest, _windows
+from hgogen.estimators.persistence import Course, LeastShown, Shown, _smallest, _windows
 from hgogen.reading.given import BadGain
 from hgogen.recheck.verification import recheck
 from hgogen.trial import t

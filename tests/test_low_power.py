@@ -17,9 +17,8 @@ from scipy.integrate import solve_ivp
 
 import hgogen as hg
 from hgogen.estimators.core import core_numbers, nominal
-from hgogen.estimators.gains import BadPoles
+from hgogen.estimators.gains import BadPoles, from_poles
 from hgogen.estimators.integrators import integrators
-from hgogen.estimators.pairs import from_poles
 from hgogen.program import sym
 from hgogen.reading.given import BadGain
 from hgogen.rigor.definite import NotHurwitz, hurwitz

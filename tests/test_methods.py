@@ -18,8 +18,7 @@ import hgogen as hg
 from hgogen.discretisation import kernels
 from hgogen.discretisation.runge_kutta import EULER, HEUN, RK4, Tableau, advance, repeated, rounds
 from hgogen.discretisation.stability import Limit, core_limit
-from hgogen.estimators.covariance import covariance_ode, information_ode, measurement_update, pack, time_update, unpack
-from hgogen.estimators.riccati_part import Riccati
+from hgogen.estimators.riccati_part import Riccati, measurement_update, pack, riccati_ode, time_update, unpack
 from hgogen.method import NoCovariance
 from hgogen.program import Place, Repeat, sym, walk
 from hgogen.step import BadStep, CannotUpdate, StepMayFail, StepTooLong
@@ -218,8 +217,8 @@ def rates() -> tuple[object, object]:
     )
     z, X, u_, y_, valid = (ca.SX.sym(name, size) for name, size in zip("zXuyv", (n, 6, 1, 1, 1), strict=True))
     functions = []
-    for view, name in ((covariance_ode, "P"), (information_ode, "S")):
-        slopes = view(part).rhs({"z": z, name: X}, u_, y_, valid)
+    for view, name in (("covariance", "P"), ("information", "S")):
+        slopes = riccati_ode(part, view).rhs({"z": z, name: X}, u_, y_, valid)
         weights = np.diag(np.linalg.cholesky(gains[Place("gain", "Q")])) ** 2
         substituted = ca.substitute(
             [ca.vertcat(slopes["z"]), ca.vertcat(slopes[name])],
@@ -396,7 +395,7 @@ def test_beyond_its_cap_the_covariance_is_scaled_by_rows_and_columns(
 ) -> None:
     """S P S with S = diag(min(1, cap_i/P_ii)), a congruence; the states stand still and Q adds some 1e-12 of P."""
     if loops:
-        monkeypatch.setattr("hgogen.estimators.chosen.LONGER", {"speed": -(10**9)})
+        monkeypatch.setattr("hgogen.estimators.factored.LONGER", {"speed": -(10**9)})
     x = [hg.Signal(f"x{i}", low=-1, high=1) for i in (1, 2, 3)]
     plant = hg.System("still", states=x, outputs=(hg.Signal("y"),), flow=[0, 0, 0], output=[x[0] + x[1] + x[2]])
     observer = hg.observers.riccati(hg.forms.original(plant), Q=(1e-12,) * 3, R=1.0)

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 import hgogen as hg
-from hgogen.discretisation.open_loop_limit import Ranges, open_loop_limit
 from hgogen.discretisation.runge_kutta import EULER, HEUN, RK4, Tableau
-from hgogen.estimators.closed_loop import Loops
+from hgogen.discretisation.stability import Ranges, open_loop_limit
+from hgogen.estimators.step_lengths import Loops
 from hgogen.model import load
 from hgogen.step import StepMayFail
 from hgogen.stepping.discretise import unmeasured

@@ -11,7 +11,7 @@ from typer.testing import CliRunner
 
 import hgogen as hg
 from hgogen.commands.app import app
-from hgogen.estimators.chosen import FULL, LARGE, LONGER
+from hgogen.estimators.factored import FULL, LARGE, LONGER
 from hgogen.model import load
 from hgogen.step import BadStep
 
@@ -70,7 +70,7 @@ def test_the_choice_is_by_what_is_counted(monkeypatch: pytest.MonkeyPatch) -> No
     """A bound between the two differences tells the two programs apart, whatever n is."""
     assert LONGER["speed"] > LONGER["flash"] == 0
     assert not named(row(5))
-    monkeypatch.setattr("hgogen.estimators.chosen.LONGER", {"speed": 100, "flash": 10**6})
+    monkeypatch.setattr("hgogen.estimators.factored.LONGER", {"speed": 100, "flash": 10**6})
     assert named(row(5))
     assert not named(row(5, prefer="flash"))
     assert not named(row(2))

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import hgogen as hg
-from hgogen.discretisation.routine import Routine, routine
+from hgogen.discretisation.runge_kutta import Routine, routine
 from hgogen.emit.subprograms import Subprogram, _distinct, subprograms
 from hgogen.graph import Graph
 from hgogen.program import Block, Place, sym, walk

@@ -19,7 +19,7 @@ from test_every_observer import MODELS, kind, record, step
 import hgogen as hg
 from hgogen.discretisation.kernels import balance, exponential, resolvent
 from hgogen.estimators.core import core, nominal, numbers
-from hgogen.estimators.sampled import NoRealisation
+from hgogen.method import NoRealisation
 from hgogen.run import native
 from hgogen.step import StepTooLong
 from hgogen.stepping.machine import Machine

@@ -15,7 +15,7 @@ import hgogen as hg
 from hgogen.analysis.scaling import SCALED, Scaling
 from hgogen.discretisation.explicit_covariance import covariance_limits
 from hgogen.discretisation.runge_kutta import RK4
-from hgogen.discretisation.stability import Limit, steady_covariance
+from hgogen.discretisation.stability import FrozenRiccati, Limit
 from hgogen.estimators.innovation import BadWindowSize
 from hgogen.model import load
 from hgogen.reading.given import BadGain
@@ -199,7 +199,7 @@ def test_many_states_by_loops_are_the_few_unrolled(align: str, monkeypatch: pyte
         return hg.sample(observer, dt=0.01).run(**samples, engine="python").x
 
     unrolled = estimates()
-    monkeypatch.setattr("hgogen.estimators.chosen.LONGER", {"speed": -(10**9)})
+    monkeypatch.setattr("hgogen.estimators.factored.LONGER", {"speed": -(10**9)})
     assert estimates() == pytest.approx(unrolled, abs=1e-9 * np.abs(unrolled).max())
 
 
@@ -226,7 +226,7 @@ def test_theta_multiplies_the_poles_of_integrators(
     Q, R = np.diag(rng.uniform(0.5, 2, n)), rng.uniform(0.5, 2, len(sizes))
 
     def poles(value: float) -> np.ndarray:
-        (P,) = steady_covariance(F[None], C[None], Q, R, value, scaling)
+        (P,) = FrozenRiccati.of(F[None], C[None], Q, R, scaling).steady(value)
         assert np.isfinite(P).all()
         return np.sort_complex(np.linalg.eigvals(F - P @ C.T @ np.diag(1 / scaling.variances(R, value)) @ C))
 

@@ -15,8 +15,7 @@ from scipy.linalg import solve_continuous_lyapunov
 
 import hgogen as hg
 from hgogen.check import Verdict
-from hgogen.estimators.injection import companion
-from hgogen.estimators.integrators import integrators
+from hgogen.estimators.integrators import companion, integrators
 from hgogen.prove import inequality
 from hgogen.prove.limited_injection import DEAD_ZONE, SATURATION, Adaptation, Behind, Shape, behind, core_check, decays
 

@@ -18,11 +18,9 @@ from threadpoolctl import ThreadpoolController
 import hgogen as hg
 from hgogen.certificates.contraction import Admitted
 from hgogen.commands.claims import checked
-from hgogen.discretisation.growth import growth, polynomial
 from hgogen.discretisation.runge_kutta import EULER, RK4
-from hgogen.discretisation.stability import core_limit
-from hgogen.estimators.closed_loop import loops
-from hgogen.estimators.transient import advised, first_unstable, frozen, stable
+from hgogen.discretisation.stability import core_limit, growth, polynomial
+from hgogen.estimators.step_lengths import first_unstable, frozen, longest_advised, loops, stable
 from hgogen.method import Method
 from hgogen.model import load
 from hgogen.step import StepMayFail, StepTooLong
@@ -153,7 +151,7 @@ def test_a_multiple_pole_grows_far_before_it_decays(n: int, fold: float) -> None
     spectral = max(np.linalg.norm(np.linalg.matrix_power(T[0], k), 2) for k in range(1, 200))
     assert spectral == pytest.approx(fold, rel=0.07)
     assert fold / 3 < growth(T)[0] < 3 * fold  # in the norm of the largest row
-    take = advised(zero, M, hg.methods.rk4, limit)
+    take = longest_advised(zero, M, hg.methods.rk4, limit)
     fine = growth(polynomial(1e-3 * M, RK4.polynomial))[0]
     assert growth(polynomial(2 * take * M, RK4.polynomial))[0] <= 1.51 * fine
     assert growth(polynomial(1.01 * 2 * take * M, RK4.polynomial))[0] > 1.49 * fine
@@ -195,13 +193,13 @@ def test_a_core_alone_is_admitted_at_any_step(method: str) -> None:
     """The exponential's is exact, the bilinear rule is stable; what is advised is no shorter than the core's time."""
     way, core = getattr(hg.methods, method), 5 * jordan(2)
     assert np.isinf(first_unstable(core, core[None], way)).all()
-    assert advised(core, core[None], way, np.inf) > 1 / 5
+    assert longest_advised(core, core[None], way, np.inf) > 1 / 5
 
 
 def test_what_does_not_move_limits_nothing() -> None:
     zero = np.zeros((2, 2))
     assert np.isinf(first_unstable(zero, np.zeros((1, 2, 2)), hg.methods.exponential)).all()
-    assert np.isinf(advised(zero, np.zeros((0, 2, 2)), hg.methods.euler, 1.0))
+    assert np.isinf(longest_advised(zero, np.zeros((0, 2, 2)), hg.methods.euler, 1.0))
     assert hg.methods.euler.refused(zero, -np.eye(2)[None])[0] == pytest.approx(
         core_limit(-np.eye(2), EULER.polynomial)
     )

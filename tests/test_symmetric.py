@@ -8,7 +8,7 @@ import sympy as sp
 from scipy.linalg import solve_continuous_lyapunov
 
 import hgogen as hg
-from hgogen.estimators.weights import spd
+from hgogen.estimators.riccati_part import spd
 from hgogen.prove.dissipation import BadErrorSystem
 from hgogen.prove.varying_gain import candidate
 from hgogen.reading.given import BadGain

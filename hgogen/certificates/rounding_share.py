@@ -37,7 +37,7 @@ import sympy as sp
 from hgogen.analysis.evidence import Evidence, text
 from hgogen.analysis.ranges import signals
 from hgogen.certificates.start_set import Running, Start
-from hgogen.discretisation.routine import RATE
+from hgogen.discretisation.runge_kutta import RATE
 from hgogen.form import Form
 from hgogen.graph import Graph
 from hgogen.method import Method

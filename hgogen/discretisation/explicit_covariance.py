@@ -31,7 +31,7 @@ from numpy.typing import NDArray
 
 from hgogen.analysis.scaling import Scaling
 from hgogen.discretisation.runge_kutta import Tableau
-from hgogen.discretisation.stability import ZERO, Limit, Riccati, spectral_limit, transposed
+from hgogen.discretisation.stability import ZERO, FrozenRiccati, Limit, spectral_limit, transposed
 from hgogen.errors import HgogenError
 
 Array = NDArray[np.float64]
@@ -80,7 +80,7 @@ def covariance_limits(
     initial = np.asarray(initial_covariance, dtype=float)
     if not _definite(initial[None])[0]:
         raise NotDefinite(initial)
-    riccati = Riccati.of(jacobians, C, Q, R, scaling)
+    riccati = FrozenRiccati.of(jacobians, C, Q, R, scaling)
     rest = theta_max if theta_min is None else theta_min
     starts = _starts(riccati, initial, rest, theta_max)
     rising = rise or (lambda theta, dt: np.full_like(theta, theta_max))
@@ -91,7 +91,7 @@ def covariance_limits(
     return [min(limits, key=lambda limit: limit.dt) for limits in each]
 
 
-def _steady_limits(riccati: Riccati, thetas: Sequence[float], polynomial: Sequence[float]) -> list[Limit]:
+def _steady_limits(riccati: FrozenRiccati, thetas: Sequence[float], polynomial: Sequence[float]) -> list[Limit]:
     """The spectral bound of each Jacobian; z moves with the mu, P and S with their sums."""
     each: list[list[Limit]] = [[] for _ in riccati.F]
     pairs = np.triu_indices(len(riccati.Q))
@@ -127,7 +127,7 @@ class _Starts:
         return len(self.rows)
 
 
-def _starts(riccati: Riccati, initial: Array, rest: float, theta_max: float) -> _Starts:
+def _starts(riccati: FrozenRiccati, initial: Array, rest: float, theta_max: float) -> _Starts:
     k, risen = len(riccati.F), f"(theta rising from {rest:g})"
     each = [(initial, False, f"P(0) (theta = {rest:g})")]
     if rest != theta_max:
@@ -146,7 +146,7 @@ Search = Generator[Asked, Lost, Limit]
 class _Transients:
     """The step from some starts, in the coordinates Delta z of theta_max; theta rests at `rest`."""
 
-    riccati: Riccati
+    riccati: FrozenRiccati
     rest: float
     theta_max: float
     representation: str
@@ -201,7 +201,7 @@ class _Transients:
                 break
         return ~alive
 
-    def _equation(self, riccati: Riccati, theta: float | Array) -> tuple[Array, Array, Array]:
+    def _equation(self, riccati: FrozenRiccati, theta: float | Array) -> tuple[Array, Array, Array]:
         """L, W, V of X' = L X + X L' + W - X V X."""
         F, N, Q = riccati.parts(theta, self.theta_max)
         return (-transposed(F), N, Q) if self.representation == "information" else (F, Q, N)

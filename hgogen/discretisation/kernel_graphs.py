@@ -1,11 +1,16 @@
-"""Matrix operations as CasADi functions: what `kernels` does with numbers, in the same order of operations.
+"""Matrix operations as CasADi functions, in the order of operations of `kernels`; and programs counted in operations.
 
-A loop that ends early runs to its bound, and changes nothing from there on.
+Of a function a loop that ends early runs to its bound, and changes nothing from there on. Counted are the operations
+that a period carries out, and those that the text of a program holds: by both a choice between two programs is made,
+and `emit.cost` reports the first. An operation is one of the program's instructions: an addition, a product, a
+comparison, a choice, a function.
 """
 
-from collections.abc import Callable, Mapping
+import math
+from collections import Counter
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from functools import cache, reduce
+from functools import cache, lru_cache, reduce
 from operator import add, mul, sub, truediv
 from typing import Any
 
@@ -15,6 +20,8 @@ import numpy as np
 from hgogen.discretisation.kernels import KERNELS
 from hgogen.discretisation.notation import DEGREE, HALVINGS, SWEEPS
 from hgogen.graph import Graph
+from hgogen.program import Block, Call, Copy, Kernel, Loop, Reader, Statement, When, blocks, walk
+from hgogen.rigor.lookup import called, instructions
 
 
 @cache
@@ -65,8 +72,8 @@ def _value(number: Any) -> Graph:
 def _array(matrix: Graph) -> np.ndarray:
     """The columns of a matrix as the rows of an array, a vector as an array (n)."""
     rows, columns = matrix.shape
-    made = np.array([[_Scalar(matrix[i, k]) for i in range(rows)] for k in range(columns)], dtype=object)
-    return made if columns > 1 else made[0]
+    scalars = np.array([[_Scalar(matrix[i, k]) for i in range(rows)] for k in range(columns)], dtype=object)
+    return scalars if columns > 1 else scalars[0]
 
 
 def _variances(columns: np.ndarray, d: np.ndarray) -> np.ndarray:
@@ -137,8 +144,8 @@ def _doubled(up: bool) -> Graph:
     else:
         on, then = ca.logic_not(column < row * 2), (f / 2, column / 2, row * 2)
     on = ca.logic_and(going, on)
-    moved = [ca.if_else(on, new, old) for new, old in zip(then, (f, column, row), strict=True)]
-    return ca.Function("doubled", [x], [ca.vertcat(*moved, on)]).fold(HALVINGS)
+    after = [ca.if_else(on, new, old) for new, old in zip(then, (f, column, row), strict=True)]
+    return ca.Function("doubled", [x], [ca.vertcat(*after, on)]).fold(HALVINGS)
 
 
 def _balance(x: Graph, scale: Graph) -> tuple[Graph, ...]:
@@ -167,8 +174,8 @@ def _halved(size: int) -> Graph:
     x = ca.SX.sym("x", 2 + size)
     over = x[0] > 0.5
     then = ca.vertcat(x[0] / 2, x[1] + 1, x[2:] / 2)
-    moved = (ca.if_else(over, then[k], x[k]) for k in range(2 + size))
-    return ca.Function("halved", [x], [ca.vertcat(*moved)]).fold(HALVINGS)
+    after = (ca.if_else(over, then[k], x[k]) for k in range(2 + size))
+    return ca.Function("halved", [x], [ca.vertcat(*after)]).fold(HALVINGS)
 
 
 @cache
@@ -177,8 +184,8 @@ def _squared(n: int) -> Graph:
     x, size = ca.SX.sym("x", 1 + 3 * n * n), n * n
     a0, a1, a2 = (ca.reshape(x[1 + k * size : 1 + (k + 1) * size], n, n) for k in range(3))
     next2, next1 = (_product(a0, a2) + a1 + a2) / 4, (_product(a0, a1) + a1) / 2
-    moved = ca.vertcat(x[0] - 1, *map(ca.vec, (_product(a0, a0), next1, next2)))
-    again, still = ca.Function("again", [x], [moved]), ca.Function("still", [x], [x])
+    after = ca.vertcat(x[0] - 1, *map(ca.vec, (_product(a0, a0), next1, next2)))
+    again, still = ca.Function("again", [x], [after]), ca.Function("still", [x], [x])
     y = ca.MX.sym("y", 1 + 3 * size)
     once = ca.Function.if_else("doubling", again, still)
     return ca.Function("squared", [y], [once(y[0] > 0, y)]).fold(HALVINGS)
@@ -248,3 +255,102 @@ _ON_MATRICES: Mapping[str, Callable[..., tuple[Graph, ...]]] = {
     "exponential": _exponential,
     "resolvent": _resolvent,
 }
+
+
+_FREE = (ca.OP_INPUT, ca.OP_OUTPUT, ca.OP_CONST, ca.OP_PARAMETER, ca.OP_ASSIGN)
+OPERATION, FUNCTION = -1, -2  # of a kernel: an instruction, a root
+KERNEL = 20  # operations that the text of a kernel is as long as
+
+
+def carried_out(program: Sequence[Statement]) -> Counter[int]:
+    """Return how often each instruction is carried out in a period, by CasADi's number of it: every section runs, a
+    `When` takes its longer branch, a loop all its members."""
+    return _Counting().program(program)
+
+
+def written(program: Sequence[Statement]) -> int:
+    """Return how many operations the text of a program holds, where each statement is written out."""
+    kernels = sum(isinstance(statement, Kernel) for statement in walk(program))
+    return sum(instructions_of(block.graph).total() for block in blocks(program)) + KERNEL * kernels
+
+
+class _Counting(Reader[Counter[int]]):
+    """The count of each instruction that is carried out."""
+
+    def joined(self, parts: Iterable[Counter[int]]) -> Counter[int]:
+        return sum(parts, Counter())
+
+    def _block(self, block: Block) -> Counter[int]:
+        return instructions_of(block.graph)
+
+    def _loop(self, loop: Loop) -> Counter[int]:
+        return Counter({op: loop.count * times for op, times in self.program(loop.body).items()})
+
+    def _when(self, when: When) -> Counter[int]:
+        return max(self.program(when.body), self.program(when.otherwise), key=Counter.total)
+
+    def _call(self, call: Call) -> Counter[int]:
+        return self.program(call.section.program)
+
+    def _copy(self, _: Copy) -> Counter[int]:
+        return Counter()
+
+    def _kernel(self, kernel: Kernel) -> Counter[int]:
+        """Return the count of a run on numbers that count what is done to them.
+
+        An `add` counts as one update after the other, of 7 + 4 (s - 1) operations where s rows are left; two at a time,
+        as they are carried out, share a few of these.
+        """
+        done: Counter[int] = Counter()
+        if kernel.name == "add":
+            return Counter({OPERATION: sum(s * (2 * s + 5) for s in range(1, kernel.size + 1))})
+
+        def counted(*shape: int) -> np.ndarray:
+            return np.array([_Counted(done) for _ in range(math.prod(shape))], dtype=object).reshape(shape)
+
+        columns = [counted(kernel.size, kernel.size)] if kernel.columns else []
+        KERNELS[kernel.name](*columns, *(counted(size) for _, size in kernel.arguments), *kernel.counts)
+        return done
+
+
+@lru_cache(maxsize=256)  # a routine is called at each stage, and a program is asked twice
+def instructions_of(graph: ca.Function) -> Counter[int]:
+    """The instructions of a graph, and of the routines that it calls, but for what costs nothing."""
+    times = Counter(graph.instruction_id(k) for k in range(graph.n_instructions()))
+    calls = (each for each in instructions(graph) if each.is_call())
+    routines = [each for each in map(called, calls) if isinstance(each, ca.Function)]
+    times[ca.OP_CALL] -= len(routines)
+    times = Counter({op: count for op, count in times.items() if op not in _FREE and count})
+    return sum(map(instructions_of, routines), times)
+
+
+class _Counted:
+    """A number without a value, which is larger than any other, so that what is conditional is counted."""
+
+    def __init__(self, done: Counter[int]) -> None:
+        self.done = done
+
+    def _operation(self, other: Any) -> Any:
+        if isinstance(other, np.ndarray):
+            return NotImplemented  # numpy then asks element by element
+        self.done[OPERATION] += 1
+        return self
+
+    def __gt__(self, _: Any) -> bool:
+        self.done[OPERATION] += 1
+        return True
+
+    def __ge__(self, _: Any) -> bool:
+        self.done[OPERATION] += 1
+        return True
+
+    def __le__(self, _: Any) -> bool:
+        self.done[OPERATION] += 1
+        return False
+
+    def sqrt(self) -> "_Counted":
+        """numpy's square root of an object."""
+        self.done[FUNCTION] += 1
+        return self
+
+    __add__ = __radd__ = __sub__ = __rsub__ = __mul__ = __rmul__ = __truediv__ = __rtruediv__ = _operation

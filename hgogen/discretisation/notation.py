@@ -50,7 +50,7 @@ def real(count: int) -> float:
 
 
 def aligned(first: int) -> int:
-    """Where a loop begins that may begin earlier, at a multiple of the numbers that an instruction takes at once."""
+    """Begin of a loop that may begin earlier, at a multiple of the numbers that an instruction takes at once."""
     return first
 
 

@@ -1,14 +1,163 @@
-"""Explicit Runge-Kutta methods as data: k_i = f(z + h sum_j a_ij k_j, c_i), z+ = z + h sum_i b_i k_i."""
+"""Explicit Runge-Kutta methods as data: k_i = f(z + h sum_j a_ij k_j, c_i), z+ = z + h sum_i b_i k_i.
+
+A routine is a part of a graph that emitted code keeps as a function of its own: the plant's flow, which each stage
+calls, its Jacobian, or the right-hand side of a whole observer. In a graph it is a call of a CasADi function that is
+never inlined. What it reads of the step's memory, such as parameters, it is given as further arguments; the names of
+their symbols say which places these are.
+
+`open_loop` is the model of a form without correction, one sample on: classical Runge-Kutta, parameters at their nominal
+values, its nonlinear part evaluated in the declared box, as in an observer. Nothing is held where it has no value.
+"""
 
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from fractions import Fraction
-from functools import reduce
+from functools import cached_property, lru_cache, reduce
 from operator import add
+from typing import Any
 
-from hgogen.graph import Graph
+import casadi as ca
+import numpy as np
 
+from hgogen.analysis.dynamics import Dynamics
+from hgogen.form import Form
+from hgogen.graph import Graph, to_casadi
+from hgogen.part import on_line
+from hgogen.program import Place, address, column, sym
+
+RATE = "rate"  # the name of the last routine
+MEANINGS = {
+    "flow": "the plant's equation x' = f(x, u), in the coordinates of the estimate, but for rows that are constant",
+    "jacobian": "the entries of the flow's Jacobian that are not constant, by columns",
+    RATE: "the right-hand side of the observer's differential equation",
+}
 Values = Mapping[str, Graph]
+
+
+@dataclass(frozen=True)
+class Argument:
+    """A column that a routine is given; `place`: where it lies, if the routine reads it from the step's memory."""
+
+    name: str
+    size: int
+    place: Place | None = None
+
+    @property
+    def label(self) -> str:
+        """The name in emitted code."""
+        return self.place.name if self.place else self.name
+
+    def local(self, element: int) -> str:
+        """The name of an element: z1, or of a column of one that column's name."""
+        return self.label if self.size == 1 else f"{self.label}{element + 1}"
+
+
+@dataclass(frozen=True, eq=False)
+class Routine:
+    """A routine as a call of it shows it: the CasADi function that is called."""
+
+    function: ca.Function
+
+    @property
+    def name(self) -> str:
+        """The name in emitted code, without the prefix: a key of `MEANINGS`."""
+        return str(self.function.name())
+
+    @cached_property
+    def key(self) -> str:
+        """A text that is equal for two routines that compute the same of the same arguments."""
+        return str(self.function.serialize())
+
+    @cached_property
+    def arguments(self) -> tuple[Argument, ...]:
+        """The columns that it is given, in order."""
+        arguments = []
+        for name, symbols in zip(self.function.name_in(), self.function.sx_in(), strict=True):
+            place = address(symbols[0])[0] if _lies(symbols[0]) else None
+            arguments.append(Argument(name, symbols.numel(), place))
+        return tuple(arguments)
+
+    def elements(self, argument: int) -> tuple[int, ...]:
+        """The elements that it reads of an argument."""
+        steps = range(self.function.n_instructions())
+        reads = (self.function.instruction_input(k) for k in steps if self.function.instruction_id(k) == ca.OP_INPUT)
+        return tuple(sorted({element for number, element in reads if number == argument}))
+
+    @cached_property
+    def results(self) -> tuple[tuple[str, int], ...]:
+        """The names and sizes of what it computes, of a matrix how many elements."""
+        return tuple((name, self.function.nnz_out(k)) for k, name in enumerate(self.function.name_out()))
+
+    def entries(self, result: int) -> list[str]:
+        """The names of the elements of a result: of a matrix F_21, by columns; of a column that leaves some out dz3;
+        "" where the place in it says so."""
+        pattern, name = self.function.sparsity_out(result), self.function.name_out(result)
+        if pattern.is_column():
+            return ["" if row == k else f"{name}{row + 1}" for k, row in enumerate(pattern.row())]
+        between = "_" if max(pattern.shape) > 9 else ""
+        return [f"{name}_{i + 1}{between}{j + 1}" for i, j in zip(*pattern.get_triplet(), strict=True)]
+
+
+def _lies(symbol: Graph) -> bool:
+    """Whether a symbol stands for a place, whose address is its name."""
+    return ":" in symbol.name()
+
+
+def routine(
+    name: str, sizes: Mapping[str, int], body: Callable[[Values], Values]
+) -> Callable[[Values], dict[str, Graph]]:
+    """A routine to call on columns by the names of `sizes`, which gives what `body` does, by the same names.
+
+    An argument that `body` does not read is none of the routine's. What is a number stays one: the routine computes the
+    other elements, and no result that is all numbers.
+    """
+    arguments = {key: column(ca.SX.sym(f"{key}_{k}") for k in range(size)) for key, size in sizes.items()}
+    results = {key: _Result(value) for key, value in body(arguments).items()}
+    moving = {key: result for key, result in results.items() if not result.value.is_constant()}
+    if not moving:
+        return lambda _: {key: result.value for key, result in results.items()}
+    values = ca.cse([result.computed for result in moving.values()])
+    symbols = ca.symvar(ca.veccat(*values))
+    names = {symbol.name() for symbol in symbols}
+    read = [key for key, each in arguments.items() if any(symbol.name() in names for symbol in ca.vertsplit(each))]
+    places = sorted({(place, size) for place, _, size in map(address, filter(_lies, symbols))})
+    columns = [*(arguments[key] for key in read), *(sym(*place, size) for place, size in places)]
+    labels = [*read, *(f"place{k}" for k in range(len(places)))]
+    function = ca.Function(name, columns, values, labels, [*moving], {"never_inline": True})
+
+    def call(at: Values) -> dict[str, Graph]:
+        computed = function.call([*(ca.SX(at[key]) for key in read), *columns[len(read) :]])
+        filled = {key: moving[key].filled(new) for key, new in zip(moving, computed, strict=True)}
+        return {key: filled.get(key, result.value) for key, result in results.items()}
+
+    return call
+
+
+@dataclass(frozen=True)
+class _Result:
+    """A value of a routine's body, of which the routine computes the elements that are no numbers."""
+
+    value: Graph
+
+    @cached_property
+    def _computed(self) -> list[int]:
+        """The nonzeros that the routine computes."""
+        return [k for k, each in enumerate(self.value.nonzeros()) if not each.is_constant()]
+
+    @property
+    def computed(self) -> Graph:
+        """The sparse matrix that the routine computes."""
+        rows, columns = self.value.sparsity().get_triplet()
+        places = ([each[k] for k in self._computed] for each in (rows, columns))
+        elements = self.value.nonzeros()
+        return ca.SX(ca.Sparsity.triplet(*self.value.shape, *places), column(elements[k] for k in self._computed))
+
+    def filled(self, computed: Graph) -> Graph:
+        """The value with what the routine has computed; numbers stay numbers."""
+        elements = self.value.nonzeros()
+        for k, each in zip(self._computed, computed.nonzeros(), strict=True):
+            elements[k] = each
+        return ca.SX(self.value.sparsity(), column(elements))
 
 
 @dataclass(frozen=True)
@@ -84,7 +233,7 @@ def repeated(tableau: Tableau, times: int) -> Tableau:
 
 @dataclass(frozen=True)
 class Stages:
-    """One Runge-Kutta step: the new values, and each stage's argument and slope."""
+    """A Runge-Kutta step: the new values, and each stage's argument and slope."""
 
     result: dict[str, Graph]
     arguments: tuple[dict[str, Graph], ...]
@@ -97,7 +246,7 @@ class Stages:
 
 
 def advance(tableau: Tableau, rate: Callable[[Values, float], Values], start: Values, h: float) -> Stages:
-    """One step of length h from `start`; `rate(values, c)` is the slope at the fraction c of the step."""
+    """Return a step of length h from `start`; `rate(values, c)` is the slope at the fraction c of the step."""
     arguments: list[dict[str, Graph]] = []
     slopes: list[dict[str, Graph]] = []
     for row, c in zip(tableau.a, tableau.c, strict=True):
@@ -134,3 +283,57 @@ def rounds(tableau: Tableau, h: float) -> Rounds:
 
 def _ratios(b: tuple[float, ...]) -> list[float]:
     return [round(weight / b[0], 12) for weight in b]
+
+
+@dataclass(frozen=True, eq=False)
+class OpenLoop:
+    """CasADi functions: `move` (z, u now, u then) -> z one sample on, `read` (z, u) -> y, `enter` (x, u) -> z, of the
+    plant's state as it was first declared; what they give is dense."""
+
+    move: Any
+    read: Any
+    enter: Any
+
+
+@lru_cache(maxsize=8)  # one record after another is predicted by the same model
+def open_loop(form: Form, dt: float, between: str, steps: int = 1) -> OpenLoop:
+    """The model over a sample of `dt`, in so many Runge-Kutta steps; `between`: how inputs go on, "line" or "hold"."""
+    dynamics, states = Dynamics(replace(form, held=())), [signal for signal, _ in form.estimates]
+    z, x = ca.SX.sym("z", form.n), ca.SX.sym("x", len(states))
+    now, then = (ca.SX.sym(name, len(form.system.inputs)) for name in ("now", "then"))
+
+    def rate(values: Any, c: float) -> dict[str, Graph]:
+        return {"z": dynamics.flow(values["z"], then if between == "hold" else on_line(c, now, then))}
+
+    moved = advance(repeated(RK4, steps) if steps > 1 else RK4, rate, {"z": z}, dt).result["z"]
+    plant = dict(zip((*states, *form.system.inputs), (*ca.vertsplit(x), *ca.vertsplit(now)), strict=True))
+    plant |= {p: ca.SX(float(value)) for p, value in form.system.nominal.items()}
+    return OpenLoop(
+        ca.Function("move", [z, now, then], [ca.densify(_nominal(form, moved))]),
+        ca.Function("read", [z, then], [ca.densify(_nominal(form, dynamics.output(z, then)))]),
+        ca.Function("enter", [x, now], [ca.densify(column(to_casadi(form.entry, plant)))]),
+    )
+
+
+def evaluated(function: Any, *tables: np.ndarray) -> np.ndarray:
+    """Return the values (N, k) of a CasADi function of matrices with N columns, a column for each sample, at tables
+    with a row for each. It reads and writes their memory, since CasADi converts an array number by number."""
+    arrays = [np.ascontiguousarray(each, dtype=float) for each in tables]
+    columns, samples = function.size_out(0)
+    result = np.empty((samples, columns))
+    buffer, evaluate = function.buffer()
+    for k, each in enumerate(arrays):
+        if each.size:
+            buffer.set_arg(k, each.data)
+    buffer.set_res(0, result.data)
+    evaluate()
+    return result
+
+
+def _nominal(form: Form, graph: Graph) -> Graph:
+    """The graph with tunable parameters at their nominal values."""
+    tunable = form.system.tunable
+    if not tunable:
+        return graph
+    values = [ca.SX(float(p.nominal or 0.0)) for p in tunable]
+    return ca.substitute([graph], [sym("plant", p.name) for p in tunable], values)[0]

@@ -1,4 +1,4 @@
-"""Up to which step lengths dt an explicit Runge-Kutta method is stable, and the Riccati equation of frozen Jacobians.
+"""The step lengths at which errors decay: of a linear core, of a frozen Riccati equation, and without samples.
 
 Linear core. e' = M e becomes e <- R(dt M) e with the method's stability polynomial R, and is stable while
 |R(dt lambda)| <= 1 for every eigenvalue lambda of M (Hairer, Wanner, Solving ODEs II, section IV.2). With z = x d,
@@ -10,16 +10,30 @@ diag(1, 1/theta, ..), N = C' R_theta^-1 C = theta C'R^-1 C,
     information  S' = -F'S - S F + N - S Q_theta S
 All is computed in the coordinates Delta z, a congruence. The eigenvalues of the closed loop F - P N at the steady P are
 the stable ones of the Hamiltonian [F', -N; -Q_theta, -F].
+
+Growth. `growth` is how far a frozen error e <- T(h) e grows before it decays, `longest` the largest step length h up
+to which that is not much.
+
+Missing samples. Without samples an error moves as e' = F e, F the model's Jacobian. A step of length h multiplies a
+mode of the eigenvalue lambda by R(h lambda). With Re lambda < 0 the mode decays, and the step follows it up to the
+first exit of the ray h lambda from the region |R| <= 1. A mode that does not decay in the plant is no fault of the
+step, and limits nothing; nor is one whose damping ratio is below DAMPING, which is in the plant next to one that grows:
+where damping vanishes somewhere in the ranges, no step would be short enough. The limit is the least first exit of all
+decaying modes over the ranges, so that for every longer dt some point of the ranges has an estimate that diverges. It
+is sought from the middle, corners and random points of the ranges, and from the best of these by moving one coordinate
+at a time, to its ends and by steps that halve. That refutes a longer step; a shorter limit may exist.
 """
 
-from collections.abc import Sequence
+import math
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from functools import lru_cache
+from functools import lru_cache, reduce
 
 import numpy as np
 from numpy.typing import NDArray
 
 from hgogen.analysis.scaling import Scaling
+from hgogen.discretisation.runge_kutta import Tableau
 from hgogen.errors import HgogenError
 from hgogen.program import INF
 
@@ -63,8 +77,7 @@ def _passed(direction: complex, polynomial: tuple[float, ...]) -> float:
     return float(edges[np.argmax(grows)]) if grows.any() else np.inf
 
 
-Array = NDArray[np.float64]
-
+Array = np.ndarray
 ZERO = 1e-6  # what AXIS is, for the Hamiltonian, whose double zeros rounding splits by the root of eps
 GRAPH = 1e12  # condition of the Hamiltonian's stable subspace from which on it is no graph: a growing mode is hidden
 # of the least of several limits:
@@ -128,27 +141,8 @@ def pace(jacobians: Array) -> float:
     return float(1 / turning) if turning > 0 else np.inf
 
 
-def steady_covariance(
-    jacobians: Array, C: Array, Q: Array, R: Array, theta: float, scaling: Scaling | None = None
-) -> Array:
-    """The steady P (k, n, n) at each F (k, n, n), C (k, p, n) under Q_theta, R_theta; nan where there is none.
-
-    `Q` (n, n) and the diagonal `R` (p,) per unit of time; `scaling`: by default that of one chain.
-    """
-    return Riccati.of(jacobians, C, Q, R, scaling).steady(theta)
-
-
-def closed_loop_rates(
-    jacobians: Array, C: Array, Q: Array, R: Array, theta: float, scaling: Scaling | None = None
-) -> Array:
-    """The rates at which the error decays under the steady P, the slowest first (k, n), at each F (k, n, n) and
-    C (k, p, n); 0 where a mode is hidden. Other arguments as in `steady_covariance`."""
-    spectra = np.abs(np.linalg.eigvals(Riccati.of(jacobians, C, Q, R, scaling).hamiltonian(theta)).real)
-    return np.asarray(np.sort(spectra, axis=1)[:, ::2])  # each twice: they lie symmetric about the imaginary axis
-
-
 @dataclass(frozen=True)
-class Riccati:
+class FrozenRiccati:
     """F (k, n, n), C (k, p, n), R^-1 (p, p), Q (n, n)."""
 
     F: Array
@@ -158,15 +152,16 @@ class Riccati:
     scaling: Scaling
 
     @classmethod
-    def of(cls, jacobians: Array, C: Array, Q: Array, R: Array, scaling: Scaling | None) -> "Riccati":
-        """Of the arguments of `steady_covariance`, R a matrix (p, p) or its diagonal (p)."""
+    def of(cls, jacobians: Array, C: Array, Q: Array, R: Array, scaling: Scaling | None = None) -> "FrozenRiccati":
+        """The equation at each F (k, n, n) and C (p, n) or (k, p, n); `Q` (n, n) and `R` (p, p), or its diagonal (p),
+        per unit of time; `scaling`: by default that of one chain."""
         F = np.asarray(jacobians, dtype=float)
         C = np.broadcast_to(C, (len(F), *np.shape(C)[-2:]))
         weight: Array = np.asarray(np.linalg.inv(np.diag(R) if np.ndim(R) == 1 else R), dtype=float)
         chain = Scaling(tuple(range(len(Q))), (0,) * len(weight))
         return cls(F, C, weight, np.asarray(Q, dtype=float), scaling or chain)
 
-    def only(self, rows: NDArray[np.intp]) -> "Riccati":
+    def only(self, rows: NDArray[np.intp]) -> "FrozenRiccati":
         """At those of the Jacobians."""
         return replace(self, F=self.F[rows], C=self.C[rows])
 
@@ -189,8 +184,13 @@ class Riccati:
         F, N, Q = self.parts(theta, theta)
         return np.block([[transposed(F), -N], [-Q, -F]])
 
+    def decay_rates(self, theta: float) -> Array:
+        """The rates of decay of the error under the steady P, the slowest first (k, n); 0 where a mode is hidden."""
+        spectra = np.abs(np.linalg.eigvals(self.hamiltonian(theta)).real)
+        return np.asarray(np.sort(spectra, axis=1)[:, ::2])  # each twice: they lie symmetric about the imaginary axis
+
     def steady(self, theta: float) -> Array:
-        """The stabilising P (k, n, n); nan where there is none."""
+        """The stabilising P (k, n, n) under Q_theta, R_theta; nan where there is none."""
         n, delta = len(self.Q), self.delta(theta)
         P = np.full(self.F.shape, np.nan)
         for i, H in enumerate(self.hamiltonian(theta)):
@@ -207,3 +207,222 @@ class Riccati:
 def transposed(X: Array) -> Array:
     """The matrices X (.., n, n) transposed."""
     return X.swapaxes(-1, -2)
+
+
+# --- how far an error grows on its way
+
+GROWTH = 1.5  # of the growth in continuous time: more is much
+BY_TRIAL = "found by trying errors at points of the declared box with the gains as declared, no proof"
+WIDER, NARROWINGS = 1.2, 4  # of a search: the ratio of its steps, and the halvings of the logarithm of the last one
+COARSE_STEPS = 8  # steps of a search at a time where it is coarse: 4.3 fold
+TOGETHER, DECAYED = 8, 0.999  # powers at a time, and below 1 by more than rounding
+POWERS, BASES, DOUBLINGS = 48, (24, 29, 34, 41), 12  # the k tried: to 48, and these times powers of two
+
+
+def polynomial(X: Array, coefficients: tuple[float, ...]) -> Array:
+    """The sum of c_j X^j (k, N, N), the constant first."""
+    total, power = np.zeros_like(X), np.broadcast_to(np.eye(X.shape[-1]), X.shape)
+    for c in coefficients:
+        total, power = total + c * power, power @ X
+    return total
+
+
+def growth(T: Array) -> Array:
+    """The largest |T^k| over the powers k >= 0 that are tried, at least 1, for each T (k, N, N). None after one that is
+    below 1 is larger than those up to it, as |T^(j+k)| <= |T^j| |T^k|."""
+    powers = np.empty((POWERS, *T.shape))
+    largest: Array = np.ones(len(T))
+    with np.errstate(over="ignore", invalid="ignore"):  # what overflows has grown
+        powers[0] = T
+        for start in range(0, POWERS, TOGETHER):
+            for k in range(max(1, start), start + TOGETHER):
+                np.matmul(powers[k - 1], T, out=powers[k])
+            sizes = _size(powers[start : start + TOGETHER])
+            largest = np.maximum(largest, sizes.max(axis=0))
+            if (sizes.min(axis=0) < DECAYED).all():
+                return largest
+        squares = powers[[k - 1 for k in BASES]]
+        for _ in range(DOUBLINGS):
+            squares = squares @ squares
+            sizes = _size(squares)
+            largest = np.maximum(largest, sizes.max(axis=0))
+            if (sizes < DECAYED).all():
+                break
+    return np.where(np.isnan(largest), math.inf, largest)
+
+
+def continuous(M: Array, units: Array) -> Array:
+    """The largest |exp(M t)| for each M (k, N, N) over t at multiples of `units` (k)."""
+    return growth(polynomial(M * units[:, None, None], tuple(1 / math.factorial(j) for j in range(9))))
+
+
+def longest(grows: Callable[[float], bool], start: float, end: float, coarse_end: float = 0.0) -> float:
+    """The largest h up to which an error does not grow, of start, WIDER start, .. and the halvings between two of them,
+    so that it is one number for every `end`: `start` where it grows there; inf where it is beyond `end`. It is sought
+    from below, for an error may grow at a length but not at a longer; up to `coarse_end`, in COARSE_STEPS at a time.
+    """
+    fine, step = max(0, math.floor(math.log(coarse_end / start, WIDER))) if coarse_end else 0, 0
+    good = bad = start
+    while not grows(bad):
+        if bad >= end:
+            return math.inf
+        step += 1 if step >= fine else (fine - step) % COARSE_STEPS or COARSE_STEPS  # so that one of them is at `fine`
+        good, bad = bad, start * WIDER**step
+    while bad > 1.001 * good * WIDER**0.5**NARROWINGS:
+        middle = math.sqrt(good * bad)
+        good, bad = (good, middle) if grows(middle) else (middle, bad)
+    return good if good <= max(start, end) else math.inf
+
+
+def _size(T: Array) -> Array:
+    """The largest sum of a row, of each; inf or NaN for what is not finite. Entry by entry: NumPy takes long for sums
+    of a few numbers."""
+    rows = reduce(np.add, np.moveaxis(np.abs(T), -1, 0))
+    return np.asarray(reduce(np.maximum, np.moveaxis(rows, -1, 0)))
+
+
+# --- while samples are missing
+
+Slopes = Callable[[Array], Array]
+RANDOM = 64  # random points, and as many corners at most
+STARTS = 4  # points from which the search goes on
+FIRST, SHORTEST = 2.0**-2, 2.0**-10  # of a range: the first and the last step of the search
+EDGE = 0.005  # of a range that is left out at its ends where F is not finite at a corner: no plant stays there
+ANGLES = 181  # of the half plane Re < 0, between which the search interpolates the first exit
+DAMPING = 1e-3  # of a mode that decays: by .6 % in a turn
+SEARCHED = "sought over the declared ranges, no proof"
+
+
+@dataclass(frozen=True, eq=False)
+class Ranges:
+    """The ends (n), `low` and `high`, of the coordinates `names` of a point, of which the first `states` are the
+    model's state."""
+
+    low: Array
+    high: Array
+    names: tuple[str, ...]
+    states: int
+
+    def points(self, shares: Array) -> Array:
+        """The points (k, n) at shares of the ranges."""
+        return np.asarray(self.low + shares * (self.high - self.low))
+
+
+@dataclass(frozen=True, eq=False)
+class OpenLoopLimit:
+    """The longest step `dt`, inf where nothing decays, and the `point` (n) and the `eigenvalue` of F that decide.
+
+    `state`: the name of the state that has the largest share in that mode, each in units of its range.
+    """
+
+    dt: float
+    point: Array
+    eigenvalue: complex
+    state: str
+
+
+def open_loop_limit(slopes: Slopes, ranges: Ranges, polynomial: Sequence[float]) -> OpenLoopLimit:
+    """The limit of the Jacobians F (k, N, N) = slopes(points (k, n)), which may be NaN where there is none."""
+    shares, edge = _start_points(slopes, ranges)
+    table = _exits(tuple(polynomial))
+
+    def limits(at: Array) -> Array:
+        return _interpolated(slopes(ranges.points(at)), table)
+
+    values = limits(shares)
+    moving = np.flatnonzero(ranges.high > ranges.low)
+    best = values.argsort(kind="stable")[:STARTS]
+    if not np.isfinite(values[best[0]]):
+        return OpenLoopLimit(np.inf, ranges.points(shares[0]), 0j, "")
+    minima, least = _local_minima(limits, shares[best], values[best], moving, edge)
+    point = ranges.points(minima[least.argmin()])
+    return _decided(slopes(point[None])[0], point, ranges, polynomial)
+
+
+def open_loop_lengths(slopes: Slopes, ranges: Ranges, tableau: Tableau, time: str) -> Lengths:
+    """The limit as what is advised, with the point of the ranges where it is attained and what happens beyond it."""
+    limit = open_loop_limit(slopes, ranges, tableau.polynomial)
+    if not np.isfinite(limit.dt):
+        return Lengths()
+    at = ", ".join(f"{name} = {value:.3g}" for name, value in zip(ranges.names, limit.point, strict=True))
+    eigenvalue, turning = f"{limit.eigenvalue.real:.3g}", abs(limit.eigenvalue.imag)
+    if turning > AXIS * abs(limit.eigenvalue):
+        eigenvalue += f" +- {turning:.3g}i"
+    basis = (
+        f"beyond it {limit.state} diverges while samples are missing, at {at}, where the model has the "
+        f"eigenvalue {eigenvalue} 1/{time} and the step leaves the stability region; {SEARCHED}"
+    )
+    return Lengths(take=limit.dt, basis=basis, rule=tableau.name)
+
+
+def _start_points(slopes: Slopes, ranges: Ranges) -> tuple[Array, float]:
+    """Shares (k, n) of the ranges where the search starts, and how far from the ends it stays."""
+    n = len(ranges.low)
+    rng = np.random.default_rng(1)
+    every = 2**n <= RANDOM
+    corners = (np.arange(2**n)[:, None] >> np.arange(n)) % 2 if every else rng.integers(0, 2, size=(RANDOM, n))
+    finite = np.isfinite(slopes(ranges.points(corners))).all()
+    edge = 0.0 if finite else EDGE
+    inside = rng.uniform(size=(RANDOM, n))
+    return edge + (1 - 2 * edge) * np.vstack([np.full((1, n), 0.5), corners, inside]), edge
+
+
+def _local_minima(
+    limits: Callable[[Array], Array], points: Array, values: Array, moving: Array, edge: float
+) -> tuple[Array, Array]:
+    """The points (s, n) to which each start descends, and their limits (s): no move of one coordinate finds a shorter
+    one."""
+    points, values, lengths = points.copy(), values.copy(), np.full(len(points), FIRST)
+    every, rows = np.arange(len(points)), np.arange(len(moving))
+    while len(moving) and lengths.max() >= SHORTEST:
+        here, move = points[:, moving], lengths[:, None]
+        ends = np.full(here.shape, edge), np.full(here.shape, 1 - edge)
+        tried = np.repeat(points[:, None], 4 * len(moving), axis=1).reshape(len(points), 4, len(moving), -1)
+        for k, shifted in enumerate((*ends, here - move, here + move)):
+            tried[:, k, rows, moving] = np.clip(shifted, edge, 1 - edge)
+        trials: Array = tried.reshape(len(points), 4 * len(moving), -1)
+        limits_tried = limits(trials.reshape(-1, points.shape[1])).reshape(len(points), -1)
+        least = limits_tried.argmin(axis=1)
+        better = limits_tried[every, least] < values * (1 - AXIS)
+        points[better], values[better] = trials[every, least][better], limits_tried[every, least][better]
+        lengths[~better] /= 2
+    return points, values
+
+
+def _decided(F: Array, point: Array, ranges: Ranges, polynomial: Sequence[float]) -> OpenLoopLimit:
+    values, vectors = np.linalg.eig(F)
+    values = values.astype(complex)
+    decaying = np.flatnonzero(_decays(values))
+    exits = [spectral_limit(values[[k]].real + 1j * np.abs(values[[k]].imag), polynomial) for k in decaying]
+    k = decaying[int(np.argmin(exits))]
+    dt, eigenvalue = float(min(exits)), complex(values[k])
+    if len(F) != ranges.states:
+        return OpenLoopLimit(dt, point, eigenvalue, "the estimate")
+    width = (ranges.high - ranges.low)[: len(F)]
+    share = np.abs(vectors[:, k]) / np.where(width > 0, width, 1.0)
+    return OpenLoopLimit(dt, point, eigenvalue, ranges.names[int(share.argmax())])
+
+
+def _decays(spectra: Array) -> Array:
+    """Flags of the eigenvalues (.., N) that decay, by more than rounding."""
+    sizes = np.abs(spectra)
+    rounding = AXIS * sizes.max(axis=-1, keepdims=True, initial=0.0)
+    return np.asarray(spectra.real < -np.maximum(rounding, DAMPING * sizes))
+
+
+def _interpolated(F: Array, exits: Array) -> Array:
+    """For each F (k, N, N) the least first exit of its decaying modes (k), between two angles of the table; inf where
+    there is none or F is not finite."""
+    finite = np.isfinite(F).all(axis=(1, 2))
+    spectra = np.linalg.eigvals(np.where(finite[:, None, None], F, 0.0)).astype(complex)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        radius = np.interp(np.abs(np.angle(spectra)), np.linspace(np.pi / 2, np.pi, ANGLES), exits)
+        limits = np.where(_decays(spectra), radius / np.abs(spectra), np.inf)
+    return np.asarray(limits.min(axis=1, initial=np.inf))
+
+
+@lru_cache(maxsize=8)
+def _exits(polynomial: tuple[float, ...]) -> Array:
+    """The first exits from the stability region along rays from the imaginary axis to the negative real one."""
+    rays = np.exp(1j * np.linspace(np.pi / 2, np.pi, ANGLES))
+    return np.array([spectral_limit(np.array([ray]), polynomial) for ray in rays])

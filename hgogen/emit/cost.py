@@ -1,6 +1,6 @@
 """What a call of a step costs: its operations, and the bytes of its memory.
 
-A function (sine, root, table, ..) is one beside the operations of `discretisation.counting`.
+A function (sine, root, table, ..) is one beside the operations of `discretisation.kernel_graphs`.
 """
 
 from collections import Counter
@@ -9,7 +9,7 @@ from typing import Annotated
 
 import casadi as ca
 
-from hgogen.discretisation.counting import FUNCTION, carried_out
+from hgogen.discretisation.kernel_graphs import FUNCTION, carried_out
 from hgogen.emit.layout import params_type, state_type
 from hgogen.emit.operations import CALLS
 from hgogen.emit.syntax import Real

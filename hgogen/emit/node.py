@@ -7,7 +7,7 @@ from itertools import islice
 
 import casadi as ca
 
-from hgogen.discretisation.routine import Argument, Routine
+from hgogen.discretisation.runge_kutta import Argument, Routine
 from hgogen.emit import elementary
 from hgogen.emit.operations import operations
 from hgogen.rigor.lookup import Lookup, folded

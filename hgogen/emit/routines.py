@@ -3,7 +3,7 @@
 from collections.abc import Collection, Iterator
 from dataclasses import dataclass
 
-from hgogen.discretisation.routine import MEANINGS
+from hgogen.discretisation.runge_kutta import MEANINGS
 from hgogen.emit.code import Code, code, joined
 from hgogen.emit.printer import Operand, Printer
 from hgogen.emit.rolled import Target

@@ -10,7 +10,7 @@ from functools import lru_cache
 
 import casadi as ca
 
-from hgogen.discretisation.routine import Argument, Routine
+from hgogen.discretisation.runge_kutta import Argument, Routine
 from hgogen.emit.interface import reached
 from hgogen.emit.node import Node, columns, ordered, read
 from hgogen.program import Block, blocks

@@ -3,19 +3,29 @@
 By differentiation of `Ode.linear`, which is linear in the fields and the measurement. The error of the estimate obeys
 the same M where the model's nonlinear terms agree, so the eigenvalues of M are the observer's poles, and (M, B) is what
 measurement noise goes through.
+
+Estimators with saturations inside their linear core, at the ranges of the states they estimate.
+
+    field' = lines(fields, y - o(u), saturate, c),   c = c(., u) of the chain
+
+The linear error core is `lines` without saturation, c = 0. While a saturation acts, a state inside its range keeps the
+saturated estimate at least as near as the estimate itself.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import product
 
 import casadi as ca
 import numpy as np
 
+from hgogen.estimators.integrators import Integrators
 from hgogen.form import Form
 from hgogen.graph import Graph
 from hgogen.observer import Observer, parameter_fields
 from hgogen.part import Ode
-from hgogen.program import Block, Place, address, sym
+from hgogen.program import Block, Field, Place, address, sym
+from hgogen.reading.given import BadGain
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,3 +92,72 @@ def nominal(observer: Observer) -> dict[Place, np.ndarray]:
             assert isinstance(block, Block)
             values |= {place: numbers(value, values) for place, value in block.writes.items()}
     return values
+
+
+Saturate = Callable[[Graph, int], Graph]  # an SX scalar to the range of w_i
+Model = Callable[[Graph], Graph]  # c (n) of w (n)
+Lines = Callable[[Mapping[str, Graph], Graph, Graph, Saturate, Model], Mapping[str, Graph]]
+
+
+@dataclass(frozen=True, eq=False)
+class Saturating(Ode):
+    """An estimator with saturations in its linear core: `whole`, by field name, is its right-hand side in one piece,
+    of fewer operations than linear + rest."""
+
+    whole: Callable[[Mapping[str, Graph], Graph, Graph, Graph], Mapping[str, Graph]] | None = None
+
+    def rhs(self, values: Mapping[str, Graph], u: Graph, y: Graph, valid: Graph) -> dict[str, Graph]:
+        """The whole right-hand side."""
+        assert self.whole is not None
+        return dict(self.whole(values, u, y, valid))
+
+
+def saturating(chain: Integrators, fields: tuple[Field, ...], lines: Lines) -> Saturating:
+    """The estimator field' = lines(values, y - o(u), valid, saturate, c): saturate(value, i) is clamped to the range of
+    w_i, c(w) are the chain's nonlinear terms (n)."""
+
+    def linear(values: Mapping[str, Graph], y: Graph, valid: Graph) -> Mapping[str, Graph]:
+        return lines(values, y, valid, lambda value, _: value, lambda _: ca.SX.zeros(chain.n))
+
+    def whole(values: Mapping[str, Graph], u: Graph, y: Graph, valid: Graph) -> Mapping[str, Graph]:
+        return lines(values, y - chain.offset(u), valid, chain.saturated, lambda w: chain.nonlinear(w, u))
+
+    def rest(values: Mapping[str, Graph], u: Graph, y: Graph, valid: Graph) -> dict[str, Graph]:
+        core, all_ = linear(values, y - chain.offset(u), valid), whole(values, u, y, valid)
+        return {name: all_[name] - core[name] for name in core}
+
+    return Saturating(fields, rest, linear, chain.offset, whole=whole)
+
+
+def vertices(
+    chain: Integrators, fields: tuple[Field, ...], lines: Lines, places: Mapping[Place, np.ndarray]
+) -> Iterator[np.ndarray]:
+    """The linear error core (N, N) with every saturation passing all, or nothing, of the estimate's error: what a
+    saturated estimate of a state inside its range obeys is between them."""
+    for shares in product((1.0, 0.0), repeat=chain.n - 1):
+
+        def linear(
+            values: Mapping[str, Graph], y: Graph, valid: Graph, shares: tuple[float, ...] = (1.0, *shares)
+        ) -> Mapping[str, Graph]:
+            return lines(values, y, valid, lambda value, i: shares[i] * value, lambda _: ca.SX.zeros(chain.n))
+
+        yield core_numbers(Ode(fields, lambda *_: {}, linear), 1, places)
+
+
+def gates(cores: Sequence[np.ndarray]) -> tuple[tuple[int, np.ndarray], ...]:
+    """Of all `vertices`, what each saturation passes on: the field whose error it passes, and the column (N) by which
+    that enters the core beside the last of them, where nothing is passed."""
+    shut, columns = cores[-1], []
+    for k in reversed(range(len(cores).bit_length() - 1)):
+        passed = cores[-1 - 2**k] - shut
+        (of,) = np.flatnonzero(passed.any(axis=0))
+        columns.append((int(of), passed[:, of]))
+    return tuple(columns)
+
+
+def demand_ranges(observer: str, form: Form, wanted: Iterable[int]) -> None:
+    """Raises: `BadGain` where one of the states `wanted` has no range to saturate its estimate to."""
+    for i in wanted:
+        if not form.states[i].bounded:
+            what = form.to_form[i]
+            raise BadGain(f"{observer} saturates the estimate of {what}", "which has no range; declare low and high")

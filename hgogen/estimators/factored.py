@@ -1,6 +1,6 @@
-"""The Riccati observer on P = L D L' as statements: straight-line code, and what `looped` shares with it.
+"""The Riccati observer on factors of P: what a filter step shares, P = L D L' as statements, and P = L D L' as loops.
 
-Both do  z by one classical Runge-Kutta step, Phi = I + hF + (hF)^2/2 at its midpoint, P <- Phi P Phi' + h Q_theta,
+All do  z by one classical Runge-Kutta step, Phi = I + hF + (hF)^2/2 at its midpoint, P <- Phi P Phi' + h Q_theta,
 and scalar updates with r = R_theta/h. Where a variance P_ii exceeds its cap, rows of L are scaled, a congruence, which
 keeps what the last samples showed. h Q_theta keeps the rank. A part that forgets needs no cap:
 
@@ -8,23 +8,29 @@ keeps what the last samples showed. h Q_theta keeps the rank. A part that forget
 
 The second is a scalar update for each state, of a sample that is the estimate: it moves P alone. Where A = 0 both
 together are S <- exp(-rho h) S + (1 - exp(-rho h)) S_0, exact for any h but for Q_0.
+
+Of straight-line code and loops the one is chosen that suits what the step is made for: for speed straight-line code,
+which carries out fewer operations and steers no loops, as long as its text does not become too long; for flash the
+shorter text. Both are counted, not measured (`discretisation.kernel_graphs`). In loops over the columns of L, for
+states too many to unroll, Phi L is made triangular by rotations of the columns that Phi's diagonals above the main one
+fill, and the noise is added by rank-one updates: n^2 for each such diagonal, and n^3/3.
 """
 
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from abc import ABC, abstractmethod
+from collections.abc import Callable
+from dataclasses import dataclass, replace
 from functools import cached_property, reduce
 from typing import Any
 
 import casadi as ca
 import numpy as np
 
-from hgogen.discretisation.growth import BY_TRIAL
-from hgogen.discretisation.routine import routine
-from hgogen.discretisation.runge_kutta import RK4, Stages, advance
-from hgogen.discretisation.stability import Lengths
-from hgogen.estimators.closed_loop import advised
-from hgogen.estimators.covariance import (
+from hgogen.discretisation.kernel_graphs import carried_out, written
+from hgogen.discretisation.runge_kutta import RK4, Stages, advance, routine
+from hgogen.estimators.riccati_part import (
+    Riccati,
     factor,
+    is_diagonal,
     lower,
     measurement_update,
     pack,
@@ -33,22 +39,25 @@ from hgogen.estimators.covariance import (
     time_update,
     unpack_lower,
 )
-from hgogen.estimators.riccati_part import Riccati
 from hgogen.graph import Graph
 from hgogen.part import Clock, Pieces
-from hgogen.program import Block, Field, Place, Program, When, column, scalar, sym
+from hgogen.program import Block, Field, Group, Kernel, Loop, Place, Program, When, column, scalar, sym
+from hgogen.reading.given import BadGain
 from hgogen.signal import LOST
 
 # D_i stays above SMALLEST of its natural size and |L_ij| within LARGEST of its own: both only catch rounding.
 SMALLEST, LARGEST, TINY = 1e-12, 1e9, 1e-35
-Factors = Callable[[Graph], dict[Place, Graph]]  # of a vector (n), those of P as writes
+Writes = dict[Place, Graph]
 _READ = ("z", "u", "y", "valid")  # by the flow and the Jacobian, in this order
 POINTS = 12  # corners, and as many points inside, at which the model's growth is judged
+LONGER = {"speed": 1450, "flash": 0}  # operations that straight-line code may be longer than loops; one is some 6 bytes
+FULL = 7  # states up to which a full matrix Q or P(0) is taken, which loops do not admit
+LARGE = 12  # states beyond which straight-line code is too long in any case, and takes long to make
 
 
 @dataclass(frozen=True)
-class Moved:
-    """z over one step, F at its midpoint, and Phi = I + hF + (hF)^2/2 as an operator."""
+class FilterStep:
+    """A step of a filter at a clock: z over it, F at its midpoint, and Phi = I + hF + (hF)^2/2 as an operator."""
 
     part: Riccati
     clock: Clock
@@ -58,13 +67,10 @@ class Moved:
         """The symbols of z (n)."""
         return sym("state", self.part.z.name, self.part.dynamics.n)
 
-    def stages(self) -> Stages:
-        """The Runge-Kutta step of z."""
-        return self.stages_from(self.z)
-
-    def stages_from(self, z: Graph) -> Stages:
-        """The Runge-Kutta step of another state (n)."""
-        return advance(RK4, lambda v, c: {"z": self._flow(v["z"], c)["dz"]}, {"z": z}, self.clock.dt)
+    def stages(self, z: Graph | None = None) -> Stages:
+        """The Runge-Kutta step of z, or of another state (n)."""
+        start = {"z": self.z if z is None else z}
+        return advance(RK4, lambda v, c: {"z": self._flow(v["z"], c)["dz"]}, start, self.clock.dt)
 
     @cached_property
     def _flow(self) -> Callable[[Graph, float], dict[str, Graph]]:
@@ -81,33 +87,14 @@ class Moved:
         call = routine(name, sizes, lambda at: body(*({**at, **self.clock.constants}[key] for key in _READ)))
         return lambda z, c: call({"z": z, **self.clock.signals(c)})
 
-    def transition(self, stages: Stages) -> Graph:
-        """Phi = I + hF + (hF)^2/2, sparse."""
-        return self.transition_of(self.jacobian(stages))
-
-    def transition_of(self, F: Graph) -> Graph:
-        """The same of a matrix F."""
+    def transition(self, F: Graph) -> Graph:
+        """Phi = I + hF + (hF)^2/2, sparse, of a matrix F."""
         h = self.clock.dt
         return ca.sparsify(ca.SX.eye(self.part.dynamics.n) + h * F + (h * h / 2) * (F @ F))
 
     def weights(self) -> Graph:
         """h theta^(1+g) weights, the diagonal of h Q_theta in its factor (k)."""
         return self.clock.dt * self.part.scaling.process(self.part.theta.value) * self.part.weights
-
-    def grown(self, d: Graph) -> Graph:
-        """The diagonal factor d (n) of P as it grows where the past is forgotten."""
-        return d if self.part.forgetting is None else sym("derived", "growth") * d
-
-    def priors(self) -> list[Graph]:
-        """Rows (1, n) whose samples, of variance 1, have the information (1 - exp(-rho h)) S_0."""
-        return [ca.sparsify(row) for row in ca.vertsplit(ca.diag(sym("derived", "prior", self.part.dynamics.n)))]
-
-    @property
-    def equation(self) -> str:
-        """The equation of P over one step."""
-        if self.part.forgetting is not None:
-            return "P <- exp(rho h) Phi P Phi' + h Q_0"
-        return "P <- Phi P Phi'" + (" + h Q_theta" if self.part.factor.size else "")
 
     def row(self, output: int) -> Graph:
         """The row c = dh/dz (1, n) of an output, sparse."""
@@ -117,63 +104,53 @@ class Moved:
         """The variance r = R_theta/h of an output, h its sampling period."""
         return self.part.scaling.variance(self.part.R[output], self.part.theta.value, output, self.clock.period(output))
 
-    def corrected(
-        self, gain: Graph, error: Graph, factors: Mapping[Place, Graph], title: str = "correct by the scalar update"
-    ) -> Block:
-        """z moved by a gain (n) times an error, with the writes of the factors of P."""
-        z = {Place("state", self.part.z.name): self.z + gain * error}
-        return Block(title, {**z, **factors}, {f"K{i + 1}": k for i, k in enumerate(ca.vertsplit(gain))})
+    def common(self) -> dict[str, Any]:
+        """The status bit of every factored covariance, and of one that forgets exp(rho h) and the roots of
+        (1 - exp(-rho h)) S_0. Both come of one rounding of exp, so that S tends to S_0 however small rho h is."""
+        part = self.part
+        always = {"bits": (part.limited,), "uses_output": part.known is not None}
+        if part.forgetting is None:
+            return always
+        growth = ca.exp(part.rho * self.clock.dt)
+        share = ca.fmax(growth - 1, 0) / growth
+        prior = ca.sqrt(share / ca.SX(ca.DM(part.cap)))
+        meaning = "roots of (1 - exp(-rho dt)) S_0, what a step adds of the prior"
+        writes = {Place("derived", "growth"): growth, Place("derived", "prior"): prior}
+        return {
+            **always,
+            "derived": (
+                scalar("growth", 1.0, meaning="exp(rho dt), by which the covariance grows in a step"),
+                Field("prior", (0.0,) * len(part.cap), meaning=meaning),
+            ),
+            "tune": (Block("what a step forgets", writes),),
+        }
 
+    def smallest(self, values: np.ndarray) -> np.ndarray:
+        """The lower ends of the D_i (n): a share of their natural size, that of P(0) = `values`, of the noise that one
+        step adds, and of one sample's variance, the smallest."""
+        part, clock = self.part, self.clock
+        noise, variances = part.nominal
+        natural = np.minimum(values, clock.dt * factor(noise)[1]) if part.factor.size else values.copy()
+        least = min(part.scaling.variances(variances, theta).min() for theta in (1.0, part.theta.peak))
+        natural[0] = min(natural[0], least / max(clock.period(j) for j in range(clock.outputs)))
+        return np.maximum(SMALLEST * natural, TINY)
 
-def entries(name: str, matrix: Graph) -> dict[str, Graph]:
-    """The computed entries of a sparse SX matrix by name, for the C printer."""
-    rows, columns = matrix.shape
-    listed = ((i, j, matrix[i, j]) for i in range(rows) for j in range(columns))
-    return {f"{name}_{i + 1}{j + 1}": entry for i, j, entry in listed if entry.n_dep()}
-
-
-def common(part: Riccati, clock: Clock) -> dict[str, Any]:
-    """What the pieces of every factored covariance have: the status bit, and of one that forgets exp(rho h) and the
-    roots of (1 - exp(-rho h)) S_0. Both come of one rounding of exp, so that S tends to S_0 however small rho h is."""
-    always = {"bits": (part.limited,), "uses_output": part.known is not None}
-    if part.forgetting is None:
-        return always
-    growth = ca.exp(part.rho * clock.dt)
-    share = ca.fmax(growth - 1, 0) / growth
-    prior = ca.sqrt(share / ca.SX(ca.DM(part.cap)))
-    meaning = "roots of (1 - exp(-rho dt)) S_0, what a step adds of the prior"
-    return {
-        **always,
-        "derived": (
-            scalar("growth", 1.0, meaning="exp(rho dt), by which the covariance grows in a step"),
-            Field("prior", (0.0,) * len(part.cap), meaning=meaning),
-        ),
-        "tune": (Block("what a step forgets", {Place("derived", "growth"): growth, Place("derived", "prior"): prior}),),
-    }
-
-
-def factored_lengths(part: Riccati, dt: float) -> Lengths:
-    """The step lengths of the closed loop, which are those of every factored covariance."""
-    refused, take = advised(part, dt)
-    why = "beyond it no error settles, wherever in the declared box it was tried"
-    return Lengths(refused=refused, take=take, why=why, basis=BY_TRIAL)
-
-
-def smallest(part: Riccati, clock: Clock, values: np.ndarray) -> np.ndarray:
-    """What each D_i (n) stays above: a share of its natural size, that of P(0) = `values`, of the noise that one step
-    adds, and of one sample's variance, the smallest."""
-    noise, variances = part.nominal
-    natural = np.minimum(values, clock.dt * factor(noise)[1]) if part.factor.size else values.copy()
-    least = min(part.scaling.variances(variances, theta).min() for theta in (1.0, part.theta.peak))
-    natural[0] = min(natural[0], least / max(clock.period(j) for j in range(clock.outputs)))
-    return np.maximum(SMALLEST * natural, TINY)
+    def diagonal(self, values: np.ndarray) -> Field:
+        """The field of D (n), which begins with these values."""
+        return Field(
+            "D",
+            tuple(float(value) for value in values),
+            low=tuple(map(float, self.smallest(values))),
+            high=tuple(map(float, largest(self.part))),
+            meaning="diagonal factor of the covariance P = L D L'",
+        )
 
 
 def largest(part: Riccati) -> np.ndarray:
-    """What each P_ii (n) stays below: its cap; where the past is forgotten, twice (1 + 2 mu/rho) cap_i at the smallest
-    rho, mu the largest logarithmic norm of F in units of sqrt(cap), at points of the box, or 0. For S' = -rho (S - S_0)
-    - F'S - S F + .. keeps S_0^-1/2 S S_0^-1/2 above rho/(rho + 2 mu), and twice is for what Q_0 adds and the points
-    miss."""
+    """The upper ends of the P_ii (n): their cap; where the past is forgotten, twice (1 + 2 mu/rho) cap_i at the
+    smallest rho, mu the largest logarithmic norm of F in units of sqrt(cap), at points of the box, or 0. For S' =
+    -rho (S - S_0) - F'S - S F + .. keeps S_0^-1/2 S S_0^-1/2 above rho/(rho + 2 mu), and twice is for what Q_0 adds and
+    the points miss."""
     if part.forgetting is None:
         return part.cap
     unit = np.sqrt(part.cap)
@@ -182,95 +159,282 @@ def largest(part: Riccati) -> np.ndarray:
     return np.asarray(np.minimum(2 * (1 + 2 * mu / part.forgetting.low[0]) * part.cap, LOST))
 
 
-def diagonal(part: Riccati, clock: Clock, values: np.ndarray) -> Field:
-    """The field of D (n), which begins with these values."""
-    return Field(
-        "D",
-        tuple(float(value) for value in values),
-        low=tuple(map(float, smallest(part, clock, values))),
-        high=tuple(map(float, largest(part))),
-        meaning="diagonal factor of the covariance P = L D L'",
-    )
+class Unrolled(FilterStep, ABC):
+    """A filter step as straight-line code; a subclass says by which factors of P."""
+
+    name: str  # of P by its factors
+    rule = ""  # by which it is carried out, where the method leaves it that
+
+    @property
+    @abstractmethod
+    def fields(self) -> tuple[Field, ...]:
+        """The memory of the factors."""
+
+    @property
+    @abstractmethod
+    def covariance(self) -> Graph:
+        """P (n, n)."""
+
+    @property
+    @abstractmethod
+    def variances(self) -> list[Graph]:
+        """The P_ii."""
+
+    @abstractmethod
+    def scaled(self, scale: Graph) -> Writes:
+        """The factors of P with its rows and columns scaled (n)."""
+
+    @abstractmethod
+    def sample_update(self, row: Graph, r: Graph) -> tuple[Writes, Graph]:
+        """The factors after a scalar measurement with a row (1, n) and a variance, and the gain (n)."""
+
+    @abstractmethod
+    def time_update(self, transition: Graph, growth: Graph | None) -> tuple[Writes, dict[str, Graph]]:
+        """The factors of growth Phi P Phi' + h Q_theta, and the values worth a name."""
+
+    def pieces(self) -> Pieces:
+        """Memory and statements: predict, then one scalar update for each output."""
+        return Pieces(
+            fields=(self.part.z, *self.fields),
+            covariance=self.covariance,
+            **self.common(),
+            predict=(*self.prediction(), *self.bounded()),
+            update=tuple(map(self.correction, range(self.clock.outputs))),
+            rule=self.rule,
+        )
+
+    def prediction(self) -> Program:
+        """z and the factors over a step."""
+        stages = self.stages()
+        Phi, forgets = self.transition(self.jacobian(stages)), self.part.forgetting is not None
+        factors, names = self.time_update(Phi, sym("derived", "growth") if forgets else None)
+        rows, columns = Phi.shape
+        listed = ((f"Phi_{i + 1}{j + 1}", Phi[i, j]) for i in range(rows) for j in range(columns))
+        entries = {name: entry for name, entry in listed if entry.n_dep()}  # that are computed
+        noise = " + h Q_theta" if self.part.factor.size else ""
+        equation = "P <- exp(rho h) Phi P Phi' + h Q_0" if forgets else f"P <- Phi P Phi'{noise}"
+        writes = {Place("state", self.part.z.name): stages.result["z"], **factors}
+        title = f"z by classical Runge-Kutta; P = {self.name} by {equation}"
+        return (Block(title, writes, {**stages.names, **entries, **names}),)
+
+    def bounded(self) -> Program:
+        """P with what is forgotten of it, or within its cap: where a P_ii exceeds it, the factors are those of P scaled
+        by min(1, cap_i/P_ii), a congruence. Without guards there is no cap."""
+        part, variances = self.part, self.variances
+        if part.forgetting is not None:
+            rows = map(ca.sparsify, ca.vertsplit(ca.diag(sym("derived", "prior", part.dynamics.n))))
+            samples = (self.sample_update(row, ca.SX(1))[0] for row in rows)  # of variance 1
+            blocks = (Block(f"what is forgotten of z{i} tends to S_0", each) for i, each in enumerate(samples, 1))
+            return (*blocks, prior_status(part, variances))
+        if not self.clock.guarded:
+            return ()
+        caps = [float(value) for value in part.cap]
+        scale = column(ca.fmin(1, cap / value) for cap, value in zip(caps, variances, strict=True))
+        beyond = reduce(ca.logic_or, [value > cap for cap, value in zip(caps, variances, strict=True)])
+        limited = {Place("status", "COVARIANCE_LIMITED"): ca.SX(1)}
+        return (
+            Block("largest variances", {Place("work", "capped"): beyond}),
+            When(Place("work", "capped"), (Block("cap", {**self.scaled(scale), **limited}),)),
+        )
+
+    def correction(self, output: int) -> Program:
+        """The update by a sample of an output."""
+        factors, gain = self.sample_update(self.row(output), self.variance(output))
+        return self.corrected(gain, sym("work", "e"), factors)
+
+    def corrected(
+        self, gain: Graph, error: Graph, factors: Writes, title: str = "correct by the scalar update"
+    ) -> Program:
+        """z moved by a gain (n) times an error, with the writes of the factors of P."""
+        z = {Place("state", self.part.z.name): self.z + gain * error}
+        return (Block(title, {**z, **factors}, {f"K{i + 1}": k for i, k in enumerate(ca.vertsplit(gain))}),)
 
 
-def unrolled(part: Riccati, clock: Clock) -> Pieces:
-    """Straight-line code; L packed by columns."""
-    L, d = _symbols(part)
+class UnitTriangular(Unrolled):
+    """P = L D L', L packed by columns."""
 
-    def scaled(scale: Graph) -> dict[Place, Graph]:
-        return _written(ca.diag(scale) @ L @ ca.diag(1 / scale), scale**2 * d)
+    name = "L D L'"
 
-    forgets = part.forgetting is not None
-    bounded = _renewed(part, clock) if forgets else capped(clock, part, _variances(part), scaled)
-    moved, update = Moved(part, clock), []
-    for j in range(clock.outputs):
-        *factors, gain = measurement_update(L, d, moved.row(j), moved.variance(j))
-        update.append((moved.corrected(gain, sym("work", "e"), _written(*factors)),))
-    return Pieces(
-        fields=(part.z, *_factors(part, clock)),
-        covariance=L @ ca.diag(d) @ L.T,
-        **common(part, clock),
-        predict=(_predict(part, clock), *bounded),
-        update=tuple(update),
-    )
+    @property
+    def symbols(self) -> tuple[Graph, Graph]:
+        """L (n, n) and the diagonal of D (n) as they are in the state."""
+        n = self.part.dynamics.n
+        return unpack_lower(sym("state", "L", n * (n - 1) // 2), n, 1), sym("state", "D", n)
 
+    @staticmethod
+    def writes(L: Graph, d: Graph) -> Writes:
+        """The writes of L and D to the state."""
+        return ({Place("state", "L"): ca.densify(pack(L, 1))} if d.numel() > 1 else {}) | {Place("state", "D"): d}
 
-def _factors(part: Riccati, clock: Clock) -> tuple[Field, ...]:
-    n, deviation = part.dynamics.n, np.sqrt(part.cap)
-    start, values = factor(part.covariance)
-    if n == 1:
-        return (diagonal(part, clock, values),)
-    ends = tuple(float(LARGEST * deviation[i] / deviation[j]) for i, j in lower(n, 1))
-    meaning = "unit lower factor of P, strict lower triangle"
-    L = packed_triangle("L", start, meaning, 1, low=tuple(-end for end in ends), high=ends)
-    return (L, diagonal(part, clock, values))
+    @property
+    def fields(self) -> tuple[Field, ...]:
+        """L, of more than one state, and D."""
+        n, deviation = self.part.dynamics.n, np.sqrt(self.part.cap)
+        start, values = factor(self.part.covariance)
+        ends = tuple(float(LARGEST * deviation[i] / deviation[j]) for i, j in lower(n, 1))
+        meaning = "unit lower factor of P, strict lower triangle"
+        L = packed_triangle("L", start, meaning, 1, low=tuple(-end for end in ends), high=ends)
+        return (*([L] if n > 1 else []), self.diagonal(values))
 
+    @property
+    def covariance(self) -> Graph:
+        """P (n, n)."""
+        L, d = self.symbols
+        return L @ ca.diag(d) @ L.T
 
-def _symbols(part: Riccati) -> tuple[Graph, Graph]:
-    n = part.dynamics.n
-    return unpack_lower(sym("state", "L", n * (n - 1) // 2), n, 1), sym("state", "D", n)
+    @property
+    def variances(self) -> list[Graph]:
+        """The P_ii."""
+        L, d = self.symbols
+        return [ca.dot(L[i, :].T ** 2, d) for i in range(self.part.dynamics.n)]
 
+    def scaled(self, scale: Graph) -> Writes:
+        """The factors of P with its rows and columns scaled (n)."""
+        L, d = self.symbols
+        return self.writes(ca.diag(scale) @ L @ ca.diag(1 / scale), scale**2 * d)
 
-def _written(L: Graph, d: Graph) -> dict[Place, Graph]:
-    written = {Place("state", "L"): ca.densify(pack(L, 1))} if d.numel() > 1 else {}
-    return written | {Place("state", "D"): d}
+    def sample_update(self, row: Graph, r: Graph) -> tuple[Writes, Graph]:
+        """The update of Bierman."""
+        *factors, gain = measurement_update(*self.symbols, row, r)
+        return self.writes(*factors), gain
 
-
-def _predict(part: Riccati, clock: Clock) -> Block:
-    moved = Moved(part, clock)
-    stages = moved.stages()
-    transition, (L, d) = moved.transition(stages), _symbols(part)
-    L, d, names = time_update(L, moved.grown(d), transition, part.scaled_factor(), moved.weights())
-    return Block(
-        f"z by classical Runge-Kutta; P = L D L' by {moved.equation}",
-        {Place("state", part.z.name): stages.result["z"], **_written(L, d)},
-        {**stages.names, **entries("Phi", transition), **names},
-    )
-
-
-def _renewed(part: Riccati, clock: Clock) -> Program:
-    blocks = []
-    for i, row in enumerate(Moved(part, clock).priors(), 1):
-        L, d, _ = measurement_update(*_symbols(part), row, ca.SX(1))
-        blocks.append(Block(f"what is forgotten of z{i} tends to S_0", _written(L, d)))
-    return (*blocks, prior_status(part, _variances(part)))
+    def time_update(self, transition: Graph, growth: Graph | None) -> tuple[Writes, dict[str, Graph]]:
+        """The update of Thornton."""
+        L, d = self.symbols
+        d = d if growth is None else growth * d
+        L, d, names = time_update(L, d, transition, self.part.scaled_factor(), self.weights())
+        return self.writes(L, d), names
 
 
-def _variances(part: Riccati) -> list[Graph]:
-    L, d = _symbols(part)
-    return [ca.dot(L[i, :].T ** 2, d) for i in range(part.dynamics.n)]
+_COLUMNS, _D = Place("column", "v"), Place("state", "D")
 
 
-def capped(clock: Clock, part: Riccati, variance: list[Graph], scaled: Factors) -> Program:
-    """The program that caps P where a P_ii (`variance`) exceeds its cap: it writes the factors `scaled` of
-    min(1, cap_i/P_ii) (n), a congruence. Nothing without guards."""
-    if not clock.guarded:
-        return ()
-    caps = [float(value) for value in part.cap]
-    scale = column(ca.fmin(1, cap / value) for cap, value in zip(caps, variance, strict=True))
-    beyond = reduce(ca.logic_or, [value > cap for cap, value in zip(caps, variance, strict=True)])
-    limited = {Place("status", "COVARIANCE_LIMITED"): ca.SX(1)}
-    return (
-        Block("largest variances", {Place("work", "capped"): beyond}),
-        When(Place("work", "capped"), (Block("cap", {**scaled(scale), **limited}),)),
-    )
+class Looped(FilterStep):
+    """A filter step with L as the columns of a group, matrix operations as kernels; needs diagonal Q and P(0)."""
+
+    @property
+    def matrices(self) -> dict[str, np.ndarray]:
+        """Q and P(0), by the arguments that they come from."""
+        return {"Q": self.part.nominal[0], "covariance": self.part.covariance}
+
+    def pieces(self) -> Pieces:
+        """Memory and statements. Raises: `BadGain` where Q or P(0) is not diagonal."""
+        n = self.part.dynamics.n
+        for name, matrix in self.matrices.items():
+            if not is_diagonal(matrix):
+                raise BadGain(name, f"must be diagonal for {n} states; full matrices are for up to 7")
+        columns = Field("v", (0.0,) * n, meaning="rows below the diagonal")
+        return Pieces(
+            fields=(self.part.z, self.diagonal(np.diag(self.part.covariance).copy())),
+            groups=(Group("column", n, (columns,), "columns of the unit lower factor of P"),),
+            **self.common(),
+            predict=self.prediction(),
+            update=tuple(map(self.correction, range(self.clock.outputs))),
+        )
+
+    def prediction(self) -> Program:
+        """z, and the columns of L and D, over a step."""
+        part, n, v, h = self.part, self.part.dynamics.n, sym("column", "v", self.part.dynamics.n), self.clock.dt
+        stages = self.stages()
+        F = ca.sparsify(self.jacobian(stages))
+        Phi = self.transition(F)
+        if Phi.nnz() <= 2 * F.nnz():
+            operator, entries = _in_memory("Phi", Phi)
+            advanced, meaning = operator @ v, "Phi = I + hF + (hF)^2/2, F at mid-step"
+        else:  # F twice has fewer products
+            operator, entries = _in_memory("F", F)
+            advanced, meaning = v + h * (operator @ (v + h / 2 * (operator @ v))), "the Jacobian F at mid-step"
+        band = max(1, Phi.sparsity().bw_upper())
+        z = {Place("state", part.z.name): stages.result["z"]}
+        forgetting: Program = ()
+        noise: Program = ()
+        if part.forgetting is not None:
+            forgetting = (Block("forgetting", {_D: sym("derived", "growth") * sym("state", "D", n)}),)
+        if part.factor.size:
+            w = Place("work", "w")
+            scaled = Block("h Q_theta", {w: self.weights() * part.spread() ** 2})
+            noise = (scaled, Kernel("add", n, _COLUMNS, ((_D, n), (w, n))))
+        return (
+            Block(f"z by classical Runge-Kutta; {meaning}, but for constants, by columns", z | entries, stages.names),
+            Kernel("expand", n, _COLUMNS),
+            Loop(
+                "column", n, (Block("a column of Phi L", {_COLUMNS: advanced}, spelled=self.clock.prefer == "speed"),)
+            ),
+            *forgetting,
+            Kernel("triangularise", n, _COLUMNS, ((_D, n),), counts=(band,)),
+            *noise,
+            *(self.bounded() if self.clock.guarded or part.forgetting is not None else ()),
+        )
+
+    def bounded(self) -> Program:
+        """The limit of a variance beyond its cap, or not a number, as it is where an entry of L is none."""
+        n, limited = self.part.dynamics.n, Place("work", "limited")
+        v = sym("column", "v", n)
+        restarted = column(ca.if_else(ca.fabs(v[i]) <= LOST, v[i], 0) for i in range(n))
+        restart = Block("a lost value restarts", {_COLUMNS: restarted})
+        raised = Block("limited", {Place("status", "COVARIANCE_LIMITED"): ca.SX(1)})
+        limits = Block("largest variances", {Place("work", "caps"): ca.SX(ca.DM(self.part.cap))})
+        name, more = ("cap", ()) if self.part.forgetting is None else ("renew", ((Place("derived", "prior"), n),))
+        arguments = ((_D, n), (Place("work", "caps"), n), *more)
+        limit = Kernel(name, n, _COLUMNS, arguments, result=limited)
+        return (limits, limit, When(limited, (raised, Loop("column", n, (restart,)))))
+
+    def correction(self, output: int) -> Program:
+        """The update by a sample of an output."""
+        n, c = self.part.dynamics.n, self.row(output)
+        row = {Place("work", "c"): ca.densify(c).T, Place("work", "r"): self.variance(output)}
+        arguments = ((_D, n), (Place("work", "c"), n), (Place("work", "r"), 1), (Place("work", "K"), n))
+        read = max(c.sparsity().get_col(), default=-1) + 1  # elements of c that are not 0 lie before it
+        return (
+            Block("the measurement's row and variance", row),
+            Kernel("correct", n, _COLUMNS, arguments, counts=(read,)),
+            Block("correct", {Place("state", self.part.z.name): self.z + sym("work", "K", n) * sym("work", "e")}),
+        )
+
+
+def _in_memory(name: str, matrix: Graph) -> tuple[Graph, Writes]:
+    """A sparse matrix whose entries lie in memory, but for numbers, and the writes of these."""
+    values = matrix.nonzeros()
+    moving = [k for k, value in enumerate(values) if not value.is_constant()]
+    if not moving:
+        return matrix, {}
+    symbols, computed = sym("work", name, len(moving)), column(values[k] for k in moving)
+    for k, symbol in zip(moving, ca.vertsplit(symbols), strict=True):
+        values[k] = symbol
+    return ca.SX(matrix.sparsity(), column(values)), {Place("work", name): computed}
+
+
+@dataclass(frozen=True)
+class _Candidate:
+    """One of the two programs."""
+
+    name: str
+    pieces: Pieces
+
+    @cached_property
+    def longest(self) -> int:
+        """The number of operations in its longest section."""
+        return max(map(written, (self.pieces.predict, *self.pieces.update)))
+
+    def __str__(self) -> str:
+        sections = (self.pieces.predict, *self.pieces.update)
+        times = sum(carried_out(section).total() for section in sections)
+        return f"in {self.name} {self.longest} operations in its longest section, {times} in a period"
+
+
+def chosen(part: Riccati, clock: Clock) -> Pieces:
+    """The pieces of the shorter program, or of the faster one if it is not too long, with a sentence on the choice.
+    Where straight-line code is short, loops are not made to be counted."""
+    n, straight_line, loop = part.dynamics.n, UnitTriangular(part, clock), Looped(part, clock)
+    if n <= FULL and not all(map(is_diagonal, loop.matrices.values())):
+        return replace(straight_line.pieces(), choice="the covariance in straight-line code, as for full matrices")
+    if n > LARGE:
+        choice = f"the covariance in loops, as for more than {LARGE} states in any case"
+        return replace(loop.pieces(), choice=choice)
+    straight = _Candidate("straight-line code", straight_line.pieces())
+    if straight.longest <= LONGER[clock.prefer]:
+        return replace(straight.pieces, choice=f"the covariance {straight}, too few for loops to be shorter by enough")
+    loops = _Candidate("loops", loop.pieces())
+    longer = straight.longest - loops.longest > LONGER[clock.prefer]
+    best, other = (loops, straight) if longer else (straight, loops)
+    return replace(best.pieces, choice=f"the covariance {best}; {other}")

@@ -7,16 +7,51 @@ A filter in the output injection asks more than a negative real part of the pole
 M is Hurwitz if and only if each mu lies inside a parabola, S = {alpha^2 Re mu + beta (Im mu)^2 < 0}. Source: Astolfi,
 Jungers, Zaccarian, "Output injection filtering redesign in high-gain observers", ECC 2018, (9)-(11), Lemma 1; that
 mu outside S make M unstable is Routh's test of s^2 + alpha s - beta mu.
+
+The low-power injection: pairs (p_i, q_i) on a chain of integrators, and their gains from 2n - 2 poles.
+
+    p_i' = q_i + theta k_i1 e_i,   q_i' = q_(i+1) + theta^2 k_i2 e_i,   q_n = 0,   i = 1..m,   m = n - 1
+    e_1 = y - p_1,   e_i = q_(i-1) - p_i
+
+At theta = 1 this linear core has the characteristic polynomial
+
+    D(s) = R_1 + k_12 (R_2 + k_22 (R_3 + .. + k_m2)),   R_i = s (s + k_i1) s (s + k_(i+1)1) .. s (s + k_m1).
+
+Proof: the pair i turns q_(i-1) into q_i by the factor k_i2 s D_(i+1)/D_i, D_i = s (s + k_i1) (D_(i+1) - k_(i+1)2
+D_(i+2)) + k_i2 D_(i+1), D_(m+1) = 1; so that D_i - k_i2 D_(i+1) = R_i. Hence D(0) = c_m, c_i = k_12 .. k_i2, and
+(D(s) - D(0))/s, of odd degree, has a real root, -k_m1; its quotient by s + k_m1 is the polynomial of the pairs before,
+c_(m-1) at s = 0, and so on. For k_i = (2, (n - i)/i) the c_i are binomial coefficients and D = (1 + s (s + 2))^m =
+(s + 1)^(2m). Source of the observer: Astolfi, Marconi, IEEE TAC 60 (2015).
+
+Where the entries of a gain stand, a matrix of a row for each state and a column for each chain's output.
+
+    z' = A z + b(z, u) + K_theta (y - C z),   K_theta = theta^(p(i) - p(k) + 1) K_ik
+
+p(i) is the power of theta that scales the state of row i, p(k) that of the first state of chain k (`scaling`): the
+power is j in row j of a chain of the same alignment at the top, and what the gain does to an error in scaled
+coordinates grows like theta, whatever chain it comes from.
+
+A gain of an observer whose entries, of parameters, stand times powers of theta: a derived value of its program.
 """
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
+from itertools import groupby, pairwise
+from typing import Any
 
+import casadi as ca
+import mpmath
 import numpy as np
+import sympy as sp
 
+from hgogen.analysis.scaling import exponents, power
 from hgogen.errors import HgogenError
-from hgogen.sentence import up
+from hgogen.form import Form
+from hgogen.graph import Graph, to_casadi
+from hgogen.program import Block, Field, Place, sym
+from hgogen.reading.given import BadGain, reals
+from hgogen.sentence import same, up
 
 
 @dataclass(eq=False)
@@ -120,3 +155,159 @@ def parabola_advice(L: np.ndarray, alpha: float, beta: float) -> str:
         return f"A - L C itself has the pole {complex(unstable[0]):.6g}; take gains whose poles decay"
     least = float(max(map(least_ratio, map(complex, poles))))
     return f"alpha^2/beta = {alpha**2 / beta:.6g} must be above about {least:.4g}; raise alpha or lower beta"
+
+
+_DIGITS = 60  # of the roots: close ones are less certain than the polynomial by many digits
+_REAL = 1e-20  # the imaginary part, as a share of the largest root, of what is real
+
+
+def pair_gains(observer: str, n: int, gains: Any, poles: Any) -> np.ndarray:
+    """The gains k (n - 1, 2): the `gains`, or from `poles` (2n - 2), or by default (2, (n - i)/i) with all poles at -1.
+
+    Raises: `BadGain` for both, or for gains of another shape or not finite; `BadPoles`.
+    """
+    if gains is not None and poles is not None:
+        raise BadGain(observer, "takes gains or poles, not both; leave one out")
+    if poles is not None:
+        return from_poles(poles, n)
+    if gains is None:
+        return np.array([(2.0, (n - i) / i) for i in range(1, n)])
+    k = reals("gains", gains)
+    if k.shape != (n - 1, 2):
+        raise BadGain(
+            f"gains of shape {k.shape}", f"must be {n - 1} pairs (k_i1, k_i2), one for each state but the last"
+        )
+    if not np.isfinite(k).all():
+        raise BadGain(f"gains = {k.tolist()}", "must be finite")
+    return k
+
+
+def from_poles(poles: Sequence[complex], n: int) -> np.ndarray:
+    """The gains k (n - 1, 2) of 2n - 2 poles; where there is a choice, the last pair is the slowest.
+
+    Raises: `BadPoles`, also where the search finds no positive gains for the poles.
+    """
+    listed = numbers(poles if isinstance(poles, Sequence | np.ndarray) else (poles,))
+    if len(listed) != 2 * n - 2:
+        raise BadPoles(listed, f"there are {len(listed)}, {n} states have {2 * n - 2} in low power")
+    wanted = coefficients(poles, 2 * n - 2)
+    slopes: list[Any] = []
+    with mpmath.workdps(_DIGITS):
+        left, products = [mpmath.mpf(1), *map(mpmath.mpf, wanted)], [mpmath.mpf(1)]
+        while len(left) > 1:
+            *rest, constant = left
+            roots = mpmath.polyroots(rest, maxsteps=1000, extraprec=1000)
+            largest = max(map(abs, roots))
+            real = (mpmath.re(x) for x in roots if abs(mpmath.im(x)) <= _REAL * largest)
+            root = max((x for x in real if x < 0), default=None)
+            if root is None or constant <= 0:
+                raise BadPoles(tuple(map(complex, poles)), "no positive gains were found that have them; give gains")
+            slopes.insert(0, -root)
+            products.insert(1, constant)
+            left = _divided(rest, root)
+        ratios = (after / before for before, after in pairwise(products))
+        return np.array([(float(a), float(b)) for a, b in zip(slopes, ratios, strict=True)])
+
+
+def _divided(polynomial: list[Any], root: Any) -> list[Any]:
+    """The quotient by s - root, by Horner's scheme."""
+    quotient = polynomial[:1]
+    for coefficient in polynomial[1:-1]:
+        quotient.append(coefficient + root * quotient[-1])
+    return quotient
+
+
+def errors(first: Graph, p: Graph, q: Graph) -> Graph:
+    """The errors e (m): `first`, then q_(i-1) - p_i."""
+    return ca.vertcat(first, *(q[i - 1] - p[i] for i in range(1, q.numel())))
+
+
+def injected(k: np.ndarray, theta: Graph, e: Graph) -> tuple[Graph, Graph]:
+    """What e (m) adds to p' (m) and q' (m)."""
+    return theta * (ca.DM(k[:, 0]) * e), theta * theta * (ca.DM(k[:, 1]) * e)
+
+
+@dataclass(frozen=True)
+class Column:
+    """The place of an entry: its `row` (0..n-1) and its `chain` (0..q-1), with the `power` of theta that scales it, and
+    its `index` in print: (j), (i, j), or (i, j, k), of the row j of chain i and the output of chain k."""
+
+    row: int
+    chain: int
+    power: int
+    index: tuple[int, ...]
+
+
+def columns(form: Form, count: int) -> tuple[Column, ...]:
+    """The places of `count` entries: n of them act each on the output of its own chain, n q each row on all, row by
+    row."""
+    powers, heads = exponents(form), [form.heads[k] for k in form.leads]
+    rows = [(i, j) for i, size in enumerate(form.blocks[k] for k in form.leads) for j in range(size)]
+    own, several = count == form.n, len(heads) > 1
+    places = []
+    for row, (i, j) in enumerate(rows):
+        for k in (i,) if own else range(len(heads)):
+            power = j + 1 + powers[heads[i]] - powers[heads[k]]
+            places.append(Column(row, k, power, (i + 1, j + 1, k + 1)[not several : 2 + (not own)]))
+    return tuple(places)
+
+
+def as_matrix(form: Form, entries: Sequence[Any]) -> np.ndarray:
+    """The entries as a matrix (n, q), of objects, 0 where there is none."""
+    K = np.zeros((form.n, len(form.leads)), dtype=object)
+    for place, value in zip(columns(form, len(entries)), entries, strict=True):
+        K[place.row, place.chain] = value
+    return K
+
+
+_OWN = 2  # numbers in the index of an entry for its own chain
+
+
+@dataclass(frozen=True)
+class ScaledGain:
+    """The gain `name` of the entries `values`, at their `places`; it is what a report calls its `meaning`."""
+
+    name: str
+    values: tuple[sp.Expr, ...]
+    places: tuple[Column, ...]
+    meaning: str
+
+    def __str__(self) -> str:
+        numbers = {x: sp.Symbol(same(float(x))) for k in self.values for x in k.atoms(sp.Float)}
+        texts = dict(zip(self.places, (str(k.xreplace(numbers)) for k in self.values), strict=True))
+        groups = groupby(texts, lambda place: place.row if self.whole else place.chain)
+        return ", ".join(f"({', '.join(texts[place] for place in group)})" for _, group in groups)
+
+    @property
+    def whole(self) -> bool:
+        """Whether rows act on outputs of other chains, too."""
+        return any(len(place.index) > _OWN for place in self.places)
+
+    @property
+    def field(self) -> Field:
+        """The derived value, its entries called theta K_1, theta^2 K_2, ..; chain by chain of several."""
+        labels = []
+        for place in self.places:
+            powers = {0: "", 1: "theta "}.get(place.power, f"theta^{place.power} ")
+            index = ",".join(map(str, place.index))
+            labels.append(f"{powers}{self.name}_{index}" if len(place.index) == 1 else f"{powers}{self.name}_({index})")
+        return Field(self.name, (0.0,) * len(self.values), labels=tuple(labels), meaning=self.meaning)
+
+    def tuned(self, form: Form) -> Block:
+        """How it comes of theta and the parameters, SX of their places."""
+        constants = {s: v for s, v in form.system.nominal.items() if not s.bounded}
+        parameters = {s: sym("plant", s.name) for s in form.system.parameters if s.bounded}
+        values: list[Graph] = to_casadi([k.subs(constants) for k in self.values], parameters)
+        theta, powered = sym("gain", "theta"), []
+        for place, value in zip(self.places, values, strict=True):
+            scale = power(theta, place.power) if place.power >= 0 else 1 / power(theta, -place.power)
+            powered.append(scale * value)
+        return Block(self.meaning, {Place("derived", self.name): ca.vertcat(*powered)})
+
+    def onto(self, e: Graph, n: int) -> Graph:
+        """The gain times the error (q) of each chain's output: (n)."""
+        entries: Sequence[Graph] = ca.vertsplit(sym("derived", self.name, len(self.values)))
+        rows: list[Graph] = [0] * n
+        for place, row in groupby(zip(self.places, entries, strict=True), lambda pair: pair[0].row):
+            rows[place] = sum(k * e[at.chain] for at, k in row)
+        return ca.vertcat(*rows)

@@ -22,11 +22,10 @@ import casadi as ca
 
 from hgogen.analysis.dynamics import HUGE, Dynamics, clamp, inside
 from hgogen.analysis.linearised import jacobians_on_box
-from hgogen.discretisation.routine import routine
-from hgogen.discretisation.runge_kutta import HEUN, Tableau, advance
+from hgogen.check import Verdict
+from hgogen.discretisation.runge_kutta import HEUN, Tableau, advance, routine
 from hgogen.discretisation.stability import EVERYWHERE, Lengths, decay_limits
 from hgogen.errors import BadArgument, HgogenError
-from hgogen.estimators.kalman_theorems import STAGGERED, WINDOW
 from hgogen.graph import Graph
 from hgogen.part import Clock, Part, Pieces
 from hgogen.program import INF, Block, Field, Group, Loop, Place, Program, When, scalar, sym
@@ -40,6 +39,19 @@ Weights: TypeAlias = tuple[float, ...] | Mapping[str, float]
 POINTS = 12  # corners, and as many points inside, at which the model's decay is judged
 MOST = LOST  # of a squared error
 INNOVATION = scalar("innovation", 0, low=0.0, high=MOST, unit="y^2 s", meaning="innovation I_d")
+
+WINDOW = Hypothesis(
+    "the innovation is an integral over the last d seconds",
+    verdict=Verdict.UNKNOWN,
+    reason="it is a sum over the samples, of a model run by a method with the step dt",
+    reference="(4)",
+)
+STAGGERED = Hypothesis(
+    "the innovation is an integral over the last d seconds",
+    verdict=Verdict.UNKNOWN,
+    reason="it is a sum over the samples, and M staggered predictors look back over d to d (1 + 1/M) seconds",
+    reference="(4)",
+)
 
 
 @dataclass(eq=False)

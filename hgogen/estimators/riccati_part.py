@@ -1,26 +1,145 @@
-"""The structure of a Riccati observer as a part of an observer.
+"""The structure of a Riccati observer as a part of an observer, how it is declared, and its covariance in three views.
 
     z' = f(z, u) + P C' R_theta^-1 (y - h),   P' = F P + P F' + Q_theta - P C' R_theta^-1 C P
 
-The views S = P^-1, P and its factors are the methods' choice. Source: Boizot, Busvelle, Gauthier, Automatica 46 (2010),
-(4); with forgetting and measured coefficients, Hammouri, de Leon Morales, CDC 1990; with S_0 and Q_0, Salgado, Goodwin,
-Middleton, International Journal of Control 47 (1988).
+    information  S' = -F'S - S F - rho (S - S_0) + C' R_theta^-1 C - S Q_theta S       (the papers print this one)
+    covariance   P' =  F P + P F' + rho (P - P S_0 P) + Q_theta - P C' R_theta^-1 C P  (P = S^-1)
+    factored     P  =  L D L', L unit lower triangular, D > 0         (positive definite by construction)
+
+F = A(u) + b*(z, u), rho = 0; of a Kalman-like observer F = A(u, y), Q_theta = Q_0. The views are the methods' choice.
+Source: Boizot, Busvelle, Gauthier, Automatica 46 (2010), (4); with forgetting and measured coefficients, Hammouri, de
+Leon Morales, CDC 1990; with S_0 and Q_0, Salgado, Goodwin, Middleton, International Journal of Control 47 (1988);
+Thornton 1976 for the time update, Bierman 1977 for the measurement update of the factors.
+
+Of a covariance that forgets, the samples show more than the prior S_0 does where s = lambda_max(S_0 P) is small:
+
+    s = lambda_max(S_0 P) <= sum_i P_ii S_0ii,      s < 1/2  if and only if  S - 2 S_0 is positive definite
+
+The status bit is set where the sum is above 1/2 (of S, where a pivot of S - 2 S_0 is not positive): where it is not
+set, s is at most 1/2 but for rounding, which is far from the other half. A limit of 1 would be at the mercy of rounding
+and of Q_0, for s tends to 1 where nothing is seen of a state that stays.
 """
 
-from collections.abc import Callable
-from dataclasses import dataclass
-from functools import cached_property
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property, reduce
+from typing import Any, Literal
 
 import casadi as ca
 import numpy as np
+from flint import fmpq_mat
 
-from hgogen.analysis.dynamics import Dynamics
+from hgogen.analysis.dynamics import HUGE, Dynamics
 from hgogen.analysis.linearised import jacobians_on_box
 from hgogen.analysis.scaling import Scaling, scaling
-from hgogen.estimators.theta import Theta
+from hgogen.discretisation.stability import FrozenRiccati
+from hgogen.estimators.theta import Theta, constant
+from hgogen.form import Form
 from hgogen.graph import Graph
-from hgogen.part import Clock, Part, Pieces
-from hgogen.program import Bit, Field, sym
+from hgogen.observer import gain, state_field
+from hgogen.part import Clock, Ode, Part, Pieces
+from hgogen.program import Bit, Block, Field, Place, column, sym
+from hgogen.reading.given import BadGain, Matrix, Values, names_of, of_coordinates, of_outputs, reals, whole
+from hgogen.rigor import definite
+from hgogen.rigor.definite import symmetric, unsymmetric
+from hgogen.signal import LOST
+
+_WANTED = (
+    "must be positive definite, or a diagonal whose zeros the noise of other states reaches through the model, (A, Q) "
+    "controllable; a state that no noise reaches, such as one believed constant, takes a small positive number"
+)
+
+
+def cap(
+    dynamics: Dynamics,
+    z: Field,
+    noise: np.ndarray,
+    variances: Sequence[float],
+    start: np.ndarray,
+    peak: float,
+    scaling: Scaling | None = None,
+) -> np.ndarray:
+    """The largest P_ii (n) that is not absurd: the square of the outer box's half-width, a hundred times the steady
+    variance at the largest theta wherever in the box there is one, and four times P(0); without a range, 1e12 P(0).
+    """
+    half = np.array([(high - low) / 2 for low, high in z.box])
+    cap = np.where(np.isfinite(half), half**2, 1e12 * np.diag(start))
+    F, C = jacobians_on_box(dynamics, 12)
+    steady = FrozenRiccati.of(F, C, noise, np.array(variances), scaling).steady(peak).diagonal(axis1=1, axis2=2)
+    largest = np.where(np.isfinite(steady), steady, 0.0).max(axis=0)
+    return np.asarray(np.minimum(np.maximum.reduce([cap, 100 * largest, 4 * np.diag(start)]), LOST))
+
+
+def spd(name: str, value: Any, n: int, reaches: Callable[[np.ndarray], bool] | None = None) -> np.ndarray:
+    """A diagonal (n) or a matrix (n, n) as symmetric positive definite matrix; rounding is taken off (`symmetric`).
+    A diagonal may have zeros where it `reaches` every state.
+
+    Raises: `BadGain`.
+    """
+    matrix = reals(name, value)
+    if matrix.ndim == 1:
+        matrix = np.diag(matrix)
+    if matrix.shape != (n, n):
+        raise BadGain(f"{name} of shape {np.shape(value)}", f"must be a diagonal of {n} numbers or a {n} x {n} matrix")
+    if not (np.abs(matrix) <= LOST).all():
+        raise BadGain(name, f"must be finite, none of its numbers beyond {LOST:g}")
+    even = symmetric(definite.rationals(matrix))
+    if even is None:
+        raise BadGain(name, unsymmetric(name))
+    matrix = np.array(even, dtype=float)
+    semidefinite = is_diagonal(matrix) and bool((np.diag(matrix) >= 0).all())
+    if not is_definite(matrix) and not (reaches and semidefinite and reaches(matrix)):
+        raise BadGain(name, _WANTED if reaches else "must be positive definite")
+    return matrix
+
+
+def reached_by(matrix: np.ndarray, jacobians: np.ndarray) -> bool:
+    """Whether noise of this covariance reaches every state: (F, Q) is controllable at one of the F (k, n, n), by the
+    exact rank of Q, F Q, .., F^(n-1) Q."""
+    noise, n = definite.exact(definite.rationals(matrix)), len(matrix)
+    for F in jacobians:
+        rows, term, slopes = noise.transpose().tolist(), noise, definite.exact(definite.rationals(F))
+        for _ in range(n - 1):
+            term = slopes * term
+            rows += term.transpose().tolist()
+        if fmpq_mat(rows).rank() == n:
+            return True
+    return False
+
+
+def is_diagonal(matrix: np.ndarray) -> bool:
+    """Whether a matrix has no entry beside its diagonal."""
+    return not np.count_nonzero(matrix - np.diag(np.diag(matrix)))
+
+
+def is_definite(matrix: np.ndarray) -> bool:
+    """Whether a matrix is positive definite, by exact arithmetic: a float eigenvalue near 0 may have the wrong sign."""
+    if is_diagonal(matrix):
+        return bool((np.diag(matrix) > 0).all())
+    return definite.positive(definite.exact(definite.rationals(matrix)))
+
+
+def positive_numbers(name: str, value: Any, outputs: int) -> tuple[float, ...]:
+    """Positive numbers, one for each output, from one number for all of them or a number for each.
+
+    Raises: `BadGain`.
+    """
+    array = reals(name, value)
+    if array.shape not in ((), (outputs,)):
+        raise BadGain(f"{name} of shape {array.shape}", f"must have one number for each of {outputs} outputs")
+    numbers = tuple(np.broadcast_to(array, outputs).tolist())
+    if any(not HUGE**-2 <= number <= LOST for number in numbers):
+        raise BadGain(f"{name} = {value}", f"must be positive, from {HUGE**-2:g} to {LOST:g}")
+    return numbers
+
+
+def wide(
+    name: str, values: Sequence[float] | np.ndarray, meaning: str, unit: str, labels: tuple[str, ...] = ()
+) -> Field:
+    """A gain of positive numbers that may be tuned by six decades either way; `labels`: what each number belongs to."""
+    numbers = tuple(map(float, values))
+    field = gain(name, numbers, 1e-6 * min(numbers), 1e6 * max(numbers), meaning, unit)  # 0 where one is 0
+    return replace(field, labels=labels)
 
 
 @dataclass(frozen=True, eq=False)
@@ -110,3 +229,247 @@ class AtSamples(Around):
 
     name: str
     build: Callable[[Clock], Pieces]
+
+
+def lower(n: int, first: int = 0) -> list[tuple[int, int]]:
+    """The places of a lower triangle (n, n), column by column, from its diagonal on or the `first` below that."""
+    return [(i, j) for j in range(n) for i in range(j + first, n)]
+
+
+def pack(matrix: Graph, first: int = 0) -> Graph:
+    """The lower triangle of an SX matrix, column by column, as `lower` has its places."""
+    return column(matrix[i, j] for i, j in lower(matrix.shape[0], first))
+
+
+def unpack(packed: Graph, n: int) -> Graph:
+    """The symmetric SX matrix (n, n) of its packed lower triangle."""
+    matrix = unpack_lower(packed, n)
+    return ca.tril(matrix) + ca.tril(matrix, False).T
+
+
+def unpack_lower(packed: Graph, n: int, first: int = 0) -> Graph:
+    """The lower triangular SX matrix (n, n) of its packed triangle; of a strict one the diagonal is 1."""
+    matrix = ca.SX.eye(n) if first else ca.SX(n, n)
+    for k, (i, j) in enumerate(lower(n, first)):
+        matrix[i, j] = packed[k]
+    return matrix
+
+
+Ends = tuple[float, ...]
+
+
+def packed_triangle(
+    name: str, matrix: np.ndarray, meaning: str, first: int = 0, low: Ends = (), high: Ends = ()
+) -> Field:
+    """The field of a packed lower triangle, which begins with that of the matrix; `low`, `high`: its box."""
+    pairs = lower(len(matrix), first)
+    start, entries = tuple(float(matrix[i, j]) for i, j in pairs), tuple((i + 1, j + 1) for i, j in pairs)
+    return Field(name, start, entries=entries, meaning=f"{meaning} by columns", low=low, high=high)
+
+
+def factor(matrix: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """(L, d) of a symmetric positive definite matrix = L diag(d) L'; of a diagonal one d is its diagonal, to the bit,
+    which may have zeros.
+
+    Raises: `numpy.linalg.LinAlgError` where it is not positive definite.
+    """
+    entries = np.diag(matrix).astype(float)
+    if not np.count_nonzero(matrix - np.diag(entries)) and (entries >= 0).all():
+        return np.eye(len(entries)), entries
+    with np.errstate(all="ignore"):
+        L, d = pivots(np.asarray(matrix, dtype=float))
+    if not all(value > 0 for value in d):
+        raise np.linalg.LinAlgError("the matrix is not positive definite")
+    return L, np.array(d)
+
+
+View = Literal["information", "covariance"]
+SYMMETRIC: Mapping[View, str] = {"information": "S", "covariance": "P"}  # the field of a method that integrates it
+
+
+def riccati_ode(part: Riccati, view: View) -> Ode:
+    """z and S, or z and P, as one differential equation; an invalid output has the weight 0."""
+    name, prior = SYMMETRIC[view], ca.diag(ca.SX(ca.DM(1 / part.cap)))
+
+    def rate(values: Mapping[str, Graph], u: Graph, y: Graph, valid: Graph) -> dict[str, Graph]:
+        z, X = values[part.z.name], unpack(values[name], part.dynamics.n)
+        F, C, theta = part.jacobian(z, u, y, valid), part.dynamics.output_jacobian(z, u), part.theta.value
+        weights = (part.scaling.weight(part.R[j], theta, j) for j in range(part.dynamics.outputs))
+        weight, error = ca.diag(valid * ca.vertcat(*weights)), y - part.dynamics.output(z, u)
+        if view == "information":
+            correction = solve(X, C.T @ weight @ error)
+            slope = C.T @ weight @ C - F.T @ X - X @ F - X @ part.noise() @ X
+            slope -= part.rho * (X - prior)
+        else:
+            gain, drift = X @ C.T @ weight, F @ X
+            correction = gain @ error
+            slope = drift + drift.T + part.noise() - gain @ C @ X
+            slope += part.rho * (X - X @ prior @ X)
+        return {part.z.name: part.flow(z, u, y, valid) + correction, name: pack(slope)}
+
+    if view == "information":
+        start = packed_triangle("S", np.linalg.inv(part.covariance), "inverse covariance, lower triangle")
+    else:
+        start = packed_triangle("P", part.covariance, "covariance, lower triangle")
+    return Ode((part.z, start), rate)
+
+
+def pivots(S: Graph) -> tuple[Graph, list[Graph]]:
+    """L, unit lower triangular, and the diagonal of D of a symmetric matrix (n, n) = L D L', SX or numbers."""
+    n = S.shape[0]
+    L, d = np.eye(n) if isinstance(S, np.ndarray) else ca.SX.eye(n), list[Graph]()
+    for j in range(n):
+        d.append(S[j, j] - sum(L[j, k] ** 2 * d[k] for k in range(j)))
+        for i in range(j + 1, n):
+            L[i, j] = (S[i, j] - sum(L[i, k] * L[j, k] * d[k] for k in range(j))) / d[j]
+    return L, d
+
+
+def solve(S: Graph, right: Graph) -> Graph:
+    """S^-1 right for a symmetric positive definite SX matrix (n, n), by its factors L D L'."""
+    n, (L, d) = S.shape[0], pivots(S)
+    x = [right[i] for i in range(n)]
+    for i in range(n):
+        x[i] = x[i] - sum(L[i, k] * x[k] for k in range(i))
+    x = [x[i] / d[i] for i in range(n)]
+    for i in reversed(range(n)):
+        x[i] = x[i] - sum(L[k, i] * x[k] for k in range(i + 1, n))
+    return ca.vertcat(*x)
+
+
+def time_update(
+    L: Graph, d: Graph, transition: Graph, shaped: Graph, weights: Graph
+) -> tuple[Graph, Graph, dict[str, Graph]]:
+    """Factors of Phi L D L' Phi' + W diag(w) W' by weighted Gram-Schmidt (Thornton), and the values worth a name.
+
+    Args: SX `L` (n, n), `d` (n), `transition` Phi (n, n), `shaped` W (n, k), `weights` w (k).
+    """
+    n = d.shape[0]
+    stacked, weight = ca.horzcat(transition @ L, shaped), ca.vertcat(d, weights)
+    rows = [stacked[i, :].T for i in range(n)]
+    factor, diagonal, names = ca.SX.eye(n), [], dict[str, Graph]()
+    for j in range(n):
+        weighted = rows[j] * weight
+        diagonal.append(ca.dot(rows[j], weighted))
+        inverse = 1 / diagonal[j]
+        names |= {f"w{j + 1}_{k + 1}": rows[j][k] for k in range(rows[j].shape[0])}
+        names |= {f"d{j + 1}": diagonal[j]} | ({f"d{j + 1}_inverse": inverse} if j < n - 1 else {})
+        for i in range(j + 1, n):
+            factor[i, j] = ca.dot(rows[i], weighted) * inverse
+            names[f"l{i + 1}{j + 1}"] = factor[i, j]
+            rows[i] = rows[i] - factor[i, j] * rows[j]
+    return factor, ca.vertcat(*diagonal), names
+
+
+def measurement_update(L: Graph, d: Graph, c: Graph, r: Graph) -> tuple[Graph, Graph, Graph]:
+    """Factors after one scalar measurement with row c (1, n) and variance r (Bierman), and the gain K (n).
+
+    The recursion runs from the last state to the first because L is lower triangular; where c = (c_1, 0, ..., 0) it
+    reduces to alpha = r + c_1^2 d_1, K = c_1 d_1 L[:,1]/alpha, d_1 <- d_1 r/alpha, L unchanged.
+    """
+    n = d.shape[0]
+    f = L.T @ c.T
+    v = d * f
+    alpha, inverse, gain = r, 1 / r, ca.SX(n, 1)
+    factor, diagonal = ca.SX(L), ca.SX(d)
+    read = [j for j in range(n) if not f[j].is_zero()]
+    for j in reversed(read):
+        before, last = alpha, inverse
+        alpha = alpha + v[j] * f[j]
+        inverse = 1 / alpha
+        diagonal[j] = d[j] * before * inverse
+        for i in range(j + 1, n):
+            factor[i, j] = L[i, j] - f[j] * gain[i] * last
+            gain[i] = gain[i] + L[i, j] * v[j]
+        gain[j] = v[j]
+    if len(read) != 1:
+        return factor, diagonal, gain * inverse
+    (j,) = read
+    share = v[j] * inverse  # the one quotient: CasADi makes another of each product with an inverse
+    if f[j].is_one():
+        diagonal[j] = share * r
+    return factor, diagonal, L[:, j] * share
+
+
+SHARE = 0.5
+
+
+def prior_status(part: Riccati, variance: list[Graph]) -> Block:
+    """The block that sets the status where the P_ii (`variance`), as shares of those of S_0^-1, add up to more than
+    `SHARE`."""
+    return _limit_status(ca.dot(column(variance), ca.SX(ca.DM(1 / part.cap))) > SHARE)
+
+
+def symmetric_covariance(part: Riccati, view: View) -> tuple[Graph, Block]:
+    """P (n, n) as an SX of the symmetric matrix S or P that a method integrates, and the block of `prior_status`."""
+    n = part.dynamics.n
+    matrix = unpack(sym("state", SYMMETRIC[view], n * (n + 1) // 2), n)
+    if view == "covariance":
+        return matrix, prior_status(part, [matrix[i, i] for i in range(n)])
+    P = ca.horzcat(*(solve(matrix, column) for column in ca.horzsplit(ca.SX.eye(n))))
+    _, d = pivots(matrix - ca.SX(ca.DM(np.diag(1 / (SHARE * part.cap)))))
+    return P, _limit_status(ca.logic_not(reduce(ca.logic_and, (pivot > 0 for pivot in d))))
+
+
+def _limit_status(limited: Graph) -> Block:
+    return Block("is the covariance near S_0^-1?", {Place("status", "COVARIANCE_LIMITED"): limited})
+
+
+LIMITED = Bit(
+    "COVARIANCE_LIMITED",
+    "the covariance reached its cap: a long loss of measurements, or Q and R much too large for the declared ranges",
+    "wait for measurements; if it stays while they come, scale Q and R down together",
+)
+
+
+@dataclass(frozen=True, eq=False)
+class Extended:
+    """The filter as a part, its `gains` Q and R, and `equations`: lines for the banner, of a Q that is no diagonal."""
+
+    part: Riccati
+    gains: tuple[Field, ...]
+    equations: tuple[str, ...]
+
+
+def extended(
+    form: Form,
+    Q: Matrix,
+    R: float | Values,
+    covariance: Matrix | None,
+    initial: Values | None,
+    theta: Theta | None = None,
+    tangent: bool = True,
+) -> Extended:
+    """The filter of what `observers.riccati` says of its arguments; theta = 1 without one. `tangent`: whether outputs
+    go on by their tangents outside of the box, as Jacobians have it.
+
+    Raises: `BadGain`, `BadNames`.
+    """
+    n, outputs, theta = form.n, len(form.output), theta or constant(1.0)
+    dynamics = Dynamics(form, tangent)
+
+    def reaches(noise: np.ndarray) -> bool:
+        return reached_by(noise, jacobians_on_box(dynamics, 1)[0])
+
+    noise = spd("Q", of_coordinates("Q", Q, form), n, reaches)
+    start = spd("covariance", np.ones(n) if covariance is None else of_coordinates("covariance", covariance, form), n)
+    variances = positive_numbers("R", of_outputs("R", R, form), outputs)
+    shape, weights = factor(noise)
+    z = state_field(form, initial, theta.peak)
+    part = Riccati(
+        dynamics=dynamics,
+        z=z,
+        theta=theta,
+        weights=sym("gain", "Q", n),
+        factor=shape,
+        R=sym("gain", "R", outputs),
+        covariance=start,
+        cap=cap(dynamics, z, noise, variances, start, theta.peak, scaling(form, theta.scaled)),
+        limited=LIMITED,
+        nominal=(noise, np.array(variances)),
+    )
+    gains = (
+        wide("Q", weights, "process noise, diagonal factor", "z^2/s", form.names),
+        wide("R", variances, "output noise", "y^2 s", names_of(form.system.outputs)),
+    )
+    return Extended(part, gains, whole("Q", noise, form))

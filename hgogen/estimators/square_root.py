@@ -10,43 +10,53 @@ Numbers of the size of a standard deviation: half the decades of P, in exchange 
 and, where the past is forgotten, n (n + 1)/2 a step for the prior's samples. Source: Carlson, "Fast triangular
 formulation of the square root filter", AIAA Journal 11 (1973); Potter's update (Battin 1964) keeps no triangle;
 Kaminski, Bryson, Schmidt, IEEE TAC 16 (1971).
+
+The unscented filter on P = S S' as straight-line statements: sigma points in place of Jacobians.
+
+    points       z and z +- g s_i, s_i the columns of S, g = alpha sqrt(n + kappa)
+    of a map m   a_i = (m(z + g s_i) - m(z - g s_i))/2g,  b_i = (m(z + g s_i) + m(z - g s_i) - 2 m(z))/2g,
+                 d = sum b_i/g:  the mean m(z) + d,  the covariance sum a_i a_i' + sum b_i b_i' + (beta - alpha^2) d d'
+    time         m is one classical Runge-Kutta step of f; S S' = that covariance + h Q, by Gram-Schmidt
+    measurement  m = h_j:  f = (a_1, .., a_n),  r = R_j/h + sum b_i^2 + (beta - alpha^2) d^2,  then Carlson's update of
+                 S with f and r, and z <- z + K (y_j - h_j(z) - d)
+
+These are the scaled unscented transform's sums, put together by pairs of points. Its weight of the middle point is
+negative for a small alpha; here nothing is taken away as long as alpha^2 <= beta, so that S needs no downdate and is
+positive definite by construction. For a beta below alpha^2, c = (alpha^2 - beta)/g^2, the b_i have a part of their sum
+B less, sum b_i b_i' - c B B' = sum (b_i - s B)(b_i - s B)', s = (1 - sqrt(1 - n c))/n, as long as n c <= 1: that is
+beta >= -alpha^2 kappa/n. An output that is linear in the state has f = S'c' without a difference, which in
+floats would lose what a point near the estimate has in common with it. Source: Julier, "The scaled unscented
+transformation", ACC 2002; van der Merwe, Wan, "The square-root unscented Kalman filter for state and
+parameter-estimation", ICASSP 2001; the sums by pairs as in Norgaard, Poulsen, Ravn, Automatica 36 (2000).
+
+The iterated correction of an extended Kalman filter, on P = S S': a sample's cost is minimised, not linearised once.
+
+    minimise  J(w) = |w|^2 + (y_j - h_j(z + S w))^2/r,   r = R_j/h,   from w = 0
+    by        w <- w + s (f rho/(r + |f|^2) - w),  f = S'c',  c = dh_j/dz at z + S w,  rho = y_j - h_j(z + S w) + f w
+
+|w|^2 is the squared distance from the prediction in P^-1. With s = 1 it is the Gauss-Newton method, whose first pass is
+the extended Kalman filter's correction; s is halved where J does not fall, so that no pass makes the estimate worse by
+this cost. Then z <- z + S w, and P is corrected by the row at that estimate. An output that is linear in the state is
+minimised in one pass. Source: Bell, Cathey, "The iterated Kalman filter update as a Gauss-Newton method", IEEE TAC 38
+(1993); the halved steps, Skoglund, Hendeby, Axehill, "Extended Kalman filter modifications based on an optimization
+view point", FUSION 2015.
 """
+
+from dataclasses import dataclass
+from math import sqrt
 
 import casadi as ca
 import numpy as np
 
-from hgogen.estimators.covariance import factor, lower, pack, packed_triangle, prior_status, unpack_lower
-from hgogen.estimators.factored import Moved, capped, common, entries, largest, smallest
-from hgogen.estimators.riccati_part import Riccati
+from hgogen.estimators.factored import Unrolled, Writes, largest
+from hgogen.estimators.riccati_part import factor, lower, pack, packed_triangle, unpack_lower
 from hgogen.graph import Graph
-from hgogen.part import Clock, Pieces
+from hgogen.part import Pieces
 from hgogen.program import Block, Field, Place, Program, sym
 from hgogen.reading.given import BadGain
 
 RULE = "continuous-discrete, S S'"
 LARGEST = 7  # states: beyond, straight-line code fills the flash
-
-
-def square_root(part: Riccati, clock: Clock) -> Pieces:
-    """Predict, then one scalar update for each output.
-
-    Raises: `BadGain` for more than 7 states.
-    """
-    n = part.dynamics.n
-    if n > LARGEST:
-        raise BadGain("cholesky", f"takes up to {LARGEST} states, there are {n}; take continuous_discrete, which loops")
-    moved, S, update = Moved(part, clock), symbols(part), []
-    for j in range(clock.outputs):
-        after, gain = carlson(S, S.T @ moved.row(j).T, moved.variance(j))
-        update.append((moved.corrected(gain, sym("work", "e"), written(after)),))
-    bounded = within_cap(part, clock) if part.forgetting is None else _renewed(part, clock)
-    return Pieces(
-        fields=(part.z, _root(part, clock)),
-        covariance=S @ S.T,
-        **common(part, clock),
-        predict=(_predict(part, clock), *bounded),
-        update=tuple(update),
-    )
 
 
 def triangle(stack: Graph) -> Graph:
@@ -83,61 +93,192 @@ def carlson(S: Graph, f: Graph, r: Graph) -> tuple[Graph, Graph]:
     return after, b / alpha
 
 
-def _root(part: Riccati, clock: Clock) -> Field:
-    n, deviation = part.dynamics.n, np.sqrt(largest(part))
-    start = np.linalg.cholesky(part.covariance)
-    floor = np.sqrt(smallest(part, clock, factor(part.covariance)[1]))
-    ends = [(floor[i] if i == j else -deviation[i], deviation[i]) for i, j in lower(n)]
-    low, high = (tuple(map(float, each)) for each in zip(*ends, strict=True))
-    meaning = "S of the covariance P = S S', lower triangle"
-    return packed_triangle("root", start, meaning, low=low, high=high)
+class SquareRoot(Unrolled):
+    """P = S S', S packed by columns."""
+
+    name = "S S'"
+
+    def pieces(self) -> Pieces:
+        """Memory and statements. Raises: `BadGain` for more than 7 states."""
+        n = self.part.dynamics.n
+        if n > LARGEST:
+            raise BadGain(
+                "cholesky", f"takes up to {LARGEST} states, there are {n}; take continuous_discrete, which loops"
+            )
+        return super().pieces()
+
+    @property
+    def root(self) -> Graph:
+        """S (n, n) as it is in the state."""
+        n = self.part.dynamics.n
+        return unpack_lower(sym("state", "root", n * (n + 1) // 2), n)
+
+    @staticmethod
+    def writes(S: Graph) -> Writes:
+        """The write of S to the state."""
+        return {Place("state", "root"): pack(S)}
+
+    @property
+    def fields(self) -> tuple[Field, ...]:
+        """S, the diagonal above that of the smallest D."""
+        n, deviation = self.part.dynamics.n, np.sqrt(largest(self.part))
+        start = np.linalg.cholesky(self.part.covariance)
+        floor = np.sqrt(self.smallest(factor(self.part.covariance)[1]))
+        ends = [(floor[i] if i == j else -deviation[i], deviation[i]) for i, j in lower(n)]
+        low, high = (tuple(map(float, each)) for each in zip(*ends, strict=True))
+        meaning = "S of the covariance P = S S', lower triangle"
+        return (packed_triangle("root", start, meaning, low=low, high=high),)
+
+    @property
+    def covariance(self) -> Graph:
+        """P (n, n)."""
+        return self.root @ self.root.T
+
+    @property
+    def variances(self) -> list[Graph]:
+        """The P_ii."""
+        S = self.root
+        return [ca.dot(S[i, :], S[i, :]) for i in range(self.part.dynamics.n)]
+
+    def scaled(self, scale: Graph) -> Writes:
+        """The factor of P with its rows and columns scaled (n)."""
+        return self.writes(ca.diag(scale) @ self.root)
+
+    def sample_update(self, row: Graph, r: Graph) -> tuple[Writes, Graph]:
+        """The update of Carlson."""
+        S, gain = carlson(self.root, self.root.T @ row.T, r)
+        return self.writes(S), gain
+
+    def time_update(self, transition: Graph, growth: Graph | None) -> tuple[Writes, dict[str, Graph]]:
+        """The triangle of the stack."""
+        S = self.root if growth is None else ca.sqrt(growth) * self.root
+        S, names = triangle(ca.horzcat(transition @ S, self.noise_factor()))
+        return self.writes(S), names
+
+    def noise_factor(self) -> Graph:
+        """sqrt(h) W (n, k), with W W' = Q_theta."""
+        return self.part.scaled_factor() @ ca.diag(ca.sqrt(self.weights()))
+
+    def linear(self, output: int) -> bool:
+        """Whether an output is linear in the state, so that its row is free of it."""
+        return not ca.depends_on(self.row(output), self.z)
+
+    def output(self, z: Graph, output: int) -> Graph:
+        """An output at z, SX scalar."""
+        return self.part.dynamics.output(z, self.clock.u_now)[output]
 
 
-def symbols(part: Riccati) -> Graph:
-    """S (n, n) as it stands in the state."""
-    n = part.dynamics.n
-    return unpack_lower(sym("state", "root", n * (n + 1) // 2), n)
+@dataclass(frozen=True)
+class Transformed:
+    """The sums of a map's values at the sigma points: `middle` m(z) (k), `slopes` the a_i and `curvatures` the b_i
+    (k, n), less what a negative weight of d d' takes away, `drift` d (k)."""
+
+    middle: Graph
+    slopes: Graph
+    curvatures: Graph
+    drift: Graph
 
 
-def written(S: Graph) -> dict[Place, Graph]:
-    """What makes S (n, n) that of the state."""
-    return {Place("state", "root"): pack(S)}
+@dataclass(frozen=True)
+class Unscented(SquareRoot):
+    """A Kalman filter by sigma points: `reach` g > 0, how many deviations a point lies off the estimate, and `more`
+    beta - alpha^2 >= -g^2/n, the weight of d d'."""
+
+    reach: float
+    more: float
+    rule = RULE
+
+    def points(self) -> tuple[list[Graph], list[Graph]]:
+        """z + g s_i and z - g s_i."""
+        steps = [self.reach * self.root[:, i] for i in range(self.part.dynamics.n)]
+        return [self.z + step for step in steps], [self.z - step for step in steps]
+
+    def transformed(self, middle: Graph, above: list[Graph], below: list[Graph]) -> Transformed:
+        """The sums of a map, from its values at z and at the points on both sides of it."""
+        pairs = list(zip(above, below, strict=True))
+        half = 1 / (2 * self.reach)
+        slopes = ca.horzcat(*(half * (up - down) for up, down in pairs))
+        curvatures = ca.horzcat(*(half * (up - middle + (down - middle)) for up, down in pairs))
+        drift = ca.sum2(curvatures) * (1 / self.reach)
+        if self.more < 0:
+            n = len(pairs)
+            share = (1 - sqrt(max(0.0, 1 + n * self.more / self.reach**2))) / n
+            curvatures = ca.horzcat(*(curvatures[:, i] - share * self.reach * drift for i in range(n)))
+        return Transformed(middle, slopes, curvatures, drift)
+
+    def prediction(self) -> Program:
+        """The points by themselves, then z and S of all."""
+        n, sides = self.part.dynamics.n, {"above": "z + g s_", "below": "z - g s_"}
+        points = {"middle": ("z", self.z)}
+        for (side, title), drawn in zip(sides.items(), self.points(), strict=True):
+            points |= {f"{side}_{i + 1}": (f"{title}{i + 1}", z) for i, z in enumerate(drawn)}
+        read = {name: sym("work", name, n) for name in points}
+        sums = self.transformed(read["middle"], *([read[f"{side}_{i + 1}"] for i in range(n)] for side in sides))
+        drift = sqrt(max(0.0, self.more)) * sums.drift
+        S, names = triangle(ca.horzcat(sums.slopes, sums.curvatures, drift, self.noise_factor()))
+        after = {Place("state", self.part.z.name): sums.middle + sums.drift, **self.writes(S)}
+        blocks = []
+        for name, (title, point) in points.items():
+            stages = self.stages(point)
+            result = {Place("work", name): stages.result["z"]}
+            blocks.append(Block(f"{title} by classical Runge-Kutta", result, stages.names))
+        return (*blocks, Block("the mean of the points, and P = S S' of their covariance + h Q", after, names))
+
+    def correction(self, output: int) -> Program:
+        """The update by a sample of an output, of one that is not linear by its values at the points."""
+        r, e = self.variance(output), sym("work", "e")
+        if self.linear(output):
+            f, drift, title = self.root.T @ self.row(output).T, ca.SX(0), "correct by the scalar update"
+        else:
+            above, below = ([self.output(z, output) for z in side] for side in self.points())
+            sums = self.transformed(self.output(self.z, output), above, below)
+            f, drift, title = sums.slopes.T, sums.drift, "correct by what the sigma points read"
+            r = r + ca.sumsqr(sums.curvatures) + max(0.0, self.more) * drift**2
+        S, gain = carlson(self.root, f, r)
+        return self.corrected(gain, e - drift, self.writes(S), title)
 
 
-def _predict(part: Riccati, clock: Clock) -> Block:
-    moved = Moved(part, clock)
-    stages = moved.stages()
-    transition, S = moved.transition(stages), symbols(part)
-    if part.forgetting is not None:
-        S = ca.sqrt(sym("derived", "growth")) * S
-    shaped = part.scaled_factor() @ ca.diag(ca.sqrt(moved.weights()))
-    S, names = triangle(ca.horzcat(transition @ S, shaped))
-    return Block(
-        f"z by classical Runge-Kutta; P = S S' by {moved.equation}",
-        {Place("state", part.z.name): stages.result["z"], **written(S)},
-        {**stages.names, **entries("Phi", transition), **names},
-    )
+@dataclass(frozen=True)
+class Iterated(SquareRoot):
+    """A Kalman filter that corrects by `passes` passes, 1 or more, at each sample."""
 
+    passes: int
+    rule = RULE
 
-def _renewed(part: Riccati, clock: Clock) -> Program:
-    blocks = []
-    for i, row in enumerate(Moved(part, clock).priors(), 1):
-        S = symbols(part)
-        S, _ = carlson(S, S.T @ row.T, ca.SX(1))
-        blocks.append(Block(f"what is forgotten of z{i} tends to S_0", written(S)))
-    return (*blocks, prior_status(part, _variances(part)))
+    def scaled_row(self, w: Graph, output: int) -> Graph:
+        """f = S'c' (n) at z + S w."""
+        slope = self.part.dynamics.output_jacobian(self.z + self.root @ w, self.clock.u_now)
+        return self.root.T @ slope[output, :].T
 
+    def error(self, w: Graph, output: int) -> Graph:
+        """y - h(z + S w), of which y - h(z) is the innovation."""
+        return sym("work", "e") + self.output(self.z, output) - self.output(self.z + self.root @ w, output)
 
-def _variances(part: Riccati) -> list[Graph]:
-    S = symbols(part)
-    return [ca.dot(S[i, :], S[i, :]) for i in range(part.dynamics.n)]
+    def cost(self, w: Graph, output: int) -> Graph:
+        """J(w)."""
+        return ca.sumsqr(w) + self.error(w, output) ** 2 / self.variance(output)
 
-
-def within_cap(part: Riccati, clock: Clock) -> Program:
-    """P held below its cap."""
-    S = symbols(part)
-
-    def scaled(scale: Graph) -> dict[Place, Graph]:
-        return written(ca.diag(scale) @ S)
-
-    return capped(clock, part, _variances(part), scaled)
+    def correction(self, output: int) -> Program:
+        """The passes, each a block of its own, then z and S; of an output that is linear the scalar update."""
+        if self.linear(output):
+            return super().correction(output)
+        n, root = self.part.dynamics.n, self.root
+        w, share, before = sym("work", "offset", n), sym("work", "share"), sym("work", "cost")
+        begin = {Place("work", "offset"): ca.SX.zeros(n), Place("work", "share"): ca.SX(1)}
+        f, r = self.scaled_row(w, output), self.variance(output)
+        target = f * (self.error(w, output) + ca.dot(f, w)) / (r + ca.sumsqr(f))
+        tried = w + share * (target - w)
+        cost = self.cost(tried, output)
+        better = cost < before
+        again = {
+            Place("work", "offset"): ca.if_else(better, tried, w),
+            Place("work", "cost"): ca.if_else(better, cost, before),
+            Place("work", "share"): ca.if_else(better, 1, share / 2),
+        }
+        S, _ = carlson(root, f, r)
+        after = {Place("state", self.part.z.name): self.z + root @ w, **self.writes(S)}
+        return (
+            Block("begin at the prediction", {**begin, Place("work", "cost"): self.cost(ca.SX.zeros(n), output)}),
+            *(Block(f"pass {k + 1}", again) for k in range(self.passes)),
+            Block("correct by the offset, and P at the estimate", after),
+        )

@@ -8,21 +8,8 @@ it is for, whether it takes seconds. What proves or refutes a check is a value w
 without both is `stated` in a certificate.
 """
 
-from typing import TYPE_CHECKING, Any
-
 from hgogen.form import valued
 from hgogen.reading.given import asks_a_plant, remembers, switches
-from hgogen.registry import load
+from hgogen.registry import cases_of
 
-if TYPE_CHECKING:
-
-    def __getattr__(name: str) -> Any: ...
-
-
-_cases = {name: asks_a_plant(switches(remembers(valued(case)))) for name, case in load(__name__).items()}
-globals().update(_cases)
-__all__ = list(_cases)
-
-
-def __dir__() -> list[str]:
-    return __all__
+__all__, __dir__, __getattr__ = cases_of(__name__, lambda case: asks_a_plant(switches(remembers(valued(case)))))

@@ -26,7 +26,7 @@ import numpy as np
 import sympy as sp
 
 from hgogen.analysis.dynamics import clamp
-from hgogen.discretisation.open_loop import open_loop
+from hgogen.discretisation.runge_kutta import open_loop
 from hgogen.form import Form
 from hgogen.logs.records import Log
 from hgogen.program import column

@@ -13,9 +13,9 @@ from dataclasses import dataclass
 
 from hgogen.discretisation.runge_kutta import RK4, Tableau
 from hgogen.discretisation.stability import Lengths
-from hgogen.estimators.factored import factored_lengths
 from hgogen.estimators.riccati_part import Riccati
-from hgogen.estimators.square_root import RULE, square_root
+from hgogen.estimators.square_root import RULE, SquareRoot
+from hgogen.estimators.step_lengths import factored_lengths
 from hgogen.method import NoCovariance
 from hgogen.observer import Observer
 from hgogen.part import Clock, Ode, Pieces
@@ -42,10 +42,10 @@ class Cholesky:
 
     def riccati(self, part: Riccati, clock: Clock) -> Pieces:
         """Predict, then one scalar update for each output."""
-        return square_root(part, clock)
+        return SquareRoot(part, clock).pieces()
 
     def ode_lengths(self, part: Ode, observer: Observer, dt: float) -> Lengths:
-        """None: the part is refused by `ode`."""
+        """No lengths: the part is refused by `ode`."""
         return Lengths()
 
     def riccati_lengths(self, part: Riccati, dt: float) -> Lengths:

@@ -14,9 +14,9 @@ Bierman's.
 from dataclasses import dataclass
 
 from hgogen.discretisation.stability import Lengths
-from hgogen.estimators.chosen import chosen
-from hgogen.estimators.factored import factored_lengths
+from hgogen.estimators.factored import chosen
 from hgogen.estimators.riccati_part import Riccati
+from hgogen.estimators.step_lengths import factored_lengths
 from hgogen.method import Staged
 from hgogen.part import Clock, Pieces
 

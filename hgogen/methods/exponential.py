@@ -12,8 +12,7 @@ import numpy as np
 
 from hgogen.discretisation import kernels
 from hgogen.estimators.core import Core
-from hgogen.estimators.sampled import Matrices, balanced, spread
-from hgogen.method import Realising
+from hgogen.method import Matrices, Realising, balanced, spread
 from hgogen.program import Kernel, Place
 from hgogen.prove import inequality, method_error
 

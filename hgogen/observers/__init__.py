@@ -11,21 +11,8 @@ these gains, unless the model's tuning holds better ones; without gains of eithe
 `low_power.py` for one on a chain of integrators, `high_gain.py` for one that takes several outputs or A(u).
 """
 
-from typing import TYPE_CHECKING, Any
-
 from hgogen.observer import remembered
 from hgogen.reading.given import switches
-from hgogen.registry import load
+from hgogen.registry import cases_of
 
-if TYPE_CHECKING:
-
-    def __getattr__(name: str) -> Any: ...
-
-
-_cases = {name: switches(remembered(case)) for name, case in load(__name__).items()}
-globals().update(_cases)
-__all__ = list(_cases)
-
-
-def __dir__() -> list[str]:
-    return __all__
+__all__, __dir__, __getattr__ = cases_of(__name__, lambda case: switches(remembered(case)))

@@ -26,9 +26,8 @@ import numpy as np
 from hgogen.analysis.dynamics import clamp
 from hgogen.check import ClaimId, Claims, Verdict, demand
 from hgogen.errors import HgogenError
-from hgogen.estimators.columns import as_matrix
-from hgogen.estimators.injection import companion, scaled
-from hgogen.estimators.integrators import Integrators, integrators, observer_on, shifted
+from hgogen.estimators.gains import as_matrix
+from hgogen.estimators.integrators import Integrators, companion, integrators, observer_on, scaled, shifted
 from hgogen.form import Form
 from hgogen.graph import Graph
 from hgogen.observer import Observer, founded, gain

@@ -22,11 +22,9 @@ import numpy as np
 import sympy as sp
 
 from hgogen.check import Verdict
-from hgogen.estimators.core import numbers, of_form
+from hgogen.estimators.core import Model, Saturate, demand_ranges, numbers, of_form, saturating
 from hgogen.estimators.gains import BadPoles, coefficients
-from hgogen.estimators.injection import listed, unmodelled
-from hgogen.estimators.integrators import Integrators, integrators, observer_on
-from hgogen.estimators.saturating import Model, Saturate, demand_ranges, saturating
+from hgogen.estimators.integrators import Integrators, integrators, listed, observer_on, unmodelled
 from hgogen.form import Form
 from hgogen.graph import Graph
 from hgogen.observer import Observer, founded, high_gain_parameter

@@ -20,9 +20,8 @@ import sympy as sp
 from hgogen.analysis.dynamics import Dynamics
 from hgogen.analysis.hypotheses import clamped
 from hgogen.analysis.scaling import mean, weighted
-from hgogen.estimators.columns import columns
-from hgogen.estimators.injection import injected_chains
-from hgogen.estimators.scaled_gain import ScaledGain
+from hgogen.estimators.gains import ScaledGain, columns
+from hgogen.estimators.integrators import injected_chains
 from hgogen.form import Form
 from hgogen.graph import Graph
 from hgogen.observer import Observer, any_theta, founded, state_field

@@ -22,8 +22,7 @@ from hgogen.analysis.ranges import Limits, saturated
 from hgogen.check import Claims, Verdict
 from hgogen.estimators.core import core_numbers, measured_numbers
 from hgogen.estimators.gains import coefficients, demand_parabola, filtered_core, parabola_advice
-from hgogen.estimators.injection import listed
-from hgogen.estimators.integrators import integrators, observer_on, shifted
+from hgogen.estimators.integrators import integrators, listed, observer_on, shifted
 from hgogen.form import Form
 from hgogen.graph import Graph
 from hgogen.observer import Observer, any_theta, founded

@@ -19,8 +19,7 @@ import numpy as np
 
 from hgogen.analysis.ranges import Limits, saturated
 from hgogen.check import Claims, Verdict
-from hgogen.estimators.injection import listed, scaled
-from hgogen.estimators.integrators import integrators, observer_on, shifted
+from hgogen.estimators.integrators import integrators, listed, observer_on, scaled, shifted
 from hgogen.form import Form
 from hgogen.graph import Graph
 from hgogen.observer import Observer, any_theta, founded

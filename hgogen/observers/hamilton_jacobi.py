@@ -22,11 +22,8 @@ from hgogen.analysis.hypotheses import clamped
 from hgogen.analysis.linearised import evaluated
 from hgogen.analysis.undefined import if_valued
 from hgogen.check import Check, ClaimId, Claims, Verdict
-from hgogen.estimators.covariance import factor
-from hgogen.estimators.kalman_theorems import KALMAN, OTHER_COORDINATES
-from hgogen.estimators.riccati_part import Riccati
-from hgogen.estimators.theta import constant
-from hgogen.estimators.weights import cap, positive, spd, wide
+from hgogen.estimators.riccati_part import Riccati, cap, factor, positive_numbers, spd, wide
+from hgogen.estimators.theta import KALMAN, OTHER_COORDINATES, constant
 from hgogen.form import Form
 from hgogen.observer import Observer, founded, gain, state_field
 from hgogen.part import Jump, Pieces
@@ -96,7 +93,7 @@ def hamilton_jacobi(
     n, outputs, dynamics = form.n, len(form.output), Dynamics(form, tangent=True)
     weight = spd("Q", of_coordinates("Q", Q, form), n)
     start = spd("P0", np.ones(n) if P0 is None else of_coordinates("P0", P0, form), n)
-    precisions, rate = positive("R", of_outputs("R", R, form), outputs), real("curvature", curvature)
+    precisions, rate = positive_numbers("R", of_outputs("R", R, form), outputs), real("curvature", curvature)
     if not 0 <= rate < np.inf:
         raise BadGain(f"curvature = {curvature!r}", "must be a finite rate (1/s), not negative; 0 leaves the term out")
     noise, covariance, variances = _inverse("Q", weight), _inverse("P0", start), tuple(1 / r for r in precisions)

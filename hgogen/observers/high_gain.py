@@ -27,7 +27,7 @@ from hgogen.analysis.linearised import largest_determinant
 from hgogen.analysis.ranges import Limits, described, saturated
 from hgogen.analysis.scaling import mean, shown, unused, weighted
 from hgogen.check import Claims, Verdict
-from hgogen.estimators.injection import injected_chains
+from hgogen.estimators.integrators import injected_chains
 from hgogen.form import Form
 from hgogen.graph import Graph
 from hgogen.observer import Observer, any_theta, founded, state_field

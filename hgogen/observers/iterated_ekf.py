@@ -9,16 +9,12 @@ Between samples it is the extended Kalman filter, and so it is for outputs linea
 """
 
 from collections.abc import Iterable
-from functools import partial
 
 from hgogen.analysis.linearised import evaluated
 from hgogen.check import Verdict
-from hgogen.estimators.extended import extended
-from hgogen.estimators.iterated import Iterated, iterated
-from hgogen.estimators.kalman_theorems import KALMAN, of_form
-from hgogen.estimators.riccati_part import AtSamples
-from hgogen.estimators.square_root import LARGEST
-from hgogen.estimators.weights import is_definite
+from hgogen.estimators.riccati_part import AtSamples, extended, is_definite
+from hgogen.estimators.square_root import LARGEST, Iterated
+from hgogen.estimators.theta import KALMAN, of_form
 from hgogen.form import Form
 from hgogen.observer import Observer, founded
 from hgogen.program import sym
@@ -71,16 +67,17 @@ def iterated_ekf(
         raise BadGain("iterated_ekf", f"takes up to {LARGEST} states, there are {form.n}; take riccati, which loops")
     passes = count("passes", passes, 1, MOST)
     filter = extended(form, Q, R, covariance, initial)
+    part = filter.part
     return Observer(
         form=form,
         name="iterated_ekf",
-        parts=(AtSamples(filter.part, "the iterated filter", partial(iterated, Iterated(filter.part, passes))),),
+        parts=(AtSamples(part, "the iterated filter", lambda clock: Iterated(part, clock, passes).pieces()),),
         gains=filter.gains,
         z=sym("state", "z", form.n),
-        dynamics=filter.part.dynamics,
+        dynamics=part.dynamics,
         claims=lambda: (*form.checks, *evaluated(form)),
         accepted=accept,
-        theorem=of_form(THEOREM, form, definite=is_definite(filter.part.nominal[0])),
+        theorem=of_form(THEOREM, form, definite=is_definite(part.nominal[0])),
         equations=(*EQUATIONS, f"at most {passes} passes a sample", *filter.equations),
         reference=REFERENCE,
     )

@@ -44,16 +44,13 @@ import numpy as np
 from hgogen.analysis.chain import known
 from hgogen.analysis.dynamics import Dynamics
 from hgogen.check import ClaimId, Claims, Verdict, demand
-from hgogen.estimators.least_shown import least_shown
-from hgogen.estimators.persistence import persistent, seconds
-from hgogen.estimators.riccati_part import Riccati
+from hgogen.estimators.persistence import least_shown, persistent, seconds
+from hgogen.estimators.riccati_part import Riccati, positive_numbers, spd, wide
 from hgogen.estimators.theta import constant
-from hgogen.estimators.weights import positive, spd, wide
 from hgogen.form import Form
 from hgogen.observer import Observer, founded, gain, state_field
 from hgogen.program import Bit, sym
-from hgogen.reading.given import BadGain, Matrix, Values, names_of, of_coordinates, of_outputs
-from hgogen.reading.given import positive as above_zero
+from hgogen.reading.given import BadGain, Matrix, Values, names_of, of_coordinates, of_outputs, positive
 from hgogen.sentence import same
 from hgogen.signal import LOST
 from hgogen.starting import starts, two
@@ -135,9 +132,9 @@ def kalman_like(
     accept = founded("kalman_like", form, accept, own=(PERSISTENCE,))
     check = persistent(PERSISTENCE, form, inputs, period)
     demand((*form.checks, check), accept, form)
-    (rate,), n, outputs = positive("rho", rho, 1), form.n, len(form.output)
-    variances = positive("R", of_outputs("R", R, form), outputs)
-    length = None if window is None else above_zero("window", window)
+    (rate,), n, outputs = positive_numbers("rho", rho, 1), form.n, len(form.output)
+    variances = positive_numbers("R", of_outputs("R", R, form), outputs)
+    length = None if window is None else positive("window", window)
     dynamics, z = Dynamics(form), state_field(form, initial, 1.0)
     half = np.array([(s.interval[1] - s.interval[0]) / 2 if s.bounded else 1.0 for s in form.states])
     start = spd("covariance", half**2 if covariance is None else of_coordinates("covariance", covariance, form), n)

@@ -38,17 +38,19 @@ import sympy as sp
 
 from hgogen.analysis.hypotheses import bounded
 from hgogen.check import ClaimId, Claims, Verdict
-from hgogen.estimators.injection import (
+from hgogen.estimators.integrators import (
     GAIN_LIMITED,
+    Integrators,
     capped,
     companion,
     injection_gains,
+    integrators,
     last_error,
     listed,
     moving_gain,
+    observer_on,
     unmodelled,
 )
-from hgogen.estimators.integrators import Integrators, integrators, observer_on
 from hgogen.form import Form
 from hgogen.graph import Graph
 from hgogen.observer import Observer, founded, gain

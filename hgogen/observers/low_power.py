@@ -20,9 +20,8 @@ import numpy as np
 from hgogen.analysis.ranges import Limits, saturated
 from hgogen.check import Claims, Verdict
 from hgogen.estimators.core import core_numbers, measured_numbers
-from hgogen.estimators.injection import listed
-from hgogen.estimators.integrators import integrators, observer_on, rows, shifted
-from hgogen.estimators.pairs import errors, injected, pair_gains
+from hgogen.estimators.gains import errors, injected, pair_gains
+from hgogen.estimators.integrators import integrators, listed, observer_on, rows, shifted
 from hgogen.form import Form
 from hgogen.graph import Graph
 from hgogen.observer import Observer, any_theta, founded

@@ -19,11 +19,18 @@ import casadi as ca
 import numpy as np
 
 from hgogen.check import Claims, Verdict
-from hgogen.estimators.core import core_numbers, measured_numbers
-from hgogen.estimators.injection import listed
-from hgogen.estimators.integrators import integrators, observer_on, rows, shifted
-from hgogen.estimators.pairs import errors, injected, pair_gains
-from hgogen.estimators.saturating import Model, Saturate, demand_ranges, gates, saturating, vertices
+from hgogen.estimators.core import (
+    Model,
+    Saturate,
+    core_numbers,
+    demand_ranges,
+    gates,
+    measured_numbers,
+    saturating,
+    vertices,
+)
+from hgogen.estimators.gains import errors, injected, pair_gains
+from hgogen.estimators.integrators import integrators, listed, observer_on, rows, shifted
 from hgogen.form import Form
 from hgogen.graph import Graph
 from hgogen.observer import Observer, any_theta, founded

@@ -22,10 +22,8 @@ from hgogen.analysis.hypotheses import clamped
 from hgogen.analysis.linearised import evaluated
 from hgogen.analysis.scaling import ALIGNED, noise_equation, unused
 from hgogen.check import Check, ClaimId, Verdict
-from hgogen.estimators.extended import extended
-from hgogen.estimators.kalman_theorems import LINEAR, of_form
-from hgogen.estimators.theta import Constant, Theta, constant
-from hgogen.estimators.weights import is_definite
+from hgogen.estimators.riccati_part import extended, is_definite
+from hgogen.estimators.theta import LINEAR, Constant, Theta, constant, of_form
 from hgogen.form import Form
 from hgogen.observer import Observer, founded
 from hgogen.program import sym

@@ -15,8 +15,15 @@ import casadi as ca
 import numpy as np
 
 from hgogen.check import Claims, Verdict
-from hgogen.estimators.injection import injection_gains, last_error, listed, moving_gain
-from hgogen.estimators.integrators import Integrators, integrators, observer_on
+from hgogen.estimators.integrators import (
+    Integrators,
+    injection_gains,
+    integrators,
+    last_error,
+    listed,
+    moving_gain,
+    observer_on,
+)
 from hgogen.form import Form
 from hgogen.observer import Observer, founded, gain, high_gain_parameter
 from hgogen.part import Clock, Jump, Pieces

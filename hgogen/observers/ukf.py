@@ -10,14 +10,11 @@ models a step. Source: Julier, "The scaled unscented transformation", ACC 2002; 
 """
 
 from collections.abc import Iterable
-from functools import partial
 from math import sqrt
 
 from hgogen.check import Verdict
-from hgogen.estimators.extended import extended
-from hgogen.estimators.riccati_part import AtSamples
-from hgogen.estimators.square_root import LARGEST
-from hgogen.estimators.unscented import Unscented, unscented
+from hgogen.estimators.riccati_part import AtSamples, extended
+from hgogen.estimators.square_root import LARGEST, Unscented
 from hgogen.form import Form
 from hgogen.observer import Observer, founded
 from hgogen.program import sym
@@ -88,14 +85,14 @@ def ukf(
         raise BadGain("ukf", f"takes up to {LARGEST} states, there are {form.n}; take riccati, which loops")
     reach, more = _points(form.n, positive("alpha", alpha), real("beta", beta), real("kappa", kappa))
     filter = extended(form, Q, R, covariance, initial, tangent=False)
-    points = Unscented(filter.part, reach, more)
+    part = filter.part
     return Observer(
         form=form,
         name="ukf",
-        parts=(AtSamples(filter.part, "the unscented filter", partial(unscented, points)),),
+        parts=(AtSamples(part, "the unscented filter", lambda clock: Unscented(part, clock, reach, more).pieces()),),
         gains=filter.gains,
         z=sym("state", "z", form.n),
-        dynamics=filter.part.dynamics,
+        dynamics=part.dynamics,
         claims=lambda: form.checks,
         accepted=accept,
         theorem=THEOREM,

@@ -19,7 +19,7 @@ import sympy as sp
 
 from hgogen.analysis.dynamics import Dynamics
 from hgogen.check import Claims
-from hgogen.estimators.injection import companion, injection_gains, listed, scaled
+from hgogen.estimators.integrators import companion, injection_gains, listed, scaled
 from hgogen.form import Form
 from hgogen.graph import Graph
 from hgogen.observer import Observer, any_theta, founded, state_field

@@ -28,8 +28,15 @@ import casadi as ca
 import numpy as np
 
 from hgogen.check import Claims, Verdict
-from hgogen.estimators.injection import capped, injection_gains, listed, moving_gain
-from hgogen.estimators.integrators import Integrators, integrators, observer_on
+from hgogen.estimators.integrators import (
+    Integrators,
+    capped,
+    injection_gains,
+    integrators,
+    listed,
+    moving_gain,
+    observer_on,
+)
 from hgogen.form import Form
 from hgogen.observer import Observer, founded, gain
 from hgogen.part import Clock, Jump, Pieces

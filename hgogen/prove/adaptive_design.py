@@ -40,8 +40,7 @@ import numpy as np
 
 from hgogen.check import Check, Verdict
 from hgogen.errors import HgogenError
-from hgogen.estimators.injection import companion
-from hgogen.estimators.integrators import integrators
+from hgogen.estimators.integrators import companion, integrators
 from hgogen.form import Form
 from hgogen.prove.inclusion import Nothing
 from hgogen.prove.semidefinite import solution_of, solver

@@ -31,11 +31,8 @@ import sympy as sp
 
 from hgogen.analysis.ranges import chains, fixed, several_corners
 from hgogen.analysis.scaling import entering, weighted
-from hgogen.estimators.columns import as_matrix, columns
-from hgogen.estimators.gains import coefficients
-from hgogen.estimators.injection import companion
-from hgogen.estimators.integrators import Integrators, demand_divisor, demand_linear_rows, no_chain
-from hgogen.estimators.scaled_gain import ScaledGain
+from hgogen.estimators.gains import ScaledGain, as_matrix, coefficients, columns
+from hgogen.estimators.integrators import Integrators, companion, demand_divisor, demand_linear_rows, no_chain
 from hgogen.form import Form
 from hgogen.prove.error_models import on_companion, with_gains
 from hgogen.prove.inclusion import Inclusion, Nothing, Slope, of_field

@@ -42,7 +42,7 @@ import numpy as np
 from hgogen.analysis.ranges import chains, corners
 from hgogen.check import Check, ClaimId, Verdict
 from hgogen.estimators.gains import BadPoles, coefficients, filtered_core, least_ratio, numbers
-from hgogen.estimators.injection import companion
+from hgogen.estimators.integrators import companion
 from hgogen.form import Form
 from hgogen.prove.adaptive_design import Design, Infeasible, adaptive_gain, slope
 from hgogen.prove.error_models import obstacle

@@ -59,7 +59,7 @@ from hgogen.analysis.ranges import chains, cut, fixed, span
 from hgogen.analysis.scaling import ALIGNED, entering, exponents, heads, sharing, weighted
 from hgogen.analysis.undefined import valueless
 from hgogen.check import Verdict
-from hgogen.estimators.columns import as_matrix
+from hgogen.estimators.gains import as_matrix
 from hgogen.estimators.integrators import Integrators
 from hgogen.form import Form
 from hgogen.prove.inclusion import Inclusion, Layout, Nothing, Slope, of_field

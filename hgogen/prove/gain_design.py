@@ -41,7 +41,7 @@ import numpy as np
 import sympy as sp
 
 from hgogen.errors import HgogenError
-from hgogen.estimators.columns import as_matrix, columns
+from hgogen.estimators.gains import as_matrix, columns
 from hgogen.form import Form
 from hgogen.prove.constant_gain import entries_of, injected, no_argument, numbers_in_place
 from hgogen.prove.convergence import Falls, Flow

@@ -48,9 +48,17 @@ from flint import fmpq_mat
 from hgogen.analysis.dynamics import HUGE
 from hgogen.analysis.evidence import Evidence, Grounds
 from hgogen.check import Check, ClaimId, Verdict
-from hgogen.estimators.columns import as_matrix
-from hgogen.estimators.injection import companion, injection_gains, listed, scaled
-from hgogen.estimators.integrators import Integrators, integrators, observer_on, shifted
+from hgogen.estimators.gains import as_matrix
+from hgogen.estimators.integrators import (
+    Integrators,
+    companion,
+    injection_gains,
+    integrators,
+    listed,
+    observer_on,
+    scaled,
+    shifted,
+)
 from hgogen.form import Form
 from hgogen.observer import Observer, founded, gain, high_gain_parameter
 from hgogen.part import Ode

@@ -37,8 +37,8 @@ from hgogen.analysis.linearised import jacobians_at
 from hgogen.analysis.ranges import fixed
 from hgogen.analysis.scaling import exponents
 from hgogen.analysis.undefined import undefined_values
-from hgogen.discretisation.stability import steady_covariance
-from hgogen.estimators.weights import positive, spd
+from hgogen.discretisation.stability import FrozenRiccati
+from hgogen.estimators.riccati_part import positive_numbers, spd
 from hgogen.form import Form
 from hgogen.observer import state_field
 from hgogen.prove.constant_gain import constant_chains
@@ -53,9 +53,9 @@ from hgogen.reading.given import (
     names_of,
     of_coordinates,
     of_outputs,
+    positive,
     real,
 )
-from hgogen.reading.given import positive as above_zero
 from hgogen.rigor import definite
 from hgogen.rigor.box import exact as exactly
 from hgogen.rigor.definite import demand_hurwitz, exact, hurwitz, nonnegative, rationals
@@ -92,8 +92,8 @@ def steady_gain(
     if not isinstance(form, Form):
         raise Misfit("steady_gain", form, "a form: hg.forms.triangular(plant)")
     in_chains(form)
-    noise, level = spd("Q", of_coordinates("Q", Q, form), form.n), above_zero("theta", theta)
-    variances = np.array(positive("R", of_outputs("R", R, form), len(form.output)))
+    noise, level = spd("Q", of_coordinates("Q", Q, form), form.n), positive("theta", theta)
+    variances = np.array(positive_numbers("R", of_outputs("R", R, form), len(form.output)))
     point, said = _point(form, at, u)
     (F,), (C,) = jacobians_at(Dynamics(form), point[None])
     inputs = dict(zip(form.system.inputs, point[form.n :].tolist(), strict=True))
@@ -153,7 +153,7 @@ def _settled(N: np.ndarray, C: np.ndarray, Q: np.ndarray, R: np.ndarray, said: s
         shown.append(shown[-1] @ F)
     rows = np.vstack(shown)
     seen = np.linalg.svd(rows / np.maximum(np.abs(rows).max(axis=0), 1e-300), compute_uv=False)
-    (P,) = steady_covariance(N[None], C[None], Q, R, 1.0)
+    (P,) = FrozenRiccati.of(N[None], C[None], Q, R).steady(1.0)
     if not (seen[-1] > _WEAKEST * seen[0] and np.isfinite(P).all()):
         what = "shows not every state: (A, C) of the plant linearised there is not observable"
         raise BadGain(f"the point {said}", f"{what}; take one, or an input, at which the outputs show all of them")

@@ -89,9 +89,8 @@ from flint import arb, fmpq_mat
 from hgogen.analysis.evidence import LOOSE, Evidence, Grounds, Steep
 from hgogen.analysis.ranges import chains
 from hgogen.check import Check, ClaimId, Verdict
-from hgogen.estimators.columns import as_matrix
-from hgogen.estimators.injection import companion
-from hgogen.estimators.integrators import Integrators
+from hgogen.estimators.gains import as_matrix
+from hgogen.estimators.integrators import Integrators, companion
 from hgogen.form import Form
 from hgogen.prove.convergence import Falls, Flow, Moved, claims, nothing
 from hgogen.prove.error_models import companions, on_integrators, plain, slope

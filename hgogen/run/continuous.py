@@ -36,9 +36,8 @@ from hgogen.discretisation.runge_kutta import RK4, repeated
 from hgogen.discretisation.stability import Lengths
 from hgogen.errors import BadArgument
 from hgogen.estimators.core import Core, core, nominal, numbers
-from hgogen.estimators.covariance import information_ode
 from hgogen.estimators.innovation import Predictors
-from hgogen.estimators.riccati_part import Riccati
+from hgogen.estimators.riccati_part import Riccati, riccati_ode
 from hgogen.estimators.theta import Decaying
 from hgogen.graph import CVODES, Graph
 from hgogen.observer import Observer
@@ -112,7 +111,7 @@ class Continuous:
             theta = 1 + (part.theta.value - 1) * ca.exp(-sym("gain", "rate") * time)
             return ca.substitute(graph, part.theta.value, theta)
 
-        return self._moved(information_ode(part), clock, now)
+        return self._moved(riccati_ode(part, "information"), clock, now)
 
     def ode_lengths(self, part: Ode, observer: Observer, dt: float) -> Lengths:
         """None: CVODES chooses its steps."""

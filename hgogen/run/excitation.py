@@ -15,11 +15,10 @@ import numpy as np
 from hgogen.analysis.chain import known
 from hgogen.analysis.dynamics import Dynamics
 from hgogen.check import Check, ClaimId, Verdict
-from hgogen.estimators.weights import positive
+from hgogen.estimators.riccati_part import positive_numbers
 from hgogen.form import Form
 from hgogen.program import sym
-from hgogen.reading.given import BadGain, Misfit, of_outputs, reals
-from hgogen.reading.given import positive as above
+from hgogen.reading.given import BadGain, Misfit, of_outputs, positive, reals
 from hgogen.run.gramian import Gramian, window
 from hgogen.sentence import because, joined
 
@@ -36,9 +35,9 @@ def along(form: Form, R: Any, u: Any, y: Any, dt: float, d: float) -> Gramian:
     if not isinstance(form, Form):
         raise Misfit("excitation.along", form, "a form: hg.forms.state_affine(plant)")
     dynamics, outputs = Dynamics(form), len(form.output)
-    dt, d = above("dt", dt), above("d", d)
+    dt, d = positive("dt", dt), positive("d", d)
     m = len(form.system.inputs)
-    variances = np.array(positive("R", of_outputs("R", R, form), outputs))
+    variances = np.array(positive_numbers("R", of_outputs("R", R, form), outputs))
     inputs, samples = (_record(name, value, size) for name, value, size in (("u", u, m), ("y", y, outputs)))
     pieces = round(d / dt)
     if len(samples) <= pieces or pieces < 1 or (m and len(inputs) != len(samples)):

@@ -33,7 +33,7 @@ from typing import Annotated, ClassVar
 import numpy as np
 
 from hgogen.call import CallableStep
-from hgogen.discretisation.open_loop import evaluated, open_loop
+from hgogen.discretisation.runge_kutta import evaluated, open_loop
 from hgogen.errors import HgogenError
 from hgogen.reading.measured import shifted
 from hgogen.run.samples import Engine, Run, held_last

@@ -20,10 +20,9 @@ from functools import cached_property
 import casadi as ca
 import numpy as np
 
-from hgogen.discretisation.open_loop import evaluated
-from hgogen.discretisation.runge_kutta import RK4, advance
+from hgogen.discretisation.runge_kutta import RK4, advance, evaluated
 from hgogen.emit.syntax import DTYPE, Real
-from hgogen.estimators.factored import Moved
+from hgogen.estimators.factored import FilterStep
 from hgogen.estimators.riccati_part import AtSamples, Riccati
 from hgogen.graph import Graph, sx
 from hgogen.program import Field, Group, Place, address, sym
@@ -120,8 +119,8 @@ class Uncertainty:
     @cached_property
     def variances(self) -> Evaluated:
         """r (N, p, 1), a sample's, at records (N)."""
-        moved = Moved(self.part, self.step.clock)
-        return Evaluated(self.step, ca.vertcat(*(moved.variance(j) for j in range(len(self.step.outputs)))))
+        filter_step = FilterStep(self.part, self.step.clock)
+        return Evaluated(self.step, ca.vertcat(*(filter_step.variance(j) for j in range(len(self.step.outputs)))))
 
     def predicted(self, P: Array, records: Array, signals: dict[Place, Array]) -> Array:
         """P (N, n, n) one sample on, Phi P Phi' + h Q_theta, where the past is forgotten exp(rho h) as much."""
@@ -147,9 +146,9 @@ class Uncertainty:
     @cached_property
     def _motion(self) -> tuple[Evaluated, ...]:
         """Phi, Q_theta and rho."""
-        n, moved = self.part.dynamics.n, Moved(self.part, self.step.clock)
+        n, filter_step = self.part.dynamics.n, FilterStep(self.part, self.step.clock)
         noise = sx(self.part.noise()) if self.part.factor.size else ca.SX(n, n)
-        graphs = (moved.transition(moved.stages()), noise, sx(self.part.rho))
+        graphs = (filter_step.transition(filter_step.jacobian(filter_step.stages())), noise, sx(self.part.rho))
         return tuple(Evaluated(self.step, graph) for graph in graphs)
 
 
@@ -326,7 +325,7 @@ class Replay:
         observer, clock = self.step.observer, self.step.clock
         z, dynamics = sym(*PREDICTED, observer.z.numel()), observer.dynamics
         if self._uncertainty:
-            stages = Moved(self._uncertainty.part, clock).stages()
+            stages = FilterStep(self._uncertainty.part, clock).stages()
         else:
             flow = dynamics.flow
             stages = advance(RK4, lambda v, c: {"z": flow(v["z"], clock.u(c))}, {"z": observer.z}, self.step.dt)

@@ -31,15 +31,23 @@ import casadi as ca
 import numpy as np
 
 from hgogen.analysis.linearised import flow_jacobians
-from hgogen.discretisation.open_loop_limit import Ranges, open_loop_lengths
 from hgogen.discretisation.runge_kutta import RK4, Tableau
-from hgogen.discretisation.stability import Lengths
+from hgogen.discretisation.stability import Lengths, Ranges, open_loop_lengths
 from hgogen.errors import HgogenError
-from hgogen.estimators.covariance import covariance_ode, information_ode, pack, pivots, solve, unpack
-from hgogen.estimators.factored import factored_lengths
 from hgogen.estimators.innovation import Predictors
-from hgogen.estimators.riccati_part import Around, AtSamples, Riccati
-from hgogen.estimators.transient import errors_at
+from hgogen.estimators.riccati_part import (
+    SYMMETRIC,
+    Around,
+    AtSamples,
+    Riccati,
+    View,
+    pack,
+    pivots,
+    riccati_ode,
+    solve,
+    unpack,
+)
+from hgogen.estimators.step_lengths import errors_at, factored_lengths
 from hgogen.form import Form
 from hgogen.graph import Graph
 from hgogen.method import Explicit, Method
@@ -108,7 +116,7 @@ def equation(part: Part, view: Literal["information", "covariance"]) -> Ode | No
         case Ode():
             return part
         case Riccati():
-            return information_ode(part) if view == "information" else covariance_ode(part)
+            return riccati_ode(part, view)
         case Curved():
             return part.equation(view)
         case AtSamples(name=name):
@@ -177,7 +185,6 @@ RESTARTED = Bit(
     "a step left the covariance without positive variances: it restarted at its first value",
     "none if rare; if it comes again, shorten dt, lower curvature or raise Q",
 )
-VIEWS = {"information": ("S", information_ode), "covariance": ("P", covariance_ode)}
 
 
 @dataclass(frozen=True, eq=False)
@@ -187,10 +194,9 @@ class Curved(Around):
     rate: Graph
     fastest: float
 
-    def equation(self, view: str) -> Ode:
+    def equation(self, view: View) -> Ode:
         """The differential equation of z and Pi (its name is S), or of z and P."""
-        name, ode = VIEWS[view]
-        plain, n = ode(self.plain), self.plain.dynamics.n
+        name, plain, n = SYMMETRIC[view], riccati_ode(self.plain, view), self.plain.dynamics.n
 
         def rate(values: Mapping[str, Graph], u: Graph, y: Graph, valid: Graph) -> dict[str, Graph]:
             slopes, X = plain.rhs(values, u, y, valid), unpack(values[name], n)
@@ -212,7 +218,7 @@ def curved(part: Curved, method: Any, clock: Clock) -> Pieces:
     explicit = _explicit(method)
     plain = explicit.riccati(part.plain, clock)
     moves = explicit.step(part.equation(explicit.view), clock)
-    covariance = next(field for field in plain.fields if field.name == VIEWS[explicit.view][0])
+    covariance = next(field for field in plain.fields if field.name == SYMMETRIC[explicit.view])
     return replace(
         plain,
         bits=(*plain.bits, RESTARTED),

@@ -78,7 +78,7 @@ import casadi as ca
 import numpy as np
 
 from hgogen.analysis.linearised import Singular, jacobians_on_box
-from hgogen.discretisation.stability import closed_loop_rates
+from hgogen.discretisation.stability import FrozenRiccati
 from hgogen.estimators.core import core, nominal, numbers
 from hgogen.estimators.riccati_part import Around, Riccati
 from hgogen.graph import Graph
@@ -136,7 +136,8 @@ def _rate(part: Any, observer: Observer, clock: Clock) -> float | None:
             decays = -np.linalg.eigvals(matrix).real.ravel()
             return min(decays[decays > 0].tolist(), default=None)
         case Riccati():
-            decays = closed_loop_rates(*part.linearised(POINTS), *part.nominal, part.theta.late, part.scaling)
+            riccati = FrozenRiccati.of(*part.linearised(POINTS), *part.nominal, part.scaling)
+            decays = riccati.decay_rates(part.theta.late)
             if part.forgetting is not None:
                 decays = np.maximum(decays, part.forgetting.initial[0] / 2)
             return _typical(decays[decays[:, 0] > HIDDEN * decays[:, -1]])

@@ -13,19 +13,6 @@ function of a file's own is called `prefix`, that of its `Writer`, an underscore
 `emit/` that takes a text apart says which, in a comment `# Takes apart: ...`.
 """
 
-from typing import TYPE_CHECKING, Any
+from hgogen.registry import cases_of
 
-from hgogen.registry import load
-
-if TYPE_CHECKING:
-
-    def __getattr__(name: str) -> Any: ...
-
-
-_cases = load(__name__)
-globals().update(_cases)
-__all__ = list(_cases)
-
-
-def __dir__() -> list[str]:
-    return __all__
+__all__, __dir__, __getattr__ = cases_of(__name__)

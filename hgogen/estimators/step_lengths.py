@@ -1,0 +1,532 @@
+"""Two step lengths of a step: from where on an error grows for ever, and one at which it hardly grows more than in
+continuous time.
+
+An error e' = M e at a fixed point becomes e <- T(h) e by a step of length h. Of the points where M is stable,
+    refused   the least h from which a T(h) has an eigenvalue beyond 1
+    take      half of the largest h at which max over k of |T(h)^k| <= 1.5 max over t of |exp(M t)|, of each point
+Below `refused` T(h)^k can still grow far before it decays: of an n-fold eigenvalue 7, 98, 1656 fold for n = 2, 3, 4 by
+classical Runge-Kutta at 90 % of `refused`. |.| is the largest sum of a row, in coordinates in which rows and columns of
+M are of about the same size (`balance`), so that the powers of a high gain do not count. `take` proves nothing: it is
+found at the points that are tried, between which an error moves on its way. For that is the half, which trials of the
+shipped models asked for. Gains and parameters stand at their declared values: at others, to which they may be tuned,
+both lengths may be shorter. By a method that is exact for the core, `take` is also at most half of what follows the
+model where it oscillates or grows, 1/|lambda| of its own Jacobian.
+
+M is the Jacobian of the right-hand side in the fields, the measurement being what the estimate would give: the error of
+the estimate against a plant nearby. The points lie in the box and beyond its edges, where the argument of the model is
+clamped and its columns are 0: a clamp passes a share of an error, between none and all of it, and the points have both.
+Fields that adapt rest where the core is the fastest.
+
+Of a filter that predicts and corrects, at F and C of a point of its box, the steady step of length h moves an error by
+
+    T(h) = (1 - P C'(h/R) C) R_4(hF),   P^-1 = (exp(rho h) Phi P Phi' + h Q)^-1 + (1 - exp(-rho h)) S_0 + C'(h/R) C,
+
+Phi = 1 + hF + (hF)^2/2 and R_4 the polynomial of classical Runge-Kutta, in whose place the plant has exp(hF). As h -> 0
+that is e' = (F - P C'R^-1 C) e, whose error never grows in e'P^-1 e. In this norm, P of h -> 0, |T(h)^k| tells how far
+Phi and R_4 are from exp(hF), and how much a sample has to correct at once. Beside the error, z itself moves: R_4 errs
+by 2 % a step of a mode that turns by 1.2 in it. The corners lie a little inside: no plant stays at the very ends of all
+its ranges, where a root or a fraction may be steep without bound. While it passes by one, an error may grow ten fold
+before it decays; it must decay there too, for a plant may rest near a corner. An F that is read at samples moves with
+them from point to point: there it is half of that, which trials of the shipped models asked for. Source of the
+doubling: Chu, Fan, Lin, Wang, International Journal of Control 77 (2004).
+"""
+
+import math
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import suppress
+from dataclasses import dataclass, replace
+from functools import cache, lru_cache
+from typing import Protocol
+
+import casadi as ca
+import numpy as np
+from numpy.typing import NDArray
+
+from hgogen.analysis.linearised import jacobians_on_box
+from hgogen.analysis.scaling import Scaling
+from hgogen.discretisation.kernels import balance
+from hgogen.discretisation.runge_kutta import HEUN, RK4
+from hgogen.discretisation.stability import (
+    AXIS,
+    BY_TRIAL,
+    GROWTH,
+    WIDER,
+    FrozenRiccati,
+    Lengths,
+    Limit,
+    continuous,
+    growth,
+    longest,
+    pace,
+    polynomial,
+)
+from hgogen.estimators.core import core, nominal
+from hgogen.estimators.riccati_part import Riccati
+from hgogen.form import Form
+from hgogen.graph import Graph
+from hgogen.observer import Observer
+from hgogen.part import Ode
+from hgogen.program import address, sym
+from hgogen.signal import spread
+
+Array = np.ndarray
+Flags = NDArray[np.bool_]
+POINTS, EDGE = 12, 0.005  # corners of the box, and as many points inside; how far of each range the corners are
+FOLLOWED = 1.2  # |h lambda| of a mode that turns: |exp(ix) - R_4(ix)| = x^5/120 is .02 there
+PASSING = 10.0  # of the growth in continuous time, at a corner: more is much there
+SHIFTED = 0.25  # over the fastest eigenvalue of every F: a shorter step moves no mode so far that its length resonates
+STILL = 1e-9  # of the fastest eigenvalue: one of F that is 0
+SHORT = 0.05  # over the fastest eigenvalue: a step that follows every error
+LONGEST = 100  # over the fastest eigenvalue of every F: where the search for what is refused ends
+ROUNDING = 1e-7  # of an eigenvalue of T
+DOUBLED, SETTLED = 50, 1e-12  # doublings of a covariance's steps, at most, and a change that is none
+SAMPLES = 16  # of an input with a declared period, in one: on the line between them it errs by 2 %
+BOX_POINTS = 32  # of each kind: corners, inside, and twice as many with states clamped; a quarter with all of them
+INSIDE = 1e-6  # of a range: how far inside of it a corner lies, where a clamp has its slope
+PUSH = 1e-9  # of the output, an error that opens a dead zone
+
+
+@dataclass(frozen=True, eq=False)
+class Frozen:
+    """The matrices M (k, N, N) of the error at `points` (k, n + m) of the form's state and the input.
+
+    `core` (N, N) is the linear core, 0 where there is none; `blind` (k, N, N) is M without samples, the model's own;
+    `names` are those of the coordinates of a point.
+    """
+
+    M: Array
+    points: Array
+    core: Array
+    blind: Array
+    names: tuple[str, ...]
+
+    def at(self, index: int) -> str:
+        """A point in words."""
+        return ", ".join(f"{name} = {value:.3g}" for name, value in zip(self.names, self.points[index], strict=True))
+
+
+@lru_cache(maxsize=16)
+def frozen(part: Ode, observer: Observer) -> Frozen:
+    """The errors at fixed points of the box, without the points at which M is not finite."""
+    form, points = observer.form, box_points(observer.form)
+    M, blind = errors_at(part, observer)(points)
+    finite = np.isfinite(M).all(axis=(1, 2)) & np.isfinite(blind).all(axis=(1, 2))
+    linear = core(part, len(form.system.outputs))
+    line = np.zeros(M.shape[1:]) if linear is None else np.array(ca.DM(_numbers([linear.M], observer)[0]))
+    return Frozen(M[finite], points[finite], line, blind[finite], tuple(map(str, (*form.to_form, *form.system.inputs))))
+
+
+@lru_cache(maxsize=16)
+def errors_at(part: Ode, observer: Observer) -> Callable[[Array], tuple[Array, Array]]:
+    """`Frozen.M` and `Frozen.blind` (k, N, N) as a function of points (k, n + m)."""
+    form, moving = observer.form, [field for field in part.fields if field.name not in part.frozen]
+    values = {field.name: sym("state", field.name, field.size) for field in moving}
+    x, u = ca.vertcat(*values.values()), sym("state", "u", len(form.system.inputs))
+    values |= {name: ca.SX(ca.DM(numbers)) for name, numbers in part.frozen.items()}
+    output = observer.dynamics.output(observer.z, u)
+    reading = ca.SX.sym("reading", output.numel())
+    pushed = output + PUSH * (1 + ca.fabs(output))
+
+    def slope(valid: Graph) -> Graph:
+        rates = part.rhs(values, u, reading, valid * ca.SX.ones(output.numel()))
+        matrix = ca.jacobian(ca.vertcat(*(rates[field.name] for field in moving)), x)
+        return ca.substitute([matrix], [reading], [pushed])[0]
+
+    estimate, seen, unseen = _numbers([observer.z, slope(1), slope(0)], observer)
+    readout = ca.Function("readout", [x, u], [ca.densify(ca.jacobian(estimate, x)), ca.densify(estimate)])
+    error = ca.Function("error", [x, u], [ca.densify(seen), ca.densify(unseen)])
+
+    def errors(points: Array) -> tuple[Array, Array]:
+        z, inputs = points[:, : form.n].T, points[:, form.n :].T
+        start = np.repeat(np.concatenate([field.initial for field in moving])[:, None], len(points), axis=1)
+        slopes = _stacked(readout(start, inputs)[0], len(points))
+        regular = np.isfinite(slopes).all(axis=(1, 2), keepdims=True)
+        alike = bool((slopes == slopes[:1]).all())  # of most observers the estimate is linear in their fields
+        inverse = np.linalg.pinv(np.where(regular, slopes, 0.0)[: 1 if alike else None]) + np.zeros((len(points), 1, 1))
+        fields = start + np.einsum("kij,jk->ik", inverse, z - np.array(readout(start, inputs)[1]))
+        M, blind = (np.where(regular, _stacked(matrix, len(points)), np.nan) for matrix in error(fields, inputs))
+        return M, blind
+
+    return errors
+
+
+def box_points(form: Form) -> Array:
+    """Points (k, n + m) of states and inputs: the middle, corners, points inside, and points with states beyond their
+    ranges by their widths; a signal without a range stays at its nominal value, or 0."""
+    signals, n = [*form.states, *form.system.inputs], form.n
+    rng, size = np.random.default_rng(1), len(signals)
+    corners = INSIDE + (1 - 2 * INSIDE) * rng.integers(0, 2, size=(BOX_POINTS, size))
+    mixed, ends = rng.uniform(size=(2 * BOX_POINTS, size)), rng.integers(0, 2, size=(2 * BOX_POINTS, size))
+    beyond = rng.integers(0, 2, size=mixed.shape).astype(bool)
+    beyond[: BOX_POINTS // 4] = True
+    beyond[:, n:] = False  # inputs are in their ranges
+    shares = (
+        np.full((1, size), 0.5),
+        corners,
+        rng.uniform(size=(BOX_POINTS, size)),
+        np.where(beyond, 3.0 * ends - 1, mixed),
+    )
+    low, high = np.array([*map(spread, signals)]).T
+    return np.asarray(low + np.vstack(shares) * (high - low))
+
+
+def _numbers(graphs: list[Graph], observer: Observer) -> list[Graph]:
+    """The graphs with parameters, gains and the values derived from them replaced by their numbers."""
+    known = nominal(observer)
+    symbols = [s for s in ca.symvar(ca.veccat(*graphs)) if address(s)[0] in known]
+    numbers = [ca.SX(float(known[place].reshape(-1)[index])) for place, index, _ in map(address, symbols)]
+    substituted: list[Graph] = (
+        ca.substitute([ca.SX(graph) for graph in graphs], symbols, numbers) if symbols else graphs
+    )
+    return substituted
+
+
+def _stacked(wide: Graph, count: int) -> Array:
+    """Matrices (r, count c) side by side as an array (count, r, c)."""
+    numbers = np.array(wide)
+    return np.ascontiguousarray(numbers.reshape(len(numbers), count, -1).swapaxes(0, 1))
+
+
+SHARE = 0.5  # of the largest step length at which errors hardly grow
+DEEPEST = 1 / 8  # of `refused`: where the search for `take` ends
+SEARCH_END = 1e4  # over the fastest eigenvalue
+HALVINGS = 12  # of the interval in which `refused` lies
+
+
+class Way(Protocol):
+    """A method as it moves frozen errors: of the linear core (N, N) and M (k, N, N), which may be scaled alike."""
+
+    @property
+    def exact(self) -> bool:
+        """Whether the core limits no step, so that nothing but the model's own motion asks for a short one."""
+        ...
+
+    def transition(self, core: Array, M: Array, h: float) -> Array:
+        """T(h) (k, N, N)."""
+        ...
+
+    def refused(self, core: Array, M: Array) -> Array:
+        """The least h for each stable M (k) from which T(h) has an eigenvalue beyond 1; inf where there is none."""
+        ...
+
+    def __hash__(self) -> int:
+        """Equal ways are asked once."""
+        ...
+
+
+def lengths(part: Ode, observer: Observer, dt: float, way: Way, core: Limit, rule: str = "") -> Lengths:
+    """The step lengths of a part of the observer; `core`: what its linear core alone admits, `rule` as in `Lengths`.
+
+    The costly `take` is computed only for a step `dt` that may exceed it.
+    """
+    errors, limits = _judged(part, observer), _limits(part, observer, way)
+    tightest, at = core, int(limits.argmin()) if len(limits) else -1
+    if limits.min(initial=math.inf) < core.dt:
+        why = f"beyond it errors grow that decay in continuous time, of the estimate {errors.at(at)}"
+        tightest = Limit(float(limits[at]), why, at)
+    may_exceed = dt > SHARE * _shortest(errors.M, tightest.dt)
+    take = _take(part, observer, way, tightest.dt) if may_exceed else math.inf
+    take = min(take, SHARE * pace(errors.blind)) if way.exact else take
+    return Lengths(refused=tightest.dt, take=take, why=tightest.why, basis=BY_TRIAL, rule=rule)
+
+
+@lru_cache(maxsize=16)
+def _judged(part: Ode, observer: Observer) -> Frozen:
+    """The stable errors, in coordinates that are balanced."""
+    errors = frozen(part, observer)
+    decaying = stable(errors.M)
+    scale = np.ones(errors.M.shape[-1])
+    balance(np.abs(np.concatenate((errors.M, errors.core[None]))).max(axis=0).reshape(-1), scale)
+    M, core = (X * scale / scale[:, None] for X in (errors.M[decaying], errors.core))
+    return replace(errors, M=M, points=errors.points[decaying], core=core)
+
+
+@lru_cache(maxsize=16)
+def _limits(part: Ode, observer: Observer, way: Way) -> Array:
+    errors = _judged(part, observer)
+    return way.refused(errors.core, errors.M)
+
+
+@lru_cache(maxsize=16)
+def _take(part: Ode, observer: Observer, way: Way, refused: float) -> float:
+    errors = _judged(part, observer)
+    return longest_advised(errors.core, errors.M, way, refused)
+
+
+def stable(M: Array) -> Array:
+    """Which of the M (k, N, N) have all their eigenvalues in the left half plane."""
+    spectrum = np.linalg.eigvals(M)
+    return np.asarray((spectrum.real < -AXIS * np.abs(spectrum).max(axis=1)[:, None]).all(axis=1))
+
+
+def first_unstable(core: Array, M: Array, way: Way) -> Array:
+    """`Way.refused` by trying step lengths in turn, of which the first decides: inf for the other M."""
+    limits, fastest = np.full(len(M), math.inf), _fastest(M)
+    if not fastest:
+        return limits
+
+    def radius(h: float) -> Array:
+        return np.asarray(np.abs(np.linalg.eigvals(way.transition(core, M, h))).max(axis=1))
+
+    good, bad = 0.0, SHORT / fastest
+    while (radius(bad) <= 1 + ROUNDING).all():
+        good, bad = bad, WIDER * bad
+        if bad > SEARCH_END / fastest:
+            return limits
+    for _ in range(HALVINGS):
+        middle = (good + bad) / 2
+        good, bad = (middle, bad) if (radius(middle) <= 1 + ROUNDING).all() else (good, middle)
+    limits[radius(bad).argmax()] = good
+    return limits
+
+
+def longest_advised(core: Array, M: Array, way: Way, refused: float) -> float:
+    """The length `take` for stable, balanced M (k, N, N), or half an eighth of `refused`; inf where there is no
+    limit."""
+    fastest = np.abs(np.linalg.eigvals(M)).max(axis=1, initial=0.0)
+    if not fastest.any():
+        return math.inf
+    most = GROWTH * continuous(M, SHORT / np.where(fastest > 0, fastest, 1.0))
+    end = min(refused, SEARCH_END / _fastest(M))
+
+    def grows(h: float) -> bool:
+        return bool((growth(way.transition(core, M, h)) > most).any())
+
+    largest = longest(grows, _shortest(M, refused), end)
+    return SHARE * (end if math.isinf(largest) and end == refused else largest)
+
+
+def _shortest(M: Array, refused: float) -> float:
+    """The step length at which the search for `take` ends, which follows every M in any case."""
+    fastest = _fastest(M)
+    return DEEPEST * refused if math.isfinite(refused) else SHORT / fastest if fastest else math.inf
+
+
+def _fastest(M: Array) -> float:
+    return float(np.abs(np.linalg.eigvals(M)).max(initial=0.0))
+
+
+# --- a filter that predicts and corrects
+
+
+@dataclass(frozen=True, eq=False)
+class Loops:
+    """F, N = C'R^-1 C, Q and rho S_0 (k, n, n), in coordinates in which the steady P of h -> 0 is 1, and rho.
+
+    P starts from the values `starts` (s, k, n, n). With L = `back` (k, n, n), L P L' is the covariance, whose cap is
+    `cap` (n), which may be inf. An error may grow by `most` (k) more than in continuous time.
+    """
+
+    F: Array
+    N: Array
+    Q: Array
+    prior: Array
+    rho: float
+    starts: Array
+    back: Array
+    cap: Array
+    most: Array
+
+    @property
+    def continuous(self) -> Array:
+        """F - P N (k, n, n)."""
+        return np.asarray(self.F - self.N)
+
+    def transition(self, h: float) -> Array:
+        """T(h) (k, n, n)."""
+        *_, (_, _, P) = _doubled(*self._step(h))
+        return self._transition(h, P)
+
+    def way(self, h: float) -> Array:
+        """The largest P_ii/cap_i (k) from every start to where P settles, after 1, 2, 3, 4, 6, 8, 12, .. steps."""
+        return self._way(list(_doubled(*self._step(h))))
+
+    def _way(self, doubled: Sequence[tuple[Array, Array, Array]], enough: float = 0.0) -> Array:
+        """`way`, without what comes after a step from which on no share exceeds `enough`.
+
+        From P <= c P_s, c >= 1, with the steady P_s, no later P exceeds c P_s, for a step of c P is at most c steps of
+        P; and c is at most the trace of P_s^-1 P.
+        """
+        settled, one = doubled[-1][2], np.eye(self.F.shape[-1])
+        with np.errstate(all="ignore"):
+            inverse, bound = _solved(settled, one), self._shares(settled).max(axis=1)
+        half, now = self.starts, self.starts
+        largest = np.zeros(len(self.F))
+        with np.errstate(all="ignore"):
+            for A, G, H in doubled:
+                P = np.concatenate((now, half))
+                moved = H + A.swapaxes(1, 2) @ P @ _solved(one + G @ P, A)
+                half, now = now, moved[: len(now)]
+                largest = np.maximum(largest, self._shares(moved).max(axis=(0, 2)))
+                later = np.maximum(1.0, (inverse * now).sum(axis=(2, 3))) * bound
+                if (later <= enough).all():
+                    break
+        return largest
+
+    def settles(self, h: float) -> Array:
+        """Whether no error grows for ever at a point (k), neither by the steady P nor by what its cap leaves of it."""
+        *_, (_, _, P) = _doubled(*self._step(h))
+        return _decays(self._transition(h, P)) & _decays(self._transition(h, self._capped(P)))
+
+    def longest(self, end: float) -> float:
+        """The largest h up to which no error grows much, and no P reaches its cap that does not for h -> 0. The
+        value does not depend on `end`; it is inf where it lies beyond `end`."""
+        model, loop = (np.abs(np.linalg.eigvals(M)).max(initial=0.0) for M in (self.F, self.continuous))
+        fastest = max(model, loop)
+        if not fastest or SHORT / fastest > end:
+            return math.inf
+        start, coarse_end = SHORT / fastest, SHIFTED / max(model, STILL * fastest)
+        most = self.most * continuous(self.continuous, np.full(len(self.F), start))
+        free = cache(lambda: self.way(start) <= 1)  # as seldom asked as a cap is reached
+
+        def grows(h: float) -> bool:
+            doubled = list(_doubled(*self._step(h)))
+            T = self._transition(h, doubled[-1][2])
+            if (growth(T) > most).any():
+                return True
+            reached = ~(self._way(doubled, enough=1.0) <= 1)
+            return bool(reached.any() and (free() & reached).any())
+
+        return longest(grows, start, end, coarse_end)
+
+    def refused(self, start: float) -> float:
+        """The largest h from `start` on up to which errors settle at one of the F at least; inf for any h, or none."""
+        fastest = np.abs(np.linalg.eigvals(self.F)).max(initial=0.0)
+
+        def lost(h: float) -> bool:
+            return not self.settles(h).any()
+
+        start = WIDER ** math.floor(math.log(start, WIDER))  # the same steps are tried wherever the search begins
+        return longest(lost, start, LONGEST / fastest) if fastest and not lost(start) else math.inf
+
+    def _step(self, h: float) -> tuple[Array, Array, Array]:
+        """A, G, H (k, n, n) of P <- H + A' P (1 + G P)^-1 A, of P before a sample."""
+        grown = math.exp(min(self.rho * h, 100.0))  # beyond which all is forgotten
+        Phi = polynomial(h * self.F, HEUN.polynomial)
+        return (math.sqrt(grown) * Phi).swapaxes(1, 2), h * self.N + self._forgotten(h), h * self.Q
+
+    def _transition(self, h: float, P: Array) -> Array:
+        """T(h) by P before a sample."""
+        one, seen, forgotten = np.eye(self.F.shape[-1]), h * self.N, self._forgotten(h)
+        corrected = one - _solved(one + P @ (seen + forgotten), P @ seen)
+        return np.asarray(corrected @ polynomial(h * self.F, RK4.polynomial))
+
+    def _forgotten(self, h: float) -> Array | float:
+        return -math.expm1(-self.rho * h) / self.rho * self.prior if self.rho else 0.0
+
+    def _capped(self, P: Array) -> Array:
+        """P (k, n, n), the covariance's rows and columns scaled by min(1, cap_i/P_ii)."""
+        scale = 1 / np.maximum(self._shares(P), 1.0)
+        moved = np.linalg.solve(self.back, scale[..., None] * self.back)
+        return np.asarray(moved @ P @ np.swapaxes(moved, 1, 2))
+
+    def _shares(self, P: Array) -> Array:
+        """P_ii/cap_i (.., k, n) of P (.., k, n, n)."""
+        return np.asarray(((self.back @ P) * self.back).sum(axis=-1) / self.cap)
+
+
+def factored_lengths(part: Riccati, dt: float) -> Lengths:
+    """The step lengths of the closed loop, which are those of every factored covariance: `refused`, beyond which errors
+    settle at no point of the box, inf where dt is no longer than `take`; up to that no error grows much at a point of
+    the box, and the motion of the model is followed, inf where nothing up to `dt` is too long for that."""
+    F, C = part.slopes(POINTS, EDGE)
+    whole = F if part.known is None else jacobians_on_box(part.dynamics, POINTS, edge=EDGE)[0]
+    low, peak = min(part.theta.late, part.theta.rest or part.theta.peak), part.theta.peak
+    every = together([loops(part, F, C, theta, low) for theta in sorted({low, math.sqrt(low * peak), peak})])
+    inputs = math.inf if part.period is None else part.period / SAMPLES
+    share = 1.0 if part.known is None else SHARE
+    take = min(inputs, FOLLOWED * pace(whole), share * every.longest(dt / share))
+    why = "beyond it no error settles, wherever in the declared box it was tried"
+    refused = math.inf if dt <= take else every.refused(take)
+    return Lengths(refused=refused, take=take, why=why, basis=BY_TRIAL)
+
+
+def together(every: Sequence[Loops]) -> Loops:
+    """The closed loops of several that have the same rho and caps."""
+    F, N, Q, prior, back, most = (
+        np.concatenate([getattr(each, name) for each in every]) for name in ("F", "N", "Q", "prior", "back", "most")
+    )
+    starts = np.concatenate([each.starts for each in every], axis=1)
+    return Loops(F, N, Q, prior, every[0].rho, starts, back, every[0].cap, most)
+
+
+def loops(part: Riccati, F: Array, C: Array, theta: float, rest: float) -> Loops:
+    """The closed loops at F (k, n, n), C (k, p, n) that have a steady covariance at a theta; P starts at P(0), and at
+    its steady value at the theta `rest`."""
+    Q, _ = part.nominal
+    rho = part.forgetting.initial[0] if part.forgetting is not None else 0.0
+    n, scaling = len(Q), part.scaling
+    prior = rho * np.diag(1 / part.cap) if rho else np.zeros((n, n))
+    noise = scaling.process(theta) * Q * np.outer(scaling.spread(theta), scaling.spread(theta))
+    steady = {each: _steady(part, F, C, each, rho) for each in {theta, rest}}
+    P, rested = steady[theta], steady[rest]
+    there, settled = _definite(P), _definite(rested)
+    starts = np.array([np.broadcast_to(part.covariance, F.shape), np.where(settled[:, None, None], rested, P)])
+    F, C, P, starts = F[there], C[there], P[there], starts[:, there]
+    corners = len(there) // 2  # after the middle, and before as many points inside
+    most = np.concatenate(([GROWTH], np.full(corners, PASSING), np.full(len(there) - 1 - corners, GROWTH)))
+    N = np.swapaxes(C, 1, 2) @ (C / scaling.variances(np.asarray(part.nominal[1]), theta)[:, None])
+    L = np.linalg.cholesky(P)
+    inverse = np.linalg.inv(L)
+    turned, back = np.swapaxes(L, 1, 2), np.swapaxes(inverse, 1, 2)
+    return Loops(
+        inverse @ F @ L,
+        turned @ N @ L,
+        inverse @ noise @ back,
+        turned @ prior @ L,
+        rho,
+        inverse @ starts @ back,
+        L,
+        np.full(n, np.inf) if rho else part.cap,
+        most[there],
+    )
+
+
+def _steady(part: Riccati, F: Array, C: Array, theta: float, rho: float) -> Array:
+    """The steady P (k, n, n) of h -> 0."""
+    (Q, R), n, scaling = part.nominal, len(part.cap), part.scaling
+    if rho:
+        C, R = np.concatenate((C, np.broadcast_to(np.eye(n), F.shape)), axis=1), np.concatenate((R, part.cap / rho))
+    every = Scaling(scaling.states, (*scaling.outputs, *(0,) * (len(R) - len(scaling.outputs))), scaling.gauge)
+    return FrozenRiccati.of(F + rho / 2 * np.eye(n), C, Q, R, every).steady(theta)
+
+
+def _decays(T: Array) -> Flags:
+    """Whether each T (k, n, n) is finite and has no eigenvalue beyond 1."""
+    finite = np.isfinite(T).all(axis=(1, 2))
+    radius = np.abs(np.linalg.eigvals(np.where(finite[:, None, None], T, 0.0))).max(axis=1)
+    return np.asarray(finite & (radius <= 1 + ROUNDING))
+
+
+def _definite(P: Array) -> Flags:
+    return np.array([bool(np.isfinite(X).all() and np.linalg.eigvalsh(X).min() > 0) for X in P], dtype=bool)
+
+
+def _doubled(A: Array, G: Array, H: Array) -> Iterator[tuple[Array, Array, Array]]:
+    """The maps of 1, 2, 4, .. steps (k, n, n) in one, until H is the steady P; where there is none, H is not finite or
+    it is large."""
+    one = np.eye(A.shape[-1])
+    for _ in range(DOUBLED):
+        yield A, G, H
+        with np.errstate(all="ignore"):
+            W = one + G @ H
+            left, right = _solved(W, np.array((A, G)))
+            more = A.swapaxes(1, 2) @ H @ left
+            G, H, A = G + A @ right @ A.swapaxes(1, 2), H + (more + more.swapaxes(1, 2)) / 2, A @ left
+            if not (np.abs(more) > SETTLED * np.abs(H).max(axis=(1, 2), keepdims=True)).any():
+                break
+    yield A, G, H
+
+
+def _solved(W: Array, B: Array) -> Array:
+    """The solutions W^-1 B (.., n, n), nan where W is not finite or singular."""
+    W, B = np.broadcast_arrays(W, B)
+    finite = np.isfinite(W)
+    if finite.all():
+        with suppress(np.linalg.LinAlgError):  # raised for one that is singular
+            return np.asarray(np.linalg.solve(W, B))
+    good = finite.all(axis=(-2, -1))
+    good[good] = np.abs(np.linalg.det(W[good])) > 0
+    solution = np.full(B.shape, np.nan)
+    solution[good] = np.linalg.solve(W[good], B[good])
+    return solution
