@@ -70,10 +70,9 @@ class CallableStep(Step):
         )
 
     def __call__(self, u: Any = (), y: Any = ()) -> Sample:
-        """One sample: `u` (m) the input now, `y` (p) the measurement now (NaN or masked: missing), scalars where there
-        is one, or a mapping by the signals' names; of a step for late samples y is that of `samples`: the newest that
-        came of each output, then the ages of those that may be late.
-
+        """Return the estimate after a sample: `u` (m) the input now, `y` (p) the measurement now (NaN or masked:
+        missing), scalars where there is one, or a mapping by the signals' names; of a step for late samples y is that
+        of `samples`: the newest that came of each output, then the ages of those that may be late.
         The first one compiles the C, unless it was compiled before.
 
         Raises: `BadShape`, `BadNames`; `CompilerFailed`; `NoCompiler` for the engine "c" without a compiler.
@@ -261,8 +260,8 @@ class CallableStep(Step):
         return arriving(self, table("y", y, self.outputs, None))
 
     def in_time(self, y: Any) -> np.ndarray:
-        """What `run` takes as y, in the order of time (N, p): each sample in the row in which it was taken, NaN where
-        none came in time. Raises: `BadShape`, `BadNames`."""
+        """Return the samples that `run` takes as y, in the order of time (N, p): each sample in the row in which it was
+        taken, NaN where none came in time. Raises: `BadShape`, `BadNames`."""
         return in_time(self, table("y", y, self.samples, None))
 
     @cached_property
@@ -283,7 +282,7 @@ class CallableStep(Step):
         return copy(self)
 
     def __reduce__(self) -> tuple[Any, ...]:
-        """What makes the program again, and what is in the memory: a pickle holds no graphs.
+        """Return the data that make the program again, and the memory: a pickle holds no graphs.
 
         Raises: `BadGain` for an observer that was not made by `hg.observers`.
         """
@@ -291,7 +290,7 @@ class CallableStep(Step):
 
     @property
     def _options(self) -> dict[str, Any]:
-        """What `sample` takes beside observer, method and dt."""
+        """The options of `sample` besides observer, method and dt."""
         clock = self.clock
         rated = self.code.timed or any(period != self.dt for period in clock.periods)
         periods = dict(zip((s.name for s in self.outputs), clock.periods, strict=True)) if rated else None

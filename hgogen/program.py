@@ -26,7 +26,7 @@ INF = float("inf")
 
 
 class Place(NamedTuple):
-    """Where a value lies: a field of a struct, by their names."""
+    """A place in memory: a field of a struct, by their names."""
 
     struct: str
     name: str
@@ -61,7 +61,7 @@ def column(values: Iterable[Graph]) -> Graph:
 
 @dataclass(frozen=True)
 class Field:
-    """One named array of a step's memory; of one element, a scalar in the emitted code.
+    """A named array of a step's memory; with one element, a scalar in the emitted code.
 
     `kind`: `real`, or `index` for a counter; `initial`: its values after a reset; `low`, `high`: the box that the
     step keeps it in; `outer`: whether that is the outer box of the estimate, whose touching suspends the theorem;
@@ -123,7 +123,7 @@ def lines_of(groups: Iterable[Group], above: tuple[Group, ...] = ()) -> Iterator
 
 @dataclass(frozen=True)
 class Bit:
-    """One bit of the status: its name for callers of every language, what it says, what it asks of the caller, which
+    """A bit of the status: its name for callers of every language, what it says, what it asks of the caller, which
     `Step.asked` completes.
 
     `raised`: the name of its place, which a block writes to, where that is another.
@@ -157,7 +157,7 @@ def in_capitals(bits: Iterable[Bit]) -> tuple[Bit, ...]:
 
 @dataclass(frozen=True)
 class Limit:
-    """One number that is kept in its range: element `index` of the place, whose size it names, `low` and `high`, and
+    """A number that is kept in its range: element `index` of the place, whose size it names, `low` and `high`, and
     the `nominal` value that it takes where it is not a number."""
 
     place: Place
@@ -172,7 +172,8 @@ Sized = tuple[tuple[Place, int], ...]  # places with their sizes
 
 
 class _Statement:
-    """What every statement has; the names of its members that are a place it reads, one it writes, a program in it."""
+    """The interface of every statement; the names of its members that are a place it reads, one it writes, a program in
+    it."""
 
     _read: tuple[str, ...] = ()
     _write: tuple[str, ...] = ()
@@ -229,7 +230,7 @@ class Block(_Statement):
 
     @cached_property
     def copies(self) -> Mapping[Place, frozenset[Place]]:
-        """Of the places each of whose elements becomes a copy of another's: the places those are of."""
+        """The places that the elements of a place are copied from, for each place that only copies."""
         elements = {place: dense(sx(value)).nonzeros() for place, value in self.writes.items()}
         return {
             place: frozenset(address(one)[0] for one in each)
@@ -295,12 +296,12 @@ class Repeat(_Statement):
 
     @cached_property
     def count(self) -> int:
-        """How often it runs."""
+        """The number of runs."""
         return len(next(iter(self.given.values())))
 
     @cached_property
     def unrolled(self) -> tuple["Statement", ...]:
-        """The same without a loop."""
+        """The statements without a loop."""
         rows = zip(*self.given.values(), strict=True)
         starts = (Block("its numbers", dict(zip(self.given, map(ca.SX, row), strict=True))) for row in rows)
         return tuple(statement for start in starts for statement in (start, *self.body))
@@ -430,16 +431,16 @@ class Reader(Generic[T]):
     """
 
     def program(self, program: Iterable[Statement], *known: Any) -> T:
-        """What is made of statements."""
+        """Return the result of a program."""
         return self.joined(self.statement(statement, *known) for statement in program)
 
     def statement(self, statement: Statement, *known: Any) -> T:
-        """What is made of one statement."""
+        """Return the result of a statement."""
         made: T = getattr(self, f"_{type(statement).__name__.lower()}")(statement, *known)
         return made
 
     def joined(self, parts: Iterable[T]) -> T:
-        """What is made of several, of what is made of each."""
+        """Return the result of several statements from the result of each."""
         raise NotImplementedError
 
     def _repeat(self, repeat: Repeat, *known: Any) -> T:

@@ -50,7 +50,7 @@ class BadStep(BadArgument):
 
 
 class NoStep(BadArgument):
-    """What was given in the place of a step."""
+    """A value that is no step."""
 
 
 def demand_choice(name: str, value: object, choices: tuple[str | None, ...]) -> None:
@@ -113,7 +113,7 @@ _LAST = 32  # steps that are remembered
 
 @dataclass(frozen=True)
 class Layout:
-    """What a step has in memory: `plant`, `gains`, `derived`, fields of the parameters; `state`, `groups`, what a call
+    """The memory of a step: `plant`, `gains`, `derived`, fields of the parameters; `state`, `groups`, what a call
     remembers; `bits`, the status; `mark`, the field of a stored state, and of parameters, that tells them from other
     memory, None without guards."""
 
@@ -127,7 +127,7 @@ class Layout:
 
     @property
     def stored(self) -> tuple[Field, ...]:
-        """What a state has in memory that a caller owns: its mark, then its fields."""
+        """The fields of a state that a caller owns: its mark, then its fields."""
         return (self.mark, *self.state) if self.mark else self.state
 
     @property
@@ -148,7 +148,7 @@ class Layout:
 
 @dataclass(frozen=True, eq=False)
 class Code:
-    """What a step does: the programs `tuning`, `sections`, `estimate`.
+    """The programs of a step: `tuning`, `sections`, `estimate`.
 
     `timed`: the updates of `sections` for samples that say when they were taken, of a step for sensors of different
     rates; `inner`: sections that a step for late samples calls; `rule`: by what the observer's equations go, which a
@@ -177,7 +177,7 @@ class Code:
 
     @cached_property
     def program(self) -> Program:
-        """All sections and the estimate, one after the other."""
+        """The program of all sections and the estimate, one after the other."""
         return tuple(s for section in self.sections for s in section.program) + self.estimate
 
     @cached_property
@@ -215,7 +215,7 @@ class Step:
 
     @property
     def choice(self) -> str:
-        """Of two programs of a part, which one was taken, and why; "" where there was no choice."""
+        """The program of a part that was selected among two, and why; "" where there was no choice."""
         return self.code.choice
 
     @property
@@ -235,12 +235,13 @@ class Step:
 
     @property
     def ages(self) -> tuple[Signal, ...]:
-        """Of a step that takes late samples, the signals that tell with a sample how late it comes."""
+        """The signals that give the age of a sample with it, of a step that takes late samples."""
         return self.observer.ages if self.plain else ()
 
     @property
     def samples(self) -> tuple[Signal, ...]:
-        """What a call is given of the outputs: a sample of each, then the ages of those that may come late."""
+        """The signals of the outputs that a call is given: a sample of each, then the ages of those that may come
+        late."""
         return (*self.outputs, *self.ages)
 
     @cached_property
@@ -259,7 +260,7 @@ class Step:
         return of_time(item.unit, self.time, {s.unit for s in (*form.system.signals, *form.states)})
 
     def asked(self, bit: Bit) -> str:
-        """What a bit asks of the caller, which may depend on what is proved of the observer."""
+        """Return the action that a bit asks of the caller, which may depend on what is proved of the observer."""
         return bit.action.format(or_lower=or_lower(self.observer)) if OR_LOWER in bit.action else bit.action
 
     @property

@@ -106,7 +106,7 @@ class Jump:
 
 @dataclass(frozen=True)
 class Settled:
-    """What "settled" means: |error of `state`| <= `band` for `hold` from then on."""
+    """The criterion of "settled": |error of `state`| <= `band` for `hold` from then on."""
 
     state: str
     band: float
@@ -178,12 +178,13 @@ class Truth:
 
     @property
     def at_once(self) -> int:
-        """Of how many seeds the measurements are made at once."""
+        """The number of seeds whose measurements are made at once."""
         return max(1, _TOGETHER // self.y.size)
 
 
 class Feed(NamedTuple):
-    """What a step is given in one run: trial, seed and truth, the inputs u (N, m), and what is measured, y (N, p)."""
+    """The data that a step is given in one run: trial, seed and truth, the inputs u (N, m), and what is measured, y (N,
+    p)."""
 
     trial: Trial
     seed: int
@@ -194,7 +195,7 @@ class Feed(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Trajectory:
-    """One seed of a trial: the truth, what was measured, y (N, p), and what the step made of it.
+    """A seed of a trial: the truth, what was measured, y (N, p), and what the step made of it.
 
     `x` (N, n) estimate; `traces` by name (N,); `status` (N,); `engine`: who ran the step.
     """
@@ -260,7 +261,8 @@ class Plant:
         return sampled(self._plant, self._trial, self.times)
 
     def states(self, start: Mapping[str, float], parameters: Sequence[float] = ()) -> np.ndarray:
-        """Those of the truth (N, n), from jump to jump; a jump takes effect at its very time. Raises: `BadTrial`."""
+        """Return the states of the truth (N, n), from jump to jump; a jump takes effect at its very time. Raises:
+        `BadTrial`."""
         p = np.array(parameters, dtype=float)
         index = {s.name: i for i, s in enumerate(self._plant.states)}
         now = np.array([start[s.name] for s in self._plant.states], dtype=float)
@@ -333,7 +335,7 @@ def _inputs(plant: System, trial: Trial) -> dict[str, Any]:
 
 
 def noisy(plant: System, truth: Truth, trial: Trial, seeds: Sequence[int]) -> np.ndarray:
-    """What is measured, y (k, N, p): the truth plus the noise of each of k seeds, output after output from one
+    """Return the measurements y (k, N, p): the truth plus the noise of each of k seeds, output after output from one
     generator a seed."""
     rngs, y = [np.random.default_rng(seed) for seed in seeds], np.repeat(truth.y[None], len(seeds), axis=0)
     for j, output in enumerate(plant.outputs):
@@ -701,7 +703,8 @@ def _motions(plant: System, longest: float) -> Iterator[Trial]:
 
 
 def _stay(plant: System, trial: Trial) -> float:
-    """How long the plant stays in its ranges: parts that double are integrated until it leaves them, or escapes."""
+    """Return how long the plant stays in its ranges: parts that double are integrated until it leaves them, or
+    escapes."""
     low, high = np.array([s.interval for s in plant.states]).T
     stayed = 0.0
     for part in PARTS:

@@ -66,7 +66,7 @@ class StepMemory:
         return opened(self.step, self.real, bytes(state), len(self.state))
 
     def ready(self, engine: Engine | None, own: Engine | None) -> Engine:
-        """What takes a record, and has tuned what is in the memory: the engine that is asked for, else the step's own,
+        """Return the engine of a record, with the memory tuned: the one that is requested, else the step's own,
         else C where there is a compiler.
 
         Raises: `BadShape`; `NoCompiler`, `CompilerFailed`.
@@ -213,7 +213,7 @@ class Records:
 
 
 def tunable(step: Step) -> dict[str, tuple[Place, Field]]:
-    """What can be tuned, by name: where it lies, and what it is."""
+    """Return the place and the field of each tunable parameter by name."""
     kinds = [("plant", item) for item in step.layout.plant] + [("gain", item) for item in step.layout.gains]
     return {item.name: (Place(kind, item.name), item) for kind, item in kinds}
 
@@ -261,8 +261,8 @@ Each = Callable[[int, int], object]  # is told how many records are done, and of
 
 @dataclass(frozen=True)
 class Batch:
-    """What many records give: estimates `x` (B, N, n) of the states `names`, `status` (B, N), `traces` (B, N) by name
-    where they were asked for; `engine`: "lanes" where they ran in lanes, else what took them one by one; `memory`
+    """The results of many records: estimates `x` (B, N, n) of the states `names`, `status` (B, N), `traces` (B, N) by
+    name where they were asked for; `engine`: "lanes" where they ran in lanes, else what took them one by one; `memory`
     (B, bytes) of the states at their ends, which `seal` makes what is saved; `tuned` (B): what `tune` says of each
     one's parameters, 0 for ok."""
 
@@ -352,7 +352,7 @@ class Many:
 
 @dataclass(frozen=True, eq=False)
 class _Results:
-    """What comes out, with the records beside each other: x (N, n, B), traces (N, number, B), status (N, B), and room
+    """The results with the records beside each other: x (N, n, B), traces (N, number, B), status (N, B), and room
     for lanes without a record; and the states (B, bytes) at their ends."""
 
     records: int
@@ -381,7 +381,8 @@ class _Lanes:
     library: ctypes.CDLL
 
     def chunks(self, u: Array, y: Array, memory: Memories, results: _Results, jobs: int) -> Iterator[int]:
-        """All records by threads, chunk by chunk; how many are done. No more chunks wait than there are threads."""
+        """Run all records by threads, chunk by chunk, and yield how many are done. No more chunks wait than there are
+        threads."""
         done, waiting = 0, deque[Future[int]]()
         with ThreadPoolExecutor(jobs) as pool:
             for first in range(0, results.records, CHUNK):
@@ -439,7 +440,7 @@ class _Lanes:
 
     @cached_property
     def _numbers(self) -> list[tuple[Array, Array, np.dtype, np.dtype]]:
-        """Of each type of numbers their places in the memory and in a record, counted in such numbers, and their types
+        """For each type of numbers their places in the memory and in a record, counted in such numbers, and their types
         there."""
         record, real = layout.kept_type(self.step, self.real), np.dtype(DTYPE[self.real])
         assert record.fields
@@ -472,7 +473,7 @@ class _Lanes:
 
 
 def _numbers(kind: np.dtype, start: int) -> Iterator[tuple[int, np.dtype]]:
-    """Where each number of a type lies, from `start` on."""
+    """Yield the offset and type of each number of a type, from `start` on."""
     if kind.subdtype:
         base, shape = kind.subdtype
         for k, _ in enumerate(product(*map(range, shape))):

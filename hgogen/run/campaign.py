@@ -71,8 +71,8 @@ class Workers(Generic[Shared]):
             count("jobs", self.jobs, 1, MOST_JOBS)
 
     def results(self, work: Callable[[Shared, Piece], Result], pieces: Iterable[Piece]) -> Iterator[Result]:
-        """Those of `work(shared, piece)`, as they come, in no order; `work`: a function of a module. Raises:
-        `NoScheduler`; `NotInstalled` without the package of a cluster; what work raises."""
+        """Yield the results of `work(shared, piece)`, as they come, in no order; `work`: a function of a module.
+        Raises: `NoScheduler`; `NotInstalled` without the package of a cluster; what work raises."""
         if self.jobs == 1 and self.scheduler is None:
             yield from (work(self.shared, piece) for piece in pieces)
             return
@@ -185,7 +185,7 @@ class Draws:
 
 @dataclass(frozen=True, eq=False)
 class Campaign:
-    """What is run: `step` on `trial` so many times, `draws` of what varies, by `engine`."""
+    """A campaign: `step` on `trial` so many times, `draws` of what varies, by `engine`."""
 
     step: CallableStep
     trial: Trial
@@ -199,8 +199,8 @@ class Campaign:
 
     @property
     def digest(self) -> str:
-        """What the numbers of a run depend on, the program of the step as its C: a file of results of another campaign
-        has another. Where nothing but the seed varies, a run does not depend on how many there are."""
+        """A digest of what the numbers of a run depend on, the program of the step as its C: a file of results of
+        another campaign has another. Where nothing but the seed varies, a run does not depend on how many there are."""
         step, plant = self.step, self.plant
         scenario = {name: value for name, value in vars(self.trial).items() if name != "seeds"}
         scenario |= {"inputs": {name: sp.srepr(sp.sympify(one)) for name, one in self.trial.inputs.items()}}
@@ -336,7 +336,7 @@ def together(step: CallableStep, runs: Iterable[Feed], start: bytes, size: int) 
 
 
 class BadVariation(BadArgument):
-    """What a campaign cannot vary."""
+    """A quantity that a campaign cannot vary."""
 
     text = "vary {what!r}: {reason}"
 
@@ -350,9 +350,10 @@ def hypercube(varied: Sequence[Varied], count: int, seed: int) -> Draws:
 
 
 def varied(asked: str | Mapping[str, str | float | None], plant: System, trial: Trial) -> tuple[Varied, ...]:
-    """What is asked for: names, "x0" for all first states, "parameters" for all with a range, "noise" for the size of
-    every output's noise, each with an interval as in "a=10%" (of its value in the trial), "a=0.2" (to both sides),
-    "a=0.8..1.2"; without one it is the declared range. A mapping gives the same by name. Raises: `BadVariation`."""
+    """Return the requested quantities: names, "x0" for all first states, "parameters" for all with a range, "noise" for
+    the size of every output's noise, each with an interval as in "a=10%" (of its value in the trial), "a=0.2" (to both
+    sides), "a=0.8..1.2"; without one it is the declared range. A mapping gives the same by name. Raises:
+    `BadVariation`."""
     if not isinstance(asked, str | Mapping) or not all(isinstance(name, str) for name in asked):
         raise BadVariation(str(asked), "is no text and no mapping by name; write \"x0,a=10%\" or {'a': '10%'}")
     pairs = _split(asked) if isinstance(asked, str) else asked.items()

@@ -54,7 +54,7 @@ from hgogen.trial import Trajectory, Trial, feeds, first_memory, simulate, try_o
 
 @dataclass(frozen=True, eq=False)
 class Measured(Encoded):
-    """What an observer does on a trial; `first`: the trajectory of the first seed."""
+    """The measures of an observer on a trial; `first`: the trajectory of the first seed."""
 
     json_keys = "name observer method settled rms peak clamped acted proved worst unproved *cost"
 
@@ -113,7 +113,7 @@ def measured(
 
 
 def rises(trajectory: Trajectory) -> np.ndarray:
-    """How far the |error| of each state (n) rises above what it is at an event, the largest over the events."""
+    """Return how far the |error| of each state (n) rises above what it is at an event, the largest over the events."""
     error, t = np.abs(trajectory.error), trajectory.truth.t
     begins = [k for k in np.searchsorted(t, np.array(trajectory.trial.events) - 1e-9) if k < len(t)]
     largest: np.ndarray = (np.maximum.reduceat(error, begins) - error[begins]).max(axis=0)
@@ -132,7 +132,7 @@ class Seen:
 
 
 def seen(states: Sequence[Signal], trajectory: Trajectory, known: ErrorBound) -> tuple[Seen, ...]:
-    """Of each state that has a bound; none where it is not known from when on they hold."""
+    """Return the error and bound of each state that has a bound; none where it is not known from when on they hold."""
     if known.settles is None:
         return ()
     t, events = trajectory.truth.t, np.asarray(trajectory.trial.events)
@@ -158,7 +158,7 @@ COARSE = 1e-3  # of a state's range: more than rounding does where nothing ampli
 
 @dataclass(frozen=True)
 class Agreement(Encoded):
-    """How two readers of a step differ, relative to each state's peak.
+    """The difference of two readers of a step, relative to each state's peak.
 
     Times to settle may differ by one sample, because an error that just touches the band may lie on either side of it.
     """
@@ -215,7 +215,7 @@ class Disagree(HgogenError):
 
 @dataclass(frozen=True)
 class Difference:
-    """How far a state is from a run in double."""
+    """The difference of a state from a run in double."""
 
     state: Annotated[str, "the state"]
     unit: Annotated[str, "its unit"]
@@ -228,7 +228,7 @@ class Difference:
 
 
 def differences(states: Sequence[Signal], single: Run, double: Run) -> tuple[Difference, ...]:
-    """Of each state of two runs over the same samples, in float and in double."""
+    """Return the difference of each state of two runs over the same samples, in float and in double."""
     status = int(np.count_nonzero(single.status != double.status))
     each = []
     for signal in states:
@@ -259,7 +259,7 @@ SMALL = 1e-6  # share of the largest V since an event, up to which V has fallen
 
 @dataclass(frozen=True)
 class Falling:
-    """How V = e' S e falls on a trial without noise."""
+    """The decay of V = e' S e on a trial without noise."""
 
     trial: Annotated[str, "name of the trial"]
     ratio: Annotated[float | None, "largest V_(k+1)/V_k; null where no V is above what rounding leaves"]
@@ -280,7 +280,8 @@ class Falling:
 
 
 def falling(step: CallableStep, trial: Trial, engine: Engine | None = None) -> Falling | None:
-    """Of a step whose covariance is that of its estimate; None of another. Raises: as `hgogen.trial.try_out`."""
+    """Return the decay of V of a step whose covariance is that of its estimate; None of another. Raises: as
+    `hgogen.trial.try_out`."""
     known = uncertainty(step)
     if known is None or known.members is not None:
         return None

@@ -101,7 +101,7 @@ def correlations(e: Array, lags: int) -> Array | None:
 
 
 def quantile(p: float, freedom: float) -> float:
-    """That of chi-square with so many degrees of freedom, p one of `NORMAL`."""
+    """Return the quantile of chi-square with so many degrees of freedom, p one of `NORMAL`."""
     spread = 2 / (9 * freedom)
     return float(freedom * max(0.0, 1 - spread + NORMAL[p] * math.sqrt(spread)) ** 3)
 
@@ -123,7 +123,7 @@ def corner(residuals: Array) -> float:
 
 
 def influence(residuals: Array, c: float) -> Array:
-    """What each residual (N) tells."""
+    """Return the influence of each residual (N)."""
     bend = 1 + (residuals / c) ** 2
     share = float(np.mean(bend**-1.5))
     return np.asarray(residuals / np.sqrt(bend) / share)
@@ -168,7 +168,7 @@ class Consistency:
     states: Annotated[OfStates | None, "the errors of states whose truth is known; null without truth or covariance"]
 
     def sentences(self) -> tuple[str, ...]:
-        """What is not as the observer says."""
+        """Return a sentence for each statistic that is not as the observer says."""
         said = []
         for one in self.outputs:
             if one.nis is not None and one.band is not None and not one.band[0] <= one.nis <= one.band[1]:
@@ -195,7 +195,8 @@ class Consistency:
 
 @asks(Run, "a run, as step.run gives it")
 def consistency(run: Run, truth: Mapping[str, Array] | None = None) -> Consistency:
-    """Of a run of a step; `truth` (N,) of states by name, NaN where it is not known. Raises: `BadShape`, `Misfit`."""
+    """Return the consistency of a run of a step; `truth` (N,) of states by name, NaN where it is not known. Raises:
+    `BadShape`, `Misfit`."""
     if truth is not None and not isinstance(truth, Mapping):
         raise Misfit("consistency, truth=", truth, "a mapping from states to arrays")
     e, variances = run.innovations, run.variances
@@ -274,7 +275,7 @@ class BadWindow(BadArgument):
 
 @dataclass(frozen=True)
 class Suggestion:
-    """What a quiet record suggests."""
+    """Noise and thresholds that a record without excitation suggests."""
 
     output: Annotated[str, "the output"]
     samples: Annotated[int, "number of samples"]
@@ -289,8 +290,8 @@ class Suggestion:
 
 
 def quiet(t: np.ndarray, begin: float | None, end: float | None, unit: str = "s") -> np.ndarray:
-    """Which of the times t (N,), N >= 2, evenly spaced, lie in begin..end; None: from the first, to the last; times in
-    the unit. Raises: `BadInterval` unless the interval lies within the record, to a sample."""
+    """Return the mask of the times t (N,), N >= 2, evenly spaced, lie in begin..end; None: from the first, to the last;
+    times in the unit. Raises: `BadInterval` unless the interval lies within the record, to a sample."""
     first, last, dt = float(t[0]), float(t[-1]), float(t[1] - t[0])
     low, high = first if begin is None else begin, last if end is None else end
     if not first - 1.5 * dt < low < high < last + 1.5 * dt:  # 0..10 s holds the samples 0, dt, .. 10 - dt

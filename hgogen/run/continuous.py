@@ -99,7 +99,7 @@ class Continuous:
     prediction: None = None
 
     def ode(self, part: Ode, clock: Clock) -> Pieces:
-        """All fields of the part at once."""
+        """Return the pieces of all fields of a part at once."""
         return self._moved(part, clock, lambda graph, time: graph)
 
     def riccati(self, part: Riccati, clock: Clock) -> Pieces:
@@ -114,11 +114,11 @@ class Continuous:
         return self._moved(riccati_ode(part, "information"), clock, now)
 
     def ode_lengths(self, part: Ode, observer: Observer, dt: float) -> Lengths:
-        """None: CVODES chooses its steps."""
+        """Return no limits: CVODES chooses its steps."""
         return Lengths()
 
     def riccati_lengths(self, part: Riccati, dt: float) -> Lengths:
-        """None: CVODES chooses its steps."""
+        """Return no limits: CVODES chooses its steps."""
         return Lengths()
 
     def _moved(self, part: Ode, clock: Clock, now: Callable[[Graph, Graph], Graph]) -> Pieces:
@@ -197,7 +197,8 @@ class Response:
 
     @property
     def aliased(self) -> np.ndarray:
-        """Which frequencies (K,) are beyond the Nyquist frequency pi/dt of a step: H is then that of the alias."""
+        """The mask of the frequencies (K,) beyond the Nyquist frequency pi/dt of a step: H is then that of the
+        alias."""
         return np.asarray(self.omega > (np.inf if self.dt is None else np.pi / self.dt))
 
 

@@ -64,7 +64,7 @@ Points = Sequence[tuple[float, float]]
 
 @rc_context(STYLE)
 def states(step: Step, trajectory: Trajectory) -> Figure:
-    """One panel for each state: truth, estimate, and what was measured of it."""
+    """A panel for each state: truth, estimate, and what was measured of it."""
     t, true = trajectory.truth.t, trajectory.truth.x
     figure, axes = panels(len(step.states), t, step.time)
     for i, (axis, signal) in enumerate(zip(axes, step.states, strict=True)):
@@ -80,7 +80,7 @@ def states(step: Step, trajectory: Trajectory) -> Figure:
 
 @rc_context(STYLE)
 def fitted(plant: System, t: Array, measured: Array, fitted: Array) -> Figure:
-    """One panel for each output (N, p): what was measured, and what the fitted plant gives."""
+    """A panel for each output (N, p): what was measured, and what the fitted plant gives."""
     figure, axes = panels(len(plant.outputs), t, plant.time)
     for axis, signal, y, z in zip(axes, plant.outputs, measured.T, fitted.T, strict=True):
         axis.plot(*thin(t, y), color=MEASURED, linewidth=3, label="measured")
@@ -92,7 +92,7 @@ def fitted(plant: System, t: Array, measured: Array, fitted: Array) -> Figure:
 
 @rc_context(STYLE)
 def adaptation(step: Step, t: Array, traces: Mapping[str, Array]) -> Figure:
-    """One panel for each of the `traces` (N,) by name; the innovation has its thresholds, theta its end at 0."""
+    """A panel for each of the `traces` (N,) by name; the innovation has its thresholds, theta its end at 0."""
     first = [name for name in ("innovation", "theta") if name in traces]
     shown = [*first, *(name for name in traces if name not in first)]
     fields = {field.name: field for field in step.layout.state}
@@ -122,7 +122,7 @@ def errors(
     unit: str = "s",
     bounds: Mapping[str, float] = MappingProxyType({}),
 ) -> Figure:
-    """One panel for each state: the largest |estimate - truth| in each of `PARTS` of the time, on a logarithmic axis, a
+    """A panel for each state: the largest |estimate - truth| in each of `PARTS` of the time, on a logarithmic axis, a
     line for each observer, named beside the panels; `of`: errors (N, n) of one seed by name. A part ends at each of the
     `events`: no line rises before. `bounds`: by the name of a state, what is proved of its error once it has settled.
     """
@@ -174,7 +174,7 @@ def _named_beside(figure: Figure, lines: Sequence[Any], names: Sequence[str]) ->
 
 @rc_context(STYLE)
 def response(continuous: Response, sampled: Response, unit: str) -> Figure:
-    """One panel for each state, |H| over omega: the linear error core and, dashed, what its step makes of it."""
+    """A panel for each state, |H| over omega: the linear error core and, dashed, what its step makes of it."""
     several = len(continuous.outputs) > 1
     drawn = ((continuous, "continuous", {"color": ESTIMATE}), (sampled, "step", {"color": TRUTH, "linestyle": "--"}))
     figure, axes = panels(len(continuous.states), continuous.omega, unit)
@@ -319,7 +319,7 @@ def files(name: str, figure: Figure) -> dict[str, bytes]:
 
 @rc_context(STYLE)
 def record_states(step: Step, t: Array, run: Run, y: Array, truth: Mapping[str, Array]) -> Figure:
-    """One panel for each state of a run over the samples y (N, p) at times t (N,), NaN where missing; `truth` (N,) by
+    """A panel for each state of a run over the samples y (N, p) at times t (N,), NaN where missing; `truth` (N,) by
     state."""
     figure, axes = panels(len(step.states), t, step.time)
     for i, (axis, signal) in enumerate(zip(axes, step.states, strict=True)):
@@ -338,7 +338,7 @@ def record_states(step: Step, t: Array, run: Run, y: Array, truth: Mapping[str, 
 
 @rc_context(STYLE)
 def record_innovations(step: Step, t: Array, run: Run) -> Figure:
-    """One panel for each output: its innovations, and the 2 sigma that the observer takes them to have."""
+    """A panel for each output: its innovations, and the 2 sigma that the observer takes them to have."""
     assert run.innovations is not None  # of a step
     figure, axes = panels(len(step.outputs), t, step.time)
     for j, (axis, signal) in enumerate(zip(axes, step.outputs, strict=True)):

@@ -164,7 +164,7 @@ _GROWTH, _SAMPLES = 5.0, (20, 1000)
 
 @dataclass(frozen=True)
 class Sight(Encoded):
-    """What the outputs show of the least seen direction of the state, v."""
+    """The observability measure, for the least observable direction of the state, v."""
 
     json_keys = "least median window unit trial by_motion hopeless where direction"
 

@@ -34,7 +34,7 @@ ITSELF = 1.0  # the alarm ratio above which the alarm can feed itself
 
 @dataclass(frozen=True)
 class Response:
-    """What followed an event, None where it did not happen or does not apply."""
+    """The response to an event, None where it did not happen or does not apply."""
 
     time: Annotated[float, "time of the event (s)"]
     settled: Annotated[float | None, "time to settle (s); null: never"]
@@ -46,7 +46,7 @@ class Response:
 
 @dataclass(frozen=True)
 class Metrics:
-    """One trajectory in numbers."""
+    """The metrics of a trajectory."""
 
     seed: Annotated[int, "seed of the noise"]
     engine: Annotated[str, "who ran the step: c or python"]
@@ -79,7 +79,7 @@ def metrics(step: Step, trajectory: Trajectory) -> Metrics:
 
 
 def criterion(trial: Trial, unit: str = "s") -> str:
-    """What settled means, in words; `unit`: that of the plant's time."""
+    """Return the criterion of settled in words; `unit`: that of the plant's time."""
     if trial.settled is None:
         return f"every error within {100 * SHARE:g}% of its state's range until the next event"
     return f"|error of {trial.settled.state}| <= {trial.settled.band:g} for {trial.settled.hold:g} {unit}"
@@ -93,7 +93,7 @@ def ranges(step: Step, trajectory: Trajectory) -> np.ndarray:
 
 
 def _response(step: Step, trajectory: Trajectory, begin: float, span: np.ndarray) -> Response:
-    """What followed an event, in the span that begins there, a mask (N,)."""
+    """Return the response to an event, in the span that begins there, a mask (N,)."""
     error, wanted = trajectory.error[span], trajectory.trial.settled
     if wanted:
         settled = settling(error[:, [s.name for s in step.states].index(wanted.state)], wanted, step.dt)
@@ -276,7 +276,7 @@ class Interventions:
 
 
 def interventions(step: Step, status: np.ndarray, t: np.ndarray) -> Interventions:
-    """Those that a status (N,) tells of at the times t (N,)."""
+    """Return the interventions that a status (N,) reports at the times t (N,)."""
     names = {bit.name: k for k, bit in enumerate(step.layout.bits)}
 
     def raised(name: str) -> tuple[float, ...]:
@@ -341,7 +341,7 @@ def leaving_notes(trial: str, each: Iterable[Left], unit: str) -> Iterator[str]:
 
 
 def before_loss(run: Run) -> int:
-    """How many samples there are before the first whose estimate is no number."""
+    """Return the number of samples before the first whose estimate is no number."""
     finite = np.isfinite(run.x).all(axis=1)
     return len(finite) if finite.all() else int(np.argmin(finite))
 

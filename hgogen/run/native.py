@@ -113,7 +113,7 @@ def _compiler() -> tuple[str, ...] | None:
 
 
 def engine() -> Literal["c", "python"]:
-    """What takes samples here: the compiled step where there is a compiler, else Python."""
+    """Return the engine of this machine: the compiled step where there is a compiler, else Python."""
     return "c" if compiler() else "python"
 
 
@@ -147,7 +147,7 @@ def own() -> tuple[str, ...]:
 
 @cache
 def _macros(command: tuple[str, ...], flags: tuple[str, ...]) -> str:
-    """What a compiler says of a machine with these flags, which a shared cache of libraries must tell apart; "" where
+    """Return the macros of a machine with these flags, which a shared cache of libraries must tell apart; "" where
     it says nothing within `SOON` seconds."""
     try:
         return run([*command, *flags, "-dM", "-E", "-x", "c", os.devnull], ".", limit=SOON)

@@ -92,7 +92,7 @@ def predictions(
 def forecasts(
     step: Step, run: Run, u: np.ndarray, y: np.ndarray, ahead: Iterable[int], tick: Callable[[], None] = lambda: None
 ) -> Iterator[Forecast]:
-    """As `predictions`, sample by sample."""
+    """Yield the errors of `predictions` sample by sample."""
     y = np.where(rejected(step, run, y), np.nan, y)
     model, held = open_loop(step.observer.form, step.dt, step.clock.between), bool(step.observer.form.held)
     u = _as_the_step_takes_it(np.where(raised(step, run.status, ("REUSED",), step.inputs), np.nan, u), step.inputs)
@@ -196,7 +196,7 @@ class Map:
         return float(np.mean((mapped >= ends[0]) & (mapped <= ends[1])))
 
     def fits(self, unit: str, values: Array, ends: tuple[float, float]) -> bool:
-        """Whether it is one of this unit and mends the values."""
+        """Return whether the map is one of this unit and mends the values."""
         return (not self.units or not unit or unit in self.units) and self.inside(values, ends) >= FITS
 
 
@@ -252,8 +252,8 @@ class MostlyRejected(HgogenError):
 def rejections(
     step: CallableStep, run: Run, u: Array, y: Array, columns: Mapping[str, str], engine: Engine
 ) -> tuple[Rejection, ...]:
-    """Of each output of a run over u (N, m), y (N, p) most of whose samples were rejected; `columns`: what --map reads
-    of the log, by output, such that it can stand in an expression."""
+    """Return the rejection of each output of a run over u (N, m), y (N, p) most of whose samples were rejected;
+    `columns`: what --map reads of the log, by output, such that it can stand in an expression."""
     lost, there = rejected(step, run, y), np.isfinite(y)
     ranges = readings(step.observer.form)
     each = []
@@ -303,7 +303,7 @@ def _best(step: CallableStep, u: Array, y: Array, j: int, ends: tuple[float, flo
 
 
 def _known(one: Map) -> tuple[bool, bool, float]:
-    """How well known the cause is: of units first, an offset last; then by how the values fill the range."""
+    """A rank of how common the cause is: of units first, an offset last; then by how the values fill the range."""
     return bool(one.units), not one.shift, abs(one.scale)
 
 
@@ -328,7 +328,7 @@ class Better:
     present: Annotated[float, "RMS error as it is over that of copying"]
 
     def sentence(self, before: int, operand: str) -> str:
-        """What to say on the command line, where the signal is shifted by `before` already, and its column in an
+        """Return the advice for the command line, where the signal is shifted by `before` already, and its column in an
         expression is `operand`."""
         errors = f"{self.error:.3g} times the error of copying {AHEAD} steps ahead for {self.present:.3g}"
         if self.sign < 0:

@@ -34,7 +34,7 @@ def _position(name: str, names: tuple[str, ...]) -> int:
 
 
 class Legend(NamedTuple):
-    """What the numbers of a sample are called: the states, the bits of its status, the traces; `kind`: what they are,
+    """The names of the numbers of a sample: the states, the bits of its status, the traces; `kind`: what they are,
     "d" doubles or "f" floats."""
 
     names: tuple[str, ...]
@@ -49,7 +49,7 @@ class Legend(NamedTuple):
 
 
 class Sample:
-    """What one call returns: the estimate `x` (n) of the states `names`, the status, its bits' names, and traces.
+    """The result of a call: the estimate `x` (n) of the states `names`, the status, its bits' names, and traces.
 
     It holds the bytes that a call left, and makes arrays and names of them when it is asked.
     """
@@ -87,7 +87,7 @@ class Sample:
 
     @property
     def traces(self) -> dict[str, float]:
-        """What the observer shows of its state, by name."""
+        """The traces of the observer, by name."""
         values = memoryview(self._numbers).cast(self._legend.kind)[len(self.names) :].tolist()
         return dict(zip(self._legend.traces, values, strict=True))
 
@@ -104,7 +104,7 @@ class Sample:
 
 
 class Replayed(Protocol):
-    """What takes the samples of a run once more."""
+    """A replay of the samples of a run."""
 
     @property
     def outputs(self) -> tuple[str, ...]:
@@ -113,13 +113,13 @@ class Replayed(Protocol):
 
     @property
     def innovations(self) -> Any:
-        """Of the whole run: `e`, `variances` and `covariance`."""
+        """The innovations of the whole run: `e`, `variances` and `covariance`."""
         ...
 
 
 @dataclass(frozen=True)
 class Run:
-    """What a record gives: times `t` (N), estimates `x` (N, n), `traces` (N) by name, `status` (N), and the engine.
+    """The results of a record: times `t` (N), estimates `x` (N, n), `traces` (N) by name, `status` (N), and the engine.
 
     `innovations`, `variances` and `covariance` are computed when they are asked for, by `replay`, of whose samples this
     run has those from the number `first` on.
@@ -175,7 +175,7 @@ class Run:
         return np.asarray(self.x[:, _position(name, self.names)])
 
     def since(self, first: int) -> "Run":
-        """What it gives from the sample of that number on."""
+        """Return the run from the sample of that number on."""
         traces = {name: values[first:] for name, values in self.traces.items()}
         t, x, status = self.t[first:], self.x[first:], self.status[first:]
         return replace(self, t=t, x=x, traces=traces, status=status, first=self.first + min(first, len(self.t)))
@@ -254,8 +254,8 @@ def table(name: str, value: Any, signals: Sequence[Signal], rows: int | None) ->
 
 
 def reals(name: str, value: Any, *, shown: bool = False) -> np.ndarray:
-    """What was given as doubles, NaN where an entry is masked; none are text, dates, and complex numbers, whose
-    imaginary parts would be left out. Raises: `BadShape`, which shows the value where that is wanted."""
+    """Return the given values as doubles, NaN where an entry is masked; none are text, dates, and complex numbers,
+    whose imaginary parts would be left out. Raises: `BadShape`, which shows the value where that is wanted."""
     try:
         array = np.asarray(unmasked(value))
         objects = array.flat if array.dtype.kind == "O" else ()
@@ -278,7 +278,7 @@ def _of_frame(name: str, frame: Any, signals: Sequence[Signal]) -> dict[str, np.
 
 
 def held_last(values: np.ndarray) -> np.ndarray:
-    """Each column (N, c) with a missing number replaced by the last one; NaN before the first."""
+    """Return the columns (N, c) with a missing number replaced by the last one; NaN before the first."""
     rows = np.where(np.isfinite(values), np.arange(len(values))[:, None], 0)
     return np.take_along_axis(values, np.maximum.accumulate(rows, axis=0), axis=0)
 

@@ -112,7 +112,7 @@ def arranged(step: Step) -> Step:
 
 @dataclass(frozen=True, eq=False)
 class _Delayed:
-    """What is made of a step without delays, `plain`."""
+    """A step for late samples, made of one without delays, `plain`."""
 
     plain: Step
 
@@ -142,7 +142,7 @@ class _Delayed:
 
     @cached_property
     def _ages(self) -> Mapping[Signal, Signal]:
-        """By output, the ages of samples that may come late."""
+        """The ages, by output, of samples that may come late."""
         return dict(zip(self.plain.late, self.plain.observer.ages, strict=True))
 
     @property

@@ -129,7 +129,7 @@ def equation(part: Part, view: Literal["information", "covariance"]) -> Ode | No
 
 
 def tuned(part: Part, clock: Clock) -> Program:
-    """What `tune` computes for the differential equation of a part."""
+    """Return the program by which `tune` computes constants for the differential equation of a part."""
     match part:
         case Ode(tune=tune):
             return tune

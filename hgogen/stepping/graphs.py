@@ -53,8 +53,8 @@ from hgogen.stepping.members import read_fields
 
 @dataclass(frozen=True)
 class Entry:
-    """One element of a vector; `array`: what it is an element of, itself where it stands alone, and `label` what it is
-    called there."""
+    """An element of a vector; `array`: the array that it is an element of, itself where it stands alone, and `label`
+    what it is called there."""
 
     name: str
     initial: float
@@ -101,7 +101,7 @@ class Vector:
         return np.array([real(name, value) for name, value in zip(self.names, ordered, strict=True)])
 
     def index(self, name: str) -> int:
-        """Where an element stands. Raises: `BadNames`."""
+        """Return the index of an element. Raises: `BadNames`."""
         if any(entry.array == name != entry.name for entry in self.entries):
             raise BadNames(f"the {self.title}", f"names {name!r}, which is an array; name one of its elements")
         self.filled({name: 0.0})
@@ -159,7 +159,8 @@ Shape = tuple[int, int]
 
 
 def shapes(fields: Iterable[Field], groups: Iterable[Group]) -> dict[Place, Shape]:
-    """How a state lies in memory; of a group in a group, a column holds all its members, one after the other."""
+    """Return the shapes of a state in memory; of a group in a group, a column holds all its members, one after the
+    other."""
     shape_by_place = {Place("state", field.name): (field.size, 1) for field in fields}
     for line in lines_of(groups):
         inner = prod(group.count for group in line[1:])
@@ -272,7 +273,7 @@ def _number(place: Graph, total: int) -> Graph:
 
 
 def _at(table: Graph, member: Graph) -> Graph:
-    """Where the column of a member lies in a table."""
+    """Return the indices of the column of a member in a table."""
     rows = table.shape[0]
     return rows * member + ca.DM(range(rows))
 
@@ -310,7 +311,7 @@ class Graphs:
 
     @cached_property
     def memory(self) -> Vector:
-        """All that a call remembers."""
+        """The memory of a call."""
         step = self.made
         entries = [entry for field in step.layout.state for entry in self._of(field)]
         for line in lines_of(step.layout.groups):
@@ -333,7 +334,7 @@ class Graphs:
         return of_signals("estimates", self.made.states)
 
     def step(self) -> ca.Function:
-        """One call; its status is a number, or one for each 32 bits."""
+        """Return the function of a call; its status is a number, or one for each 32 bits."""
         step, state, lies = (
             self.made,
             ca.MX.sym("state", len(self.memory)),

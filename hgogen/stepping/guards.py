@@ -171,7 +171,7 @@ def _within(value: Graph, limit: float) -> Graph:
 
 
 def guard_inputs(observer: Observer) -> Block:
-    """Each input: the last valid one where it is no number or absurd, clamped to its range."""
+    """Return the guard of the inputs: the last valid one where it is no number or absurd, clamped to its range."""
     values, writes, names = [], {}, dict[str, Graph]()
     last = sym("state", "u", len(observer.form.system.inputs))
     for i, signal in enumerate(observer.form.system.inputs):
@@ -290,7 +290,8 @@ def measure(observer: Observer, clock: Clock, j: int) -> Program:
 
 
 def guard_outputs(observer: Observer, clock: Clock) -> Block:
-    """All samples at once for a part that integrates with the measurement: y now, y at the last call, valid."""
+    """Return the guard of all samples at once for a part that integrates with the measurement: y now, y at the last
+    call, valid."""
     predicted = observer.dynamics.output(observer.z, sym("state", "u", clock.inputs))
     last, last_valid = sym("state", "y", clock.outputs), sym("state", "y_valid", clock.outputs) > 0
     now, before, valid, status = [], [], [], {}
@@ -343,8 +344,8 @@ def guarded(program: Program, state: tuple[Field, ...]) -> list[Field]:
 
 
 def boxed(fields: list[Field], state: tuple[Field, ...], others: Program = (), each: bool = False) -> Program:
-    """These fields of the state in their boxes, or where one of their values is lost, all of it anew.
-
+    """Return the program that keeps these fields of the state in their boxes, or where one of their values is lost, all
+    of it anew.
     `each`: every value is asked once more whether it is a number, which a proof cannot know of a loop through many.
     """
     values = ca.vertcat(*(sym("state", f.name, f.size) for f in fields))

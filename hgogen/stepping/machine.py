@@ -89,7 +89,7 @@ class Reading(Reader[Action]):
         return self.program(program)
 
     def joined(self, parts: Iterable[Action]) -> Action:
-        """One after the other."""
+        """Return the action of several, one after the other."""
         actions = list(parts)
 
         def run() -> None:
@@ -223,7 +223,7 @@ class Machine(Reading):
         return self._run(self._sections[name])
 
     def call(self) -> int:
-        """All sections, then the estimate; returns the status."""
+        """Run all sections, then the estimate; returns the status."""
         status = 0
         for section in self.step.code.sections:
             status |= self._run(self._sections[section.name])

@@ -128,7 +128,7 @@ def parallel(part: Parallel, clock: Clock, pieces: Callable[[Part], Pieces]) -> 
 
 
 def _keep(count: int, every: Pieces, moved: Moved, programs: Iterable[Program]) -> Section:
-    """What keeps each member in its box, or makes it anew, whichever program spoiled it."""
+    """Return the section that keeps each member in its box, or makes it anew, whichever program spoiled it."""
     names = {field.name for program in programs for field in guarded(program, every.fields)}
     boxes = boxed([field for field in every.fields if field.name in names], every.fields, each=True)
     loop = Loop("member", count, moved.program(boxes))
@@ -163,7 +163,7 @@ def _score(part: Parallel, clock: Clock, fields: Iterable[Field], pieces: Callab
 
 
 def _judge(part: Parallel, dt: float) -> Innovation:
-    """What the members are compared by; where none is given, over a share of the period."""
+    """Return the innovation by which members are compared; where none is given, over a share of the period."""
     share = PREDICTORS * dt
     return part.innovation or staggered(max(1, round(SHARE * part.period / share)) * share, PREDICTORS)
 

@@ -174,7 +174,7 @@ class Sign:
 
     @property
     def fields(self) -> tuple[Field, ...]:
-        """What is remembered of it."""
+        """The fields of a sign."""
         least = 0 if self.output is None else -self.most
         signed = "" if self.output is None else ", with the sign of the last error that does"
         return (
@@ -270,13 +270,13 @@ class Recovery:
 
     @cached_property
     def _trust(self) -> np.ndarray | None:
-        """How far a filter trusts each output, 0 where that has no range; None of an observer without a noise."""
+        """The trust of a filter in each output, 0 where that has no range; None of an observer without a noise."""
         riccati, spans = _riccati(self.observer), np.array(self._spans)
         return None if riccati is None else np.where(np.isfinite(spans), spans, 0.0) ** 2 / riccati.nominal[1]
 
     @cached_property
     def signs(self) -> tuple[Sign, ...]:
-        """What is counted of this observer."""
+        """The signs that are counted of this observer."""
         outputs = [j for j in self.judged if self._spans[j] < INF]
         ranges = not self.observer.practical and not self._outside.is_constant()
         longest = LONGEST // max(1, len(outputs) + ranges)
@@ -304,17 +304,17 @@ class Recovery:
 
     @cached_property
     def _readings(self) -> list[tuple[float, float]]:
-        """What each output can read."""
+        """The interval that each output can read."""
         return readings(self.observer.form)
 
     @cached_property
     def _spans(self) -> list[float]:
-        """What each output can span."""
+        """The width that each output can span."""
         return [high - low for low, high in self._readings]
 
     @property
     def fields(self) -> tuple[Field, ...]:
-        """What the law remembers."""
+        """The fields of the law."""
         fields = tuple(field for sign in self.signs for field in sign.fields)
         if not fields:
             return ()
@@ -334,14 +334,15 @@ class Recovery:
 
     @cached_property
     def _counting(self) -> tuple[Section, ...]:
-        """What counts the range at any sample that is not the only one of a call, where every output has one."""
+        """The section that counts the range at any sample that is not the only one of a call, where every output has
+        one."""
         if self.sections < 2 or self.clock.every or not self.signs:
             return ()
         return (Section("count_range", "check the fault counts, and count the range", self._counted_range(1)),)
 
     @cached_property
     def _projecting(self) -> tuple[Section, ...]:
-        """What projects the estimate, where several ask for it."""
+        """The section that projects the estimate, where several ask for it."""
         if self.sections < 2 or not self._projection:
             return ()
         return (Section("project_onto_ranges", "project the estimate onto its declared ranges", self._projection),)
@@ -364,7 +365,7 @@ class Recovery:
 
     @cached_property
     def _projection(self) -> Program:
-        """What projects the estimate onto its ranges, where they are a sign."""
+        """The program that projects the estimate onto its ranges, where they are a sign."""
         ranges = any(sign.output is None for sign in self.signs)
         return projection(self.observer, self.pieces) if ranges else ()
 
@@ -407,16 +408,16 @@ class Recovery:
 
     @cached_property
     def rest(self) -> Program:
-        """What is remembered beside the estimate as after a reset, but for what lasts; members start from the
-        estimate."""
+        """The program that sets all memory but the estimate as after a reset, but for what lasts; members start from
+        the estimate."""
         shown, pieces = self._shown(), self.pieces
         fields = [field for field in pieces.fields if field not in shown and not field.lasting]
         groups = fresh_groups("state", pieces.fields, pieces.groups, self.observer.z)
         return (*fresh("state", fields, part="clear_rest"), *groups)
 
     def _moves(self, sign: Sign, samples: Samples) -> dict[Place, Graph]:
-        """By how much the size of a count moves at these samples, at one of which the estimate is judged, and whether
-        what has the sign of the count then."""
+        """Return by how much the size of a count changes at these samples, at one of which the estimate is judged, and
+        whether what has the sign of the count then."""
         assert sign.output is not None
         sample, count = samples[sign.output], sym("state", sign.count)
         shows = ca.logic_not(ca.fabs(sample.error) <= self._limit(sign.output))  # or is no number
@@ -448,7 +449,7 @@ class Recovery:
         return ca.logic_or(sample.valid, plausible(self._readings[j], sample.y))
 
     def _guard(self, signs: list[Sign], samples: Samples) -> Program:
-        """What acts where a count is at its limit."""
+        """Return the program that acts where a count is at its limit."""
         acts, lost = Place("work", "acts"), Place("work", "lost")
         over = {sign: Place("work", f"over_{sign.name}") for sign in signs}
         helpless = []

@@ -97,7 +97,7 @@ def multiples(periods: Any, plant: System, dt: float) -> tuple[int, ...]:
 
 
 def period_fields(outputs: tuple[Signal, ...], adapts: bool) -> tuple[Field, ...]:
-    """What the step remembers of time; `adapts`: whether it has an `adapt`."""
+    """Return the fields of time of a step; `adapts`: whether it has an `adapt`."""
     adapted = scalar("adapted", 0, kind="index", high=1, meaning="1 when adapt was called now")
     used = (scalar(_used(s), 0, kind="index", high=1, meaning=f"1 when a sample of {s} was used now") for s in outputs)
     return (
@@ -132,8 +132,8 @@ def once(output: Signal, correct: Program) -> Program:
 
 
 def order_fields(outputs: Iterable[Signal]) -> tuple[Field, ...]:
-    """What a step remembers whose sections may be called one by one: whether a sample of an output is still to come
-    since predict was called."""
+    """Return the fields of a step whose sections may be called one by one: whether a sample of an output is still to
+    come since predict was called."""
     meaning = "1 from a sample of {} that was used until the next predict"
     return tuple(scalar(_used(s), 1, kind="index", high=1, meaning=meaning.format(s)) for s in outputs)
 
@@ -152,7 +152,7 @@ def in_order(output: Signal, correct: Program) -> Program:
 
 
 def use(output: Signal) -> Block:
-    """What a valid sample leaves."""
+    """Return the block that notes a valid sample."""
     return Block(f"{output} is used", {Place("state", _used(output)): ca.SX(1)})
 
 
@@ -187,7 +187,7 @@ class Assembly:
 
     @cached_property
     def whole(self) -> Pieces:
-        """All parts as one."""
+        """The pieces of all parts as one."""
         return joined(self.pieces)
 
     @cached_property
@@ -197,7 +197,7 @@ class Assembly:
 
     @cached_property
     def adapt(self) -> Program:
-        """What the parts do once after the updates; a part that does anything asks whether time has passed."""
+        """The program of the parts once after the updates; a part that does anything asks whether time has passed."""
         return flat(piece.adapt for piece in self.pieces)
 
     @property
@@ -284,7 +284,7 @@ class Assembly:
 
     @cached_property
     def _fresh(self) -> Program:
-        """What makes fault counts, and what is remembered beside the estimate, anew where the state is lost."""
+        """The program that resets fault counts and all memory but the estimate where the state is lost."""
         return (*self.law.cleared, *self.law.rest)
 
     def _guarded(self, program: Program, before: Program = ()) -> Program:
@@ -313,7 +313,7 @@ class Assembly:
         return (Section("keep_in_box", "keep the state in its box, or make it anew", program),)
 
     def _correct(self, j: int) -> Program:
-        """What the parts do at a valid sample of output j."""
+        """Return the program of the parts at a valid sample of output j."""
         return flat(piece.update[j] for piece in self.pieces if piece.update)
 
     @property
@@ -345,7 +345,7 @@ class Assembly:
 
     @property
     def _samples(self) -> dict[int, Sampled]:
-        """What the law of recovery reads where no output corrects."""
+        """The samples that the law of recovery reads where no output corrects."""
         read = self.observer.dynamics.output(self.observer.z, self.clock.u_now)
         raw = [sym("output", output.name) for output in self.observer.form.system.outputs]
         return {j: Sampled(y, self.clock.valid[j] > 0, y - read[j]) for j, y in enumerate(raw)}
@@ -377,7 +377,7 @@ class Assembly:
 
 
 def flat(tuples: Iterable[tuple[Any, ...]]) -> tuple[Any, ...]:
-    """All entries of all tuples."""
+    """Return the entries of all tuples."""
     return tuple(item for items in tuples for item in items)
 
 
@@ -391,7 +391,8 @@ def plain_inputs(observer: Observer) -> Block:
 
 
 def plain_outputs(observer: Observer, clock: Clock) -> Block:
-    """All samples at once for a part that integrates with the measurement: y now, y at the last call."""
+    """Return the block of all samples at once for a part that integrates with the measurement: y now, y at the last
+    call."""
     now = column(sym("output", signal.name) for signal in observer.form.system.outputs)
     return Block("the samples", {Place("work", "y"): now, Place("work", "y_last"): sym("state", "y", clock.outputs)})
 
