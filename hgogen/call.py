@@ -48,7 +48,7 @@ class CallableStep(Step):
     _take_u: Take = field(init=False)
     _take_y: Take = field(init=False)
     _take: Mapping[str, Take] = field(init=False)
-    _shown: Callable[[], bytes] = field(init=False)
+    _output_bytes: Callable[[], bytes] = field(init=False)
 
     def __post_init__(self) -> None:
         """Gives the step a memory of its own, as before the first call."""
@@ -66,7 +66,7 @@ class CallableStep(Step):
             _take_u=to("u", 0, u),
             _take_y=to("y", u, len(signals)),
             _take={signal.name: to(signal.name, j, j + 1) for j, signal in enumerate(self.samples, u)},
-            _shown=memory.shown.data.tobytes,
+            _output_bytes=memory.outputs.data.tobytes,
         )
 
     def __call__(self, u: Any = (), y: Any = ()) -> Sample:
@@ -81,7 +81,7 @@ class CallableStep(Step):
         self._take_y(y)
         status = self._step()
         self._clock[0] += 1
-        return Sample(self._legend, self._shown(), status)
+        return Sample(self._legend, self._output_bytes(), status)
 
     def predict(self, u: Any = ()) -> Sample:
         """Only advance the estimate to now; then `update` with the sensors that have a sample, and `adapt`.
@@ -92,7 +92,7 @@ class CallableStep(Step):
         self._take_u(u)
         status = self._entries["predict"]()
         self._clock[0] += 1
-        return Sample(self._legend, self._shown(), status)
+        return Sample(self._legend, self._output_bytes(), status)
 
     def update(self, at: int | None = None, /, **y: float) -> Sample:
         """Correct with the named outputs; a step for late samples takes `y_age` with y, by default 0, and corrects when
@@ -123,13 +123,13 @@ class CallableStep(Step):
         status = self._entries["estimate"]() if not y else 0
         for name in (signal.name for signal in self.outputs if signal.name in y):
             status |= self._entries[f"update_{name}{ending}"]()
-        return Sample(self._legend, self._shown(), status)
+        return Sample(self._legend, self._output_bytes(), status)
 
     def adapt(self) -> Sample:
         """Adapt the gain, once after the updates of a sample; nothing to do for a constant one."""
         self._demand_sections()
         status = self._entries["adapt" if "adapt" in self._entries else "estimate"]()
-        return Sample(self._legend, self._shown(), status)
+        return Sample(self._legend, self._output_bytes(), status)
 
     def run(self, u: Any = (), y: Any = (), engine: Engine | None = None) -> Run:
         """A whole record from the present state on: `u` (N) or (N, m), `y` (N) or (N, p), or a column (N) for each by
@@ -250,8 +250,8 @@ class CallableStep(Step):
         Raises: as `sample` and the observer do.
         """
         observer = self.observer.on(form) if form else self.observer
-        asked = {"real": real, "guards": guards, "prefer": prefer}
-        options = self._options | {key: value for key, value in asked.items() if value}
+        requested = {"real": real, "guards": guards, "prefer": prefer}
+        options = self._options | {key: value for key, value in requested.items() if value}
         return sample(observer, method or self.method, self.dt if dt is None else dt, **options)
 
     def arriving(self, y: Any) -> np.ndarray:
@@ -294,8 +294,8 @@ class CallableStep(Step):
         clock = self.clock
         rated = self.code.timed or any(period != self.dt for period in clock.periods)
         periods = dict(zip((s.name for s in self.outputs), clock.periods, strict=True)) if rated else None
-        asked = {name: getattr(clock, name) for name in ("between", "guards", "prefer")}
-        return asked | {"engine": self.engine, "real": self.real, "periods": periods}
+        requested = {name: getattr(clock, name) for name in ("between", "guards", "prefer")}
+        return requested | {"engine": self.engine, "real": self.real, "periods": periods}
 
     @property
     def _memory(self) -> tuple[bytes, int]:

@@ -367,11 +367,11 @@ class Section:
 
 def walk(program: Sequence[Statement]) -> Iterator[Statement]:
     """Every statement, outer ones first."""
-    left = list(reversed(program))
-    while left:
-        yield (statement := left.pop())
+    pending = list(reversed(program))
+    while pending:
+        yield (statement := pending.pop())
         for body in reversed(statement.bodies.values()):
-            left += reversed(body)
+            pending += reversed(body)
 
 
 def blocks(program: Sequence[Statement]) -> Iterator[Block]:
@@ -436,8 +436,8 @@ class Reader(Generic[T]):
 
     def statement(self, statement: Statement, *known: Any) -> T:
         """Return the result of a statement."""
-        made: T = getattr(self, f"_{type(statement).__name__.lower()}")(statement, *known)
-        return made
+        result: T = getattr(self, f"_{type(statement).__name__.lower()}")(statement, *known)
+        return result
 
     def joined(self, parts: Iterable[T]) -> T:
         """Return the result of several statements from the result of each."""

@@ -259,7 +259,7 @@ class Step:
         form = self.observer.form
         return of_time(item.unit, self.time, {s.unit for s in (*form.system.signals, *form.states)})
 
-    def asked(self, bit: Bit) -> str:
+    def action_of(self, bit: Bit) -> str:
         """Return the action that a bit asks of the caller, which may depend on what is proved of the observer."""
         return bit.action.format(or_lower=or_lower(self.observer)) if OR_LOWER in bit.action else bit.action
 
@@ -370,25 +370,25 @@ def _pieces(observer: Observer, method: Method, clock: Clock) -> tuple[Pieces, .
 @lru_cache(maxsize=_LAST)
 def _assembled(observer: Observer, method: Method, clock: Clock) -> Step:
     pieces, system = _pieces(observer, method, clock), observer.form.system
-    made = Assembly(observer, clock, pieces)
+    assembly = Assembly(observer, clock, pieces)
     layout = Layout(
         plant=parameter_fields(system.parameters),
         gains=observer.gains,
         derived=flat(piece.derived for piece in pieces),
-        state=made.state,
-        groups=made.whole.groups,
+        state=assembly.state,
+        groups=assembly.whole.groups,
         bits=(),
         mark=MARK if clock.guarded else None,
     )
     code = Code(
         tuning=limit_parameters(*layout.limited, flat(piece.tune for piece in pieces)),
-        sections=made.sections,
-        estimate=made.estimate,
-        timed=made.timed,
-        inner=made.inner,
+        sections=assembly.sections,
+        estimate=assembly.estimate,
+        timed=assembly.timed,
+        inner=assembly.inner,
         rule=next((piece.rule for piece in pieces if piece.rule), method.name),
         choice=next((piece.choice for piece in pieces if piece.choice), ""),
-        signs=made.law.signs,
+        signs=assembly.law.signs,
     )
     step = Step(system.name, observer, method, clock, layout, code)
     return with_bits(step, flat(piece.bits for piece in pieces))
@@ -413,5 +413,5 @@ def with_bits(step: Step, extra: tuple[Bit, ...]) -> Step:
 
 def _demand_room(name: str, bits: Sequence[str]) -> None:
     """Raise `BadStep` for bits of these names that no status word holds."""
-    if short := shortage(bits):
-        raise BadStep(f"{name} with {len(bits)} status bits or more", short)
+    if excess := shortage(bits):
+        raise BadStep(f"{name} with {len(bits)} status bits or more", excess)

@@ -49,7 +49,7 @@ from hgogen.system import System
 
 MEMORY = 1 << 30  # bytes of one seed's truth, measurements and estimates
 _TOGETHER = 1 << 20  # numbers of measurements that are made at once
-_BESIDE = 4  # numbers a sample beside states, inputs and outputs: its time, status and traces
+_FURTHER = 4  # numbers a sample beside states, inputs and outputs: its time, status and traces
 FEW = 16  # columns, up to which lists are faster than rows of an array; the numbers are the same
 t = Signal("t", "", "time")  # inputs of a trial are expressions of this
 
@@ -282,7 +282,7 @@ class Plant:
     def _by_cvodes(self, segment: "_Segment", now: np.ndarray, p: np.ndarray) -> np.ndarray:
         begin, stops, options = segment.begin, segment.stops, {**CVODES, "abstol": 1e-13, "reltol": 1e-13}
         try:
-            with heard():
+            with deferred_interrupt():
                 if begin not in self._integrators:
                     self._integrators[begin] = ca.integrator("truth", "cvodes", self._ode, begin, stops, options)
                 reached = np.array(self._integrators[begin](x0=now, p=p)["xf"]).T
@@ -395,7 +395,7 @@ def demand_trial(plant: System, trial: Trial, dt: float) -> None:
     _names(trial, "noise", trial.noise, {s.name for s in plant.outputs})
     _names(trial, "jumps", [jump.state for jump in trial.jumps], states)
     _names(trial, "settled", [trial.settled.state] if trial.settled else [], states)
-    width = 2 * len(plant.states) + len(plant.inputs) + 2 * len(plant.outputs) + _BESIDE
+    width = 2 * len(plant.states) + len(plant.inputs) + 2 * len(plant.outputs) + _FURTHER
     for reason in (*_faults(trial, dt, plant.time, width), *_outside(plant, trial)):
         raise BadTrial(trial.name, reason)
 
@@ -454,11 +454,11 @@ def _names(trial: Trial, what: str, names: Any, known: set[str], needed: bool = 
 def rows_given(step: CallableStep, trial: Trial, count: int = 300) -> np.ndarray:
     """The first samples (count, m + p): inputs, then the columns of the step's `samples`, of the trial's first seed. A
     trial that is shorter gives fewer. Raises: `BadTrial`."""
-    calm = replace(trial, jumps=(), steady=None, settled=None, duration=min(trial.duration, count * step.dt))
+    nominal = replace(trial, jumps=(), steady=None, settled=None, duration=min(trial.duration, count * step.dt))
     system = step.observer.form.system
-    truth = simulate(system.declared, calm, step.dt)
-    (y,) = noisy(system.declared, truth, calm, calm.seeds[:1])
-    rows: np.ndarray = np.hstack([sampled(system, calm, truth.t), step.arriving(at_their_times(step, y))])
+    truth = simulate(system.declared, nominal, step.dt)
+    (y,) = noisy(system.declared, truth, nominal, nominal.seeds[:1])
+    rows: np.ndarray = np.hstack([sampled(system, nominal, truth.t), step.arriving(at_their_times(step, y))])
     return rows[:count]
 
 
@@ -637,20 +637,20 @@ def _extrapolated(ode: Mapping[str, Graph], x: Graph, t: Graph, h: Graph, p: Gra
 
 
 @contextmanager
-def heard() -> Iterator[list[Any]]:
+def deferred_interrupt() -> Iterator[list[Any]]:
     """The Ctrl-C within, which count when it ends: CasADi takes what a handler raises for a model that has no value."""
-    heard: list[Any] = []
+    deferred_interrupt: list[Any] = []
     before = signal.getsignal(signal.SIGINT)
     if not callable(before) or threading.current_thread() is not threading.main_thread():  # it is ignored, or not ours
-        yield heard
+        yield deferred_interrupt
         return
-    signal.signal(signal.SIGINT, lambda *signalled: heard.append(signalled))
+    signal.signal(signal.SIGINT, lambda *signalled: deferred_interrupt.append(signalled))
     try:
-        yield heard
+        yield deferred_interrupt
     finally:
         signal.signal(signal.SIGINT, before)
-    if heard:
-        before(*heard[-1])
+    if deferred_interrupt:
+        before(*deferred_interrupt[-1])
 
 
 CROSSINGS = 10.0  # times D
@@ -680,16 +680,16 @@ def proposed_trial(plant: System) -> Trial:
     if not longest:
         raise NoTrial(f"plant {plant.name!r}", "does not move within its ranges; declare a trial")
     motions = list(_motions(first, longest))
-    stays = [_stay(first, one) for one in motions]
-    best = int(np.argmax(stays))
-    if stays[best] < LEAST * longest:
+    durations = [_stay(first, one) for one in motions]
+    best = int(np.argmax(durations))
+    if durations[best] < LEAST * longest:
         raise NoTrial(
             f"plant {plant.name!r}",
-            f"leaves its ranges within {stays[best]:.2g} {first.time} on every motion that was tried; declare a "
+            f"leaves its ranges within {durations[best]:.2g} {first.time} on every motion that was tried; declare a "
             "trial in which it is held there",
         )
     motion = motions[best]
-    return motion if stays[best] >= motion.duration else replace(motion, duration=BEFORE * stays[best])
+    return motion if durations[best] >= motion.duration else replace(motion, duration=BEFORE * durations[best])
 
 
 def _motions(plant: System, longest: float) -> Iterator[Trial]:

@@ -215,7 +215,7 @@ def test_a_long_campaign_takes_its_records_together_with_the_same_numbers(
     alone = [results_line(one) for one in hg.campaign(made, trial, 30, vary).run(range(9), jobs=1)]
     assert records == []
     monkeypatch.setattr(trial_module, "_TOGETHER", 7 * 101)
-    monkeypatch.setattr(campaign_module, "WORTH", 30 * 101)
+    monkeypatch.setattr(campaign_module, "FEWEST_SAMPLES", 30 * 101)
     together = [results_line(one) for one in hg.campaign(made, trial, 30, vary).run(range(9), jobs=1)]
     assert together == alone
     assert records == batches
@@ -244,7 +244,7 @@ def test_a_plant_that_escapes_is_said_and_counted(monkeypatch: pytest.MonkeyPatc
     assert all("cannot be integrated" in one.failed for one in gone)
     assert spreads(outcomes)[0].run not in {one.run for one in gone}
     assert spreads(gone) == []
-    monkeypatch.setattr(campaign_module, "WORTH", 1)
+    monkeypatch.setattr(campaign_module, "FEWEST_SAMPLES", 1)
     assert list(hg.campaign(hg.sample(observer, dt=0.01), trial, 12, "a").run(jobs=1)) == outcomes
 
 
@@ -340,7 +340,7 @@ def test_a_cluster_gives_the_same_numbers() -> None:
 @pytest.mark.parametrize("address", ["nowhere", "tcp://127.0.0.1:1"])
 def test_a_scheduler_that_does_not_answer_is_said(address: str, monkeypatch: pytest.MonkeyPatch) -> None:
     pytest.importorskip("distributed")
-    monkeypatch.setattr("hgogen.run.campaign.PATIENCE", "1s")
+    monkeypatch.setattr("hgogen.run.campaign.TIMEOUT", "1s")
     with pytest.raises(NoScheduler, match=f"scheduler {address} does not answer"):
         list(hg.campaign(step(), TRIAL, 2).run(scheduler=address))
 

@@ -32,7 +32,7 @@ from hgogen.prove.plant_step import PlantStep, Unbounded
 from hgogen.reading.given import BadGain, BadNames
 from hgogen.recheck.rules.discrete_time import _root
 from hgogen.recheck.verification import recheck
-from hgogen.run.comparison import seen
+from hgogen.run.comparison import bounded_errors
 from hgogen.run.figures import errors
 from hgogen.stepping.machine import Machine
 
@@ -533,9 +533,9 @@ def test_the_worst_is_that_of_once_it_has_settled_after_each_event() -> None:
     error[[2, 4, 9], 0] = -1, -2, 1
     trial: Any = SimpleNamespace(truth=SimpleNamespace(t=t), trial=SimpleNamespace(events=(0.0, 0.5)), error=error)
     known = replace(bounded(), settles=0.2)
-    assert [row.worst for row in seen(step_of().states, trial, known)] == [2, 0]
+    assert [row.worst for row in bounded_errors(step_of().states, trial, known)] == [2, 0]
     error[8, 1] = 0.5
-    assert [row.worst for row in seen(step_of().states, trial, known)] == [2, 0.5]
+    assert [row.worst for row in bounded_errors(step_of().states, trial, known)] == [2, 0.5]
 
 
 def test_a_figure_has_a_line_where_the_bound_is() -> None:

@@ -94,7 +94,9 @@ def test_the_readme_has_every_bit_and_every_member(name: str) -> None:
     rows = re.findall(r"^\| `(\w+)` \| ([^|]+) \| ([^|]+) \|$", readme, re.MULTILINE)
     macros = re.findall(r"^#define (\w+(?<!_READY)) +(?:UINT\d\d_C\()?0x", header, re.MULTILINE)
     assert [name_ for name_, *_ in rows] == macros
-    assert [(said, asked) for _, said, asked in rows] == [(bit.meaning, each.asked(bit)) for bit in each.layout.bits]
+    assert [(said, asked) for _, said, asked in rows] == [
+        (bit.meaning, each.action_of(bit)) for bit in each.layout.bits
+    ]
     members = re.findall(r"^\| `(\w+)\.([\w.]+)` \|", readme, re.MULTILINE)
     assert [(a, b) for a, b in members if a != "p"] == [
         (short, signal.name)

@@ -8,7 +8,7 @@ import pytest
 from test_cli import hgogen
 
 import hgogen as hg
-from hgogen.run.metrics import leaving_notes, left
+from hgogen.run.metrics import leaving_notes, leaving_signals
 from hgogen.trial import Jump, Trial, t, try_out
 
 ESCAPING = """name = "escaping"
@@ -26,7 +26,7 @@ def tried(drive: object = 0, start: float = 1.0, duration: float = 4.0, **change
     observer = hg.observers.high_gain(hg.forms.triangular(plant), theta=5, poles=(-1,))
     step = hg.sample(observer, hg.methods.rk4, dt=0.01, engine="python")
     trial = Trial("grown", duration, {"x": start}, {"u": drive}, seeds=(0,), **changes)  # type: ignore[arg-type]
-    return left(plant, next(try_out(step, trial, "python")))
+    return leaving_signals(plant, next(try_out(step, trial, "python")))
 
 
 def test_a_state_that_leaves_its_range() -> None:

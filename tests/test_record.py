@@ -570,7 +570,7 @@ def _line(t: np.ndarray, y: np.ndarray) -> np.ndarray:
     ("begin", "end", "count"), [(None, None, 100), (1, 2, 11), (None, 10, 100), (-0.1, 0.35, 4), (9, None, 10)]
 )
 def test_the_quiet_part(begin: float | None, end: float | None, count: int):
-    assert consistency.quiet(np.arange(100) / 10, begin, end).sum() == count
+    assert consistency.within_interval(np.arange(100) / 10, begin, end).sum() == count
 
 
 @pytest.mark.parametrize(
@@ -586,7 +586,7 @@ def test_the_quiet_part(begin: float | None, end: float | None, count: int):
 )
 def test_an_interval_that_is_none_is_a_sentence(begin: float | None, end: float | None, named: str):
     with pytest.raises(consistency.BadInterval) as caught:
-        consistency.quiet(np.arange(100) / 10, begin, end)
+        consistency.within_interval(np.arange(100) / 10, begin, end)
     assert f"the quiet part {named} s" in str(caught.value)
     assert "from 0 to 9.9 s" in str(caught.value)
 

@@ -224,10 +224,10 @@ def test_narrower_registers_have_the_same_bits(real: Real, monkeypatch: pytest.M
     made = step("fitzhugh_nagumo", real)
     u, y = signals(made, 5, 200)
     made.run_many(u[:1], y[:1])
-    wide = "__AVX__" in native._macros((native.compiler(),), native.own())
+    wide = "__AVX__" in native._macros((native.compiler(),), native.machine_flags())
     assert (made._many.lanes.width > {"double": 2, "float": 4}[real]) == wide
     made = made.made_again()
-    monkeypatch.setattr(native, "own", tuple)
+    monkeypatch.setattr(native, "machine_flags", tuple)
     many = made.run_many(u, y)
     assert many.engine == "lanes"
     assert made._many.lanes.width == {"double": 2, "float": 4}[real]
@@ -240,7 +240,7 @@ def test_narrower_registers_have_the_same_bits(real: Real, monkeypatch: pytest.M
 def test_a_compiler_without_vectors_runs_one_by_one_and_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
     made = step("pendulum").made_again()
     u, y = signals(made, 3, 50)
-    monkeypatch.setattr(native, "own", lambda: ("-Dvector_size=no_such_attribute_of", "-Werror"))
+    monkeypatch.setattr(native, "machine_flags", lambda: ("-Dvector_size=no_such_attribute_of", "-Werror"))
     many = made.run_many(u, y)
     assert many.engine == "c"
     for k in range(3):

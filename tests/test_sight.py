@@ -11,7 +11,7 @@ from scipy.linalg import expm, solve_continuous_lyapunov
 import hgogen as hg
 from hgogen.analysis.linearised import NoSight
 from hgogen.model import load
-from hgogen.run.gramian import HOPELESS, Sight, sight
+from hgogen.run.gramian import RESOLVED, Sight, sight
 from hgogen.trial import BadTrial, Jump, Trial, t
 
 
@@ -121,7 +121,7 @@ def test_a_singular_input_is_among_the_points() -> None:
     visibility = sight(load(MODELS / "lorenz.toml").plant)
     assert visibility.least == 0.0
     assert visibility.where["x"] == 0.0
-    assert visibility.median > HOPELESS
+    assert visibility.median > RESOLVED
 
 
 def test_it_is_the_root_mean_square_of_the_integral() -> None:

@@ -60,7 +60,7 @@ from hgogen.modelfiles.setting import AS_WRITTEN, Setting, UnknownCase, demand_k
 from hgogen.reading.files import BYTES, Unread, content_of, same
 from hgogen.reading.given import by_name, written
 from hgogen.run import native
-from hgogen.run.comparison import Agreement, Disagree, Falling, Seen, falling, seen
+from hgogen.run.comparison import Agreement, BoundedError, Disagree, Falling, bounded_errors, falling
 from hgogen.run.samples import Engine
 from hgogen.sentence import encoded
 from hgogen.step import Step
@@ -453,7 +453,7 @@ class SimulatedTrial:
     json_keys = "*row bounds falling each=row.tried.each"
 
     row: TrialRow
-    bounds: Annotated[tuple[Seen, ...], "each state's error beside what is proved of it"]
+    bounds: Annotated[tuple[BoundedError, ...], "each state's error beside what is proved of it"]
     falling: Annotated[Falling | None, "how e' S e falls without noise; null for an observer without a covariance"]
 
 
@@ -523,7 +523,7 @@ def simulate_(
     done = _tried(step, chosen, engine, seeds)
     summed = trial_rows(summaries(step, done, engine, note), done)
     known = proved_bound(step, loaded, note)
-    seen_ = [seen(step.states, one.first, known) if known else () for one in done]
+    seen_ = [bounded_errors(step.states, one.first, known) if known else () for one in done]
     falls = [falling(step, one, engine) for one in chosen]
     paths = [] if out is None else Folder(out).write(rendered(trial_figures(step, done, known)))
     return Simulated(loaded.path, step, tuple(map(SimulatedTrial, summed, seen_, falls)), tuple(paths))

@@ -43,7 +43,7 @@ from hgogen.model import MissingPart, Model, load
 from hgogen.modelfiles.setting import AS_WRITTEN, Setting
 from hgogen.prove.semidefinite import NoSolver
 from hgogen.run.comparison import measured
-from hgogen.run.metrics import Left, criterion, leaving_notes, left
+from hgogen.run.metrics import Leaving, criterion, leaving_notes, leaving_signals
 from hgogen.run.metrics import guard_notes as guards
 from hgogen.run.samples import Engine
 from hgogen.system import System
@@ -77,9 +77,9 @@ class ComparedTrial:
         return self.trial.first_state(self.plant)
 
     @property
-    def left(self) -> tuple[Left, ...]:
+    def left(self) -> tuple[Leaving, ...]:
         """The plant's own states and inputs that leave their declared ranges."""
-        return left(self.plant, self.observers[0].first)  # all observers share the truth
+        return leaving_signals(self.plant, self.observers[0].first)  # all observers share the truth
 
     def notes(self) -> Iterator[str]:
         """What is doubtful of the trial, and when guards acted."""

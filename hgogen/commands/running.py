@@ -58,8 +58,7 @@ from hgogen.reading.files import fault
 from hgogen.reading.log import mapping, shifts_of
 from hgogen.reading.measured import COMMAND, WINDOWS, read
 from hgogen.run.comparison import Difference, coarse, differences
-from hgogen.run.consistency import Consistency, Suggestion, consistency, no_better, suggest
-from hgogen.run.consistency import quiet as quiet_part
+from hgogen.run.consistency import Consistency, Suggestion, consistency, no_better, suggest, within_interval
 from hgogen.run.metrics import Interventions, before_loss, interventions, loss
 from hgogen.run.prediction import (
     Better,
@@ -397,7 +396,7 @@ def noise_(
     step = loaded.step(observer)
     d = innovation_window(loaded, "--window", observer) if window is None else window
     record = _record(step, data, columns, step.outputs)
-    quiet = quiet_part(record.t, begin, end, step.time)
+    quiet = within_interval(record.t, begin, end, step.time)
     suggestions = (suggest(s.name, record.of([s])[quiet, 0], step.dt, d, step.time) for s in step.outputs)
     return QuietRecord(loaded.path, record, tuple(suggestions), step.time)
 
@@ -535,7 +534,7 @@ def status_table(step: Step, counts: Mapping[str, int], samples: int) -> Rendera
     raised = [bit for bit in step.layout.bits if counts.get(bit.name)]
     if not raised:
         return Text(f"status: 0 (ok) in all {samples} samples\n")
-    rows = ((str(counts[bit.name]), bit.name, Text(bit.meaning), Text(step.asked(bit))) for bit in raised)
+    rows = ((str(counts[bit.name]), bit.name, Text(bit.meaning), Text(step.action_of(bit))) for bit in raised)
     table = headed(f"status over {samples} samples", "samples", "bit", "meaning", "what to do", rows=rows)
     return Group(table, "")
 

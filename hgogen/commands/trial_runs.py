@@ -29,11 +29,11 @@ from hgogen.run.campaign import (
     results_head,
     results_line,
 )
-from hgogen.run.comparison import Agreement, Seen, agreement
+from hgogen.run.comparison import Agreement, BoundedError, agreement
 from hgogen.run.metrics import (
     ITSELF,
     Interventions,
-    Left,
+    Leaving,
     Metrics,
     Summary,
     alarm_complaints,
@@ -41,7 +41,7 @@ from hgogen.run.metrics import (
     criterion,
     interventions,
     leaving_notes,
-    left,
+    leaving_signals,
     metrics,
     summary,
 )
@@ -84,7 +84,7 @@ class Tried:
     trial: Trial
     first: Trajectory
     each: Annotated[tuple[Metrics, ...], "the metrics of every seed"]
-    left: Annotated[tuple[Left, ...], "the plant's own states and inputs that leave their declared ranges"]
+    left: Annotated[tuple[Leaving, ...], "the plant's own states and inputs that leave their declared ranges"]
     acted: Annotated[Interventions, "when guards acted on the estimate"]
 
 
@@ -114,7 +114,7 @@ def tried(step: CallableStep, trial: Trial, engine: Engine, seeds: Sequence[int]
         acted += interventions(step, trajectory.status, trajectory.truth.t)
         tick()
     assert first is not None  # a trial without seeds has been refused
-    return Tried(trial, first, tuple(each), left(step.observer.form.system, first), acted)
+    return Tried(trial, first, tuple(each), leaving_signals(step.observer.form.system, first), acted)
 
 
 def summaries(step: CallableStep, done: Sequence[Tried], engine: Engine, say: Callable[[str], None]) -> list[Summary]:
@@ -188,7 +188,7 @@ def trials_table(each: Iterable[Summary], unit: str) -> RenderableType:
     return Group(*parts)
 
 
-def bounds_table(each: Sequence[Seen]) -> RenderableType:
+def bounds_table(each: Sequence[BoundedError]) -> RenderableType:
     """The worst of each state's error beside its bound."""
     title = f"errors of the first seed, from {each[0].after:g} after each event on, beside what is proved of them"
     table = headed(title, "state", "worst seen", "proved", numbers=2)

@@ -159,7 +159,7 @@ def _status(step: Step) -> list[str]:
     lines = ["/** @name Status bits: what happened, and what it asks of you. */", "/** @{ */", ""]
     for k, bit in enumerate(step.layout.bits):
         lines += [
-            documented(f"{bit.meaning}. To do: {step.asked(bit)}."),
+            documented(f"{bit.meaning}. To do: {step.action_of(bit)}."),
             f"#define {upper}_{bit.name:{width}} {value.format(1 << k)}",
             "",
         ]
@@ -242,7 +242,7 @@ def rust_status(step: Step) -> list[str]:
         text
         for k, bit in enumerate(step.layout.raised)
         for text in (
-            *doc(f"{bit.meaning}. To do: {step.asked(bit)}."),
+            *doc(f"{bit.meaning}. To do: {step.action_of(bit)}."),
             f"pub const {bit.name}: {kind} = 0x{1 << k:04X};",
         )
     ]

@@ -178,7 +178,7 @@ def _values(step: Step, real: Real) -> dict[str, Any]:
         "marked": f"{marked(step)} ",
         "members": "\n".join(_members(step)),
         "bits": "\n".join(
-            _row(f"`{step.name.upper()}_{bit.name}`", bit.meaning, step.asked(bit)) for bit in step.layout.bits
+            _row(f"`{step.name.upper()}_{bit.name}`", bit.meaning, step.action_of(bit)) for bit in step.layout.bits
         ),
         "readers": "\n\n".join(_reader(step, signal, real) for _, signal in samples),
         "called": "\n".join(indented(called)),

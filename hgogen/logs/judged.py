@@ -17,7 +17,7 @@ from hgogen.logs.records import Log, readable
 from hgogen.logs.tune import Calibration, Tuned
 from hgogen.run.consistency import LAGS, correlations
 from hgogen.run.prediction import forecasts, rms
-from hgogen.run.samples import Engine, held_last
+from hgogen.run.samples import Engine, last_values
 from hgogen.system import System
 
 Array = np.ndarray
@@ -140,7 +140,7 @@ def _last_two(y: Array) -> tuple[Array, Array, Array]:
     at = np.maximum.accumulate(np.where(np.isfinite(y), count, -1), axis=0)
     before = np.take_along_axis(at, np.maximum(at - 1, 0), axis=0)
     there = (at > 0) & (before >= 0) & (before < at)
-    last = held_last(y)
+    last = last_values(y)
     change = last - np.take_along_axis(last, np.maximum(before, 0), axis=0)
     return last, count - at, np.where(there, change, 0.0) / np.where(there, at - before, 1)
 

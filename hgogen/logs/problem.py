@@ -41,7 +41,7 @@ from hgogen.run.consistency import influence
 from hgogen.sentence import Encoded
 from hgogen.signal import Signal, plural, resting
 from hgogen.system import System
-from hgogen.trial import heard
+from hgogen.trial import deferred_interrupt
 
 Array = np.ndarray
 SOMEWHERE = 1e-10
@@ -467,7 +467,7 @@ class Solver:
         watch, solver = self._watched if at is None else self._made(_QUIET | _THERE)
         watch.begin(lambda k, w: each(k, w * self.unit))
         bounds = {"lbx": self.low / self.unit, "ubx": self.high / self.unit, "lbg": 0, "ubg": 0}
-        with heard() as watch.interrupts:
+        with deferred_interrupt() as watch.interrupts:
             result = solver(x0=first, p=begin[: self._pulled], **bounds)
         if watch.raised:
             raise watch.raised[0]

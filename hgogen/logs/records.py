@@ -26,7 +26,7 @@ from hgogen.call import CallableStep
 from hgogen.errors import BadArgument
 from hgogen.reading.measured import PYTHON, WINDOWS, difference, read
 from hgogen.run.prediction import forecasts
-from hgogen.run.samples import Engine, Run, held_last, table
+from hgogen.run.samples import Engine, Run, last_values, table
 from hgogen.signal import Signal, derived, resting
 from hgogen.stepping.guards import readings
 from hgogen.system import System
@@ -66,7 +66,7 @@ def demanded(plant: System, record: Log, number: int) -> Log:
     for signal, column in zip(plant.outputs, y.T, strict=True):
         if np.isfinite(column).sum() < LEAST:
             raise BadLog(name, f"has fewer than {LEAST} samples of {signal.name}; give a longer one")
-    held = held_last(u)
+    held = last_values(u)
     return Log(np.where(np.isfinite(held), held, [resting(s) for s in plant.inputs]), y, float(record.dt))
 
 
@@ -140,7 +140,7 @@ class Ahead:
         h, moves = self.samples, []
         for record in records:
             squares = np.full(record.y.shape, np.nan)
-            squares[h:] = (record.y[h:] - held_last(record.y)[: len(record.y[h:])]) ** 2
+            squares[h:] = (record.y[h:] - last_values(record.y)[: len(record.y[h:])]) ** 2
             moves.append(squares)
         return moves
 

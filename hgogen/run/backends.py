@@ -50,8 +50,8 @@ class StepMemory:
         self._readers: dict[Engine, Mapping[str, Entry]] = {}
         self.whole = self.record.view(np.uint8).data
         self.state = self.whole[: layout.state_type(step, real).itemsize]
-        shown, signals = len(step.states) + len(step.observer.traces), len(step.inputs) + len(step.samples)
-        self.signals, self.shown = np.split(self.record.view(DTYPE[real])[-signals - shown :], [signals])
+        views, signals = len(step.states) + len(step.observer.traces), len(step.inputs) + len(step.samples)
+        self.signals, self.outputs = np.split(self.record.view(DTYPE[real])[-signals - views :], [signals])
         self._new = bytes(self.state)
 
     def reset(self) -> None:
@@ -107,7 +107,7 @@ class StepMemory:
         for k, row in enumerate(np.hstack([u, y])):
             self.signals[:] = row
             status[k] = step()
-            rows[k] = self.shown
+            rows[k] = self.outputs
         return rows[:, :n], rows[:, n:], status
 
     @cached_property
@@ -296,7 +296,7 @@ class Many:
         called; `Misfit`."""
         if not (each is None or callable(each)):
             raise BadGain(f"each = {each!r}", "must be a function of how many records are done, and of how many")
-        number, own, word = records.count, self.own, self.step.layout.word
+        number, own, word = records.count, self.spare, self.step.layout.word
         results, tuned = _Results.of(self.step, records.y.shape[-2], number, traces, self.real), np.zeros(number, word)
         lanes = self.lanes if engine == "c" else None
         threads = (os.cpu_count() or 1) if jobs is None else count("jobs", jobs, 1, MOST_THREADS)
@@ -310,13 +310,13 @@ class Many:
         for done in lanes.chunks(records.u, records.y, memory, results, threads) if lanes else alone:
             if each:
                 each(done, number)
-        x, status, shown = results.x[..., :number], results.status[:, :number], results.traces[..., :number]
+        x, status, views = results.x[..., :number], results.status[:, :number], results.traces[..., :number]
         names = self.step.observer.traces if traces else ()
         return Batch(
             x.transpose(2, 0, 1).astype(float, copy=False),
             tuple(signal.name for signal in self.step.states),
             status.T,
-            {name: shown[:, j].T.astype(float, copy=False) for j, name in enumerate(names)},
+            {name: views[:, j].T.astype(float, copy=False) for j, name in enumerate(names)},
             "lanes" if lanes else engine,
             results.states,
             tuned,
@@ -328,15 +328,15 @@ class Many:
         for k in range(results.records):
             memory(k)
             signals = (array[k] if array.ndim == 3 else array for array in (records.u, records.y))
-            x, traces, status = self.own.run(engine, *signals)
+            x, traces, status = self.spare.run(engine, *signals)
             results.x[:, :, k], results.status[:, k] = x, status
-            results.states[k] = np.frombuffer(self.own.state, np.uint8)
+            results.states[k] = np.frombuffer(self.spare.state, np.uint8)
             if results.traced:
                 results.traces[:, :, k] = traces
             yield k + 1
 
     @cached_property
-    def own(self) -> StepMemory:
+    def spare(self) -> StepMemory:
         """A memory that is no caller's."""
         return StepMemory(self.step, self.real)
 
@@ -345,7 +345,7 @@ class Many:
         """The step in lanes; None where it has none, or the compiler does not know them."""
         try:
             files = targets.lanes(self.step, real=self.real)
-            return _Lanes(self.step, self.real, native.library(files, ("-O2", *native.own())))
+            return _Lanes(self.step, self.real, native.library(files, ("-O2", *native.machine_flags())))
         except (NoLanes, native.CompilerFailed):
             return None
 
@@ -406,8 +406,8 @@ class _Lanes:
         for block, lanes in enumerate(memory):
             at = block * self.width
             signals = (array[..., at:] if array.ndim == 3 else array for array in (u, y))
-            shown = (array[..., first + at :] for array in (results.x, results.traces, results.status))
-            x, traces, status = map(_address, shown)
+            views = (array[..., first + at :] for array in (results.x, results.traces, results.status))
+            x, traces, status = map(_address, views)
             arrays = (*map(_address, signals), x, traces if results.traced else ctypes.c_void_p(), status)
             call(_address(lanes), ctypes.c_size_t(len(results.x)), width, *arrays)
         self._remembered(memory, records)

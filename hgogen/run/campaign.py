@@ -44,7 +44,7 @@ from hgogen.system import System
 from hgogen.trial import BadTrial, Feed, OrnsteinUhlenbeck, Plant, Trajectory, Trial, feeds, first_memory, tried
 
 MOST_JOBS = 1000  # processes
-PATIENCE = "10s"  # until a scheduler answers
+TIMEOUT = "10s"  # until a scheduler answers
 Shared = TypeVar("Shared")
 Piece = TypeVar("Piece")
 Result = TypeVar("Result")
@@ -83,7 +83,7 @@ class Workers(Generic[Shared]):
         if self.scheduler:
             distributed = library("distributed", f"scheduler {self.scheduler}", "cluster")
             try:
-                client, backend = distributed.Client(self.scheduler, timeout=PATIENCE), "dask"
+                client, backend = distributed.Client(self.scheduler, timeout=TIMEOUT), "dask"
             except (OSError, ValueError) as error:
                 raise NoScheduler(f"scheduler {self.scheduler}", f"does not answer: {error}") from None
         with client, parallel_config(backend=backend):
@@ -107,8 +107,10 @@ def _worked(work: Callable[[Any, Any], Any], sent: bytes, piece: Any) -> Any:
 MOST = 10_000_000  # runs
 MANY = 64  # runs: fewer are integrated sooner than it takes to compile what does
 BATCH, ALONE = 64, 8  # runs that go out together; where each has a truth of its own
-WORTH = 5_000_000  # samples of a step from which on it takes less time than to compile what takes them together
-HELD = 1 << 20  # numbers of measurements of runs that differ by more than their seeds
+FEWEST_SAMPLES = (
+    5_000_000  # samples of a step from which on it takes less time than to compile what takes them together
+)
+MOST_NUMBERS = 1 << 20  # numbers of measurements of runs that differ by more than their seeds
 STATES, PARAMETERS, NOISE = "x0", "parameters", "noise"  # all of a kind
 _NUMBER = r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?"
 _INTERVAL = re.compile(rf"({_NUMBER})\.\.({_NUMBER})")
@@ -151,7 +153,7 @@ class Draws:
         return len(self.values)
 
     @property
-    def moves(self) -> bool:
+    def truth_varies(self) -> bool:
         """Whether the plant's truth differs from draw to draw."""
         return any(each.what != "noise" for each in self.varied)
 
@@ -256,7 +258,7 @@ def campaign(
 def _outcomes(each: Campaign, numbers: Sequence[int], jobs: int | None, scheduler: str | None) -> Iterator[Outcome]:
     # meets what does not fit, and compiles once for all
     ready = Ready(replace(each, draws=each.drawn(())), len(each.draws))
-    size = ALONE if each.draws.moves else BATCH
+    size = ALONE if each.draws.truth_varies else BATCH
     batches = (numbers[first : first + size] for first in range(0, len(numbers), size))
     pieces = ((batch, each.drawn(batch)) for batch in batches)
     for outcomes in Workers(ready, jobs, scheduler).results(Ready.outcomes, pieces):
@@ -275,17 +277,19 @@ class Ready:
     def __init__(self, campaign: Campaign, runs: int) -> None:
         self.campaign, self.runs = campaign, runs
         many = runs >= MANY
-        step, trial, moves = campaign.step, campaign.trial, campaign.draws.moves
+        step, trial, truth_varies = campaign.step, campaign.trial, campaign.draws.truth_varies
         free = campaign.draws.free(campaign.plant)
-        self._plant = Plant(campaign.plant, trial, step.dt, free, many and moves)
+        self._plant = Plant(campaign.plant, trial, step.dt, free, many and truth_varies)
         self._memory = first_memory(step, trial)
-        self._truth = None if moves else self._plant.truth(trial.start)
-        if many and moves:
+        self._truth = None if truth_varies else self._plant.truth(trial.start)
+        if many and truth_varies:
             with suppress(BadTrial):
                 self._plant.truth(trial.start, [float(campaign.plant.nominal[p]) for p in free])
         compiled, samples = campaign.engine == "c", len(self._plant.times)
-        held = (ALONE if moves else BATCH if campaign.draws.varied else 1) * samples * len(campaign.plant.outputs)
-        self._together = compiled and runs * samples >= WORTH and held <= HELD
+        numbers_held = (
+            (ALONE if truth_varies else BATCH if campaign.draws.varied else 1) * samples * len(campaign.plant.outputs)
+        )
+        self._together = compiled and runs * samples >= FEWEST_SAMPLES and numbers_held <= MOST_NUMBERS
         if compiled:
             run = step.run_many if self._together else step.run
             run(np.zeros((0, len(step.inputs))), np.zeros((0, len(step.samples))), engine="c")
@@ -349,14 +353,14 @@ def hypercube(varied: Sequence[Varied], count: int, seed: int) -> Draws:
     return Draws(tuple(varied), np.column_stack(columns) if columns else np.zeros((count, 0)))
 
 
-def varied(asked: str | Mapping[str, str | float | None], plant: System, trial: Trial) -> tuple[Varied, ...]:
+def varied(requested: str | Mapping[str, str | float | None], plant: System, trial: Trial) -> tuple[Varied, ...]:
     """Return the requested quantities: names, "x0" for all first states, "parameters" for all with a range, "noise" for
     the size of every output's noise, each with an interval as in "a=10%" (of its value in the trial), "a=0.2" (to both
     sides), "a=0.8..1.2"; without one it is the declared range. A mapping gives the same by name. Raises:
     `BadVariation`."""
-    if not isinstance(asked, str | Mapping) or not all(isinstance(name, str) for name in asked):
-        raise BadVariation(str(asked), "is no text and no mapping by name; write \"x0,a=10%\" or {'a': '10%'}")
-    pairs = _split(asked) if isinstance(asked, str) else asked.items()
+    if not isinstance(requested, str | Mapping) or not all(isinstance(name, str) for name in requested):
+        raise BadVariation(str(requested), "is no text and no mapping by name; write \"x0,a=10%\" or {'a': '10%'}")
+    pairs = _split(requested) if isinstance(requested, str) else requested.items()
     listed: dict[str, Varied] = {}
     for name, width in pairs:
         for each in _of(name, width, plant, trial):

@@ -121,7 +121,7 @@ def rises(trajectory: Trajectory) -> np.ndarray:
 
 
 @dataclass(frozen=True)
-class Seen:
+class BoundedError:
     """The error of a state in a trial beside its bound."""
 
     state: Annotated[str, "the state"]
@@ -131,7 +131,7 @@ class Seen:
     worst: Annotated[float | None, "largest error from then on; null where the trial ends before"]
 
 
-def seen(states: Sequence[Signal], trajectory: Trajectory, known: ErrorBound) -> tuple[Seen, ...]:
+def bounded_errors(states: Sequence[Signal], trajectory: Trajectory, known: ErrorBound) -> tuple[BoundedError, ...]:
     """Return the error and bound of each state that has a bound; none where it is not known from when on they hold."""
     if known.settles is None:
         return ()
@@ -142,13 +142,13 @@ def seen(states: Sequence[Signal], trajectory: Trajectory, known: ErrorBound) ->
     for k, state in enumerate(states):
         if state.name in known.bounds:
             worst = float(np.abs(trajectory.error[holds, k]).max()) if holds.any() else None
-            rows.append(Seen(state.name, state.unit, known.bounds[state.name], known.settles, worst))
+            rows.append(BoundedError(state.name, state.unit, known.bounds[state.name], known.settles, worst))
     return tuple(rows)
 
 
 def largest(states: Sequence[Signal], each: Sequence[Trajectory], known: ErrorBound) -> Mapping[str, float | None]:
     """The worst of all trajectories by the name of each state that has a bound; None where none of them tells."""
-    rows = [one for trajectory in each for one in seen(states, trajectory, known) if one.worst is not None]
+    rows = [one for trajectory in each for one in bounded_errors(states, trajectory, known) if one.worst is not None]
     return {name: max((one.worst or 0.0 for one in rows if one.state == name), default=None) for name in known.bounds}
 
 
@@ -285,10 +285,10 @@ def falling(step: CallableStep, trial: Trial, engine: Engine | None = None) -> F
     known = uncertainty(step)
     if known is None or known.members is not None:
         return None
-    quiet = replace(trial, noise={})
-    truth = simulate(step.observer.form.system.declared, quiet, step.dt)
-    (fed,) = feeds(step, quiet, truth, (0,))
-    step.restore(first_memory(step, quiet))
+    noiseless = replace(trial, noise={})
+    truth = simulate(step.observer.form.system.declared, noiseless, step.dt)
+    (fed,) = feeds(step, noiseless, truth, (0,))
+    step.restore(first_memory(step, noiseless))
     run = step.run(u=fed.u, y=step.arriving(fed.y), engine=engine)
     P, e = _in_form(step.observer.form, run, truth.x, fed.u)
     there = np.isfinite(P).all(axis=(1, 2)) & np.isfinite(e).all(axis=1)

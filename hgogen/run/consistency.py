@@ -124,9 +124,9 @@ def corner(residuals: Array) -> float:
 
 def influence(residuals: Array, c: float) -> Array:
     """Return the influence of each residual (N)."""
-    bend = 1 + (residuals / c) ** 2
-    share = float(np.mean(bend**-1.5))
-    return np.asarray(residuals / np.sqrt(bend) / share)
+    growth = 1 + (residuals / c) ** 2
+    share = float(np.mean(growth**-1.5))
+    return np.asarray(residuals / np.sqrt(growth) / share)
 
 
 _LATER = (
@@ -169,16 +169,16 @@ class Consistency:
 
     def sentences(self) -> tuple[str, ...]:
         """Return a sentence for each statistic that is not as the observer says."""
-        said = []
+        sentences = []
         for one in self.outputs:
             if one.nis is not None and one.band is not None and not one.band[0] <= one.nis <= one.band[1]:
                 factor = math.sqrt(one.nis)
-                said.append(
+                sentences.append(
                     f"innovations of {one.output} are {factor:.3g} times as large as the observer takes them to be: "
                     f"{'R, Q or both are too small, or the model is wrong' if one.nis > 1 else 'R or Q is too large'}"
                 )
             if one.whiteness is not None and not one.whiteness.white:
-                said.append(
+                sentences.append(
                     f"innovations of {one.output} are not white (Ljung-Box {one.whiteness.statistic:.3g}, limit "
                     f"{one.whiteness.limit:.3g}): they can be predicted, so that the model, the gains, or the time of "
                     "an input or sensor is off"
@@ -186,11 +186,11 @@ class Consistency:
         states = self.states
         if states is not None and not states.band[0] <= states.nees <= states.band[1]:
             factor = math.sqrt(states.nees / len(states.states))
-            said.append(
+            sentences.append(
                 f"by the truth, errors of {', '.join(states.states)} are {factor:.3g} times as large as the covariance "
                 f"says: it is {'too sure' if factor > 1 else 'too careful'}"
             )
-        return tuple(said)
+        return tuple(sentences)
 
 
 @asks(Run, "a run, as step.run gives it")
@@ -258,7 +258,7 @@ def no_better(predictions: Sequence[Prediction]) -> Iterator[str]:
 
 
 SPREADS = 6.5  # standard deviations of the quiet innovation between its mean and gamma_0
-LEAST_QUIET = 100  # samples without which a standard deviation and a correlation say little
+LEAST_SAMPLES = 100  # samples without which a standard deviation and a correlation say little
 
 
 class TooLittle(BadArgument):
@@ -289,7 +289,7 @@ class Suggestion:
     notes: Annotated[tuple[str, ...], "doubts"]
 
 
-def quiet(t: np.ndarray, begin: float | None, end: float | None, unit: str = "s") -> np.ndarray:
+def within_interval(t: np.ndarray, begin: float | None, end: float | None, unit: str = "s") -> np.ndarray:
     """Return the mask of the times t (N,), N >= 2, evenly spaced, lie in begin..end; None: from the first, to the last;
     times in the unit. Raises: `BadInterval` unless the interval lies within the record, to a sample."""
     first, last, dt = float(t[0]), float(t[-1]), float(t[1] - t[0])
@@ -306,8 +306,8 @@ def suggest(output: str, y: np.ndarray, dt: float, d: float, unit: str = "s") ->
     """sigma, tau and thresholds from y (N,), sampled every `dt`, NaN where missing, for the window `d`, both in the
     unit. Raises: `TooLittle`, `BadWindow`."""
     there = np.isfinite(y)
-    if there.sum() < LEAST_QUIET:
-        least = f"give at least {LEAST_QUIET} from a quiet part of the record"
+    if there.sum() < LEAST_SAMPLES:
+        least = f"give at least {LEAST_SAMPLES} from a quiet part of the record"
         raise TooLittle(output, f"has {there.sum()} samples; {least}")
     if not dt * (1 - 1e-9) <= d <= len(y) * dt * (1 + 1e-9):
         within = f"{dt:g}..{len(y) * dt:g} {unit}, from the sampling period to the length of the quiet part"

@@ -100,7 +100,7 @@ class Continuous:
 
     def ode(self, part: Ode, clock: Clock) -> Pieces:
         """Return the pieces of all fields of a part at once."""
-        return self._moved(part, clock, lambda graph, time: graph)
+        return self._flow_pieces(part, clock, lambda graph, time: graph)
 
     def riccati(self, part: Riccati, clock: Clock) -> Pieces:
         """z and S, theta as it is between two samples."""
@@ -111,7 +111,7 @@ class Continuous:
             theta = 1 + (part.theta.value - 1) * ca.exp(-sym("gain", "rate") * time)
             return ca.substitute(graph, part.theta.value, theta)
 
-        return self._moved(riccati_ode(part, "information"), clock, now)
+        return self._flow_pieces(riccati_ode(part, "information"), clock, now)
 
     def ode_lengths(self, part: Ode, observer: Observer, dt: float) -> Lengths:
         """Return no limits: CVODES chooses its steps."""
@@ -121,7 +121,7 @@ class Continuous:
         """Return no limits: CVODES chooses its steps."""
         return Lengths()
 
-    def _moved(self, part: Ode, clock: Clock, now: Callable[[Graph, Graph], Graph]) -> Pieces:
+    def _flow_pieces(self, part: Ode, clock: Clock, now: Callable[[Graph, Graph], Graph]) -> Pieces:
         time, start = sym(*TIME), {field.name: sym("state", field.name, field.size) for field in part.fields}
         share = time / clock.dt
         u = clock.u(0.0) + share * (clock.u(1.0) - clock.u(0.0))
@@ -152,8 +152,8 @@ def _bound(step: Step, block: Block, arguments: list[np.ndarray]) -> Bound:
         try:
             end = solver(x0=np.concatenate([*moving.values()]), p=np.concatenate([*arrays.values()]))["xf"]
         except RuntimeError:
-            doubt = "they may escape in finite time or lose S > 0 to rounding; check gains, ranges and the record"
-            raise CannotIntegrate(step.observer.name, f"{step.dt:g}: {doubt}") from None
+            reason = "they may escape in finite time or lose S > 0 to rounding; check gains, ranges and the record"
+            raise CannotIntegrate(step.observer.name, f"{step.dt:g}: {reason}") from None
         for result, values in zip(results, np.split(np.array(end)[:, 0], ends), strict=True):
             result[:] = values
 
@@ -272,14 +272,14 @@ def _discretised(part: Ode, line: Core, step: Step, values: Values) -> tuple[np.
     reading.action(pieces.tune)()
     predict, ends = reading.action(pieces.predict), np.cumsum([field.size for field in linear.fields])[:-1]
 
-    def moved(unit: np.ndarray) -> np.ndarray:
+    def update(unit: np.ndarray) -> np.ndarray:
         x, before, now = np.split(unit, [N, N + p])
         start = {Place("state", f.name): piece for f, piece in zip(linear.fields, np.split(x, ends), strict=True)}
         reading.give({**start, Place("work", "y_last"): before, Place("work", "y"): now})
         predict()
         return np.concatenate([reading.memory[Place("state", field.name)] for field in linear.fields])
 
-    Phi, before, now = np.split(np.column_stack([moved(unit) for unit in np.eye(N + 2 * p)]), [N, N + p], axis=1)
+    Phi, before, now = np.split(np.column_stack([update(unit) for unit in np.eye(N + 2 * p)]), [N, N + p], axis=1)
     return Phi, before, now
 
 

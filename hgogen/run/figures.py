@@ -129,9 +129,9 @@ def errors(
     cuts = np.linspace(0, len(t), min(PARTS, len(t)), endpoint=False, dtype=int)
     first = np.union1d(cuts, [k for k in np.searchsorted(t, np.asarray(events) - 1e-9) if k < len(t)]).astype(int)
     names = [*of, "proved"] if any(state.name in bounds for state in states) else [*of]
-    beside = HANDLE + LETTER * max(map(len, names))
+    margin = HANDLE + LETTER * max(map(len, names))
     rows = ROW * len(names) - PANEL * len(states)
-    figure, axes = panels(len(states), t, unit, top=max(0.4, 0.1 + rows), beside=beside)
+    figure, axes = panels(len(states), t, unit, top=max(0.4, 0.1 + rows), margin=margin)
     for i, (axis, signal) in enumerate(zip(axes, states, strict=True)):
         axis.set_yscale("log")
         for k, (name, error) in enumerate(of.items()):
@@ -142,16 +142,16 @@ def errors(
             axis.axhline(bounds[signal.name], color=TRUTH, linestyle=":", linewidth=0.8, label="proved")
         caption(axis, signal.name, signal.unit, f"|error| of {signal.meaning or signal.name}")
     axes[0].set_title(f"one seed, the largest in each 1/{PARTS} of the time", loc="right", pad=3, fontsize=7)
-    return _named_beside(figure, max((list(axis.get_lines()) for axis in axes), key=len), names)
+    return _named_on_the_right(figure, max((list(axis.get_lines()) for axis in axes), key=len), names)
 
 
 @rc_context(STYLE)
 def over_theta(settled: Mapping[str, Points], noise: Mapping[str, Points], unit: str) -> Figure:
     """Two panels over theta: the time to settle, and the largest noise of an estimate, over its state's range; a line
     for each observer, named beside them. `settled`, `noise`: (theta, value) by observer."""
-    beside = HANDLE + LETTER * max(map(len, noise))
+    margin = HANDLE + LETTER * max(map(len, noise))
     figure, axes = panels(
-        2, np.array([1.0, 2.0]), unit, top=max(0.4, 0.1 + ROW * len(noise) - 2 * PANEL), beside=beside
+        2, np.array([1.0, 2.0]), unit, top=max(0.4, 0.1 + ROW * len(noise) - 2 * PANEL), margin=margin
     )
     every = sorted({theta for points in noise.values() for theta, _ in points})
     for k, name in enumerate(noise):
@@ -162,10 +162,10 @@ def over_theta(settled: Mapping[str, Points], noise: Mapping[str, Points], unit:
     axes[0].set_ylabel(unit)
     axes[1].set_title("noise of an estimate, over its state's range", loc="left", pad=3)
     axes[1].set_xlabel("theta")
-    return _named_beside(figure, axes[1].get_lines(), list(noise))
+    return _named_on_the_right(figure, axes[1].get_lines(), list(noise))
 
 
-def _named_beside(figure: Figure, lines: Sequence[Any], names: Sequence[str]) -> Figure:
+def _named_on_the_right(figure: Figure, lines: Sequence[Any], names: Sequence[str]) -> Figure:
     """The figure with its lines named on the right."""
     at = (figure.axes[0].get_position().x1 + 0.01, 1.0)
     figure.legend(lines, names, loc="upper left", bbox_to_anchor=at, borderaxespad=0.2)
@@ -238,9 +238,9 @@ def _symbol(name: str) -> str:
     return f"${letter}_{{{match[2]}}}$" if match[2] else f"${letter}$"
 
 
-def panels(panels: int, t: Array, unit: str, top: float = 0.4, beside: float = 0.0) -> tuple[Figure, Sequence[Axes]]:
+def panels(panels: int, t: Array, unit: str, top: float = 0.4, margin: float = 0.0) -> tuple[Figure, Sequence[Axes]]:
     """Panels below one another; `top`, `beside`: inches above and to the right of them."""
-    height, width = PANEL * panels + top + BOTTOM, WIDTH + beside
+    height, width = PANEL * panels + top + BOTTOM, WIDTH + margin
     figure = Figure(figsize=(width, height))
     grid = figure.subplots(panels, 1, sharex=True, squeeze=False)[:, 0]
     left, right = 0.105 * WIDTH / width, 0.955 * WIDTH / width
@@ -283,11 +283,11 @@ def thin(t: Array, values: Array) -> tuple[Array, Array]:
         return t, values
     keep = [0, len(t) - 1]
     for part in np.array_split(np.arange(len(t)), BINS):
-        seen = values[part]
-        if np.isnan(seen).all():
+        piece = values[part]
+        if np.isnan(piece).all():
             keep.append(part[0])
         else:
-            keep += [part[np.nanargmin(seen)], part[np.nanargmax(seen)]]
+            keep += [part[np.nanargmin(piece)], part[np.nanargmax(piece)]]
     index = np.unique(keep)
     return t[index], values[index]
 

@@ -129,8 +129,8 @@ def _steps(plant: System, trial: Trial, x: np.ndarray, grid: float) -> tuple[np.
     symbols = dict(zip(plant.states, ca.vertsplit(state), strict=True)) | dict(zip(plant.inputs, u, strict=True))
     symbols |= {p: float(value) for p, value in plant.nominal.items()}
     flow = ca.vertcat(*to_casadi(plant.flow, symbols))
-    shown = ca.jacobian(ca.vertcat(*to_casadi(plant.output, symbols)), state) @ Phi
-    rates = ca.vertcat(flow, ca.vec(ca.jacobian(flow, state) @ Phi), ca.vec(shown.T @ shown))
+    sensitivity = ca.jacobian(ca.vertcat(*to_casadi(plant.output, symbols)), state) @ Phi
+    rates = ca.vertcat(flow, ca.vec(ca.jacobian(flow, state) @ Phi), ca.vec(sensitivity.T @ sensitivity))
     ode = {"x": ca.vertcat(state, ca.vec(Phi), ca.vec(W)), "p": begin, "t": share, "ode": rates}
     solver = ca.integrator("window", "cvodes", ode, 0.0, grid, _OPTIONS)
     fresh = np.concatenate([np.eye(n).ravel(), np.zeros(n * n)])
@@ -155,7 +155,7 @@ def window(states: tuple[str, ...], steps: tuple[np.ndarray, np.ndarray], grid: 
 
 
 _NOTHING = 1e-12  # of a range: above what rounding leaves of an exact 0
-HOPELESS = 1e-3  # of the range of an output: about what a sensor of 10 bits resolves
+RESOLVED = 1e-3  # of the range of an output: about what a sensor of 10 bits resolves
 _GRID, _FINEST = 200, 4000  # samples of a trial: at least, at most
 _SHARE = 10  # windows one after the other in a trial, and starts of windows in each
 _TURN = 0.5  # what the fastest mode may grow, decay or turn by from one sample to the next
@@ -180,7 +180,7 @@ class Sight(Encoded):
     @property
     def hopeless(self) -> bool:
         """Whether half of all windows or points show less than any usual sensor resolves."""
-        return self.median < HOPELESS and not self.by_motion
+        return self.median < RESOLVED and not self.by_motion
 
     def __str__(self) -> str:
         (weak, _), *_ = self.direction.items()
@@ -216,8 +216,8 @@ def sight(plant: System, trial: Trial | None = None) -> Sight:
         each = [_frozen(A, C, window) for A, C in zip(linearised.A, linearised.C, strict=True)]
         names = [s.name for s in (*plant.states, *plant.inputs)]
         at = [dict(zip(names, map(float, point), strict=True)) for point in points]
-        seen = replace(_least(plant, each, at), window=window)
-        return replace(seen, by_motion=seen.median < _NOTHING and not _shown_frozen(plant))
+        measure = replace(_least(plant, each, at), window=window)
+        return replace(measure, by_motion=measure.median < _NOTHING and not _observable_frozen(plant))
 
 
 def _along(plant: System, trial: Trial) -> Sight:
@@ -227,15 +227,15 @@ def _along(plant: System, trial: Trial) -> Sight:
     pieces = min(_FINEST, _GRID * max(1, math.ceil(fastest / _GRID)))
     truth = simulate(plant, trial, trial.duration / pieces) if pieces > _GRID else coarse
     linearised = linear(plant, truth.x, truth.u)
-    moves = _exponential((linearised.A[:-1] + linearised.A[1:]) / 2 * (trial.duration / pieces))
+    transitions = _exponential((linearised.A[:-1] + linearised.A[1:]) / 2 * (trial.duration / pieces))
     length, step = pieces // _SHARE, pieces // _SHARE**2
     starts = range(0, pieces - length + 1, step)
-    each = [_weakest(moves[k : k + length], linearised.C[k : k + length + 1]) for k in starts]
+    each = [_weakest(transitions[k : k + length], linearised.C[k : k + length + 1]) for k in starts]
     at = [{"t": k * trial.duration / pieces} for k in starts]
     return replace(_least(plant, each, at), window=trial.duration / _SHARE, trial=trial.name)
 
 
-def _shown_frozen(plant: System) -> bool:
+def _observable_frozen(plant: System) -> bool:
     """Whether e' = (df/dx) e, y = (dh/dx) e shows all of e at almost every point (x, u) at which it is frozen."""
     e = sp.Matrix(sp.symbols(f"e:{len(plant.states)}", cls=sp.Dummy))
     A, C = (sp.Matrix(rows).jacobian(plant.states) for rows in (plant.flow, plant.output))
@@ -255,15 +255,15 @@ def _frozen(A: np.ndarray, C: np.ndarray, window: float) -> tuple[float, np.ndar
     return _weakest(np.repeat(move, count, axis=0), np.repeat(C[None], count + 1, axis=0))
 
 
-def _weakest(moves: np.ndarray, C: np.ndarray) -> tuple[float, np.ndarray]:
+def _weakest(transitions: np.ndarray, C: np.ndarray) -> tuple[float, np.ndarray]:
     """sigma and v of one window: its transitions (m, n, n) and its C (m + 1, p, n)."""
     n = C.shape[2]
     Phi, rows = np.eye(n), [C[0]]
-    for move, now in zip(moves, C[1:], strict=True):
+    for move, now in zip(transitions, C[1:], strict=True):
         Phi = move @ Phi
         rows.append(now @ Phi)
     rows[0], rows[-1] = rows[0] / math.sqrt(2), rows[-1] / math.sqrt(2)  # the trapezoidal rule
-    tall = np.concatenate(rows) / math.sqrt(len(moves))
+    tall = np.concatenate(rows) / math.sqrt(len(transitions))
     if not np.isfinite(tall).all():
         return math.nan, np.zeros(n)
     _, values, directions = np.linalg.svd(np.linalg.qr(tall, mode="r") if len(tall) > n else tall)

@@ -87,8 +87,8 @@ def criterion(trial: Trial, unit: str = "s") -> str:
 
 def ranges(step: Step, trajectory: Trajectory) -> np.ndarray:
     """The width (n) of each state's range."""
-    seen = np.ptp(trajectory.truth.x, axis=0)
-    widths = [s.interval[1] - s.interval[0] if s.bounded else seen[i] or 1.0 for i, s in enumerate(step.states)]
+    spans = np.ptp(trajectory.truth.x, axis=0)
+    widths = [s.interval[1] - s.interval[0] if s.bounded else spans[i] or 1.0 for i, s in enumerate(step.states)]
     return np.array(widths, dtype=float)
 
 
@@ -125,8 +125,8 @@ def settling(error: np.ndarray, settled: Settled, dt: float) -> float | None:
     """Time (s) from the first sample until |error| (k,) stays in the band for `hold`; None where it never does."""
     samples = round(settled.hold / dt) + 1
     inside = np.concatenate([[0], np.cumsum(np.abs(error) <= settled.band)])
-    held = np.flatnonzero(inside[samples:] - inside[:-samples] == samples)
-    return float(held[0] * dt) if len(held) else None
+    begins = np.flatnonzero(inside[samples:] - inside[:-samples] == samples)
+    return float(begins[0] * dt) if len(begins) else None
 
 
 def crossings(theta: np.ndarray) -> np.ndarray:
@@ -205,15 +205,15 @@ def alarm_ratio(step: CallableStep, trial: Trial, engine: Engine, seeds: Sequenc
     threshold = nominal.get("gamma_0", nominal.get("centre"))
     if threshold is None:
         return None
-    plant, quiet = step.observer.form.system, replace(trial, jumps=(), steady=None)
-    truth = simulate(plant, quiet, step.dt)
+    plant, nominal_trial = step.observer.form.system, replace(trial, jumps=(), steady=None)
+    truth = simulate(plant, nominal_trial, step.dt)
     pinned = replace(step)  # with a memory of its own
     pinned.tune(rate=0)  # theta never decays
-    start = _at_the_peak(pinned, quiet)
+    start = _at_the_peak(pinned, nominal_trial)
     means = []
     for seed in seeds[:ALARM_SEEDS]:
         pinned.restore(start)
-        y = pinned.arriving(noisy(plant, truth, quiet, [seed])[0])
+        y = pinned.arriving(noisy(plant, truth, nominal_trial, [seed])[0])
         innovation = pinned.run(truth.u, y, engine).traces["innovation"]
         means.append(np.mean(innovation[len(innovation) // 2 :]))
     return float(np.median(means)) / float(threshold[0])
@@ -244,7 +244,7 @@ def _at_the_peak(step: CallableStep, trial: Trial) -> bytes:
     return sealed(step, step.real, state.tobytes())
 
 
-_SHOWN = 3  # times that a sentence names
+_LISTED = 3  # times that a sentence names
 _ROUNDING = 1e-9  # of a range, by which a truth that runs along its end may be beyond it
 Array = np.ndarray
 
@@ -270,8 +270,8 @@ class Interventions:
         parts = []
         for what, where, times in named:
             if times:
-                shown = ", ".join(f"{t:.4g}" for t in sorted(times)[:_SHOWN]) + ", .." * (len(times) > _SHOWN)
-                parts.append(f"{len(times)} {what}{'s' * (len(times) != 1)} {where} (t = {shown} {unit})")
+                listed = ", ".join(f"{t:.4g}" for t in sorted(times)[:_LISTED]) + ", .." * (len(times) > _LISTED)
+                parts.append(f"{len(times)} {what}{'s' * (len(times) != 1)} {where} (t = {listed} {unit})")
         return ", ".join(parts) + f" in {self.runs} runs" * (self.runs > 1)
 
 
@@ -297,7 +297,7 @@ def guard_notes(trial: str, observer: str, each: Interventions, disturbed: bool,
 
 
 @dataclass(frozen=True)
-class Left:
+class Leaving:
     """A state or an input of the plant that leaves its range."""
 
     signal: Annotated[str, "the state or input"]
@@ -315,7 +315,7 @@ class Left:
         )
 
 
-def left(system: System, trajectory: Trajectory) -> tuple[Left, ...]:
+def leaving_signals(system: System, trajectory: Trajectory) -> tuple[Leaving, ...]:
     """The states and inputs of the plant as first declared that leave their ranges along the truth."""
     plant, truth = system.declared, trajectory.truth
     signals, values = (*plant.states, *plant.inputs), np.hstack([truth.x, truth.u])
@@ -326,11 +326,11 @@ def left(system: System, trajectory: Trajectory) -> tuple[Left, ...]:
         first = int(np.argmax(beyond > _ROUNDING * (high - low)))
         if signal.bounded and beyond[first] > _ROUNDING * (high - low):
             numbers = (truth.t[first], along[first], along[np.argmax(beyond)])
-            leaving.append(Left(signal.name, low, high, *map(float, numbers)))
+            leaving.append(Leaving(signal.name, low, high, *map(float, numbers)))
     return tuple(leaving)
 
 
-def leaving_notes(trial: str, each: Iterable[Left], unit: str) -> Iterator[str]:
+def leaving_notes(trial: str, each: Iterable[Leaving], unit: str) -> Iterator[str]:
     """A sentence for a trial in which something leaves its range."""
     sentences = "; ".join(one.sentence(unit) for one in each)
     if sentences:

@@ -138,7 +138,7 @@ def library(files: Mapping[str, str], flags: tuple[str, ...] = ()) -> ctypes.CDL
     return _load(command, digest.hexdigest()[:32], tuple(files.items()), flags)
 
 
-def own() -> tuple[str, ...]:
+def machine_flags() -> tuple[str, ...]:
     """The flags by which the compiler writes for the processor of this machine; none where it knows no such flag."""
     command = _compiler()
     flags = ("-march=native",)
@@ -189,20 +189,20 @@ def _compiled(command: tuple[str, ...], files: Mapping[str, str], flags: tuple[s
         write(files, folder)
         sources = [name for name in files if name.endswith(".c")]
         options = ["-std=c99", "-O1", "-fPIC", "-shared", "-ffp-contract=off", *flags]
-        return _made([*command, *options, *sources], "step.so", folder).read_bytes()
+        return _built([*command, *options, *sources], "step.so", folder).read_bytes()
 
 
-def _made(command: Sequence[str], name: str, folder: str) -> Path:
+def _built(command: Sequence[str], name: str, folder: str) -> Path:
     """The file of that name in a folder, which a command of the C compiler makes.
 
     Raises: `CompilerFailed`, also where the compiler hangs or writes nothing.
     """
     run([*_demanded(), "-E", "-x", "c", os.devnull], folder, limit=SOON)
-    whole, made = (*command, "-o", name), Path(folder) / name
+    whole, built = (*command, "-o", name), Path(folder) / name
     run(whole, folder)
-    if not made.is_file():
+    if not built.is_file():
         raise CompilerFailed(whole, f"it ended with status 0, but wrote no {name}")
-    return made
+    return built
 
 
 def run(command: Sequence[str], folder: str | Path, failed: Failed = CompilerFailed, limit: float = LIMIT) -> str:
@@ -253,9 +253,9 @@ def run_recipe(files: Sources) -> str:
     *before, last = files.recipe
     with tempfile.TemporaryDirectory() as folder:
         write(files, folder)
-        for first, *rest in before:
+        for first, *arguments in before:
             failed = partial(CompilerFailed, fix=f"mend it, or name another by ${variable(first)}")
-            run([_program(first, folder), *rest], folder, failed)
+            run([_program(first, folder), *arguments], folder, failed)
         return run([_program(last[0], folder), *last[1:]], folder, CheckFailed)
 
 
@@ -296,7 +296,7 @@ def run_check(files: Mapping[str, str], flags: Sequence[str] = ("-O2",)) -> str:
         write(files, folder)
         sources = [name for name in files if name.endswith(".c")]
         options = ["-std=c99", *WARNINGS, *with_main(files), *flags]
-        return run([str(_made([*command, *options, *sources], "check", folder))], folder, CheckFailed)
+        return run([str(_built([*command, *options, *sources], "check", folder))], folder, CheckFailed)
 
 
 _OTHERS_WRITE = stat.S_IWGRP | stat.S_IWOTH
@@ -355,8 +355,8 @@ def keep(library: Path, content: bytes) -> None:
 def is_kept(library: Path) -> bool:
     """Whether a library stands there as `keep` wrote it: this user's, writable by no other, with its own digest."""
     try:
-        known = _owned_content(_digest_file(library)).decode(errors="replace")
-        return known == _digest(library, _owned_content(library))
+        known = _trusted_content(_digest_file(library)).decode(errors="replace")
+        return known == _digest(library, _trusted_content(library))
     except OSError:
         return False
 
@@ -369,7 +369,7 @@ def _digest(library: Path, content: bytes) -> str:
     return sha256(library.name.encode() + b"\0" + content).hexdigest()
 
 
-def _owned_content(path: Path) -> bytes:
+def _trusted_content(path: Path) -> bytes:
     """The content of a regular file that only this user can write. Raises: `OSError` for any other."""
     flags = os.O_RDONLY | getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0)
     with open(os.open(path, flags), "rb") as stream:

@@ -36,7 +36,7 @@ from hgogen.call import CallableStep
 from hgogen.discretisation.runge_kutta import evaluated, open_loop
 from hgogen.errors import HgogenError
 from hgogen.reading.measured import shifted
-from hgogen.run.samples import Engine, Run, held_last
+from hgogen.run.samples import Engine, Run, last_values
 from hgogen.run.uncertainty import raised
 from hgogen.signal import Signal, derived, resting
 from hgogen.step import Step
@@ -94,9 +94,9 @@ def forecasts(
 ) -> Iterator[Forecast]:
     """Yield the errors of `predictions` sample by sample."""
     y = np.where(rejected(step, run, y), np.nan, y)
-    model, held = open_loop(step.observer.form, step.dt, step.clock.between), bool(step.observer.form.held)
+    model, holding = open_loop(step.observer.form, step.dt, step.clock.between), bool(step.observer.form.held)
     u = _as_the_step_takes_it(np.where(raised(step, run.status, ("REUSED",), step.inputs), np.nan, u), step.inputs)
-    wanted, last, count = sorted(set(ahead)), held_last(y), len(y)
+    wanted, last, count = sorted(set(ahead)), last_values(y), len(y)
     farthest = max((h for h in wanted if h < count), default=0)
     later = np.concatenate([u, np.repeat(u[-1:], farthest, axis=0)])  # of which the last one is repeated
     starts = _starts(count)
@@ -107,14 +107,14 @@ def forecasts(
         tick()
         if h in wanted:
             from_here = starts[starts + h < count]
-            predicted = _limited(evaluated(read, z, later[starts + h]), step.outputs, held)[: len(from_here)]
-            yield _compared(h, from_here + h, predicted, y, last[from_here], held)
+            predicted = _limited(evaluated(read, z, later[starts + h]), step.outputs, holding)[: len(from_here)]
+            yield _compared(h, from_here + h, predicted, y, last[from_here], holding)
     alone = np.empty((0, len(step.outputs)))
     if count > 1:
         start = evaluated(model.enter, run.x[:1], u[:1])
         alone = evaluated(model.move.mapaccum(count - 1), start, u[:-1], u[1:])
         alone = evaluated(model.read.map(count - 1), alone, u[1:])
-    yield _compared(None, np.arange(1, count), _limited(alone, step.outputs, held), y, None, held)
+    yield _compared(None, np.arange(1, count), _limited(alone, step.outputs, holding), y, None, holding)
 
 
 def _starts(count: int) -> np.ndarray:
@@ -126,7 +126,12 @@ def _starts(count: int) -> np.ndarray:
 
 
 def _compared(
-    ahead: int | None, places: np.ndarray, predicted: np.ndarray, y: np.ndarray, copied: np.ndarray | None, held: bool
+    ahead: int | None,
+    places: np.ndarray,
+    predicted: np.ndarray,
+    y: np.ndarray,
+    copied: np.ndarray | None,
+    holding: bool,
 ) -> Forecast:
     """Predictions and copies of y at places; of a model `held` where it has no value, there is none there."""
 
@@ -136,7 +141,7 @@ def _compared(
         return errors
 
     there = np.zeros(y.shape, bool)
-    there[places] = np.isfinite(y[places]) & (np.isfinite(predicted) | (not held))
+    there[places] = np.isfinite(y[places]) & (np.isfinite(predicted) | (not holding))
     if copied is None:
         return Forecast(ahead, at_its_sample(predicted), None, there)
     copying = at_its_sample(copied)
@@ -156,14 +161,14 @@ def rms(error: np.ndarray) -> float:
 
 def _as_the_step_takes_it(u: np.ndarray, inputs: tuple[Signal, ...]) -> np.ndarray:
     """A missing input is the last one there was; each lies in its range."""
-    held, (low, high) = held_last(u), np.array([s.interval for s in inputs]).reshape(-1, 2).T
-    return np.asarray(np.clip(np.where(np.isnan(held), list(map(resting, inputs)), held), low, high))
+    holding, (low, high) = last_values(u), np.array([s.interval for s in inputs]).reshape(-1, 2).T
+    return np.asarray(np.clip(np.where(np.isnan(holding), list(map(resting, inputs)), holding), low, high))
 
 
-def _limited(y: np.ndarray, outputs: tuple[Signal, ...], held: bool) -> np.ndarray:
+def _limited(y: np.ndarray, outputs: tuple[Signal, ...], holding: bool) -> np.ndarray:
     """Predictions in the ranges of the outputs; of a model that is `held` where it has no value, none there."""
     low, high = np.array([s.interval for s in outputs]).T
-    return np.asarray(np.clip(np.where(np.isinf(y) & held, np.nan, y), low, high))
+    return np.asarray(np.clip(np.where(np.isinf(y) & holding, np.nan, y), low, high))
 
 
 Array = np.ndarray
@@ -229,13 +234,13 @@ class Rejection:
 
     def __str__(self) -> str:
         (low, high), (least, most), y = self.values, self.range, self.output
-        said = (
+        finding = (
             f"{100 * self.share:.3g} % of the samples of {y} were rejected: they lie about {low:.4g}..{high:.4g}, and "
             f"the model reads {least:g}..{most:g}"
         )
         if not self.map:
-            return f"{said}; no usual map makes it fit: check column, unit and sign, or widen the range of {y}"
-        return f'{said}; it looks like {self.mends}: say --map {y}="{self.map}"'
+            return f"{finding}; no usual map makes it fit: check column, unit and sign, or widen the range of {y}"
+        return f'{finding}; it looks like {self.mends}: say --map {y}="{self.map}"'
 
 
 @dataclass(eq=False)
@@ -278,14 +283,14 @@ def clamped(step: CallableStep, u: Array, columns: Mapping[str, str]) -> Iterato
             continue
         best = max((one for one in MAPS if one.fits(signal.unit, values, ends)), key=_known, default=None)
         done = "clamped there" if step.clock.guarded else "taken as it is, by a step without guards"
-        said = (
+        finding = (
             f"{signal.name} is beyond its declared range, {ends[0]:g}..{ends[1]:g}, in {100 * beyond:.3g} % of the "
             f"samples, and {done}"
         )
         fix = "check its column and its unit, or widen the range"
         if best:
             fix = f'it may be {best.mends}: --map {signal.name}="{best.text.format(columns[signal.name])}"'
-        yield f"{said}; {fix}"
+        yield f"{finding}; {fix}"
 
 
 def _best(step: CallableStep, u: Array, y: Array, j: int, ends: tuple[float, float], engine: Engine) -> Map | None:
@@ -373,8 +378,8 @@ def _others(step: CallableStep, u: Array, y: Array) -> Iterator[tuple[str, int, 
     alone = [j for j in range(len(names)) if (j < m or y.shape[1] > 1) and names[j] not in rates]
     shifts = [k for size in range(1, MOST_SHIFT + 1) for k in (size, -size)]
     for j, shift, sign in [(j, 0, -1) for j in alone] + [(j, shift, 1) for j in alone for shift in shifts]:
-        other, moved = whole.copy(), [j, *(names.index(name) for name, (of, _) in rates.items() if of == names[j])]
-        other[:, moved] = sign * np.column_stack([shifted(whole[:, i], shift) for i in moved])
+        other, columns_ = whole.copy(), [j, *(names.index(name) for name, (of, _) in rates.items() if of == names[j])]
+        other[:, columns_] = sign * np.column_stack([shifted(whole[:, i], shift) for i in columns_])
         yield names[j], shift, sign, other[:, :m], other[:, m:]
 
 
@@ -389,7 +394,7 @@ def _levelled(step: CallableStep, u: Array, y: Array, signal: str) -> tuple[Arra
 
 def _scale(y: Array) -> Array:
     """The RMS error of copying (p); 1 of an output that stands still."""
-    errors = (held_last(y)[:-AHEAD] - y[AHEAD:]).T
+    errors = (last_values(y)[:-AHEAD] - y[AHEAD:]).T
     return np.array([rms(error[np.isfinite(error)]) or 1.0 for error in errors])
 
 

@@ -44,8 +44,8 @@ class Legend(NamedTuple):
 
     def flags(self, status: int) -> tuple[str, ...]:
         """The names of the bits that a status holds. Raises: `BadGain` for no status."""
-        held = count("status", status, 0, 2**64 - 1)
-        return tuple(name for k, name in enumerate(self.bits) if held >> k & 1)
+        word = count("status", status, 0, 2**64 - 1)
+        return tuple(name for k, name in enumerate(self.bits) if word >> k & 1)
 
 
 class Sample:
@@ -277,7 +277,7 @@ def _of_frame(name: str, frame: Any, signals: Sequence[Signal]) -> dict[str, np.
     return {signal.name: frame[signal.name].to_numpy(dtype=float) for signal in signals}
 
 
-def held_last(values: np.ndarray) -> np.ndarray:
+def last_values(values: np.ndarray) -> np.ndarray:
     """Return the columns (N, c) with a missing number replaced by the last one; NaN before the first."""
     rows = np.where(np.isfinite(values), np.arange(len(values))[:, None], 0)
     return np.take_along_axis(values, np.maximum.accumulate(rows, axis=0), axis=0)
@@ -322,13 +322,13 @@ def in_time(step: Step, samples: Array) -> Array:
     y = samples[:, : len(step.outputs)].copy()
     for column, (output, age) in enumerate(zip(step.late, step.ages, strict=True), len(step.outputs)):
         j, ages = step.outputs.index(output), samples[:, column]
-        taken = np.full(len(y), np.nan)
+        by_row = np.full(len(y), np.nan)
         there = np.isfinite(y[:, j]) & (ages >= 0) & (ages <= age.interval[1]) & (ages == np.floor(ages))
         for row in np.flatnonzero(there):
             then = row - int(ages[row])
-            if then >= 0 and np.isnan(taken[then]):
-                taken[then] = y[row, j]
-        y[:, j] = taken
+            if then >= 0 and np.isnan(by_row[then]):
+                by_row[then] = y[row, j]
+        y[:, j] = by_row
     return y
 
 

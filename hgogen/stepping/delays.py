@@ -46,7 +46,7 @@ from hgogen.reading.given import BadGain, count
 from hgogen.signal import Signal
 from hgogen.step import CannotUpdate, Step, with_bits
 from hgogen.stepping.guards import LARGEST_NUMBER
-from hgogen.stepping.members import Moved
+from hgogen.stepping.members import Substitution
 from hgogen.stepping.parallel import demand_one
 from hgogen.theorem import Hypothesis
 
@@ -87,9 +87,9 @@ def delayed(observer: Observer, /, **steps: int) -> Observer:
     if not steps:
         raise BadGain("delayed", f"delays nothing; name an output, such as {outputs[0]}=5 samples")
     late = tuple((name, count(name, steps[name], 1, MOST)) for name in outputs if name in steps)
-    taken = {signal.name for signal in observer.form.system.signals}
+    names = {signal.name for signal in observer.form.system.signals}
     for name, _ in late:
-        if (age := age_of(name)) in taken:
+        if (age := age_of(name)) in names:
             raise BadGain(f"delayed({name}=)", f"adds a signal {age}, which the plant has already; rename that")
     return remembered(_delayed)(observer, late=late)
 
@@ -137,8 +137,8 @@ class _Delayed:
             timed=(),
             inner=tuple(map(_pruned, (*plain.code.inner, *self._sections, self._remember, self._go_back))),
         )
-        made = replace(plain, layout=layout, code=code, plain=plain)
-        return with_bits(made, (*plain.layout.bits, *self._bits))
+        delayed_step = replace(plain, layout=layout, code=code, plain=plain)
+        return with_bits(delayed_step, (*plain.layout.bits, *self._bits))
 
     @cached_property
     def _ages(self) -> Mapping[Signal, Signal]:
@@ -179,9 +179,9 @@ class _Delayed:
         }
         names = [*(f"MISSING_{output}" for output in self.plain.outputs), "OUT_OF_ORDER"]
         silent = {Place("status", name): Place("work", f"silent_{name}") for name in names}
-        moved = Moved({**reads, **silent}, {})
+        substitution = Substitution({**reads, **silent}, {})
         return tuple(
-            Section(f"then_{each.name}", f"{each.meaning}, of a period", moved.program(each.program))
+            Section(f"then_{each.name}", f"{each.meaning}, of a period", substitution.program(each.program))
             for each in self.plain.code.sections
         )
 
@@ -242,9 +242,9 @@ class _Delayed:
         there, raw = sym(PERIOD, "y_given", size), sym("output", output.name)
         vacant = ca.fabs(there[j]) > LARGEST_NUMBER
         first = {VACANT: vacant, Place("status", f"REPEATED_{output}"): ca.logic_not(vacant)}
-        taken = {Place(PERIOD, "y_given"): column(raw if k == j else there[k] for k in range(size))}
+        sample = {Place(PERIOD, "y_given"): column(raw if k == j else there[k] for k in range(size))}
         dated, slot, due = self._dated(output, raw)
-        put = (Block(f"one sample of {output} a period", first), When(VACANT, (Block("it is taken", taken), due)))
+        put = (Block(f"one sample of {output} a period", first), When(VACANT, (Block("it is taken", sample), due)))
         program = (dated, When(DATED, (slot, Loop(PERIOD, 1, put, start=SLOT))))
         return Section(f"update_{output}", f"take a sample of {output}", program, output.name)
 
@@ -273,13 +273,13 @@ class _Delayed:
     @property
     def _adapt(self) -> Section:
         at, _, due = self._clock
-        predict, *rest = self._sections
+        predict, *others = self._sections
         signals = {Place("state", field.name): sym(PERIOD, field.name, field.size) for field in self._signals}
         again = (Call(predict), Call(self._remember))
         run: Program = (
             Block("what the period was given", signals),
             When(LATER, again),
-            *map(Call, rest),
+            *map(Call, others),
             Block("a later period begins with its prediction", {LATER: ca.SX(1)}),
         )
         back = ca.if_else(due >= 1, due - 1, 0)

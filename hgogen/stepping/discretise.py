@@ -217,12 +217,12 @@ def curved(part: Curved, method: Any, clock: Clock) -> Pieces:
     """The pieces of a step: by an explicit method in its own view, else by classical Runge-Kutta on (z, P)."""
     explicit = _explicit(method)
     plain = explicit.riccati(part.plain, clock)
-    moves = explicit.step(part.equation(explicit.view), clock)
+    integration = explicit.step(part.equation(explicit.view), clock)
     covariance = next(field for field in plain.fields if field.name == SYMMETRIC[explicit.view])
     return replace(
         plain,
         bits=(*plain.bits, RESTARTED),
-        predict=(*moves.predict, *_kept_definite(covariance, part.plain.dynamics.n)),
+        predict=(*integration.predict, *_kept_definite(covariance, part.plain.dynamics.n)),
     )
 
 

@@ -94,8 +94,8 @@ class Vector:
         """
         elements: dict[str, float] = {}
         for name, value in values.items():
-            own = [entry for entry in self.entries if entry.array == name != entry.name]
-            elements |= _several(name, value, own) if own else {name: value}
+            entries = [entry for entry in self.entries if entry.array == name != entry.name]
+            elements |= _several(name, value, entries) if entries else {name: value}
         default = dict(zip(self.names, self.initial, strict=True))
         ordered = in_order(f"the {self.title}", elements, self.names, default=default)
         return np.array([real(name, value) for name, value in zip(self.names, ordered, strict=True)])
@@ -117,11 +117,11 @@ class Vector:
         return f"<{self.title}: {', '.join(self.names)}>"
 
 
-def _several(name: str, value: Any, own: list[Entry]) -> dict[str, float]:
-    elements = reals(name, in_order(name, value, (entry.label for entry in own))).reshape(-1)
-    if len(elements) != len(own):
-        raise BadGain(f"{name} of {len(elements)} numbers", f"must have {len(own)}")
-    return {entry.name: float(element) for entry, element in zip(own, elements, strict=True)}
+def _several(name: str, value: Any, entries: list[Entry]) -> dict[str, float]:
+    elements = reals(name, in_order(name, value, (entry.label for entry in entries))).reshape(-1)
+    if len(elements) != len(entries):
+        raise BadGain(f"{name} of {len(elements)} numbers", f"must have {len(entries)}")
+    return {entry.name: float(element) for entry, element in zip(entries, elements, strict=True)}
 
 
 def of_signals(title: str, signals: Iterable[Signal]) -> Vector:
@@ -146,11 +146,11 @@ def of_line(line: tuple[Group, ...], field: Field, unit: str) -> Iterator[Entry]
         yield from of_field(field, unit, f"{path}.{field.name}")
 
 
-def distinct(entries: Iterable[Entry], taken: Iterable[str], prefix: str) -> tuple[Entry, ...]:
+def distinct(entries: Iterable[Entry], names: Iterable[str], prefix: str) -> tuple[Entry, ...]:
     """Entries with a prefix where another one has the name."""
-    taken = set(taken)
+    names = set(names)
     return tuple(
-        replace(e, name=f"{prefix}.{e.name}", array=f"{prefix}.{e.array}") if e.array in taken else e for e in entries
+        replace(e, name=f"{prefix}.{e.name}", array=f"{prefix}.{e.array}") if e.array in names else e for e in entries
     )
 
 
@@ -349,20 +349,20 @@ class Graphs:
         raised = [memory[bit.place] for bit in step.layout.raised] or [ca.MX(0)]
         words = [raised[k : k + EXACT] for k in range(0, len(raised), EXACT)]
         status = ca.vertcat(*(reduce(add, (2.0**k * each for k, each in enumerate(word))) for word in words))
-        arguments, shown = ["state", "u", "y", "p"], ["next", "x", "status"]
-        return ca.Function(f"{step.name}_step", [state, u, y, p], [after, x, status], arguments, shown)
+        arguments, values = ["state", "u", "y", "p"], ["next", "x", "status"]
+        return ca.Function(f"{step.name}_step", [state, u, y, p], [after, x, status], arguments, values)
 
     def flow(self) -> Flow:
         """The continuous observer. Raises: `NoEquation`."""
         if self.made.ages:
             raise NoEquation("a delayed observer", "it goes back to samples of the past")
-        own = [field for ode in self._odes for field in ode.fields]
+        elements = [field for ode in self._odes for field in ode.fields]
         others = read_fields([self.made.observer.z, *self._rates.values()]) | self._rates.keys()
-        others -= {"u", *(field.name for field in own)}
+        others -= {"u", *(field.name for field in elements)}
         (u, y, p), name, fields = (
             self._symbols,
             self.made.name,
-            [*own, *(f for f in self.made.layout.state if f.name in others)],
+            [*elements, *(f for f in self.made.layout.state if f.name in others)],
         )
         state = ca.MX.sym("state", sum(field.size for field in fields))
         derived = chain.from_iterable(tuned(part, self._clock) for part in self.made.observer.parts)
@@ -372,8 +372,8 @@ class Graphs:
         memory[Place("work", "valid")] = valid = ca.fabs(y) <= LARGEST_NUMBER
         memory[Place("work", "y")] = ca.if_else(valid, y, 0)  # which leaves no trace, see `Ode`
         rates = [ca.SX(self._rates.get(field.name, ca.SX.zeros(field.size))) for field in fields]
-        moved = {Place("work", "rate"): ca.vertcat(*rates)}
-        rate = self._symbolic.program((Block("the rates", moved),), memory)[Place("work", "rate")]
+        rates_written = {Place("work", "rate"): ca.vertcat(*rates)}
+        rate = self._symbolic.program((Block("the rates", rates_written),), memory)[Place("work", "rate")]
         arguments = ["state", "u", "y", "p"]
         return Flow(
             ca.Function(f"{name}_derivative", [state, u, y, p], [rate], arguments, ["rate"]),
@@ -430,8 +430,8 @@ class Graphs:
         return self._symbolic.section(tuning, {**zeros, **bits, **_parts(self._symbols[2], lies)})
 
     def _estimated(self, memory: Memory) -> Graph:
-        shown = self._symbolic.section(self.made.code.estimate, memory)
-        return ca.vertcat(*(shown[Place("estimate", signal.name)] for signal in self.made.states))
+        values = self._symbolic.section(self.made.code.estimate, memory)
+        return ca.vertcat(*(values[Place("estimate", signal.name)] for signal in self.made.states))
 
 
 def _parts(vector: Graph, lies: dict[Place, Shape]) -> Memory:

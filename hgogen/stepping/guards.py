@@ -177,12 +177,12 @@ def guard_inputs(observer: Observer) -> Block:
     for i, signal in enumerate(observer.form.system.inputs):
         raw, (low, high) = sym("input", signal.name), signal.interval
         usable = _within(raw, HUGE)
-        taken = ca.if_else(usable, raw, last[i])
-        values.append(clamp(taken, low, high))
+        accepted = ca.if_else(usable, raw, last[i])
+        values.append(clamp(accepted, low, high))
         writes[Place("status", f"REUSED_{signal.name}")] = ca.logic_not(usable)
         if signal.bounded:
-            writes[Place("status", f"CLAMPED_{signal.name}")] = leaves(taken, low, high)
-        names |= {f"{signal.name}_usable": usable, f"{signal.name}_taken": taken}
+            writes[Place("status", f"CLAMPED_{signal.name}")] = leaves(accepted, low, high)
+        names |= {f"{signal.name}_usable": usable, f"{signal.name}_taken": accepted}
     return Block("guard the input", {Place("work", "u"): column(values), **writes}, names)
 
 
@@ -233,20 +233,20 @@ def hold(observer: Observer, clock: Clock) -> Program:
     named = dynamics.holding
     writes, bits = {}, {}
     on_the_way = [dynamics.rates_taken(z, clock.u(c)) for c in (0.0, 0.5, 1.0)]
-    for i, (value, taken) in on_the_way[0].items():
+    for i, (value, accepted) in on_the_way[0].items():
         place = last(named.rates[i])
-        writes[address(place)[0]] = ca.if_else(taken, value, place)
+        writes[address(place)[0]] = ca.if_else(accepted, value, place)
         bits[_bit(observer, i)] = any_of(ca.logic_not(each[i][1]) for each in on_the_way)
-    for j, (value, taken) in dynamics.outputs_taken(z, clock.u(0.0)).items():
+    for j, (value, accepted) in dynamics.outputs_taken(z, clock.u(0.0)).items():
         place = last(named.outputs[j])
-        writes[address(place)[0]] = ca.if_else(taken, value, place)
+        writes[address(place)[0]] = ca.if_else(accepted, value, place)
     return (Block("remember what has a finite value", writes | bits),) if writes else ()
 
 
-def held_now(observer: Observer, clock: Clock) -> Program:
+def undefined_rates(observer: Observer, clock: Clock) -> Program:
     """The bits of the rates that have no finite value, or derivatives, at the end of a call."""
-    taken = observer.dynamics.slopes_taken(observer.z, clock.u(1.0))
-    bits = {_bit(observer, i): ca.logic_not(each) for i, each in taken.items()}
+    accepted = observer.dynamics.slopes_taken(observer.z, clock.u(1.0))
+    bits = {_bit(observer, i): ca.logic_not(each) for i, each in accepted.items()}
     return (Block("has each rate a finite value now?", bits),) if bits else ()
 
 
@@ -254,7 +254,7 @@ def _bit(observer: Observer, i: int) -> Place:
     return Place("status", f"HELD_{observer.dynamics.holding.rates[i].name}")
 
 
-def held_fields(observer: Observer) -> tuple[Field, ...]:
+def hold_fields(observer: Observer) -> tuple[Field, ...]:
     """The memory of the rows that are held: the last finite value of each, 0 before there was one."""
     holding = observer.dynamics.holding
     meanings = {s.name: f"last finite value of b in {s.name}' = A z + b" for s in holding.rates.values()}
@@ -279,8 +279,8 @@ def sample(observer: Observer, u: Graph, j: int) -> tuple[Graph, dict[Place, Gra
 def measure(observer: Observer, clock: Clock, j: int) -> Program:
     """The measurement of output j, how far it is off the estimate's output, and whether it can be used."""
     signal = observer.form.system.outputs[j]
-    taken, undefined_bits = sample(observer, clock.u_now, j)
-    measurement = Block(f"the measurement of {signal}", {Place("work", "measurement"): taken})
+    accepted, undefined_bits = sample(observer, clock.u_now, j)
+    measurement = Block(f"the measurement of {signal}", {Place("work", "measurement"): accepted})
     raw = sym("work", "measurement")
     error = raw - observer.dynamics.output(observer.z, clock.u_now)[j]
     valid, status = _judged(signal, readings(observer.form)[j], raw, error)
@@ -330,9 +330,9 @@ def guard_state(
     written, known = _written(program), _written(before)
     values = ca.vertcat(*(sym("state", f.name, f.size) for f in fields))
     places = [(Place("state", field.name), field.size) for field in fields]
-    asked = [k in written[place] or place not in known for place, size in places for k in range(size)]
+    tested = [k in written[place] or place not in known for place, size in places for k in range(size)]
     ends = [end for f in fields for end in f.box_within(LOST)]
-    usual = inside(values[[k for k, ask in enumerate(asked) if ask]], [*compress(ends, asked)])
+    usual = inside(values[[k for k, ask in enumerate(tested) if ask]], [*compress(ends, tested)])
     beyond = Block("is a value beyond its box, or lost?", {Place("work", "beyond"): ca.logic_not(usual)})
     return (beyond, When(Place("work", "beyond"), keep or boxed(fields, state, others), idle=True))
 
@@ -412,8 +412,8 @@ def _block(title: str, limits: Iterable[Limit], rows: bool = False) -> Block:
     for limit in limits:
         value = sym(*limit.place, limit.size)[limit.index]
         clamped = ca.fmin(ca.fmax(value, limit.low), limit.high)
-        taken = ca.if_else(ca.fabs(value) <= LARGEST_NUMBER, clamped, limit.nominal)
-        values.setdefault(limit.place, []).append(taken)
+        accepted = ca.if_else(ca.fabs(value) <= LARGEST_NUMBER, clamped, limit.nominal)
+        values.setdefault(limit.place, []).append(accepted)
         changed.append(ca.logic_not(ca.logic_and(value >= limit.low, value <= limit.high)))
     writes = {place: column(each) for place, each in values.items()}
     return Block(title, {**writes, LIMITED: any_of(changed)}, limits=limits if rows else ())
@@ -463,10 +463,10 @@ def shortage(names: Sequence[str]) -> str:
     if len(names) <= most:
         return ""
     counts = Counter(next((kind for kind in kinds if name.startswith(f"{kind}_")), "") for name in names)
-    taken = [f"{kind} for {counts[kind]} signals" for kind in kinds if counts[kind]]
-    taken += [f"{counts['']} for the whole step"] * bool(counts[""])
+    accepted = [f"{kind} for {counts[kind]} signals" for kind in kinds if counts[kind]]
+    accepted += [f"{counts['']} for the whole step"] * bool(counts[""])
     return (
-        f"has more than {most}: {', '.join(taken)}; drop outputs, inputs or ranges of inputs, or take "
+        f"has more than {most}: {', '.join(accepted)}; drop outputs, inputs or ranges of inputs, or take "
         'guards="none", which has no status'
     )
 

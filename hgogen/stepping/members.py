@@ -32,7 +32,7 @@ from hgogen.program import (
 
 
 @dataclass(frozen=True)
-class Moved:
+class Substitution:
     """A map of places: `places` maps each to another one, or, of those only read, to an SX column; `groups` maps the
     names of groups."""
 
@@ -47,14 +47,14 @@ class Moved:
         """The new place of one that may be written."""
         if place.struct in self.groups:
             return place._replace(struct=self.groups[place.struct])
-        moved = self.places.get(place, place)
-        assert isinstance(moved, Place), f"{place} is only read"
-        return moved
+        substituted = self.places.get(place, place)
+        assert isinstance(substituted, Place), f"{place} is only read"
+        return substituted
 
     def value(self, place: Place, size: int) -> Graph:
         """SX column of what stands for a place that is read."""
-        moved = self.places.get(place)
-        return sym(*self.place(place), size) if moved is None or isinstance(moved, Place) else moved
+        substituted = self.places.get(place)
+        return sym(*self.place(place), size) if substituted is None or isinstance(substituted, Place) else substituted
 
     def values(self, *graphs: Graph) -> list[Graph]:
         """SX graphs of the moved places."""
@@ -62,8 +62,8 @@ class Moved:
         if not symbols:
             return list(graphs)
         now = [self.value(place, size)[index] for place, index, size in map(address, symbols)]
-        moved: list[Graph] = ca.substitute([ca.SX(graph) for graph in graphs], symbols, now)
-        return moved
+        substituted: list[Graph] = ca.substitute([ca.SX(graph) for graph in graphs], symbols, now)
+        return substituted
 
     def _statement(self, statement: Statement) -> Statement:
         match statement:
@@ -73,9 +73,9 @@ class Moved:
                 names = dict(zip(statement.names, values[len(writes) :], strict=True))
                 return Block(statement.title, writes, names, part=statement.part)
             case Loop(start=start, active=active, index=index):
-                moved = (place and self.place(place) for place in (start, active, index))
+                substituted = (place and self.place(place) for place in (start, active, index))
                 group, body = self.groups.get(statement.group, statement.group), self.program(statement.body)
-                return Loop(group, statement.count, body, *moved)
+                return Loop(group, statement.count, body, *substituted)
             case Repeat():
                 rows = {self.place(place): row for place, row in statement.given.items()}
                 return Repeat(rows, self.program(statement.body))
@@ -101,14 +101,14 @@ _IN_ORDER = ("fields", "groups", "derived", "bits", "inner", *_PROGRAMS)
 def renamed(pieces: Pieces, name: Callable[[str], str], places: Mapping[Place, Graph]) -> Pieces:
     """The pieces with other names for their fields and groups; `places` as in `Moved`, for what else they read."""
     fields = {Place("state", field.name): Place("state", name(field.name)) for field in pieces.fields}
-    moved = Moved({**places, **fields}, {group.name: name(group.name) for group in pieces.groups})
-    programs: dict[str, Any] = {name: moved.program(getattr(pieces, name)) for name in _PROGRAMS}
+    substituted = Substitution({**places, **fields}, {group.name: name(group.name) for group in pieces.groups})
+    programs: dict[str, Any] = {name: substituted.program(getattr(pieces, name)) for name in _PROGRAMS}
     return replace(
         pieces,
         fields=tuple(replace(field, name=name(field.name)) for field in pieces.fields),
         groups=tuple(replace(group, name=name(group.name)) for group in pieces.groups),
-        update=tuple(map(moved.program, pieces.update)),
-        covariance=None if pieces.covariance is None else moved.values(pieces.covariance)[0],
+        update=tuple(map(substituted.program, pieces.update)),
+        covariance=None if pieces.covariance is None else substituted.values(pieces.covariance)[0],
         **programs,
     )
 
@@ -142,10 +142,10 @@ def fresh_groups(above: str, fields: Iterable[Field], groups: Iterable[Group], z
     their estimates, which become those of `above`; `z` is the observer's estimate, an SX of places of the state."""
     loops = []
     for group in groups:
-        shown, start = _copied(above, fields, group, z)
-        rest = fresh(group.name, [f for f in group.fields if f not in shown and not f.lasting])
+        copied, start = _copied(above, fields, group, z)
+        others = fresh(group.name, [f for f in group.fields if f not in copied and not f.lasting])
         inner = fresh_groups(group.name, group.fields, group.groups, z)
-        loops.append(Loop(group.name, group.count, (*start, *rest, *inner)))
+        loops.append(Loop(group.name, group.count, (*start, *others, *inner)))
     return tuple(loops)
 
 
@@ -162,11 +162,11 @@ def following_groups(above: str, fields: Iterable[Field], groups: Iterable[Group
 def _copied(above: str, fields: Iterable[Field], group: Group, z: Graph) -> tuple[list[Field], Program]:
     """The fields of a group that take the estimate of `above`, and the block that copies it."""
     known = {field.name for field in fields} | {"z"}
-    own = Moved({Place("state", name): Place(above, name) for name in read_fields([z])}, {})
-    of = {f.name: own.values(z)[0] if f.name == "z" else sym(above, f.name, f.size) for f in group.fields}
-    shown = [f for f in group.fields if f.outer and f.name in known]
-    start = Block("from the estimate", {Place(group.name, f.name): of[f.name] for f in shown})
-    return shown, (start,) if shown else ()
+    inside = Substitution({Place("state", name): Place(above, name) for name in read_fields([z])}, {})
+    of = {f.name: inside.values(z)[0] if f.name == "z" else sym(above, f.name, f.size) for f in group.fields}
+    copied = [f for f in group.fields if f.outer and f.name in known]
+    start = Block("from the estimate", {Place(group.name, f.name): of[f.name] for f in copied})
+    return copied, (start,) if copied else ()
 
 
 def read_fields(graphs: Iterable[Graph]) -> set[str]:

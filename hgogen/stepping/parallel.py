@@ -22,7 +22,7 @@ from hgogen.program import Bit, Block, Call, Copy, Field, Group, Loop, Place, Pr
 from hgogen.reading.given import BadGain
 from hgogen.signal import LOST
 from hgogen.stepping.guards import boxed, guard_state, guarded
-from hgogen.stepping.members import Moved, fresh, fresh_groups, joined, read_fields, renamed
+from hgogen.stepping.members import Substitution, fresh, fresh_groups, joined, read_fields, renamed
 from hgogen.stepping.projection import projection
 
 RESTARTED = Bit(
@@ -30,7 +30,7 @@ RESTARTED = Bit(
     "a value of a member was lost (not finite, or beyond 1e30), and all of that member restarted",
     "treat the estimate as new; check parameters (tune was called?) and ranges",
 )
-_LEFT = Place("work", "left")
+_OUTSIDE = Place("work", "left")
 SHARE, PREDICTORS = 0.3, 4  # of the restart period the window where none is given, and its predictors
 
 
@@ -74,7 +74,7 @@ class Parallel(Part):
     innovation: Innovation | None
 
     @property
-    def shown(self) -> set[str]:
+    def published(self) -> set[str]:
         """Names of the member's fields that the step shows of the selected one: its estimate, notices and traces."""
         notices = (value for block in self.member.notices for value in block.writes.values())
         return read_fields([self.member.z, *notices]) | set(self.member.traces)
@@ -88,26 +88,28 @@ def parallel(part: Parallel, clock: Clock, pieces: Callable[[Part], Pieces]) -> 
     alone = joined(map(pieces, part.member.parts))
     score = _score(part, clock, alone.fields, pieces)
     every = joined((alone, score))
-    shown = [field for field in alone.fields if field.name in part.shown]
-    writes = {Place("state", f.name): sym("member", f.name, f.size) for f in shown}
+    published = [field for field in alone.fields if field.name in part.published]
+    writes = {Place("state", f.name): sym("member", f.name, f.size) for f in published}
     chosen = Block("the estimate is the selected member's", writes)
-    show = Loop("member", 1, (chosen,), start=Place("state", "selected"))
-    moved = Moved({Place("state", f.name): Place("member", f.name) for f in every.fields}, {})
+    publish = Loop("member", 1, (chosen,), start=Place("state", "selected"))
+    substitution = Substitution({Place("state", f.name): Place("member", f.name) for f in every.fields}, {})
 
     both = zip(alone.update or [()] * clock.outputs, score.update, strict=True)
     updates = [_update(part, clock, j, *each) for j, each in enumerate(both)]
-    keep = _keep(part.count, every, moved, (every.predict, *updates, every.adapt))
+    keep = _keep(part.count, every, substitution, (every.predict, *updates, every.adapt))
 
     def loop(program: Program, before: Program = ()) -> Program:
-        note = Block("a member has left its box", {_LEFT: ca.SX(1)})
-        asked = moved.program((*program, *guard_state(program, every.fields, before=before, keep=(note,))))
-        members = Loop("member", part.count, asked)
+        note = Block("a member has left its box", {_OUTSIDE: ca.SX(1)})
+        guarded_program = substitution.program(
+            (*program, *guard_state(program, every.fields, before=before, keep=(note,)))
+        )
+        members = Loop("member", part.count, guarded_program)
         if not guarded(program, every.fields):
             return (members,)
-        none = Block("no member has left its box yet", {_LEFT: ca.SX(0)})
-        return (none, members, When(_LEFT, (Call(keep),), idle=True))
+        none = Block("no member has left its box yet", {_OUTSIDE: ca.SX(0)})
+        return (none, members, When(_OUTSIDE, (Call(keep),), idle=True))
 
-    copies = (replace(f, outer=False, meaning=f"{f.meaning} (the selected member's)") for f in shown)
+    copies = (replace(f, outer=False, meaning=f"{f.meaning} (the selected member's)") for f in published)
     return replace(
         every,
         fields=(
@@ -118,20 +120,20 @@ def parallel(part: Parallel, clock: Clock, pieces: Callable[[Part], Pieces]) -> 
         ),
         bits=(*every.bits, RESTARTED),
         groups=(Group("member", part.count, every.fields, "the observers in parallel", every.groups),),
-        predict=(*loop(every.predict), show),
-        update=tuple((*loop(update, every.predict), show) for update in updates),
-        adapt=(*(loop(every.adapt) if every.adapt else ()), *_choose(part, period), *_restart(part, alone), show),
+        predict=(*loop(every.predict), publish),
+        update=tuple((*loop(update, every.predict), publish) for update in updates),
+        adapt=(*(loop(every.adapt) if every.adapt else ()), *_choose(part, period), *_restart(part, alone), publish),
         inner=(keep,),
         covariance=None,
-        project=(Loop("member", part.count, moved.program(projection(part.member, alone))), show),
+        project=(Loop("member", part.count, substitution.program(projection(part.member, alone))), publish),
     )
 
 
-def _keep(count: int, every: Pieces, moved: Moved, programs: Iterable[Program]) -> Section:
+def _keep(count: int, every: Pieces, substitution: Substitution, programs: Iterable[Program]) -> Section:
     """Return the section that keeps each member in its box, or makes it anew, whichever program spoiled it."""
     names = {field.name for program in programs for field in guarded(program, every.fields)}
     boxes = boxed([field for field in every.fields if field.name in names], every.fields, each=True)
-    loop = Loop("member", count, moved.program(boxes))
+    loop = Loop("member", count, substitution.program(boxes))
     return Section("keep_members", "keep each member in its box, or make it anew", (loop,))
 
 

@@ -59,28 +59,28 @@ ELSEWHERE = 32  # points of the ranges that are tried
 
 
 def nearest(
-    observer: Observer, clock: Clock, shown: tuple[Field, ...], samples: Mapping[int, tuple[Graph, Graph]]
+    observer: Observer, clock: Clock, fields: tuple[Field, ...], samples: Mapping[int, tuple[Graph, Graph]]
 ) -> Program:
     """The `shown` fields of the state set to x of the module; `samples` by output, the most trusted last: what was
     measured, and whether that is plausible."""
     u = sym("state", "u", len(observer.form.system.inputs))
-    x = ca.vertcat(*(sym("state", field.name, field.size) for field in shown))
+    x = ca.vertcat(*(sym("state", field.name, field.size) for field in fields))
     h = observer.dynamics.output(observer.z, u)
-    limits, V = _range_ends(observer, shown, x), weights(shown)
+    limits, V = _range_ends(observer, fields, x), weights(fields)
     g = observer.dynamics.output_jacobian(observer.z, u) @ ca.jacobian(observer.z, x)
     slopes = {j: g[j, :].T for j in samples}
     spans = [high - low for low, high in readings(observer.form)]
     straight = len(samples) == 1 and all(ca.jacobian(slope, x).nnz() == 0 for slope in slopes.values())
-    start = _start_point(observer, clock, shown, slopes, np.array([spans[j] for j in samples]), V, limits)
-    blocks = [Block("the estimate restarts", placed(shown, ca.SX(ca.DM(start))))]
+    start = _start_point(observer, clock, fields, slopes, np.array([spans[j] for j in samples]), V, limits)
+    blocks = [Block("the estimate restarts", placed(fields, ca.SX(ca.DM(start))))]
     for _ in range(1 if straight else SWEEPS):
         for j, (y, plausible) in samples.items():
             across = ca.dot(slopes[j], V * slopes[j])
             least = (1e-6 * spans[j]) ** 2 if spans[j] < INF else 1e-30
-            moved = x + V * slopes[j] * ((y - h[j]) / ca.fmax(across, least))
-            fitted = column(kept(moved[i], end, x[i]) for i, end in enumerate(limits))
+            projected = x + V * slopes[j] * ((y - h[j]) / ca.fmax(across, least))
+            fitted = column(kept(projected[i], end, x[i]) for i, end in enumerate(limits))
             value = ca.if_else(plausible, fitted, x) if len(samples) > 1 else fitted
-            blocks.append(Block(f"from the sample of {observer.form.system.outputs[j]}", placed(shown, value)))
+            blocks.append(Block(f"from the sample of {observer.form.system.outputs[j]}", placed(fields, value)))
     return tuple(blocks)
 
 
@@ -89,23 +89,23 @@ def kept(value: Graph, end: tuple[float, float], other: Graph) -> Graph:
     return ca.if_else(ca.fabs(value) <= LOST, clamp(value, *end), other)
 
 
-def placed(shown: tuple[Field, ...], value: Graph) -> dict[Place, Graph]:
+def placed(fields: tuple[Field, ...], value: Graph) -> dict[Place, Graph]:
     """The writes of an SX column to the fields, one after the other."""
-    parts = ca.vertsplit(value, np.cumsum([0, *(field.size for field in shown)]).tolist())
-    return {Place("state", field.name): part for field, part in zip(shown, parts, strict=True)}
+    parts = ca.vertsplit(value, np.cumsum([0, *(field.size for field in fields)]).tolist())
+    return {Place("state", field.name): part for field, part in zip(fields, parts, strict=True)}
 
 
-def weights(shown: tuple[Field, ...]) -> Graph:
+def weights(fields: tuple[Field, ...]) -> Graph:
     """The squared widths of the outer box, V of the module, as a column."""
-    widths = np.array([high - low for field in shown for low, high in field.box])
+    widths = np.array([high - low for field in fields for low, high in field.box])
     widths[~np.isfinite(widths)] = max(widths[np.isfinite(widths)], default=1.0)
     weights = ca.DM(widths)
     return weights * weights  # infinite without a word where NumPy warns
 
 
-def _range_ends(observer: Observer, shown: tuple[Field, ...], x: Graph) -> list[tuple[float, float]]:
+def _range_ends(observer: Observer, fields: tuple[Field, ...], x: Graph) -> list[tuple[float, float]]:
     """The declared range of each x_i that is a state z_k, else its outer box."""
-    limits = [end for field in shown for end in field.box]
+    limits = [end for field in fields for end in field.box]
     for k, end in enumerate(observer.dynamics.box):
         same = [i for i in range(len(limits)) if ca.is_equal(ca.SX(observer.z[k]), x[i])]
         for i in same:
@@ -117,7 +117,7 @@ def _range_ends(observer: Observer, shown: tuple[Field, ...], x: Graph) -> list[
 def _start_point(
     observer: Observer,
     clock: Clock,
-    shown: tuple[Field, ...],
+    fields: tuple[Field, ...],
     slopes: Mapping[int, Graph],
     spans: np.ndarray,
     V: Graph,
@@ -125,24 +125,24 @@ def _start_point(
 ) -> np.ndarray:
     """x_0: the first values, or the point of the ranges at which the most outputs, of these spans, tell something."""
     least = (FLAT * np.where(np.isfinite(spans), spans, 0.0)) ** 2
-    places = [Place("state", field.name) for field in shown]
-    sizes = np.cumsum([field.size for field in shown])[:-1]
-    rest = {Place("state", "u"): np.zeros(len(observer.form.system.inputs)), **nominal(observer)}
+    places = [Place("state", field.name) for field in fields]
+    sizes = np.cumsum([field.size for field in fields])[:-1]
+    fixed = {Place("state", "u"): np.zeros(len(observer.form.system.inputs)), **nominal(observer)}
 
-    def seen(point: np.ndarray) -> int:
-        values = {**rest, **dict(zip(places, np.split(point, sizes), strict=True))}
+    def informative(point: np.ndarray) -> int:
+        values = {**fixed, **dict(zip(places, np.split(point, sizes), strict=True))}
         across = [numbers(ca.dot(slope, V * slope), values).item() for slope in slopes.values()]
         return int((np.nan_to_num(across) > least).sum())
 
-    first = np.array([value for field in shown for value in field.initial])
+    first = np.array([value for field in fields for value in field.initial])
     low, high = np.array(limits).T
     low, high = np.where(np.isfinite(low), low, first - 1), np.where(np.isfinite(high), high, first + 1)
     draws = np.random.default_rng(0).uniform(0.25, 0.75, (ELSEWHERE, len(first)))
     best = first
     for point in (low + share * (high - low) for share in draws):
-        if seen(best) == len(slopes):
+        if informative(best) == len(slopes):
             break
-        best = point if seen(point) > seen(best) else best
+        best = point if informative(point) > informative(best) else best
     return best
 
 
@@ -180,17 +180,17 @@ def _projected(observer: Observer, pieces: Pieces, fields: tuple[Field, ...], x:
     """The fields x projected onto one range after the other."""
     known = pieces.covariance is not None and pieces.covariance.shape[0] == x.numel()
     P: Graph = pieces.covariance if known else ca.diag(ca.SX(weights(fields)))
-    moved = x
+    projected = x
     for g, slope, end in _ranges(observer, x):
-        now, a = ca.substitute([g, slope], [x], [moved])
+        now, a = ca.substitute([g, slope], [x], [projected])
         across = P @ a
-        moved = moved - across * ((now - clamp(now, *end)) / ca.dot(a, across))
-    return _within(x, moved, [end for field in fields for end in field.box])
+        projected = projected - across * ((now - clamp(now, *end)) / ca.dot(a, across))
+    return _within(x, projected, [end for field in fields for end in field.box])
 
 
-def _within(x: Graph, moved: Graph, outer: Sequence[tuple[float, float]]) -> Graph:
+def _within(x: Graph, projected: Graph, outer: Sequence[tuple[float, float]]) -> Graph:
     """The last point on the way from x to `moved` that is in the outer box; the clamp is of its rounding."""
-    way, share = moved - x, ca.SX(1)
+    way, share = projected - x, ca.SX(1)
     for i, (low, high) in enumerate(outer):
         room = ca.if_else(way[i] > 0, high - x[i], x[i] - low)
         share = ca.if_else(share * ca.fabs(way[i]) > room, room / ca.fabs(way[i]), share)

@@ -186,8 +186,8 @@ class Sign:
     def counted(self) -> Block:
         """The count moved by `work.moves_NAME`, with the sign of `work.side_NAME`. Count and limit are in their ranges,
         which was asked, and stay there: one at its most is at its limit as well, which an analyser need not see."""
-        moves, limit = sym("work", f"moves_{self.name}"), sym("state", self.limit)
-        size = ca.fmin(ca.fmax(self.size + moves, 0), self.most)
+        change, limit = sym("work", f"moves_{self.name}"), sym("state", self.limit)
+        size = ca.fmin(ca.fmax(self.size + change, 0), self.most)
         return Block(
             f"count of {self.name}",
             {
@@ -356,11 +356,11 @@ class Recovery:
         sound = reduce(ca.logic_and, inside, same)
         spoiled = Block("was a fault count or limit spoiled?", {Place("work", "spoiled"): ca.logic_not(sound)})
         program: list[Statement] = [spoiled, When(Place("work", "spoiled"), self.cleared)]
-        moves = ca.if_else(outside(self.observer, MARGIN), weight, -weight)
+        change = ca.if_else(outside(self.observer, MARGIN), weight, -weight)
         for sign in self.signs:
             if sign.output is None:
-                moved = {Place("work", f"moves_{sign.name}"): moves}
-                program += [Block("is the estimate out of a range?", moved), sign.counted]
+                changed = {Place("work", f"moves_{sign.name}"): change}
+                program += [Block("is the estimate out of a range?", changed), sign.counted]
         return tuple(program)
 
     @cached_property
@@ -392,8 +392,8 @@ class Recovery:
         judged_by = Block("is there a sample to judge by?", {Place("work", "sampled"): sampled})
         ranges = tuple(map(Call, self._counting)) or self._counted_range(weight)
         outputs = [sign for sign in signs if sign.output is not None]
-        moves = {place: value for sign in outputs for place, value in self._moves(sign, samples).items()}
-        counts = (Block("which signs show?", moves), *(sign.counted for sign in outputs)) if outputs else ()
+        change = {place: value for sign in outputs for place, value in self._changes(sign, samples).items()}
+        counts = (Block("which signs show?", change), *(sign.counted for sign in outputs)) if outputs else ()
         remember = Block("the checksum of fault counts and limits", {Place("state", "fault_checksum"): self._sum})
         judged = (*ranges, *counts, *self._guard(signs, samples), remember)
         return (
@@ -407,27 +407,27 @@ class Recovery:
         return fresh("state", self.fields, part="clear_fault_counts")
 
     @cached_property
-    def rest(self) -> Program:
+    def other_memory(self) -> Program:
         """The program that sets all memory but the estimate as after a reset, but for what lasts; members start from
         the estimate."""
-        shown, pieces = self._shown(), self.pieces
-        fields = [field for field in pieces.fields if field not in shown and not field.lasting]
+        estimate, pieces = self._estimate_fields(), self.pieces
+        fields = [field for field in pieces.fields if field not in estimate and not field.lasting]
         groups = fresh_groups("state", pieces.fields, pieces.groups, self.observer.z)
         return (*fresh("state", fields, part="clear_rest"), *groups)
 
-    def _moves(self, sign: Sign, samples: Samples) -> dict[Place, Graph]:
+    def _changes(self, sign: Sign, samples: Samples) -> dict[Place, Graph]:
         """Return by how much the size of a count changes at these samples, at one of which the estimate is judged, and
         whether what has the sign of the count then."""
         assert sign.output is not None
         sample, count = samples[sign.output], sym("state", sign.count)
-        shows = ca.logic_not(ca.fabs(sample.error) <= self._limit(sign.output))  # or is no number
-        moves = ca.if_else(shows, ca.if_else(count * sample.error < 0, -sign.change, 1), -1)
+        deviates = ca.logic_not(ca.fabs(sample.error) <= self._limit(sign.output))  # or is no number
+        change = ca.if_else(deviates, ca.if_else(count * sample.error < 0, -sign.change, 1), -1)
         if len(samples) > 1:
-            shows = ca.logic_and(shows, self._plausible(sign.output, sample))
-            moves = ca.if_else(self._plausible(sign.output, sample), moves, 0)
+            deviates = ca.logic_and(deviates, self._plausible(sign.output, sample))
+            change = ca.if_else(self._plausible(sign.output, sample), change, 0)
         return {
-            Place("work", f"moves_{sign.name}"): moves,
-            Place("work", f"side_{sign.name}"): ca.if_else(shows, sample.error, count),
+            Place("work", f"moves_{sign.name}"): change,
+            Place("work", f"side_{sign.name}"): ca.if_else(deviates, sample.error, count),
         }
 
     def _limit(self, j: int) -> Graph:
@@ -464,9 +464,9 @@ class Recovery:
         project = tuple(map(Call, self._projecting)) or self._projection
         fitted = {j: (s.y, self._plausible(j, s)) for j, s in samples.items()}
         restart = (  # memory as after a reset, but for the estimate, which is the nearest to it that fits the samples
-            *nearest(self.observer, self.clock, self._shown(), fitted),
+            *nearest(self.observer, self.clock, self._estimate_fields(), fitted),
             Block("the estimate has restarted from the sample", {Place("status", "RESTARTED_FROM_SAMPLE"): ca.SX(1)}),
-            *self.rest,
+            *self.other_memory,
         )
         return (
             Block("does a guard act?", {acts: any_of(sign.over for sign in signs)}),
@@ -480,18 +480,18 @@ class Recovery:
             ),
         )
 
-    def _shown(self) -> tuple[Field, ...]:
+    def _estimate_fields(self) -> tuple[Field, ...]:
         """The fields that the estimate is read from."""
         return estimate_fields(self.observer, self.pieces.fields)
 
     def _widest(self) -> float:
         """The largest ratio r, over the coordinates, of the widths of the outer box and the declared one."""
-        shown = self._shown()
-        x = ca.vertcat(*(sym("state", field.name, field.size) for field in shown))
-        values = {Place("state", field.name): np.array(field.initial) for field in shown}
+        fields = self._estimate_fields()
+        x = ca.vertcat(*(sym("state", field.name, field.size) for field in fields))
+        values = {Place("state", field.name): np.array(field.initial) for field in fields}
         values |= {Place("state", "u"): np.zeros(len(self.observer.form.system.inputs)), **nominal(self.observer)}
         slope = np.abs(numbers(ca.jacobian(self.observer.z, x), values))
-        outer = np.array([high - low for field in shown for low, high in field.box])
+        outer = np.array([high - low for field in fields for low, high in field.box])
         inner = np.array([high - low for low, high in self.observer.dynamics.box])
         reach = slope @ np.where(np.isfinite(outer), outer, 0.0)
         known = np.isfinite(inner) & np.isfinite(reach) & (inner > 0)

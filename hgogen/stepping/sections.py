@@ -50,11 +50,11 @@ from hgogen.stepping.guards import (
     guard_outputs,
     guard_state,
     guarded,
-    held_fields,
-    held_now,
     hold,
+    hold_fields,
     measure,
     outside_bit,
+    undefined_rates,
     unrecovered,
 )
 from hgogen.stepping.members import following_groups, joined
@@ -213,8 +213,8 @@ class Assembly:
     @cached_property
     def still(self) -> bool:
         """Whether the estimate of this call stands before `adapt`, which writes nothing to it."""
-        shown = {place for place, _, _ in map(address, ca.symvar(self.observer.z))}
-        return not any(shown & s.writes.keys() for s in walk(self.adapt) if isinstance(s, Block))
+        read_places = {place for place, _, _ in map(address, ca.symvar(self.observer.z))}
+        return not any(read_places & s.writes.keys() for s in walk(self.adapt) if isinstance(s, Block))
 
     @cached_property
     def correcting(self) -> tuple[int, ...]:
@@ -238,7 +238,7 @@ class Assembly:
         parts = flat(piece.fields for piece in self.pieces)
         most, later = (2, ", then 2") if self.adapt else (1, "")
         meaning = f"0 before the first call, 1 after it{later}"
-        fields = [*parts, *held_fields(self.observer), *self.law.fields]
+        fields = [*parts, *hold_fields(self.observer), *self.law.fields]
         fields += [scalar("calls", 0, kind="index", high=most, meaning=meaning), *counted]
         if system.inputs:
             start, names = tuple(map(resting, system.inputs)), tuple(s.name for s in system.inputs)
@@ -285,7 +285,7 @@ class Assembly:
     @cached_property
     def _fresh(self) -> Program:
         """The program that resets fault counts and all memory but the estimate where the state is lost."""
-        return (*self.law.cleared, *self.law.rest)
+        return (*self.law.cleared, *self.law.other_memory)
 
     def _guarded(self, program: Program, before: Program = ()) -> Program:
         """A program, and what keeps the state that it leaves behind in its box, or makes it anew; `before`: one that
@@ -323,16 +323,16 @@ class Assembly:
         law of recovery is evaluated here."""
         observer, clock = self.observer, self.clock
         follow = following_groups("state", self.whole.fields, self.whole.groups, observer.z)
-        taken, read = (guard_inputs, guard_outputs) if clock.guarded else (plain_inputs, plain_outputs)
-        program: list[Statement] = [taken(observer)] if clock.inputs else []
+        guard_input, read = (guard_inputs, guard_outputs) if clock.guarded else (plain_inputs, plain_outputs)
+        program: list[Statement] = [guard_input(observer)] if clock.inputs else []
         program += [read(observer, clock)] if self.uses_output else []
         program += [tick(observer.form.system.outputs, bool(self.adapt))] if self.rated else []
         calls = sym("state", "calls")
         counted = ca.if_else(calls < 2, calls + 1, 2) if self.adapt else ca.SX(1)
         running = {Place("work", "running"): calls >= 1, Place("state", "calls"): counted}
         program.append(Block("the first call advances no time", running))
-        moves = (*hold(observer, clock), *self._guarded(self.whole.predict), *held_now(observer, clock))
-        program.append(When(Place("work", "running"), moves, (*map(Call, self._keep), *follow)))
+        advance = (*hold(observer, clock), *self._guarded(self.whole.predict), *undefined_rates(observer, clock))
+        program.append(When(Place("work", "running"), advance, (*map(Call, self._keep), *follow)))
         program += awaited(self._ordered)
         if clock.inputs:
             program.append(Block("remember the input", {Place("state", "u"): sym("work", "u", clock.inputs)}))

@@ -122,7 +122,7 @@ def casadi(step: Step, *, real: Real = "double", bundled: bool = False) -> Funct
         for name, vector in (vectors | continuous).items()
     }
     raised = step.layout.raised
-    listed["status"] = [{"name": bit.name, "meaning": bit.meaning, "action": step.asked(bit)} for bit in raised]
+    listed["status"] = [{"name": bit.name, "meaning": bit.meaning, "action": step.action_of(bit)} for bit in raised]
     texts.append((f"{step.name}_entries.json", json.dumps(listed, indent=1) + "\n"))
     return Functions(tuple(texts), step=call, bits=tuple(bit.name for bit in raised), flow=flow, **vectors)
 
