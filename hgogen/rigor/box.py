@@ -43,7 +43,7 @@ class Ranged(Protocol):
 
     @property
     def bounded(self) -> bool:
-        """Whether it has a range."""
+        """Return whether it has a range."""
 
 
 def points(signals: Sequence[Ranged]) -> Iterator[RationalPoint]:
@@ -69,8 +69,8 @@ def largest_exponent(expression: sp.Expr) -> int:
 
 
 def kind(expression: sp.Expr, point: RationalPoint) -> str:
-    """What it is there, by exact zero tests and guaranteed digits: "> 0", "< 0", "= 0", "undefined" or "?", which is
-    the answer for powers too large for exact numbers as well."""
+    """The kind of value at a point, by exact zero tests and guaranteed digits: "> 0", "< 0", "= 0", "undefined" or "?",
+    which is the answer for powers too large for exact numbers as well."""
     if largest_exponent(expression) > STEEP:
         return "?"
     at = dict(point)
@@ -139,11 +139,11 @@ def settled(expression: sp.Expr, values: Mapping[sp.Symbol, sp.Rational]) -> sp.
     """The expression with symbols at their values; those stay at which a root, an inverse or a logarithm would not be
     a finite real number: SymPy goes on with what it is then, and |log(-1)| would be pi."""
     nodes = (node for node in expression.atoms(*_PARTIAL) if not values.keys().isdisjoint(node.free_symbols))
-    stay = {s for node in nodes if not _stays_real(node, values) for s in node.free_symbols}
+    stay = {s for node in nodes if not _is_real_at(node, values) for s in node.free_symbols}
     return expression.xreplace({s: value for s, value in values.items() if s not in stay})
 
 
-def _stays_real(node: sp.Expr, values: Mapping[sp.Symbol, sp.Rational]) -> bool:
+def _is_real_at(node: sp.Expr, values: Mapping[sp.Symbol, sp.Rational]) -> bool:
     if node.is_Pow and node.exp.is_Integer and node.exp > 0:
         return True
     value = put(node, values)
@@ -163,8 +163,8 @@ def exact(expression: sp.Expr) -> sp.Expr:
     rationals = {}
     for written in expression.atoms(sp.Float):
         nearest = float(written)
-        held = math.isfinite(nearest) and (nearest != 0.0 or written == 0)
-        rationals[written] = sp.Rational(repr(nearest)) if held else sp.Rational(written)
+        exact = math.isfinite(nearest) and (nearest != 0.0 or written == 0)
+        rationals[written] = sp.Rational(repr(nearest)) if exact else sp.Rational(written)
     return expression.xreplace(rationals)
 
 
@@ -204,7 +204,7 @@ def box(
     ends: dict[sp.Symbol, tuple[End, End]] = {}
     for signal in signals:
         if signal.low is not None and signal.high is not None:
-            ends[signal] = _said(float(signal.low)), _said(float(signal.high))
+            ends[signal] = _shortest_decimal(float(signal.low)), _shortest_decimal(float(signal.high))
         elif signal in fixed:
             ends[signal] = (Fraction(fixed[signal]),) * 2
         else:
@@ -213,7 +213,7 @@ def box(
 
 
 @lru_cache(maxsize=4096)
-def _said(value: float) -> Fraction:
+def _shortest_decimal(value: float) -> Fraction:
     return Fraction(repr(value))
 
 
@@ -248,8 +248,8 @@ class Sides:
 
     def only(self, symbols: Iterable[sp.Symbol]) -> "Sides":
         """The sides of some of its symbols."""
-        asked = set(symbols)
-        some = {s: ends for s, ends in self.box.items() if s in asked}
+        wanted = set(symbols)
+        some = {s: ends for s, ends in self.box.items() if s in wanted}
         return Sides(tuple(some), tuple(some.values()))
 
     def spread(self) -> Iterator[Point]:
@@ -279,8 +279,8 @@ def sides(expression: sp.Expr, box: Box) -> tuple[sp.Expr, Sides]:
         ends[symbol] = low, high
     points = {s: sp.Rational(Fraction(low)) for s, (low, high) in ends.items() if low == high and not steep}
     fixed = settled(expression, points) if points else expression
-    left = tuple(s for s in ends if s not in points or s in fixed.free_symbols)
-    return fixed, Sides(left, tuple(ends[s] for s in left))
+    remaining = {s: side for s, side in ends.items() if s not in points or s in fixed.free_symbols}
+    return fixed, Sides(tuple(remaining), tuple(remaining.values()))
 
 
 def _inside(ends: tuple[End, End], share: Fraction) -> Fraction:

@@ -95,8 +95,8 @@ def _near_unit(M: Any) -> bool:
         R = fmpz_mat([[int(x * 2**40) << max(units) - j for x, j in zip(row, units, strict=True)] for row in inverse])
     except (ValueError, OverflowError):  # not finite, without a factor, or beyond a float
         return False
-    seen = (R * M * R.transpose()).tolist()
-    return all(2 * row[k] > sum(map(abs, row)) for k, row in enumerate(seen))
+    congruent = (R * M * R.transpose()).tolist()
+    return all(2 * row[k] > sum(map(abs, row)) for k, row in enumerate(congruent))
 
 
 def definite(M: np.ndarray) -> bool:
@@ -107,11 +107,13 @@ def definite(M: np.ndarray) -> bool:
         return positive(fmpq_mat(M.tolist()))
     if _near_unit(arb_mat(M.tolist())):
         return True
-    rest = M.copy()
+    remaining = M.copy()
     for k in range(len(M)):
-        if not rest[k, k] > 0:
+        if not remaining[k, k] > 0:
             return False
-        rest[k + 1 :, k + 1 :] = rest[k + 1 :, k + 1 :] - np.outer(rest[k + 1 :, k], rest[k, k + 1 :]) / rest[k, k]
+        after = slice(k + 1, None)
+        outer = np.outer(remaining[after, k], remaining[k, after])
+        remaining[after, after] = remaining[after, after] - outer / remaining[k, k]
     return True
 
 

@@ -178,11 +178,11 @@ class Axis:
         return below, tuple(f if f >= x else nextafter(f, inf) for f, x in nearest)
 
     def _before(self, end: Number) -> int:
-        """How many breakpoints lie below a number; of a float as soon as the float next below them does."""
+        """The number of breakpoints below a number; of a float as soon as the float next below them does."""
         return bisect_left(self._floats[0] if isinstance(end, float) else self.x, end)
 
     def _until(self, end: Number) -> int:
-        """How many breakpoints do not lie above a number."""
+        """The number of breakpoints that are not above a number."""
         return bisect_right(self._floats[1] if isinstance(end, float) else self.x, end)
 
     def met(self, low: Number, high: Number) -> tuple[int, int]:
@@ -193,8 +193,8 @@ class Axis:
         return self._until(low), self._before(high)
 
     def taken(self, low: Number, high: Number) -> tuple[Ends, tuple[int, int]]:
-        """Where a program may compute an argument that is in [low, high], and the first and the last cell that it
-        takes, at a breakpoint the one above; beyond the ends of a table that is not held, what is at its ends."""
+        """The interval in which a program may compute an argument of [low, high], and the first and the last cell that
+        it takes, at a breakpoint the one above; beyond the ends of a table that is not held, what is at its ends."""
         if self.rounded is None:
             return (low, high), self.met(low, high)
         low, high = low - self.rounded[0], high + self.rounded[1]
@@ -204,8 +204,8 @@ class Axis:
         return (low if cells[0] else self.x[0], high if cells[1] < len(self.x) else self.x[-1]), cells
 
     def part(self, k: int, span: tuple[int, int], low: Number, high: Number) -> tuple[Any, Any]:
-        """What of [low, high], which meets the cells of a span, lies in one of them, from its start on: numbers of
-        FLINT, or infinite ones."""
+        """The part of [low, high], which meets the cells of a span, that is in one of them, from its start on: numbers
+        of FLINT, or infinite ones."""
         x, starts = self._rational
         a = low if k == span[0] else starts[k]
         b = high if k == span[1] else x[k]
@@ -264,7 +264,7 @@ class Cells:
 
     @property
     def points(self) -> tuple[Any, ...]:
-        """What tells one table from another."""
+        """The data by which two tables differ."""
         return self.kind, tuple(axis.x for axis in self.axes), self.values
 
     @property
@@ -346,7 +346,7 @@ class Cells:
         return [axis.starts[k] for axis, k in zip(self.axes, cell, strict=True)]
 
     def taken(self, box: Sequence[Ends]) -> tuple[list[Ends], Spans]:
-        """Where a program may compute arguments that are in a box, and the cells; `Axis.taken` along each axis."""
+        """The box in which a program may compute arguments of a box, and the cells; `Axis.taken` along each axis."""
         sides, spans = zip(*(axis.taken(*side) for axis, side in zip(self.axes, box, strict=True)), strict=True)
         return list(sides), list(spans)
 
@@ -365,7 +365,7 @@ class Cells:
         return self._range(wide, spans, order), continuous
 
     def _range(self, box: Sequence[Ends], spans: Spans, order: Index) -> Ends:
-        """Of a derivative on a box that meets the cells of `spans`."""
+        """The range of a derivative on a box that meets the cells of `spans`."""
         whole, level, pieces = _whole(self, order)
         ends = [
             whole[cell]
@@ -579,7 +579,7 @@ class Lookup:
 
     @property
     def name(self) -> str:
-        """What it is called in emitted code: table_ocv, and its derivatives slope_ocv, slope_2_ocv, ..; of two
+        """The name in emitted code: table_ocv, and its derivatives slope_ocv, slope_2_ocv, ..; of two
         arguments slope_1_0_friction, slope_0_1_friction, ..; those that are 0 beyond the points flat_slope_ocv,
         flat_x_slope_1_0_friction, .."""
         order = "" if self.order == (1,) else "".join(f"{k}_" for k in self.order)
@@ -622,8 +622,8 @@ class Lookup:
 
     @cached_property
     def arrays(self) -> dict[str, list[float]]:
-        """Those of emitted code by their names: the starts of cells, and the coefficients, c with the powers of the
-        distances."""
+        """The arrays of emitted code by their names: the starts of cells, and the coefficients, c with the powers of
+        the distances."""
         starts = {axis.array: list(axis.starts) for axis in self.axes}
         powers = np.ndindex(self.coefficients.shape[: len(self.axes)])
         return starts | {f"c{''.join(map(str, each))}": self.coefficients[each].ravel().tolist() for each in powers}

@@ -107,7 +107,7 @@ def _ends(products: list[Array]) -> Pair:
 
 
 def _signs(a: Pair, b: Pair) -> tuple[Flags, Flags, Flags]:
-    """Where no product is negative, where none is positive, and where one factor is 0."""
+    """Flags: no product is negative, none is positive, one factor is 0."""
     (a_up, a_down), (b_up, b_down) = (((ends[0] >= 0), (ends[1] <= 0)) for ends in (a, b))
     return (a_up & b_up) | (a_down & b_down), (a_up & b_down) | (a_down & b_up), (a_up & a_down) | (b_up & b_down)
 
@@ -187,12 +187,12 @@ def direction(parts: Sequence[Pair], index: int, wide: bool) -> Pair:
     """
     low, high = parts[index]
     zero = np.zeros(low.shape)
-    rest = reduce(add, (power(a, 2) for i, a in enumerate(parts) if i != index), (zero, zero))
+    others = reduce(add, (power(a, 2) for i, a in enumerate(parts) if i != index), (zero, zero))
     alone = np.full(low.shape, len(parts) == 1)
-    below, above = _share(np.stack((low, low, high, high)), np.stack((*rest, *rest)))
+    below, above = _share(np.stack((low, low, high, high)), np.stack((*others, *others)))
     least = np.where(low < 0, below[0], np.where(alone, 1.0, below[1]))
     most = np.where(high > 0, above[2], np.where(alone, -1.0, above[3]))
-    free = (low <= 0) & (high >= 0) & (rest[0] <= 0)  # e may be 0
+    free = (low <= 0) & (high >= 0) & (others[0] <= 0)  # e may be 0
     least = np.where(free, np.where(low < 0, -1.0, np.where(alone, 1.0, 0.0)), least)
     most = np.where(free, np.where(high > 0, 1.0, np.where(alone, -1.0, 0.0)), most)
     within = wide & (low < high)
@@ -214,9 +214,9 @@ def where_known(known: Flags, a: Pair) -> Pair:
     return np.where(known, a[0], -np.inf), np.where(known, a[1], np.inf)
 
 
-def _share(e: Array, rest: Array) -> Pair:
-    """e/sqrt(e^2 + rest), between -1 and 1; not for e = rest = 0."""
-    whole = square_root(add(power((e, e), 2), (rest, rest)))
+def _share(e: Array, others: Array) -> Pair:
+    """e/sqrt(e^2 + others), between -1 and 1; not for e = others = 0."""
+    whole = square_root(add(power((e, e), 2), (others, others)))
     low, high = multiply((e, e), reciprocal(whole))
     far = np.isinf(e)
     return np.where(far, -1.0, np.maximum(low, -1.0)), np.where(far, 1.0, np.minimum(high, 1.0))
@@ -272,19 +272,14 @@ def _product(x: Array, y: Array) -> Pair:
 
 def _inverted(low: Array, high: Array) -> Pair:
     """A float below 1/high or equal, and one above 1/low, neither of them 0; 1/inf is 0, from the side that x says."""
-    inverse, rest = _inverse(np.array((high, low)))
-    least = np.where(np.isinf(high), np.minimum(inverse[0], 0.0), _below(inverse[0], rest[0]))
-    return least, np.where(np.isinf(low), np.maximum(inverse[1], 0.0), _above(inverse[1], rest[1]))
-
-
-def _inverse(x: Array) -> Pair:
-    """1/x rounded, and a number of the sign of its error."""
-    inverse = 1.0 / x
-    size = np.abs(x)
+    x = np.array((high, low))
+    inverse, size = 1.0 / x, np.abs(x)
     known = (size > _SMALL) & (size < 1.0 / _SMALL)
     product = inverse * x
-    rest = np.where(known, (1.0 - product) - _residual(inverse, x, product), np.nan)
-    return inverse, np.where(x > 0, rest, -rest)  # 1/x - inverse has the sign of rest / x
+    residual = np.where(known, (1.0 - product) - _residual(inverse, x, product), np.nan)
+    error = np.where(x > 0, residual, -residual)  # 1/x - inverse has its sign
+    least = np.where(np.isinf(high), np.minimum(inverse[0], 0.0), _below(inverse[0], error[0]))
+    return least, np.where(np.isinf(low), np.maximum(inverse[1], 0.0), _above(inverse[1], error[1]))
 
 
 def _root(x: Array) -> Pair:
@@ -292,8 +287,8 @@ def _root(x: Array) -> Pair:
     root = np.sqrt(x)
     known = (x > _SMALL) & (x < _LARGE)
     product = root * root
-    rest = np.where(known, (x - product) - _residual(root, root, product), np.nan)
-    return root, np.where(x == 0, 0.0, rest)
+    error = np.where(known, (x - product) - _residual(root, root, product), np.nan)
+    return root, np.where(x == 0, 0.0, error)
 
 
 def _repeated(x: Array, n: int, rounded: Callable[[Array, Array], Array]) -> Array:

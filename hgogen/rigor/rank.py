@@ -106,25 +106,21 @@ def reached(rows: Sequence[sp.Expr], sides: Sides) -> Reached:
     for key in keys[: 4 * BRANCHES]:
         walk = _Walk(dict(zip(search.tests, key, strict=True)))
         try:
-            taken = tuple(map(walk.taken, rows))
+            there = tuple(map(walk.branch, rows))
         except Undecided:
             continue
-        name = (taken, frozenset(walk.where))
+        name = (there, frozenset(walk.where))
         before = branches[name].places if name in branches else ()
         conditions = tuple(sorted(walk.where, key=sp.default_sort_key))
-        branches[name] = Branch(taken, conditions, (*before, *search.places[key])[:_PLACES])
-    various = _various(list(branches.values()))
-    more = len(keys[4 * BRANCHES :]) + len(various[BRANCHES:])
-    return Reached(tuple(various[:BRANCHES]), search.counts.total(), more)
-
-
-def _various(branches: list[Branch]) -> list[Branch]:
-    """The first of each kind, by what its rows read, then the others."""
+        branches[name] = Branch(there, conditions, (*before, *search.places[key])[:_PLACES])
+    # the first of each kind, by what its rows read, then the others
     first: dict[tuple[Any, ...], Branch] = {}
-    for branch in branches:
+    for branch in branches.values():
         first.setdefault(tuple(frozenset(row.free_symbols) for row in branch.rows), branch)
     kinds = {id(branch) for branch in first.values()}
-    return sorted(branches, key=lambda branch: id(branch) not in kinds)
+    various = sorted(branches.values(), key=lambda branch: id(branch) not in kinds)
+    more = len(keys[4 * BRANCHES :]) + len(various[BRANCHES:])
+    return Reached(tuple(various[:BRANCHES]), search.counts.total(), more)
 
 
 # --- points
@@ -143,8 +139,8 @@ class _Search:
 
     @cached_property
     def tests(self) -> tuple[sp.Basic, ...]:
-        """What tells the branch of the rows: the argument of |e|, differences of those of a maximum, both sides of a
-        relation, and tables and roundings themselves."""
+        """The expressions that tell the branch of the rows: the argument of |e|, differences of those of a maximum,
+        both sides of a relation, and tables and roundings themselves."""
         tests: dict[sp.Basic, None] = {}
         for node in (node for row in self.rows for node in sp.preorder_traversal(row)):
             if isinstance(node, _ONE):
@@ -173,7 +169,7 @@ class _Search:
     def run(self) -> None:
         count = _RANDOM if self.tests else 2 * _PLACES
         for _ in range(min(count, self.limit)):
-            self.ask(self.anywhere())
+            self.decide(self.anywhere())
         signed = [k for k, test in enumerate(self.tests) if not isinstance(test, _STEPPED)]
         for k, sign in product(signed, (-1, 1)):
             self.climb({k: sign})
@@ -195,16 +191,16 @@ class _Search:
             return Fraction(low) + size if low > -inf else Fraction(high) - size
         return size if self.draws.random() < 0.5 else -size
 
-    def ask(self, place: Place) -> tuple[tuple[Any, ...], list[Any]] | None:
-        """What is decided at a point, and the tests' values; None where a row has no value, or at the limit."""
+    def decide(self, place: Place) -> tuple[tuple[Any, ...], list[Any]] | None:
+        """The decisions at a point, and the tests' values; None where a row has no value, or at the limit."""
         if self.ended:
             return None
         balls = values(self.tape, list(place.values()))
         if not all(ball.is_finite() for ball in balls[len(balls) - len(self.rows) :]):
             self.counts[None] += 1
             return None
-        rest = iter(balls)
-        parts = [[next(rest) for _ in _read(test)] for test in self.tests]
+        remaining = iter(balls)
+        parts = [[next(remaining) for _ in _read(test)] for test in self.tests]
         key = tuple(_decision(test, part) for test, part in zip(self.tests, parts, strict=True))
         self.counts[key] += 1
         here = self.places.setdefault(key, [])
@@ -213,7 +209,7 @@ class _Search:
         return key, [part[0] for part in parts]
 
     def climb(self, wanted: Mapping[int, int]) -> None:
-        """Where no point has these signs of tests, walk along the sides from one that has all but the last of them."""
+        """Walk, where no point has these signs of tests, along the sides from one that has all but the last of them."""
         *others, last = wanted
         if any(all(key[k] == sign for k, sign in wanted.items()) for key in self.places):
             return
@@ -221,14 +217,14 @@ class _Search:
         here, best = (starts or [self.anywhere()])[0], arb("nan")
         ways = [(s, end) for s, side in self.sides.items() for end in side]
         for s, end in (ways[0], *ways, *ways):
-            moved = {**here, s: self.near(end, self.sides[s])}
-            asked = self.ask(moved)
-            if asked is None or any(asked[0][k] != wanted[k] for k in others):
+            beside = {**here, s: self.near(end, self.sides[s])}
+            decided, tests = self.decide(beside) or (None, ())
+            if decided is None or any(decided[k] != wanted[k] for k in others):
                 continue
-            if asked[0][last] == wanted[last]:
+            if decided[last] == wanted[last]:
                 return
-            if not best.is_finite() or (asked[1][last] - best) * wanted[last] > 0:
-                here, best = moved, asked[1][last]
+            if not best.is_finite() or (tests[last] - best) * wanted[last] > 0:
+                here, best = beside, tests[last]
 
     def near(self, end: Any, side: tuple[Any, Any]) -> Fraction:
         """A number of a side, next to one of its ends."""
@@ -251,10 +247,10 @@ class _Search:
             p, q = (self.draws.choice(self.places[key]) for key in (a, b))
             for _ in range(_HALVINGS):
                 middle = {s: (p[s] + q[s]) / 2 for s in p}
-                asked = self.ask(middle)
-                if asked is None or asked[0] not in (a, b):
+                decided, _ = self.decide(middle) or (None, ())
+                if decided not in (a, b):
                     break
-                p, q = (middle, q) if asked[0] == a else (p, middle)
+                p, q = (middle, q) if decided == a else (p, middle)
 
 
 def _ordered(node: sp.Expr) -> list[sp.Expr]:
@@ -288,14 +284,14 @@ class _Walk:
     decided: Mapping[sp.Basic, Any]
     where: dict[Boolean, None] = field(default_factory=dict)
 
-    def taken(self, node: sp.Expr) -> sp.Expr:
+    def branch(self, node: sp.Expr) -> sp.Expr:
         if not node.args or not node.has(*_KINDS):
             return node
         if isinstance(node, sp.Piecewise):
-            return self.taken(next(self.pieces(node)))
+            return self.branch(next(self.pieces(node)))
         if isinstance(node, (sp.Min, sp.Max)):
             return self.extreme(node)
-        args = [self.taken(part) for part in node.args]
+        args = [self.branch(part) for part in node.args]
         if isinstance(node, _ONE):
             way = self.way(node.args[0], args[0])
             if isinstance(node, sp.Heaviside):
@@ -328,7 +324,7 @@ class _Walk:
 
     def extreme(self, node: sp.Expr) -> sp.Expr:
         way, read = 1 if isinstance(node, sp.Max) else -1, _ordered(node)
-        args, best = [self.taken(part) for part in read], 0
+        args, best = [self.branch(part) for part in read], 0
         for k in range(1, len(args)):
             if args[k] != args[best] and way * self.sign(read[best] - read[k]) < 0:
                 best = k
@@ -380,7 +376,7 @@ class _Walk:
         sign = self.sign(condition.lhs - condition.rhs)
         truth = bool(condition.func(sp.Integer(sign), 0))
         if not isinstance(condition, (sp.Eq, sp.Ne)):
-            sides = map(self.taken, condition.args)
+            sides = map(self.branch, condition.args)
             self.needs((condition if truth else condition.negated).func(*sides))
         return truth
 
@@ -438,32 +434,26 @@ def _eliminated(rows: Sequence[Row]) -> list[tuple[int, int, list[Any]]]:
     entry of its row."""
     reduced: list[tuple[int, int, list[Any]]] = []
     for i, row in enumerate(rows):
-        left = _normal(row)
+        residual = list(row)
+        largest = max((entry.abs_lower() for entry in row), default=flint.arb(0))
+        if not largest.is_zero():  # times a power of two, so that the largest entry that is not zero is about 1
+            mantissa, exponent = largest.mid().man_exp()
+            scale = flint.arb(2) ** -(int(exponent) + int(mantissa).bit_length())
+            residual = [entry * scale for entry in row]
         for _, column, pivot in reduced:
-            factor = left[column]
+            factor = residual[column]
             if not factor.is_zero():
-                left = [a - factor * b for a, b in zip(left, pivot, strict=True)]
-                left[column] = flint.arb(0)
-        sure = [j for j, entry in enumerate(left) if not _counts_as_zero(entry)]
+                residual = [a - factor * b for a, b in zip(residual, pivot, strict=True)]
+                residual[column] = flint.arb(0)
+        sure = [j for j, entry in enumerate(residual) if not _counts_as_zero(entry)]
         if sure:
-            best = max(sure, key=lambda j: abs(float(left[j].mid())))
-            reduced.append((i, best, [entry / left[best] for entry in left]))
+            best = max(sure, key=lambda j: abs(float(residual[j].mid())))
+            reduced.append((i, best, [entry / residual[best] for entry in residual]))
     return reduced
 
 
-def _normal(row: Row) -> list[Any]:
-    """The row times a power of two, so that its largest entry that is not zero is about 1."""
-    largest = max((entry.abs_lower() for entry in row), default=flint.arb(0))
-    if largest.is_zero():
-        return list(row)
-    shift = largest.mid().man_exp()
-    exponent = int(shift[1]) + int(shift[0]).bit_length()
-    scale = flint.arb(2) ** -exponent
-    return [entry * scale for entry in row]
-
-
 def _counts_as_zero(entry: Any) -> bool:
-    """Whether it counts as zero: False only for a ball that excludes zero."""
+    """Whether an entry counts as zero: False only for a ball that excludes zero."""
     if not entry.contains(0):
         return False
     if entry.abs_upper() > flint.arb(2) ** -(flint.ctx.prec // 3):
@@ -518,7 +508,7 @@ def at_values(rows: Iterable[sp.Expr], values: Mapping[sp.Symbol, sp.Rational]) 
 
 @dataclass(frozen=True)
 class Rank:
-    """One answer of a question of observability. `observable`: those whose unit vector is in the row space; `final`:
+    """The answer of a question of observability. `observable`: those whose unit vector is in the row space; `final`:
     whether the rank was stationary; if not, rank and `observable` hold and more derivatives may add to them.
     """
 
@@ -616,8 +606,7 @@ def plant_of(
             raise NothingMeasured(what)
     declared = {*states, *inputs, *parameters}
     free = set().union(*(e.free_symbols for e in (*flow, *output))) - declared
-    rest = sorted(free, key=lambda symbol: symbol.name)
-    symbols = (*states, *inputs, *parameters, *rest)
+    symbols = (*states, *inputs, *parameters, *sorted(free, key=lambda symbol: symbol.name))
     points = tuple(tuple(place[s] for s in symbols) for place in places)
     program = tape((*flow, *output), symbols)
     return Plant(program, len(states), len(parameters), len(inputs), points), (*states, *parameters)

@@ -27,12 +27,12 @@ REALS: tuple[Real, ...] = ("float", "double")
 _NOTHING, _ONE = arb(0), arb(1)
 _ULPS = 2  # times those that are measured
 FOLDED = 8  # roundings of a double in a constant that is no whole number, as it was computed before it was written
-_BESIDE = 2  # more, by which a certificate's constant may be beside what its plant and its gains make it
+_UNSURE = 2  # more, by which a certificate's constant may be beside what its plant and its gains make it
 _WHOLE = 2**24  # whole numbers up to this are exact in every precision
 
 
 class Unsure(ArithmeticError):
-    """What has no bound: `args[0]` says what stands in the way."""
+    """A value without a bound: `args[0]` says what stands in the way."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,7 +55,7 @@ class Computed:
 
     @property
     def around(self) -> Any:
-        """Where the exact and the computed value are."""
+        """A ball that holds the exact and the computed value."""
         return self.value + arb(0, self.error.upper())
 
     @property
@@ -67,7 +67,7 @@ class Computed:
 
 
 def exactly(value: Any) -> Computed:
-    """What is the same in both, of a number or a ball."""
+    """A value that is the same in both, of a number or a ball."""
     return Computed(arb(value))
 
 
@@ -97,7 +97,7 @@ class Rounding:
         return self.constant(number)
 
     def call(self, function: Any, columns: Any, body: Callable[[Any], Any]) -> Any:
-        """What a function of the program gives: calling it rounds nothing."""
+        """The values of a function of the program: calling it rounds nothing."""
         return body(columns)
 
     def constant(self, number: float) -> Computed:
@@ -105,11 +105,11 @@ class Rounding:
         value = arb(number)
         if not math.isfinite(number) or (abs(number) <= _WHOLE and number.is_integer()):
             return Computed(value)
-        folded = (FOLDED + _BESIDE) * abs(value) * arb(2) ** -53
+        folded = (FOLDED + _UNSURE) * abs(value) * arb(2) ** -53
         return Computed(value + arb(0, folded.upper()), (abs(value) * self.unit + folded + self.tiny).upper())
 
     def apply(self, op: int, values: list[Computed]) -> Computed:
-        """One operation. Raises: `Unsure`."""
+        """The value of one operation. Raises: `Unsure`."""
         if op in _EXACT:
             return _EXACT[op](*values)
         same = _unchanged(op, values)
@@ -154,30 +154,21 @@ def _larger(a: Any, b: Any) -> Any:
     return a.max(b).upper()
 
 
-def _truth(known: bool | None, sure: bool) -> Computed:
-    if known is None:
-        return Computed(_NOTHING.union(_ONE), _NOTHING if sure else _ONE)
-    return exactly(int(known))
-
-
 def _below(equal: bool, a: Computed, b: Computed) -> Computed:
     """a < b, or a <= b; where they may be equal in one of both, it is not known."""
     gap, error = b.value - a.value, a.error + b.error
     sure = bool(error.is_zero())
-    holds = gap > error or (equal and sure and gap >= 0)
-    return _truth(True if holds else False if gap < -error else None, sure)
+    holds = bool(gap > error or (equal and sure and gap >= 0))
+    if holds or gap < -error:
+        return exactly(int(holds))
+    return Computed(_NOTHING.union(_ONE), _NOTHING if sure else _ONE)
 
 
-def _and(a: Computed, b: Computed) -> Computed:
-    if a.known is False or b.known is False:
-        return exactly(0)
-    return _extreme(arb.min, a, b)
-
-
-def _or(a: Computed, b: Computed) -> Computed:
-    if a.known is True or b.known is True:
-        return exactly(1)
-    return _extreme(arb.max, a, b)
+def _all(least: int, a: Computed, b: Computed) -> Computed:
+    """a and b for `least` 0, a or b for 1: decided as soon as one of both is `least`."""
+    if bool(least) in (a.known, b.known):
+        return exactly(least)
+    return _extreme(arb.max if least else arb.min, a, b)
 
 
 def _chosen(test: Computed, value: Computed) -> Computed:
@@ -191,7 +182,8 @@ def _chosen(test: Computed, value: Computed) -> Computed:
 
 
 def _unchanged(op: int, values: list[Computed]) -> Computed | None:
-    """What an operation leaves as it is: a sum with 0, or of which one part is 0 by its test, a product with 1 or 0."""
+    """The value that an operation leaves as it is: a sum with 0, or of which one part is 0 by its test, a product with
+    1 or 0."""
     if op not in (ca.OP_ADD, ca.OP_MUL):
         return None
     a, b = values
@@ -208,7 +200,7 @@ def _unchanged(op: int, values: list[Computed]) -> Computed | None:
 
 
 def _either(a: Computed, b: Computed) -> Computed | None:
-    """One of two, to which nothing is added, where one is 0 wherever the other is not by its test; else None."""
+    """The one of two to which nothing is added, where one is 0 wherever the other is not by its test; else None."""
     yes, no = a.chosen, b.chosen
     if not (a.test and b.test and yes and no) or (a.test.negates is not b.test and b.test.negates is not a.test):
         return None
@@ -225,8 +217,8 @@ _EXACT: Mapping[int, Callable[..., Computed]] = {
     ca.OP_LT: partial(_below, False),
     ca.OP_LE: partial(_below, True),
     ca.OP_NOT: lambda a: Computed(1 - a.value, a.error, negates=a),
-    ca.OP_AND: _and,
-    ca.OP_OR: _or,
+    ca.OP_AND: partial(_all, 0),
+    ca.OP_OR: partial(_all, 1),
     ca.OP_IF_ELSE_ZERO: _chosen,
 }
 
@@ -235,15 +227,11 @@ _EXACT: Mapping[int, Callable[..., Computed]] = {
 
 
 def _product(a: Computed, b: Computed) -> tuple[Any, Any]:
-    return _times(a.value, b.value), abs(a.value) * b.error + abs(b.value) * a.error + a.error * b.error
-
-
-def _times(a: Any, b: Any) -> Any:
-    """The product of two balls, of which Arb's holds 0 where both are wide and none does: then that of their ends."""
-    product = a * b
-    if not product.contains(0) or a.contains(0) or b.contains(0):
-        return product
-    return reduce(arb.union, (x * y for x in (a.lower(), a.upper()) for y in (b.lower(), b.upper())))
+    x, y = a.value, b.value
+    product = x * y
+    if product.contains(0) and not (x.contains(0) or y.contains(0)):  # as Arb's may where both are wide: by their ends
+        product = reduce(arb.union, (s * t for s in (x.lower(), x.upper()) for t in (y.lower(), y.upper())))
+    return product, abs(x) * b.error + abs(y) * a.error + a.error * b.error
 
 
 def _quotient(a: Computed, b: Computed) -> tuple[Any, Any]:
@@ -271,7 +259,7 @@ _ROUNDED: Mapping[int, Callable[..., tuple[Any, Any]]] = {
 
 
 def _angle(function: Callable[[Any], Any]) -> Callable[[Any], Any]:
-    """One of angles up to 200, within which its ulps are measured in each precision."""
+    """The function of angles up to 200, within which its ulps are measured in each precision."""
     return lambda x: function(x) if abs(x) <= _ANGLE else arb("nan")
 
 

@@ -89,7 +89,7 @@ Tree = tuple[object, ...] | str
 
 @dataclass(frozen=True)
 class Known:
-    """What is known on n boxes (m x n ends): bottom <= value <= top, where the value is `defined` and `continuous`;
+    """Facts on n boxes (m x n ends): bottom <= value <= top, where the value is `defined` and `continuous`;
     `node`: the place of each in the tree; `cut`: the variable to bisect, or -1."""
 
     low: Array
@@ -102,11 +102,11 @@ class Known:
     continuous: Flags
 
     def only(self, rows: Indices | Flags) -> "Known":
-        """What is known on some of the boxes."""
+        """The facts on some of the boxes."""
         return Known(*(getattr(self, each.name)[..., rows] for each in fields(self)))
 
     def with_more(self, other: "Known") -> "Known":
-        """What is known on both."""
+        """The facts on the boxes of both."""
         pairs = ((getattr(self, each.name), getattr(other, each.name)) for each in fields(self))
         return Known(*(np.concatenate(pair, axis=-1) for pair in pairs))
 

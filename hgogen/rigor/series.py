@@ -243,7 +243,7 @@ def _hyperbolic(a: Any) -> tuple[Any, Any]:
 
 
 def _tanh(a: Any) -> tuple[Any, Any]:
-    """By t' = (1 - t^2) a': of a wide ball a quotient of exponentials holds everything."""
+    """tanh by t' = (1 - t^2) a': of a wide ball a quotient of exponentials holds everything."""
     x = a.coeffs() or [arb(0)]
     t, fall = [rising(arb.tanh, x[0])], list[Any]()
     for k in range(1, a.prec):
@@ -596,7 +596,8 @@ def first_gradients(plant: Plant, numbers: Arithmetic, point: Point, count: int)
 def evaluate(
     plant: Plant, numbers: Arithmetic, values: Sequence[Any], order: int, slope_order: int
 ) -> list[tuple[Any, Gradient]]:
-    """Each output of the tape as a series below t^order, its gradient by states and parameters below t^slope_order."""
+    """The outputs of the tape, each as a series below t^order, its gradient by states and parameters below
+    t^slope_order."""
     one = numbers.series([1], slope_order)
     wanted = {k: k for k in range(plant.n)} | {plant.n + plant.m + k: plant.n + k for k in range(plant.q)}
     done: list[Any] = []

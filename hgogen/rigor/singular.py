@@ -40,7 +40,7 @@ from flint import arb, ctx, fmpq, fmpq_series
 
 from hgogen.check import Verdict
 from hgogen.rigor.bounds import between, contains_zero, enclose, nonzero, rational
-from hgogen.rigor.box import STRANGE, Box, End, exact, sides
+from hgogen.rigor.box import EVERYTHING, STRANGE, Box, End, exact, sides
 from hgogen.rigor.lookup import Cells, Table, applied, replaced
 from hgogen.rigor.search import is_defined
 from hgogen.rigor.tape import Norm, NoTape, bent, off_zero, rooted, shared, signed
@@ -51,7 +51,7 @@ POSITIVE, NONZERO = "{of} > 0", "{of} != 0"
 
 @dataclass(frozen=True)
 class Condition:
-    """What must hold for a part of an expression to be smooth: a `relation`, with {of} for the expression."""
+    """The condition that a part of an expression is smooth: a `relation`, with {of} for the expression."""
 
     relation: str
     of: sp.Expr
@@ -70,10 +70,6 @@ class Condition:
         if self.relation == NONZERO:
             return because("at {of} = 0", of=self.of)
         return because("unless {condition}", condition=self.reason)
-
-    def implies(self, other: "Condition") -> bool:
-        """Whether the other one, which is not the same, says less."""
-        return self.of == other.of and (self.relation, other.relation) == (POSITIVE, NONZERO)
 
 
 # index of the argument, between which numbers it keeps clear of singular points, what must hold (tan(m): of cos(m))
@@ -99,18 +95,19 @@ def singular(expressions: Iterable[sp.Expr], box: Box) -> dict[sp.Expr, Conditio
 
 
 def reasons(conditions: Iterable[Condition]) -> tuple[Reason, ...]:
-    """Each in words."""
+    """The conditions in words."""
     return tuple(each.reason for each in conditions)
 
 
 def minimal(conditions: Iterable[Condition]) -> tuple[Condition, ...]:
-    """Each once, in the order of their texts, without those that another one implies."""
+    """The different conditions in the order of their texts, without those that another one implies."""
     every = sorted(set(conditions), key=str)
-    return tuple(each for each in every if not any(other.implies(each) for other in every))
+    positive = {each.of for each in every if each.relation == POSITIVE}
+    return tuple(each for each in every if each.relation != NONZERO or each.of not in positive)
 
 
 def _condition(node: sp.Expr, box: Box) -> Condition | None:
-    """What must hold for `node` to be smooth; None if outward-rounded intervals show that it does on the whole box."""
+    """The condition that `node` is smooth; None if outward-rounded intervals show that it is on the whole box."""
     if type(node) in _SINGULAR:
         index, low, high, relation = _SINGULAR[type(node)]
         argument = node.args[index]
@@ -130,7 +127,6 @@ def _condition(node: sp.Expr, box: Box) -> Condition | None:
 # --- what is lost
 
 _CHOOSING = (sp.Piecewise, sp.Heaviside)
-_ENDLESS = (sp.log, sp.tan, sp.atanh)  # no value where their condition fails; asin(1) and atan2(1, 0) have one
 
 
 def lost(before: Iterable[sp.Expr], after: Iterable[sp.Expr], box: Box) -> sp.Expr | None:
@@ -141,12 +137,15 @@ def lost(before: Iterable[sp.Expr], after: Iterable[sp.Expr], box: Box) -> sp.Ex
     """
     every = tuple(dict.fromkeys(part for row in before for part in parts(row)))
     rows = tuple(sides(exact(row), box)[0] for row in after)
-    stays = {part for row in rows for part in parts(row)}
+    remaining = {part for row in rows for part in parts(row)}
     needs = singular((*every, *rows), box)
-    poles = {needs[part] for part in stays if part in needs and _endless(part)}
+    # no value where their condition fails; asin(1) and atan2(1, 0) have one
+    endless = {node for node in remaining if isinstance(node, (sp.log, sp.tan, sp.atanh))}
+    endless |= {node for node in remaining if node.is_Pow and node.exp.is_Rational and node.exp.is_negative}
+    poles = {needs[part] for part in endless if part in needs}
 
     def shares(part: sp.Expr) -> bool:
-        return part in stays or singular((part,), box).get(part) in poles
+        return part in remaining or singular((part,), box).get(part) in poles
 
     read = (part for part in every if _asks(part, needs))
     return next((part for part in read if not (shares(sides(exact(part), box)[0]) or is_defined(part, box))), None)
@@ -160,12 +159,12 @@ def doubtful(expressions: Iterable[sp.Expr], box: Box) -> tuple[sp.Expr, ...]:
 
 
 def conditions(expressions: Iterable[sp.Expr], box: Box) -> tuple[Condition, ...]:
-    """What must hold for the doubtful parts to have values: of 1/u that u != 0, of one that chooses that it has one."""
-    asked = set[Condition]()
+    """The conditions that the doubtful parts have values: of 1/u that u != 0, of one that chooses that it has one."""
+    necessary = set[Condition]()
     for part in doubtful(expressions, box):
         needs = () if isinstance(part, _CHOOSING) else singular((part,), box).values()
-        asked.update(needs or (Condition("{of} has a value", part),))
-    return minimal(asked)
+        necessary.update(needs or (Condition("{of} has a value", part),))
+    return minimal(necessary)
 
 
 def parts(e: sp.Expr) -> Iterator[sp.Expr]:
@@ -179,7 +178,7 @@ def parts(e: sp.Expr) -> Iterator[sp.Expr]:
 
 
 def put_apart(expressions: Iterable[sp.Expr], put: Callable[[sp.Expr], sp.Expr]) -> Iterator[sp.Expr]:
-    """Each part with `put` by itself, where the whole might lose it: (a - b)/(2 a - 2 b) with a = b + w is 1/2 at
+    """The parts with `put` by themselves, where the whole might lose it: (a - b)/(2 a - 2 b) with a = b + w is 1/2 at
     once. Of a Piecewise as well what it loses."""
     for part in dict.fromkeys(part for e in expressions for part in parts(e)):
         whole = put(part)
@@ -195,10 +194,6 @@ def _asks(part: sp.Expr, needs: Mapping[sp.Expr, Condition]) -> bool:
         return part in needs
     ends = not isinstance(part, sp.Piecewise) or part.args[-1].cond == sp.true
     return part in needs or not ends or any(node in needs for node in part.atoms(sp.Pow, sp.Function))
-
-
-def _endless(part: sp.Expr) -> bool:
-    return isinstance(part, _ENDLESS) or (part.is_Pow and bool(part.exp.is_Rational and part.exp.is_negative))
 
 
 _RADII = tuple(map(sp.Rational, ("1/4", "1/2", "3/4", "1", "3/2", "2", "5/2", "3")))
@@ -229,7 +224,7 @@ def _tangent(x: Any) -> Any:
 
 
 class _NoSeries(Exception):
-    """What has no power series with rational coefficients at 0 here."""
+    """An expression that has no power series with rational coefficients at 0 here."""
 
 
 class Resolved(sp.Piecewise):  # type: ignore[misc]
@@ -324,7 +319,7 @@ def _divides(node: sp.Pow) -> bool:
 
 
 def _bases(expression: sp.Expr) -> list[sp.Expr]:
-    """What terms are divided by: e, or sqrt(e) where the root stands in one of them."""
+    """The divisors of terms: e, or sqrt(e) where the root stands in one of them."""
     roots = {node.base for node in expression.atoms(sp.Pow) if node.exp.is_Rational and node.exp.q == 2}
     bases = dict[sp.Expr, None]()
     for term in sp.Add.make_args(expression):
@@ -336,17 +331,17 @@ def _bases(expression: sp.Expr) -> list[sp.Expr]:
 
 def _without(expression: sp.Expr, base: sp.Expr) -> sp.Expr | None:
     """The expression without removable singularities at base = 0; None where it has none."""
-    terms_left, groups = list[sp.Expr](), dict[sp.Expr, list[_Term]]()
+    kept, groups = list[sp.Expr](), dict[sp.Expr, list[_Term]]()
     for term in sp.Add.make_args(expression):
         coefficient, f = _in_x(term, base).as_independent(_X, as_Add=False)
         (number, others), f = coefficient.as_coeff_Mul(), exact(f)
         power = -f.as_powers_dict().get(_X, sp.S.Zero)
         if power.is_Integer and power > 0 and exact(number).is_Rational:
-            h, beside = _parted(f * _X**power)
-            of = others * beside.xreplace({_X: base})
+            h, others_of = _parted(f * _X**power)
+            of = others * others_of.xreplace({_X: base})
             groups.setdefault(of, []).append(_Term(exact(number), int(power), h))
         else:
-            terms_left.append(term)
+            kept.append(term)
     quotients = {others: _scaled(tuple(terms)) for others, terms in groups.items()}
     regular = {others: _regular(terms) for others, (terms, _) in quotients.items()}
     if not any(regular.values()):
@@ -355,8 +350,8 @@ def _without(expression: sp.Expr, base: sp.Expr) -> sp.Expr | None:
         terms, c = quotients[others]
         scaled, others = c * base, others * (1 if c.is_Rational else c ** terms[0].power)
         back = each.at(scaled) if each else sp.Add(*(t.whole for t in terms)).xreplace({_X: scaled})
-        terms_left.append(others * back)
-    return sp.Add(*terms_left)
+        kept.append(others * back)
+    return sp.Add(*kept)
 
 
 def _scaled(terms: tuple[_Term, ...]) -> tuple[tuple[_Term, ...], sp.Expr]:
@@ -428,7 +423,7 @@ def _halved(whole: sp.Expr) -> sp.Expr:
 
 
 def _enough(terms: Sequence[_Term], q: Sequence[fmpq], m: int, radius: sp.Rational) -> int:
-    """How many coefficients q_0, q_1, .. leave at most 2^-57 of the first that is not 0; 0 where that is not shown."""
+    """The number of coefficients q_0, q_1, .. that leave at most 2^-57 of the first that is not 0, or 0."""
     r = arb(_fraction(radius))
     try:
         whole, sizes = _numerator(terms, m, r, majorant=True), _series(terms, m, majorant=True)
@@ -436,16 +431,16 @@ def _enough(terms: Sequence[_Term], q: Sequence[fmpq], m: int, radius: sp.Ration
         return 0
     first = next(k for k, c in enumerate(q) if c)
     least = arb(abs(q[first])) * r**first / 2**_BITS
-    left = whole - sum((arb(sizes[k]) * r**k for k in range(m)), arb(0))
+    residual = whole - sum((arb(sizes[k]) * r**k for k in range(m)), arb(0))
     for k in range(_ORDER - m):
-        left = left - arb(sizes[m + k]) * r ** (m + k)
-        if k >= first and left / r**m <= least:
+        residual = residual - arb(sizes[m + k]) * r ** (m + k)
+        if k >= first and residual / r**m <= least:
             return k + 1
     return 0
 
 
 def _loss(whole: sp.Expr, radius: sp.Rational) -> float:
-    """How much larger the terms are than their sum, at the worse of both ends."""
+    """The size of the terms over that of their sum, at the worse of both ends."""
     terms = sp.lambdify(_X, sp.Add.make_args(sp.expand_mul(whole)), "math")
     sizes = [(sum(map(abs, each)), abs(fsum(each))) for each in map(terms, (float(radius), -float(radius)))]
     return max(size / total if total else inf for size, total in sizes)
@@ -519,7 +514,7 @@ class _LogOf:
 
     @property
     def bounded(self) -> sp.Expr:
-        """What is finite for c b >= 0 where c is not 0; for any b where it is even."""
+        """An expression that is finite for c b >= 0 where c is not 0; for any b where it is even."""
         if self.even:
             return sp.sqrt(sp.Abs(self.base))
         return sp.sqrt(self.c * self.base) + (0 if self.c.is_number else sp.log(self.c**2))
@@ -556,8 +551,10 @@ def _limited(product: sp.Mul, log: sp.Expr, of: _LogOf) -> sp.Expr:
     b, e = of.base, log.args[0]
     if of.even:
         power = e.exp if e.is_Pow else 1
-        lowest, own = (power * sp.log(x) for x in (LEAST, sp.Abs(b)))
-        return sp.Piecewise((product.xreplace({log: own}), sp.Abs(b) > LEAST), (product.xreplace({log: lowest}), True))
+        lowest, plain = (power * sp.log(x) for x in (LEAST, sp.Abs(b)))
+        return sp.Piecewise(
+            (product.xreplace({log: plain}), sp.Abs(b) > LEAST), (product.xreplace({log: lowest}), True)
+        )
     if e == b:
         low = product.xreplace({log: sp.log(LEAST)})
         return sp.Piecewise((product, b > LEAST), (low, b >= 0), evaluate=False)
@@ -575,10 +572,10 @@ _MOST = 60  # halvings of their root, so that a float holds one over the unit
 
 def one_sided(expression: sp.Expr, box: Box) -> sp.Expr:
     """The expression where its symbols are in the box; equal to it wherever it is defined there."""
-    return _visited(expression, box) if _bends(expression) else expression
+    return _visited(expression, box) if _has_kinks(expression) else expression
 
 
-def _bends(expression: sp.Expr) -> bool:
+def _has_kinks(expression: sp.Expr) -> bool:
     return expression.has(*_KINDS) or any(rooted(node) for node in expression.atoms(sp.Pow))
 
 
@@ -602,7 +599,7 @@ def computed(expression: sp.Expr, box: Box) -> sp.Expr:
     """The expression as programs compute it on the box, whose arguments are clamped to it: `one_sided`, so that a slope
     at an end of the box is that within, tables that go on where the box leaves them by rounding alone as well,
     kinks at one place with one side, and norms with a slope where they are 0."""
-    return _computed(expression, tuple(box.items())) if _bends(expression) else expression
+    return _computed(expression, tuple(box.items())) if _has_kinks(expression) else expression
 
 
 @lru_cache(maxsize=512)  # the same rows are asked for at each stage of a step
@@ -612,15 +609,13 @@ def _computed(expression: sp.Expr, sides: tuple[tuple[sp.Symbol, tuple[End, End]
     def cells(node: Table) -> Cells:
         return between(node, [one_sided(part, box) for part in node.args], box, program=True)
 
-    return off_zero(shared(one_sided(replaced(expression, cells), box)), _LEAST, lambda squares: _unit(squares, box))
+    def unit(squares: sp.Expr) -> sp.Rational:
+        """1, or of what is small on the whole box a power of 4 about as large, which is exact to divide by."""
+        _, high = rational(squares, box)
+        small = 0 < high < _SMALL
+        return sp.Rational(1, 4 ** min(int(-math.log2(high) / 2), _MOST)) if small else sp.S.One
 
-
-def _unit(squares: sp.Expr, box: Box) -> sp.Rational:
-    """1, or of what is small on the whole box a power of 4 about as large, which is exact to divide by."""
-    _, high = rational(squares, box)
-    if not 0 < high < _SMALL:
-        return sp.S.One
-    return sp.Rational(1, 4 ** min(int(-math.log2(high) / 2), _MOST))
+    return off_zero(shared(one_sided(replaced(expression, cells), box)), _LEAST, unit)
 
 
 def _plain(e: sp.Expr, box: Box) -> sp.Expr:
@@ -643,12 +638,9 @@ def _plain(e: sp.Expr, box: Box) -> sp.Expr:
 
 def _size(argument: sp.Expr, box: Box) -> sp.Expr:
     """|e|, factor by factor."""
-    sized: list[sp.Expr] = []
-    rest: list[sp.Expr] = []
-    for factor in sp.Mul.make_args(argument):
-        way = _side(factor, box)
-        (sized if way else rest).append(way * factor if way else factor)
-    return sp.Mul(*sized, sp.Abs(sp.Mul(*rest)))
+    ways = {factor: _side(factor, box) for factor in sp.Mul.make_args(argument)}
+    undecided = sp.Mul(*(factor for factor, way in ways.items() if not way))
+    return sp.Mul(*(way * factor for factor, way in ways.items() if way), sp.Abs(undecided))
 
 
 def _extreme(kind: type[sp.Expr], args: Iterable[sp.Expr], box: Box) -> sp.Expr:
@@ -699,9 +691,7 @@ def _constant(e: sp.Expr, box: Box) -> int:
 
 def _side(e: sp.Expr, box: Box) -> int:
     """1 where it is proved that e >= 0 on the box, -1 where e <= 0, else 0; 1 of what is 0."""
-    if e.count_ops() > _OPERATIONS or e.has(*STRANGE):
-        return 0
-    low, high = rational(e, box)
+    low, high = rational(e, box) if e.count_ops() <= _OPERATIONS and not e.has(*STRANGE) else EVERYTHING
     return 1 if low >= 0 else -1 if high <= 0 else _strict(e, box)
 
 

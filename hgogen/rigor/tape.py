@@ -162,7 +162,8 @@ def off_zero(e: sp.Expr, least: sp.Rational, unit: Callable[[sp.Expr], sp.Ration
 
 
 def at_kinks(derivative: sp.Expr) -> sp.Expr:
-    """What SymPy found as the derivative of something continuous, its sign and step at 0 as the sets that they are."""
+    """The expression that SymPy found as the derivative of something continuous, its sign and step at 0 as the sets
+    that they are."""
     steps = derivative.replace(sp.Heaviside, lambda e, *_: (1 + Direction(sp.S.Zero, e)) / 2)
     return steps.replace(sp.sign, lambda e: Direction(sp.S.Zero, e))
 
@@ -195,7 +196,7 @@ def _as_norms(e: sp.Expr) -> sp.Expr:
 
 
 def rooted(node: sp.Pow) -> bool:
-    """Whether it is a square root of what varies, or a whole power of one."""
+    """Return whether a power is a square root of what varies, or a whole power of one."""
     return bool(node.exp.is_Rational and node.exp.q == 2 and node.base.free_symbols)
 
 
@@ -271,7 +272,8 @@ def _joined(e: sp.Piecewise) -> sp.Expr:
 
 
 def _polynomial(e: sp.Expr) -> bool:
-    """Whether it is a polynomial in symbols and norms of polynomials, so that it has a value everywhere."""
+    """Return whether an expression is a polynomial in symbols and norms of polynomials, so that it has a value
+    everywhere."""
     if isinstance(e, sp.Pow):
         return bool(e.exp.is_Integer and e.exp > 0) and _polynomial(e.base)
     if isinstance(e, (sp.Add, sp.Mul, Norm)):
@@ -411,7 +413,7 @@ class NoTape(HgogenError):
 
 
 class Instruction(NamedTuple):
-    """One value of a tape.
+    """A value of a tape.
 
     `op`: "symbol" (`value`: its index), "number" (a Fraction), "constant" ("pi" or "e"), "add", "mul", "min", "max",
     "and", "or" (two `args`), "power" (`value`: the whole exponent), "root" (`value`: a rational exponent that is not
