@@ -77,7 +77,7 @@ _TINY = 2.0**-120  # what is smaller may be lost
 def rounded(expression: sp.Expr, around: Sides) -> sp.Expr:
     """The expression with tables that know how far their arguments may be rounded on a box."""
 
-    def near(axis: Axis, argument: sp.Expr) -> Ends:
+    def shares(axis: Axis, argument: sp.Expr) -> Ends:
         # a signal by itself is rounded as breakpoints are: past none but one that is the same number in single
         # precision as the end of its range
         error = _error(argument, around)
@@ -87,7 +87,7 @@ def rounded(expression: sp.Expr, around: Sides) -> sp.Expr:
         high = around.ends[around.symbols.index(argument)][1]
         return Fraction(0), most if any(high < x <= high + most for x in axis.x) else Fraction(0)
 
-    return replaced(expression, lambda node: node.cells.rounding(*map(near, node.cells.axes, node.args)))
+    return replaced(expression, lambda node: node.cells.rounding(*map(shares, node.cells.axes, node.args)))
 
 
 @lru_cache(maxsize=4096)

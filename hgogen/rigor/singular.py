@@ -331,7 +331,7 @@ def _bases(expression: sp.Expr) -> list[sp.Expr]:
 
 def _without(expression: sp.Expr, base: sp.Expr) -> sp.Expr | None:
     """The expression without removable singularities at base = 0; None where it has none."""
-    kept, groups = list[sp.Expr](), dict[sp.Expr, list[_Term]]()
+    summands, groups = list[sp.Expr](), dict[sp.Expr, list[_Term]]()
     for term in sp.Add.make_args(expression):
         coefficient, f = _in_x(term, base).as_independent(_X, as_Add=False)
         (number, others), f = coefficient.as_coeff_Mul(), exact(f)
@@ -341,7 +341,7 @@ def _without(expression: sp.Expr, base: sp.Expr) -> sp.Expr | None:
             of = others * others_of.xreplace({_X: base})
             groups.setdefault(of, []).append(_Term(exact(number), int(power), h))
         else:
-            kept.append(term)
+            summands.append(term)
     quotients = {others: _scaled(tuple(terms)) for others, terms in groups.items()}
     regular = {others: _regular(terms) for others, (terms, _) in quotients.items()}
     if not any(regular.values()):
@@ -350,8 +350,8 @@ def _without(expression: sp.Expr, base: sp.Expr) -> sp.Expr | None:
         terms, c = quotients[others]
         scaled, others = c * base, others * (1 if c.is_Rational else c ** terms[0].power)
         back = each.at(scaled) if each else sp.Add(*(t.whole for t in terms)).xreplace({_X: scaled})
-        kept.append(others * back)
-    return sp.Add(*kept)
+        summands.append(others * back)
+    return sp.Add(*summands)
 
 
 def _scaled(terms: tuple[_Term, ...]) -> tuple[tuple[_Term, ...], sp.Expr]:
