@@ -121,20 +121,8 @@ def _convert(node: sp.Basic, whole: sp.Basic, symbols: Mapping[sp.Symbol, Graph]
         value = ca.SX(float(node))
     elif isinstance(node, sp.Add) and node.is_real and not node.free_symbols:
         value = ca.SX(float(node.evalf(17)))  # by SymPy's digits: exp(pi sqrt 163) - 262537412640768744 is -7.5e-13
-    elif isinstance(node, sp.Add):
-        value = _sum(node, inner)
-    elif isinstance(node, sp.Mul):
-        value = _product(node, inner)
-    elif isinstance(node, sp.Pow):
-        value = _power(node, inner)
-    elif isinstance(node, sp.Piecewise):
-        value = _piecewise(node, inner)
-    elif isinstance(node, sp.ceiling):
-        value = -ca.floor(-inner(node.args[0]))
-    elif isinstance(node, sp.Heaviside):
-        value = inner(_step(*node.args))
-    elif isinstance(node, Table):
-        value = Lookup(node.cells, node.order)(*map(inner, node.args))
+    elif rule := next((rule for kind, rule in _RULES.items() if isinstance(node, kind)), None):
+        value = rule(node, inner)
     elif type(node) in _OPERATIONS:
         value = _OPERATIONS[type(node)](*map(inner, node.args))
     else:
@@ -217,6 +205,17 @@ def _piecewise(node: sp.Piecewise, inner: Callable[[sp.Basic], Graph]) -> Graph:
     return value
 
 
+_RULES: dict[type, Callable[[Any, Callable[[sp.Basic], Graph]], Graph]] = {
+    sp.Add: _sum,
+    sp.Mul: _product,
+    sp.Pow: _power,
+    sp.Piecewise: _piecewise,
+    sp.ceiling: lambda node, inner: -ca.floor(-inner(node.args[0])),
+    sp.Heaviside: lambda node, inner: inner(_step(*node.args)),
+    Table: lambda node, inner: Lookup(node.cells, node.order)(*map(inner, node.args)),
+}
+
+
 def _repeated(base: Graph, times: int) -> Graph:
     """base ** times by squaring: real powers are no C of ours."""
     if times == 0:
@@ -296,7 +295,7 @@ _LOGIC: dict[int, Callable[..., sp.Basic]] = {ca.OP_NOT: sp.Not, ca.OP_AND: sp.A
 
 
 def to_sympy(function: ca.Function, symbols: Sequence[Sequence[sp.Symbol]]) -> list[list[sp.Expr]]:
-    """What an SX function computes, an expression for each nonzero of each output.
+    """Return what an SX function computes, an expression for each nonzero of each output.
 
     Args: `symbols`: for each input its symbols, in CasADi's order (columns). A float becomes the rational of its
     shortest decimal, so 0.1 is 1/10 and pi a rational near it.

@@ -177,37 +177,32 @@ def _expressions(system: str, what: str, values: Sequence[Any]) -> tuple[sp.Expr
 
 
 def _validate(system: System) -> None:
-    name = system.name
     for kind in ("states", "outputs"):
         if not getattr(system, kind):
-            raise BadSystem(name, f"has no {kind}; an observer needs at least one")
+            raise BadSystem(system.name, f"has no {kind}; an observer needs at least one")
     for kind, values in (("states", "flow"), ("outputs", "output")):
         want, have = len(getattr(system, kind)), len(getattr(system, values))
         if want != have:
-            raise BadSystem(name, f"has {want} {kind} but {have} expressions in {values}; give one for each")
+            raise BadSystem(system.name, f"has {want} {kind} but {have} expressions in {values}; give one for each")
     seen: dict[str, Signal] = {}
     for signal in system.signals:
         if signal.name in seen:
-            raise BadSystem(name, f"the name {signal.name!r} is declared twice; rename one of the two")
+            raise BadSystem(system.name, f"the name {signal.name!r} is declared twice; rename one of the two")
         seen[signal.name] = signal
-    _distinct(system, seen)
     flow, output = (list(enumerate(rows, 1)) for rows in (system.flow, system.output))
     places = {**{f"flow {k}": row for k, row in flow}, **{f"output {k}": row for k, row in output}}
-    for place, row in places.items():  # a program takes one of the values between which a slope jumps, a proof all
-        for node in sorted(row.atoms(Stepped), key=str):
-            fix = "write what it stands for as a table of its own"
-            raise BadSystem(name, f"{place} has {node}, which jumps at its points; {fix}")
+    _validate_tables(system, seen, places)
     for parameter in system.parameters:
         if parameter.nominal is None or not math.isfinite(parameter.nominal):
-            raise BadSystem(name, f"parameter {parameter.name!r} has no value; give it nominal=")
+            raise BadSystem(system.name, f"parameter {parameter.name!r} has no value; give it nominal=")
     allowed = set(system.states + system.inputs + system.parameters)
     for place, row in places.items():
         for symbol in sorted(row.free_symbols - allowed, key=str):
-            raise BadSystem(name, f"{place} uses {_stranger(symbol, seen, system)}")
+            raise BadSystem(system.name, f"{place} uses {_stranger(symbol, seen, system)}")
         try:
             tape([row], row.free_symbols)
         except NoTape as error:
-            raise BadSystem(name, f"{place}: {_unknown(row, error)}") from None
+            raise BadSystem(system.name, f"{place}: {_unknown(row, error)}") from None
 
 
 def _unknown(expression: sp.Expr, error: NoTape) -> str:
@@ -220,9 +215,9 @@ def _unknown(expression: sp.Expr, error: NoTape) -> str:
     return f"there is no rule for {names[name]}; {NEAREST[name]}" if name else str(error)
 
 
-def _distinct(system: System, seen: Mapping[str, Signal]) -> None:
-    """A table's name is its own, in reports and in the emitted code."""
-    tables = {node.cells for row in (*system.flow, *system.output) for node in row.atoms(Table)}
+def _validate_tables(system: System, seen: Mapping[str, Signal], places: Mapping[str, sp.Expr]) -> None:
+    """Refuse a table whose name is not its own, in reports and in the emitted code, and one that jumps."""
+    tables = {node.cells for row in places.values() for node in row.atoms(Table)}
     named: dict[str, Cells] = {}
     for cells in sorted(tables, key=lambda each: each.name):
         if cells.name in seen:
@@ -231,9 +226,13 @@ def _distinct(system: System, seen: Mapping[str, Signal]) -> None:
             raise BadSystem(
                 system.name, f'two tables are called {cells.name!r}; give each a name, name="{cells.name}_2"'
             )
+    for place, row in places.items():  # a program takes one of the values between which a slope jumps, a proof all
+        for node in sorted(row.atoms(Stepped), key=str):
+            fix = "write what it stands for as a table of its own"
+            raise BadSystem(system.name, f"{place} has {node}, which jumps at its points; {fix}")
 
 
-def _stranger(symbol: sp.Symbol, seen: dict[str, Signal], system: System) -> str:
+def _stranger(symbol: sp.Symbol, seen: Mapping[str, Signal], system: System) -> str:
     if symbol in system.outputs:
         return f"the output {symbol}; write it in states and inputs"
     if symbol.name in seen:

@@ -188,8 +188,7 @@ def levelwise(rows: Rows) -> Chains:
     The order is forced: a row that brings in one new state must have it as its next, one that brings in none ends its
     chain, one that brings in several, or two rows with the same next, leave no order at all.
     """
-    left = list(rows.states)
-    chains: list[list[Link]] = [[] for _ in rows.output]
+    left, chains = list(rows.states), [list[Link]() for _ in rows.output]
     active = dict(enumerate(zip(rows.names, rows.output, strict=True)))
     certain, alone = True, len(rows.output) == 1
 
@@ -202,17 +201,14 @@ def levelwise(rows: Rows) -> Chains:
             sure, maybe = rows.reads(row, left)
             if alone and not sure and not maybe:  # a gain that is 0 for the parameters' values: its own check says so
                 sure = dependence(row, left)[0]
-            stop = _stop(name, sure, maybe, left, alone or not chains[j])
-            if stop:
+            if stop := _stop(name, sure, maybe, left, alone or not chains[j]):
                 return broken(*stop)
             if sure or maybe:
                 certain = certain and (bool(sure) or alone)
                 links[j] = link(name, row, (*sure, *maybe), rows)
-        both = twice(links.values())
-        if both:
-            return broken(both)
-        if not links:
-            return broken(because("no row brings in {states}", states=left))
+        no_row = NONE if links else because("no row brings in {states}", states=left)
+        if end := twice(links.values()) or no_row:
+            return broken(end)
         for j, new in links.items():
             chains[j].append(new)
             left.remove(new.state)

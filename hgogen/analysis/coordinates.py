@@ -155,8 +155,7 @@ def triangle(structure: Check, reference: str, plant: System, chains: Chains, sh
     A, b, output, head = sp.zeros(len(z.states), len(z.states)), [*z.flow], [*z.output], 0
     gains, offsets = list[Check](), list[Check]()
     for i, links in enumerate(every):
-        before = (1, *signs[i])
-        for j, (link, s, t) in enumerate(zip(links, before, signs[i], strict=False)):
+        for j, (link, s, t) in enumerate(zip(links, (1, *signs[i]), signs[i], strict=False)):
             a, rest = s * link.gain * t, s * z.carry(link.rest)
             at = (i + 1, j + 1) if several else (j + 1,)
             name = "a_({},{})" if several else "a_{}"

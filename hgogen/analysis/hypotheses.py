@@ -21,6 +21,7 @@ from collections.abc import Iterable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from fractions import Fraction
+from typing import Any
 
 import sympy as sp
 
@@ -328,17 +329,15 @@ def lipschitz(maker: str, b: Iterable[sp.Expr], system: System, name: str = "b")
     unknown: a range is missing, there may be a jump or a singular state, near which no bound is known, the boxes tried
     give no bound, or a part of the plant may have no value.
     """
-    id, claim = ClaimId(maker, "lipschitz"), f"{name} is Lipschitz in the state on the box"
-
-    def answer(verdict: Verdict, reason: Reason, fix: str = "") -> Check:
-        return Check(id, claim, verdict, reason, fix=fix)
-
+    claim = f"{name} is Lipschitz in the state on the box"
+    check = Check(ClaimId(maker, "lipschitz"), claim, Verdict.UNKNOWN, NONE)
     around, entries = system.box, tuple(b)
     rows = tuple(one_sided(row, around) for row in entries)
     try:
         steepest = lipschitz_bound(rows, system.states, around)
     except NoTape as missing:
-        return answer(Verdict.UNKNOWN, because(_SINGULAR, what=missing.what), "Write it with functions that are known.")
+        doubt = because(_SINGULAR, what=missing.what)
+        return replace(check, reason=doubt, fix="Write it with functions that are known.")
     if steepest.verdict is Verdict.PROVED:
         bound = Slopes(Proof(entries, None, ends(0.0, steepest.high)[1], steepest.variables, steepest.tree))
         on = because(
@@ -347,29 +346,36 @@ def lipschitz(maker: str, b: Iterable[sp.Expr], system: System, name: str = "b")
             boxes=counted(steepest.boxes),
         )
         reason = on if steepest.high else because("it does not depend on the state")
-        return if_valued(replace(answer(Verdict.PROVED, reason), proofs=(bound,)), system)
+        return if_valued(replace(check, verdict=Verdict.PROVED, reason=reason, proofs=(bound,)), system)
     if steepest.verdict is Verdict.REFUTED:
-        return replace(answer(Verdict.REFUTED, steepest.reason, _NARROW), witness=witness(steepest.witness))
+        place = witness(steepest.witness)
+        return replace(check, verdict=Verdict.REFUTED, reason=steepest.reason, witness=place, fix=_NARROW)
+    return replace(check, **_undecided(rows, system, steepest.reason))
+
+
+def _undecided(rows: Sequence[sp.Expr], system: System, reason: Reason) -> dict[str, Any]:
+    """The verdict, reason and fix of rows whose slope has no bound, and is not shown to have none, for a `reason`."""
+    around = system.box
     jumps = sorted({node for row in rows for node in bent(row).atoms(*JUMPS) if node.has(*system.states)}, key=str)
     if jumps:
         doubt = because("{part} may jump", part=jumps[0])
-        return answer(Verdict.UNKNOWN, doubt, "Write saturations with sympy.Min and sympy.Max.")
+        return {"reason": doubt, "fix": "Write saturations with sympy.Min and sympy.Max."}
     slopes = [row.diff(x) for row in rows for x in system.states if x in row.free_symbols]
     poles = singular([*rows, *slopes], around)
     read = {s for row in rows for s in row.free_symbols & {*system.states, *system.inputs}}
     loose = sorted(s.name for s in read if not s.bounded)
     if loose:
         doubt = because("no bound without a range for {names}", names=loose)
-        return answer(Verdict.UNKNOWN, doubt, f"Declare low= and high= for {', '.join(loose)}.")
+        return {"reason": doubt, "fix": f"Declare low= and high= for {', '.join(loose)}."}
     if not poles:
-        return answer(Verdict.UNKNOWN, steepest.reason)
+        return {"reason": reason}
     conditions = minimal((*poles.values(), *asked(system)))
     if any(part.has(*system.states) for part in (*poles, *(each.of for each in conditions))):
         places = [condition.failure for condition in conditions]
         doubt = because("no uniform bound is shown; it may be singular {places: or }", places=places)
-        return answer(Verdict.UNKNOWN, doubt, _NARROW)
-    parts = "holds on every closed part of the box where {conditions: and }"
-    return answer(Verdict.WHERE, because(parts, conditions=reasons(conditions)), _NARROW)
+        return {"reason": doubt, "fix": _NARROW}
+    holds = because("holds on every closed part of the box where {conditions: and }", conditions=reasons(conditions))
+    return {"verdict": Verdict.WHERE, "reason": holds, "fix": _NARROW}
 
 
 def clamped(observer: str, form: Form, *, boxes: int = BOXES) -> tuple[Check, ...]:

@@ -315,6 +315,11 @@ class _Parser:
             raise self.bad(token, "a condition stands where a value belongs; conditions belong in Piecewise")
         return value
 
+    def argument(self) -> sp.Expr:
+        """One value, up to a comma or a parenthesis."""
+        first = self.next
+        return self.number_like(self.value(0), first)
+
     def condition_like(self, value: sp.Basic, token: Token, fix: str) -> sp.Basic:
         """The condition itself, unless it is a value."""
         if isinstance(value, sp.Expr):
@@ -349,7 +354,8 @@ class _Parser:
         if token.kind == "number":
             return self.literal(token)
         if token.kind == "name":
-            return self.call(token) if self.next.text == "(" else self.named(token)
+            apply = self.looked_up if token.text in self.tables else self.call
+            return apply(token) if self.next.text == "(" else self.named(token)
         wanted = "a number, a name or a parenthesis"
         raise self.bad(token, f"{self.shown(token)} stands where {wanted} belongs; complete it")
 
@@ -384,8 +390,6 @@ class _Parser:
     def call(self, token: Token) -> sp.Expr:
         """A function of the table, applied."""
         name = token.text
-        if name in self.tables:
-            return self.looked_up(token)
         if name not in FUNCTIONS:
             if name in self.symbols or name in _CONSTANTS:
                 raise self.bad(token, f"{name[:60]!r} is no function; write * before the parenthesis")
@@ -399,7 +403,7 @@ class _Parser:
         values: list[sp.Expr] = []
         while not values or self.taken(","):
             first = self.next
-            values.append(self.number_like(self.value(0), first))
+            values.append(self.argument())
             if len(values) > most:
                 raise self.bad(first, f"{name} takes {most} argument{'s' * (most > 1)} at most; remove this one")
         self.expect(")", f"{name} of column {token.column}")
@@ -417,8 +421,7 @@ class _Parser:
         for k in range(len(cells.axes)):
             if k:
                 self.expect(",", f"the table {token.text} of column {token.column}, of {len(cells.axes)} arguments,")
-            first = self.next
-            arguments.append(self.number_like(self.value(0), first))
+            arguments.append(self.argument())
         self.expect(")", f"the table {token.text} of column {token.column}")
         return applied(cells, arguments)
 
@@ -435,15 +438,12 @@ class _Parser:
         """Pairs up to the first that is always true; SymPy is not asked to solve the conditions."""
         pairs: list[tuple[sp.Expr, sp.Basic]] = []
         closed, count, before = False, 0, len(self.demanded)
-        while not count or self.taken(","):
-            if count and self.next.text == ")":
-                break
+        while not count or (self.taken(",") and self.next.text != ")"):
             count += 1
             if count > ARGUMENTS:
                 raise self.bad(self.next, f"Piecewise takes {ARGUMENTS} pairs at most; nest it")
             self.expect("(", "Piecewise((value, condition), ...)")
-            first = self.next
-            value = self.number_like(self.value(0), first)
+            value = self.argument()
             self.expect(",", "the pair (value, condition)")
             first = self.next
             condition = self.condition_like(self.value(0), first, "compare with < <= > >= or write True")

@@ -41,6 +41,7 @@ _BEAT = 0.01  # of a period or more off a whole multiple: rows and samples drift
 _DOUBT = 0.4  # of a period, from a whole multiple: how many periods a step is
 LONGEST = 10_000_000  # samples on the grid; beyond it the times are hardly seconds
 _SPARSE, _LONG = 500, 1_000_000  # nor are they where rows are so many samples apart, on a grid of so many
+_EACH_HELD = "every row held until the next, so that the integral is kept"
 
 
 @dataclass(frozen=True)
@@ -195,11 +196,11 @@ def read(
 ) -> Record:
     """The log at `path`, a file's or a DataFrame, on the grid of `dt`, of its own period where None; `unit`: that of
     all times, the model's; `caller`: to whom the sentences of errors speak; `inputs`: the names that are averaged
-    where the log is faster or irregular (reading/averaged.py), with their windows; others are sampled; `units`: those
-    of the names, to which a column is converted whose name holds another; `rates`: names that are derivatives of
-    others, with their order (reading/differences.py), taken as differences where the log has no column of theirs.
+    where the log is faster or irregular, with their windows; others are sampled; `units`: those of the names, to which
+    a column is converted whose name holds another; `rates`: names that are derivatives of others, with their order,
+    taken as differences where the log has no column of theirs.
 
-    Args: `columns` maps signal names to column names, or to expressions of columns (reading/mapped.py); `time` names
+    Args: `columns` maps signal names to column names, or to expressions of columns (reading/log.py); `time` names
     the column of times, or `period` is the time between rows.
 
     Raises: `BadRecord`.
@@ -210,16 +211,14 @@ def read(
         raise BadRecord(log.path, f"give either {caller.times}, so that the rows have times; the columns are {listed}")
     if period is not None and not 0 < period < math.inf:
         raise BadRecord(log.path, f"the period {period:g} must be a positive number of {plural(unit)}")
-    taken = {name for name in rates if columns.get(name) == name and name not in log.header}
-    columns = {name: column for name, column in columns.items() if name not in taken}
-    for name, column in columns.items():
-        if name == column and name not in log.header:
-            raise BadRecord(log.path, f"has no column {name!r}; say {caller.fix(name)}, one of {listed}")
+    differences = {name: of for name, of in rates.items() if columns.get(name) == name and name not in log.header}
+    columns = {name: column for name, column in columns.items() if name not in differences}
+    for name in [name for name, column in columns.items() if name == column and name not in log.header]:
+        raise BadRecord(log.path, f"has no column {name!r}; say {caller.fix(name)}, one of {listed}")
     series = {name: column_of(log, text) for name, text in columns.items()}
     operands = {name: operand(log, text) for name, text in columns.items()}
-    for name, text in columns.items():
-        if text in log.header:
-            log, series[name], operands[name] = converted(log, series[name], name, text, units.get(name, ""))
+    for name, text in [pair for pair in columns.items() if pair[1] in log.header]:
+        log, series[name], operands[name] = converted(log, series[name], name, text, units.get(name, ""))
     if time is not None:
         log, clock, _ = converted(log, log.column(time), "time", time, unit)
         times = _stamps(log, clock, unit, caller)
@@ -227,13 +226,11 @@ def read(
         times = np.arange(log.rows) * float(period or 0.0)
         log = replace(log, notes=(*log.notes, *_clocks(log, columns.values())))
     record = _gridded(log, series, times, dt, unit, inputs)
-    for name, one in series.items():
-        if record.report.absent[name] == record.report.samples:
-            example = f", but cells such as {one.example!r}" if one.example else ""
-            reason = f"the column {one.name!r} holds no number for {name}{example}; say {caller.fix(name)}"
-            raise BadRecord(log.path, reason)
-    rates = {name: of for name, of in rates.items() if name in taken}
-    return replace(record, operands=operands).with_rates(rates)
+    for name in [name for name, absent in record.report.absent.items() if absent == record.report.samples]:
+        example = f", but cells such as {series[name].example!r}" if series[name].example else ""
+        what = f"the column {series[name].name!r} holds no number for {name}{example}"
+        raise BadRecord(log.path, f"{what}; say {caller.fix(name)}")
+    return replace(record, operands=operands).with_rates(differences)
 
 
 def _stamps(log: Table, column: Column, unit: str, caller: Caller) -> np.ndarray:
@@ -349,39 +346,23 @@ def _gridded(
     ordered = timed[np.argsort(stamps[timed], kind="stable")]
     times = stamps[ordered]
     distinct = times[np.diff(times, prepend=-np.inf) > 0]
-    steps = np.diff(distinct)
-    period = _typical(distinct) or step or 0.0
+    steps, period = np.diff(distinct), _typical(distinct) or step or 0.0
     dt = step or period
     if not dt:
         raise BadRecord(log.path, f"its rows with a time, {len(timed)}, have one time; give a record of at least 2")
     pauses = steps[steps > 1.5 * period]
-    span = float(times[-1] - times[0])
-    if span / dt > (LONGEST if span / dt < _SPARSE * len(distinct) else _LONG):
-        many = f"its times span {span:g} {unit}, {span / dt:.3g} samples of {dt:g} {unit} for {len(distinct)} rows"
-        other = "Where they are in another unit, name it in the header, as t [ms]"
-        raise BadRecord(log.path, f"{many}; are they {plural(unit)}, and is dt right? {other}")
+    _demand_samples(log.path, times, len(distinct), dt, unit)
     point = np.floor((times - times[0]) / dt + 0.5).astype(int)
     away = np.abs(times - times[0] - point * dt)
     samples, used = int(point[-1]) + 1, 1 + int(np.count_nonzero(np.diff(point)))
-    if samples < 2:
-        one = f"its rows with a time, {len(timed)}, make 1 sample of {dt:g} {unit}"
-        raise BadRecord(log.path, f"{one}; give a record of at least 2")
-    values = np.full((samples, len(series)), np.nan)
     nearest = np.lexsort((away, point))
-    for c, column in enumerate(series.values()):
-        numbers = column.values[ordered][nearest]
-        there = np.flatnonzero(np.isfinite(numbers))
-        points, first = np.unique(point[nearest][there], return_index=True)
-        values[points, c] = numbers[there[first]]
+    values = _first_numbers([one.values[ordered][nearest] for one in series.values()], point[nearest], samples)
     means = [name for name in series if name in inputs and needs_averaging(steps, period, dt)]
     notes = [*log.notes, *_pace(period, dt, unit)]
-    if means:
-        held = "every row held until the next, so that the integral is kept"
-        notes.append(f"{', '.join(means)}: averaged over each step, {held}")
+    notes += [f"{', '.join(means)}: averaged over each step, {_EACH_HELD}"] * bool(means)
     for name in means:
-        hold = max(HELD * period, dt)
         values[:, list(series).index(name)] = window_means(
-            times, series[name].values[ordered], float(times[0]), samples, dt, inputs[name], hold
+            times, series[name].values[ordered], float(times[0]), samples, dt, inputs[name], max(HELD * period, dt)
         )
     cells = {name: column.of(timed) for name, column in series.items()}
     absent = dict(zip(series, np.isnan(values).sum(axis=0).tolist(), strict=True))
@@ -410,6 +391,28 @@ def _gridded(
         notes=tuple(notes),
     )
     return Record(times[0] + np.arange(samples) * dt, tuple(series), values, report)
+
+
+def _demand_samples(path: str, times: np.ndarray, rows: int, dt: float, unit: str) -> None:
+    """Raise `BadRecord` for times (rows,) in so many distinct places whose grid is too long, or one sample."""
+    span = float(times[-1] - times[0])
+    if span / dt > (LONGEST if span / dt < _SPARSE * rows else _LONG):
+        many = f"its times span {span:g} {unit}, {span / dt:.3g} samples of {dt:g} {unit} for {rows} rows"
+        other = "Where they are in another unit, name it in the header, as t [ms]"
+        raise BadRecord(path, f"{many}; are they {plural(unit)}, and is dt right? {other}")
+    if np.floor(span / dt + 0.5) < 1:
+        one = f"its rows with a time, {len(times)}, make 1 sample of {dt:g} {unit}"
+        raise BadRecord(path, f"{one}; give a record of at least 2")
+
+
+def _first_numbers(columns: Sequence[np.ndarray], points: np.ndarray, samples: int) -> np.ndarray:
+    """The first finite number of each column (rows,) at each grid point (samples, columns), NaN where it has none."""
+    values = np.full((samples, len(columns)), np.nan)
+    for c, numbers in enumerate(columns):
+        there = np.flatnonzero(np.isfinite(numbers))
+        places, first = np.unique(points[there], return_index=True)
+        values[places, c] = numbers[there[first]]
+    return values
 
 
 def needs_averaging(steps: np.ndarray, period: float, dt: float) -> bool:
