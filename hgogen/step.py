@@ -326,7 +326,9 @@ def _demand_length(observer: Observer, method: Method, dt: float) -> None:
     """Warn of a step length beyond what is advised. Raises: `StepTooLong` beyond what is refused."""
     lengths, time = _lengths(observer, method, dt), observer.form.system.time
     tightest, advised = min(lengths, key=lambda each: each.refused), min(lengths, key=lambda each: each.take)
-    proof = _CERTIFIED if _certifiable(observer, method) else ""
+    error, proof = observer.error, ""
+    if isinstance(method, OnErrors) and not (error is None or isinstance(error, Nothing)):
+        proof = "" if method.obstacle(error) else _CERTIFIED
     if dt > tightest.refused:
         rule, take = tightest.rule or method.name, min(tightest.refused, advised.take)
         why = "; ".join(filter(None, (tightest.why, tightest.other)))
@@ -339,14 +341,6 @@ def _demand_length(observer: Observer, method: Method, dt: float) -> None:
             StepMayFail,
             stacklevel=4,
         )
-
-
-def _certifiable(observer: Observer, method: Method) -> bool:
-    """Whether a proof that errors decay as the step runs is made for the observer by the method."""
-    error = observer.error
-    if error is None or isinstance(error, Nothing) or not isinstance(method, OnErrors):
-        return False
-    return not method.obstacle(error)
 
 
 def _demand_plain(observer: Observer, every: tuple[int, ...]) -> None:

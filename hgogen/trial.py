@@ -503,17 +503,9 @@ def _each(reader: Callable[[Any], Any]) -> Callable[[Any], Any]:
     return lambda entries: {_text(name): reader(value) for name, value in dict(entries).items()}
 
 
-def _input(value: Any) -> Any:
-    return parse(value, {"t": t}) if isinstance(value, str) else scalar(value, "an input")
-
-
 def _noise(value: Any) -> Any:
     noise = OrnsteinUhlenbeck(_number(value)) if isinstance(value, Real) else value
     return _of(noise, OrnsteinUhlenbeck | Sine)
-
-
-def _jumps(jumps: Any) -> tuple[Jump, ...]:
-    return tuple(_of(one, Jump) for one in ((jumps,) if isinstance(jumps, Jump) else jumps))
 
 
 def _of(entry: Any, kind: Any) -> Any:
@@ -546,9 +538,15 @@ _FIELDS: dict[str, tuple[Callable[[Any], Any], str]] = {
     "duration": (_number, "a number"),
     "start": (_each(_number), _STATE),
     "estimate": (_each(_number), _STATE),
-    "inputs": (_each(_input), "an expression of hgogen.trial.t, or a number, for each input by name"),
+    "inputs": (
+        _each(lambda value: parse(value, {"t": t}) if isinstance(value, str) else scalar(value, "an input")),
+        "an expression of hgogen.trial.t, or a number, for each input by name",
+    ),
     "noise": (_each(_noise), "a standard deviation, an OrnsteinUhlenbeck or a Sine for each output by name"),
-    "jumps": (_jumps, "a Jump(time, state, value), or several in a tuple"),
+    "jumps": (
+        lambda jumps: tuple(_of(one, Jump) for one in ((jumps,) if isinstance(jumps, Jump) else jumps)),
+        "a Jump(time, state, value), or several in a tuple",
+    ),
     "settled": (_unless_none(lambda value: _of(value, Settled)), "a Settled(state, band, hold), or None"),
     "steady": (_unless_none(_number), "a number, or None"),
     "seeds": (_seeds, f"a count from 1 to {SEEDS}, or whole numbers from 0 in a tuple, such as (0, 1)"),
@@ -608,7 +606,17 @@ class March:
         """(x, t, h, p) -> x+ and |e|."""
         t, h = ca.SX.sym("t"), ca.SX.sym("h")
         x, p = self._ode["x"], self._ode["p"]
-        return ca.Function("march_step", [x, t, h, p], _extrapolated(self._ode, x, t, h, p))
+        rate = ca.Function("rate", [x, self._ode["t"], p], [ca.densify(self._ode["ode"])])
+        first, rows = rate(x, t, p), [[x]]
+        for i, n in enumerate(ORDERED):
+            before, now = x, x + h / n * first
+            for j in range(1, n):
+                before, now = now, before + 2 * h / n * rate(now, t + j * h / n, p)
+            row = [now]
+            for k in range(1, i + 1):
+                row.append(row[-1] + (row[-1] - rows[-1][k - 1]) / ((n / ORDERED[i - k]) ** 2 - 1))
+            rows.append(row)
+        return ca.Function("march_step", [x, t, h, p], [rows[-1][-1], ca.fabs(rows[-1][-1] - rows[-1][-2])])
 
     @cached_property
     def _march(self) -> Any:
@@ -619,21 +627,6 @@ class March:
         march.argtypes = (*[ctypes.c_longlong] * 2, *[ctypes.c_void_p] * 7)
         march.restype = None
         return march
-
-
-def _extrapolated(ode: Mapping[str, Graph], x: Graph, t: Graph, h: Graph, p: Graph) -> list[Graph]:
-    """x+ and |e| of one step."""
-    rate = ca.Function("rate", [ode["x"], ode["t"], ode["p"]], [ca.densify(ode["ode"])])
-    first, rows = rate(x, t, p), [[x]]
-    for i, n in enumerate(ORDERED):
-        before, now = x, x + h / n * first
-        for j in range(1, n):
-            before, now = now, before + 2 * h / n * rate(now, t + j * h / n, p)
-        row = [now]
-        for k in range(1, i + 1):
-            row.append(row[-1] + (row[-1] - rows[-1][k - 1]) / ((n / ORDERED[i - k]) ** 2 - 1))
-        rows.append(row)
-    return [rows[-1][-1], ca.fabs(rows[-1][-1] - rows[-1][-2])]
 
 
 @contextmanager

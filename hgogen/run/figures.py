@@ -395,8 +395,7 @@ def curve(points: Sequence["Point"], step: Step) -> Figure:
     axes[-1].loglog([one.about for one in gains], dts[:-1], marker=".", color=TRUTH)
     axes[-1].loglog([tuning.about], dts[-1:], "x", color=TRUTH)
     axes[-1].axhline(step.dt, color=MEASURED, linewidth=0.6)
-    axes[-1].set_ylabel(f"longest dt ({time})")
-    axes[-1].set_xlabel(f"rate (1/{time}); noise of 1; the tuning: a cross")
+    axes[-1].set(ylabel=f"longest dt ({time})", xlabel=f"rate (1/{time}); noise of 1; the tuning: a cross")
     for axis in axes:
         low, high = axis.get_ylim()
         if low < high:  # where anything is drawn

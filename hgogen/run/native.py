@@ -170,7 +170,9 @@ def _load(
     with cache_folder() as folder:
         library = folder / f"{digest}.so"
         if not is_kept(library):
-            content = _compiled(command, dict(files), flags)
+            options = ("-O1", "-fPIC", "-shared", "-ffp-contract=off", *flags)
+            with _built(command, dict(files), options, "step.so") as built:
+                content = built.read_bytes()
             try:
                 keep(library, content)
             except CannotWrite:  # as on a full disk
@@ -183,26 +185,21 @@ def _load(
             raise CompilerFailed(command, f"what it made cannot be loaded: {error}") from None
 
 
-def _compiled(command: tuple[str, ...], files: Mapping[str, str], flags: tuple[str, ...]) -> bytes:
-    """The content of the shared library of C files. Raises: `CompilerFailed`."""
-    with tempfile.TemporaryDirectory() as folder:
-        write(files, folder)
-        sources = [name for name in files if name.endswith(".c")]
-        options = ["-std=c99", "-O1", "-fPIC", "-shared", "-ffp-contract=off", *flags]
-        return _built([*command, *options, *sources], "step.so", folder).read_bytes()
-
-
-def _built(command: Sequence[str], name: str, folder: str) -> Path:
-    """The file of that name in a folder, which a command of the C compiler makes.
+@contextmanager
+def _built(command: tuple[str, ...], files: Mapping[str, str], options: Iterable[str], name: str) -> Iterator[Path]:
+    """The file of that name that the C compiler makes of C files, there while the context is open.
 
     Raises: `CompilerFailed`, also where the compiler hangs or writes nothing.
     """
-    run([*_demanded(), "-E", "-x", "c", os.devnull], folder, limit=SOON)
-    whole, built = (*command, "-o", name), Path(folder) / name
-    run(whole, folder)
-    if not built.is_file():
-        raise CompilerFailed(whole, f"it ended with status 0, but wrote no {name}")
-    return built
+    with tempfile.TemporaryDirectory() as folder:
+        write(files, folder)
+        run([*_demanded(), "-E", "-x", "c", os.devnull], folder, limit=SOON)
+        sources = (each for each in files if each.endswith(".c"))
+        whole, built = (*command, "-std=c99", *options, *sources, "-o", name), Path(folder) / name
+        run(whole, folder)
+        if not built.is_file():
+            raise CompilerFailed(whole, f"it ended with status 0, but wrote no {name}")
+        yield built
 
 
 def run(command: Sequence[str], folder: str | Path, failed: Failed = CompilerFailed, limit: float = LIMIT) -> str:
@@ -291,12 +288,8 @@ def run_check(files: Mapping[str, str], flags: Sequence[str] = ("-O2",)) -> str:
 
     Raises: `NoCompiler`, `CompilerFailed`, `CheckFailed`.
     """
-    command = _demanded()
-    with tempfile.TemporaryDirectory() as folder:
-        write(files, folder)
-        sources = [name for name in files if name.endswith(".c")]
-        options = ["-std=c99", *WARNINGS, *with_main(files), *flags]
-        return run([str(_built([*command, *options, *sources], "check", folder))], folder, CheckFailed)
+    with _built(_demanded(), files, (*WARNINGS, *with_main(files), *flags), "check") as built:
+        return run([str(built)], built.parent, CheckFailed)
 
 
 _OTHERS_WRITE = stat.S_IWGRP | stat.S_IWOTH

@@ -95,7 +95,13 @@ class Vector:
         elements: dict[str, float] = {}
         for name, value in values.items():
             entries = [entry for entry in self.entries if entry.array == name != entry.name]
-            elements |= _several(name, value, entries) if entries else {name: value}
+            if not entries:
+                elements[name] = value
+                continue
+            numbers = reals(name, in_order(name, value, (entry.label for entry in entries))).reshape(-1)
+            if len(numbers) != len(entries):
+                raise BadGain(f"{name} of {len(numbers)} numbers", f"must have {len(entries)}")
+            elements |= {entry.name: float(number) for entry, number in zip(entries, numbers, strict=True)}
         default = dict(zip(self.names, self.initial, strict=True))
         ordered = in_order(f"the {self.title}", elements, self.names, default=default)
         return np.array([real(name, value) for name, value in zip(self.names, ordered, strict=True)])
@@ -115,13 +121,6 @@ class Vector:
 
     def __repr__(self) -> str:
         return f"<{self.title}: {', '.join(self.names)}>"
-
-
-def _several(name: str, value: Any, entries: list[Entry]) -> dict[str, float]:
-    elements = reals(name, in_order(name, value, (entry.label for entry in entries))).reshape(-1)
-    if len(elements) != len(entries):
-        raise BadGain(f"{name} of {len(elements)} numbers", f"must have {len(entries)}")
-    return {entry.name: float(element) for entry, element in zip(entries, elements, strict=True)}
 
 
 def of_signals(title: str, signals: Iterable[Signal]) -> Vector:
