@@ -34,8 +34,8 @@ from hgogen.part import Clock, Ode, Pieces
 from hgogen.program import INF, Block, Field, Kernel, Place, Program, Repeat, When, address, sym
 from hgogen.prove.inclusion import Inclusion, Uncertain
 from hgogen.prove.inequality import Inequality, Realisation, realised, stagewise
-from hgogen.prove.method_error import BesideCore, BesideStages, Leaves
-from hgogen.prove.plant_step import Entering, PlantStep
+from hgogen.prove.method_error import CoreDeviation, Leaves, StageDeviation
+from hgogen.prove.plant_step import ErrorInput, PlantStep
 from hgogen.sentence import NONE, Reason, because
 
 POINTS = 6  # corners, and as many points inside, at which the covariance equation is judged
@@ -129,7 +129,7 @@ class OnErrors(Protocol):
         """A step of length h on what the error obeys; of length 0 its limit."""
         ...
 
-    def beside(self, plant: PlantStep, error: Inclusion, theta: Fraction) -> Entering:
+    def beside(self, plant: PlantStep, error: Inclusion, theta: Fraction) -> ErrorInput:
         """What the plant does beside a step, as it enters the error. Raises: `Unbounded`."""
         ...
 
@@ -149,9 +149,9 @@ class Staged:
         """The stages of the tableau."""
         return stagewise(self.prediction, h, e)
 
-    def beside(self, plant: PlantStep, error: Inclusion, theta: Fraction) -> Entering:
+    def beside(self, plant: PlantStep, error: Inclusion, theta: Fraction) -> ErrorInput:
         """The plant beside its step by the tableau, and beside the line between two samples."""
-        return BesideStages(plant, self.prediction).entering
+        return StageDeviation(plant, self.prediction).error_input
 
     def ode(self, part: Ode, clock: Clock) -> Pieces:
         """One step of every field of the part at once."""
@@ -406,9 +406,9 @@ class Realising:
         """The core realised, and the residual terms by two stages."""
         return realised(self.realisation, h, e)
 
-    def beside(self, plant: PlantStep, error: Inclusion, theta: Fraction) -> Entering:
+    def beside(self, plant: PlantStep, error: Inclusion, theta: Fraction) -> ErrorInput:
         """The plant's own samples at both ends, its residual terms by two stages."""
-        return BesideCore(plant, error, theta).enters(self.realisation, self.leaves)
+        return CoreDeviation(plant, error, theta).error_input(self.realisation, self.leaves)
 
 
 def _chosen(flags: list[Place], known: Pattern, updates: Mapping[Pattern, Pieces]) -> Program:

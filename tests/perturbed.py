@@ -18,12 +18,12 @@ from plants import MODELS, model, pendulum
 
 import hgogen as hg
 from hgogen.model import load
-from hgogen.prove import adaptive_design, semidefinite
+from hgogen.prove import semidefinite
 
 RATIO = 1.05  # the largest ratio of two bounds that are found of one thing
 KERNELS = ("Haswell", "SkylakeX", "Zen", "Nehalem")  # of OpenBLAS; one that it does not know leaves its own choice
 NOISE = {"y": 1e-3}
-_PLAIN, _BY_CVXPY = semidefinite._solution.__wrapped__, semidefinite.solution_of
+_PLAIN = semidefinite._solution.__wrapped__
 Answer = Mapping[str, float | str]  # a bound or a verdict, by what it is of
 
 
@@ -151,22 +151,6 @@ class Perturbation:
         prices[places] = known[1] * unit
         return known[0], prices
 
-    def solved(self, cp: Any, problem: Any, P: Any) -> Any:
-        """In the place of `semidefinite.solution_of`."""
-        self.asked += 1
-        if self.what == "constraints":
-            order = self.draw.permutation(len(problem.constraints))
-            other = cp.Problem(problem.objective, [problem.constraints[k] for k in order])
-            known = _BY_CVXPY(cp, other, P)
-            problem._value = other.value
-            return known
-        known = _BY_CVXPY(cp, problem, P)
-        if known is not None:
-            for each in problem.variables():
-                each.save_value(self._off(each.value, semidefinite.CLOSER))
-            known = (P.value + P.value.T) / 2
-        return known
-
     def _off(self, values: Any, share: float) -> Any:
         return values * (1 + share * self.draw.standard_normal(np.shape(values)))
 
@@ -175,8 +159,6 @@ def perturbed(patch: Any, what: str, seed: int) -> Perturbation:
     """Has the solver perturbed from here on, as long as `patch`, the tests' monkeypatch, lasts."""
     other = Perturbation(what, seed)
     patch.setattr(semidefinite, "_solution", other.solution)
-    for module in (semidefinite, adaptive_design):
-        patch.setattr(module, "solution_of", other.solved)
     return other
 
 

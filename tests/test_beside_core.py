@@ -13,7 +13,6 @@ from forger import sealed
 from scipy.integrate import quad, solve_ivp
 
 import hgogen as hg
-from hgogen.certificates.contraction import theta_of
 from hgogen.check import Verdict
 from hgogen.method import Realising
 from hgogen.model import load
@@ -23,6 +22,7 @@ from hgogen.prove.inclusion import Inclusion
 from hgogen.prove.method_error import by_matrix_exponential
 from hgogen.prove.plant_step import PlantStep
 from hgogen.prove.quadratic import rational
+from hgogen.prove.questions import theta_of
 from hgogen.recheck.verification import recheck
 from hgogen.rigor.definite import number
 from hgogen.stepping.machine import Machine

@@ -166,7 +166,7 @@ def test_a_gain_that_does_not_decay() -> None:
 
 
 def test_without_a_solver_it_is_said(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setitem(sys.modules, "cvxpy", None)
+    monkeypatch.setitem(sys.modules, "clarabel", None)
     with pytest.raises(NoSolver, match=r"the design of an adaptive gain needs cvxpy and clarabel; install them"):
         adaptive_gain(3, slope=0.71)
 

@@ -19,7 +19,7 @@ from hgogen.estimators.integrators import integrators
 from hgogen.prove.convergence import Falls, Flow
 from hgogen.prove.error_models import on_companion
 from hgogen.prove.inclusion import Inclusion, Nothing
-from hgogen.prove.varying_gain import Held, switching
+from hgogen.prove.varying_gain import DwellProof, switching
 from hgogen.recheck.verification import recheck
 from hgogen.theorem import Convergence, convergence
 
@@ -48,7 +48,7 @@ def enough(theta: float, low: float) -> float:
     return float(checks(theta, low, 1e-6)["x.hold"].fix.split()[3].rstrip(","))
 
 
-def proof(theta: float, low: float) -> tuple[np.ndarray, np.ndarray, Held]:
+def proof(theta: float, low: float) -> tuple[np.ndarray, np.ndarray, DwellProof]:
     """P of the low gain and of the high one, and what is proved of the time."""
     known = checks(theta, low, 2 * enough(theta, low))
     held = known["x.hold"].proofs[0].fact

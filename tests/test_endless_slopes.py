@@ -124,8 +124,8 @@ def test_a_norm_that_a_slope_adds_to_is_none() -> None:
     falls = check.proofs[0].fact.falls
     sought = OneSided(injected(with_gains(drag(), [2, 1], endless=True), drag(), (1, sp.Rational(1, 2))), falls.theta)
     P = rational(falls.weights.P)
-    assert sought._signed(P)
-    assert not sought._signed(-P)
+    assert all(share >= 0 for share in sought._lambdas(P))
+    assert not all(share >= 0 for share in sought._lambdas(-P))
 
 
 @pytest.mark.ordinary("1")

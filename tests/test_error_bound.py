@@ -27,7 +27,7 @@ from hgogen.commands.claims import checked
 from hgogen.discretisation.runge_kutta import EULER, HEUN, RK4, Tableau
 from hgogen.model import MissingPart, load
 from hgogen.program import Place
-from hgogen.prove.method_error import BesideStages
+from hgogen.prove.method_error import StageDeviation
 from hgogen.prove.plant_step import PlantStep, Unbounded
 from hgogen.reading.given import BadGain, BadNames
 from hgogen.recheck.rules.discrete_time import _root
@@ -224,7 +224,7 @@ def test_a_flow_that_is_not_lipschitz_has_no_remainder() -> None:
     plant = hg.System("jumps", states=(x,), outputs=(hg.Signal("y"),), flow=[-x - sp.sign(x)], output=[x])
     step = PlantStep(hg.forms.triangular(plant), Fraction(1, 100), ())
     with pytest.raises(Unbounded, match="may jump with z1"):
-        BesideStages(step, RK4).remainder()
+        StageDeviation(step, RK4).remainder()
 
 
 def test_a_parameter_in_the_coordinates_is_said() -> None:
@@ -246,7 +246,7 @@ def plant_step(h: float) -> PlantStep:
 @pytest.mark.parametrize("tableau", [EULER, HEUN, RK4], ids=lambda each: each.name)
 def test_the_remainder_holds_what_a_step_leaves_and_little_more(tableau: Tableau) -> None:
     h, rng = 0.02, np.random.default_rng(0)
-    plant = BesideStages(plant_step(h), tableau)
+    plant = StageDeviation(plant_step(h), tableau)
     bounds, lines = np.array(list(map(float, plant.remainder()))), np.array(list(map(float, plant.line(0))))
     worst, off = np.zeros(2), np.zeros(len(tableau.b))
     for _ in range(300):

@@ -17,7 +17,7 @@ from hypothesis import strategies as st
 import hgogen as hg
 from hgogen.check import Verdict
 from hgogen.discretisation.runge_kutta import EULER, HEUN, RK4, Tableau
-from hgogen.prove.method_error import BesideStages, lipschitz_remainder
+from hgogen.prove.method_error import StageDeviation, lipschitz_remainder
 from hgogen.prove.plant_step import PlantStep
 from hgogen.recheck.arithmetic import Unproved
 from hgogen.recheck.inequality import Tableau as Rechecked
@@ -142,7 +142,7 @@ def stepped(flow: Callable[[Any, Any], Any], tableau: Tableau, x: Any, h: float,
 def test_no_step_leaves_more_and_one_not_much_less(name: str, tableau: Tableau) -> None:
     """From 4000 points of the ranges, clear of their ends, beside 200 short steps."""
     h, rng, count = 0.05, np.random.default_rng(), 4000
-    left = BesideStages(PlantStep(hg.forms.triangular(plant_of(name)), Fraction(1, 20), (Fraction(2),)), tableau)
+    left = StageDeviation(PlantStep(hg.forms.triangular(plant_of(name)), Fraction(1, 20), (Fraction(2),)), tableau)
     bounds = np.array([[float(x)] for x in left.remainder()])
     clear = np.array([[float(x)] for x in left.plant.margins])
     read = [{CURVE.func.__name__: lambda x: np.interp(x, PLACES, VALUES)}, "numpy"]

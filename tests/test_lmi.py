@@ -88,9 +88,7 @@ def test_a_changed_number_is_noticed() -> None:
         changed[j][i] = changed[i][j]
         assert not verified(replace(certificate, P=tuple(map(tuple, changed)))), (i, j)
     assert not verified(replace(certificate, peak=certificate.peak * Fraction(0.999)))
-    assert not verified(
-        replace(certificate, vertices=(*certificate.vertices, rational(companion(np.array([2.0, -1.0])))))
-    )
+    assert not verified(replace(certificate, N=rational(companion(np.array([2.0, -1.0])))))
 
 
 def corners(n: int, low: Fraction, high: Fraction) -> list[tuple[Matrix, tuple[Fraction, ...]]]:

@@ -9,17 +9,17 @@ import sympy as sp
 
 import hgogen as hg
 from hgogen.discretisation.runge_kutta import EULER, HEUN, RK4, Tableau
-from hgogen.prove.method_error import BesideStages
+from hgogen.prove.method_error import StageDeviation
 from hgogen.prove.plant_step import PlantStep
 
 H = Fraction(1, 50)
 
 
-def beside(tableau: Tableau, ranges: Sequence[tuple[float, float]], flow: Any, u: hg.Signal) -> BesideStages:
+def beside(tableau: Tableau, ranges: Sequence[tuple[float, float]], flow: Any, u: hg.Signal) -> StageDeviation:
     """Of a plant x' = flow(x, u), of which the first state is measured, whose input moves at up to 5."""
     x = [hg.Signal(f"x{i}", low=low, high=high) for i, (low, high) in enumerate(ranges)]
     plant = hg.System("plant", states=x, inputs=(u,), outputs=(hg.Signal("y"),), flow=flow(*x, u), output=[x[0]])
-    return BesideStages(PlantStep(hg.forms.triangular(plant), H, (Fraction(5),)), tableau)
+    return StageDeviation(PlantStep(hg.forms.triangular(plant), H, (Fraction(5),)), tableau)
 
 
 def test_the_line_of_a_double_integrator_is_known_stage_by_stage() -> None:
@@ -50,7 +50,7 @@ def test_a_steep_tanh_has_a_remainder(steep: float) -> None:
     """Of a wide ball a quotient of exponentials holds everything; by its ends tanh is within -1 and 1."""
     x1, x2 = hg.Signal("x1", low=-1, high=1), hg.Signal("x2", low=-2, high=2)
     plant = hg.System("bend", states=(x1, x2), outputs=(hg.Signal("y"),), flow=[x2, -sp.tanh(steep * x1)], output=[x1])
-    left = BesideStages(PlantStep(hg.forms.triangular(plant), Fraction(1, 1000), ()), RK4).remainder()
+    left = StageDeviation(PlantStep(hg.forms.triangular(plant), Fraction(1, 1000), ()), RK4).remainder()
     # x2' = -tanh(s x1), x2'' = -s (1 - t^2) x2, ..: each derivative more is at most 8 (s x2) larger, with x1'' <= 1
     assert 0 < float(left[1]) < (8 * (1 + 2 * steep)) ** 4 * 1e-12
 

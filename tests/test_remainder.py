@@ -18,7 +18,7 @@ from plants import model
 import hgogen as hg
 from hgogen.check import Verdict
 from hgogen.discretisation.runge_kutta import RK4
-from hgogen.prove.method_error import BesideStages
+from hgogen.prove.method_error import StageDeviation
 from hgogen.prove.plant_step import PlantStep
 from hgogen.recheck.arithmetic import Dual, Undefined, dual, evaluate
 from hgogen.recheck.inequality import Tableau, tableau_of
@@ -248,8 +248,8 @@ def test_an_input_stays_in_its_range() -> None:
 Content = dict[str, Any]
 
 
-def of_pendulum(h: float) -> BesideStages:
-    return BesideStages(PlantStep(hg.forms.triangular(model("pendulum")), Fraction(h), (Fraction(5),)), RK4)
+def of_pendulum(h: float) -> StageDeviation:
+    return StageDeviation(PlantStep(hg.forms.triangular(model("pendulum")), Fraction(h), (Fraction(5),)), RK4)
 
 
 def test_the_line_of_the_pendulum() -> None:

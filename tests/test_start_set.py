@@ -274,8 +274,8 @@ def test_a_norm_counts_at_its_worst_corner(beside: str, found_again: str) -> Non
 @pytest.mark.parametrize("observer", ["high_gain", "filtered"])
 def test_a_field_that_estimates_nothing_begins_without_an_error(observer: str) -> None:
     known, made = contraction(step_of("pendulum", observer, 1e-3)), step_of("pendulum", observer, 1e-3).observer
-    assert known.steps is not None
-    start, fed = start_of(made, known.steps), known.steps.error.layout.fed
+    assert known.proof is not None
+    start, fed = start_of(made, known.proof.steps), known.proof.steps.error.layout.fed
     assert isinstance(start, Start)
     assert [all(corner[k] != 0 for corner in start.corners) for k in range(len(fed))] == [bool(each) for each in fed]
 

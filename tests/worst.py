@@ -41,11 +41,10 @@ class Worst:
 
     def __init__(self, step: CallableStep) -> None:
         known, self.form = contraction(step), step.observer.form
-        assert known.steps is not None
         assert known.proof is not None
-        self.step, self.observer, self.steps, self.proof = step, step.observer, known.steps, known.proof
-        self.error, self.at = known.steps.error, known.steps.at(known.proof.h)
-        start = start_of(step.observer, known.steps)
+        self.step, self.observer, self.steps, self.proof = step, step.observer, known.proof.steps, known.proof
+        self.error, self.at = known.proof.steps.error, known.proof.step
+        start = start_of(step.observer, known.proof.steps)
         assert start is not None
         self.start = start
         self.first = np.array([float(x) for x in start.first])

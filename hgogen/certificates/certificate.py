@@ -54,7 +54,7 @@ from hgogen.recheck.verification import recheck
 
 
 class NoClaims(BadArgument):
-    """What a certificate was asked of, and that is no form, no checks or no name of an observer."""
+    """Something that a certificate was asked of, and that is no form, no checks or no name of an observer."""
 
 
 def certificate(form: Form, checks: Iterable[Check], observer: str = "") -> dict[str, Any]:
@@ -95,7 +95,7 @@ def _demanded(form: object, checks: object, observer: object) -> tuple[Check, ..
 
 
 def asserted(content: Mapping[str, Any]) -> int:
-    """How many claims of a certificate say something that `recheck.verification` verifies."""
+    """Return how many claims of a certificate say something that `recheck.verification` verifies."""
     return sum(claim["verdict"] in ("proved", "refuted") for claim in content["claims"])
 
 

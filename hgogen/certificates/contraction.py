@@ -28,8 +28,9 @@ from hgogen.method import Method, OnErrors
 from hgogen.observer import Observer
 from hgogen.program import INF
 from hgogen.prove.convergence import Flow
-from hgogen.prove.inclusion import Inclusion, Nothing, Shown
+from hgogen.prove.inclusion import Facts, Inclusion, Nothing
 from hgogen.prove.inequality import ROWS, Contracts, Piece, Steps, all_shorter, farthest, unstable
+from hgogen.prove.questions import obeyed, theta_of
 from hgogen.sentence import Down, Reason, Sentence, because, down, point, same, up
 from hgogen.step import Step, demand_step
 
@@ -56,23 +57,22 @@ NOWHERE = Reach()
 
 @dataclass(frozen=True)
 class Contraction:
-    """What is proved of the error of a step, call by call.
+    """Proofs of how the error of a step contracts, call by call.
 
     `checks`: OBSERVER.step, that it contracts at its dt and theta; OBSERVER.shorter, that it does at every dt up to a
     longest; OBSERVER.tuned, that it does at every theta from a least one to its own: of the last two only what is
     proved. `rate` (1/s), at which |e|_P falls at its dt and theta, rounded down, None where that is not proved;
-    `reach`: how far dt and theta may go; `proof`: of the first, and `steps`: of which it is one.
+    `reach`: how far dt and theta may go; `proof`: of the first.
     """
 
     checks: tuple[Check, ...]
     rate: float | None
     reach: Reach
     proof: Contracts | None = field(default=None, repr=False)
-    steps: Steps | None = field(default=None, repr=False)
 
     @property
     def proved(self) -> bool:
-        """Whether it contracts at its dt and theta."""
+        """Whether the step contracts at its dt and theta."""
         return self.rate is not None
 
     def __str__(self) -> str:
@@ -80,7 +80,7 @@ class Contraction:
 
 
 def contraction(step: Step) -> Contraction:
-    """What is proved of the error of a step at its gains and dt, and how far dt and theta may go.
+    """Return what is proved of the error of a step at its gains and dt, and how far dt and theta may go.
 
     Of `high_gain`, `circle_criterion`, `filtered`, `filtered_injection`, `low_power` and `peaking_free` by an explicit
     method, or by one that realises a core that does not move; of others the check says why nothing is proved.
@@ -93,10 +93,7 @@ def contraction(step: Step) -> Contraction:
 
 @lru_cache(maxsize=32)
 def _contraction(observer: Observer, method: Method, rule: str, dt: float, limit: float) -> Contraction:
-    error: Inclusion | Nothing | None = observer.error
-    if error is None:
-        why = because("the proof is for a constant injection: high_gain, filtered and the like, on chains")
-        return _unknown(observer, rule, dt, why)
+    error = obeyed(observer)
     if isinstance(error, Nothing):
         return _unknown(observer, rule, dt, error.reason)
     if not isinstance(method, OnErrors):
@@ -116,7 +113,7 @@ def _contraction(observer: Observer, method: Method, rule: str, dt: float, limit
     rate = because(pattern, rate=Down(proof.rate, 3), arithmetic=steps.at(h).arithmetic)
     facts = {"method": rule, "dt": proof.h, "alpha": proof.alpha, **proof.weights.written}
     known = claimed(observer, "step", _claim(observer, rule, dt), rate, error, facts)
-    return Contraction((known, *_beyond(observer, rule, steps, far)), proof.rate, far, proof, steps)
+    return Contraction((known, *_beyond(observer, rule, steps, far)), proof.rate, far, proof)
 
 
 def _beyond(observer: Observer, rule: str, steps: Steps, far: Reach) -> Iterator[Check]:
@@ -144,13 +141,13 @@ def _claim(observer: Observer, rule: str, dt: float) -> str:
 
 
 def running(observer: Observer, rule: str, dt: float) -> str:
-    """How a claim about a step begins."""
+    """Return how a claim about a step begins."""
     return f"as it runs, by {rule} at dt = {same(dt)} {observer.form.system.time}"
 
 
 def claimed(observer: Observer, fact: str, claim: str, reason: Reason, error: Inclusion, facts: Evidence) -> Check:
     """A proved claim about the error of an observer, with the `facts` that show it."""
-    grounds = Grounds({"theta": float(theta_of(observer)), **error.numbers}, Shown(error, facts))
+    grounds = Grounds({"theta": float(theta_of(observer)), **error.numbers}, Facts(error, facts))
     return Check(ClaimId(observer.name, fact), claim, Verdict.PROVED, reason, proofs=(grounds,))
 
 
@@ -159,12 +156,6 @@ def _unknown(
 ) -> Contraction:
     id = ClaimId(observer.name, "step")
     return Contraction((Check(id, _claim(observer, rule, dt), Verdict.UNKNOWN, why, fix=fix),), None, far)
-
-
-def theta_of(observer: Observer) -> Fraction:
-    """The declared theta."""
-    (theta,) = (gain.initial[0] for gain in observer.gains if gain.name == "theta")
-    return Fraction(theta)
 
 
 def _why(observer: Observer, steps: Steps, h: Fraction) -> Reason:
@@ -180,7 +171,7 @@ def _why(observer: Observer, steps: Steps, h: Fraction) -> Reason:
 
 
 def _fix(far: Reach) -> str:
-    """What can be changed, each with the number at which it is proved."""
+    """Return what can be changed, each with the number at which it is proved."""
     ways = [f"dt = {Down(far.longest, 3)}"] if far.longest else []
     ways += [f"theta = {same(float(far.least))}"] if far.least else []
     known = f"It is proved with {' or with '.join(ways)}. " if ways else ""
@@ -214,8 +205,8 @@ def reach(steps: Steps, h: Fraction, limit: float) -> Reach:
 
 
 def enough(steps: Steps, h: Fraction) -> Fraction | None:
-    """Of a step that is not proved, the largest share of the ranges of its slopes with which it is; None of none.
-    Raises: `NoSolver`."""
+    """Return, of a step that is not proved, the largest share of the ranges of its slopes with which it is; None of
+    none. Raises: `NoSolver`."""
 
     def of(share: Fraction) -> Steps:
         return replace(steps, error=steps.error.narrowed(share))

@@ -24,7 +24,6 @@ import sympy as sp
 
 from hgogen.analysis.dynamics import linear_terms, moved, reach
 from hgogen.analysis.maps import sided
-from hgogen.analysis.ranges import signals
 from hgogen.analysis.scaling import of_used
 from hgogen.certificates.contraction import claimed, contraction, running
 from hgogen.certificates.rounding_share import rounding_share
@@ -33,12 +32,12 @@ from hgogen.check import Check, ClaimId, Verdict
 from hgogen.form import Form
 from hgogen.method import OnErrors
 from hgogen.prove.inclusion import NO_SCALES, Nothing, of_state
-from hgogen.prove.inequality import Steps
-from hgogen.prove.plant_step import Entering, PlantStep, Share, Sizes, Unbounded, heads_of, steepness_in, times
+from hgogen.prove.inequality import Contracts
+from hgogen.prove.plant_step import ErrorInput, PlantStep, Share, Sizes, Unbounded, heads_of, steepness_in, times
 from hgogen.prove.quadratic import rational
 from hgogen.prove.questions import InputBound, Signed, confined
 from hgogen.reading.given import Each, each_by_name, names_of, size, sizes
-from hgogen.rigor.box import Box, box
+from hgogen.rigor.box import Box
 from hgogen.rigor.outward import number
 from hgogen.rigor.rounding import REALS, Real
 from hgogen.sentence import NONE, Down, Reason, Sentence, Up, because, joined
@@ -48,8 +47,8 @@ Slopes = Mapping[str, tuple[Fraction, ...]]
 
 
 def slopes_of_states(form: Form, errors: Sequence[Fraction]) -> Slopes:
-    """By the name of a state of the plant that is none of the form's, the sup |dx/dz_j| (n), where the states of the
-    form err by at most these `errors` (n); without those of which no slope is known."""
+    """Return, by the name of a state of the plant that is none of the form's, the sup |dx/dz_j| (n), where the states
+    of the form err by at most these `errors` (n); without those of which no slope is known."""
     slopes = {}
     for state, expression in form.estimates:
         if state.name in form.names:
@@ -62,8 +61,9 @@ def slopes_of_states(form: Form, errors: Sequence[Fraction]) -> Slopes:
 
 
 def _of_form(form: Form, expression: sp.Expr, errors: Sequence[Fraction]) -> tuple[Fraction, ...]:
-    """Of a state that is reported as an expression of z, clamped to where it turns round. Raises: `Unbounded`."""
-    where, (_, rest) = box(signals(form), form.system.nominal), linear_terms(expression, form.states)
+    """Return the slopes of a state that is reported as an expression of z, clamped to where it turns round. Raises:
+    `Unbounded`."""
+    where, (_, rest) = form.box, linear_terms(expression, form.states)
     for z, error in zip(form.states, errors, strict=True):
         (low, high), (least, most) = map(Fraction, z.interval), reach([rest], z, form.states)
         where[z] = max(low - error, _end(least, low - error)), min(high + error, _end(most, high + error))
@@ -71,8 +71,8 @@ def _of_form(form: Form, expression: sp.Expr, errors: Sequence[Fraction]) -> tup
 
 
 def _of_plant(form: Form, state: sp.Symbol) -> tuple[Fraction, ...]:
-    """Of a state that is reported as an expression of the states of the form's system, which are recovered of z clamped
-    to its ranges, and are then clamped to theirs. Raises: `Unbounded`."""
+    """Return the slopes of a state that is reported as an expression of the states of the form's system, which are
+    recovered of z clamped to its ranges, and are then clamped to theirs. Raises: `Unbounded`."""
     system, inverse = form.system, sided(form)
     (reported,) = (expression for signal, expression in system.reported if signal == state)
     around = system.box_with(system.states)
@@ -83,7 +83,7 @@ def _of_plant(form: Form, state: sp.Symbol) -> tuple[Fraction, ...]:
             continue
         if not finite:
             raise Unbounded
-        own = _steepest(row, form, box(signals(form), system.nominal))
+        own = _steepest(row, form, form.box)
         total = [y + share * s for y, s in zip(total, own, strict=True)]
     return tuple(total)
 
@@ -111,7 +111,7 @@ _UP = 1 + 1e-9  # of a count of calls, for what its floats may be off
 
 @dataclass(frozen=True)
 class ErrorBound:
-    """How far the estimate of a step errs at most.
+    """Bounds of how far the estimate of a step errs.
 
     `shares`: by what enters ("noise", "rounded", "late", "disturbance", "parameters", "method", "rounding") and by the
     name of a state of the form, or of the plant behind a change of coordinates (`own_states`), what it adds; `bounds`:
@@ -148,7 +148,7 @@ def error_bound(
     rates: Each = None,
     real: Real | None = None,
 ) -> ErrorBound:
-    """How far the estimate of a step that is proved to contract errs at most, for ever, and from when on.
+    """Return how far the estimate of a step that is proved to contract errs at most, for ever, and from when on.
 
     By name, what is not given is 0: `noise`, at most this error in each sample of an output, whatever its course;
     `rounded`, to steps of which samples are rounded; `late`, the time by which a sample may be taken beside its own;
@@ -175,9 +175,8 @@ def error_bound(
     }
     moving = _moving(step, rates)
     known = contraction(step)
-    if known.steps is None or known.proof is None or not known.proof.alpha:
+    if known.proof is None or not known.proof.alpha:
         return _unknown(step, known.checks[0].reason)
-    assert isinstance(step.method, OnErrors)  # as a step is that is proved to contract
     read = [*zip(form.names, form.states, strict=True), *((u.name, u) for u in form.system.inputs)]
     endless = [name for name, signal in read if not signal.bounded]
     if endless:
@@ -185,16 +184,7 @@ def error_bound(
         return _unknown(step, why, f"Declare low and high of {', '.join(endless)}.")
     plant = PlantStep(form, known.proof.h, moving)
     try:
-        entering = _entering(plant, most)
-        error, theta = known.steps.error, known.steps.theta
-        scales, shown = error.scales(theta), heads_of(form)
-        if scales is None or shown is None:
-            raise Unbounded(NO_SCALES)
-        method = step.method.beside(plant, error, theta)
-        entering |= {"method": method} if method.sizes.largest else {}
-        if not (entering or real):
-            return _unknown(step, because("nothing enters the error: that of the start decays, to nothing"))
-        bounded = _bounded(Running(step, known.steps, known.proof, plant, scales, shown), entering, real)
+        bounded = _bounded(step, known.proof, plant, most, real)
     except Unbounded as unbounded:
         return _unknown(step, unbounded.args[0])
     asked = {"noise": noise, "rounded": rounded, "late": late, "disturbance": disturbance, "parameters": parameters}
@@ -216,7 +206,7 @@ def signed(step: AnyStep, **bounds: Any) -> AnyStep:
 
 
 def _moving(step: Step, rates: Each) -> tuple[Fraction | None, ...]:
-    """How fast each input moves between samples, None where that is not known. Raises: `BadNames`, `BadGain`."""
+    """Return how fast each input moves between samples, None where that is not known. Raises: `BadNames`, `BadGain`."""
     inputs = step.observer.form.system.inputs
     declared = [max(map(abs, u.rates[0])) if u.rates else None for u in inputs]
     asked = each_by_name("rates", rates, names_of(inputs), None)
@@ -225,8 +215,8 @@ def _moving(step: Step, rates: Each) -> tuple[Fraction | None, ...]:
     return (Fraction(0),) * len(inputs) if step.clock.between == "hold" else tuple(most)
 
 
-def _entering(plant: PlantStep, most: Mapping[str, Sequence[Fraction]]) -> dict[str, Entering]:
-    """What enters beside the method, each by its name, where it is not 0. Raises: `Unbounded`."""
+def _error_inputs(plant: PlantStep, most: Mapping[str, Sequence[Fraction]]) -> dict[str, ErrorInput]:
+    """Return the inputs of the error beside the method, each by its name, where it is not 0. Raises: `Unbounded`."""
     outputs, wrong, pushed = range(len(plant.form.output)), most["parameters"], most["disturbance"]
     change, by_parameters = plant.change(pushed), plant.by_parameters(wrong)
     moved, mistaken = times(change, pushed), times(by_parameters, wrong)
@@ -235,62 +225,64 @@ def _entering(plant: PlantStep, most: Mapping[str, Sequence[Fraction]]) -> dict[
     late = (tau * (v + plant.beside(j, beside)) for j, v, tau in zip(outputs, speeds, most["late"], strict=True))
     flow = {"steepness": plant.steepness} if any(beside) else {}
     each = {
-        "noise": Entering(Sizes(samples=tuple(most["noise"])), {"sizes": most["noise"]}),
-        "rounded": Entering(Sizes(samples=tuple(x / 2 for x in most["rounded"])), {"sizes": most["rounded"]}),
-        "late": Entering(Sizes(samples=tuple(late)), {"sizes": most["late"], "speeds": speeds}),
-        "disturbance": Entering(Sizes(beside=plant.disturbed(moved)), {"sizes": pushed, "rows": change, **flow}),
-        "parameters": Entering(
+        "noise": ErrorInput(Sizes(samples=tuple(most["noise"])), {"sizes": most["noise"]}),
+        "rounded": ErrorInput(Sizes(samples=tuple(x / 2 for x in most["rounded"])), {"sizes": most["rounded"]}),
+        "late": ErrorInput(Sizes(samples=tuple(late)), {"sizes": most["late"], "speeds": speeds}),
+        "disturbance": ErrorInput(Sizes(beside=plant.disturbed(moved)), {"sizes": pushed, "rows": change, **flow}),
+        "parameters": ErrorInput(
             Sizes(beside=plant.disturbed(mistaken)), {"sizes": wrong, "rows": by_parameters, **flow}
         ),
     }
     return {name: one for name, one in each.items() if one.sizes.largest}
 
 
-def _bounded(running: Running, entering: Mapping[str, Entering], real: Real | None) -> ErrorBound:
-    step, steps, plant, form = running.step, running.steps, running.plant, running.step.observer.form
-    error, fields = steps.error, running.fields
-    shares, proofs = list[Share](), dict[Sizes, dict[int, InputBound] | None]()
-    for name, one in entering.items():
-        entered = one.sizes
-        relative = entered.over(entered.largest)
-        if relative not in proofs:
-            proofs[relative] = running.bounds(relative)
-        known = proofs[relative]
-        if known is None:
-            return _unknown(step, because("no bound is found of what {name} does", name=name))
-        shares.append(Share(name, entered, entered.largest, known, one.follows))
+def _bounded(
+    step: Step, proof: Contracts, plant: PlantStep, most: Mapping[str, Sequence[Fraction]], real: Real | None
+) -> ErrorBound:
+    """Raises: `Unbounded`, `NoSolver`."""
+    assert isinstance(step.method, OnErrors)  # as a step is that is proved to contract
+    entering, error = _error_inputs(plant, most), proof.steps.error
+    scales, heads = error.scales(proof.steps.theta), heads_of(plant.form)
+    if scales is None or heads is None:
+        raise Unbounded(NO_SCALES)
+    method = step.method.beside(plant, error, proof.steps.theta)
+    entering |= {"method": method} if method.sizes.largest else {}
+    if not (entering or real):
+        raise Unbounded(because("nothing enters the error: that of the start decays, to nothing"))
+    running = Running(step, proof, plant, scales, heads)
+    shares, fields = _shares(running, entering), running.fields
     each_sample = zip(*(one.sizes.samples for one in entering.values() if one.sizes.samples), strict=True)
-    samples = [sum(each, Fraction(0)) for each in each_sample] or [Fraction(0)] * len(form.output)
-    start, without = start_of(step.observer, steps), _totals(fields, shares)
-    begun = _begun(running, start, without)
-    early, calls = without, 0
-    decayed: Mapping[int, Fraction] = {k: _CLOSE * without[k] for k in error.layout.picks}
+    samples = [sum(each, Fraction(0)) for each in each_sample] or [Fraction(0)] * len(plant.form.output)
+    start, early = start_of(step.observer, proof.steps), _totals(fields, shares)
+    begun, calls, left = _begun(running, start, early), 0, {k: _CLOSE * early[k] for k in error.layout.picks}
     if real:
         if isinstance(begun, Nothing):
             raise Unbounded(because("how much is rounded is not known: {why}", why=begun.reason))
         rounding = rounding_share(running, real, shares, *begun, samples)
-        early, calls, decayed = {k: without[k] + rounding.early[k] for k in fields}, rounding.calls, rounding.left
+        early, calls, left = {k: early[k] + rounding.early[k] for k in fields}, rounding.calls, {**rounding.left}
         shares.append(rounding.share)
         begun = _begun(running, start, early)
         if isinstance(begun, Nothing):
             raise Unbounded(because("with what is rounded at first, {why}", why=begun.reason))
-    left = room(running, samples, early)
-    if isinstance(begun, Nothing):
-        multiple, alone, own = None, False, Signed(unsettled=begun.reason)
-    else:
-        known_start, multiple = begun
-        alone = left is not None and _calls(running, *begun, left) < patient(step)
-        first = [min(multiple, Fraction(1)) * most for most in known_start.first]
-        own = Signed(
-            settles=step.dt * (_calls(running, *begun, decayed) + calls),
-            begins={x: number(most)[0] for x, most in zip(form.names, first, strict=True)},
-            everywhere=multiple >= 1,
-        )
-    return _stated(step, steps, shares, _totals(fields, shares), plant.margins, own, multiple, alone or left == {})
+    return _stated(running, shares, begun, room(running, samples, early), left, calls)
+
+
+def _shares(running: Running, entering: Mapping[str, ErrorInput]) -> list[Share]:
+    """The shares of what enters, by their names. Raises: `Unbounded`, `NoSolver`."""
+    shares, proofs = list[Share](), dict[Sizes, dict[int, InputBound] | None]()
+    for name, one in entering.items():
+        relative = one.sizes.over(one.sizes.largest)
+        if relative not in proofs:
+            proofs[relative] = running.bounds(relative)
+        known = proofs[relative]
+        if known is None:
+            raise Unbounded(because("no bound is found of what {name} does", name=name))
+        shares.append(Share(name, one.sizes, one.sizes.largest, known, one.follows))
+    return shares
 
 
 def _totals(fields: Sequence[int], shares: Sequence[Share]) -> dict[int, Fraction]:
-    """By field, the sum of the shares."""
+    """Return the sum of the shares by field."""
     return {k: sum((share.bound(k) for share in shares), Fraction(0)) for k in fields}
 
 
@@ -302,10 +294,10 @@ def _begun(
         return start
     left = {k: limit - totals[k] for k, limit in start.limits.items()}
     if min(left.values()) <= 0:
-        names, index = running.step.observer.form.names, running.steps.error.layout.index
+        names, index = running.step.observer.form.names, running.error.layout.index
         return Nothing(because(_MET, states=dict.fromkeys(names[index[k]] for k, most in left.items() if most <= 0)))
     rows = {k: of_state(start.scales, k) / rational(m) for k, m in left.items()}
-    clear = confined(running.steps, running.proof.h, start.corners, rows)
+    clear = confined(running.proof, start.corners, rows)
     return (start, 1 / max(clear.bounds.values())) if clear else Nothing(NO_WAY)
 
 
@@ -321,16 +313,17 @@ def _calls(running: Running, start: Start, multiple: Fraction, left: Mapping[int
 
 
 def _stated(
-    step: Step,
-    steps: Steps,
+    running: Running,
     shares: Sequence[Share],
-    totals: Mapping[int, Fraction],
-    inside: Sequence[Fraction],
-    own: Signed,
-    multiple: Fraction | None,
-    alone: bool,
+    begun: tuple[Start, Fraction] | Nothing,
+    room: Mapping[int, Fraction] | None,
+    left: Mapping[int, Fraction],
+    calls: int,
 ) -> ErrorBound:
-    form, picks = step.observer.form, steps.error.layout.picks
+    """The bound of these shares, from so many calls on after which no more than this is `left` of the start, by field;
+    `room`: what errors may be beside the bounds for no guard to act, None where one may."""
+    (own, multiple, alone), totals = _settled(running, begun, room, left, calls), _totals(running.fields, shares)
+    step, form, picks = running.step, running.step.observer.form, running.error.layout.picks
     names, slopes = form.names, slopes_of_states(form, [(1 + _CLOSE) * totals[k] for k in picks])
 
     def of(bound: Callable[[int], Fraction]) -> dict[str, float]:
@@ -348,7 +341,7 @@ def _stated(
         method = all(max(parts, key=lambda what: parts[what][x]) == "method" for x in beyond)
         return _unknown(step, because("{each:; }", each=vain), _SHORTER if method else _LESS)
     parts = dict(zip(parts, sizes, strict=True))
-    margins = {name: number(value)[1] for name, value in zip(names, inside, strict=True)}
+    margins = {name: number(value)[1] for name, value in zip(names, running.plant.margins, strict=True)}
     each = [
         Sentence.of(
             "{state} within {bound}, of which {of}",
@@ -359,10 +352,10 @@ def _stated(
         for x in bounds
     ]
     pattern = "{each:; }; while the plant keeps {margins} clear of the ends of its ranges"
-    said = because(pattern, each=[*each, *vain], margins=[Up(value, 2) for value in margins.values()])
-    reason = joined(said, _from(step, own, multiple), NONE if alone else because(_GUARDS))
+    held = because(pattern, each=[*each, *vain], margins=[Up(value, 2) for value in margins.values()])
+    reason = joined(held, _from(step, own, multiple), NONE if alone else because(_GUARDS))
     facts = {"method": step.code.rule, "dt": Fraction(step.dt), "shares": [share.written for share in shares]}
-    check = claimed(step.observer, "error", _claim(step, list(bounds) if vain else ()), reason, steps.error, facts)
+    check = claimed(step.observer, "error", _claim(step, list(bounds) if vain else ()), reason, running.error, facts)
     return ErrorBound(
         check,
         parts,
@@ -375,8 +368,29 @@ def _stated(
     )
 
 
+def _settled(
+    running: Running,
+    begun: tuple[Start, Fraction] | Nothing,
+    room: Mapping[int, Fraction] | None,
+    left: Mapping[int, Fraction],
+    calls: int,
+) -> tuple[Signed, Fraction | None, bool]:
+    """When the start has decayed, from how many times its first errors, and whether no guard acts."""
+    if isinstance(begun, Nothing):
+        return Signed(unsettled=begun.reason), None, room == {}
+    start, multiple = begun
+    alone = room is not None and _calls(running, start, multiple, room) < patient(running.step)
+    first = zip(running.plant.form.names, start.first, strict=True)
+    own = Signed(
+        settles=running.step.dt * (_calls(running, start, multiple, left) + calls),
+        begins={x: number(min(multiple, Fraction(1)) * most)[0] for x, most in first},
+        everywhere=multiple >= 1,
+    )
+    return own, multiple, alone or room == {}
+
+
 def _beyond(state: str, bound: float, width: float, parts: Mapping[str, float]) -> Sentence:
-    """That a bound says nothing, and what makes it so large."""
+    """Return that a bound says nothing, and what makes it so large."""
     what = max(parts, key=lambda each: parts[each])
     pattern = "{state} is unknown, as {bound} is more than its range is wide, {width}, and {what} alone has {size}"
     return Sentence.of(
@@ -385,7 +399,7 @@ def _beyond(state: str, bound: float, width: float, parts: Mapping[str, float]) 
 
 
 def _from(step: Step, own: Signed, multiple: Fraction | None) -> Reason:
-    """From when on it holds, and from which first errors."""
+    """Return from when on the bound holds, and from which first errors."""
     if own.settles is None or multiple is None:
         pattern = "once what is left of the start has decayed, for which no time is proved: {why}"
         return because(pattern, why=own.unsettled)
@@ -397,7 +411,7 @@ def _from(step: Step, own: Signed, multiple: Fraction | None) -> Reason:
 
 
 def _claim(step: Step, known: Sequence[str] = ()) -> str:
-    """Of every state, or of those that are named."""
+    """Return the claim about every state, or about those that are named."""
     which = f"of the states {', '.join(known)}" if known else "every state"
     return f"{running(step.observer, step.code.rule, step.dt)}, {which} is known within a bound, for ever"
 

@@ -19,15 +19,15 @@ import sympy as sp
 
 from hgogen.analysis.ranges import fixed
 from hgogen.analysis.scaling import heads, of_used
-from hgogen.certificates.contraction import claimed, contraction, running, theta_of
+from hgogen.certificates.contraction import claimed, contraction, running
 from hgogen.check import Check, ClaimId, Verdict
 from hgogen.form import Form
 from hgogen.observer import Observer, asks_an_observer
 from hgogen.prove.convergence import Falls, Flow
 from hgogen.prove.inclusion import NO_SCALES, Inclusion, Nothing, Uncertain, of_state
-from hgogen.prove.inequality import Contracts, Inputs, Steps, pushed
+from hgogen.prove.inequality import Contracts, Inputs, pushed
 from hgogen.prove.quadratic import floats, inverse_root, rational, stacked
-from hgogen.prove.questions import Driven, InputBound, input_bound, l2_bound, of_step
+from hgogen.prove.questions import Driven, InputBound, input_bound, l2_bound, obeyed, of_step, theta_of
 from hgogen.reading.given import Each, in_order, names_of, sizes
 from hgogen.rigor.box import exact
 from hgogen.rigor.outward import number
@@ -45,8 +45,8 @@ class NoiseGain:
     check: Check
 
     def bound(self, state: str, noise: Mapping[str, float]) -> float:
-        """How far the estimate of a state goes at most for noise of at most these sizes, by output: their shares add.
-        Rounding of samples to steps of q is noise of q/2.
+        """Return how far the estimate of a state goes at most for noise of at most these sizes, by output: their shares
+        add. Rounding of samples to steps of q is noise of q/2.
 
         Raises: `BadNames` for a state or an output that there is not; `BadGain` for what is no size.
         """
@@ -57,8 +57,8 @@ class NoiseGain:
 
 
 def noise_gain(step: Step) -> NoiseGain | Nothing:
-    """What noise does to the estimate of a step that is proved to contract; or why that is not known: of one that is
-    not, or whose chain has gains that are no numbers.
+    """Return what noise does to the estimate of a step that is proved to contract; or why that is not known: of one
+    that is not, or whose chain has gains that are no numbers.
 
     From elsewhere a bound is approached: where it is reached V = |e|_P^2 is 1, and what V is above that falls by
     alpha dt of itself at each call.
@@ -67,21 +67,21 @@ def noise_gain(step: Step) -> NoiseGain | Nothing:
     """
     demand_step(step, "noise_gain")
     known = contraction(step)
-    if known.steps is None or known.proof is None or not known.proof.alpha:
+    if known.proof is None or not known.proof.alpha:
         return Nothing(known.checks[0].reason)
-    return _noise_gain(step.observer, step.code.rule, step.dt, known.steps, known.proof)
+    return _noise_gain(step.observer, step.code.rule, step.dt, known.proof)
 
 
 @lru_cache(maxsize=32)
-def _noise_gain(observer: Observer, rule: str, dt: float, steps: Steps, proof: Contracts) -> NoiseGain | Nothing:
-    error, form = steps.error, observer.form
-    scales = error.scales(steps.theta)
+def _noise_gain(observer: Observer, rule: str, dt: float, proof: Contracts) -> NoiseGain | Nothing:
+    error, form = proof.steps.error, observer.form
+    scales = error.scales(proof.steps.theta)
     if scales is None:
         return Nothing(NO_SCALES)
     bounds: dict[tuple[int, int], InputBound] = {}
     for i, field in enumerate(error.layout.picks):
         for j in heads(form):
-            one = of_step(steps, proof.h, Inputs.of(steps.at(proof.h).ends(j)), of_state(scales, field), proof.alpha)
+            one = of_step(proof, Inputs.of(proof.step.ends(j)), of_state(scales, field))
             if one is None:
                 return Nothing(because("no bound is found of what noise of {y} does", y=form.system.outputs[j]))
             bounds[i, j] = one
@@ -90,11 +90,11 @@ def _noise_gain(observer: Observer, rule: str, dt: float, steps: Steps, proof: C
     gains |= {(form.names[i], outputs[j]): number(one.bound)[1] for (i, j), one in bounds.items()}
     at = running(observer, rule, dt)
     claim = f"{at}, noise of at most 1 at each sample moves the estimate by a bounded amount, whatever its course"
-    said = [
+    phrases = [
         Sentence.of("{state} by at most {gain} for 1 of {output}", state=state, gain=Up(gain, 3), output=output)
         for (state, output), gain in gains.items()
     ]
-    reason = because("{said}, in {arithmetic} arithmetic", said=said, arithmetic=steps.at(proof.h).arithmetic)
+    reason = because("{said}, in {arithmetic} arithmetic", said=phrases, arithmetic=proof.step.arithmetic)
     written = [{"state": i + 1, "output": j + 1, **one.written} for (i, j), one in bounds.items()]
     facts = {"method": rule, "dt": Fraction(dt), "bounds": written}
     return NoiseGain(gains, claimed(observer, "noise", claim, reason, error, facts))
@@ -148,7 +148,7 @@ def l2_gain(observer: Observer, *, noise: Each = None, disturbance: Each = None,
     bound = l2_bound([driven], inverse_root(floats(rational(known.falls.weights.P))))
     if bound is None:
         return L2Gain(None, _unknown(observer, "l2_gain", claim, _NO_V))
-    reason = because("at most {mu}, {inputs}, {while_}", mu=Up(bound.mu, 3), inputs=known.said, while_=_WHILE)
+    reason = because("at most {mu}, {inputs}, {while_}", mu=Up(bound.mu, 3), inputs=known.phrases, while_=_WHILE)
     facts = {"noise": known.noise, "beside": known.beside, "counts": weights, "mu": bound.mu, **bound.weights.written}
     return L2Gain(number(bound.mu)[1], claimed(observer, "l2_gain", claim, reason, known.error, facts))
 
@@ -172,8 +172,8 @@ def iss_gain(observer: Observer, *, noise: Each = None, disturbance: Each = None
     if len(bounds) < len(each):
         return IssGain({}, _unknown(observer, "iss_gain", claim, _NO_V))
     by_name = dict(zip(observer.form.names, bounds, strict=True))
-    said = [Sentence.of("{state} to {bound}", state=x, bound=Up(one.bound, 3)) for x, one in by_name.items()]
-    reason = because("{said}, {inputs}, {while_}", said=said, inputs=known.said, while_=_WHILE)
+    phrases = [Sentence.of("{state} to {bound}", state=x, bound=Up(one.bound, 3)) for x, one in by_name.items()]
+    reason = because("{said}, {inputs}, {while_}", said=phrases, inputs=known.phrases, while_=_WHILE)
     facts = {"noise": known.noise, "beside": known.beside, "bounds": [one.written for one in bounds]}
     gains = {x: number(one.bound)[1] for x, one in by_name.items()}
     return IssGain(gains, claimed(observer, "iss_gain", claim, reason, known.error, facts))
@@ -185,7 +185,7 @@ def iss_gain(observer: Observer, *, noise: Each = None, disturbance: Each = None
 @dataclass(frozen=True, eq=False)
 class _Known:
     """The `error` at `theta`, which `falls` without inputs; `driven` by the inputs (q), first those of the outputs, of
-    the sizes `noise` (p), then those `beside` in the form's rows, each (n); `scales` (N); and what is `said` of the
+    the sizes `noise` (p), then those `beside` in the form's rows, each (n); `scales` (N); and `phrases` of the
     inputs."""
 
     error: Inclusion
@@ -195,18 +195,18 @@ class _Known:
     noise: tuple[Fraction, ...]
     beside: tuple[tuple[Fraction, ...], ...]
     scales: tuple[Fraction, ...]
-    said: tuple[Sentence, ...]
+    phrases: tuple[Sentence, ...]
 
 
 def _known(observer: Observer, noise: Each, disturbance: Each) -> _Known | Reason:
-    """What is known of the error and of what enters, or why nothing is. Raises: `NoSolver`, `BadNames`, `BadGain`."""
+    """Return what is known of the error and of its inputs, or why nothing is. Raises: `NoSolver`, `BadNames`,
+    `BadGain`."""
     form, system = observer.form, observer.form.system
     noises = of_used(form, sizes("noise", noise, names_of(system.outputs)))
     disturbed = sizes("disturbance", disturbance, names_of(system.declared.states))
-    error: Inclusion | Nothing | None = observer.error
-    if error is None or isinstance(error, Nothing):
-        why = "the proof is for a constant injection: high_gain, filtered and the like, on chains"
-        return error.reason if error else because(why)
+    error = obeyed(observer)
+    if isinstance(error, Nothing):
+        return error.reason
     if not any((*noises, *disturbed)):
         return because("nothing enters the error: that of the start decays, to nothing")
     theta = theta_of(observer)
@@ -218,24 +218,22 @@ def _known(observer: Observer, noise: Each, disturbance: Each) -> _Known | Reaso
         return beside
     if flow.fastest is None or not flow.fastest.alpha:
         return flow.obstacle(form.states)
-    layout, columns = error.layout, list[np.ndarray]()
-    for row in beside:
-        fields = zip(scales, layout.index, layout.fed, strict=True)
-        columns.append(rational([-scale * row[i] * fed for scale, i, fed in fields]))
-    said = [*_said("noise of {y} of {size}", system.outputs, noises)]
-    said += _said("{y}' disturbed by {size}", system.declared.states, disturbed)
+    fields = [*zip(scales, error.layout.index, error.layout.fed, strict=True)]
+    columns = [rational([-scale * row[i] * fed for scale, i, fed in fields]) for row in beside]
+    phrases = _phrases("noise of {y} of {size}", system.outputs, noises)
+    phrases += _phrases("{y}' disturbed by {size}", system.declared.states, disturbed)
     noisy = error.at(theta).driven_by(rational(np.diag(noises))[:, [size > 0 for size in noises]])
     driven = noisy.disturbed(stacked(columns, len(scales)).T)
-    return _Known(error, theta, flow.fastest, driven, tuple(noises), beside, scales, tuple(said))
+    return _Known(error, theta, flow.fastest, driven, tuple(noises), beside, scales, tuple(phrases))
 
 
-def _said(pattern: str, signals: tuple[sp.Symbol, ...], sizes: list[Fraction]) -> list[Sentence]:
+def _phrases(pattern: str, signals: tuple[sp.Symbol, ...], sizes: list[Fraction]) -> list[Sentence]:
     pairs = zip(signals, sizes, strict=True)
     return [Sentence(pattern, (("y", str(signal)), ("size", float(size)))) for signal, size in pairs if size]
 
 
 def _beside(form: Form, sizes: list[Fraction]) -> tuple[tuple[Fraction, ...], ...] | Reason:
-    """By disturbance, what it is in the rows of the form (n); or why that is not known."""
+    """Return, by disturbance, what it is in the rows of the form (n); or why that is not known."""
     states, columns = form.system.declared.states, list[tuple[Fraction, ...]]()
     for x, size in zip(states, sizes, strict=True):
         if not size:

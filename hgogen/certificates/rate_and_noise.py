@@ -12,14 +12,14 @@ from typing import Annotated
 
 from hgogen import observers
 from hgogen.call import CallableStep, sample
-from hgogen.certificates.contraction import contraction, theta_of
+from hgogen.certificates.contraction import contraction
 from hgogen.certificates.input_gains import NoiseGain, noise_gain
 from hgogen.observer import Observer
 from hgogen.prove.convergence import Flow
 from hgogen.prove.gain_design import Gain
 from hgogen.prove.gain_design import gain as gain_for
 from hgogen.prove.inclusion import Nothing
-from hgogen.prove.questions import Bounds, noise_bounds
+from hgogen.prove.questions import Bounds, noise_bounds, theta_of
 from hgogen.step import StepTooLong
 
 _HALVINGS = 20  # of a dt that is refused
@@ -73,7 +73,7 @@ def designed(like: CallableStep, rate: float, argument: bool = False) -> Point:
 
 
 def _as_it_runs(point: Point, step: CallableStep, dt: float | None = None) -> Point:
-    """With what is proved of its step; of noise only where that has the dt that is asked for."""
+    """Return the point with what is proved of its step; of noise only where that has the dt that is asked for."""
     longest, noise = contraction(step).reach.longest, noise_gain(step) if dt in (None, step.dt) else None
     gains = noise.gains if isinstance(noise, NoiseGain) else {}
     return replace(point, longest=None if longest is None else float(longest), step=gains)

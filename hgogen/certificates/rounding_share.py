@@ -35,7 +35,6 @@ import casadi as ca
 import sympy as sp
 
 from hgogen.analysis.evidence import Evidence, text
-from hgogen.analysis.ranges import signals
 from hgogen.certificates.start_set import Running, Start
 from hgogen.discretisation.runge_kutta import RATE
 from hgogen.form import Form
@@ -61,7 +60,7 @@ _SAMPLES, _INPUTS = ("y_last", "y"), ("state", "work")  # at the last call, and 
 
 
 class Arithmetic(Protocol):
-    """What a walk asks of its values."""
+    """Operations that a walk asks of its values."""
 
     def held(self, number: float) -> Any:
         """A gain or a parameter of the program."""
@@ -70,7 +69,7 @@ class Arithmetic(Protocol):
         """A number that stands in the program."""
 
     def apply(self, op: int, values: list[Any]) -> Any:
-        """One operation, by CasADi's number of it. Raises: `Unsure`."""
+        """Return the value of one operation, by CasADi's number of it. Raises: `Unsure`."""
 
     def call(self, function: Graph, columns: Columns, body: Callable[[Columns], Columns]) -> Columns:
         """The columns that a function of the program gives, by its `body`. Raises: `Unsure`."""
@@ -106,8 +105,8 @@ def after_call(
 
 
 def rounding_errors(step: Step, real: Real, held: Sequence[Any], y: Sequence[Any], u: Sequence[Any]) -> list[Any]:
-    """By element of the observer's fields (N), how far a call leaves it from what exact arithmetic makes of the same:
-    of fields in the balls `held` (N), samples in `y` (p), now and at the last call, and inputs in `u` (m).
+    """Return, by element of the observer's fields (N), how far a call leaves it from what exact arithmetic makes of the
+    same: of fields in the balls `held` (N), samples in `y` (p), now and at the last call, and inputs in `u` (m).
 
     What a step remembers, samples and inputs are numbers of the working precision, the same in both; gains, parameters,
     constants and what `tune` computes of them are rounded.
@@ -120,7 +119,7 @@ def rounding_errors(step: Step, real: Real, held: Sequence[Any], y: Sequence[Any
 
 @lru_cache(maxsize=16)  # a program is walked on many pieces of the plant's ranges
 def _statements(method: Method, part: Ode, clock: Clock) -> tuple[Statement, ...]:
-    """Those of a call, one after the other."""
+    """Return the statements of a call, one after the other."""
     pieces = method.ode(part, clock)
     return tuple(_plain((*pieces.tune, *pieces.predict)))
 
@@ -151,7 +150,7 @@ _DIGITS = 40  # of a number that is no quotient
 
 @dataclass(frozen=True)
 class Operand:
-    """What a statement takes: by its `text`, and its value where it is a number."""
+    """An operand of a statement: its `text`, and its value where it is a number."""
 
     text: str
     number: Fraction | None = None
@@ -279,7 +278,7 @@ def _number(value: Fraction) -> Operand:
 
 
 def _unchanged(op: int, values: list[Operand]) -> Operand | None:
-    """What an operation leaves as it is, or makes of numbers without rounding."""
+    """Return the operand that an operation leaves as it is, or makes of numbers without rounding."""
     known = [each.number for each in values]
     if op in _TESTS and None not in known:
         return _number(Fraction(_TESTS[op](*known)))
@@ -376,21 +375,14 @@ def rounding_share(
     moves = [plant.h * rate for rate in rates]  # of a plant in a call, by row of its form
     sizes = _Sizing(running, real, samples, moves, speeds)
 
-    def moved(what: Sizes) -> tuple[dict[int, InputBound], dict[int, Fraction]]:
-        """The proofs of what such sizes do, over the largest, and what they say of each field."""
-        known = running.bounds(what)
-        if known is None:
-            raise Unbounded(because("no bound is found of what rounding does"))
-        return known, _of_share(what.largest, known, start.scales)
-
     wide = {k: others[k] + taken * begins[k] for k in every}
     first = sizes.beside(wide)
-    _, bounds = moved(first)
+    _, bounds = _bounded(running, first)
     most = _kept_to(lambda r: _times(sizes.beside({k: wide[k] + r * bounds[k] for k in every}), first))
     early = {k: most * bounds[k] for k in every}
     within = {k: _ROOM * others[k] + (1 + CLOSE) * early[k] for k in every}
     later = sizes.beside(within)
-    proofs, bounds = moved(later)
+    proofs, bounds = _bounded(running, later)
     left = {k: CLOSE * (others[k] + min(bounds[k], early[k])) for k in every}
     falls = min(one.alpha for one in proofs.values()) * running.proof.h
     calls = _calls(float(most * _times(first, later)), float(falls))
@@ -398,8 +390,16 @@ def rounding_share(
     return RoundingShare(share, early, left, calls)
 
 
+def _bounded(running: Running, sizes: Sizes) -> tuple[dict[int, InputBound], dict[int, Fraction]]:
+    """The proofs of what such sizes do, over the largest, and the bound of each field. Raises: `Unbounded`."""
+    known = running.bounds(sizes)
+    if known is None:
+        raise Unbounded(because("no bound is found of what rounding does"))
+    return known, _of_share(sizes.largest, known, running.scales)
+
+
 def _times(more: Sizes, less: Sizes) -> Fraction:
-    """How many times as much is rounded, in no field more. Raises: `Unbounded`."""
+    """Return how many times as much is rounded, in no field more. Raises: `Unbounded`."""
     if not all(less.fields):
         raise Unbounded(because("a field is not rounded"))
     return max(x / y for x, y in zip(more.fields, less.fields, strict=True))
@@ -423,8 +423,8 @@ def _calls(ratio: float, falls: float) -> int:
 
 
 def _of_share(unit: Fraction, proofs: Mapping[int, InputBound], scales: Sequence[Fraction]) -> dict[int, Fraction]:
-    """By field, how far inputs in a unit move its error: by its own proof, of one without by the least that others
-    say."""
+    """Return, by field, how far inputs in a unit move its error: by its own proof, of one without by the least that
+    others say."""
     P = [rational(one.weights.P) for one in proofs.values()]
     rows = {k: of_state(scales, k) for k in range(len(scales)) if k not in proofs}
     beside = {k: min(root(extent(each, c)) for each in P) for k, c in rows.items()}
@@ -433,8 +433,8 @@ def _of_share(unit: Fraction, proofs: Mapping[int, InputBound], scales: Sequence
 
 @dataclass(frozen=True)
 class _Sizing:
-    """How much a call rounds on the plant's ranges, with errors of its fields beside: the most of pieces of the ranges
-    of the first states, as what is injected is small where samples are those of the same piece."""
+    """The sizes of what a call rounds on the plant's ranges, with errors of its fields beside: the most of pieces of
+    the ranges of the first states, as what is injected is small where samples are those of the same piece."""
 
     running: Running
     real: Real
@@ -449,9 +449,9 @@ class _Sizing:
         return Sizes(fields=tuple(max(rhos) * e * SUMMED / Fraction(self.running.step.dt) for rhos, e in each))
 
     def follows(self, within: Sequence[Fraction]) -> Evidence:
-        """Of what the sizes follow where the error of each field (N) is within its bound, as a certificate has it;
-        empty where it cannot list the program."""
-        listing = listed(self.running.step, self.running.steps.error)
+        """Return the facts from which the sizes follow where the error of each field (N) is within its bound, as a
+        certificate has it; empty where it cannot list the program."""
+        listing = listed(self.running.step, self.running.error)
         if listing is None:
             return {}
         return {
@@ -467,8 +467,8 @@ class _Sizing:
         }
 
     def _on(self, ranges: Sequence[Side], errors: Sized) -> list[Fraction]:
-        """By field, on a piece. Raises: `Unbounded`."""
-        layout, held = self.running.steps.error.layout, []
+        """Return the rounding errors on a piece by field. Raises: `Unbounded`."""
+        layout, held = self.running.error.layout, []
         for k, (i, fed, e) in enumerate(zip(layout.index, layout.fed, self._remembered, strict=True)):
             low, high = ranges[i] if fed else (Fraction(0), Fraction(0))
             unit = self.running.scales[k] / e
@@ -493,7 +493,7 @@ class _Sizing:
 
     @cached_property
     def _remembered(self) -> Sequence[Fraction]:
-        known = self.running.steps.error.remembered(self.running.steps.theta)
+        known = self.running.error.remembered(self.running.proof.steps.theta)
         assert known is not None  # as `start.scales` is not
         return known
 
@@ -508,9 +508,9 @@ class _Sizing:
 
     @cached_property
     def _offsets(self) -> list[Side]:
-        """What each output is beside its first state times its slope. Raises: `Unbounded`."""
+        """Return the difference of each output from its first state times its slope. Raises: `Unbounded`."""
         form, offsets = self.running.step.observer.form, list[Side]()
-        where = box(signals(form), form.system.nominal)
+        where = form.box
         slopes = {output: form.states[i] * sp.Rational(slope) for output, (i, slope) in self.running.shown.items()}
         for j, row in enumerate(form.output):
             known = bound(sp.expand(row - slopes.get(j, 0)), where)

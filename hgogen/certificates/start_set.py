@@ -57,57 +57,60 @@ class StartSet:
 
 
 def start_set(step: Step) -> StartSet | Nothing:
-    """From which first errors a step that is proved to contract never comes to the limits of its estimate, without
-    noise; or why that is not known: of one that is not, of more than 8 states, of states without ranges, or whose chain
-    has gains that are no numbers.
+    """Return from which first errors a step that is proved to contract never comes to the limits of its estimate,
+    without noise; or why that is not known: of one that is not, of more than 8 states, of states without ranges, or
+    whose chain has gains that are no numbers.
 
     Raises: `NoSolver` without cvxpy; `NoStep`.
     """
     demand_step(step, "start_set")
     known = contraction(step)
-    if known.steps is None or known.proof is None:
+    if known.proof is None:
         return Nothing(known.checks[0].reason)
-    return _start_set(step.observer, step.code.rule, step.dt, known.steps, known.proof)
+    return _start_set(step.observer, step.code.rule, step.dt, known.proof)
 
 
 @dataclass(frozen=True, eq=False)
 class Running:
-    """A `step` that contracts by the `proof`, one of `steps`, of a `plant`; by field (N) the `scales` of its error, and
-    what outputs have `shown`."""
+    """A `step` that contracts by the `proof`, of a `plant`; by field (N) the `scales` of its error, and what outputs
+    have `shown`."""
 
     step: Step
-    steps: Steps
     proof: Contracts
     plant: PlantStep
     scales: Sequence[Fraction]
     shown: Heads
 
     @property
+    def error(self) -> Inclusion:
+        """The inclusion that the error obeys."""
+        return self.proof.steps.error
+
+    @property
     def fields(self) -> list[int]:
         """The fields that estimate a state."""
-        return [k for k, fed in enumerate(self.steps.error.layout.fed) if fed]
+        return [k for k, fed in enumerate(self.error.layout.fed) if fed]
 
     def bounds(self, sizes: Sizes) -> dict[int, InputBound] | None:
-        """What inputs of these sizes, over the largest of them, do to each field that estimates; None where that is not
-        proved of all. Raises: `NoSolver`."""
-        h, error = self.proof.h, self.steps.error
-        inputs = sizes.over(sizes.largest).inputs(self.steps.at(h), error, self.scales, self.shown)
+        """Return what inputs of these sizes, over the largest of them, do to each field that estimates; None where that
+        is not proved of all. Raises: `NoSolver`."""
+        inputs = sizes.over(sizes.largest).inputs(self.proof.step, self.error, self.scales, self.shown)
         rows = {k: of_state(self.scales, k) for k in self.fields}
-        tried = {k: of_step(self.steps, h, inputs, c, self.proof.alpha) for k, c in rows.items()}
+        tried = {k: of_step(self.proof, inputs, c) for k, c in rows.items()}
         known = {k: one for k, one in tried.items() if one}
         return known if len(known) == len(tried) else None
 
     def begins(self, start: "Start", fields: Iterable[int]) -> dict[int, Fraction]:
-        """How far each of these fields errs at most from a start, in the norm of the proof."""
+        """Return how far each of these fields errs at most from a start, in the norm of the proof."""
         rows = {k: of_state(self.scales, k) for k in fields}
         return reached(rational(self.proof.weights.P), start.corners, rows)
 
 
 @dataclass(frozen=True, eq=False)
 class Start:
-    """Where an estimate begins: by field (N) the `scales` of its error; the `first` errors (n) by state of the form, at
-    most; the `corners` (k, N) of these, one of each two that are opposite; by field that estimates, in the unit of its
-    state of the form, the `limits`: how far its outer box is from the ranges."""
+    """The beginning of an estimate: by field (N) the `scales` of its error; the `first` errors (n) by state of the
+    form, at most; the `corners` (k, N) of these, one of each two that are opposite; by field that estimates, in the
+    unit of its state of the form, the `limits`: how far its outer box is from the ranges."""
 
     scales: Sequence[Fraction]
     first: Sequence[Fraction]
@@ -143,14 +146,14 @@ def start_of(observer: Observer, steps: Steps) -> Start | Nothing:
 
 
 @lru_cache(maxsize=32)
-def _start_set(observer: Observer, rule: str, dt: float, steps: Steps, proof: Contracts) -> StartSet | Nothing:
-    start = start_of(observer, steps)
+def _start_set(observer: Observer, rule: str, dt: float, proof: Contracts) -> StartSet | Nothing:
+    start = start_of(observer, proof.steps)
     if isinstance(start, Nothing):
         return start
     rows = {k: of_state(start.scales, k) / rational(m) for k, m in start.limits.items()}
-    clear = confined(steps, proof.h, start.corners, rows)
-    picks = steps.error.layout.picks
-    each = (confined(steps, proof.h, start.corners, {k: of_state(start.scales, k)}) for k in picks)
+    clear = confined(proof, start.corners, rows)
+    picks = proof.steps.error.layout.picks
+    each = (confined(proof, start.corners, {k: of_state(start.scales, k)}) for k in picks)
     peaks = tuple(one for one in each if one)
     if clear is None or len(peaks) < len(picks):
         return Nothing(NO_WAY)
@@ -172,12 +175,13 @@ def _start_set(observer: Observer, rule: str, dt: float, steps: Steps, proof: Co
         "clear": {**clear.weights.written, "multiple": multiple, "limits": limits},
         "peaks": [{**one.weights.written, "bound": max(one.bounds.values())} for one in peaks],
     }
-    check = claimed(observer, "start", claim, because("without noise {each}", each=said), steps.error, facts)
+    check = claimed(observer, "start", claim, because("without noise {each}", each=said), proof.steps.error, facts)
     return StartSet(begun, number(multiple)[0], reached, check)
 
 
 def _first(observer: Observer, error: Inclusion) -> list[Fraction] | Nothing:
-    """By state of the form (n), the largest error at the start; none where fields of one state do not start alike."""
+    """Return, by state of the form (n), the largest error at the start; none where fields of one state do not start
+    alike."""
     begins = _in_form(observer, error, [value for field in _fields(observer) for value in field.initial])
     first = []
     for i, state in enumerate(observer.form.states):
@@ -190,7 +194,8 @@ def _first(observer: Observer, error: Inclusion) -> list[Fraction] | Nothing:
 
 
 def _limits(observer: Observer, error: Inclusion) -> dict[int, Fraction]:
-    """By field that estimates, in units of its state of the form, the distance of its outer box to the ranges."""
+    """Return, by field that estimates, in units of its state of the form, the distance of its outer box to the
+    ranges."""
     boxes = [ends for field in _fields(observer) for ends in field.box_within(LOST)]
     ends = [_in_form(observer, error, side) for side in zip(*boxes, strict=True)]
     limits = {}
@@ -209,7 +214,7 @@ def _of(error: Inclusion, state: int) -> list[int]:
 
 
 def _fields(observer: Observer) -> list[Field]:
-    """Those of the estimator, in the order of its errors."""
+    """Return the fields of the estimator, in the order of its errors."""
     return [field for part in observer.parts if isinstance(part, Ode) for field in part.fields]
 
 
@@ -226,9 +231,9 @@ _CLOSE = 1 - Fraction(1, 10**9)  # of a limit, which a program compares in float
 
 
 def room(running: Running, samples: Sequence[Fraction], totals: Mapping[int, Fraction]) -> dict[int, Fraction] | None:
-    """By field, what an error may be beside its bound of the `totals` for no guard to act; None where one may act with
-    no more than these. `samples` (p): by how much a sample may err."""
-    form, layout = running.step.observer.form, running.steps.error.layout
+    """Return, by field, what an error may be beside its bound of the `totals` for no guard to act; None where one may
+    act with no more than these. `samples` (p): by how much a sample may err."""
+    form, layout = running.step.observer.form, running.error.layout
     where = form.box
     for y, (low, high), size in zip(form.output, readings(form), samples, strict=True):
         known, width = bound(sp.sympify(y), where), high - low
@@ -243,7 +248,7 @@ def room(running: Running, samples: Sequence[Fraction], totals: Mapping[int, Fra
 
 
 def patient(step: Step) -> int:
-    """How many calls a sign that the estimate is lost may show for before it restarts."""
+    """Return for how many calls a sign that the estimate is lost may last before it restarts."""
     return min((math.floor(sign.time / step.dt * (1 - 1e-9)) for sign in step.code.signs), default=0)
 
 

@@ -15,13 +15,13 @@ from rich.text import Text
 
 import hgogen as hg
 from hgogen.call import CallableStep
-from hgogen.certificates.contraction import theta_of
 from hgogen.certificates.rate_and_noise import Point, designed, tuned
 from hgogen.commands.command import ModelArgument, ModelReport, Out, Tuned, command, numbers_in
 from hgogen.commands.output import Bar, Folder, Written, folder_of, headed, note, rendered
 from hgogen.model import Model, load
 from hgogen.modelfiles.setting import AS_WRITTEN, Setting
 from hgogen.prove.gain_design import Gain, NoGain
+from hgogen.prove.questions import theta_of
 from hgogen.run.continuous import Response, pace
 from hgogen.sentence import down, same, up
 

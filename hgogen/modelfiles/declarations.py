@@ -27,7 +27,7 @@ import sympy as sp
 from hgogen.errors import BadArgument
 from hgogen.modelfiles.setting import SEEDS
 from hgogen.prove.dissipation import BadErrorSystem, Dissipation, dissipation, error_system
-from hgogen.prove.plant_step import ENTERING
+from hgogen.prove.plant_step import ERROR_INPUTS
 from hgogen.reading.expression import parse
 from hgogen.reading.given import Misfit
 from hgogen.reading.text_model import EXPRESSION, NUMBER, TABLE, TEXT, BadModelFile, PlainModel, demand_keys, named
@@ -86,9 +86,9 @@ class Bounds:
 def bounds(declared: Any) -> Bounds:
     """Those that a file declares. Raises: `NoBounds`."""
     for what, value in declared.items() if isinstance(declared, Mapping) else [("bounds", declared)]:
-        sized = what in ENTERING and isinstance(value, Mapping)
+        sized = what in ERROR_INPUTS and isinstance(value, Mapping)
         if not (sized or (what == "real" and value in REALS) or (what == _GAINS and isinstance(value, bool))):
-            kinds = f"a mapping from some of {', '.join(ENTERING)} to sizes by name"
+            kinds = f"a mapping from some of {', '.join(ERROR_INPUTS)} to sizes by name"
             raise NoBounds(f"{what} = {value!r}", f"make it {kinds}, real a precision, {_GAINS} true or false")
     sizes = {what: value for what, value in declared.items() if what != _GAINS}
     return Bounds(sizes, declared.get(_GAINS, False))

@@ -34,6 +34,7 @@ import math
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, replace
 from fractions import Fraction
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -43,7 +44,8 @@ from hgogen.errors import HgogenError
 from hgogen.estimators.integrators import companion, integrators
 from hgogen.form import Form
 from hgogen.prove.inclusion import Nothing
-from hgogen.prove.semidefinite import solution_of, solver
+from hgogen.prove.quadratic import Array
+from hgogen.prove.semidefinite import program, symmetric
 from hgogen.prove.varying_gain import Disturbance, candidate, facts, share_of, steepness
 from hgogen.prove.varying_gain import disturbance as as_disturbance
 from hgogen.reading.given import BadGain, Misfit, positive, real, reals
@@ -56,7 +58,7 @@ _STEPS = 12  # of a search on a grid, and of the one inside its best cells
 
 @dataclass(frozen=True)
 class Task:
-    """What is asked of a chain of `n` integrators with the slope k.
+    """The task of a gain for a chain of `n` integrators with the slope k.
 
     `bounds`: "sigma", "largest" of |Y|, and what "gamma" and "mu" may be at most, inf for no bound; `deltas` None
     without a disturbance; `K` (n, 1) where the gain is given and only P is sought; D P + P D >= `margin` lambda;
@@ -75,6 +77,12 @@ class Task:
         """The task with another bound of that name."""
         return replace(self, bounds={**self.bounds, name: value})
 
+    def unknown(self, x: Array) -> tuple[Array, Array]:
+        """P and Y = P K, of the first of the variables x."""
+        p = self.n * (self.n + 1) // 2
+        P = symmetric(x[:p], self.n)
+        return P, x[p : p + self.n, None] if self.K is None else P @ self.K
+
 
 @dataclass(frozen=True)
 class Optimum:
@@ -86,12 +94,10 @@ class Optimum:
     mu: float
 
 
-def best(cp: Any, task: Task) -> Optimum | None:
+def best(task: Task) -> Optimum | None:
     """The smallest gamma, or mu where there is a disturbance, within the bounds; None where the solver finds none.
-
-    `cp`: `lmi.solver`.
-    """
-    optimum = _fractional(cp, task)
+    Raises: `NoSolver`."""
+    optimum = _optimum(task)
     if optimum is None or optimum.gamma > task.bounds["gamma"]:
         return None
     if task.deltas is None:
@@ -100,7 +106,7 @@ def best(cp: Any, task: Task) -> Optimum | None:
     high = min(task.bounds["gamma"], _REACH * low)
     if low > high:
         return None
-    at = _attenuation(cp, task)
+    at = partial(_optimum, task)
     grid = np.geomspace(low, high, _STEPS).tolist()
     tried = [at(gamma) for gamma in grid]
     place = int(np.argmin([math.inf if one is None else one.mu for one in tried]))
@@ -109,61 +115,35 @@ def best(cp: Any, task: Task) -> Optimum | None:
     return min(each, key=lambda one: one.mu, default=None)
 
 
-def _fractional(cp: Any, task: Task) -> Optimum | None:
-    """(88) by one program in P/t, Y/t, with lambda/t = 1/2."""
-    t, peak = cp.Variable(nonneg=True), cp.Variable()
-    P, Y = _unknown(cp, task)
-    limits = _limits(cp, task, P, Y, peak, 0.5, t)
-    problem = cp.Problem(cp.Minimize(4 * task.slope * peak + t), limits)
-    value = solution_of(cp, problem, P)
-    if value is None or not t.value > 0:
+def _optimum(task: Task, gamma: float | None = None) -> Optimum | None:
+    """(88) by one program in P/t, Y/t, with lambda/t = 1/2; or (89) at a gamma: the smallest s, and what it gives."""
+    n, p = task.n, task.n * (task.n + 1) // 2
+    A, C, D, one = np.diag(np.ones(n - 1), 1), np.eye(1, n), np.diag(np.arange(1.0, n + 1)), np.eye(n)
+    largest, free = task.bounds["largest"], 0 if task.K is not None else n
+
+    def blocks(x: Array) -> list[Array]:
+        """(54), D P + P D >= 0, P <= peak I, |Y| <= largest; for (89) lambda gamma >= .., (87)."""
+        (P, Y), (peak, decay, last) = task.unknown(x), (x[-2], 0.5, x[-1]) if gamma is None else x[-3:]
+        turned, scale = D @ P + P @ D, last if gamma is None else 1.0
+        phi = A.T @ P + P @ A - Y @ C - C.T @ Y.T + task.bounds["sigma"] * turned + decay * one
+        limits = [P, -phi, turned - task.margin * decay * one, peak * one - P, np.full((1, 1), last)]
+        if largest < math.inf:
+            limits.append(largest * scale * np.eye(n + 1) + np.block([[0 * one, Y], [Y.T, np.zeros((1, 1))]]))
+        if gamma is not None and task.deltas is not None:
+            first, second = map(math.sqrt, task.deltas)
+            columns = np.hstack([first * P, second * Y])
+            above = np.full((1, 1), 2 * gamma * decay - 4 * task.slope * peak - 1)
+            limits += [above, np.block([[-phi, columns], [columns.T, last * np.eye(n + 1)]])]
+        return limits
+
+    goal = np.array([*[0.0] * (p + free), *((4 * task.slope, 1.0) if gamma is None else (0.0, 0.0, 1.0))])
+    x = program(goal, blocks, "the design of an adaptive gain")
+    if x is None or not x[-1] > 0:
         return None
-    return Optimum(value / t.value, np.asarray(Y.value) / t.value, max(1.0, float(problem.value)), math.inf)
-
-
-def _attenuation(cp: Any, task: Task) -> Callable[[float], Optimum | None]:
-    """(89) at a gamma: the smallest s, and what it gives."""
-    assert task.deltas is not None
-    n, (first, second) = task.n, map(math.sqrt, task.deltas)
-    P, Y = _unknown(cp, task)
-    peak, decay, s, level = cp.Variable(), cp.Variable(), cp.Variable((1, 1)), cp.Parameter(nonneg=True)
-    phi, zero = _phi(task, P, Y, decay), np.zeros((n, 1))
-    rows = [[-phi, first * P, second * Y], [first * P, s[0, 0] * np.eye(n), zero], [second * Y.T, zero.T, s]]
-    limits = [*_limits(cp, task, P, Y, peak, decay, 1.0), 4 * task.slope * peak + 1 <= 2 * level * decay]
-    problem = cp.Problem(cp.Minimize(s[0, 0]), [*limits, cp.bmat(rows) >> 0])
-
-    def at(gamma: float) -> Optimum | None:
-        level.value = gamma
-        value = solution_of(cp, problem, P)
-        if value is None or not s.value[0, 0] > 0:
-            return None
-        return Optimum(value, np.asarray(Y.value), gamma, math.sqrt(2 * float(s.value[0, 0])) * gamma**n)
-
-    return at
-
-
-def _unknown(cp: Any, task: Task) -> tuple[Any, Any]:
-    """P and Y = P K."""
-    P = cp.Variable((task.n, task.n), PSD=True)
-    return P, cp.Variable((task.n, 1)) if task.K is None else P @ task.K
-
-
-def _phi(task: Task, P: Any, Y: Any, decay: Any) -> Any:
-    n = task.n
-    A, C, D = np.diag(np.ones(n - 1), 1), np.eye(1, n), _powers(n)
-    return A.T @ P + P @ A - Y @ C - C.T @ Y.T + task.bounds["sigma"] * (D @ P + P @ D) + decay * np.eye(n)
-
-
-def _limits(cp: Any, task: Task, P: Any, Y: Any, peak: Any, decay: Any, scale: Any) -> list[Any]:
-    """(54), D P + P D >= 0, P <= peak I, |Y| <= largest."""
-    one, D, largest = np.eye(task.n), _powers(task.n), task.bounds["largest"]
-    limits = [_phi(task, P, Y, decay) << 0, D @ P + P @ D >> task.margin * decay * one, P << peak * one]
-    return limits if math.isinf(largest) else [*limits, cp.norm(Y) <= largest * scale]
-
-
-def _powers(n: int) -> np.ndarray:
-    """D."""
-    return np.diag(np.arange(1.0, n + 1))
+    P, Y = task.unknown(x)
+    if gamma is None:
+        return Optimum(P / x[-1], Y / x[-1], max(1.0, float(goal @ x)), math.inf)
+    return Optimum(P, Y, gamma, math.sqrt(2 * float(x[-1])) * gamma**n)
 
 
 _FORM = "a form: hg.forms.triangular(plant)"
@@ -245,12 +225,11 @@ def adaptive_gain(
     deltas = None if disturbed is None else (float(disturbed.deltas[0]), float(disturbed.deltas[1]))
     steep = 0.0 if slope is None else float(slope)
     task = Task(count, steep, bounds, deltas, None if K is None else _column(K, count), _MARGINS[0])
-    cp = solver("the design of an adaptive gain")
-    task = _where_needed(cp, n, task, disturbed) if isinstance(n, Form) else task
-    design = _designed(cp, task, disturbed)
+    task = _where_needed(n, task, disturbed) if isinstance(n, Form) else task
+    design = _designed(task, disturbed)
     if design is None:
         finite = {name: value for name, value in bounds.items() if value < math.inf}
-        raise Infeasible(count, finite, _enough(cp, task, disturbed, finite))
+        raise Infeasible(count, finite, _enough(task, disturbed, finite))
     return design
 
 
@@ -275,7 +254,7 @@ def _count(n: Any, slope: Any) -> int:
     return n
 
 
-def _where_needed(cp: Any, form: Form, task: Task, disturbance: Disturbance | None) -> Task:
+def _where_needed(form: Form, task: Task, disturbance: Disturbance | None) -> Task:
     """The task with the form's slope from the gamma on that gives the best design, all but mu's bound kept.
 
     k(gamma) falls as gamma grows: where the bound of a design is above the gamma of its slope, a larger gamma serves,
@@ -285,7 +264,7 @@ def _where_needed(cp: Any, form: Form, task: Task, disturbance: Disturbance | No
 
     def at(gamma: float) -> tuple[Task, Design | None]:
         variant = replace(free, slope=slope(form, gamma), least=gamma)
-        return variant, _designed(cp, variant, disturbance)
+        return variant, _designed(variant, disturbance)
 
     starts = _STARTS if math.isinf(task.bounds["gamma"]) else (max(1.0, task.bounds["gamma"]),)
     tried = map(at, starts)
@@ -299,21 +278,21 @@ def _where_needed(cp: Any, form: Form, task: Task, disturbance: Disturbance | No
         if tried_design is None:
             low = middle
             continue
-        if _worth(tried_design) < _worth(design):
+        if _objective(tried_design) < _objective(design):
             chosen, design = variant, tried_design
         low, high = (low, middle) if tried_design.gamma <= middle else (middle, min(high, float(tried_design.gamma)))
     return replace(chosen, bounds=task.bounds)
 
 
-def _worth(design: Design) -> Fraction:
+def _objective(design: Design) -> Fraction:
     """The bound that the best design has smallest: that of mu, or without a disturbance that of gamma."""
     return design.gamma if design.mu is None else design.mu
 
 
-def _designed(cp: Any, task: Task, disturbance: Disturbance | None) -> Design | None:
+def _designed(task: Task, disturbance: Disturbance | None) -> Design | None:
     """The best design within the bounds that is proved, in few digits if they are enough; None where there is none."""
     for margin in _MARGINS:
-        optimum = best(cp, replace(task, margin=margin))
+        optimum = best(replace(task, margin=margin))
         if optimum is None:
             return None
         rounded = (_rounded(task, optimum, disturbance, digits) for digits in _DIGITS)
@@ -377,13 +356,13 @@ def _short(value: float, digits: int) -> float:
     return float(f"{value:.{digits}g}")
 
 
-def _enough(cp: Any, task: Task, disturbance: Disturbance | None, names: Iterable[str]) -> dict[str, str]:
+def _enough(task: Task, disturbance: Disturbance | None, names: Iterable[str]) -> dict[str, str]:
     """The value that would do of each bound that alone is in the way, by its name."""
     enough = {}
     for name in names:
 
         def at(value: float, name: str = name) -> Design | None:
-            return _designed(cp, task.bounded(name, value), disturbance)
+            return _designed(task.bounded(name, value), disturbance)
 
         loosest = at(0.0 if name == "sigma" else math.inf)
         if loosest is None:

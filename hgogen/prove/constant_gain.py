@@ -57,7 +57,7 @@ def sample_in_place(form: Form) -> tuple[sp.Expr, ...]:
 
 
 def numbers_in_place(form: Form) -> list[float]:
-    """The same at the nominal parameters."""
+    """Return these entries at the nominal parameters."""
     return [float(sp.sympify(entry).subs(form.system.nominal)) for entry in sample_in_place(form)]
 
 
@@ -93,7 +93,8 @@ def bounded(error: Inclusion | Nothing, form: Form) -> Inclusion | Nothing:
 
 
 def _by_field(form: Form, error: Inclusion, N: np.ndarray) -> list[list[Fraction]] | Reason:
-    """What stands in the place of the error of each field (n, n): of it and of the first states of the chains."""
+    """Return what b reads in the place of the error of each field (n, n): of it and of the first states of the
+    chains."""
     rows = [list(of_field(i, form.n)) for i in range(form.n)]
     for k, chain in ((k, chains(form)[k]) for k in form.leads):
         head = form.heads[k]
@@ -142,12 +143,8 @@ def constant_gain(
     as of `inclusion`. Raises: `BadGain`, `BadPoles`, `NotHurwitz`."""
     if (poles is None) == (gains is None):
         raise BadGain(observer, "takes either the poles of A - K C or the gains K; give one of the two")
-    each = constant_chains(observer, form)
-    return (
-        _placed(form, each, poles, weights, endless)
-        if gains is None
-        else _from_gains(form, each, gains, weights, endless)
-    )
+    make, numbers = (_placed, poles) if gains is None else (_from_gains, gains)
+    return make(form, constant_chains(observer, form), numbers, weights, endless)
 
 
 def _placed(
@@ -218,7 +215,7 @@ def _groups(what: str, gains: Any, each: Sequence[Chain]) -> Iterator[tuple[Sequ
 
 
 def _shape(values: Any) -> tuple[int, ...]:
-    """That of an array, () of what is none, as rows of different lengths are not."""
+    """Return the shape of an array, () of what is none, as rows of different lengths are not."""
     try:
         return np.shape(values)
     except ValueError:
@@ -226,7 +223,8 @@ def _shape(values: Any) -> tuple[int, ...]:
 
 
 def _stacked(ends: list[np.ndarray]) -> np.ndarray:
-    """Each group's matrices (k_i, n_i, n_i) along the diagonal; all eigenvalues are there, not all combinations."""
+    """Return each group's matrices (k_i, n_i, n_i) along the diagonal; all eigenvalues are there, not all
+    combinations."""
     n, most = sum(each.shape[1] for each in ends), max(map(len, ends))
     stacked = np.zeros((most, n, n))
     for each, (head, end) in zip(ends, pairwise(np.cumsum([0, *(each.shape[1] for each in ends)])), strict=True):

@@ -1,6 +1,4 @@
-"""What is said of a bound, above which every theta converges, by whichever proof, or where there is none.
-
-One norm in which an error falls, whatever its slopes: in continuous time, at a theta, and from which theta on.
+"""One norm in which an error falls, whatever its slopes: in continuous time, at a theta, and from which theta on.
 
     V = e'P e,   V' <= -alpha V:   M'P + P M + alpha P < 0   for every M = M_0 + G diag(d) H, |d_j| <= 1
 
@@ -17,7 +15,7 @@ from there, and proved where that ends. A solver finds P and S, rationals prove 
 than it is asked for, P is one that is at hand, or that of large theta alone, N'P + P N = -I with all that moves in N at
 its middle: it may serve too, from a larger theta on.
 
-One norm for slopes of one sign that have no other end, in continuous time.
+Slopes of one sign may have no other end:
 
     e' = M e + G p - sum_k s_k onto_k q_k,   q_k = d_k reads_k e,   d_k >= 0 of any size,   V = e'P e
 
@@ -30,11 +28,9 @@ V' loses 2 lambda_k (reads_k e)^2 d_k, however large d_k is: what makes V fall w
 falls wherever e is asks for a slope in the last of two states of a chain, N between 0 and a bound, or in its only one:
 from longer chains to what b reads the response is not strictly positive. P keeps to these equations exactly: it is a
 sum of rational matrices that do, of which a solver finds the shares, rounded, and rationals prove the rest as
-`common_norm` does. What b reads nothing of, reads_k = 0, asks for nothing. An h of a degree above -1 has the sign that
+above. What b reads nothing of, reads_k = 0, asks for nothing. An h of a degree above -1 has the sign that
 makes the set of slopes shrink as theta grows, so that a P that serves a theta serves larger ones. Source: Arcak,
 Kokotovic, "Nonlinear observers: a circle criterion design and robustness analysis", Automatica 37 (2001), theorem 1.
-
-What an observer of a constant injection claims of its gain theta, by one norm for all slopes in continuous time.
 """
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -87,7 +83,7 @@ def nothing(maker: str, theta: float, why: Reason) -> tuple[Check, Check]:
 
 
 def decays(rate: float, during: str = "") -> Reason:
-    """That the error decays at a rate, or does `during` some times alone."""
+    """Return that the error decays at a rate, or does `during` some times alone."""
     pattern = "the error decays at least like exp(-{rate} t) while the estimate keeps to its outer box"
     decay = because(pattern, rate=Down(rate, 2))
     return because("{during} {decay}", during=during, decay=decay) if during else decay
@@ -132,9 +128,9 @@ class Falls:
 
 
 @dataclass(frozen=True, eq=False)
-class Moved:
-    """What a gain that moves makes of e' = M e: `shift` comes to M over theta; `cores` N, of which e' = theta N e is
-    without b; and `ways` W, where W e comes to e' besides, times any share >= 0. All of FLINT's rationals."""
+class GainVariation:
+    """The effect of a time-varying gain on e' = M e: `shift` comes to M over theta; `cores` N, of which e' = theta N e
+    is without b; and `ways` W, where W e comes to e' besides, times any share >= 0. All of FLINT's rationals."""
 
     shift: Array
     cores: tuple[Array, ...] = ()
@@ -143,7 +139,7 @@ class Moved:
     def forms(
         self, e: Uncertain, theta: Fraction, alpha: Any, hull: Sequence[Sequence[Fraction]]
     ) -> Iterator[Quadratic]:
-        """Those of `falling`, and those of what is beside, which are as large."""
+        """Yield the forms of `falling`, and those of the other terms, which are as large."""
         known = floats if e.M.dtype == float else np.asarray
         shifted = falling(replace(e, M=e.M + known(self.shift * number(theta))), alpha, hull)
         yield from shifted
@@ -155,48 +151,23 @@ class Moved:
             yield flow(replace(still, M=known(way * number(theta)))).falls(NOW)
 
 
-def worth_trying(last: Fraction, first: Fraction, declared: Fraction) -> Iterator[Fraction]:
-    """Thetas at which a proof is tried, of which floats know it from `last` to `first`: short ones, from the smallest
-    on; below the declared one where that is the first."""
-    tried = [Fraction(up(last * share, 3)) for share in _BEYOND] + [first * share for share in _BELOW] + [first]
-    return (theta for theta in tried if first > declared or theta < first)
-
-
-STILL = Moved(rational([[0]]))  # of a constant gain
+STILL = GainVariation(rational([[0]]))  # of a constant gain
 
 
 @dataclass(frozen=True)
-class FunctionSearch:
+class Flow:
     """The `error` of an observer in continuous time, for which functions that fall are sought, at `theta` and beyond.
-    `how`: what they are. A kind of function says which weights it has in floats at a theta and an alpha (`_weights`),
-    which thetas and alphas these serve (`_thetas`, `_alphas`), and what it proves there (`at`)."""
+
+    `how`: what they are; here norms, of an observer whose gain varies by its `variation`. `first` (n, n): a P > 0 in
+    floats that may serve. Another kind of function says which weights it has in floats at a theta and an alpha
+    (`_weights`), which thetas and alphas these serve (`_thetas`, `_alphas`), and what it proves there (`at`)."""
 
     error: Inclusion
     theta: Fraction
     how: str = "one norm"
+    variation: GainVariation = STILL
+    first: Array | None = None
     close: ClassVar[tuple[float, float]] = (1.02, 1.1)  # where a search for weights ends: for theta, for a rate
-
-    def at(self, theta: Fraction, alpha: Fraction = NOW) -> Falls | None:
-        """A proof of that rate at a theta; None where none is found."""
-        raise NotImplementedError
-
-    @property
-    def missing(self) -> Reason:
-        """Why there is a proof at no theta."""
-        raise NotImplementedError
-
-    def obstacle(self, states: Sequence[Any]) -> Reason:
-        """Why there is none at theta."""
-        raise NotImplementedError
-
-    def _weights(self, theta: Fraction, alpha: Fraction = NOW) -> Any:
-        raise NotImplementedError
-
-    def _thetas(self, by: Any) -> Callable[[Fraction], bool]:
-        raise NotImplementedError
-
-    def _alphas(self, by: Any) -> Callable[[Fraction], bool]:
-        raise NotImplementedError
 
     @cached_property
     def fastest(self) -> Falls | None:
@@ -215,18 +186,21 @@ class FunctionSearch:
     def least(self) -> Falls | None:
         """A proof at a theta close to the least, which is below the one at hand where there are weights at that; None
         where none is found."""
-        first = self._first
+        thetas = (self.theta * FACTOR**k for k in range(1, TIMES))
+        later = ((theta, weights) for theta in thetas if (weights := self._weights(theta)) is not None)
+        first = (self.theta, self._known) if self._known is not None else next(later, None)
         if first is None:
             return None
         theta, weights = first
         lowest = self.theta if theta > self.theta else min(LOWEST, theta / 2)
         end = farthest(lambda at: self._slowest(at)[0] < 0, theta, lowest, CLOSE)
         last = _reached(theta, end, weights, self._thetas, self._weights, self.close[0])
-        return next(filter(None, map(self.at, worth_trying(last, theta, self.theta))), None)
+        tried = [Fraction(up(last * share, 3)) for share in _BEYOND] + [theta * share for share in _BELOW] + [theta]
+        return next(filter(None, (self.at(one) for one in tried if theta > self.theta or one < theta)), None)
 
     @property
     def _most(self) -> Fraction:
-        """What no alpha at theta exceeds."""
+        """A bound of every alpha at theta."""
         return Fraction(-2 * self.slowest[0])
 
     def unstable(self, states: Sequence[Any]) -> Reason:
@@ -242,19 +216,8 @@ class FunctionSearch:
         return self._weights(self.theta) if self.slowest[0] < 0 else None
 
     @cached_property
-    def _first(self) -> tuple[Fraction, Any] | None:
-        """The first theta from the one at hand on at which there are weights, and these."""
-        if self._known is not None:
-            return self.theta, self._known
-        for k in range(1, TIMES):
-            weights = self._weights(self.theta * FACTOR**k)
-            if weights is not None:
-                return self.theta * FACTOR**k, weights
-        return None
-
-    @cached_property
     def _moving(self) -> Callable[[Fraction], Uncertain]:
-        """What the error obeys at a theta, once for the last ones, as each is asked for at several rates."""
+        """The system that the error obeys at a theta, once for the last ones, as each is asked for at several rates."""
         return lru_cache(maxsize=_THETAS)(self.error.at)
 
     def _slowest(self, theta: Fraction) -> tuple[float, Array]:
@@ -266,17 +229,8 @@ class FunctionSearch:
 
     @cached_property
     def slowest(self) -> tuple[float, Array]:
-        """That at theta."""
+        """The slowest corner at theta."""
         return self._slowest(self.theta)
-
-
-@dataclass(frozen=True)
-class Flow(FunctionSearch):
-    """Norms for an `error`; of an observer whose gain moves, what else it obeys where it is `moved`. `first` (n, n): a
-    P > 0 in floats that may serve."""
-
-    moved: Moved = STILL
-    first: Array | None = None
 
     def _thetas(self, by: Any) -> Callable[[Fraction], bool]:
         P, S = by
@@ -293,7 +247,7 @@ class Flow(FunctionSearch):
         if held:
             return held
         try:
-            most = self._hindrance
+            most = self._hindrance()
         except NoSolver as missing:
             return missing.reason
         if most is None or most.entry is None:
@@ -315,7 +269,6 @@ class Flow(FunctionSearch):
             "no norm is found in which the linear part of the error falls, whatever moves in it"
         )
 
-    @cached_property
     def _hindrance(self) -> Slope | None:
         """The slope of b whose narrowing would bring the forms at theta nearest to being negative."""
         forms = self._floats(self.theta, Fraction(0))
@@ -401,7 +354,7 @@ class Flow(FunctionSearch):
         return self._forms(self._moving(theta).floats, theta, float(alpha))
 
     def _forms(self, e: Uncertain, theta: Fraction, alpha: Any) -> tuple[Quadratic, ...]:
-        return tuple(self.moved.forms(e, theta, alpha, self.error.hull))
+        return tuple(self.variation.forms(e, theta, alpha, self.error.hull))
 
     @cached_property
     def _coordinates(self) -> Array | None:
@@ -417,8 +370,8 @@ def _reached(
     seek: Callable[[Fraction], Any],
     close: float,
 ) -> Fraction:
-    """How far from the start towards the end there are weights: first as far as those reach that are known, and from
-    there again with those that are sought there; then by halving."""
+    """Return how far from the start towards the end there are weights: first as far as those reach that are known, and
+    from there again with those that are sought there; then by halving."""
     for _ in range(_ROUNDS):
         value = farthest(serving(weights), start, end, CLOSE)
         better = seek(value) if not 1 / _STEP < value / start < _STEP else None
@@ -468,7 +421,7 @@ class OneSided(Flow):
             whole = sum(
                 (share * one for share, one in zip(on_grid(y, bits), self._basis, strict=True)), 0 * self._basis[0]
             )
-            if self._signed(whole) and verified(forms, whole, multipliers):
+            if all(share >= 0 for share in self._lambdas(whole)) and verified(forms, whole, multipliers):
                 return Weights.of(whole, multipliers)
         return None
 
@@ -490,10 +443,6 @@ class OneSided(Flow):
                 rows.append([*((unit @ onto)[i] for unit in units), *along])
         null = _null(rows, len(units) + len(slopes))
         return tuple(sum((x * unit for x, unit in zip(row, units, strict=False)), 0 * units[0]) for row in null)
-
-    def _signed(self, P: Array) -> bool:
-        """Whether every s_k lambda_k has the sign that it has to."""
-        return all(share >= 0 for share in self._lambdas(P))
 
     def _lambdas(self, P: Array) -> Iterator[Any]:
         """The lambda_k, in the arithmetic of P, of one that keeps to the equations."""
@@ -541,7 +490,7 @@ class FromTheta:
         return self.falls.theta
 
     def evidence(self, form: Form) -> Evidence | None:
-        """How the slopes are bounded, theta, and the P and S at it."""
+        """Return how the slopes are bounded, theta, and the P and S at it."""
         function = self.falls.written
         return None if function is None else {"error": self.error, "least": self.theta, **function}
 
@@ -567,33 +516,33 @@ def theta_checks(maker: str, form: Form, theta: float, error: Inclusion | Nothin
 
 
 def claims(
-    maker: str, form: Form, flow: FunctionSearch, numbers: Mapping[str, Any], name: str = "theta", during: str = ""
+    maker: str, form: Form, flow: Flow, numbers: Mapping[str, Any], name: str = "theta", during: str = ""
 ) -> tuple[Check, Check]:
-    """The same of an observer of these numbers, theta the gain of that name; the error decays `during` some times."""
+    """Return these claims of an observer of these numbers, theta the gain of that name; the error decays `during` some
+    times."""
+    theta = float(flow.theta)
     try:
-        return _claims(maker, form, flow, numbers, name, during)
+        least = flow.least
+        sufficient = least is not None and least.theta < flow.theta
+        fastest = flow.fastest if sufficient else None
+        why = NONE if sufficient else flow.missing if least is None else flow.obstacle(form.states)
     except OverflowError:
-        return nothing(maker, float(flow.theta), because("the numbers of a proof are beyond the range of doubles"))
-
-
-def _claims(
-    maker: str, form: Form, flow: FunctionSearch, numbers: Mapping[str, Any], name: str, during: str
-) -> tuple[Check, Check]:
-    theta, least = float(flow.theta), flow.least
+        return nothing(maker, theta, because("the numbers of a proof are beyond the range of doubles"))
     if least is None:
-        return nothing(maker, theta, flow.missing)
+        return nothing(maker, theta, why)
+    bound = Up(least.theta, 3, below=theta)
     pattern = "above {bound}, by {how} for all slopes of b; exact arithmetic and outward-rounded intervals"
-    proof = because(pattern, bound=Up(least.theta, 3, below=theta), how=flow.how)
+    proof = because(pattern, bound=bound, how=flow.how)
     grounds = (Grounds(numbers, FromTheta(flow.error, least)),)
     convergence = Check(ClaimId(maker, "convergence"), EXISTS, Verdict.PROVED, proof, proofs=grounds)
     id, above = ClaimId(maker, "theta"), said(theta)
-    if least.theta < flow.theta:
-        reason, fact = because("above {bound}", bound=Up(least.theta, 3, below=theta)), None
-        if flow.fastest is not None:
-            decay = decays(flow.fastest.rate, during)
-            reason, fact = because("{above}; {decay}", above=reason, decay=decay), AtTheta(flow.fastest)
-        return convergence, Check(id, above, Verdict.PROVED, reason, proofs=(Grounds(numbers, fact),))
-    pattern = "not shown: {theta} is below the certified {bound}; {why}"
-    low = because(pattern, theta=theta, bound=Up(least.theta, 3), why=flow.obstacle(form.states))
-    fix = f"Raise {name}, narrow the ranges of the states, or validate by trials."
-    return convergence, Check(id, above, Verdict.UNKNOWN, low, fix=fix)
+    if not sufficient:
+        pattern = "not shown: {theta} is below the certified {bound}; {why}"
+        low = because(pattern, theta=theta, bound=Up(least.theta, 3), why=why)
+        fix = f"Raise {name}, narrow the ranges of the states, or validate by trials."
+        return convergence, Check(id, above, Verdict.UNKNOWN, low, fix=fix)
+    reason, fact = because("above {bound}", bound=bound), None
+    if fastest is not None:
+        decay = decays(fastest.rate, during)
+        reason, fact = because("{above}; {decay}", above=reason, decay=decay), AtTheta(fastest)
+    return convergence, Check(id, above, Verdict.PROVED, reason, proofs=(Grounds(numbers, fact),))

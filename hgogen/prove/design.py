@@ -223,7 +223,8 @@ def attenuation(
 
 @dataclass(frozen=True)
 class DisturbedError:
-    """How far a disturbance |v| <= 1 keeps the scaled error e = T^-1 (w - what), T = diag(gamma, .., gamma^n), from 0.
+    """The level to which a disturbance |v| <= 1 keeps the scaled error e = T^-1 (w - what), T = diag(gamma, ..,
+    gamma^n), from 0.
 
     `level`: V = e'P e falls wherever |e| is above `level`, chi of (69), corrected; `ultimate`: |e| comes below it, and
     stays there; `rate`: |e|_P falls at least like exp(-rate t) where |e| is above `level`. All in proportion to |v|.

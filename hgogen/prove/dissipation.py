@@ -54,6 +54,8 @@ from hgogen.sentence import NONE, Down, Reason, because, down, up
 from hgogen.signal import Signal
 from hgogen.system import System
 
+_LEFT = "is not kept by the plant: its flow leaves it"
+
 
 class BadErrorSystem(BadArgument):
     """Parts of an error system that do not fit together; the sentence names the part and the fix."""
@@ -61,7 +63,8 @@ class BadErrorSystem(BadArgument):
 
 @dataclass(frozen=True)
 class Injection:
-    """How a plant makes an error system: `gain` l (n, p), `G1` (n, k), `G2` (p, k), of the plant's signals."""
+    """The matrices by which a plant makes an error system: `gain` l (n, p), `G1` (n, k), `G2` (p, k), of the plant's
+    signals."""
 
     gain: sp.ImmutableDenseMatrix
     G1: sp.ImmutableDenseMatrix
@@ -92,7 +95,7 @@ class Equations:
 
     @property
     def condition(self) -> str:
-        """Where it holds, or ""."""
+        """The condition under which the equations hold, or ""."""
         return " and ".join(f"{x} = {sp.sstr(a)}" for x, a in self.along)
 
 
@@ -270,45 +273,49 @@ def _made(plant: System, made: Equations) -> ErrorSystem:
     fixed = {s: value for s, value in plant.nominal.items() if not s.bounded}
     errors = tuple(sp.Symbol(f"e_{x}", real=True) for x in plant.states)
     estimate = {x: x - e for x, e in zip(plant.states, errors, strict=True)}
-    seen = dict(zip(plant.outputs, plant.output, strict=True))
-    behind = [g.xreplace({**estimate, **seen}) for g in made.observer]
+    known = estimate | dict(zip(plant.outputs, plant.output, strict=True))
     on, signals = dict(made.along), (*plant.states, *plant.inputs, *plant.parameters)
-    # of each is known what its range says of its sign, so that the root of a square is known
-    signs = {s: "nonnegative" if s.low is not None and s.low >= 0 else "real" for s in plant.signals}
-    real = {s: sp.Dummy(s.name, **{sign: True}) for s, sign in signs.items()}
-    plain = {dummy: s for s, dummy in real.items()}
 
     def on_way(e: sp.Expr) -> sp.Expr:
         return exact(e.xreplace(fixed).xreplace(on))
 
     def reduced(e: sp.Expr) -> sp.Expr:
-        return sp.cancel(on_way(e).xreplace(real)).xreplace(plain)
+        return _cancelled(on_way(e), plant)
 
     around = {s: ends for s, ends in box(signals, plant.nominal).items() if s not in fixed}
-    for x, a in made.along:  # a jump of which the plant's state has no part, and its slope does not see it
-        if a.has(*JUMPS):
-            raise BadErrorSystem(f"along {x} = {a}", "may jump; write it with Abs, Min and Max")
-        if not is_defined(a.xreplace(fixed), around):  # as of atan(tan(x)) at a pole
-            raise BadErrorSystem(f"along {x} = {a}", "may have no value on the box, and jump there; narrow the ranges")
-        drift = plant.flow[plant.states.index(x)] - sum(
-            a.diff(other) * rate for other, rate in zip(plant.states, plant.flow, strict=True)
-        )
-        if reduced(drift) != 0:
-            raise BadErrorSystem(f"along {x} = {a}", "is not kept by the plant: its flow leaves it")
-    rates = [reduced(f - g) for f, g in zip(plant.flow, behind, strict=True)]
-    still = dict.fromkeys(made.unknown, sp.S.Zero)
-    flow = [reduced(rate.xreplace(still)) for rate in rates]
+    for x, a in made.along:
+        drift = sum((x - a).diff(other) * rate for other, rate in zip(plant.states, plant.flow, strict=True))
+        if fault := _fault(a, fixed, around) or ("" if reduced(drift) == 0 else _LEFT):
+            raise BadErrorSystem(f"along {x} = {a}", fault)
+    rates = [reduced(f - g.xreplace(known)) for f, g in zip(plant.flow, made.observer, strict=True)]
+    flow = [reduced(rate.xreplace(dict.fromkeys(made.unknown, sp.S.Zero))) for rate in rates]
     noise = [[reduced(rate.diff(w)) for w in made.unknown] for rate in rates]
     for x, rate, drift, pushed in zip(plant.states, rates, flow, noise, strict=True):
         moved = sum(p * w for p, w in zip(pushed, made.unknown, strict=True))
         if not is_zero(rate - drift - moved, around):
             raise BadErrorSystem(f"e_{x}' = {rate}", "is not shown to be affine in the unknown inputs")
-    away = {*made.unknown, *on}
-    shown = {s: ends for s, ends in around.items() if s not in away}
+    others = {s: ends for s, ends in around.items() if s not in {*made.unknown, *on}}
     pushes = sp.ImmutableDenseMatrix(len(noise), len(made.unknown), [entry for row in noise for entry in row])
     # not of the observer's own: without a value of it there is no estimate to speak of, as of x/sqrt(y) at y = 0
     part = lost(put_apart(written(plant), on_way), (*flow, *pushes), around)
-    return ErrorSystem(plant.name, errors, tuple(flow), pushes, shown, origin=made, lost=part, doubt=plant.doubt)
+    return ErrorSystem(plant.name, errors, tuple(flow), pushes, others, origin=made, lost=part, doubt=plant.doubt)
+
+
+def _cancelled(e: sp.Expr, plant: System) -> sp.Expr:
+    """The expression without common factors; of each signal is known what its range says of its sign, so that the root
+    of a square is known."""
+    signs = {s: "nonnegative" if s.low is not None and s.low >= 0 else "real" for s in plant.signals}
+    real = {s: sp.Dummy(s.name, **{sign: True}) for s, sign in signs.items()}
+    return sp.cancel(e.xreplace(real)).xreplace({dummy: s for s, dummy in real.items()})
+
+
+def _fault(a: sp.Expr, fixed: Mapping[sp.Symbol, sp.Expr], around: Box) -> str:
+    """Why a state may jump along an expression, or "": the plant's has no part of it, and its slope does not see it."""
+    if a.has(*JUMPS):
+        return "may jump; write it with Abs, Min and Max"
+    # as of atan(tan(x)) at a pole
+    defined = is_defined(a.xreplace(fixed), around)
+    return "" if defined else "may have no value on the box, and jump there; narrow the ranges"
 
 
 def _along(plant: System, along: Mapping[Any, Any]) -> tuple[tuple[Signal, sp.Expr], ...]:
@@ -337,7 +344,7 @@ _SHARP = 1e-2  # of V's range on a face
 
 @dataclass(frozen=True)
 class Dissipates:
-    """What a claim of (38) is about, and what was found of it: the `answer`, of the `left` side or of V, or `floor`,
+    """The subject of a claim of (38), and what was found of it: the `answer`, of the `left` side or of V, or `floor`,
     below which {V <= c} keeps off the faces of the box `within` of the errors."""
 
     system: ErrorSystem
@@ -378,7 +385,7 @@ class Dissipates:
         return {s.name for s in (*self.system.errors, *self.system.box)}
 
     def _about(self, made: Injection | Equations) -> dict[str, Any]:
-        """How the error system is made of the plant, outputs by their places, the ranges of e, V and mu."""
+        """Return how the error system is made of the plant, outputs by their places, the ranges of e, V and mu."""
         names = self._names | {s.name for s in made.names}
         if isinstance(made, Equations):
             system, seen = self.system, {y: sp.Symbol(f"y_{k}", real=True) for k, y in enumerate(made.outputs, 1)}
@@ -398,7 +405,7 @@ class Dissipates:
 
 @dataclass(frozen=True)
 class Dissipation:
-    """What is known of (38) for V and mu on the box `within` of the errors.
+    """The knowledge of (38) for V and mu on the box `within` of the errors.
 
     `checks`: `dissipation.positive`, (21); `dissipation.inequality`, (38); `dissipation.level`. `level`: every
     {V <= c} with c below it keeps off the faces of the box; None where it is not proved. `witness`: the exact point
@@ -420,14 +427,15 @@ class Dissipation:
 
     @property
     def conclusion(self) -> str:
-        """What holds, in one sentence."""
+        """The conclusion in one sentence."""
         if not self.proved or self.level is None:
             return "nothing is concluded"
         made = self.system.origin
         condition = f" and {made.condition}" if isinstance(made, Equations) and made.condition else ""
+        power, gain = (up(Fraction(x), 9) for x in (self.mu**2 / 2, self.mu))
         return (
-            f"in continuous time, from e(0) in the box with V(e(0)) + {_above(self.mu**2 / 2)} * integral of |w|^2 < "
-            f"{down(float(self.level), 9)} on, the error stays in the box, with the L2 gain {_above(self.mu)} from w "
+            f"in continuous time, from e(0) in the box with V(e(0)) + {power} * integral of |w|^2 < "
+            f"{down(float(self.level), 9)} on, the error stays in the box, with the L2 gain {gain} from w "
             f"to e; without w it tends to 0; as long as the plant keeps to its ranges{condition}"
         )
 
@@ -470,7 +478,15 @@ def dissipation(system: ErrorSystem, V: Any, *, mu: Any, within: Any, boxes: int
             "the left side",
             replace(subject, left=_inequality(system, level, mu, around).value),
         ),
-        _level(floor, subject),
+        Check(
+            ClaimId("dissipation", "level"),
+            "a set {V <= c} lies in the box and touches none of its faces",
+            Verdict.UNKNOWN if floor is None else Verdict.PROVED,
+            because("V is not shown to be positive on the faces")
+            if floor is None
+            else because("for every c < {floor}", floor=Down(float(floor), 9)),
+            proofs=() if floor is None else (replace(subject, floor=floor),),
+        ),
     )
     witness = next((answer.point for answer in answers[::-1] if answer.point), {})
     return Dissipation(system, level, mu, around, checks, floor, witness)
@@ -572,16 +588,6 @@ def _floor(V: sp.Expr, around: Box, boxes: int) -> Fraction | None:
     return Fraction(down(Fraction(least), 9))
 
 
-def _level(floor: Fraction | None, subject: Dissipates) -> Check:
-    claim = "a set {V <= c} lies in the box and touches none of its faces"
-    if floor is None:
-        doubt = because("V is not shown to be positive on the faces")
-        return Check(ClaimId("dissipation", "level"), claim, Verdict.UNKNOWN, doubt)
-    proofs = (replace(subject, floor=floor),)
-    reason = because("for every c < {floor}", floor=Down(float(floor), 9))
-    return Check(ClaimId("dissipation", "level"), claim, Verdict.PROVED, reason, proofs=proofs)
-
-
 def _check(what: str, claim: str, answer: Answer, side: str, subject: Dissipates) -> Check:
     """`side`: the name of what must be negative."""
     there = because("{side} is {value:.3g} there", side=side, value=answer.value)
@@ -589,10 +595,6 @@ def _check(what: str, claim: str, answer: Answer, side: str, subject: Dissipates
     witness = {s.name: float(number) for s, number in answer.point.items()}
     proofs = (replace(subject, answer=answer),)
     return Check(ClaimId("dissipation", what), claim, answer.verdict, reason, witness, proofs=proofs)
-
-
-def _above(number: sp.Rational) -> str:
-    return up(Fraction(number), 9)
 
 
 def _rows(M: sp.ImmutableDenseMatrix, names: set[str]) -> list[list[str]]:

@@ -116,6 +116,11 @@ def obstacle(form: Form, endless: bool = False) -> Reason:
     part = valueless(form.system) if endless else None  # at a pole of it b may jump, which its slope does not see
     if part is not None:
         return because("{part} of the plant is not shown to have a value on the box", part=part)
+    return _no_triangle(form)
+
+
+def _no_triangle(form: Form) -> Reason:
+    """Why A, b and the output are not those of chains in a triangle, or `NONE`."""
     known, power, heads = {*form.system.inputs, *form.system.parameters}, exponents(form), form.heads
     for i in range(form.n):
         for j in range(form.n):
@@ -152,7 +157,7 @@ _LOOSE = 1e-9  # what a range with 0 is wider by, over its width, so that a weak
 
 @lru_cache(maxsize=32)  # a search asks it of each gain
 def slopes_of(form: Form, layout: Layout, scale: tuple[sp.Expr, ...], endless: bool) -> tuple[Slope, ...] | Reason:
-    """Those of b, with 0 in each range; `endless`: whether one may have one end alone."""
+    """Return the slopes of b, with 0 in each range; `endless`: whether one may have one end alone."""
     slopes, powers, J = [], exponents(form), jacobian(form)
     jumps = sorted(map(str, (part for row in form.b for part in bent(row).atoms(*JUMPS) if part.has(*form.states))))
     if endless and jumps:
@@ -169,19 +174,15 @@ def slopes_of(form: Form, layout: Layout, scale: tuple[sp.Expr, ...], endless: b
                 "db_{i}/d{z} = {slope} is beyond the range of a double on the box", i=i + 1, z=z, slope=slope
             )
         onto = tuple(Fraction(int(fed and index == i)) for fed, index in zip(layout.fed, layout.index, strict=True))
-        low, high, way = _ends(known)
+        # the ends of the slope, 0 among them, and whether it goes on beyond one (`Slope.endless`)
+        sides = [end for end in (known.low, known.high) if math.isfinite(end)]
+        loose = _LOOSE * (max(*sides, 0.0) - min(*sides, 0.0))
+        low, high = min(outward(sides[0] - loose, -1), Fraction(0)), max(outward(sides[-1] + loose, 1), Fraction(0))
+        way = (known.high == math.inf) - (known.low == -math.inf)
+        low, high = high if way < 0 else low, low if way > 0 else high
         reads, degree = of_field(layout.picks[j], len(onto)), powers[i] - powers[j]
         slopes.append(Slope(reads, onto, low, high, degree, endless=way, entry=(i, j), range=known))
     return tuple(slopes)
-
-
-def _ends(known: Range) -> tuple[Fraction, Fraction, int]:
-    """The ends of the slope, 0 among them, and whether it goes on beyond one (`Slope.endless`)."""
-    sides = [end for end in (known.low, known.high) if math.isfinite(end)]
-    loose = _LOOSE * (max(*sides, 0.0) - min(*sides, 0.0))
-    low, high = (min(outward(sides[0] - loose, -1), Fraction(0)), max(outward(sides[-1] + loose, 1), Fraction(0)))
-    way = (known.high == math.inf) - (known.low == -math.inf)
-    return (high, high, way) if way < 0 else (low, low, way) if way > 0 else (low, high, way)
 
 
 def inclusion(
@@ -312,7 +313,7 @@ def _weights(form: Form, weights: Sequence[float]) -> dict[str, tuple[Fraction, 
 
 
 def plain(form: Form) -> Layout:
-    """That of an observer whose fields are the form's states."""
+    """Return the layout of an observer whose fields are the form's states."""
     return Layout(tuple(range(form.n)), exponents(form), (True,) * form.n, tuple(range(form.n)))
 
 
@@ -346,7 +347,8 @@ def middles(form: Form) -> tuple[sp.Rational, ...] | Reason:
 
 
 def uniform_error(form: Form, K: Sequence[float]) -> Inclusion | Nothing:
-    """What the error obeys of the gains K (n), on a form whose A holds the s_k above its diagonal and nothing else."""
+    """Return what the error obeys of the gains K (n), on a form whose A holds the s_k above its diagonal and nothing
+    else."""
     if form.n > UNIFORM_STATES:
         return Nothing(because("the bound is computed for up to {most} states", most=UNIFORM_STATES))
     open_ = [check.id for check in form.checks if check.verdict is not Verdict.PROVED]

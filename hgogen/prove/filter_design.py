@@ -59,7 +59,7 @@ class InjectionFilter:
 
     @property
     def gains(self) -> dict[str, Any]:
-        """What the observer takes."""
+        """The arguments of the observer."""
         return {"theta": self.theta, "F": self.F, "G": self.G, "H": self.H}
 
     def __str__(self) -> str:
@@ -68,7 +68,7 @@ class InjectionFilter:
 
 
 def injected(chain: Integrators, F: np.ndarray, G: np.ndarray, pushed: np.ndarray) -> Inclusion | Nothing:
-    """What the error of the observer obeys, `pushed` (n, m) its N H."""
+    """Return what the error of the observer obeys, `pushed` (n, m) its N H."""
     n, m = pushed.shape
     order = (*range(n), *[0] * m)
     layout = Layout(order, order, (True,) * n + (False,) * m, tuple(range(n)))
@@ -142,12 +142,12 @@ class _Search:
             for i, j in at:
                 H[i, j] = comb(n, i + 1) * (1 if speed == _SPEEDS[0] else speed ** (j + 1))
             filters.append((-speed * np.eye(m) + np.eye(m, k=-1), np.eye(m)[0], H))
-        return min(filters, key=lambda each: self._worth(self._numbers(each))[0])
+        return min(filters, key=lambda each: self._cost(self._numbers(each))[0])
 
     def proved(self, filter_: Filter) -> InputBound | None:
         """A proof of the rate, with a bound of what noise does."""
-        asked = self._asked(filter_)
-        return bound_at(*asked) if asked and bound_in_floats(*asked) else None
+        query = self._query(filter_)
+        return bound_at(*query) if query and bound_in_floats(*query) else None
 
     def improved(self, filter_: Filter) -> Iterator[Filter]:
         """Filters of few digits, the best first: about the last, as far as floats tell, none is better."""
@@ -155,8 +155,8 @@ class _Search:
 
         known, W = list[tuple[float, np.ndarray]](), list[Array]()  # with the coordinates of the best P
 
-        def worth(numbers: np.ndarray) -> float:
-            value, coordinates = self._worth(numbers, *W)
+        def cost(numbers: np.ndarray) -> float:
+            value, coordinates = self._cost(numbers, *W)
             if value < min((other for other, _ in known), default=_LARGE):
                 known.append((value, numbers.copy()))
                 W[:] = [] if coordinates is None else [coordinates]
@@ -165,23 +165,23 @@ class _Search:
         start = self._numbers(filter_)
         simplex = np.vstack([start, start + np.diag(np.maximum(np.abs(start), _SIDE) * _SIDE)])
         options = {"maxfev": _TRIES, "adaptive": True, "initial_simplex": simplex}
-        minimize(worth, start, method="Nelder-Mead", options=options)
+        minimize(cost, start, method="Nelder-Mead", options=options)
         for _, numbers in known[: -_PROOFS - 1 : -1]:
             yield self._filter(np.array([float(f"{x:.{_DIGITS}g}") for x in numbers]))
 
-    def _worth(self, numbers: np.ndarray, *coordinates: Array) -> tuple[float, Array | None]:
+    def _cost(self, numbers: np.ndarray, *coordinates: Array) -> tuple[float, Array | None]:
         """The logarithm of the bound in floats, sought from these coordinates of its P or else from its own, and those
         in which its P is the unit matrix; a large number where there is none."""
         for W in (*coordinates, None):
-            asked = self._asked(self._filter(numbers), W)
-            known = asked and bound_in_floats(*asked)
+            query = self._query(self._filter(numbers), W)
+            known = query and bound_in_floats(*query)
             if known:
                 return float(np.log(known[0])), known[1]
         return _LARGE, None
 
-    def _asked(self, filter_: Filter, W: Array | None = None) -> tuple[Bounded, Array, int, Array, Fraction] | None:
-        """What a bound is asked of, in coordinates W or those of a P with which all decays; None of a filter with which
-        nothing does."""
+    def _query(self, filter_: Filter, W: Array | None = None) -> tuple[Bounded, Array, int, Array, Fraction] | None:
+        """Return the arguments of a bound, in coordinates W or those of a P with which all decays; None of a filter
+        with which nothing does."""
         error = injected(self.chain, *filter_)
         if isinstance(error, Nothing):
             raise BadGain(_NAME, f"has no bound here: {error}")

@@ -50,7 +50,7 @@ from hgogen.prove.inclusion import Inclusion, Nothing, Slope, Uncertain
 from hgogen.prove.inequality import ends, flow, pushed
 from hgogen.prove.quadratic import Array, Quadratic
 from hgogen.prove.questions import Bounds, bounds, named, together_in_floats
-from hgogen.prove.semidefinite import CLOSER, Rows, basis, definite, entries, reaching, solved
+from hgogen.prove.semidefinite import CLOSER, Rows, affine, definite, entries, reaching, solved, symmetric
 from hgogen.reading.given import BadGain, Each, Misfit, each_by_name, names_of, positive, remembers
 from hgogen.sentence import NONE, Down, Reason, Sentence, Up, because, same
 
@@ -72,8 +72,8 @@ _NOISY = 0.5  # the share of a rate with which noise is bounded
 
 @dataclass(frozen=True, eq=False)
 class Open:
-    """What the error obeys before there is a gain: `M` (n, n), `G` (n, m), `H` (m, n), `C` (p, n), `D` (p, m), `B` (n,
-    p) and `E` (m, p), v in its sizes; `chain` (n): the output of each state's chain."""
+    """The system that the error obeys before there is a gain: `M` (n, n), `G` (n, m), `H` (m, n), `C` (p, n), `D` (p,
+    m), `B` (n, p) and `E` (m, p), v in its sizes; `chain` (n): the output of each state's chain."""
 
     M: Array
     G: Array
@@ -86,14 +86,14 @@ class Open:
 
     @property
     def with_gain(self) -> Uncertain:
-        """What the error obeys, below which stands what a gain multiplies (n + p, ..)."""
+        """The system of the error, below which stands what a gain multiplies (n + p, ..)."""
         M, G = np.vstack([self.M, -self.C]), np.vstack([self.G, -self.D])
         B = np.vstack([self.B, np.eye(len(self.C))])
         return Uncertain(M, G, self.H, B, self.E, M, B)
 
     def seen(self, T: Array, pace: float) -> "Open":
-        """The same of e = diag(T) x, in a time that runs `pace` times as fast, each slope as strong where it enters as
-        where it reads."""
+        """Return the system of x, e = diag(T) x, in a time that runs `pace` times as fast, each slope as strong where
+        it enters as where it reads."""
         G, H = self.G / T[:, None] / pace, self.H * T
         enters, reads = np.linalg.norm(G, axis=0), np.linalg.norm(H, axis=1)
         g = np.sqrt(np.divide(reads, enters, out=np.ones_like(reads), where=(reads > _SMALL) & (enters > _SMALL)))
@@ -122,7 +122,7 @@ class Open:
 
 @dataclass(frozen=True, eq=False)
 class Task:
-    """What is asked: a gain for what is `open`, of a `rate`, with a small largest |c e| of the `rows` c (r, n), and no
+    """The task: a gain for the `open` system, of a `rate`, with a small largest |c e| of the `rows` c (r, n), and no
     faster than `fastest` (1/time)."""
 
     open: Open
@@ -157,14 +157,26 @@ class _Program:
 
     def gain(self, rows: Array, fastest: float) -> Array | None:
         """K (n, p)."""
-        reach = (reaching(c, self._size) for c in rows)
-        cones = [*self._falling(), *reach, self._limited(fastest), self._signs()]
-        solution = solved(np.append(np.zeros(self._size), 1.0), cones, CLOSER, _WHAT)
+        (p, n), (of_P, of_Y, k) = self.open.C.shape, self._sizes
+        size, one = self._size, np.eye(self._size + 1)
+
+        def norm(x: Array) -> tuple[Array, Array]:
+            return symmetric(x[:of_P], n), x[of_P : of_P + of_Y].reshape(n, p)
+
+        def limited(x: Array) -> list[Array]:
+            """[P, Y; Y', fastest^2 I]."""
+            P, Y = norm(x)
+            return [np.block([[P, Y], [Y.T, fastest**2 * np.eye(p)]])]
+
+        multipliers = slice(of_P + of_Y, size)  # at least 0, the lambda together at most alpha
+        together = one[size - p : size].sum(axis=0)
+        ends = np.append([_LESS * self.alpha], np.zeros(2 * k + p))
+        signs: Rows = np.vstack([together, -one[multipliers]]), ends, False
+        reach = (reaching(c, size) for c in rows)
+        solution = solved(one[-1], [*self._falling(), *reach, *affine(limited, size + 1), signs], CLOSER, _WHAT)
         if solution is None:
             return None
-        (p, n), (of_P, of_Y, _) = self.open.C.shape, self._sizes
-        P = np.einsum("k,kij->ij", solution[0][:of_P], basis(n))
-        Y = solution[0][of_P : of_P + of_Y].reshape(n, p)
+        P, Y = norm(solution[0])
         return np.linalg.solve(P, Y) if np.linalg.eigvalsh(P).min() > 0 else None
 
     @cached_property
@@ -174,7 +186,7 @@ class _Program:
 
     @cached_property
     def _sizes(self) -> tuple[int, int, int]:
-        """How many entries P and Y have, and how many slopes have multipliers: none at corners one by one."""
+        """The numbers of entries of P and Y, and how many slopes have multipliers: none at corners one by one."""
         n = len(self.open.M)
         return n * (n + 1) // 2, self.open.C.size, len(self._ends[0].H)
 
@@ -192,36 +204,11 @@ class _Program:
             yield self._negative(pushed(e, self.alpha), of_P + of_Y + k)
 
     def _negative(self, form: Quadratic, first: int) -> Rows:
-        """That a form is negative, its multipliers from the `first` variable on."""
+        """Return the cone of a form that is negative, its multipliers from the `first` variable on."""
         brings, shared = entries(form), sum(self._sizes[:2])
         whole = np.zeros((self._size, form.size, form.size))
         whole[:shared], whole[first : first + len(form.Q)] = brings[:shared], brings[shared:]
         return definite(whole, np.zeros((1, form.size, form.size)), -_BY * np.eye(form.size))
-
-    def _limited(self, fastest: float) -> Rows:
-        """[fastest^2 I, Y'; Y, P] >= 0."""
-        (p, n), of_P = self.open.C.shape, self._sizes[0]
-        end, whole = np.zeros((n + p, n + p)), np.zeros((self._size, n + p, n + p))
-        end[n:, n:] = fastest**2 * np.eye(p)
-        whole[:of_P, :n, :n] = -basis(n)
-        for k, (i, j) in enumerate(np.ndindex(n, p), of_P):
-            whole[k, i, n + j] = whole[k, n + j, i] = -1.0
-        return definite(whole, 0 * end[None], end)
-
-    def _signs(self) -> Rows:
-        """Multipliers at least 0, the lambda together at most alpha."""
-        p, others = len(self.open.C), self._size - sum(self._sizes[:2])
-        A = np.zeros((1 + others, self._size + 1))
-        A[0, self._size - p : self._size] = 1.0
-        A[1:, self._size - others : self._size] = -np.eye(others)
-        return A, np.append([_LESS * self.alpha], np.zeros(others)), False
-
-
-def opened(without: Uncertain, ones: Uncertain, *, heads: Sequence[int], chain: Sequence[int]) -> Open:
-    """From what is obeyed, in floats, with a gain of 0, and with one whose entries are all 1: they differ by what the
-    gain reads."""
-    e, C, D = without, without.M - ones.M, without.G - ones.G
-    return Open(e.M, e.G, e.H, C[list(heads)], D[list(heads)], e.B, e.E, tuple(chain))
 
 
 @dataclass(frozen=True)
@@ -248,7 +235,7 @@ class Search:
     argument: tuple[float, ...] = ()
 
     def best(self) -> Candidate | None:
-        """That of the least worth; None where none is found. Raises: `NoSolver`."""
+        """Return the gain of the least cost; None where none is found. Raises: `NoSolver`."""
         tried = list[Candidate]()
 
         def worth(noisy: float) -> float:
@@ -281,11 +268,12 @@ class Search:
         return float(f"{one.worth:.2g}") if one else _LARGE
 
     def middle(self) -> Candidate | None:
-        """That with noise at about half of the rate; None where none is found. Raises: `NoSolver`."""
+        """Return the gain with noise at about half of the rate; None where none is found. Raises: `NoSolver`."""
         return self._slowest(math.sqrt(self.task.rate * self._fast) / 2)
 
     def _slowest(self, noisy: float) -> Candidate | None:
-        """With noise at that rate, the gain of the least rate in one norm that has the wanted one in its own."""
+        """Return, with noise at that rate, the gain of the least rate in one norm that has the wanted one in its
+        own."""
         start = next(((less, one) for less in _PARTS if (one := self._at(less, noisy))), None)
         if start is None:
             return None
@@ -316,14 +304,14 @@ class Search:
 
 
 def error_of(form: Form, K: Sequence[Fraction], argument: Sequence[float]) -> Inclusion | Nothing:
-    """What the error obeys with a gain of these entries, and with those of N in the argument of b, or none."""
+    """Return what the error obeys with a gain of these entries, and with those of N in the argument of b, or none."""
     error = with_gains(form, K)
     return injected(error, form, [sp.Rational(Fraction(x)) for x in argument]) if argument else error
 
 
 def plain(form: Form, sizes: Array, narrower: int | None = None, argument: Sequence[float] = ()) -> Open | Reason:
-    """What the error obeys before there is a gain, noise in its sizes (p), with half of the range of the slope of that
-    number; or why there is nothing to design."""
+    """Return what the error obeys before there is a gain, noise in its sizes (p), with half of the range of the slope
+    of that number; or why there is nothing to design."""
     if len(form.leads) < len(form.blocks):
         return because("it is for outputs of which each has a chain of its own")
     without, ones = (error_of(form, [Fraction(k)] * form.n, argument) for k in (0, 1))
@@ -334,13 +322,15 @@ def plain(form: Form, sizes: Array, narrower: int | None = None, argument: Seque
     for error in (without, ones):
         slopes = tuple(_half(slope) if k == narrower else slope for k, slope in enumerate(error.slopes))
         parts.append(replace(error, slopes=slopes).at(_ONE).floats)
-    open_ = opened(*parts, heads=form.heads, chain=chain)
-    C, D = (each / sizes[:, None] for each in (open_.C, open_.D))
-    return replace(open_, C=C, D=D, B=open_.B * sizes, E=open_.E * sizes)
+    e, with_ones = parts  # with a gain of 0, and of ones: they differ by what the gain reads
+    heads, read = list(form.heads), sizes[:, None]
+    C, D = (e.M - with_ones.M)[heads] / read, (e.G - with_ones.G)[heads] / read
+    return Open(e.M, e.G, e.H, C, D, e.B * sizes, e.E * sizes, tuple(chain))
 
 
 def _half(slope: Slope) -> Slope:
-    """With half of its range: about its middle, but that of an entry of a Jacobian, which holds 0, about that."""
+    """Return the slope with half of its range: about its middle, but that of an entry of a Jacobian, which holds 0,
+    about that."""
     centre = (slope.low + slope.high) / 2 if slope.entry is None else Fraction(0)
     return replace(slope, low=(slope.low + centre) / 2, high=(slope.high + centre) / 2)
 
@@ -364,8 +354,8 @@ class NoGain(HgogenError):
 
 
 def unreached(form: Form, task: Task, sizes: Array) -> NoGain:
-    """What is said of a task, under noise of these `sizes` (p), for which there is no gain: the slope that is named is
-    that in half of whose range more is reached than in that of any other. Raises: `NoSolver`."""
+    """Return the error of a task, under noise of these `sizes` (p), for which there is no gain: the slope that is named
+    is that in half of whose range more is reached than in that of any other. Raises: `NoSolver`."""
     error = with_gains(form, [Fraction(0)] * form.n)
     slopes = () if isinstance(error, Nothing) else error.slopes
     reached = _reached(task, (task.rate / 2**k for k in range(1, _BACK)))
@@ -428,12 +418,12 @@ class Gain:
 
     @property
     def taken(self) -> dict[str, Any]:
-        """What that observer takes beside the form, by name."""
+        """The arguments of that observer beside the form, by name."""
         own = {"argument": self.argument} if self.argument else {}
         return {"theta": self.theta, "gains": self.K, **own}
 
     def bound(self, state: str, noise: Mapping[str, float]) -> float:
-        """How far the estimate of a state goes at most for noise of at most these sizes, by output.
+        """Return how far the estimate of a state goes at most for noise of at most these sizes, by output.
 
         Raises: `KeyError` for a state or an output that there is not.
         """

@@ -70,11 +70,11 @@ class Layout:
 
 @dataclass(frozen=True)
 class Slope:
-    """What `reads` (N) of e, and `takes` (p) of the samples' errors at theta = 1, bring into the rates by `onto` (N),
-    over theta^`degree`: a number in [`low`, `high`]. `entry`: (i, j) where it is that of db_i/dz_j times units, which
-    `range` shows; None of others. `endless`: 1 where it may be any number more than `low` = `high`, -1 any less, 0 of
-    others (`endless_slopes`). `realised`: what of it is in the linear core that a method realises, as much as a
-    saturation passes of what is in its range, 0 of b; None where that core moves."""
+    """A slope: what `reads` (N) of e, and `takes` (p) of the samples' errors at theta = 1, bring into the rates by
+    `onto` (N), over theta^`degree`: a number in [`low`, `high`]. `entry`: (i, j) where it is that of db_i/dz_j times
+    units, which `range` shows; None of others. `endless`: 1 where it may be any number more than `low` = `high`, -1 any
+    less, 0 of others (`endless_slopes`). `realised`: what of it is in the linear core that a method realises, as much
+    as a saturation passes of what is in its range, 0 of b; None where that core moves."""
 
     reads: tuple[Fraction, ...]
     onto: tuple[Fraction, ...]
@@ -94,12 +94,12 @@ class Slope:
 
     @property
     def ends(self) -> dict[str, Fraction | None]:
-        """As a certificate has them, None where there is none."""
+        """The ends as a certificate has them, None where there is none."""
         return {"low": None if self.endless < 0 else self.low, "high": None if self.endless > 0 else self.high}
 
 
 def of_field(field: int, count: int) -> tuple[Fraction, ...]:
-    """What reads the error of one field (N)."""
+    """Return the row that reads the error of one field (N)."""
     return tuple(Fraction(int(k == field)) for k in range(count))
 
 
@@ -131,7 +131,7 @@ class Inclusion:
 
     @property
     def limit(self) -> Array:
-        """What M over theta comes to as theta grows, with all that moves in it at its middle; in floats."""
+        """The limit of M over theta as theta grows, with all that moves in it at its middle; in floats."""
         N = floats(self.N)
         for slope in self.slopes:
             if slope.degree == -1:
@@ -153,7 +153,7 @@ class Inclusion:
 
     @property
     def alone(self) -> Array | None:
-        """That P of e, its trace N; None where it shows nothing. In floats."""
+        """The P of `_alone` for e, its trace N; None where it shows nothing. In floats."""
         if self._alone is None:
             return None
         d, P = self._alone
@@ -175,12 +175,12 @@ class Inclusion:
 
     @property
     def deaf(self) -> "Inclusion":
-        """The same, where it is not known how errors of the samples enter."""
+        """The inclusion where it is not known how errors of the samples enter."""
         slopes = tuple(replace(slope, takes=()) for slope in self.slopes)
         return replace(self, B=self.B[:, :0], late=(), slopes=slopes)
 
     def narrowed(self, share: Fraction) -> "Inclusion":
-        """The same, the ranges of the slopes of b that share of what they are; 0 stays in them."""
+        """Return the inclusion, the ranges of the slopes of b that share of what they are; 0 stays in them."""
         slopes = (
             replace(each, low=each.low * share, high=each.high * share) if each.entry else each for each in self.slopes
         )
@@ -206,7 +206,8 @@ class Inclusion:
         return {"scale": self.scale, "slopes": slopes, **self.own}
 
     def scales(self, theta: Fraction) -> tuple[Fraction, ...] | None:
-        """By field (N), its error e_k where that of its state of the form is 1; None where a scale holds parameters."""
+        """Return, by field (N), its error e_k where that of its state of the form is 1; None where a scale holds
+        parameters."""
         scale = tuple(map(sp.sympify, self.scale))
         if not all(each.is_Rational for each in scale):
             return None
@@ -214,7 +215,8 @@ class Inclusion:
         return tuple(Fraction(scale[i].p, scale[i].q) / theta**p for i, p in zip(index, power, strict=True))
 
     def remembered(self, theta: Fraction) -> tuple[Fraction, ...] | None:
-        """By field (N), its error e_k where that of a program's field is 1; None where a scale holds parameters."""
+        """Return, by field (N), its error e_k where that of a program's field is 1; None where a scale holds
+        parameters."""
         if not self.chained:
             return self.scales(theta)
         return tuple(self.units[i] / theta**p for i, p in zip(self.layout.index, self.layout.power, strict=True))
@@ -237,15 +239,15 @@ class Inclusion:
 
 
 @dataclass(frozen=True)
-class Shown:
-    """What is proved: `facts`, by name, as a certificate has them beside how the slopes of an `error` are bounded, of
-    which some are proved."""
+class Facts:
+    """A proof: `facts`, by name, as a certificate has them beside how the slopes of an `error` are bounded, of which
+    some are proved."""
 
     error: Inclusion | None
     facts: Evidence = field(hash=False)
 
     def evidence(self, form: Form) -> Evidence:
-        """How the slopes are bounded, and the facts."""
+        """Return how the slopes are bounded, and the facts."""
         return self.facts if self.error is None else {"error": self.error, **self.facts}
 
 
@@ -265,20 +267,21 @@ class Uncertain:
 
     @cached_property
     def floats(self) -> "Uncertain":
-        """The same in floats."""
+        """The system in floats."""
         return Uncertain(*map(floats, (self.M, self.G, self.H, self.B, self.E, self.core, self.injected)))
 
     def held(self, d: Array) -> "Uncertain":
-        """With slopes that are held at d (m), so that none varies."""
+        """Return the system with constant slopes d (m)."""
         D = self.G * d
         return replace(self, M=self.M + D @ self.H, B=self.B + D @ self.E, G=D[:, :0], H=self.H[:0], E=self.E[:0])
 
     def driven_by(self, columns: Array) -> "Uncertain":
-        """With inputs of which each is a sum of errors of the samples, the `columns` (p, q) say how much of each."""
+        """Return the system with inputs of which each is a sum of errors of the samples, the `columns` (p, q) say how
+        much of each."""
         return replace(self, B=self.B @ columns, E=self.E @ columns, injected=self.injected @ columns)
 
     def disturbed(self, onto: Array) -> "Uncertain":
-        """With more inputs, each of which enters the rates alone, by a column of `onto` (N, q)."""
+        """Return the system with more inputs, each of which enters the rates alone, by a column of `onto` (N, q)."""
         B, injected = (np.hstack([columns, onto]) for columns in (self.B, self.injected))
         return replace(self, B=B, E=np.hstack([self.E, self.H @ (0 * onto)]), injected=injected)
 

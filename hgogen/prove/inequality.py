@@ -60,7 +60,7 @@ from hgogen.prove.quadratic import (
 from hgogen.prove.semidefinite import sought
 from hgogen.rigor.definite import fraction, number, positive
 
-_SHORT = 10_000  # the largest denominator of a tableau's coefficients
+_DENOMINATOR = 10_000  # the largest denominator of a tableau's coefficients
 WORK = 2**13  # corners times fields^3, up to which corners are taken one by one
 _ALL = 8  # slopes of which all corners are tried
 Pairs = tuple[tuple[Array, Array], ...]
@@ -73,22 +73,22 @@ Realisation = Callable[[Array, Fraction], tuple[Array, Array]]  # of a core (N, 
 
 @dataclass(frozen=True, eq=False)
 class Inputs:
-    """What q inputs add to a step: `D` (N, q) to e over h, `Q` (s m, q) to what the slopes read."""
+    """The terms that q inputs add to a step: `D` (N, q) to e over h, `Q` (s m, q) to what the slopes read."""
 
     D: Array
     Q: Array
 
     def __mul__(self, size: Fraction) -> "Inputs":
-        """Those of inputs in units of a size."""
+        """Return the terms of inputs in units of a size."""
         return Inputs(self.D * number(size), self.Q * number(size))
 
     def __add__(self, other: "Inputs") -> "Inputs":
-        """One input that is both."""
+        """Return one input that is both."""
         return Inputs(self.D + other.D, self.Q + other.Q)
 
     @classmethod
     def of(cls, each: Iterable["Inputs"]) -> "Inputs":
-        """All of several."""
+        """Return the terms of several inputs."""
         each = tuple(each)
         return cls(np.hstack([one.D for one in each]), np.hstack([one.Q for one in each]))
 
@@ -144,7 +144,7 @@ class Inequality:
         return reduce(Inputs.__add__, first), reduce(Inputs.__add__, last)
 
     def beside(self, onto: Array) -> Inputs:
-        """What comes to e beside the step, `onto` (N) times h."""
+        """Return the input that adds to e beside the step, `onto` (N) times h."""
         return Inputs(onto[:, None], 0 * self.Q[:, :1])
 
     def frozen(self, d: np.ndarray) -> np.ndarray:
@@ -202,13 +202,13 @@ def falling(e: Uncertain, alpha: Any, hull: Sequence[Sequence[Fraction]] = ()) -
 
 
 def driven(e: Uncertain, alpha: Any, hull: Sequence[Sequence[Fraction]] = ()) -> tuple[Quadratic, ...]:
-    """Those where V' <= -alpha V + sum_k lambda_k v_k^2, v all inputs (q) of e; the lambda_k are the last q
-    multipliers."""
+    """Return the forms that are negative where V' <= -alpha V + sum_k lambda_k v_k^2, v all inputs (q) of e; the
+    lambda_k are the last q multipliers."""
     return tuple(pushed(each, alpha) for each in ends(e, hull))
 
 
 def pushed(e: Uncertain, alpha: Any) -> Quadratic:
-    """That of slopes each with a multiplier."""
+    """Return the form of `driven` of slopes each with a multiplier."""
     return flow(e).driven(alpha, Inputs(e.B, e.E))
 
 
@@ -244,30 +244,30 @@ def _with_samples(
 @cache
 def _exactly(coefficient: float) -> Any:
     """A coefficient as the tableau means it, such as 1/6."""
-    return number(Fraction(coefficient).limit_denominator(_SHORT))
+    return number(Fraction(coefficient).limit_denominator(_DENOMINATOR))
 
 
 def by_bilinear_rule(L: Array, h: Fraction) -> tuple[Array, Array]:
-    """Of FLINT's rationals."""
+    """Return phi_1 and phi_2 of FLINT's rationals."""
     resolvent = fmpq_mat((identity(len(L)) - L * (number(h) / 2)).tolist()).inv()
     phi_1 = np.array([[resolvent[i, j] for j in range(len(L))] for i in range(len(L))], dtype=object)
     return phi_1, phi_1 / 2
 
 
 def by_matrix_exponential(L: Array, h: Fraction) -> tuple[Array, Array]:
-    """Of balls that hold what a program takes; without an end where that may be further than `WITHIN` from the
-    exponential's."""
+    """Return phi_1 and phi_2 of balls that hold what a program takes; without an end where that may be further than
+    `WITHIN` from the exponential's."""
     X, known = L * number(h), number(WITHIN)
     halvings = _halvings(X)
     with ctx.workprec(BALLS):
         exactly = _phi_2(X)
-        away = max(each.abs_upper() for each in (exactly - _taken(X, halvings)).ravel())
+        away = max(each.abs_upper() for each in (exactly - _program_phi_2(X, halvings)).ravel())
         phi_2 = exactly + (arb(0, known) if away < known and halvings <= HALVINGS else arb(0, "inf"))
         return identity(len(X)) + X @ phi_2, phi_2
 
 
 def _phi_2(X: Array) -> Array:
-    """Of the exponential: a block of exp [X, 1, 0; 0, 0, 1; 0, 0, 0]."""
+    """Return phi_2 of the exponential: a block of exp [X, 1, 0; 0, 0, 1; 0, 0, 0]."""
     n = len(X)
     wide = 0 * identity(3 * n)
     wide[:n, :n], wide[:n, n : 2 * n], wide[n : 2 * n, 2 * n :] = X, identity(n), identity(n)
@@ -282,7 +282,7 @@ def _halvings(X: Array) -> int:
     return max(0, int(np.ceil(np.log2(2 * radius)))) if radius else 0
 
 
-def _taken(X: Array, halvings: int) -> Array:
+def _program_phi_2(X: Array, halvings: int) -> Array:
     """The program's polynomial for phi_2. Each halving more leaves 2^-14 of the rest of the series."""
     one = _balls(identity(len(X)))
     X = _balls(X) / 2**halvings
@@ -333,22 +333,6 @@ _GRID = 60  # bits after the point of the weights
 
 
 @dataclass(frozen=True)
-class Contracts:
-    """A proof at `theta` and the step length `h`: |e+|_P^2 <= (1 - alpha h) |e|_P^2, by the `weights`."""
-
-    theta: Fraction
-    h: Fraction
-    alpha: Fraction
-    weights: Weights
-
-    @property
-    def rate(self) -> float:
-        """r (1/s) with |e|_P <= exp(-r t) at the samples, rounded down."""
-        lost = self.alpha * self.h  # by a logarithm of 1 - lost, a short step would lose its digits
-        return -math.log1p(-float(lost)) / 2 / float(self.h) * (1 - 1e-9) if lost < 1 else math.inf
-
-
-@dataclass(frozen=True)
 class Steps:
     """The steps of a method on the error of an observer, at one theta and any length, of which proofs are sought."""
 
@@ -393,7 +377,7 @@ class Steps:
             W = inverse_root(weights[0])
         return W
 
-    def proved(self, h: Fraction) -> Contracts | None:
+    def proved(self, h: Fraction) -> "Contracts | None":
         """A proof with a rate that is close to the largest that the inequality gives; None where none is found. Raises:
         `NoSolver`."""
         if not self.may_contract(h):
@@ -405,7 +389,7 @@ class Steps:
         for alpha in (slow * share for share in _SHARES):
             weights = self.certain(h, alpha)
             if weights:
-                return Contracts(self.theta, h, alpha, weights)
+                return Contracts(self, h, alpha, weights)
         return None
 
     def certain(self, h: Fraction, alpha: Fraction = _NOTHING) -> Weights | None:
@@ -413,6 +397,27 @@ class Steps:
         `NoSolver`."""
         weights = self.weights(h, alpha)
         return weights and proved((self.at(h).falls(alpha),), *weights)
+
+
+@dataclass(frozen=True)
+class Contracts:
+    """A proof of one of the `steps`, of length `h`: |e+|_P^2 <= (1 - alpha h) |e|_P^2, by the `weights`."""
+
+    steps: Steps
+    h: Fraction
+    alpha: Fraction
+    weights: Weights
+
+    @property
+    def step(self) -> Inequality:
+        """The step."""
+        return self.steps.at(self.h)
+
+    @property
+    def rate(self) -> float:
+        """r (1/s) with |e|_P <= exp(-r t) at the samples, rounded down."""
+        lost = self.alpha * self.h  # by a logarithm of 1 - lost, a short step would lose its digits
+        return -math.log1p(-float(lost)) / 2 / float(self.h) * (1 - 1e-9) if lost < 1 else math.inf
 
 
 def farthest(holds: Callable[[Fraction], bool], start: Fraction, end: Fraction, close: float = CLOSE) -> Fraction:

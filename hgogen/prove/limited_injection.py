@@ -63,7 +63,7 @@ from hgogen.form import Form
 from hgogen.observer import Observer, founded, gain, high_gain_parameter
 from hgogen.part import Ode
 from hgogen.program import Block, Field, Place, scalar, sym
-from hgogen.prove.convergence import CLOSE, SLOW, Falls, FunctionSearch, claims, nothing
+from hgogen.prove.convergence import CLOSE, SLOW, Falls, Flow, claims, nothing
 from hgogen.prove.error_models import GROWTHS, from_form, inclusion, nominal_units, obstacle, plain
 from hgogen.prove.inclusion import Nothing
 from hgogen.prove.inequality import one_by_one
@@ -83,7 +83,7 @@ _BITS = 24  # of a multiplier
 
 @dataclass(frozen=True)
 class Shape:
-    """What becomes of an output error e: i(e) is `injected` of (e, sat e), `text` in equations.
+    """A law for an output error e: i(e) is `injected` of (e, sat e), `text` in equations.
 
     `below`: whether r must be below lambda; `drift`: of (N, K, C, lambda, r), what the second term of V brings into the
     form over mu: (n, n), (n) and the corner; `kept`: over mu, what that term is at least or at most in the form, times
@@ -101,16 +101,6 @@ class Shape:
     fix: str
 
 
-def _excess(e: Any, sat: Any) -> Any:
-    """e - sat e."""
-    return e - sat
-
-
-def _within(e: Any, sat: Any) -> Any:
-    """sat e."""
-    return sat
-
-
 def _squared(N: Any, K: Any, C: Any, decay: Any, r: Any) -> tuple[Any, Any, Any]:
     """(-lambda s^2 + r eps_1^2)."""
     return r * np.outer(C, C), 0 * C, -decay
@@ -125,7 +115,7 @@ def _beyond(N: Any, K: Any, C: Any, decay: Any, r: Any) -> tuple[Any, Any, Any]:
 DEAD_ZONE = Shape(
     name="dead zone",
     text="(e - sat(e))",
-    injected=_excess,
+    injected=lambda e, sat: e - sat,
     below=True,
     drift=_squared,
     kept=(0, 1),
@@ -135,7 +125,7 @@ DEAD_ZONE = Shape(
 SATURATION = Shape(
     name="saturation",
     text="sat(e)",
-    injected=_within,
+    injected=lambda e, sat: sat,
     below=False,
     drift=_beyond,
     kept=(1, -1),
@@ -223,7 +213,7 @@ def _decay(adaptation: Adaptation, K: Any, growth: Fraction) -> Decay | None:
 
 
 @dataclass(frozen=True)
-class Behind(FunctionSearch):
+class Behind(Flow):
     """The `error` with all of it injected, of gains `K` (n), behind what adapts; the `decays` of its linear core, of
     which V are those that are sought."""
 
@@ -268,7 +258,7 @@ class Behind(FunctionSearch):
     def _holds(self, one: Decay, theta: Fraction, alpha: Fraction = Fraction(0)) -> bool:
         e, P = self.error.at(theta).floats, np.array(self._P(one), dtype=float)
         parts = e.M / float(theta), e.G / float(theta), e.H
-        forms = self._forms(one, parts, P, float(one.mu), float(one.tau), float(alpha / theta))
+        forms = self._values(one, parts, P, float(one.mu), float(one.tau), float(alpha / theta))
         return all(np.linalg.eigvalsh(form).max() < -_SMALL * np.abs(form).max() for form in forms)
 
     def _shown(self, one: Decay, theta: Fraction, alpha: Fraction) -> Falls | None:
@@ -276,7 +266,7 @@ class Behind(FunctionSearch):
         parts = tuple(np.array(fractions(M), dtype=object).reshape(M.shape) for M in (e.M, e.G, e.H))
         M, G, H = parts
         P = np.array(self._P(one), dtype=object)
-        forms = self._forms(one, (M / theta, G / theta, H), P, one.mu, one.tau, alpha / theta)
+        forms = self._values(one, (M / theta, G / theta, H), P, one.mu, one.tau, alpha / theta)
         if one.adaptation.shape.most and alpha > theta * one.adaptation.decay:
             return None
         if not all(definite.positive(fmpq_mat(rational(-form).tolist())) for form in forms):
@@ -289,7 +279,9 @@ class Behind(FunctionSearch):
         t = [one.growth**i / unit for i, unit in enumerate(self.error.units)]
         return tuple(tuple(t[i] * x * t[j] for j, x in enumerate(row)) for i, row in enumerate(one.P))
 
-    def _forms(self, one: Decay, parts: tuple[Array, Array, Array], P: Array, mu: Any, tau: Any, a: Any) -> list[Array]:
+    def _values(
+        self, one: Decay, parts: tuple[Array, Array, Array], P: Array, mu: Any, tau: Any, a: Any
+    ) -> list[Array]:
         """The forms that are negative where V' <= -alpha V, a = alpha/theta, of M/theta, G/theta and H."""
         (N, G, H), way, n = parts, one.adaptation, len(P)
         K = np.array([type(mu)(unit * k) for unit, k in zip(self.error.units, self.K, strict=True)])
@@ -326,7 +318,7 @@ def _multiplier(v: Array) -> Fraction:
 def behind(
     chain: Integrators, theta: float, K: np.ndarray, decays: tuple[Decay, ...], numbers: Any
 ) -> Behind | Nothing:
-    """What is sought of an observer of gains K on a chain, that is built with the `numbers`."""
+    """Return what is sought of an observer of gains K on a chain, that is built with the `numbers`."""
     reason = obstacle(chain.form)
     if reason:
         return Nothing(reason)

@@ -76,7 +76,18 @@ from hgogen.analysis.scaling import heads
 from hgogen.discretisation.runge_kutta import Tableau
 from hgogen.prove import inequality
 from hgogen.prove.inclusion import Inclusion, Uncertain
-from hgogen.prove.plant_step import SUMMED, UNKNOWN, Entering, PlantStep, Rows, Sizes, Unbounded, heads_of, loose, times
+from hgogen.prove.plant_step import (
+    SUMMED,
+    UNKNOWN,
+    ErrorInput,
+    PlantStep,
+    Rows,
+    Sizes,
+    Unbounded,
+    heads_of,
+    loose,
+    times,
+)
 from hgogen.prove.quadratic import BALLS, Array, floats, identity, rational
 from hgogen.rigor.box import exact
 from hgogen.rigor.definite import number
@@ -128,22 +139,22 @@ def _kernel(end: Fraction, weights: Column, places: Column) -> Fraction:
 
 
 _SECOND, _THIRD = 2, 3  # order of the Taylor coefficient of a line
-_SHORT = 10_000  # the largest denominator of a tableau's coefficients
+_DENOMINATOR = 10_000  # the largest denominator of a tableau's coefficients
 _NONE = Fraction(0)
 _LITTLE = Fraction(1, 1000)  # of how fast the plant moves: what is left is not looked into further
 _NO_REMAINDER = "the method's remainder has no bound on the ranges: {flow}"
 
 
 @dataclass(frozen=True)
-class BesideStages:
+class StageDeviation:
     """The plant's step beside that of a tableau."""
 
     plant: PlantStep
     tableau: Tableau
 
     @property
-    def entering(self) -> Entering:
-        """What enters the error of it, and of what that follows. Raises: `Unbounded`."""
+    def error_input(self) -> ErrorInput:
+        """The inputs of the error of this step, and from what their sizes follow. Raises: `Unbounded`."""
         outputs, still = range(len(self.plant.form.output)), (Fraction(0),) * len(self.tableau.b)
         stages = tuple(self.line(output) if output in self._used else still for output in outputs)
         sizes, cells, rows = Sizes(stages=stages, beside=self.remainder()), self._cells, self._rows
@@ -151,7 +162,7 @@ class BesideStages:
         follows = {
             "rates": self.plant.moving,
             "speeds": self.plant.stated_speeds,
-            "slopes": self._bent,
+            "slopes": self._output_steepness,
             "lines": self._lines,
             "orders": orders,
             "flow": [row.flow for row in rows],
@@ -159,15 +170,15 @@ class BesideStages:
             "steepness": [] if all(orders) else self._steepness,
             "tree": cells.tree if cells else ".",
         }
-        return Entering(sizes, follows)
+        return ErrorInput(sizes, follows)
 
     def line(self, output: int) -> tuple[Fraction, ...]:
-        """By how much the line between two samples of an output is beside what the plant shows at each stage (s).
-        Raises: `Unbounded`."""
+        """Return by how much the line between two samples of an output differs from what the plant shows at each stage
+        (s). Raises: `Unbounded`."""
         (a, _, _), moving = self._coefficients, (*self.plant.stated_speeds, *self.plant.moving)
-        bend = sum((x * most for x, most in zip(self._bent[output], moving, strict=True)), _NONE)
+        bend = sum((x * most for x, most in zip(self._output_steepness[output], moving, strict=True)), _NONE)
         away = [sum(map(abs, row), _NONE) for row in a]  # of a stage from the start, over h sup|F|
-        shares = [sum((abs(w) * far for w, far in zip(row, away, strict=True)), _NONE) for row in self._bends]
+        shares = [sum((abs(w) * far for w, far in zip(row, away, strict=True)), _NONE) for row in self._line_weights]
         sizes = [self.plant.h**2 * share * bend for share in shares]
         for i, third in zip(self._cubic, self._lines[output], strict=False):
             sizes[i] = min(sizes[i], self.plant.h**_THIRD * third)
@@ -179,11 +190,13 @@ class BesideStages:
 
     @cached_property
     def _rows(self) -> tuple["Row", ...]:
-        """What is left in each row of the form, by the order that says least of it (n). Raises: `Unbounded`."""
+        """The remainder in each row of the form, by the order that gives the least (n). Raises: `Unbounded`."""
         known, plant = self._known, self.plant
         rows = [known.rows(plant.h)] if known else []
         if not known or known.weight(plant.h, self._little) > 1:
-            linear, moving = [*map(_linear, plant.flow)], (*plant.stated_speeds, *plant.moving)
+            moving = (*plant.stated_speeds, *plant.moving)
+            terms = (sp.Add.make_args(row) for row in plant.flow)
+            linear = [all(term.is_number or term.as_coeff_Mul()[1].is_Symbol for term in row) for row in terms]
             sizes = lipschitz_remainder(plant.h, *self._coefficients, self._steepness, moving, linear)
             if sizes is None:
                 raise Unbounded(because(_NO_REMAINDER, flow=plant.flow))
@@ -195,8 +208,8 @@ class BesideStages:
         return self.plant.steep(self.plant.flow)
 
     @cached_property
-    def _bent(self) -> Rows:
-        """How steep y' of each output is in the states and inputs (p, n + m)."""
+    def _output_steepness(self) -> Rows:
+        """The steepness of y' of each output in the states and inputs (p, n + m)."""
         plant, outputs = self.plant, range(len(self.plant.form.output))
         return plant.steep(plant.rate(output) if output in self._used else sp.S(0) for output in outputs)
 
@@ -206,7 +219,7 @@ class BesideStages:
         return heads(self.plant.form)
 
     @cached_property
-    def _bends(self) -> Rows:
+    def _line_weights(self) -> Rows:
         """c_i b_j - a_ij (s, s)."""
         a, b, c = self._coefficients
         return tuple(tuple(at * w - x for w, x in zip(b, row, strict=True)) for at, row in zip(c, a, strict=True))
@@ -217,7 +230,7 @@ class BesideStages:
         a, _, c = self._coefficients
         if [sum(row) for row in a] != c:
             return []
-        each = enumerate(self._bends)
+        each = enumerate(self._line_weights)
         return [i for i, row in each if any(row) and not sum(w * at for w, at in zip(row, c, strict=True))]
 
     @cached_property
@@ -247,7 +260,7 @@ class BesideStages:
         return tuple(_LITTLE * speed for speed in self.plant.stated_speeds)
 
     def _on(self, cell: Ranges) -> "Coefficients | None":
-        """Those on a cell."""
+        """Return the coefficients on a cell."""
         last, c = self.tableau.order + 2, self._coefficients[2]
         try:
             flow, (stages, end) = self.plant.series(last, cell), self._step_series(cell)
@@ -262,7 +275,8 @@ class BesideStages:
         return Coefficients(*(tuple(tuple(magnitude(x) * SUMMED for x in row) for row in rows) for rows in kinds))
 
     def _step_series(self, cell: Ranges) -> tuple[list[list[list[Any]]], list[list[Any]]]:
-        """Those of the stages (s) and of the step in its length, at any length up to h: as many as are read."""
+        """Return the series of the stages (s) and of the step in its length, at any length up to h: as many as are
+        read."""
         (a, b, c), (states, inputs, constant) = self._coefficients, self.plant.balls(cell)
         order = max(_THIRD + 1, self.tableau.order + 2)
         length = flint.arb_series([between(Fraction(0), self.plant.h), flint.arb(1)], prec=order)
@@ -288,7 +302,7 @@ class BesideStages:
         """a, its rows as long as b, b and c as the tableau means them."""
 
         def exactly(values: Sequence[float]) -> list[Fraction]:
-            return [Fraction(value).limit_denominator(_SHORT) for value in values]
+            return [Fraction(value).limit_denominator(_DENOMINATOR) for value in values]
 
         rows = [(*row, *[0.0] * (len(self.tableau.b) - len(row))) for row in self.tableau.a]
         return [exactly(row) for row in rows], exactly(self.tableau.b), exactly(self.tableau.c)
@@ -296,7 +310,7 @@ class BesideStages:
 
 @dataclass(frozen=True)
 class Row:
-    """What is left in a row over h, by an `order`: of coefficients of the `flow` and of the `step`, none of 0."""
+    """The remainder in a row over h, by an `order`: of coefficients of the `flow` and of the `step`, none of 0."""
 
     order: int
     flow: Fraction
@@ -321,20 +335,15 @@ class Coefficients:
         return cls(*(tuple(tuple(map(max, zip(*rows, strict=True))) for rows in kind) for kind in grouped))
 
     def rows(self, h: Fraction) -> tuple[Row, ...]:
-        """What they leave in each row, by the best of their orders (n)."""
+        """Return the remainder in each row, by the best of their orders (n)."""
         each = enumerate(zip(self.flow, self.step, strict=True), 1)
         orders = [[Row(q, x, y, h**q * (x + y)) for x, y in zip(*pair, strict=True)] for q, pair in each]
         return tuple(min(row, key=lambda one: one.size) for row in zip(*orders, strict=True))
 
     def weight(self, h: Fraction, little: Sequence[Fraction]) -> float:
-        """How many times more than little that is (n), of all rows the most."""
+        """Return how many times more than little the remainders are (n), of all rows the most."""
         pairs = zip(self.rows(h), little, strict=True)
         return max((float(row.size / most) if most else math.inf for row, most in pairs if row.size), default=0.0)
-
-
-def _linear(row: sp.Expr) -> bool:
-    """Whether a row is a sum of names, each times a number."""
-    return all(term.is_number or term.as_coeff_Mul()[1].is_Symbol for term in sp.Add.make_args(row))
 
 
 def _padded(values: list[Any], order: int) -> list[Any]:
@@ -344,12 +353,14 @@ def _padded(values: list[Any], order: int) -> list[Any]:
 _FEW, _MANY = 8, 64  # pieces of a step
 _FINE = 8  # of them, where the core turns by 1
 _BARELY = 1 + Fraction(1, 10**6)  # of a size: what is said of it, which a weaker arithmetic reaches
-_BENT = 4  # over h: by how much of a first derivative a signal may be beside a line as if it were its second
+_SECOND_PER_FIRST = (
+    4  # over h: by how much of a first derivative a signal may be beside a line as if it were its second
+)
 _SMOOTH = 5  # Taylor coefficients of the plant that are asked for, the last of which is of its third derivative
 
 
 @dataclass(frozen=True, eq=False)
-class BesideCore:
+class CoreDeviation:
     """The plant's step beside one of an estimator whose error obeys `error` at `theta`; of a plant that is not taken to
     be `smooth` how steep it is stands for its derivatives."""
 
@@ -358,25 +369,27 @@ class BesideCore:
     theta: Fraction
     smooth: bool = True
 
-    def enters(self, realisation: inequality.Realisation, leaves: "Leaves") -> Entering:
-        """What comes to each field of an estimate that begins at the plant's own state, and of what that follows.
-        Raises: `Unbounded`."""
+    def error_input(self, realisation: inequality.Realisation, leaves: "Leaves") -> ErrorInput:
+        """Return the deviation of each field of an estimate that begins at the plant's own state, and of what that
+        follows. Raises: `Unbounded`."""
         self._demand_chain()
         try:
             return self._by_derivatives(realisation, leaves)
         except Unbounded:
             return replace(self, smooth=False)._by_derivatives(realisation, leaves)
 
-    def _by_derivatives(self, realisation: inequality.Realisation, leaves: "Leaves") -> Entering:
-        """By those of the flow and of the rest, or what stands for them. Raises: `Unbounded`."""
+    def _by_derivatives(self, realisation: inequality.Realisation, leaves: "Leaves") -> ErrorInput:
+        """Return it by derivatives of the flow and of b, or what stands for them. Raises: `Unbounded`."""
         with ctx.workprec(BALLS):
             weight, alpha = np.abs(realisation(self.L, self.plant.h)[1]) * self.h, leaves.alpha(self)
             ahead = alpha + weight @ np.abs(self.lifted) @ self.most(1, self.plant.rest) * self.h
             e = self.obeyed
             slopes = np.abs(e.M - e.core) + np.abs(e.G) @ np.abs(e.H)  # at most, of what the rest makes of an error
             total = alpha + weight @ slopes @ ahead
-            sizes = Sizes(fields=tuple(map(self._over_h, total)))
-        return Entering(sizes, self._follows(leaves))
+            if not all(arb(x).is_finite() for x in total):
+                raise Unbounded(because("its core turns too fast for a step of {h}", h=float(self.plant.h)))
+            sizes = Sizes(fields=tuple(magnitude(arb(x)) * _BARELY / self.plant.h for x in total))
+        return ErrorInput(sizes, self._follows(leaves))
 
     def _follows(self, leaves: "Leaves") -> Evidence:
         flow, rest = self.plant.flow, self.plant.rest
@@ -392,7 +405,7 @@ class BesideCore:
 
     @cached_property
     def obeyed(self) -> Uncertain:
-        """What the error obeys."""
+        """The inclusion that the error obeys."""
         return self.error.at(self.theta)
 
     @property
@@ -428,7 +441,7 @@ class BesideCore:
         if self.smooth:
             return rational(self._derivatives(order, rows))
         rates = times(self.plant.steep(rows), (*self.plant.stated_speeds, *self.plant.moving))
-        return rational([(_BENT / self.plant.h) ** (order - 1) * rate for rate in rates])
+        return rational([(_SECOND_PER_FIRST / self.plant.h) ** (order - 1) * rate for rate in rates])
 
     def _derivatives(self, order: int, rows: Sequence[sp.Expr]) -> tuple[Fraction, ...]:
         self._demand_smooth()
@@ -437,7 +450,7 @@ class BesideCore:
         return tuple(loose(row, self.plant.largest(row) * SUMMED) for row in rows)
 
     def _demand_chain(self) -> None:
-        """That the plant obeys the observer's equations. Raises: `Unbounded`."""
+        """Demand that the plant obeys the observer's equations. Raises: `Unbounded`."""
         form, each = self.plant.form, range(self.plant.form.n)
         for output in heads(form):
             self.plant.demand_no_input(form.output[output])
@@ -447,7 +460,7 @@ class BesideCore:
             raise Unbounded(because("its core is not the plant's chain in exact numbers"))
 
     def _demand_smooth(self) -> None:
-        """That derivatives are what rules of differentiation say. Raises: `Unbounded`."""
+        """Demand that derivatives are what rules of differentiation say. Raises: `Unbounded`."""
         if not any(row.has(*JUMPS, *KINKS, Table) for row in self.plant.flow):
             return
         try:
@@ -456,33 +469,27 @@ class BesideCore:
             pattern = "how far the plant bends in a step has no bound on the ranges: {flow}"
             raise Unbounded(because(pattern, flow=self.plant.flow)) from error
 
-    def _over_h(self, x: Any) -> Fraction:
-        """Raises: `Unbounded`."""
-        size = arb(x)
-        if not size.is_finite():
-            raise Unbounded(because("its core turns too fast for a step of {h}", h=float(self.plant.h)))
-        return magnitude(size) * _BARELY / self.plant.h
-
 
 @dataclass(frozen=True)
 class Leaves:
-    """What a realisation leaves of a rest that is known at both ends of a step: the sizes of `alpha` (N), from the
-    derivative of z' of the order `flow`, and from those of b of up to the order `rest`, the first of which counts
-    whatever the realisation."""
+    """The remainder of a realisation whose nonlinear part is known at both ends of a step: the sizes of `alpha` (N),
+    from the derivative of z' of the order `flow`, and from those of b of up to the order `rest`, the first of which
+    counts whatever the realisation."""
 
     flow: int
     rest: int
-    alpha: Callable[[BesideCore], Array]
+    alpha: Callable[[CoreDeviation], Array]
 
 
-def by_bilinear_rule(step: BesideCore) -> Array:
+def by_bilinear_rule(step: CoreDeviation) -> Array:
     """|(1 - h L/2)^-1 s| h^3/12 sup of the third derivatives of z. Raises: `Unbounded`."""
     resolvent, _ = inequality.by_bilinear_rule(step.L, step.plant.h)
     return np.asarray(np.abs(resolvent @ step.lifted) @ step.most(2, step.plant.flow) * (step.h**3 / 12))
 
 
-def by_matrix_exponential(step: BesideCore) -> Array:
-    """By the integral, and by what a program's polynomials may be beside the exponential. Raises: `Unbounded`."""
+def by_matrix_exponential(step: CoreDeviation) -> Array:
+    """Return alpha by the integral, and by what a program's polynomials may be beside the exponential. Raises:
+    `Unbounded`."""
     source, bent = np.hstack([step.entering, step.lifted]), step.most(1, step.plant.flow)
     driven = _integral(step.L, step.plant.h, source) @ np.concatenate([bent, step.most(2, step.plant.rest)])
     any_of_it = 0 * step.L + number(inequality.WITHIN)
@@ -499,23 +506,16 @@ def _integral(L: Array, h: Fraction, source: Array) -> Array:
     turns = float(np.abs(floats(L)).sum(axis=1).max()) * float(h)
     count, total = min(_MANY, max(_FEW, math.ceil(_FINE * turns))), 0 * source
     for low, high in pairwise(h * Fraction(k, count) for k in range(count + 1)):
-        weight = _primitive(high, h) - _primitive(low, h)
+        weight = h * (high**2 - low**2) / 4 - (high**3 - low**3) / 6
         sizes = [[x.abs_upper() for x in row] for row in _power(L, low, high) @ source]
         total = total + np.array(sizes, dtype=object).reshape(source.shape) * number(weight)
     return total
 
 
-def _primitive(s: Fraction, h: Fraction) -> Fraction:
-    """The integral of s (h - s)/2 from 0."""
-    return h * s**2 / 4 - s**3 / 6
-
-
 def _power(L: Array, low: Fraction, high: Fraction) -> Array:
     """Balls that hold exp(s L) of each s between two ends."""
     half, each = (high - low) / 2, range(len(L))
-    power = _exp(L, arb(number(low + half))) * _exp(L, between(-half, half))
+    ends = (arb(number(low + half)), between(-half, half))
+    middle, around = (arb_mat([[arb(x) * s for x in row] for row in L.tolist()]).exp() for s in ends)
+    power = middle * around
     return np.array([[power[i, j] for j in each] for i in each], dtype=object)
-
-
-def _exp(L: Array, s: Any) -> Any:
-    return arb_mat([[arb(x) * s for x in row] for row in L.tolist()]).exp()

@@ -79,12 +79,12 @@ class PlantStep:
 
     @cached_property
     def stated_speeds(self) -> tuple[Fraction, ...]:
-        """The same as a certificate has them, a little larger where they are no numbers of the plant's."""
+        """The speeds as a certificate has them, a little larger where they are no numbers of the plant's."""
         return tuple(map(loose, self.flow, self.speeds))
 
     @property
     def margins(self) -> tuple[Fraction, ...]:
-        """By how much the plant keeps clear of the ends of the ranges (n). Raises: `Unbounded`."""
+        """The distance by which the plant keeps clear of the ends of the ranges (n). Raises: `Unbounded`."""
         return tuple(self.h * speed for speed in self.speeds)
 
     def shown(self, output: int) -> Fraction:
@@ -93,7 +93,8 @@ class PlantStep:
         return loose(rate, self.largest(rate))
 
     def beside(self, output: int, most: Sequence[Fraction]) -> Fraction:
-        """By how much more y' may be where the rates are beside F by at most these sizes (n). Raises: `Unbounded`."""
+        """Return by how much more y' may be where the rates are beside F by at most these sizes (n). Raises:
+        `Unbounded`."""
         y = self.form.output[output]
         by = zip(self.form.states, most, strict=True)
         return sum((self.largest(sp.diff(y, z)) * size for z, size in by if size), Fraction(0))
@@ -105,7 +106,7 @@ class PlantStep:
         return sum((sp.diff(y, z) * row for z, row in zip(form.states, self.flow, strict=True)), sp.S(0))
 
     def demand_no_input(self, y: sp.Expr) -> None:
-        """That an output reads none. Raises: `Unbounded`."""
+        """Demand that an output reads no input. Raises: `Unbounded`."""
         if y.free_symbols & {*self.form.system.inputs}:
             raise Unbounded(because("the output {y} reads an input", y=y))
 
@@ -141,7 +142,7 @@ class PlantStep:
         read = sp.Matrix([*form.to_form, *form.output, *self._recast.values()]).free_symbols & wrong.keys()
         if read:
             raise Unbounded(because("the coordinates or outputs read {read}", read=sorted(map(str, read))))
-        where = box(signals(form), system.nominal)
+        where = form.box
         for p, (low, high) in box(tuple(wrong), system.nominal).items():
             where[p] = Fraction(low) - wrong[p], Fraction(high) + wrong[p]
         rows = form.A * sp.Matrix(form.states) + sp.Matrix(form.b)
@@ -157,7 +158,7 @@ class PlantStep:
         return tuple(tuple(self.steepest(row, z) for z in self.form.states) for row in self.flow)
 
     def steep(self, rows: Iterable[sp.Expr]) -> Rows:
-        """How steep rows are in the states and the inputs (.., n + m). Raises: `Unbounded`."""
+        """Return how steep rows are in the states and the inputs (.., n + m). Raises: `Unbounded`."""
         names = (*self.form.states, *self.form.system.inputs)
         return tuple(tuple(self.steepest(row, x) for x in names) for row in rows)
 
@@ -167,7 +168,7 @@ class PlantStep:
             slope = sp.diff(row, x)
             with suppress(Unbounded):
                 return loose(slope, self.largest(slope))
-        return loose(row, steepness_in(row, x, box(signals(self.form), self.form.system.nominal)))
+        return loose(row, steepness_in(row, x, self.form.box))
 
     def disturbed(self, most: Sequence[Fraction]) -> tuple[Fraction, ...]:
         """|delta|/h (n) of disturbances of at most these sizes (n) in the rows of F, of any course. Raises:
@@ -208,16 +209,17 @@ class PlantStep:
 
     @cached_property
     def _ranges(self) -> Ranges:
-        """Those of states, inputs and parameters. Raises: `Unbounded`."""
+        """The ranges of states, inputs and parameters. Raises: `Unbounded`."""
         form, system = self.form, self.form.system
         for signal in (*form.states, *system.inputs):
             if not signal.bounded:
                 raise Unbounded(because("{signal} has no range", signal=signal))
-        ends = box(signals(form), system.nominal)
+        ends = form.box
         return {x: (Fraction(low), Fraction(high)) for x, (low, high) in ends.items()}
 
     def balls(self, cell: Ranges) -> tuple[list[Any], list[tuple[Any, Any]], list[Any]]:
-        """Of the states, of the inputs and their rates, and of the parameters, where some are in a cell."""
+        """Return the balls of the states, of the inputs and their rates, and of the parameters, where some are in a
+        cell."""
         form, system, ends = self.form, self.form.system, {**self._ranges, **cell}
         each = (form.states, system.inputs, system.parameters)
         states, inputs, parameters = ([between(*ends[x]) for x in group] for group in each)
@@ -242,7 +244,7 @@ class PlantStep:
 
 
 class Unbounded(ArithmeticError):
-    """What has no bound on the ranges, `args[0]` is the reason."""
+    """A quantity that has no bound on the ranges, `args[0]` is the reason."""
 
 
 def times(rows: Rows, sizes: Sequence[Fraction]) -> tuple[Fraction, ...]:
@@ -251,12 +253,12 @@ def times(rows: Rows, sizes: Sequence[Fraction]) -> tuple[Fraction, ...]:
 
 
 def _rate_of(u: sp.Symbol) -> sp.Symbol:
-    """What stands for the rate of an input, a name that no signal has."""
+    """Return the symbol of the rate of an input, a name that no signal has."""
     return sp.Symbol(f"{u}'", real=True)
 
 
 def loose(expression: sp.Expr, most: Fraction) -> Fraction:
-    """What an expression is at most, a little larger, so that a weaker arithmetic reaches it."""
+    """Return what an expression is at most, a little larger, so that a weaker arithmetic reaches it."""
     return most if expression.is_Symbol else most * (SUMMED if expression.is_number else _LOOSE)
 
 
@@ -283,14 +285,21 @@ def steepness_in(expression: sp.Expr, p: sp.Symbol, where: Box) -> Fraction:
 
 
 _NOTHING = Fraction(0)
-ENTERING = ("noise", "rounded", "late", "disturbance", "parameters", "rates")  # of which a user says how large they are
+ERROR_INPUTS = (
+    "noise",
+    "rounded",
+    "late",
+    "disturbance",
+    "parameters",
+    "rates",
+)  # whose sizes a user declares
 
 
 Heads = Mapping[int, tuple[int, Fraction]]  # by an output's place, that of the state that it shows, and dy/dz
 
 
 def heads_of(form: Form) -> Heads | None:
-    """What outputs show of the first states of chains; None where a slope is no number."""
+    """Return the first states of chains by the outputs that measure them; None where a slope is no number."""
     known, slopes = dict(fixed(form)), dict[int, tuple[int, Any]]()
     for j, head in heads(form).items():
         row = exact(sp.sympify(form.output[j]).xreplace(known))
@@ -302,8 +311,8 @@ def heads_of(form: Form) -> Heads | None:
 
 @dataclass(frozen=True)
 class Sizes:
-    """Of the `samples` (p), of the `stages` (p, s), `beside` (n) in units of the form's states, and of the `fields` (N)
-    as e has them; empty of none."""
+    """The sizes of the `samples` (p), of the `stages` (p, s), `beside` (n) in units of the form's states, and of the
+    `fields` (N) as e has them; empty of none."""
 
     samples: tuple[Fraction, ...] = ()
     stages: tuple[tuple[Fraction, ...], ...] = ()
@@ -341,7 +350,7 @@ class Sizes:
 
 
 @dataclass(frozen=True)
-class Entering:
+class ErrorInput:
     """The `sizes` of what enters, and of what they follow, as a certificate has it."""
 
     sizes: Sizes
@@ -350,8 +359,9 @@ class Entering:
 
 @dataclass(frozen=True)
 class Share:
-    """What some inputs of these `sizes` do, by name: by the `proofs` of their sizes over `unit`, by field. `follows`:
-    of what the sizes follow, numbers that a user says and suprema on the ranges; empty where that is not written."""
+    """The effect of some inputs of these `sizes`, by name: by the `proofs` of their sizes over `unit`, by field.
+    `follows`: of what the sizes follow, numbers that a user says and suprema on the ranges; empty where that is not
+    written."""
 
     what: str
     sizes: Sizes
@@ -360,11 +370,11 @@ class Share:
     follows: Evidence = field(default_factory=dict)
 
     def bound(self, field: int) -> Fraction:
-        """How far they move the error for which a field stands."""
+        """Return how far these inputs move the error for which a field stands."""
         return self.unit * self.proofs[field].bound
 
     @property
     def written(self) -> Evidence:
-        """As a certificate has it."""
+        """The share as a certificate has it."""
         bounds = [{"field": k + 1, **one.written, "bound": self.bound(k)} for k, one in self.proofs.items()]
         return {"inputs": self.what, "follows": self.follows, **vars(self.sizes), "unit": self.unit, "bounds": bounds}

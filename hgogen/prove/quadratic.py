@@ -85,7 +85,7 @@ class Quadratic:
 
     @property
     def floats(self) -> "Quadratic":
-        """The same in floats."""
+        """The form in floats."""
         pairs = tuple((floats(X), floats(Y)) for X, Y in self.pairs)
         return Quadratic(
             pairs, floats(self.Q), floats(self.Z), None if self.constant is None else floats(self.constant)
@@ -101,12 +101,12 @@ class Weights:
 
     @classmethod
     def of(cls, P: Array, S: Array) -> "Weights":
-        """Those of FLINT's rationals."""
+        """Return the weights of FLINT's rationals."""
         return cls(fractions(P), tuple(map(fraction, S)))
 
     @property
     def written(self) -> dict[str, Any]:
-        """Both, as a certificate has them."""
+        """The weights as a certificate has them."""
         return {"P": self.P, "S": self.S}
 
 
@@ -141,7 +141,7 @@ def confirmed(
 
 
 @dataclass(frozen=True, eq=False)
-class Seen:
+class View:
     """Forms `of` floats in coordinates x of e = `W` x, each multiplied relation in units of its `g` (k)."""
 
     of: Sequence[Quadratic]
@@ -149,7 +149,7 @@ class Seen:
     g: Array
 
     @classmethod
-    def paced(cls, forms: Sequence[Quadratic], W: Array) -> tuple["Seen", float]:
+    def paced(cls, forms: Sequence[Quadratic], W: Array) -> tuple["View", float]:
         """Forms in a unit of time of their own, each relation as strong where it enters as where it reads; and how many
         of these units there are in one of time."""
         fast = pace(forms[0], W)
@@ -202,7 +202,7 @@ def balance(N: Array) -> Array:
 
 
 def pace(of: Quadratic, W: Array) -> float:
-    """How fast the x of e = W x move in a form of floats, by which it is in a unit of time of its own."""
+    """Return how fast the x of e = W x move in a form of floats, by which it is in a unit of time of its own."""
     n = len(W)
     fast = float(np.linalg.norm(np.linalg.inv(W) @ of.pairs[0][1][:, :n] @ W))
     return fast if 0 < fast < math.inf else 1.0
@@ -242,7 +242,7 @@ def reach(forms: Sequence[Quadratic], towards: Sequence[Quadratic], P: Array, S:
 def _valued(forms: Sequence[Quadratic], P: Array, S: Array, W: Array | None) -> tuple[Array, Array]:
     """The values (k, N, N) of forms of floats, and P, in coordinates x of e = W x."""
     if W is not None:
-        view, fast = Seen.paced(forms, W)
+        view, fast = View.paced(forms, W)
         forms, P, S = view.forms, W.T @ P @ W, S * view.g**2 / fast
     return np.array([form.value(P, S) for form in forms]), P
 

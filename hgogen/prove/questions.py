@@ -28,12 +28,12 @@ from hgogen.form import Form
 from hgogen.observer import Observer, asks_an_observer
 from hgogen.prove.convergence import Falls, Flow
 from hgogen.prove.inclusion import NO_SCALES, Inclusion, Nothing, Uncertain, of_state
-from hgogen.prove.inequality import NOW, Inputs, Steps, driven, pushed
+from hgogen.prove.inequality import NOW, Contracts, Inputs, driven, pushed
 from hgogen.prove.quadratic import (
     MARGINS,
     Array,
     Quadratic,
-    Seen,
+    View,
     Weights,
     confirmed,
     even,
@@ -76,7 +76,7 @@ class InputBound:
 
     @property
     def written(self) -> dict[str, Any]:
-        """As a certificate has it."""
+        """The bound as a certificate has it."""
         return {"alpha": self.alpha, **self.weights.written, "bound": self.bound}
 
 
@@ -102,10 +102,10 @@ def input_bound(bounded: Bounded, W: Array | None, q: int, c: Array, most: Fract
     return next(filter(None, proofs), None)
 
 
-def of_step(steps: Steps, h: Fraction, inputs: Inputs, c: Array, most: Fraction) -> InputBound | None:
-    """That of a step which is proved with the rate `most`. Raises: `NoSolver`."""
-    step, q = steps.at(h), inputs.D.shape[1]
-    return input_bound(lambda alpha: (step.driven(alpha, inputs),), steps.coordinates, q, c, most)
+def of_step(proof: Contracts, inputs: Inputs, c: Array) -> InputBound | None:
+    """A bound of |c e| of a step that contracts. Raises: `NoSolver`."""
+    step, q = proof.step, inputs.D.shape[1]
+    return input_bound(lambda alpha: (step.driven(alpha, inputs),), proof.steps.coordinates, q, c, proof.alpha)
 
 
 def _walk(bound: Callable[[Fraction], float]) -> None:
@@ -133,7 +133,7 @@ def bound_at(bounded: Bounded, W: Array, q: int, c: Array, alpha: Fraction) -> I
 
 
 def bound_in_floats(bounded: Bounded, W: Array, q: int, c: Array, alpha: Fraction) -> tuple[float, Array] | None:
-    """The same bound in floats, which prove nothing, and coordinates (N, N) in which its P is the unit matrix."""
+    """Return the bound in floats, which prove nothing, and coordinates (N, N) in which its P is the unit matrix."""
     forms, row = [form.floats for form in bounded(alpha)], floats(c[None])
     weights = weights_in_floats(forms, row, float(alpha), W, q, _MARGIN)
     if weights is None or any(np.linalg.eigvalsh(form.value(*weights)).max() >= 0 for form in forms):
@@ -150,7 +150,7 @@ def weights_in_floats(
     def sought_in(W: Array) -> Solution | None:
         """In these coordinates, with the inputs in a unit in which x is near 1."""
         unit = alpha / float(np.linalg.norm((np.linalg.inv(W) @ forms[0].pairs[0][1])[:, -q:]))
-        view = Seen(forms, W, np.append(even(forms[0], W)[:-q], [unit] * q))
+        view = View(forms, W, np.append(even(forms[0], W)[:-q], [unit] * q))
         return shortest(view, rows @ W, together(forms[0], q, float(_SHARE) * alpha), margin, unit, _INPUTS)
 
     return settled(sought_in, W)
@@ -168,11 +168,11 @@ class Confined:
     bounds: Mapping[int, Fraction]
 
 
-def confined(steps: Steps, h: Fraction, corners: Array, rows: Mapping[int, Array]) -> Confined | None:
+def confined(proof: Contracts, corners: Array, rows: Mapping[int, Array]) -> Confined | None:
     """A proof that makes the largest |c e| small, each c (N) of the `rows` in the unit in which it counts, from the
     `corners` (k, N) of a box, one of each two that are opposite; of FLINT's rationals. None where none is found.
     Raises: `NoSolver`."""
-    form, W = steps.at(h).falls(NOW), steps.coordinates
+    form, W = proof.step.falls(NOW), proof.steps.coordinates
     if W is None:
         return None
     of, starts, reads = form.floats, floats(corners), floats(np.array(list(rows.values())))
@@ -182,14 +182,14 @@ def confined(steps: Steps, h: Fraction, corners: Array, rows: Mapping[int, Array
         begins = starts @ np.linalg.inv(W).T
         far = float(np.linalg.norm(begins, axis=1).max())
         limits = holding(of, begins / far)
-        return shortest(Seen((of,), W, even(of, W)), reads @ W, limits, margin, 1 / far, _START)
+        return shortest(View((of,), W, even(of, W)), reads @ W, limits, margin, 1 / far, _START)
 
     exactly = confirmed((form,), lambda margin: settled(lambda W: sought_in(W, margin), W))
     return Confined(Weights.of(*exactly), reached(exactly[0], corners, rows)) if exactly else None
 
 
 def reached(P: Array, corners: Array, rows: Mapping[int, Array]) -> dict[int, Fraction]:
-    """How far |c e| goes at most: the root of c P^-1 c' times the largest |e(0)|_P^2."""
+    """Return how far |c e| goes at most: the root of c P^-1 c' times the largest |e(0)|_P^2."""
     begins = fraction(max(corner @ P @ corner for corner in corners))
     return {place: root(extent(P, c) * begins) for place, c in rows.items()}
 
@@ -199,7 +199,8 @@ def reached(P: Array, corners: Array, rows: Mapping[int, Array]) -> dict[int, Fr
 
 @dataclass(frozen=True, eq=False)
 class Driven:
-    """What the error obeys, `e`, with inputs v (q), and what is counted of it, `C` (r, N); of FLINT's rationals."""
+    """A system that the error obeys, `e`, with inputs v (q), and what is counted of it, `C` (r, N); of FLINT's
+    rationals."""
 
     e: Uncertain
     C: Array
@@ -244,7 +245,7 @@ def l2_bound(each: Sequence[Driven], W: Array, growing: Array | None = None) -> 
     scale = max(np.linalg.norm(floats(one.C) @ W, 2) for one in each) ** 2 / fastest  # of P, which is then near 1
     g = np.append(even(forms[0].floats, W)[: k - q], [np.sqrt(scale) / most] * q)  # so that mu is near 1
     of = [form.floats for form in forms]
-    view = Seen([one if one.constant is None else replace(one, constant=one.constant / scale) for one in of], W, g)
+    view = View([one if one.constant is None else replace(one, constant=one.constant / scale) for one in of], W, g)
 
     def by_margin(by: float) -> tuple[Array, Array] | None:
         candidate = cheapest(view.forms, q, by, _L2)
@@ -260,18 +261,28 @@ def l2_bound(each: Sequence[Driven], W: Array, growing: Array | None = None) -> 
 # --- noise in continuous time
 
 
+def obeyed(observer: Observer) -> Inclusion | Nothing:
+    """Return what the error of an observer of a constant injection obeys, or why that is not known."""
+    known: Inclusion | Nothing | None = observer.error
+    why = "the proof is for a constant injection: high_gain, filtered and the like, on chains"
+    return Nothing(because(why)) if known is None else known
+
+
+def theta_of(observer: Observer) -> Fraction:
+    """The declared theta."""
+    (theta,) = (gain.initial[0] for gain in observer.gains if gain.name == "theta")
+    return Fraction(theta)
+
+
 @asks_an_observer
 def noise_bounds(observer: Observer) -> Bounds | Nothing:
-    """By the name of a state of the form and of an output, how far the estimate of the one goes at most for noise of at
-    most 1 of the other, in continuous time, at the declared gains of an observer of a constant injection; or why that
-    is not known. Raises: `lmi.NoSolver`."""
-    error: Inclusion | Nothing | None = observer.error
-    if error is None:
-        return Nothing(because("the proof is for a constant injection: high_gain, filtered and the like, on chains"))
+    """Return, by the name of a state of the form and of an output, how far the estimate of the one goes at most for
+    noise of at most 1 of the other, in continuous time, at the declared gains of an observer of a constant injection;
+    or why that is not known. Raises: `lmi.NoSolver`."""
+    error = obeyed(observer)
     if isinstance(error, Nothing):
         return error
-    (theta,) = (each.initial[0] for each in observer.gains if each.name == "theta")
-    flow = Flow(error, Fraction(theta))
+    flow = Flow(error, theta_of(observer))
     if flow.fastest is None:
         return Nothing(flow.obstacle(observer.form.states))
     known = bounds(flow, flow.fastest)
@@ -285,8 +296,8 @@ def named(form: Form, known: Mapping[tuple[int, int], float]) -> Bounds:
 
 
 def bounds(flow: Flow, falls: Falls) -> Mapping[tuple[int, int], float] | Reason:
-    """By state of the form and by output, the proved bound of what noise of at most 1 does, in their units, of an error
-    that `falls`; or why there is none. Raises: `NoSolver`."""
+    """Return, by state of the form and by output, the proved bound of what noise of at most 1 does, in their units, of
+    an error that `falls`; or why there is none. Raises: `NoSolver`."""
     error, scales = flow.error, flow.error.scales(flow.theta)
     if scales is None:
         return NO_SCALES
@@ -331,7 +342,8 @@ def together_in_floats(
 
 
 def _over(e: Uncertain, pace: Any) -> Uncertain:
-    """The same in a time that runs `pace` times as fast, so that rates are near 1; in the arithmetic of both."""
+    """Return the system in a time that runs `pace` times as fast, so that rates are near 1; in the arithmetic of
+    both."""
     return replace(e, M=e.M / pace, G=e.G / pace, B=e.B / pace, core=e.core / pace, injected=e.injected / pace)
 
 
@@ -340,7 +352,7 @@ Each = Mapping[str, float]
 
 @dataclass(frozen=True)
 class Signed:
-    """How far the estimate of a step errs at most, and under what.
+    """Bounds of how far the estimate of a step errs, and under which assumptions.
 
     `bounds`: by the name of a state; within 1.1 of it is its error from `settles` (the model's unit of time) on, of
     first errors of at most `begins`, by the name of a state of the form; `everywhere`: whether these are all that the

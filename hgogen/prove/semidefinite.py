@@ -1,14 +1,4 @@
-"""Lyapunov inequalities with an exact proof: N'P + P N <= -I for one P and every vertex N of a polytope.
-
-    P > 0,   P <= peak I,   N_v'P + P N_v <= -I for every vertex N_v
-
-Of one matrix the Lyapunov equation N'P + P N = -I is solved in rationals; its solution is the smallest P there is. It
-is rounded to short rationals and then verified by the signs of characteristic polynomials in exact arithmetic
-(`algebra.definite`). Gains for which there is one P for several are sought by a convex program (cvxpy, Clarabel).
-Source: Boyd, El Ghaoui, Feron, Balakrishnan, "Linear Matrix Inequalities
-in System and Control Theory", SIAM (1994), 5.1.
-
-Weights P > 0 and S >= 0 with which quadratic forms are negative, by a cone program in floats: no proof of it.
+"""Weights P > 0 and S >= 0 with which quadratic forms are negative, by a cone program in floats: no proof of it.
 
     margin    maximise m:   F(P, S) <= -m I for every form F,   P >= least I,   trace P <= n
     shortest  minimise t:   F(P, S) <= -m I,   [t, c; c', P] >= 0 for every c,   limits on P and S
@@ -23,8 +13,12 @@ sum_j r_j p_j, which is T u^2 with the largest T that
 admits. The form of (e, u), with T in its place, is negative where that of (e, p) is: slopes of one row of b, which all
 push in one direction, are one column of it, and a solver's work falls with the fourth power of its size and faster.
 
-The programs are written down for Clarabel as it takes them, A x +
-s = b with s in cones, without a language for models, which would take longer than the solver.
+The programs are written down for Clarabel as it takes them, A x + s = b with s in cones, without a language for models,
+which would take longer than the solver; those for gains as matrices that are affine in x (`program`).
+
+Of one matrix N'P + P N = -I is solved in rationals; its solution is the smallest P with N'P + P N <= -I there is. It is
+rounded to short rationals, with P <= peak I, and then verified in exact arithmetic. Source: Boyd, El Ghaoui, Feron,
+Balakrishnan, "Linear Matrix Inequalities in System and Control Theory", SIAM (1994), 5.1.
 """
 
 import math
@@ -34,13 +28,12 @@ from fractions import Fraction
 from functools import cache, lru_cache
 from itertools import pairwise
 from typing import Any
-from warnings import catch_warnings, simplefilter
 
 import numpy as np
 from flint import fmpq, fmpq_mat
 
 from hgogen.errors import HgogenError
-from hgogen.prove.quadratic import Array, Quadratic, Seen, inverse_root
+from hgogen.prove.quadratic import Array, Quadratic, View, inverse_root
 from hgogen.rigor.definite import Matrix, exact, fraction, number, one_thread, positive, unit
 from hgogen.sentence import NONE, Reason, because
 
@@ -58,7 +51,7 @@ class NoSolver(HgogenError):
 
     @property
     def reason(self) -> Reason:
-        """What it is needed for."""
+        """The reason, which names what the solver is needed for."""
         return because("{what} needs cvxpy and clarabel; install them: pip install 'hgogen[lmi]'", what=self.what)
 
     def __str__(self) -> str:
@@ -76,26 +69,18 @@ def no_solver(what: str) -> Reason:
 
 @dataclass(frozen=True)
 class Lyapunov:
-    """A proved solution: `P` (n, n) symmetric rational, `peak` >= its largest eigenvalue, `vertices` (k of n, n)."""
+    """A proved solution: `P` (n, n) symmetric rational, `peak` >= its largest eigenvalue, of `N` (n, n)."""
 
     P: Matrix
     peak: Fraction
-    vertices: tuple[Matrix, ...]
-
-    @property
-    def condition(self) -> float:
-        """The condition number of P, in floats: for reports."""
-        return float(np.linalg.cond(np.array(self.P, dtype=float)))
+    N: Matrix
 
 
 def verified(candidate: Lyapunov) -> bool:
-    """Whether P > 0, peak I - P > 0 and -I - N'P - P N > 0 at every vertex, in exact arithmetic."""
-    P, n = exact(candidate.P), len(candidate.P)
-    if P.transpose() != P:
-        return False
-    one = unit(n)
-    falling = (-one - (N.transpose() * P + P * N) for N in map(exact, candidate.vertices))
-    return all(positive(gap) for gap in (P, one * number(candidate.peak) - P, *falling))
+    """Whether P > 0, peak I - P > 0 and -I - N'P - P N > 0, in exact arithmetic."""
+    P, N, one = exact(candidate.P), exact(candidate.N), unit(len(candidate.P))
+    gaps = (P, one * number(candidate.peak) - P, -one - (N.transpose() * P + P * N))
+    return bool(P.transpose() == P) and all(map(positive, gaps))
 
 
 def lyapunov(N: Matrix) -> Lyapunov | None:
@@ -114,8 +99,17 @@ def lyapunov(N: Matrix) -> Lyapunov | None:
         solution = fmpq_mat(rows).solve(fmpq_mat([[fmpq(-(i == j))] for i, j in places]))
     except ZeroDivisionError:  # two eigenvalues add up to zero
         return None
-    entries = [[solution[places[min(i, j), max(i, j)], 0] for j in range(n)] for i in range(n)]
-    return _rounded([[fraction(value) for value in row] for row in entries], (N,))
+    P = [[fraction(solution[places[min(i, j), max(i, j)], 0]) for j in range(n)] for i in range(n)]
+    steepest = max([Fraction(1), *(abs(x) for row in N for x in row)])
+    for slack in _SLACKS:  # in multiples of a power of two so small that the inequality keeps half of what it won
+        step = Fraction(1, 2 ** (int(4 * n * n * steepest / slack).bit_length()))
+        grid = tuple(tuple(round((1 + slack) * value / step) * step for value in row) for row in P)
+        peak = float(np.linalg.eigvalsh(np.array(grid, dtype=float)).max())
+        short = slack * Fraction(2) ** int(np.ceil(np.log2(max(peak, 1e-300))))
+        above = -(-Fraction(peak) * (1 + slack) // short) * short  # by that share at least, a few times that at most
+        if verified(candidate := Lyapunov(grid, above, N)):
+            return candidate
+    return None
 
 
 def gains(corners: Iterable[tuple[Matrix, Sequence[Fraction]]], largest: float) -> tuple[Fraction, ...] | None:
@@ -123,70 +117,35 @@ def gains(corners: Iterable[tuple[Matrix, Sequence[Fraction]]], largest: float) 
     found.
 
     `corners`: (A (n, n), C (n)) at the vertices. With Y = P K the inequality A'P + P A - Y C - C'Y' <= -I is linear;
-    K'P K <= largest^2 p and P >= p I bound the gain. Nothing is proved here: `common_norm` does it for the K returned.
+    K'P K <= largest^2 p and P >= p I bound the gain. Nothing is proved here: `convergence` does it for the K returned.
 
     Raises: `NoSolver`.
     """
-    cp = solver("a gain for a range of a_i")
     pairs = [(np.array(A, dtype=float), np.array([list(map(float, C))])) for A, C in corners]
-    n = len(pairs[0][0])
-    P, Y, peak, least = cp.Variable((n, n), PSD=True), cp.Variable((n, 1)), cp.Variable(), cp.Variable()
+    n, p = len(pairs[0][0]), len(basis(len(pairs[0][0])))
     one = np.eye(n)
-    bounded = cp.bmat([[P, Y], [Y.T, cp.reshape(largest**2 * least, (1, 1), order="C")]])
-    limits = [P << peak * one, P >> least * one, bounded >> 0]
-    limits += [A.T @ P + P @ A - Y @ C - C.T @ Y.T << -one for A, C in pairs]
-    value = solution_of(cp, cp.Problem(cp.Minimize(peak), limits), P)
-    if value is None or np.linalg.eigvalsh(value).min() <= 0:
+
+    def blocks(x: Array) -> list[Array]:
+        P, Y, (least, peak) = symmetric(x[:p], n), x[p:-2, None], x[-2:]
+        bounded = np.block([[P, Y], [Y.T, np.full((1, 1), largest**2 * least)]])
+        falling = (-one - A.T @ P - P @ A + Y @ C + C.T @ Y.T for A, C in pairs)
+        return [peak * one - P, P - least * one, bounded, *falling]
+
+    x = program(np.append(np.zeros(p + n + 1), 1.0), blocks, "a gain for a range of a_i")
+    if x is None or np.linalg.eigvalsh(symmetric(x[:p], n)).min() <= 0:
         return None
-    K = np.linalg.solve(value, Y.value).ravel()
+    K = np.linalg.solve(symmetric(x[:p], n), x[p:-2])
     return tuple(Fraction(float(f"{k:.6g}")) for k in K)
-
-
-def solver(what: str) -> Any:
-    """cvxpy, with Clarabel installed. Raises: `NoSolver`, of `what` needs it."""
-    try:
-        import clarabel  # noqa: F401  # which cvxpy calls
-        import cvxpy  # here, because it is slow to import and seldom needed
-    except ImportError:
-        raise NoSolver(what) from None
-    return cvxpy
 
 
 def cones(what: str) -> tuple[Any, Any]:
     """Clarabel, and the sparse matrices that it takes. Raises: `NoSolver`, of `what` needs it."""
     try:
-        import clarabel  # here, as `solver`
+        import clarabel  # here, because it is slow to import and seldom needed
         from scipy import sparse
     except ImportError:
         raise NoSolver(what) from None
     return clarabel, sparse
-
-
-def solution_of(cp: Any, problem: Any, P: Any) -> np.ndarray | None:
-    """P as the solver leaves it, whatever it thinks of it."""
-    try:
-        with catch_warnings():
-            simplefilter("ignore")  # of inaccuracy: what is not exact is refused by `verified`
-            problem.solve(solver="CLARABEL")
-    except cp.SolverError:
-        return None
-    value = P.value
-    return None if value is None or not np.isfinite(value).all() else np.asarray((value + value.T) / 2)
-
-
-def _rounded(P: Sequence[Sequence[Fraction]], vertices: tuple[Matrix, ...]) -> Lyapunov | None:
-    """P a little larger, in multiples of a power of two so small that the inequality keeps half of what it won."""
-    n, steepest = len(P), max([Fraction(1), *(abs(x) for N in vertices for row in N for x in row)])
-    for slack in _SLACKS:
-        step = Fraction(1, 2 ** (int(4 * n * n * steepest / slack).bit_length()))
-        grid = tuple(tuple(round((1 + slack) * value / step) * step for value in row) for row in P)
-        peak = float(np.linalg.eigvalsh(np.array(grid, dtype=float)).max())
-        short = slack * Fraction(2) ** int(np.ceil(np.log2(max(peak, 1e-300))))
-        above = -(-Fraction(peak) * (1 + slack) // short) * short  # by that share at least, a few times that at most
-        candidate = Lyapunov(grid, above, vertices)
-        if verified(candidate):
-            return candidate
-    return None
 
 
 _LEAST = 1e-4  # eigenvalue of P over the mean of all: a P close to singular is none that rationals prove
@@ -227,8 +186,9 @@ class Margin:
 
 @dataclass(frozen=True, eq=False)
 class Solution:
-    """What a program finds in coordinates x of e = W x: the weights `P` (n, n) and `S` (k) of e, the `value` that it
-    makes small, infinite where the forms are not negative by these weights, and the P of x, `near` the unit matrix."""
+    """A solution that a program finds in coordinates x of e = W x: the weights `P` (n, n) and `S` (k) of e, the `value`
+    that it makes small, infinite where the forms are not negative by these weights, and the P of x, `near` the unit
+    matrix."""
 
     P: Array
     S: Array
@@ -268,11 +228,11 @@ def sought(forms: Sequence[Quadratic], what: str, W: Array | None = None) -> tup
 
 
 def widest(forms: Sequence[Quadratic], what: str, W: Array | None = None, priced: bool = False) -> Margin | None:
-    """The same weights, also where the forms are not negative: by the largest margin in those coordinates; `priced`:
-    whether prices are asked. Raises: `NoSolver`."""
+    """Return these weights, also where the forms are not negative: by the largest margin in those coordinates;
+    `priced`: whether prices are asked. Raises: `NoSolver`."""
     if W is None:
         return margin([form.floats for form in forms], what, priced)
-    view, fast = Seen.paced([form.floats for form in forms], W)
+    view, fast = View.paced([form.floats for form in forms], W)
     best = margin(view.forms, what, priced)
     if best is None:
         return None
@@ -296,11 +256,11 @@ def margin(forms: Sequence[Quadratic], what: str, priced: bool = False, span: Sp
     (P, S, largest), prices = solution
     ends = pairwise(np.cumsum([0, *(len(A) for A, _, _ in of_forms[: len(whole)])]))
     each = zip(ends, whole if priced else (), strict=False)
-    return Margin(P, S, largest, tuple(_matrix(prices[i:j] / _weights(one.size), one.size) for (i, j), one in each))
+    return Margin(P, S, largest, tuple(symmetric(prices[i:j] / _weights(one.size), one.size) for (i, j), one in each))
 
 
 @np.errstate(over="ignore", invalid="ignore")
-def shortest(view: Seen, reads: Array, limits: Limits, by: float, unit: float, what: str) -> Solution | None:
+def shortest(view: View, reads: Array, limits: Limits, by: float, unit: float, what: str) -> Solution | None:
     """P and S of forms of x that are negative `by` that, within `limits` of x / `unit`, with a small largest c P^-1 c'
     of what rows read of x, `reads` (r, n); None where the solver leaves no numbers. Raises: `NoSolver` of `what` needs
     it."""
@@ -331,7 +291,8 @@ def cheapest(forms: Sequence[Quadratic], q: int, by: float, what: str) -> tuple[
 
 
 def _at_most(forms: Sequence[Quadratic], groups: Sequence[Group], share: float, by: float) -> list[Rows]:
-    """That forms are at most -(`share` t + `by`) I, t the last variable, and what columns of groups stand for too."""
+    """Return the condition that forms are at most -(`share` t + `by`) I, t the last variable, and what columns of
+    groups stand for too."""
     rows = []
     for form in forms:
         one = np.eye(form.size)
@@ -349,7 +310,7 @@ def _at_most(forms: Sequence[Quadratic], groups: Sequence[Group], share: float, 
 
 
 def _positive(n: int, others: int, least: float) -> Rows:
-    """That P is at least a multiple of the unit matrix, with so many variables beside."""
+    """Return the condition that P is at least a multiple of the unit matrix, with so many variables beside."""
     A = np.hstack([-_packed(basis(n)), np.zeros((n * (n + 1) // 2, others))])
     return A, -least * _packed(np.eye(n)[None])[:, 0], True
 
@@ -377,17 +338,17 @@ def _solved(
         return None
     x, prices = solution
     of_P = each @ x[:q] if span else x[:p]
-    return (_matrix(of_P, n), np.maximum(x[q : q + k], 0.0), float(x[-1])), prices
+    return (symmetric(of_P, n), np.maximum(x[q : q + k], 0.0), float(x[-1])), prices
 
 
 def together(form: Quadratic, q: int, most: float) -> Limits:
-    """That the last q of S are together at most `most`."""
+    """Return the limit that the last q of S are together at most `most`."""
     n, k = len(form.pairs[0][0]), len(form.Q)
     return np.append(np.zeros(n * (n + 1) // 2 + k - q), np.ones(q))[None], np.array([most])
 
 
 def holding(form: Quadratic, points: Array) -> Limits:
-    """That |x|_P <= 1 at the `points` x (r, n)."""
+    """Return the limits |x|_P <= 1 at the `points` x (r, n)."""
     n, k = points.shape[1], len(form.Q)
     i, j = _places(n)
     squares = points[:, i] * points[:, j] * np.where(i == j, 1.0, 2.0)
@@ -395,7 +356,8 @@ def holding(form: Quadratic, points: Array) -> Limits:
 
 
 def reaching(c: Array, count: int) -> Rows:
-    """That [t, c; c', P] >= 0, t the last variable after `count`, the first of which are the entries of P."""
+    """Return the cone [t, c; c', P] >= 0, t the last variable after `count`, the first of which are the entries of
+    P."""
     n, end = len(c), np.zeros((len(c) + 1, len(c) + 1))
     end[0, 1:] = end[1:, 0] = c
     wide, corner = np.zeros((count, n + 1, n + 1)), np.zeros((1, n + 1, n + 1))
@@ -404,8 +366,22 @@ def reaching(c: Array, count: int) -> Rows:
 
 
 def definite(brings: Array, last: Array, end: Array) -> Rows:
-    """That `end` less what the variables bring, the last one of them `last`, is a definite matrix."""
+    """Return the cone that `end` less what the variables bring, the last one of them `last`, is a definite matrix."""
     return _packed(np.concatenate([brings, last])), _packed(end[None])[:, 0], True
+
+
+def program(goal: Array, blocks: Callable[[Array], Sequence[Array]], what: str) -> Array | None:
+    """The variables x with the least <goal, x> of all with which no block of matrices, affine in x, has an eigenvalue
+    below 0; None where the solver finds none. Raises: `NoSolver` of `what` needs it."""
+    known = solved(goal, affine(blocks, len(goal)), CLOSER, what)
+    return None if known is None else known[0]
+
+
+def affine(blocks: Callable[[Array], Sequence[Array]], count: int) -> list[Rows]:
+    """Cones of matrices that are affine in `count` variables."""
+    first, *others = (blocks(x) for x in np.vstack([np.zeros(count), np.eye(count)]))
+    each = zip(first, zip(*others, strict=True), strict=True)
+    return [(_packed(end - np.array(ones)), _packed(end[None])[:, 0], True) for end, ones in each]
 
 
 def solved(goal: Array, rows: Sequence[Rows], close: float, what: str) -> tuple[Array, Array] | None:
@@ -423,7 +399,7 @@ def solved(goal: Array, rows: Sequence[Rows], close: float, what: str) -> tuple[
 def _solution(
     costs: bytes, matrix: bytes, ends: bytes, kinds: tuple[tuple[int, bool], ...], close: float
 ) -> tuple[Array, Array] | None:
-    """The same, of numbers as they lie in memory, and of the cones by their sizes."""
+    """Return the solution, of numbers as they lie in memory, and of the cones by their sizes."""
     solver, sparse = cones("a cone program")
     goal, b = np.frombuffer(costs), np.frombuffer(ends)
     A = sparse.csc_matrix(np.frombuffer(matrix).reshape(len(b), len(goal)))
@@ -442,8 +418,8 @@ def _solution(
 
 
 def entries(form: Quadratic, groups: Sequence[Group] = ()) -> Array:
-    """What each entry of P on and above the diagonal, each of S, and each T of groups brings into the form: (p + k + t,
-    N, N); where P stands beside a matrix Y, as [P, Y], each entry of Y after those of P."""
+    """Return what each entry of P on and above the diagonal, each of S, and each T of groups brings into the form: (p +
+    k + t, N, N); where P stands beside a matrix Y, as [P, Y], each entry of Y after those of P."""
     halves: Any = sum(np.einsum("ia,jb->ijab", X, Y) for X, Y in form.pairs)
     whole, n = halves + halves.transpose(0, 1, 3, 2), len(halves)
     i, j = _places(n)
@@ -460,7 +436,7 @@ def entries(form: Quadratic, groups: Sequence[Group] = ()) -> Array:
 @cache
 def basis(n: int) -> Array:
     """The symmetric matrix of each entry on and above the diagonal: (p, n, n)."""
-    return np.array([_matrix(row, n) for row in np.eye(n * (n + 1) // 2)])
+    return np.array([symmetric(row, n) for row in np.eye(n * (n + 1) // 2)])
 
 
 def short(matrices: Array) -> Array:
@@ -470,7 +446,7 @@ def short(matrices: Array) -> Array:
 
 
 def _packed(matrices: Array) -> Array:
-    """The same as the solver takes them, so that a scalar product is that of the matrices."""
+    """Return these columns as the solver takes them, so that a scalar product is that of the matrices."""
     return np.asarray(short(matrices) * _weights(matrices.shape[-1])[:, None])
 
 
@@ -487,7 +463,8 @@ def _places(size: int) -> tuple[Array, Array]:
     return i, j
 
 
-def _matrix(entries: Array, size: int) -> Array:
+def symmetric(entries: Array, size: int) -> Array:
+    """Return the symmetric matrix of the entries on and above its diagonal, column by column."""
     i, j = _places(size)
     matrix = np.zeros((size, size))
     matrix[i, j] = matrix[j, i] = entries
@@ -516,7 +493,7 @@ def merged(form: Quadratic) -> tuple[tuple[Quadratic], tuple[Group, ...]]:
 
 
 def _columns(form: Quadratic) -> Array:
-    """What a multiplied column brings anywhere: (rows, k)."""
+    """Return what a multiplied column brings anywhere: (rows, k)."""
     n = len(form.pairs[0][0])
     return np.vstack([part for pair in form.pairs for part in pair] + [form.Q])[:, n:]
 

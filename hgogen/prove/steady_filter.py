@@ -180,7 +180,7 @@ class Linear:
     C: definite.Matrix
 
     def evidence(self, form: Form) -> Evidence:
-        """Both matrices."""
+        """Return both matrices."""
         return {"A": self.A, "C": self.C}
 
 
@@ -209,7 +209,7 @@ def linear(form: Form) -> Linear | Reason:
 
 
 def settles(plant: Linear, Q: np.ndarray, theta: float) -> Reason | None:
-    """None where the filter of Q (n, n) and a constant theta converges; or which condition is not met.
+    """Return None where the filter of Q (n, n) and a constant theta converges; or which condition is not met.
 
     Q is a density of noise: with a negative eigenvalue P may leave the positive definite matrices, where the theorem
     says nothing. A theta above 1 scales Q by rows and columns, which leaves it positive definite, but may end what one

@@ -92,9 +92,9 @@ from hgogen.check import Check, ClaimId, Verdict
 from hgogen.estimators.gains import as_matrix
 from hgogen.estimators.integrators import Integrators, companion
 from hgogen.form import Form
-from hgogen.prove.convergence import Falls, Flow, Moved, claims, nothing
+from hgogen.prove.convergence import Falls, Flow, GainVariation, claims, nothing
 from hgogen.prove.error_models import companions, on_integrators, plain, slope
-from hgogen.prove.inclusion import Inclusion, Nothing, Shown
+from hgogen.prove.inclusion import Facts, Inclusion, Nothing
 from hgogen.prove.quadratic import Array, floats, identity, inverse_root, rational
 from hgogen.prove.questions import Driven, L2Bound, l2_bound
 from hgogen.prove.semidefinite import Lyapunov, NoSolver, lyapunov
@@ -148,7 +148,7 @@ class MovingGain:
         return np.asarray(identity(len(self.plant)) * rational([p + 1 for p in self.error.layout.power]))
 
     def _systems(self) -> Iterator[Driven]:
-        """Those at the ends of gamma and of each gamma^-i that enters."""
+        """Yield the systems at the ends of gamma and of each gamma^-i that enters."""
         e, units, D, one = self.error.at(self.low), rational(self.error.units), self._powers, identity(len(self.plant))
         falling = e.core * (1 / number(self.low)) + D * number(self.sigma)
         noise = e.driven_by(rational([self.measurement]) / number(self.low))
@@ -199,12 +199,6 @@ class Candidate:
         """A proved upper bound of lambda_max(P), all but the smallest."""
         return largest(exact(self.P))[1]
 
-    @cached_property
-    def injection(self) -> Any:
-        """P K K'P, FLINT's."""
-        Y = exact(self.P) * fmpq_mat([[number(value)] for value in self.K])
-        return Y * Y.transpose()
-
     def least(self, slope: Fraction, decay: Fraction | None = None) -> Fraction:
         """(70), (88): max(1, (4 k lambda_max(P) + 1)/(2 lambda)), from above."""
         return max(Fraction(1), (4 * slope * self.peak + 1) / (2 * (self.decay if decay is None else decay)))
@@ -236,7 +230,7 @@ class Disturbance:
 
 @dataclass(frozen=True)
 class Given:
-    """What an observer guarantees: gamma in [`low`, `high`], and k >= |T^-1 dc/dw T| from gamma = `low` on, the
+    """The guarantees of an observer: gamma in [`low`, `high`], and k >= |T^-1 dc/dw T| from gamma = `low` on, the
     `slope`, as shown by `steep`; None where no k is known, for the `reason`. `moving`: what a disturbance does to the
     error, where that is known by slope."""
 
@@ -343,66 +337,54 @@ def facts(maker: str, candidate: Candidate, decay: Fraction | None = None) -> tu
 
 def judged(id: ClaimId, claim: str, M: Any, strict: bool = True, sign: int = 1) -> Check:
     """Whether M > 0, or M >= 0; the claim is about `sign` M."""
-    low, high = smallest(M)
-    extreme = "smallest" if sign > 0 else "largest"
+    holds, (low, high) = (positive if strict else nonnegative)(M), smallest(M)
+    extreme, value = "smallest" if sign > 0 else "largest", sign * (low if holds else high)
+    side = (("at most", "at least") if holds else ("above", "below"))[sign > 0]
+    bound = Down(value) if holds is (sign > 0) else Up(value)
     pattern = "the {extreme} eigenvalue is {side} {bound}, in exact arithmetic"
-    if (positive if strict else nonnegative)(M):
-        side, bound = ("at least", Down(low)) if sign > 0 else ("at most", Up(-low))
-        return Check(id, claim, Verdict.PROVED, because(pattern, extreme=extreme, side=side, bound=bound))
-    side, bound = ("below", Up(high)) if sign > 0 else ("above", Down(-high))
-    return Check(
-        id,
-        claim,
-        Verdict.REFUTED,
-        because(pattern, extreme=extreme, side=side, bound=bound),
-        witness={"eigenvalue": float(sign * high)},
-        fix="Take them of hgogen.design.",
-    )
+    reason = because(pattern, extreme=extreme, side=side, bound=bound)
+    if holds:
+        return Check(id, claim, Verdict.PROVED, reason)
+    witness = {"eigenvalue": float(value)}
+    return Check(id, claim, Verdict.REFUTED, reason, witness=witness, fix="Take them of hgogen.design.")
 
 
 def adaptive_checks(maker: str, candidate: Candidate, assumptions: Given) -> tuple[Check, ...]:
-    """The adaptive_checks of `facts`, and with a disturbance `MAKER.attenuation`, that the L2 gain has a bound."""
-    known = facts(maker, candidate)
-    whole: list[tuple[Check, Candidate | Attenuating | Shown]] = [(check, candidate) for check in known]
-    if assumptions.disturbance:
-        sound = all(check.verdict is Verdict.PROVED for check in known)
-        lost = NONE if sound else because("P proves nothing")
-        lost = lost or (NONE if assumptions.slope is not None else assumptions.reason)
-        moving = None if lost or assumptions.moving is None else assumptions.moving
-        one = moving and moving.attenuation(candidate.P)
-        if moving and one:
-            disturbed = {"G_1": moving.plant, "G_2": moving.measurement}
-            fact = Shown(moving.error, {**disturbed, "V": one.weights.P, "S": one.weights.S, "mu": one.mu})
-            whole += [(_attenuated(maker, assumptions.disturbance, Up(one.mu, 3)), fact)]
-        else:
-            whole += [(_gain(maker, candidate, assumptions, lost), Attenuating(candidate, assumptions))]
+    """The checks of `facts`, and with a disturbance `MAKER.attenuation`, that the L2 gain has a bound."""
+    known, disturbed, moving = facts(maker, candidate), assumptions.disturbance, assumptions.moving
     built = numbers(candidate, assumptions)
-    return tuple(replace(check, proofs=(Grounds(built, fact),)) for check, fact in whole)
+    checks = [replace(check, proofs=(Grounds(built, candidate),)) for check in known]
+    if disturbed is None:
+        return tuple(checks)
+    id = ClaimId(maker, "attenuation")
+    claim = "in continuous time, the L2 gain from v in w' + G_1 v, y + G_2 v to the error of w has a bound"
+    sound = all(check.verdict is Verdict.PROVED for check in known)
+    lost = because("P proves nothing") if not sound else NONE if assumptions.slope is not None else assumptions.reason
+    one = None if lost or moving is None else moving.attenuation(candidate.P)
+    fact: Facts | Attenuating = Attenuating(candidate, assumptions)
+    mu: Up | None
+    if moving and one:
+        facts_of_V = {"G_1": moving.plant, "G_2": moving.measurement, "V": one.weights.P, "S": one.weights.S}
+        mu, fact = Up(one.mu, 3), Facts(moving.error, {**facts_of_V, "mu": one.mu})
+    else:
+        mu = None if lost or (paper := gain(candidate, assumptions)) is None else Up(paper)
+    if mu is not None:
+        pattern = (
+            "mu <= {mu}, in the coordinates of integrators, while the estimate keeps to its outer box; {disturbance}"
+        )
+        check = Check(id, claim, Verdict.PROVED, because(pattern, mu=mu, disturbance=disturbed.reason))
+    elif lost:
+        check = Check(id, claim, Verdict.UNKNOWN, lost)
+    else:
+        least = Up(candidate.least(assumptions.slope or Fraction(0)))
+        low = because("not shown: (70) asks for gamma_inf above {least} at least", least=least)
+        check = Check(id, claim, Verdict.UNKNOWN, low, fix="Raise gamma_inf.")
+    return (*checks, replace(check, proofs=(Grounds(built, fact),)))
 
 
 def numbers(candidate: Candidate, assumptions: Given) -> dict[str, Any]:
-    """What the observer is built with, as far as its claims go."""
+    """Return the numbers that the observer is built with, as far as its claims go."""
     return {"gamma": (assumptions.low, assumptions.high), "sigma": candidate.sigma, "gains": candidate.K}
-
-
-_ATTENUATES = "in continuous time, the L2 gain from v in w' + G_1 v, y + G_2 v to the error of w has a bound"
-
-
-def _attenuated(maker: str, disturbance: Disturbance, mu: Up) -> Check:
-    pattern = "mu <= {mu}, in the coordinates of integrators, while the estimate keeps to its outer box; {disturbance}"
-    reason = because(pattern, mu=mu, disturbance=disturbance.reason)
-    return Check(ClaimId(maker, "attenuation"), _ATTENUATES, Verdict.PROVED, reason)
-
-
-def _gain(maker: str, candidate: Candidate, assumptions: Given, lost: Reason) -> Check:
-    if lost or assumptions.disturbance is None:
-        return Check(ClaimId(maker, "attenuation"), _ATTENUATES, Verdict.UNKNOWN, lost)
-    mu = gain(candidate, assumptions)
-    if mu is None:
-        least = Up(candidate.least(assumptions.slope or Fraction(0)))
-        low = because("not shown: (70) asks for gamma_inf above {least} at least", least=least)
-        return Check(ClaimId(maker, "attenuation"), _ATTENUATES, Verdict.UNKNOWN, low, fix="Raise gamma_inf.")
-    return _attenuated(maker, assumptions.disturbance, Up(mu))
 
 
 def gain(candidate: Candidate, assumptions: Given) -> Fraction | None:
@@ -415,9 +397,8 @@ def assumed_share(candidate: Candidate, assumptions: Given) -> Fraction | None:
     """The number s of `share_of`, with lambda of (70); None where no slope or no disturbance is known."""
     if assumptions.slope is None or assumptions.disturbance is None:
         return None
-    return share_of(
-        candidate, (4 * assumptions.slope * candidate.peak + 1) / (2 * assumptions.low), assumptions.disturbance
-    )
+    decay = (4 * assumptions.slope * candidate.peak + 1) / (2 * assumptions.low)
+    return share_of(candidate, decay, assumptions.disturbance)
 
 
 def share_of(candidate: Candidate, decay: Fraction, disturbance: Disturbance) -> Fraction | None:
@@ -428,7 +409,8 @@ def share_of(candidate: Candidate, decay: Fraction, disturbance: Disturbance) ->
         return None
     first, second = disturbance.deltas
     P = exact(candidate.P)
-    load = P * P * number(first) + candidate.injection * number(second)
+    Y = P * fmpq_mat([[number(value)] for value in candidate.K])
+    load = P * P * number(first) + Y * Y.transpose() * number(second)
     try:
         factor = np.linalg.inv(np.linalg.cholesky(definite.floats(M)))
     except np.linalg.LinAlgError:  # positive definite, but not to a float
@@ -438,14 +420,14 @@ def share_of(candidate: Candidate, decay: Fraction, disturbance: Disturbance) ->
     return next((s for s in tried if s > 0 and nonnegative(M - load * (1 / number(s)))), None)
 
 
-_OWN = Fraction(1, 4)  # b of D: the least bounds of two to four states are close to those of the best b
-_HOW = "one norm at every rate of the gain"
+_DEFAULT_B = Fraction(1, 4)  # b of D: the least bounds of two to four states are close to those of the best b
 
 
 @dataclass(frozen=True)
 class Law:
-    """How fast a gain may fall: r >= -`fall`, at its `least` value too; or, `easing`, not at all there, and r >= -fall
-    (1 - least/l). `name`: of the least value; `P` (n, n) that may serve, in errors of w, with this `b` of D."""
+    """The law of how fast a gain may fall: r >= -`fall`, at its `least` value too; or, `easing`, not at all there, and
+    r >= -fall (1 - least/l). `name`: of the least value; `P` (n, n) that may serve, in errors of w, with this `b` of
+    D."""
 
     name: str
     least: float
@@ -463,24 +445,21 @@ def moving_checks(
     error = on_integrators(chain, plain(form), companions(K, form.blocks), as_matrix(form, K), numbers)
     if isinstance(error, Nothing):
         return _named(law, nothing(maker, law.least, error.reason))
-    flows = [_at_b(error, law, b) for b in (_OWN, law.b)]
+    first, units = law.P, floats(rational([error.units]))[0]
+    if first is not None:  # in the errors of the inclusion, where it is positive definite
+        first = None if np.linalg.eigvalsh(first).min() <= 0 else np.asarray(first / np.outer(units, units))
+    flows = list[Flow]()
+    for b in (_DEFAULT_B, law.b):
+        D = rational(np.diag([b + p for p in error.layout.power]))
+        fall = D * number(law.fall)
+        moved = GainVariation(0 * D, (error.N + fall,), (-D,)) if law.easing else GainVariation(fall, (), (-D,))
+        own = replace(error, own={**error.own, "b": b})
+        flows.append(Flow(own, Fraction(law.least), "one norm at every rate of the gain", moved, first))
     try:
         flow = next((flow for flow in flows if flow.least is not None), flows[0])
     except OverflowError:  # which the claims say
         flow = flows[0]
     return _named(law, claims(maker, form, flow, numbers, law.name))
-
-
-def _at_b(error: Inclusion, law: Law, b: Fraction) -> Flow:
-    """The error over powers of the gain, by this b of D."""
-    D = rational(np.diag([b + p for p in error.layout.power]))
-    fall = D * number(law.fall)
-    moved = Moved(0 * D, (error.N + fall,), (-D,)) if law.easing else Moved(fall, (), (-D,))
-    first = law.P
-    if first is not None:  # in the errors of the inclusion, where it is positive definite
-        t = floats(rational([error.units]))[0]
-        first = None if np.linalg.eigvalsh(first).min() <= 0 else np.asarray(first / np.outer(t, t))
-    return Flow(replace(error, own={**error.own, "b": b}), Fraction(law.least), _HOW, moved, first)
 
 
 def _named(law: Law, checks: tuple[Check, Check]) -> tuple[Check, Check]:
@@ -509,18 +488,15 @@ def weighted(K: np.ndarray, b: float) -> tuple[Lyapunov, np.ndarray]:
     proof = lyapunov(tuple(map(tuple, companion(exactly))))
     assert proof is not None  # N is Hurwitz
     P, n = np.array(proof.P), len(K)
-    spread = _spread(P, [Fraction(b) + i for i in range(n)])
+    sums = np.add.outer(range(n), range(n))
+    spread = (2 * Fraction(b) + sums) * P
     if not positive(exact(spread)):
-        pencil = np.linalg.solve(P.astype(float), _spread(P, [Fraction(i) for i in range(n)]).astype(float))
+        pencil = np.linalg.solve(P.astype(float), (sums * P).astype(float))
         least = -np.linalg.eigvals(pencil).real.min() / 2
         raise BadGain(
             f"b = {b:g}", f"leaves D P + P D not positive definite; take b = {up(1.01 * float(least))} or more"
         )
     return proof, spread
-
-
-def _spread(P: np.ndarray, D: list[Fraction]) -> np.ndarray:
-    return np.array([[(D[i] + D[j]) * P[i, j] for j in range(len(D))] for i in range(len(D))])
 
 
 def update_checks(
@@ -531,7 +507,7 @@ def update_checks(
     proof, spread = weighted(K, b)
     numbers = {"p_1": p_1, "p_2": p_2, "p_3": p_3, "cap": cap, "gains": K}
     weighted_by = {"P": proof.P, "b": Fraction(b)}
-    fall, rise = Shown(None, weighted_by), Shown(None, {**weighted_by, "peak": proof.peak})
+    fall, rise = Facts(None, weighted_by), Facts(None, {**weighted_by, "peak": proof.peak})
     stay = stays(chain, p_1, p_2, p_3, cap)
     each = ((falls(proof, spread, p_1, b), fall), (rises(proof, spread, p_3, b), rise), (stay, *stay.proofs))
     known = (replace(check, proofs=tuple(Grounds(numbers, fact) for fact in facts)) for check, *facts in each)
@@ -541,7 +517,7 @@ def update_checks(
 
 def falls(proof: Lyapunov, spread: np.ndarray, p_1: float, b: float) -> Check:
     """N'P + P N + p_1 (D P + P D) < 0."""
-    P, N = np.array(proof.P), np.array(proof.vertices[0])
+    P, N = np.array(proof.P), np.array(proof.N)
     gap = -(N.T @ P + P @ N)
     most = 1 / np.linalg.eigvals(np.linalg.solve(gap.astype(float), spread.astype(float))).real.max()
     claim, fix = "p_1 is small enough: N'P + P N + p_1 (D P + P D) < 0", f"Take p_1 <= {down(0.99 * float(most))}."
@@ -605,8 +581,8 @@ _ROUND = Fraction(1, 2**20)  # by what share `up` and `down` are larger than flo
 
 
 @dataclass(frozen=True)
-class Held:
-    """What shows that a time is long enough: a norm that `falls` in the high gain, and what switches do to V."""
+class DwellProof:
+    """A proof that a time is long enough: a norm that `falls` in the high gain, and what switches do to V."""
 
     falls: Falls
     up: Fraction
@@ -627,15 +603,17 @@ def switching(
 ) -> tuple[Check, ...]:
     """`MAKER.convergence`, that there is a bound on a gain that stays, `MAKER.theta`, that `low` is above it, and
     `MAKER.hold`, that the time `hold` is long enough: too short a one may keep the gain switching for ever."""
+    claim = f"in continuous time hold = {same(hold)} is long enough: switching keeps the error's decay"
+    why = because("theta_low is not above a proved bound")
+    held = Check(ClaimId(maker, "hold"), claim, Verdict.UNKNOWN, why, fix="Validate by trials.")
     if isinstance(error, Nothing):
-        known, held = nothing(maker, low, error.reason), _open(maker, hold)
+        known = nothing(maker, low, error.reason)
     else:
         numbers = {"theta": theta, "theta_low": low, "hold": hold, **error.numbers}
         flow = Flow(error, Fraction(low))
         known = claims(maker, form, flow, numbers, "theta_low", "between switches")
-        held = _open(maker, hold)
         if known[1].verdict is Verdict.PROVED:
-            held = _held(held, flow, Fraction(theta), hold)
+            held = _dwell(held, flow, Fraction(theta), hold)
         held = replace(held, proofs=tuple(Grounds(numbers, proof) for proof in held.proofs))
     convergence, above = known
     convergence = replace(convergence, claim=_BETWEEN)
@@ -643,24 +621,18 @@ def switching(
     return convergence, above, held
 
 
-def _open(maker: str, hold: float) -> Check:
-    claim = f"in continuous time hold = {same(hold)} is long enough: switching keeps the error's decay"
-    why = because("theta_low is not above a proved bound")
-    return Check(ClaimId(maker, "hold"), claim, Verdict.UNKNOWN, why, fix="Validate by trials.")
-
-
-def _held(unknown: Check, flow: Flow, theta: Fraction, hold: float) -> Check:
+def _dwell(unknown: Check, flow: Flow, theta: Fraction, hold: float) -> Check:
     low = flow.fastest
     if low is None:
         return unknown
-    above, P_low, ways = Flow(flow.error, theta), rational(low.weights.P), list[Held]()
+    above, P_low, ways = Flow(flow.error, theta), rational(low.weights.P), list[DwellProof]()
     # by the fastest norm in the high gain, and by that of the low gain, which a switch changes less
     for high in (above.fastest, above.by(low.weights, low.alpha * theta / flow.theta)):
         if high is not None and high.alpha > 0:
             P_high = rational(high.weights.P)
             D = rational([(low.theta / high.theta) ** p for p in flow.error.layout.power])
             up, down = _factor(P_low, P_high * np.outer(D, D)), _factor(P_high, P_low / np.outer(D, D))
-            ways.append(Held(high, up, down))
+            ways.append(DwellProof(high, up, down))
     if not ways:
         return replace(unknown, reason=because("no norm is found that falls in the high gain"))
     best = min(ways, key=lambda way: float(way.least.mid()))
