@@ -89,7 +89,7 @@ def test_no_rise_of_a_row_is_beyond_what_is_shown_of_its_slope(
     ]
     rise = (ends[1] - ends[0]) / (inside[name][b] - inside[name][a])
     for low, high in ((rise + MARGIN, math.inf), (-math.inf, rise - MARGIN)):
-        assert not in_ranges([text], [name], {(0, 0): (low, high)})(box).shown
+        assert not in_ranges([text], [name], {(0, 0): (low, high)})(box).holds
 
 
 JUMPS = ("sign(v)", "z*sign(v)", "sign(v)**2", "sign(v - z)", "Abs(sign(v))", "Linear(v, 1, -2, 0, 0, 1, 2, 3)*z")

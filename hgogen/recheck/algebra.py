@@ -121,7 +121,7 @@ def _merged(a: Factors, b: Factors, join: Any) -> Factors:
 
 
 def _missing(whole: Factors, part: Factors) -> Factors:
-    """The factors of the whole that the part does not have, each to the power that is missing."""
+    """Return the factors of the whole that the part does not have, each to the power that is missing."""
     present = [next((power for known, power in part if known == factor), 0) for factor, _ in whole]
     pairs = zip(whole, present, strict=True)
     return tuple((factor, power - own) for (factor, power), own in pairs if power > own)
@@ -132,7 +132,7 @@ def _expanded(factors: Factors) -> Polynomial:
 
 
 def _as_product(x: Quotient) -> tuple[Fraction, dict[int, int]] | None:
-    """A number times whole powers of letters, None where x is not shown to be such a product."""
+    """Return a number times whole powers of letters, None where x is not shown to be such a product."""
     value, powers = Fraction(1), dict[int, int]()
     for factor, times in ((x.top, 1), *((factor, -power) for factor, power in x.bottom)):
         if len(factor) != 1:
@@ -170,7 +170,7 @@ class Algebra:
         self.zero, self.one = self.number(Fraction(0)), self.number(Fraction(1))
 
     def read(self, text: Expression, values: Mapping[str, Quotient] | None = None) -> Quotient:
-        """The value of an expression, of these values of its names, by default what they stand for. Raises:
+        """Return the value of an expression, of these values of its names, by default what they stand for. Raises:
         `Undefined`, `TooLarge`."""
         value: Quotient = evaluate(text, self.names if values is None else values, self.arithmetic)
         return value
@@ -178,12 +178,13 @@ class Algebra:
     def speed(
         self, text: Expression, speeds: Mapping[str, Quotient], values: Mapping[str, Quotient] | None = None
     ) -> Quotient:
-        """The derivative of an expression whose names move with these speeds. Raises: `Undefined`, `TooLarge`."""
+        """Return the derivative of an expression whose names move with these speeds. Raises: `Undefined`,
+        `TooLarge`."""
         speed: Quotient = along(text, self.names if values is None else values, speeds, self.arithmetic)[1]
         return speed
 
     def number(self, value: Fraction) -> Quotient:
-        """A rational number."""
+        """Return a rational number."""
         return Quotient(_constant(value))
 
     def _at(self, index: int) -> Quotient:
@@ -193,7 +194,7 @@ class Algebra:
         raise Undefined("Min and Max have no slope in closed form")
 
     def power(self, x: Quotient, exponent: int) -> Quotient:
-        """A whole power."""
+        """Return a whole power."""
         if exponent < 0:
             return self.one / self.power(x, -exponent)
         if len(x.top) > 1 and exponent > 64:
@@ -215,7 +216,7 @@ class Algebra:
         return self.power(known or self._kernel(_Kernel("root", (x,), q)), p)
 
     def _known_root(self, x: Quotient, q: int) -> Quotient | None:
-        """The q-th root of a positive number times whole q-th powers of letters that are not negative."""
+        """Return the q-th root of a positive number times whole q-th powers of letters that are not negative."""
         product = _as_product(x)
         if product is None:
             return None
@@ -250,7 +251,7 @@ class Algebra:
         return kind.name in ("root", "exp", "Abs", "cosh")
 
     def function(self, name: str, args: tuple[Quotient, ...]) -> Quotient:
-        """A function's value, as a letter; tan and exp of a sum by others."""
+        """Return a function's value, as a letter; tan and exp of a sum by others."""
         if name == "jump":
             raise Undefined("a side has no slope in closed form")
         name = "sign" if name == "side" else name
@@ -286,7 +287,7 @@ class Algebra:
         return result
 
     def _kernel(self, kernel: _Kernel) -> Quotient:
-        """The letter of a function's value, a new one where the function has none yet."""
+        """Return the letter of a function's value, a new one where the function has none yet."""
         if not all(map(self._has_value, kernel.args)):
             raise Undefined("division by zero")
         letter = self._find(kernel)
@@ -306,7 +307,7 @@ class Algebra:
         return None
 
     def value(self, x: Quotient, letters: Mapping[str, Any], arithmetic: Arithmetic) -> Any:
-        """What a quotient is in another arithmetic, where its names have these values. Raises: `Undefined`."""
+        """Return what a quotient is in another arithmetic, where its names have these values. Raises: `Undefined`."""
 
         @cache
         def of(letter: int) -> Any:
@@ -332,7 +333,8 @@ class Algebra:
         return quotient(x)
 
     def is_zero(self, x: Quotient) -> bool:
-        """Whether x is shown to be zero wherever it is defined, over a denominator that is not shown to be zero."""
+        """Return whether x is shown to be zero wherever it is defined, over a denominator that is not shown to be
+        zero."""
         return self._vanishes(x.top) and self._has_value(x)
 
     def _has_value(self, x: Quotient) -> bool:
@@ -340,7 +342,7 @@ class Algebra:
         return not any(self._vanishes(factor) for factor, _ in x.bottom)
 
     def _vanishes(self, top: Polynomial) -> bool:
-        """Whether a numerator is shown to be zero by the relations of its letters."""
+        """Return whether a numerator is shown to be zero by the relations of its letters."""
         while top:
             relation = self._reducible(top)
             if relation is None:
@@ -349,7 +351,7 @@ class Algebra:
         return True
 
     def _reducible(self, top: Polynomial) -> tuple[int, int, Quotient] | None:
-        """The last letter t with a power of its relation t^q = g, with q and g."""
+        """Return the last letter t with a power of its relation t^q = g, with q and g."""
         best: tuple[int, int, Quotient] | None = None
         for monomial in top:
             for letter, exponent in monomial:
@@ -373,7 +375,7 @@ class Algebra:
         return None
 
     def _reduced(self, top: Polynomial, letter: int, degree: int, value: Quotient) -> Polynomial:
-        """The numerator after t^q = g; the denominator that g brings in changes no zero."""
+        """Return the numerator after t^q = g; the denominator that g brings in changes no zero."""
         parts: dict[int, dict[Monomial, Fraction]] = {}
         for monomial, coefficient in top.items():
             powers = dict(monomial)

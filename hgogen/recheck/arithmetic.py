@@ -28,7 +28,7 @@ class Unproved(Exception):
 
 @dataclass(frozen=True)
 class Arithmetic:
-    """What a kind of value can do besides + - * /.
+    """The operations of a kind of value besides + - * /.
 
     `number`: of a Fraction; `power`: whole exponents; `root`: rational exponents; `function`: by name; `hull`: of two
     values the first where another is above zero, the second where it is below, else what holds both (the slope of Min
@@ -42,7 +42,7 @@ class Arithmetic:
 
 
 def evaluate(expression: Expression, values: Mapping[str, Any], arithmetic: Arithmetic) -> Any:
-    """The value of an expression where its names have these values. Raises: `Undefined`, and what the arithmetic
+    """Return the value of an expression where its names have these values. Raises: `Undefined`, and what the arithmetic
     raises."""
     computed: list[Any] = []
     for op, places, value in expression.instructions:
@@ -61,13 +61,13 @@ def evaluate(expression: Expression, values: Mapping[str, Any], arithmetic: Arit
 
 
 def total(terms: Iterable[Value]) -> Value:
-    """The sum of at least one term."""
+    """Return the sum of at least one term."""
     whole: Value = reduce(add, terms)
     return whole
 
 
 def determinant(rows: Sequence[Sequence[Any]]) -> Any:
-    """The determinant of a matrix (n, n) in any arithmetic, n > 0, by expansion along the first row."""
+    """Return the determinant of a matrix (n, n) in any arithmetic, n > 0, by expansion along the first row."""
     first, *others = rows
     if not others:
         return first[0]
@@ -105,7 +105,7 @@ class Dual:
         return Dual(value, {k: slope / other.value for k, slope in rise.items()})
 
     def scaled(self, factor: Any) -> dict[int, Any]:
-        """The slopes times a factor: the chain rule."""
+        """Return the slopes times a factor: the chain rule."""
         return {k: factor * slope for k, slope in self.slopes.items()}
 
 
@@ -147,7 +147,7 @@ def dual(base: Arithmetic) -> Arithmetic:
         return Dual(value, args[0].scaled(_slope(name, args[0].value, value, base)))
 
     def both(way: Dual, a: Dual, b: Dual) -> Dual:
-        """Where the way passes 0, what is chosen jumps, and has any slope in what moves the way."""
+        """Return the choice: where the way passes 0 it jumps, and has any slope in what moves the way."""
         jump = way.scaled(base.function("jump", (way.value,)))
         return Dual(base.hull(way.value, a.value, b.value), _sum(_either(way.value, a, b, base), jump))
 
@@ -155,7 +155,7 @@ def dual(base: Arithmetic) -> Arithmetic:
 
 
 def seeded(values: Mapping[str, Any], names: Iterable[str], arithmetic: Arithmetic) -> dict[str, Dual]:
-    """The values, with a slope of 1 at the place of each of the names that has one."""
+    """Return the values, with a slope of 1 at the place of each of the names that has one."""
     places, one = {name: k for k, name in enumerate(names)}, arithmetic.number(Fraction(1))
     return {name: Dual(value, {places[name]: one} if name in places else {}) for name, value in values.items()}
 
@@ -163,7 +163,7 @@ def seeded(values: Mapping[str, Any], names: Iterable[str], arithmetic: Arithmet
 def jacobian(
     rows: Iterable[Expression], values: Mapping[str, Any], names: Sequence[str], arithmetic: Arithmetic
 ) -> list[list[Any]]:
-    """The slopes (n, m) of n rows in m names, where their names have these values. Raises: as `evaluate`."""
+    """Return the slopes (n, m) of n rows in m names, where their names have these values. Raises: as `evaluate`."""
     moving, zero, base = seeded(values, names, arithmetic), arithmetic.number(Fraction(0)), dual(arithmetic)
     slopes = [evaluate(row, moving, base).slopes for row in rows]
     return [[row.get(k, zero) for k in range(len(names))] for row in slopes]
@@ -172,7 +172,7 @@ def jacobian(
 def along(
     row: Expression, values: Mapping[str, Any], speeds: Mapping[str, Any], arithmetic: Arithmetic
 ) -> tuple[Any, Any]:
-    """The value of a row, and how fast it moves where its names do with these speeds. Raises: as `evaluate`."""
+    """Return the value of a row, and how fast it moves where its names do with these speeds. Raises: as `evaluate`."""
     moving = {name: Dual(value, {0: speeds[name]} if name in speeds else {}) for name, value in values.items()}
     result = evaluate(row, moving, dual(arithmetic))
     return result.value, result.slopes.get(0, arithmetic.number(Fraction(0)))
@@ -184,7 +184,7 @@ def _extreme(name: str, a: Dual, b: Dual, base: Arithmetic) -> Dual:
 
 
 def _either(way: Any, a: Dual, b: Dual, base: Arithmetic) -> dict[int, Any]:
-    """The slopes of a where the way is above 0, those of b where it is below."""
+    """Return the slopes of a where the way is above 0, those of b where it is below."""
     zero = base.number(Fraction(0))
     return {k: base.hull(way, a.slopes.get(k, zero), b.slopes.get(k, zero)) for k in sorted({*a.slopes, *b.slopes})}
 

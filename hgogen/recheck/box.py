@@ -38,17 +38,17 @@ _duals = dual(intervals)
 
 @dataclass(frozen=True)
 class Try:
-    """What one box says: shown or not, the slopes by which to choose where to cut, if there are any, and the face on
-    which it fails if anywhere."""
+    """The answer of one box: whether it `holds`, the slopes by which to choose where to cut, if there are any, and the
+    face on which it fails if anywhere."""
 
-    shown: bool
+    holds: bool
     slopes: Slopes | None = None
     face: Box | None = None
 
 
 def leaves(tree: str, box: Box) -> list[Box]:
-    """The boxes at the leaves of a bisection, written in prefix order: a name cuts its side, a dot is a leaf. Raises:
-    `Unproved` for a text that is no bisection of this box."""
+    """Return the boxes at the leaves of a bisection, written in prefix order: a name cuts its side, a dot is a leaf.
+    Raises: `Unproved` for a text that is no bisection of this box."""
     boxes: list[Box] = []
     left = [box]
     for token in tree.split():
@@ -67,7 +67,8 @@ def leaves(tree: str, box: Box) -> list[Box]:
 
 
 def halves(box: Box, name: str) -> tuple[Box, Box]:
-    """The box cut in two: a side at its midpoint, an unbounded one at 0, or beyond 0 at twice its end and one."""
+    """Return the box cut in two: a side at its midpoint, an unbounded one at 0, or beyond 0 at twice its end and
+    one."""
     low, high = box[name]
     cut = _middle(low, high)
     return {**box, name: (low, cut)}, {**box, name: (cut, high)}
@@ -82,8 +83,8 @@ def _middle(low: End, high: End) -> Fraction:
 
 
 def covered(box: Box, tree: str, attempt: Callable[[Box], Try], more: int = MORE) -> int:
-    """How many boxes it took to show a statement on the whole box, at most `more` beyond the leaves of the bisection.
-    Raises: `Unproved` with the box that was not shown."""
+    """Return how many boxes it took to show a statement on the whole box, at most `more` beyond the leaves of the
+    bisection. Raises: `Unproved` with the box that was not shown."""
     left = leaves(tree, box)
     limit = len(left) + more
     tried = 0
@@ -91,10 +92,10 @@ def covered(box: Box, tree: str, attempt: Callable[[Box], Try], more: int = MORE
         here = left.pop()
         tried += 1
         answer = attempt(here)
-        if answer.shown:
+        if answer.holds:
             continue
         middle = centre_of(answer.face or here)
-        if not attempt(middle).shown:  # no bisection would help
+        if not attempt(middle).holds:  # no bisection would help
             raise Unproved(f"it does not hold at {_text(middle)}")
         name = _widest(here, box, answer.slopes)
         if name is None or tried >= limit:
@@ -104,12 +105,12 @@ def covered(box: Box, tree: str, attempt: Callable[[Box], Try], more: int = MORE
 
 
 def centre_of(box: Box) -> Box:
-    """The box's middle, as a box."""
+    """Return the box's middle, as a box."""
     return {name: (low, low) if low == high else (_middle(low, high),) * 2 for name, (low, high) in box.items()}
 
 
 def _widest(here: Box, whole: Box, slopes: Slopes | None) -> str | None:
-    """The side to cut: where the expression varies most, else the widest for its range."""
+    """Return the side to cut: where the expression varies most, else the widest for its range."""
     sizes = {}
     for index, (name, (low, high)) in enumerate(here.items()):
         if low == high:
@@ -156,17 +157,17 @@ def _short(end: End) -> str:
 
 
 def narrowed(box: Box, names: Iterable[str]) -> Box:
-    """The sides of a box that have these names, sorted."""
+    """Return the sides of a box that have these names, sorted."""
     return {name: box[name] for name in sorted(names)}
 
 
 def cut(text: str) -> str:
-    """The beginning of a long text, for a sentence."""
+    """Return the beginning of a long text, for a sentence."""
     return text if len(text) <= 60 else f"{text[:57]}..."
 
 
 def sides(box: Box) -> dict[str, Interval]:
-    """The box as intervals."""
+    """Return the box as intervals."""
     return {name: between(low, high) for name, (low, high) in box.items()}
 
 
@@ -176,7 +177,7 @@ def points(at: Mapping[str, Fraction]) -> dict[str, Interval]:
 
 
 def ranged(expression: Expression, low: End, high: End) -> Callable[[Box], Try]:
-    """The statement that the expression is real and low <= value <= high; an infinite bound says nothing."""
+    """Return the statement that the expression is real and low <= value <= high; an infinite bound says nothing."""
 
     def attempt(box: Box) -> Try:
         try:
@@ -187,7 +188,7 @@ def ranged(expression: Expression, low: End, high: End) -> Callable[[Box], Try]:
         if not fails or unbounded(box):
             return Try(not fails)
         try:
-            slopes = dict(evaluate(expression, moving(box), _duals).slopes)
+            slopes = dict(evaluate(expression, seeded_sides(box), _duals).slopes)
         except Undefined:
             return Try(False)
         for end, sign in fails:
@@ -200,22 +201,23 @@ def ranged(expression: Expression, low: End, high: End) -> Callable[[Box], Try]:
 
 
 def _meets(value: Interval, limit: End, sign: int) -> bool:
-    """Whether value >= limit, for sign 1, or value <= limit, for -1."""
+    """Return whether value >= limit, for sign 1, or value <= limit, for -1."""
     return value.at_least(limit) if sign > 0 else value.at_most(limit)
 
 
-def moving(box: Box) -> dict[str, Dual]:
-    """The box as intervals with slopes in those of its names that are no points, by their places."""
+def seeded_sides(box: Box) -> dict[str, Dual]:
+    """Return the box as intervals with slopes in those of its names that are no points, by their places."""
     return seeded(sides(box), (name if low < high else "" for name, (low, high) in box.items()), intervals)
 
 
 def unbounded(box: Box) -> bool:
-    """Whether a side of it has no end."""
+    """Return whether a side of it has no end."""
     return any(math.inf in (abs(low), abs(high)) for low, high in box.values())
 
 
 def _bounded(expression: Expression, face: Box, slopes: Slopes, limit: End, sign: int) -> bool:
-    """Whether value >= limit on the face where it is least (sign 1), or value <= limit where it is greatest (-1)."""
+    """Return whether value >= limit on the face where it is least (sign 1), or value <= limit where it is greatest
+    (-1)."""
     if all(low == high for low, high in face.values()):
         return _at(expression, {name: Fraction(low) for name, (low, _) in face.items()}, limit, sign)
     try:
@@ -232,7 +234,7 @@ def _bounded(expression: Expression, face: Box, slopes: Slopes, limit: End, sign
 
 
 def face_on(box: Box, slopes: Slopes, sign: int) -> dict[str, tuple[End, End]]:
-    """The face where a monotone expression is least (sign 1) or greatest (sign -1)."""
+    """Return the face where a monotone expression is least (sign 1) or greatest (sign -1)."""
     face = dict(box)
     for k, (name, (low, high)) in enumerate(box.items()):
         slope = slopes.get(k, point(Fraction(0)))
@@ -244,7 +246,7 @@ def face_on(box: Box, slopes: Slopes, sign: int) -> dict[str, tuple[End, End]]:
 
 
 def _centre(side: tuple[End, End], slope: Interval | None, sign: int) -> Fraction:
-    """Where the mean value form is best for this bound (Baumann 1988); any point of the side is right."""
+    """Return where the mean value form is best for this bound (Baumann 1988); any point of the side is right."""
     low, high = Fraction(side[0]), Fraction(side[1])
     if low == high or slope is None:
         return low
@@ -257,7 +259,7 @@ def _centre(side: tuple[End, End], slope: Interval | None, sign: int) -> Fractio
 
 
 def _at(expression: Expression, at: Mapping[str, Fraction], limit: End, sign: int) -> bool:
-    """The bound at one point, in exact fractions where the value is one."""
+    """Return whether the bound holds at one point, in exact fractions where the value is one."""
     value = _value_at(expression, at)
     if value is None or isinstance(value, Interval):
         return value is not None and _meets(value, limit, sign)
@@ -265,7 +267,7 @@ def _at(expression: Expression, at: Mapping[str, Fraction], limit: End, sign: in
 
 
 def _value_at(expression: Expression, at: Mapping[str, Fraction]) -> Fraction | Interval | None:
-    """The value at a point, exact where it is a fraction; None where there is none."""
+    """Return the value at a point, exact where it is a fraction; None where there is none."""
     value: Fraction | Interval
     try:
         try:
@@ -278,7 +280,7 @@ def _value_at(expression: Expression, at: Mapping[str, Fraction]) -> Fraction | 
 
 
 def witnessed(expression: Expression, at: Mapping[str, Fraction]) -> str:
-    """What the expression is at a point: "zero", "negative", "positive", or "" where it is not decided."""
+    """Return what the expression is at a point: "zero", "negative", "positive", or "" where it is not decided."""
     value = _value_at(expression, at)
     if isinstance(value, Fraction):
         return "zero" if not value else "positive" if value > 0 else "negative"
@@ -294,7 +296,7 @@ Norm = Callable[[list[list[Interval]], Fraction], bool]  # whether a matrix, how
 
 
 def regular(expressions: Sequence[Expression], names: Sequence[str]) -> Callable[[Box], Try]:
-    """The statement that expressions and their derivatives in `names` are finite."""
+    """Return the statement that expressions and their derivatives in `names` are finite."""
 
     def attempt(box: Box) -> Try:
         try:
@@ -309,7 +311,7 @@ def regular(expressions: Sequence[Expression], names: Sequence[str]) -> Callable
 
 
 def differentiable(texts: Iterable[Expression], at: Mapping[str, Fraction]) -> None:
-    """Shows that no modulus, sign, minimum or maximum has its kink at a point, where the formula of a slope would say
+    """Demand that no modulus, sign, minimum or maximum has its kink at a point, where the formula of a slope would say
     nothing. Raises: `Unproved`."""
     values = points(at)
     for text in texts:
@@ -326,7 +328,7 @@ def differentiable(texts: Iterable[Expression], at: Mapping[str, Fraction]) -> N
 
 
 def continuous(texts: Iterable[Expression], names: Iterable[str], box: Box) -> None:
-    """Shows that no table's derivative in a text jumps along the names within a box. A slope does not see a jump where
+    """Demand that no table's derivative in a text jumps along the names within a box. A slope does not see a jump where
     the certificate's bisection is cut, on whose leaves it is that from within. Raises: `Unproved`."""
     along, ranges = frozenset(names), sides(box)
     for text in texts:
@@ -349,7 +351,7 @@ def steep(
     scale: Sequence[Expression] = (),
     norm: Norm | None = None,
 ) -> Callable[[Box], Try]:
-    """The statement |J| <= bound in a norm, by default the spectral one, J the Jacobian of `rows` in `names`; of
+    """Return the statement |J| <= bound in a norm, by default the spectral one, J the Jacobian of `rows` in `names`; of
     S J S^-1 for a diagonal S = `scale`."""
     within = norm or spectral
 
@@ -367,7 +369,8 @@ def by_mean_value(
     varying: Callable[[Box], list[list[Dual]]],
     shown: Callable[[list[list[Interval]]], bool],
 ) -> Callable[[Box], Try]:
-    """The statement that a matrix is such: by its entries, or by the mean value form of each, from its slopes."""
+    """Return the statement that a matrix is such: by its entries, or by the mean value form of each, from its
+    slopes."""
 
     def attempt(box: Box) -> Try:
         try:
@@ -390,8 +393,8 @@ def by_mean_value(
 def no_steeper(
     rows: Sequence[Expression], names: Sequence[str], most: Matrix, sizes: Sequence[Fraction], box: Box
 ) -> int:
-    """That no slope of the rows in a name whose size is not 0 is steeper than `most`; with how many boxes. Raises:
-    `Unproved`."""
+    """Demand that no slope of the rows in a name whose size is not 0 is steeper than `most`; with how many boxes.
+    Raises: `Unproved`."""
     wanted = [j for j, size in enumerate(sizes) if size]
     ends = {(i, j): (-bounds[j], bounds[j]) for i, bounds in enumerate(most) for j in wanted}
     where = narrowed(box, {name for row in rows for name in row.names})
@@ -405,7 +408,7 @@ def in_ranges(
     ends: Mapping[tuple[int, int], tuple[End, End]],
     scale: Sequence[Expression] = (),
 ) -> Callable[[Box], Try]:
-    """The statement that these entries of S J S^-1 are in their ranges."""
+    """Return the statement that these entries of S J S^-1 are in their ranges."""
 
     def values(box: Box) -> list[Interval]:
         J = _scaled(rows, names, box, scale)
@@ -421,9 +424,9 @@ def in_ranges(
 def on_faces(
     ends: Sequence[Side], values: Callable[[Box], list[Interval]], varying: Callable[[Box], list[Dual]]
 ) -> Callable[[Box], Try]:
-    """The statement that values are in ranges on a box: by themselves, or on the face towards which one is monotone, by
-    its value at the centre and its slopes or by itself. A side that may jump has any slope in what moves it, so that it
-    is the same at the centre, or on the face, wherever that shows anything."""
+    """Return the statement that values are in ranges on a box: by themselves, or on the face towards which one is
+    monotone, by its value at the centre and its slopes or by itself. A side that may jump has any slope in what moves
+    it, so that it is the same at the centre, or on the face, wherever that shows anything."""
 
     def beyond(x: Interval, k: int) -> list[int]:
         low, high = ends[k]
@@ -472,25 +475,25 @@ def _similar(
 ) -> list[list[Any]]:
     """S J S^-1, whose diagonal is that of J, which S would make wider."""
     box, arithmetic = dict(ends), _duals if varying else intervals
-    values: Mapping[str, Any] = moving(box) if varying else sides(box)
+    values: Mapping[str, Any] = seeded_sides(box) if varying else sides(box)
     J, S = jacobian(rows, values, names, arithmetic), [evaluate(factor, values, arithmetic) for factor in scale]
     return [[x if i == j else S[i] * x / S[j] for j, x in enumerate(row)] for i, row in enumerate(J)] if S else J
 
 
 def ways(centre: Box, box: Box) -> Slopes:
-    """From the centre to all of the box, by the places of names."""
+    """Return the ways from the centre to all of the box, by the places of names."""
     return {k: side - point(Fraction(centre[name][0])) for k, (name, side) in enumerate(sides(box).items())}
 
 
 def mean_value(centre: Interval, slopes: Slopes, away: Slopes) -> Interval:
-    """The value at a centre and slopes from it, `away` the ways from there."""
+    """Return the value at a centre and slopes from it, `away` the ways from there."""
     for k, slope in slopes.items():
         centre = centre + slope * away[k]
     return centre
 
 
 def weights(entries: Sequence[Dual]) -> Slopes:
-    """The sum of the sizes of the entries' slopes in each name."""
+    """Return the sum of the sizes of the entries' slopes in each name."""
     variation: dict[int, Interval] = {}
     for entry in entries:
         for k, slope in entry.slopes.items():
@@ -500,7 +503,7 @@ def weights(entries: Sequence[Dual]) -> Slopes:
 
 
 def frobenius(J: list[list[Interval]], bound: Fraction) -> bool:
-    """The sum of squares is at most bound^2."""
+    """Return whether the sum of squares is at most bound^2."""
     return _sum(map(_squared, zip(*J, strict=True))).at_most(bound**2)
 
 
@@ -526,7 +529,7 @@ def _sum(terms: Iterable[Interval]) -> Interval:
 
 
 def positive(M: list[list[Interval]]) -> bool:
-    """Whether every symmetric matrix within M is positive definite."""
+    """Return whether every symmetric matrix within M is positive definite."""
     return definite(M) > 0
 
 

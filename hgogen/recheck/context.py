@@ -49,7 +49,7 @@ from .text import Expression, Unreadable, expression, number
 
 @dataclass(frozen=True)
 class Finding:
-    """What a rule showed, as a sentence, and with how many boxes."""
+    """A rule's finding, as a sentence, and with how many boxes."""
 
     sentence: str
     boxes: int = 0
@@ -66,7 +66,7 @@ REFUSALS = (
 
 
 def reason_of(error: Exception) -> str:
-    """The words for why a verification ended."""
+    """Return the words for why a verification ended."""
     match error:
         case Undefined():
             return f"an expression has no value: {error}"
@@ -124,7 +124,7 @@ class Context:
                     raise Unproved(f"{cut(text.text)} of {where} is not shown to be a finite number: {error}") from None
 
     def _flow(self) -> None:
-        """Shows dX/dz (A z + b) = f(X(z), u), h(X(z), u) = output, Z(X(z)) = z and X(Z(x)) = x. Raises: `Unproved`."""
+        """Shows dX/dz (A z + b) = f(X(z), u), h(X(z), u) = output, Z(X(z)) = z and X(Z(x)) = x."""
         algebra, form, plant, z = self.algebra, self.form, self.plant, self.algebra.names
         for change in (*form.to_form, *form.from_form):
             only(change.names & set(self.file.inputs), (), "the change of coordinates")
@@ -172,7 +172,7 @@ class Context:
             raise Unproved(complaint)
 
     def same(self, text: Expression, wanted: Quotient, complaint: str) -> None:
-        """That an expression of the file is what has to be shown."""
+        """Demand that an expression of the file is what has to be shown."""
         self._same(self.value(text), wanted, complaint)
 
     def first_gain(self, chain: int) -> Quotient:
@@ -211,12 +211,12 @@ class Context:
         return ""
 
     def demand_seen(self, output: int) -> None:
-        """That it is known how an error of an output enters. Raises: `Unproved`."""
+        """Demand that it is known how an error of an output enters. Raises: `Unproved`."""
         if not self.seen[output]:
             raise Unproved(f"output {output + 1} is not shown to show the first state of a chain")
 
     def slope(self, text: Expression, name: str) -> Quotient:
-        """The partial derivative of an expression in a name, in closed form."""
+        """Return the partial derivative of an expression in a name, in closed form."""
         return self.algebra.speed(text, {name: self.algebra.one})
 
     def at_kinks(self, slope: Expression, row: Expression) -> Expression:
@@ -237,14 +237,14 @@ class Context:
 
 
 def algebra_of(box: Box) -> Algebra:
-    """The algebra of a box's names; a name of one value is no letter."""
+    """Return the algebra of a box's names; a name of one value is no letter."""
     free = [name for name, (low, high) in box.items() if low < high]
     fixed = {name: Fraction(low) for name, (low, high) in box.items() if low == high}
     return Algebra(free, [name for name in free if box[name][0] >= 0], fixed)
 
 
 def numbers(rows: Iterable[Sequence[Quotient]]) -> list[list[Fraction]] | None:
-    """The rows as numbers; None where an entry is written otherwise."""
+    """Return the rows as numbers; None where an entry is written otherwise."""
     values = [[entry.number for entry in row] for row in rows]
     known = [[value for value in row if value is not None] for row in values]
     return known if known == values else None
@@ -256,7 +256,7 @@ def applied(algebra: Algebra, M: Iterable[Sequence[Fraction]], x: Sequence[Quoti
 
 
 def inner(algebra: Algebra, a: Sequence[Quotient], x: Sequence[Quotient]) -> Quotient:
-    """The sum of products."""
+    """Return the sum of products."""
     products = (share * each for share, each in zip(a, x, strict=True) if share)
     return sum(products, start=algebra.zero)
 
@@ -265,7 +265,7 @@ def inner(algebra: Algebra, a: Sequence[Quotient], x: Sequence[Quotient]) -> Quo
 
 
 def inside(low: Any, high: Any, share: Fraction) -> Fraction:
-    """The point at a share of a range; of an unbounded one as far from its end, or from 0."""
+    """Return the point at a share of a range; of an unbounded one as far from its end, or from 0."""
     if low > -math.inf:
         return Fraction(low) + (share if high == math.inf else share * (Fraction(high) - Fraction(low)))
     return (Fraction(0) if high == math.inf else Fraction(high)) - share
@@ -276,19 +276,19 @@ RANGE = ("expression", "box", "low", "high", "tree")  # what the evidence of an 
 
 
 def only(names: Iterable[str], allowed: Iterable[str], complaint: str) -> None:
-    """That only allowed names are read. Raises: `Unproved`."""
+    """Demand that only allowed names are read. Raises: `Unproved`."""
     strange = sorted(set(names) - set(allowed))
     if strange:
         raise Unproved(f"{complaint} reads {', '.join(strange)}")
 
 
 def finite(text: Expression, box: Box) -> int:
-    """That an expression is a finite number on its whole box; with how many boxes. Raises: `Unproved`."""
+    """Demand that an expression is a finite number on its whole box; with how many boxes. Raises: `Unproved`."""
     return covered(narrowed(box, text.names), ".", ranged(text, -math.inf, math.inf))
 
 
 def declared_box(evidence: Mapping[str, Any], box: Box, names: Iterable[str]) -> Box:
-    """The model's box of these names. The claim's own must be the same. Raises: `Unproved`."""
+    """Return the model's box of these names. The claim's own must be the same. Raises: `Unproved`."""
     wanted = narrowed(box, names)
     pairs = part(evidence, "box", dict)
     if not all(isinstance(pair, list) and len(pair) == 2 for pair in pairs.values()):
@@ -299,7 +299,7 @@ def declared_box(evidence: Mapping[str, Any], box: Box, names: Iterable[str]) ->
 
 
 def claimed(context: Context, evidence: Mapping[str, Any], wanted: Quotient) -> Expression:
-    """The evidence's expression, which is what has to be shown. Raises: `Unproved`."""
+    """Return the evidence's expression, which is what has to be shown. Raises: `Unproved`."""
     text = expression(part(evidence, "expression", str), context.form.box)
     context.same(text, wanted, f"its expression {text.text} is not what the form has")
     return text
@@ -312,8 +312,8 @@ def enclosed(
     source: Expression,
     read: Callable[[Expression], Expression] = lambda text: text,
 ) -> tuple[Fraction, Fraction, Finding]:
-    """An enclosure low <= e <= high of what has to be shown, on the model's box; `read`: how its text is. Raises:
-    `Unproved`."""
+    """Return an enclosure low <= e <= high of what has to be shown, on the model's box; `read`: how its text is.
+    Raises: `Unproved`."""
     text = claimed(context, fields(evidence, "a range", RANGE), wanted)
     low, high = scalar(evidence, "low"), scalar(evidence, "high")
     box = declared_box(evidence, context.form.box, text.names)
@@ -324,7 +324,8 @@ def enclosed(
 
 
 def short(value: Fraction, way: int = 0, digits: int = 6) -> str:
-    """A number as a sentence prints it: rounded to so many digits where it is long, up for `way` 1, down for -1."""
+    """Return a number as a sentence prints it: rounded to so many digits where it is long, up for `way` 1, down for
+    -1."""
     text = str(value)
     if len(text) <= 12:
         return text
@@ -334,7 +335,7 @@ def short(value: Fraction, way: int = 0, digits: int = 6) -> str:
 
 
 def is_above(value: Fraction, bound: Fraction) -> str:
-    """The words that a number is above a smaller one, in as many digits as it takes to tell them apart. Raises:
+    """Return the words that a number is above a smaller one, in as many digits as it takes to tell them apart. Raises:
     `Unproved` where so many would be too many to read."""
     for digits in range(6, _MOST):
         high, low = short(value, -1, digits), short(bound, 1, digits)
@@ -344,13 +345,13 @@ def is_above(value: Fraction, bound: Fraction) -> str:
 
 
 def on(box: Box) -> str:
-    """The sides of a box that are no points, for a sentence."""
+    """Return the sides of a box that are no points, for a sentence."""
     named = [f"{name} in [{low}, {high}]" for name, (low, high) in box.items() if low < high]
     return f" on {', '.join(named)}" if named else ""
 
 
 def witness(claim: Claim, box: Box, names: Iterable[str], key: str = "witness") -> dict[str, Fraction]:
-    """The claim's point in the box, with a value for each of `names`. Raises: `Unproved`."""
+    """Return the claim's point in the box, with a value for each of `names`. Raises: `Unproved`."""
     coordinates = part(claim.evidence, key, dict)
     at = {name: number(value) for name, value in sorted(coordinates.items())}
     for name, value in at.items():
@@ -373,8 +374,9 @@ ON_CHAINS = (*CHAINS, *CARRIED)
 
 
 def structure(context: Context, claim: Claim) -> Finding:
-    """Shows that A has a superdiagonal within each chain only, which reads no state (but z_1 where there is one chain),
-    that b reads what the alignment lets it, and that y_i = a_1 z_1 + c of its chain, where a_1 and c read no state.
+    """Demand that A has a superdiagonal within each chain only, which reads no state (but z_1 where there is one
+    chain), that b reads what the alignment lets it, and that y_i = a_1 z_1 + c of its chain, where a_1 and c read no
+    state.
 
     Of an output whose chain has no states nothing is asked: an observer takes it for a measurement of the first state
     of a chain where it is a constant multiple of that one's output, and a gain acts on no other."""
@@ -413,7 +415,7 @@ def structure(context: Context, claim: Claim) -> Finding:
 
 
 def _readable(form: FormFile, reader: tuple[int, int], read: tuple[int, int]) -> bool:
-    """Whether the row at (chain, level) may read the state at (chain, level)."""
+    """Return whether the row at (chain, level) may read the state at (chain, level)."""
     (i, level), (k, at) = reader, read
     if i == k:
         return at <= level
@@ -425,7 +427,7 @@ def _readable(form: FormFile, reader: tuple[int, int], read: tuple[int, int]) ->
 
 
 def _in_order(context: Context, places: Sequence[tuple[int, int]]) -> None:
-    """A cascade: the chains have an order in which each reads only those before."""
+    """Demand of a cascade that the chains have an order in which each reads only those before."""
     form = context.form
     if form.alignment != "cascade":
         return
@@ -442,7 +444,7 @@ def _in_order(context: Context, places: Sequence[tuple[int, int]]) -> None:
 
 
 def ranges_kept(context: Context, every: bool = False) -> int:
-    """Shows that the form's states stay in their ranges while the plant's do, and returns the number of boxes. Where a
+    """Demand that the form's states stay in their ranges while the plant's do, and return the number of boxes. Where a
     state is none of the plant's, this may be a claim of its own, unless `every` one is asked for."""
     boxes = 0
     range_claimed = not every and context.file.claim("recast.range") is not None
@@ -468,7 +470,7 @@ def wanted_gain(context: Context, place: tuple[int, ...]) -> tuple[Quotient, Exp
 
 
 def place_of(context: Context, chain: int, index: int) -> int:
-    """The row of a chain's state, from 0. Raises: `Unproved`."""
+    """Return the row of a chain's state, from 0. Raises: `Unproved`."""
     blocks = context.form.blocks
     if not (1 <= chain <= min(len(blocks), len(context.form.output)) and 1 <= index <= blocks[chain - 1]):
         raise Unproved("the form has no such row")
@@ -476,7 +478,7 @@ def place_of(context: Context, chain: int, index: int) -> int:
 
 
 def built(context: Context, claim: Claim) -> Observer:
-    """The file's observer with its numbers, which the claim's id names. Raises: `Unproved`."""
+    """Return the file's observer with its numbers, which the claim's id names. Raises: `Unproved`."""
     observer, name = context.file.observer, claim.maker
     if observer is None or observer.name != name or not observer.numbers:
         raise Unproved(f"the file has no {name} observer with its numbers")
@@ -494,7 +496,7 @@ class Scale:
 
 
 def integrators(context: Context, evidence: Mapping[str, Any]) -> Scale:
-    """The one chain in coordinates S w: the claim's `scale` is units_i a_1 .. a_i, constant in time. Raises:
+    """Return the one chain in coordinates S w: the claim's `scale` is units_i a_1 .. a_i, constant in time. Raises:
     `Unproved`."""
     _ = context.equations
     n, algebra, product = len(context.z), context.algebra, context.algebra.one
@@ -510,7 +512,7 @@ def integrators(context: Context, evidence: Mapping[str, Any]) -> Scale:
 
 
 def constants(context: Context, texts: Sequence[Any]) -> list[Expression]:
-    """The texts as expressions, which read parameters alone. Raises: `Unproved`."""
+    """Return the texts as expressions, which read parameters alone. Raises: `Unproved`."""
     expressions = [expression(text, context.form.box) for text in texts]
     for text in expressions:
         only(text.names, context.file.parameters, f"the constant {text.text}")
@@ -518,22 +520,22 @@ def constants(context: Context, texts: Sequence[Any]) -> list[Expression]:
 
 
 def invertible(context: Context, scale: Sequence[Expression]) -> int:
-    """That each is finite and not zero on its box; with how many boxes. Raises: `Unproved`."""
+    """Demand that each is finite and not zero on its box; with how many boxes. Raises: `Unproved`."""
     box = context.form.box
     return sum(finite(expression(f"1/({s.text})", box), box) for s in scale)
 
 
 def steady(context: Context, gains: Sequence[Expression]) -> int:
-    """That A reads no state, and that the gains of an observer read parameters alone and are finite whatever these are;
-    with how many boxes. Raises: `Unproved`."""
+    """Demand that A reads no state, and that the gains of an observer read parameters alone and are finite whatever
+    these are; with how many boxes. Raises: `Unproved`."""
     for entry in (entry for row in context.form.A for entry in row):
         only(entry.names & set(context.z), (), "A")
     return sum(finite(k, context.form.box) for k in constants(context, [k.text for k in gains]))
 
 
 def gain_of(blocks: Sequence[int], entries: Sequence[Value], none: Value) -> list[list[Value]]:
-    """The gain (n, p) of its entries: one for each state, which acts on the output of the state's own chain, or one for
-    each state and chain, state by state; `none` elsewhere."""
+    """Return the gain (n, p) of its entries: one for each state, which acts on the output of the state's own chain, or
+    one for each state and chain, state by state; `none` elsewhere."""
     chain = [k for k, size in enumerate(blocks) for _ in range(size)]
     onto = [[k] for k in chain] if len(entries) == len(chain) else [[k for k, size in enumerate(blocks) if size]]
     columns, rest = onto * (len(chain) // len(onto)), iter(entries)
@@ -558,8 +560,8 @@ def core_of(context: Context, scale: Sequence[Expression], gains: Sequence[Expre
 def slope(
     context: Context, evidence: Mapping[str, Any], scale: Sequence[Expression], norm: Norm = spectral
 ) -> tuple[Fraction, int]:
-    """The claim's bound of |S db/dz S^-1| on the box, S the diagonal `scale`, and with how many boxes it is shown.
-    Raises: `Unproved`."""
+    """Return the claim's bound of |S db/dz S^-1| on the box, S the diagonal `scale`, and with how many boxes it is
+    shown. Raises: `Unproved`."""
     bound, _, boxes = _steepness(context, evidence, context.form.b, scale, norm)
     return bound, boxes
 
@@ -595,7 +597,7 @@ STRUCTURE = "{kind}.structure"  # the claim that a form is in chains
 
 @dataclass(frozen=True)
 class Rule:
-    """Which claims it verifies, and how.
+    """The claims that it verifies, and how.
 
     `makers`: what a claim's id is before its dot, none for the form's kind; `facts`: what it is after that, without the
     numbers at its end, of which a kind of form has as many as `rows` says, none where that says nothing; `kinds`: the
@@ -613,23 +615,23 @@ class Rule:
     about: str = "the {kind} form"
 
     def takes(self, kind: str, claim: Claim) -> bool:
-        """Whether it verifies a claim on a form of that kind."""
+        """Return whether it verifies a claim on a form of that kind."""
         rows = self.rows.get(kind, 0)
         fact, count = (claim.fact, len(claim.at)) if rows else (claim.what, 0)
         known = claim.maker in (self.makers or (kind,)) and fact in self.facts and count == rows
         return known and claim.verdict == self.verdict and (not self.kinds or kind in self.kinds)
 
     def needs(self, kind: str, claim: Claim) -> Keys:
-        """The ids of the claims that a claim on a form of that kind rests on. Of a form that is carried to other
+        """Return the ids of the claims that a claim on a form of that kind rests on. Of a form that is carried to other
         coordinates the structure is no claim, but shown with each that rests on it."""
         return tuple(self.named(id, kind, claim) for id in self.rests if id != STRUCTURE or kind not in CARRIED)
 
     def named(self, text: str, kind: str, claim: Claim) -> str:
-        """A text of it with the claim's maker and the form's kind put in."""
+        """Return a text of it with the claim's maker and the form's kind put in."""
         return text.format(maker=claim.maker, kind=kind)
 
     def show(self, context: Context, claim: Claim) -> Finding:
-        """What it shows of a claim that it takes. Raises: `Unproved`."""
+        """Return the finding on a claim that it takes. Raises: `Unproved`."""
         if STRUCTURE in self.rests and context.form.kind in CARRIED:
             observer = context.file.observer
             if observer is None or observer.name != claim.maker:
@@ -640,18 +642,18 @@ class Rule:
 
 @dataclass(frozen=True)
 class Needed:
-    """What a certificate of a form cannot leave out, whatever the verdicts: the claim of its `structure`, and those
-    `beside` it where that is proved."""
+    """The claims that a certificate of a form cannot leave out, whatever the verdicts: the claim of its `structure`,
+    and those `beside` it where that is proved."""
 
     structure: str
     beside: Callable[[FormFile], tuple[str, ...]] = lambda form: ()
 
 
 def of_observer(makers: Keys, facts: Keys, verify: Verify, keys: Keys = (), *rests: str, kinds: Keys = ()) -> Rule:
-    """The rule of claims about observers' numbers alone, on a form of any kind, or of these."""
+    """Return the rule of claims about observers' numbers alone, on a form of any kind, or of these."""
     return Rule(makers, facts, verify, keys, kinds, rests=rests, about="the {maker} observer")
 
 
 def on_chains(makers: Keys, facts: Keys, verify: Verify, keys: Keys = (), *rests: str) -> Rule:
-    """The rule of claims about observers on a form in chains."""
+    """Return the rule of claims about observers on a form in chains."""
     return of_observer(makers, facts, verify, keys, STRUCTURE, *rests, kinds=ON_CHAINS)

@@ -74,7 +74,7 @@ class FormFile:
 
 @dataclass(frozen=True)
 class Built:
-    """What an observer is built with: the names of `numbers`, or lists of them, and of `expressions`, the entries of a
+    """The parts of an observer: the names of `numbers`, or lists of them, and of `expressions`, the entries of a
     gain: one for each state, or one for each state and chain; and of numbers that stand `beside` in some files."""
 
     numbers: tuple[str, ...]
@@ -99,7 +99,7 @@ class Observer:
 
 @dataclass(frozen=True)
 class Claim:
-    """One claim: its verdict, and what shows it, as the file says.
+    """A claim: its verdict, and what shows it, as the file says.
 
     Its `id` is `maker`.`what`, and `what` the `fact` with the numbers `at`, of rows."""
 
@@ -131,7 +131,7 @@ class Certificate:
     untouched: bool
 
     def claim(self, id: str) -> Claim | None:
-        """The claim of that id, None where there is none."""
+        """Return the claim of that id, None where there is none."""
         return next((claim for claim in self.claims if claim.id == id), None)
 
 
@@ -155,8 +155,8 @@ def _hashed(value: Mapping[str, Any]) -> str:
 
 
 def read(text: str, observers: Mapping[str, Built]) -> Certificate:
-    """The certificate in a text, of observers that are built as told. Raises: `NoCertificate` for what is no JSON, or
-    misses a part; `Unreadable` for an expression or number."""
+    """Return the certificate in a text, of observers that are built as told. Raises: `NoCertificate` for what is no
+    JSON, or misses a part; `Unreadable` for an expression or number."""
     if len(text) > LARGEST:
         raise NoCertificate(f"it has more than {LARGEST} characters")
     try:
@@ -185,7 +185,7 @@ def _shallow(content: Any) -> None:
 
 
 def _once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
-    """A JSON object of the pairs. Raises: `ValueError` where a key stands twice."""
+    """Return a JSON object of the pairs. Raises: `ValueError` where a key stands twice."""
     content = dict(pairs)
     if len(content) < len(pairs):
         raise ValueError("a key stands twice")
@@ -236,7 +236,7 @@ def _read(content: Mapping[str, Any], observers: Mapping[str, Built]) -> Certifi
 
 
 def part(holder: Mapping[str, Any], key: str, kind: type) -> Any:
-    """One part of a JSON object. Raises: `NoCertificate` where it is missing or of another type."""
+    """Return one part of a JSON object. Raises: `NoCertificate` where it is missing or of another type."""
     value = holder.get(key)
     if not isinstance(value, kind):
         raise NoCertificate(f"its part {key!r} is missing or no {kind.__name__}")
@@ -244,7 +244,7 @@ def part(holder: Mapping[str, Any], key: str, kind: type) -> Any:
 
 
 def _known(what: str, holder: Mapping[str, Any], known: Iterable[str] | None = None) -> None:
-    """A part that nothing reads could say anything. Raises: `NoCertificate`."""
+    """Demand no unknown part, which could say anything. Raises: `NoCertificate`."""
     strange = sorted(holder.keys() - set(_KEYS[what] if known is None else known))
     if strange:
         raise NoCertificate(f"{what} has a part {words(strange[0])}, which is unknown here")
@@ -318,7 +318,7 @@ def signals(holder: Mapping[str, Any], key: str) -> dict[str, tuple[End, End]]:
 
 
 def ends(low: object, high: object, name: str) -> tuple[End, End]:
-    """A closed range; None is an infinite end. Raises: `NoCertificate` for an empty one."""
+    """Return a closed range; None is an infinite end. Raises: `NoCertificate` for an empty one."""
     least = -math.inf if low is None else number(low)
     most = math.inf if high is None else number(high)
     if not least <= most:
@@ -353,7 +353,7 @@ MOST_ROWS = 40  # or columns: beyond, an elimination in fractions takes too long
 
 
 def entries(holder: Mapping[str, Any], key: str, count: int) -> list[Any]:
-    """The list under a key, which must have `count` entries. Raises: `Unproved`."""
+    """Return the list under a key, which must have `count` entries. Raises: `Unproved`."""
     values = holder.get(key)
     if not isinstance(values, list) or len(values) != count:
         raise Unproved(f"its {key} has not {count} entries")
@@ -361,7 +361,7 @@ def entries(holder: Mapping[str, Any], key: str, count: int) -> list[Any]:
 
 
 def fields(one: Any, what: str, keys: Sequence[str]) -> Mapping[str, Any]:
-    """A JSON object that has these parts and no others; `what` it is, in words. Raises: `Unproved`."""
+    """Return a JSON object that has these parts and no others; `what` it is, in words. Raises: `Unproved`."""
     if not isinstance(one, dict) or set(one) != set(keys):
         *first, last = keys
         raise Unproved(f"{what} is no object of {', '.join(first)} and {last}")
@@ -374,7 +374,7 @@ def column(holder: Mapping[str, Any], key: str, count: int) -> list[Fraction]:
 
 
 def matrix(holder: Mapping[str, Any], key: str, rows: int, columns: int) -> Matrix:
-    """The matrix of numbers under a key, of the size (rows, columns). Raises: `Unproved`."""
+    """Return the matrix of numbers under a key, of the size (rows, columns). Raises: `Unproved`."""
     lists = entries(holder, key, rows)
     if max(rows, columns) > MOST_ROWS:
         raise Unproved(f"its {key} has more than {MOST_ROWS} rows or columns")
@@ -384,7 +384,7 @@ def matrix(holder: Mapping[str, Any], key: str, rows: int, columns: int) -> Matr
 
 
 def scalar(holder: Mapping[str, Any], key: str) -> Fraction:
-    """One number. Raises: `Unproved`."""
+    """Return one number. Raises: `Unproved`."""
     if holder.get(key) is None:
         raise Unproved(f"its {key} is missing")
     return _number_of(holder[key], key)
@@ -397,7 +397,7 @@ def _number_of(value: Any, key: str) -> Fraction:
 
 
 def above_zero(holder: Mapping[str, Any], key: str) -> Fraction:
-    """One number > 0. Raises: `Unproved`."""
+    """Return one number > 0. Raises: `Unproved`."""
     value = scalar(holder, key)
     if value <= 0:
         raise Unproved(f"its {key} is not positive")
@@ -405,7 +405,7 @@ def above_zero(holder: Mapping[str, Any], key: str) -> Fraction:
 
 
 def signless(holder: Mapping[str, Any], key: str) -> Fraction:
-    """One number that is not negative. Raises: `Unproved`."""
+    """Return one number that is not negative. Raises: `Unproved`."""
     value = scalar(holder, key)
     if value < 0:
         raise Unproved(f"its {key} is negative")

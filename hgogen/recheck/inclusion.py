@@ -59,8 +59,8 @@ class Core:
 
     @property
     def gates(self) -> list[tuple[int, list[Fraction]]]:
-        """What each saturation takes away: the field whose error it passes, and the column by which that enters the
-        core beside the last vertex, where all is passed."""
+        """Return what each saturation takes away: the field whose error it passes, and the column by which that enters
+        the core beside the last vertex, where all is passed."""
         columns = []
         for k in reversed(range(len(self.vertices).bit_length() - 1)):
             removed = self.vertices[-1 - 2**k] - self.vertices[-1]
@@ -92,41 +92,36 @@ def _filtered_injection(numbers: Numbers, n: int) -> Core:
 
 
 def _low_power(numbers: Numbers, n: int) -> Core:
-    _has_pairs(n)
-    order, N = [*range(n - 1), *range(1, n)], _pairs(matrix(numbers, "gains", n - 1, 2), [1] * n)
-    picks, k = [0, *range(n - 1, 2 * n - 2)], matrix(numbers, "gains", n - 1, 2)
-    return Core([N], order, order, [True] * (2 * n - 2), picks, _onto(k, 0, n - 1, 2 * n - 2))
+    k, picks = _gains_of_pairs(numbers, n), [0, *range(n - 1, 2 * n - 2)]
+    order, rest = [*range(n - 1), *range(1, n)], [Fraction(0)] * (n - 2)
+    fed, measured = [True] * (2 * n - 2), [k[0][0], *rest, k[0][1], *rest]
+    return Core([_pairs(k, [1] * n)], order, order, fed, picks, measured)
 
 
 def _peaking_free(numbers: Numbers, n: int) -> Core:
-    """The core in which p_n follows p_1, .., p_(n-1), at every combination of saturated and free states."""
-    _has_pairs(n)
+    """Return the core in which p_n follows p_1, .., p_(n-1), at every combination of saturated and free states."""
     if n > _SATURATED:
         raise Unproved(f"saturations of more than {_SATURATED} states are not tried")
-    k, last = matrix(numbers, "gains", n - 1, 2), scalar(numbers, "last")
+    k, last, rest = _gains_of_pairs(numbers, n), scalar(numbers, "last"), [Fraction(0)] * (n - 2)
     vertices = []
     for shares in product((0, 1), repeat=n - 1):
         inner = [[*row[: n - 1], Fraction(0), *row[n - 1 :]] for row in _pairs(k, [1, *shares])]
         follows = [Fraction(0)] * (2 * n - 1)
         follows[n - 1], follows[-1] = -last, last * shares[-1]
         vertices.append(Matrix([*inner[: n - 1], follows, *inner[n - 1 :]]))
-    order = [*range(n), *range(1, n)]
-    return Core(vertices, order, order, [True] * (2 * n - 1), [*range(n)], _onto(k, 0, n, 2 * n - 1))
+    order, measured = [*range(n), *range(1, n)], [k[0][0], *rest, Fraction(0), k[0][1], *rest]
+    return Core(vertices, order, order, [True] * (2 * n - 1), [*range(n)], measured)
 
 
-def _onto(k: Matrix, p: int, q: int, size: int) -> list[Fraction]:
-    """What an error of the sample adds to the first pair, whose fields stand at p and q."""
-    return [k[0][0] if at == p else k[0][1] if at == q else Fraction(0) for at in range(size)]
-
-
-def _has_pairs(n: int) -> None:
-    """That there is a state beside the first: of one state there are no pairs, nor an error. Raises: `Unproved`."""
+def _gains_of_pairs(numbers: Numbers, n: int) -> Matrix:
+    """Return the gains (n - 1, 2). Of one state there are no pairs, nor an error."""
     if n < 2:
         raise Unproved("the observer is one of at least two states")
+    return matrix(numbers, "gains", n - 1, 2)
 
 
 def _pairs(k: Matrix, shares: list[int]) -> Matrix:
-    """The core of p_1, .., p_m, q_1, .., q_m; `shares` (m + 1): what passes of the error of y, q_1, .., q_m."""
+    """Return the core of p_1, .., p_m, q_1, .., q_m; `shares` (m + 1): what passes of the error of y, q_1, .., q_m."""
     m = len(k)
     N = zeros(2 * m, 2 * m)
     for i, (first, second) in enumerate(k):
@@ -141,7 +136,8 @@ def _pairs(k: Matrix, shares: list[int]) -> Matrix:
 
 
 def _injected(numbers: Numbers, n: int) -> Core:
-    """The core with all of the error injected, of an observer that injects less of it, or by a gain that moves."""
+    """Return the core with all of the error injected, of an observer that injects less of it, or by a gain that
+    moves."""
     gains, order = column(numbers, "gains", n), [*range(n)]
     return Core([companion(gains)], order, order, [True] * n, order, gains)
 
@@ -165,7 +161,7 @@ _NO_END = {"low": -math.inf, "high": math.inf}
 
 @dataclass(frozen=True)
 class Slope:
-    """What `reads` of e, and `takes` of the samples' errors at theta = 1, bring into the rates by `onto`, over
+    """A slope: what `reads` of e, and `takes` of the samples' errors at theta = 1, bring into the rates by `onto`, over
     theta^`degree`: in [low, high]; `endless`: 1 where it is anything from low = high on, -1 anything up to that;
     `realised`: whether a method realises the core beside it, which a core that moves with it is not."""
 
@@ -181,15 +177,15 @@ class Slope:
 
 @dataclass(frozen=True)
 class Argument:
-    """What b reads in the place of z_j: `reads` (n) of the errors, and `takes` (p) of those of the samples, over their
-    powers of theta; these empty where they are no numbers."""
+    """The argument of b: what it reads in the place of z_j: `reads` (n) of the errors, and `takes` (p) of those of the
+    samples, over their powers of theta; these empty where they are no numbers."""
 
     reads: Matrix
     takes: Matrix
 
     @property
     def heard(self) -> bool:
-        """Whether it is known what b takes of the samples."""
+        """Return whether it is known what b takes of the samples."""
         return all(self.takes)
 
 
@@ -214,8 +210,8 @@ class ErrorInclusion:
     units: list[Fraction] = field(default_factory=list)
 
     def scales(self, context: Context, theta: Fraction) -> list[Fraction]:
-        """By field (N), its error where that of its state of the form is 1. Raises: `Unproved` where a scale holds
-        parameters."""
+        """Return, by field (N), its error where that of its state of the form is 1. Raises: `Unproved` where a scale
+        holds parameters."""
         values = [context.value(each).number for each in self.scale]
         known = [value for value in values if value]
         if len(known) < len(values):
@@ -223,7 +219,7 @@ class ErrorInclusion:
         return [known[i] / theta**p for i, p in zip(self.index, self.power, strict=True)]
 
     def at(self, theta: Fraction) -> Parts:
-        """What the error obeys at a theta."""
+        """Return what the error obeys at a theta."""
         M, G, H, E = theta * self.N, [], [], []
         late = [theta**-power for power in self.late]
         R, p = zeros(len(M), len(late)), len(late)
@@ -252,7 +248,7 @@ def error_inclusion(context: Context, observer: Observer, evidence: Mapping[str,
 
 
 def with_endless(context: Context, observer: Observer, evidence: Mapping[str, Any]) -> ErrorInclusion:
-    """The same, where slopes may have one end alone. Raises: `Unproved`."""
+    """Return the same, where slopes may have one end alone. Raises: `Unproved`."""
     _ = context.equations
     made, strange = (_of_core, ("core", "ranges")) if observer.name in CORES else (_of_gain, ("units",))
     if unread := sorted(evidence.keys() & set(strange)):
@@ -261,7 +257,7 @@ def with_endless(context: Context, observer: Observer, evidence: Mapping[str, An
 
 
 def _of_core(context: Context, observer: Observer, evidence: Mapping[str, Any]) -> ErrorInclusion:
-    """That of an observer with a core of its own on one chain of integrators."""
+    """Return the inclusion of an observer with a core of its own on one chain of integrators."""
     scale, n = integrators(context, evidence), len(context.z)
     core = CORES[observer.name](observer.numbers, n)
     t = [scale.units[i] for i in core.index]
@@ -276,7 +272,7 @@ def _of_core(context: Context, observer: Observer, evidence: Mapping[str, Any]) 
 
 
 def _of_gain(context: Context, observer: Observer, evidence: Mapping[str, Any]) -> ErrorInclusion:
-    """That of a constant gain: the core is a matrix of numbers, or moves with a_i in ranges."""
+    """Return the inclusion of a constant gain: the core is a matrix of numbers, or moves with a_i in ranges."""
     n, form = len(context.z), context.form
     if form.alignment not in ("", "top", "end"):
         raise Unproved("its chains are not aligned at the top or at the end")
@@ -304,7 +300,7 @@ def _of_gain(context: Context, observer: Observer, evidence: Mapping[str, Any]) 
 
 
 def _argument(context: Context, observer: Observer, scale: list[Expression]) -> Argument:
-    """What b reads and takes; of an observer that injects nothing there the errors alone."""
+    """Return what b reads and takes; of an observer that injects nothing there the errors alone."""
     if "argument" in observer.entries:
         argument = argument_of(context, observer.entries["argument"], scale)
         return replace(argument, takes=argument.takes @ _means(context, observer)) if argument.heard else argument
@@ -313,8 +309,8 @@ def _argument(context: Context, observer: Observer, scale: list[Expression]) -> 
 
 
 def argument_of(context: Context, entries: Sequence[Expression], scale: Sequence[Expression]) -> Argument:
-    """By the entries of N, for each z_j, in the coordinates `scale` z. Raises: `Unproved` where what b reads of the
-    errors is not of numbers."""
+    """Return the argument by the entries of N, for each z_j, in the coordinates `scale` z. Raises: `Unproved` where
+    what b reads of the errors is not of numbers."""
     S = [context.value(text) for text in scale]
     N = gain_of(context.form.blocks, [context.value(text) for text in entries], context.algebra.zero)
     reads, takes = unit(len(N)), numbers([s * entry for entry in row] for s, row in zip(S, N, strict=True))
@@ -339,9 +335,9 @@ def _by_chain(context: Context, observer: Observer, scale: list[Expression]) -> 
 
 
 def _means(context: Context, observer: Observer) -> Matrix:
-    """By how much the error of each output is in the mean of those that show the first state of a chain, all samples
-    there: w_j/r_j over the sum of the w, y_j = r_j y up to what is known, y that of the chain. Of one of which that is
-    not shown nothing; if it is in a mean, the others are in it by less. Raises: `Unproved`."""
+    """Return by how much the error of each output is in the mean of those that show the first state of a chain, all
+    samples there: w_j/r_j over the sum of the w, y_j = r_j y up to what is known, y that of the chain. Of one of which
+    that is not shown nothing; if it is in a mean, the others are in it by less."""
     outputs, seen = range(len(context.form.output)), context.seen
     together = [[j for j in outputs if z and seen[j] == z] for z in context.heads]
     if all(len(each) < 2 for each in together):
@@ -361,7 +357,8 @@ def _means(context: Context, observer: Observer) -> Matrix:
 def _moving(
     context: Context, observer: Observer, evidence: Mapping[str, Any], scale: list[Expression]
 ) -> tuple[list[Slope], int]:
-    """The a_i in their ranges: a_1 of a chain by its column of -K, others from state to state; S and K are numbers."""
+    """Return the a_i in their ranges: a_1 of a chain by its column of -K, others from state to state; S and K are
+    numbers."""
     blocks, slopes, boxes = context.form.blocks, [], 0
     S, K = (numbers([[context.value(text) for text in texts]]) for texts in (scale, observer.gains))
     if S is None or any(s != 1 for s in S[0]) or K is None:
@@ -387,8 +384,8 @@ def bounded_slopes(
     picks: list[int],
     least: int = 0,
 ) -> tuple[list[Slope], int]:
-    """The slopes of b in the coordinates `scale` z, each with 0 in its range, of every b_i in every z_j that it reads,
-    and with how many boxes they are shown. A degree may be as low as `least`. Raises: `Unproved`."""
+    """Return the slopes of b in the coordinates `scale` z, each with 0 in its range, of every b_i in every z_j that it
+    reads, and with how many boxes they are shown. A degree may be as low as `least`. Raises: `Unproved`."""
     form, listed, boxes, slopes = context.form, _listed(evidence), 0, list[Slope]()
     names = {name for text in (*form.b, *scale) for name in text.names}
     where = narrowed(form.box, names)
@@ -414,7 +411,7 @@ def bounded_slopes(
 
 
 def _listed(evidence: Mapping[str, Any]) -> dict[tuple[int, int], tuple[End, End, str]]:
-    """The claimed ranges by row and column, from 0, one of whose ends may be none. Raises: `Unproved`."""
+    """Return the claimed ranges by row and column, from 0, one of whose ends may be none."""
     known = {}
     for slope in part(evidence, "slopes", list):
         fields(slope, "a slope", ("row", "column", "low", "high", "tree"))

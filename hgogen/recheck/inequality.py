@@ -181,7 +181,7 @@ FLOW, NOW = _explicit(Tableau([[]], [ONE], 1)), Fraction(0)  # continuous time, 
 def _realised(
     weights: Callable[[Matrix], Weights], parts: Parts, h: Fraction, e: Matrix, p: list[Matrix], v: list[Matrix]
 ) -> Change:
-    """Return the change by phi_1 and phi_2 of the core. Raises: `Unproved`."""
+    """Return the change by phi_1 and phi_2 of the core."""
     if parts.moving:
         raise Unproved("a part of its core moves, which its method does not realise")
     nonlinear, X = parts.M - parts.L, h * parts.L
@@ -220,17 +220,18 @@ REALISED: Mapping[str, Callable[[Matrix], Weights]] = {  # by the name of a meth
 
 @dataclass(frozen=True)
 class Input:
-    """What one input adds: to the samples (p) at each of the `stages` (s, p), and to the `rate` of e (N), over h."""
+    """An input, by what it adds: to the samples (p) at each of the `stages` (s, p), and to the `rate` of e (N), over
+    h."""
 
     stages: Matrix
     rate: list[Fraction]
 
     def __add__(self, other: "Input") -> "Input":
-        """One input that is both."""
+        """Return one input that is both."""
         return Input(self.stages + other.stages, [x + y for x, y in zip(self.rate, other.rate, strict=True)])
 
     def __mul__(self, size: Fraction) -> "Input":
-        """That of an input in units of a size."""
+        """Return the input in units of a size."""
         return Input(size * self.stages, [size * x for x in self.rate])
 
 
@@ -396,14 +397,15 @@ class Decay:
     said: Callable[[Observer], str] = lambda observer: "the error converges exponentially for every theta above {}"
 
     def converges(self, context: Context, claim: Claim) -> Finding:
-        """The bound above which every gain converges, by a V of the claim; the structure of the form is another."""
+        """Return the bound above which every gain converges, by a V of the claim; the structure of the form is
+        another."""
         observer, least = built(context, claim), above_zero(claim.evidence, "least")
         boxes = self.falls(context, claim, claim.evidence, least, Fraction(0))
         said = self.said(observer).format(short(least, 1))
         return Finding(f"in continuous time, without noise, {said}{on(context.form.box)}", boxes)
 
     def chosen(self, context: Context, claim: Claim) -> Finding:
-        """The observer's gain is above that bound; V falls there, where the claim says at which rate."""
+        """Return the observer's gain is above that bound; V falls there, where the claim says at which rate."""
         (name, chosen), bound = self.gain(built(context, claim)), context.file.claim(f"{claim.maker}.convergence")
         if bound is None or not chosen > scalar(bound.evidence, "least"):
             raise Unproved(f"{name} = {short(chosen)} is not above the bound")
@@ -416,7 +418,8 @@ class Decay:
 
 
 def decays(makers: Keys, decay: Decay, slopes: Keys, norm: Keys) -> tuple[Rule, Rule]:
-    """The rules that observers on a form in chains decay: the evidence of their `slopes`, and of a V, its `norm`."""
+    """Return the rules that observers on a form in chains decay: the evidence of their `slopes`, and of a V, its
+    `norm`."""
     return (
         on_chains(makers, ("convergence",), decay.converges, (*slopes, "least", *norm)),
         on_chains(makers, ("theta",), decay.chosen, ("alpha", *norm), "{maker}.convergence"),
@@ -424,8 +427,8 @@ def decays(makers: Keys, decay: Decay, slopes: Keys, norm: Keys) -> tuple[Rule, 
 
 
 def clamped(makers: Keys) -> Rule:
-    """The rule of |db/dz| <= bound on the whole box of z of a form in other coordinates, to which observers clamp the
-    argument of b."""
+    """Return the rule of |db/dz| <= bound on the whole box of z of a form in other coordinates, to which observers
+    clamp the argument of b."""
 
     def steep(context: Context, claim: Claim) -> Finding:
         return jacobian_bound(context, claim, context.form.b, "db/dz")

@@ -61,20 +61,20 @@ class Interval:
 
     @property
     def finite(self) -> bool:
-        """Whether both ends are numbers."""
+        """Return whether both ends are numbers."""
         return not any(end in (*_INFINITE, libmp.fnan) for end in self.ends)
 
     def at_least(self, bound: Fraction | float) -> bool:
-        """Whether no number of the interval is below the bound."""
+        """Return whether no number of the interval is below the bound."""
         return bool(libmp.mpf_ge(self.ends[0], _rounded(bound, _UP)))
 
     def at_most(self, bound: Fraction | float) -> bool:
-        """Whether no number of the interval is above the bound."""
+        """Return whether no number of the interval is above the bound."""
         return bool(libmp.mpf_le(self.ends[1], _rounded(bound, _DOWN)))
 
 
 def _rounded(value: Fraction | float, direction: str) -> Any:
-    """A number rounded in a direction; an infinite one as it is."""
+    """Return a number rounded in a direction; an infinite one as it is."""
     if not isinstance(value, Fraction):
         if math.isinf(value):
             return libmp.from_float(value)
@@ -88,22 +88,22 @@ def _quotient(numerator: int, denominator: int, direction: str) -> Any:
 
 
 def point(value: Fraction) -> Interval:
-    """The narrowest interval about a number."""
+    """Return the narrowest interval about a number."""
     return Interval((_rounded(value, _DOWN), _rounded(value, _UP)))
 
 
 def between(low: Fraction | float, high: Fraction | float) -> Interval:
-    """The interval from low to high, either of which may be infinite."""
+    """Return the interval from low to high, either of which may be infinite."""
     return Interval((_rounded(low, _DOWN), _rounded(high, _UP)))
 
 
 def intersection(a: Interval, b: Interval) -> Interval:
-    """What two enclosures of one value have in common."""
+    """Return what two enclosures of one value have in common."""
     return Interval((_larger(a.ends[0], b.ends[0]), _smaller(a.ends[1], b.ends[1])))
 
 
 def hull(a: Interval, b: Interval) -> Interval:
-    """The narrowest interval that holds both."""
+    """Return the narrowest interval that holds both."""
     return Interval((_smaller(a.ends[0], b.ends[0]), _larger(a.ends[1], b.ends[1])))
 
 
@@ -119,7 +119,7 @@ def _larger(a: Any, b: Any) -> Any:
 
 
 def _outward(value: Any, up: bool) -> Any:
-    """A value with an error of a few units of its last place, moved outward by far more than that."""
+    """Return a value with an error of a few units of its last place, moved outward by far more than that."""
     if value in (libmp.fzero, *_INFINITE):
         return value
     margin = libmp.mpf_shift(libmp.mpf_abs(value), -PRECISION)
@@ -130,7 +130,7 @@ def _outward(value: Any, up: bool) -> Any:
 def _rising(
     function: Callable[..., Any], within: tuple[float, float] = (-math.inf, math.inf), complaint: str = "no value"
 ) -> Callable[[Interval], Interval]:
-    """A function that rises, from its values at the ends of an argument that must be within a range."""
+    """Return a function that rises, from its values at the ends of an argument that must be within a range."""
 
     def apply(x: Interval) -> Interval:
         if not (x.at_least(within[0]) and x.at_most(within[1])):
@@ -144,7 +144,8 @@ def _rising(
 
 
 def _levelling(function: Callable[..., Any], whole: Interval) -> Callable[[Interval], Interval]:
-    """A function that rises within its `whole` range, of which an end stands for a value at too large an argument."""
+    """Return a function that rises within its `whole` range, of which an end stands for a value at too large an
+    argument."""
     rising, largest = _rising(function), between(-_LARGEST, _LARGEST)
 
     def apply(x: Interval) -> Interval:
@@ -164,7 +165,7 @@ def _log(x: Interval) -> Interval:
 
 
 def _small(x: Interval) -> bool:
-    """Whether an angle is small enough to be reduced at small cost."""
+    """Return whether an angle is small enough to be reduced at small cost."""
     return all(end == libmp.fzero or (end not in _INFINITE and end[2] + end[3] < 64) for end in x.ends)
 
 
@@ -183,7 +184,7 @@ def _turned(angle: Ends) -> tuple[Ends, Ends]:
 
 
 def _tan(x: Interval) -> Interval:
-    """Where the cosine keeps its sign and the interval is shorter than a period, tan rises."""
+    """Return the range of tan, which rises where the cosine keeps its sign in less than a period."""
     width = libmp.mpf_sub(x.ends[1], x.ends[0], PRECISION, _UP)
     if not _small(x) or libmp.mpf_gt(width, libmp.from_int(3)) or _cos(x).sign == 0:
         raise Undefined("a pole of tan")
@@ -196,20 +197,22 @@ def _abs(x: Interval) -> Interval:
 
 
 def _sign(x: Interval) -> Interval:
-    """The enclosure of sign(x), which rises from -1 over 0 to 1. Where x is 0 alone it is [-1, 1], which the slope of
-    |x| may be."""
+    """Return the enclosure of sign(x), which rises from -1 over 0 to 1. Where x is 0 alone it is [-1, 1], which the
+    slope of |x| may be."""
     low, high = (libmp.mpf_sign(end) for end in x.ends)
     return between(low, high) if low or high else _UNIT
 
 
 def _side(x: Interval) -> Interval:
-    """The slope of |x|: at the edge of a box the one within it, where x is 0 inside it, or all over it, [-1, 1]."""
+    """Return the slope of |x|: at the edge of a box the one within it, where x is 0 inside it, or all over it, [-1,
+    1]."""
     low, high = (libmp.mpf_sign(end) for end in x.ends)
     return point(Fraction(1 if high > 0 else -1)) if low * high >= 0 and (low or high) else _UNIT
 
 
 def _jump(x: Interval) -> Interval:
-    """The slope of a side: 0 where that is one number all over a box, else any: nothing is known of where it jumps."""
+    """Return the slope of a side: 0 where that is one number all over a box, else any: nothing is known of where it
+    jumps."""
     side = _side(x)
     return between(-math.inf, math.inf) if side == _UNIT else point(Fraction(0))
 
@@ -248,7 +251,7 @@ def _pi() -> Interval:
 
 
 def _chosen(choose: Callable[[Any, Any], Any]) -> Callable[..., Interval]:
-    """What is chosen among all lows, and among all highs."""
+    """Return what is chosen among all lows, and among all highs."""
     return lambda *args: Interval(
         (reduce(choose, [x.ends[0] for x in args]), reduce(choose, [x.ends[1] for x in args]))
     )
@@ -286,7 +289,7 @@ def _function(name: str, args: tuple[Interval, ...]) -> Interval:
 
 @lru_cache(maxsize=1 << 10)  # a series that grows begins with the same values each time
 def _table(name: str, *place: Interval) -> Interval:
-    """The range of a table by its exact pieces."""
+    """Return the range of a table by its exact pieces."""
     ends = range_on(name, [x.exactly for x in place])
     if ends is None:
         raise Undefined("a derivative of a table where the one before jumps")
@@ -368,7 +371,7 @@ class Taylor:
 
 
 def _sum_of(terms: Iterable[Interval]) -> Interval:
-    """The sum; what is 0 for sure costs nothing."""
+    """Return the sum; what is 0 for sure costs nothing."""
     there = [term for term in terms if term is not _ABSENT]
     return reduce(add, there) if there else _ABSENT
 
@@ -378,7 +381,7 @@ def _product_of(a: Interval, b: Interval) -> Interval:
 
 
 def begin(coefficients: Sequence[Interval], order: int) -> Taylor:
-    """The series below t^order that begins with these coefficients, and goes on with zeros."""
+    """Return the series below t^order that begins with these coefficients, and goes on with zeros."""
     return Taylor((*coefficients, *[_ABSENT] * order)[:order])
 
 
@@ -411,8 +414,8 @@ def taylor(order: int) -> Arithmetic:
 
 
 def _table_series(name: str, args: tuple[Taylor, ...]) -> Taylor:
-    """By the derivatives on the one piece in which all arguments begin, without its ends: a derivative that jumps where
-    a bisection cuts would else be on neither side of it."""
+    """Return the series by the derivatives on the one piece in which all arguments begin, without its ends: a
+    derivative that jumps where a bisection cuts would else be on neither side of it."""
     if not in_one_piece(name, [x.coefficients[0].exactly for x in args]):
         raise Undefined("no series where a table may be at one of its points")
     return _expanded(name, args, 0)
@@ -448,7 +451,7 @@ def _share(i: Fraction | int, k: int) -> Interval:
 
 
 def _integral_term(a: Sequence[Interval], f: Sequence[Interval], k: int) -> Interval:
-    """The coefficient k of the integral of a' f."""
+    """Return the coefficient k of the integral of a' f."""
     return _sum_of(_product_of(a[i], _share(i, k) * f[k - i]) for i in range(1, k + 1) if a[i] is not _ABSENT)
 
 
@@ -460,7 +463,7 @@ def _exp_series(a: Sequence[Interval]) -> list[Interval]:
 
 
 def _integrated(name: str, x: Taylor, slope: Taylor) -> Taylor:
-    """A function of x from the series of its slope there."""
+    """Return a function of x from the series of its slope there."""
     a, rate = x.coefficients, slope.coefficients
     return Taylor((intervals.function(name, (a[0],)), *(_integral_term(a, rate, k) for k in range(1, len(a)))))
 
@@ -513,14 +516,14 @@ def _angle_series(y: Sequence[Interval], x: Sequence[Interval]) -> list[Interval
 
 
 def _way(x: Interval) -> int:
-    """The sign of what keeps it: at a kink there is no series."""
+    """Return the sign of what keeps it: at a kink there is no series."""
     if not x.sign:
         raise Undefined("no series at a kink")
     return x.sign
 
 
 def _chosen_series(a: Sequence[Interval], b: Sequence[Interval], way: int) -> Sequence[Interval]:
-    """The larger of two for `way` 1, the smaller for -1."""
+    """Return the larger of two for `way` 1, the smaller for -1."""
     return a if _way(a[0] - b[0]) == way else b
 
 

@@ -67,10 +67,10 @@ _HALF, _ZERO, _TWELFTH = Fraction(1, 2), Fraction(0), Fraction(1, 12)
 
 @dataclass(frozen=True)
 class Remainder:
-    """What a method leaves of a plant that moves so: bounds of the `slopes` of y' in states and inputs (p, n + m), of
-    the third coefficients of the `lines` that have no second one (p, ..) or of none; and of each row of the form (n)
-    the order and the bounds of the coefficients of the `flow` and of the `step` after it, on the cells of a `tree`, and
-    where one is 0 how steep the rows are in states and inputs, `steepness` (n, n + m)."""
+    """The local error of a method on a plant that moves so: bounds of the `slopes` of y' in states and inputs (p, n +
+    m), of the third coefficients of the `lines` that have no second one (p, ..) or of none; and of each row of the form
+    (n) the order and the bounds of the coefficients of the `flow` and of the `step` after it, on the cells of a `tree`,
+    and where one is 0 how steep the rows are in states and inputs, `steepness` (n, n + m)."""
 
     context: Context
     tableau: Tableau
@@ -85,7 +85,7 @@ class Remainder:
 
     @property
     def beside(self) -> list[Fraction]:
-        """Of each row (n), over h. Raises: `Unproved`."""
+        """The local error of each row (n), over h. Raises: `Unproved`."""
         h, each = self.motion.h, zip(self.orders, self.flow, self.step, strict=True)
         left = [h**order * (x + y) for order, x, y in each]
         if not self.steepness:
@@ -101,7 +101,7 @@ class Remainder:
 
     @property
     def stages(self) -> Matrix:
-        """Of the line between the samples of each output, at each stage (p, s)."""
+        """The deviations from the line between the samples of each output, at each stage (p, s)."""
         return Matrix(self._line(*each) for each in zip(self.slopes, self.lines, strict=True))
 
     def _line(self, slopes: list[Fraction], thirds: list[Fraction]) -> list[Fraction]:
@@ -114,7 +114,7 @@ class Remainder:
         return sizes
 
     def demand(self) -> int:
-        """That the bounds are those of the plant; with how many boxes. Raises: `Unproved`."""
+        """Demand that the bounds are those of the plant; with how many boxes. Raises: `Unproved`."""
         context, box, boxes = self.context, self.context.form.box, self.motion.demand()
         names = (*context.z, *context.file.inputs)
         for j, (head, slope) in self.motion.observed.items():
@@ -149,7 +149,7 @@ class Remainder:
 def _after(
     series: Sequence[Sequence[Interval]], orders: Sequence[int], bounds: Sequence[Fraction]
 ) -> list[tuple[Interval, Fraction]]:
-    """The coefficients after the orders of rows, but of 0, and their bounds."""
+    """Return the coefficients after the orders of rows, but of 0, and their bounds."""
     each = zip(series, orders, bounds, strict=True)
     return [(x[order + 1], most) for x, order, most in each if order]
 
@@ -177,7 +177,7 @@ def _all_within(pairs: Iterable[tuple[Interval, Fraction]]) -> bool:
 def demand_remainder(
     context: Context, tableau: Tableau, h: Fraction, share: Mapping[str, Any]
 ) -> tuple[PlantMotion, int]:
-    """How the plant moves, from which the sizes of the share follow, with how many boxes. Raises: `Unproved`."""
+    """Return how the plant moves, from which the sizes of the share follow, with how many boxes. Raises: `Unproved`."""
     follows, p, n, m = part(share, "follows", dict), len(context.form.output), len(context.z), len(context.file.inputs)
     demand_keys(follows, _KEYS)
     motion = motion_of(context, h, follows)
@@ -195,7 +195,7 @@ def demand_remainder(
 
 
 def _orders(follows: Mapping[str, Any], n: int, tableau: Tableau) -> list[int]:
-    """Of each row (n), from 0 to that of the method. Raises: `Unproved`."""
+    """Return the order of each row (n), from 0 to that of the method."""
     orders = column(follows, "orders", n)
     if any(q.denominator > 1 or not 0 <= q <= tableau.order for q in orders):
         raise Unproved(f"one of its orders is none of 0 to {tableau.order}")
@@ -203,7 +203,7 @@ def _orders(follows: Mapping[str, Any], n: int, tableau: Tableau) -> list[int]:
 
 
 def _lines(follows: Mapping[str, Any], p: int, tableau: Tableau) -> Matrix:
-    """The bounds of the third coefficients of each output (p, ..), or none of any. Raises: `Unproved`."""
+    """Return the bounds of the third coefficients of each output (p, ..), or none of any."""
     count = len(tableau.cubic) if any(entries(follows, "lines", p)) else 0
     return matrix(follows, "lines", p, count)
 
@@ -214,8 +214,8 @@ def _lines(follows: Mapping[str, Any], p: int, tableau: Tableau) -> Matrix:
 def left_by_lipschitz(
     tableau: Tableau, h: Fraction, steepness: Matrix, moving: Sequence[Fraction], linear: Sequence[bool]
 ) -> list[Fraction]:
-    """Of each row (n), over h: of `steepness` (n, n + m) where states and inputs are `moving` so fast (n + m), and some
-    rows are `linear`. Raises: `Unproved`."""
+    """Return the local error of each row (n), over h: of `steepness` (n, n + m) where states and inputs are `moving` so
+    fast (n + m), and some rows are `linear`. Raises: `Unproved`."""
     if any(x < 0 for row in steepness for x in row):
         raise Unproved("one of its steepness is negative")
     n, nodes, off = len(steepness), tableau.nodes, list[list[Fraction]]()
@@ -237,12 +237,12 @@ def left_by_lipschitz(
 
 
 def _driven(rows: Matrix, by: Sequence[Fraction]) -> list[Fraction]:
-    """Of rows, whose last entries may be of what does not move."""
+    """Return M x of rows whose last entries may be of what does not move."""
     return [sum((x * y for x, y in zip(row, by, strict=False)), _ZERO) for row in rows]
 
 
 def _kernel(weights: Sequence[Fraction], nodes: Sequence[Fraction], c: Fraction) -> Fraction:
-    """The integral from 0 to 1. Raises: `Unproved` of weights that do not add to c."""
+    """Return the integral from 0 to 1. Raises: `Unproved` of weights that do not add to c."""
     if sum(weights, _ZERO) != c:
         raise Unproved("its stages are not exact for what is constant")
     jumps = dict.fromkeys(sorted({_ZERO, c, ONE, *nodes}), _ZERO)
@@ -258,7 +258,7 @@ def _kernel(weights: Sequence[Fraction], nodes: Sequence[Fraction], c: Fraction)
 
 
 def _size(a: Fraction, b: Fraction) -> Fraction:
-    """The mean size of what goes from a to b on a line."""
+    """Return the mean size of what goes from a to b on a line."""
     if a * b >= 0:
         return abs(a + b) / 2
     return (a * a + b * b) / (2 * abs(b - a))
@@ -297,8 +297,8 @@ class AtCore:
 
 @dataclass(frozen=True)
 class Leaves:
-    """What a realisation leaves of a plant whose rest is known at both ends of a step: the sizes `alpha` (N, 1), from
-    the derivative of z' of the order `flow`, and those of b of up to the order `rest`."""
+    """The local error of a realisation of a plant whose rest is known at both ends of a step: the sizes `alpha` (N, 1),
+    from the derivative of z' of the order `flow`, and those of b of up to the order `rest`."""
 
     flow: int
     rest: int
@@ -361,7 +361,7 @@ def _by_derivatives(
 def _by_steepness(
     motion: PlantMotion, follows: Mapping[str, Any], leaves: Leaves
 ) -> tuple[list[Fraction], Matrix, Callable[[], int]]:
-    """The same, and what stands for them, of how steep both are. Raises: `Unproved`."""
+    """Return the same, and what stands for them, of how steep both are."""
     context, names = motion.context, (*motion.context.z, *motion.context.file.inputs)
     if follows["flow"] != [] or follows["rest"] != []:
         raise Unproved("its sizes follow from derivatives or from steepness")
@@ -383,7 +383,7 @@ def _by_steepness(
 
 
 def _demand_chain(context: Context, parts: Parts, lifted: Matrix, entering: Matrix) -> None:
-    """Demand L s + B C = s A: that X obeys the observer's equations. Raises: `Unproved`."""
+    """Demand L s + B C = s A: that X obeys the observer's equations."""
     chain = numbers([context.value(entry) for entry in row] for row in context.form.A)
     if chain is None:
         raise Unproved("the chain of the plant moves, which its method does not realise")

@@ -27,7 +27,7 @@ from math import factorial
 from typing import Any
 
 from .arithmetic import Dual, Unproved, dual, evaluate
-from .box import Box, End, covered, moving, narrowed, no_steeper, on_faces, ranged, sides
+from .box import Box, End, covered, narrowed, no_steeper, on_faces, ranged, seeded_sides, sides
 from .context import Context, only, short
 from .file import column, matrix, part
 from .inequality import Tableau
@@ -48,8 +48,8 @@ class PlantMotion:
     speeds: list[Fraction]
 
     def demand(self) -> int:
-        """That the bounds are those of the plant, and that no input is in what outputs show; with how many boxes.
-        Raises: `Unproved`."""
+        """Demand that the bounds are those of the plant, and that no input is in what outputs show; with how many
+        boxes. Raises: `Unproved`."""
         context = self.context
         for j in self.observed:
             only(context.form.output[j].names & set(context.file.inputs), (), "an output")
@@ -65,7 +65,7 @@ class PlantMotion:
 
     @cached_property
     def observed(self) -> dict[int, tuple[int, Fraction]]:
-        """By output, the place of the state that it shows, and dy/dz; without those that show none, which are not
+        """The place, by output, of the state that it shows, and dy/dz; without those that show none, which are not
         injected. Raises: `Unproved`."""
         observed = dict[int, tuple[int, Fraction]]()
         for j, z in ((j, z) for j, z in enumerate(self.context.seen) if z):
@@ -74,32 +74,32 @@ class PlantMotion:
 
     @property
     def said(self) -> str:
-        """What is left, and how fast inputs move, in words."""
+        """Return what is left, and how fast inputs move, in words."""
         each = zip(self.context.file.inputs, self.rates, strict=True)
         moving = [f"{u} moves at up to {short(rate, -1)}" for u, rate in each if u in self.read]
         return f"what the method leaves{' as ' if moving else ''}{', '.join(moving)}"
 
     @property
     def clear(self) -> str:
-        """By how much the plant keeps clear of the ends of its ranges, in words."""
+        """The words for how much the plant keeps clear of the ends of its ranges, in words."""
         each = zip(self.context.z, self.speeds, strict=True)
         return ", ".join(f"{short(self.h * speed, 1)} in {z}" for z, speed in each)
 
 
 def demand_speeds(context: Context, speeds: Sequence[Fraction]) -> int:
-    """That no row of the plant is faster on its ranges; with how many boxes. Raises: `Unproved`."""
+    """Demand that no row of the plant is faster on its ranges; with how many boxes. Raises: `Unproved`."""
     rows = zip(context.rates, speeds, strict=True)
     return sum(covered(narrowed(context.form.box, row.names), ".", ranged(row, -most, most)) for row, most in rows)
 
 
 def motion_of(context: Context, h: Fraction, follows: Mapping[str, Any]) -> PlantMotion:
-    """That of which a share says that its sizes follow. Raises: `Unproved`."""
+    """Return the motion of which a share says that its sizes follow. Raises: `Unproved`."""
     rates, speeds = column(follows, "rates", len(context.file.inputs)), column(follows, "speeds", len(context.z))
     return PlantMotion(context, h, rates, speeds)
 
 
 def demand_keys(follows: Mapping[str, Any], keys: tuple[str, ...], name: str = "the method") -> None:
-    """That the sizes of something follow from these and no others. Raises: `Unproved`."""
+    """Demand that the sizes of something follow from these and no others. Raises: `Unproved`."""
     if set(follows) != {*keys}:
         raise Unproved(f"the sizes of {name} do not follow from {', '.join(keys) or 'nothing'}")
 
@@ -110,7 +110,7 @@ Series = Mapping[str, Dual]  # by names, of Taylor series with slopes
 
 
 def _flow(rows: Sequence[Expression], states: Sequence[str], started: Series, order: int) -> Series:
-    """The series below t^order of all names, of which the states move as the rows say. Raises: `Undefined`."""
+    """Return the series below t^order of all names, of which the states move as the rows say. Raises: `Undefined`."""
     series = dict(started)
     for k in range(1, order):
         here = _begun(series, k)
@@ -148,13 +148,13 @@ class PlantSeries:
     whole: Box
 
     def flow(self, order: int) -> list[list[Interval]]:
-        """Those of the flow (n) below s^order. Raises: `Undefined`."""
+        """Return those of the flow (n) below s^order. Raises: `Undefined`."""
         started = {name: [side] for name, side in sides(self.box).items()} | self._inputs(_ONE, Fraction(0))
         series = _flow(self.rows, self.states, {name: Dual(begin(x, len(x)), {}) for name, x in started.items()}, order)
         return [[*series[name].value.coefficients] for name in self.states]
 
     def step(self, tableau: Tableau, h: Fraction, order: int) -> list[list[Taylor]]:
-        """Those of the stages (s, n), and last of the step, below s^order. Raises: `Undefined`."""
+        """Return the series of the stages (s, n), and last of the step, below s^order. Raises: `Undefined`."""
         arithmetic, ranges, slopes, stages = taylor(order), sides(self.box), list[list[Taylor]](), list[list[Taylor]]()
         start = [begin([ranges[name]], order) for name in self.states]
         length = begin([between(0, h), point(_ONE)], order)
@@ -170,7 +170,7 @@ class PlantSeries:
         return stages
 
     def _inputs(self, at: Fraction, h: Fraction) -> dict[str, list[Interval]]:
-        """The inputs and their rates at that share of any length up to h, the rates for a step of it."""
+        """Return the inputs and their rates at that share of any length up to h, the rates for a step of it."""
         ranges, known = sides(self.box), dict[str, list[Interval]]()
         for name, rate in self.rates.items():
             moves = point(at) * between(-rate, rate)
@@ -193,7 +193,7 @@ Ends = tuple[tuple[str, tuple[End, End]], ...]  # those of a box
 
 @dataclass(frozen=True)
 class Derivative:
-    """Of a row, the derivative of an order, and what it is at most."""
+    """A derivative of an order of a row, and its bound."""
 
     row: Expression
     order: int
@@ -201,7 +201,8 @@ class Derivative:
 
 
 def demand_derivatives(motion: PlantMotion, each: Sequence[Derivative]) -> int:
-    """That derivatives of rows of the plant are at most what is said; with how many boxes. Raises: `Unproved`."""
+    """Demand that derivatives of rows of the plant are at most what is said; with how many boxes. Raises:
+    `Unproved`."""
     context, moves = motion.context, tuple((one.row, one.order) for one in each)
     whole, rates = context.form.box, dict(zip(context.file.inputs, motion.rates, strict=True))
     steered = {u: f"{u}'" for u, rate in rates.items() if rate}  # what stands for its rate, a name that no text has
@@ -226,9 +227,10 @@ def _derivatives(
     moves: tuple[tuple[Expression, int], ...],
     here: Ends,
 ) -> list[Dual]:
-    """What derivatives of rows, of an order each, are in intervals on a box, with their slopes. Raises: `Undefined`."""
+    """Return what derivatives of rows, of an order each, are in intervals on a box, with their slopes. Raises:
+    `Undefined`."""
     orders = dict(sorted(moves, key=lambda one: one[1]))
-    every = {**{name: Dual(x, {}) for name, x in sides(dict(whole)).items()}, **moving(dict(here))}
+    every = {**{name: Dual(x, {}) for name, x in sides(dict(whole)).items()}, **seeded_sides(dict(here))}
     rate = dict(steered)
     started = {name: _started(every[name], *([every[rate[name]]] if name in rate else [])) for name, _ in whole}
     series = _flow(rates, states, started, max(orders.values()) + 1)
@@ -244,7 +246,7 @@ def _derivatives(
 
 
 def _started(*coefficients: Dual) -> Dual:
-    """A series with slopes, from coefficients that have one each."""
+    """Return a series with slopes, from coefficients that have one each."""
     (none,) = begin((), 1).coefficients
     keys = dict.fromkeys(k for x in coefficients for k in x.slopes)
     slopes = {k: Taylor(tuple(x.slopes.get(k, none) for x in coefficients)) for k in keys}
@@ -259,7 +261,7 @@ Shares = Mapping[str, Mapping[str, Any]]
 
 
 def demand_followed(context: Context, h: Fraction, shares: Shares) -> int:
-    """That the sizes of shares, by their names, are at least what they follow from; with how many boxes. Raises:
+    """Demand that the sizes of shares, by their names, are at least what they follow from; with how many boxes. Raises:
     `Unproved`."""
     n, p, boxes = len(context.z), len(context.form.output), 0
     moved, others = [Fraction(0)] * n, dict[str, tuple[Mapping[str, Any], list[Fraction]]]()
@@ -286,7 +288,7 @@ def demand_followed(context: Context, h: Fraction, shares: Shares) -> int:
 
 
 def _signless(follows: Mapping[str, Any], key: str, count: int) -> list[Fraction]:
-    """Numbers that are not negative. Raises: `Unproved`."""
+    """Numbers that are not negative."""
     numbers = column(follows, key, count)
     if min(numbers, default=Fraction(0)) < 0:
         raise Unproved(f"one of its {key} is negative")
@@ -296,7 +298,7 @@ def _signless(follows: Mapping[str, Any], key: str, count: int) -> list[Fraction
 def _late(
     context: Context, follows: Mapping[str, Any], sizes: Sequence[Fraction], moved: Sequence[Fraction]
 ) -> tuple[list[Fraction], int]:
-    """tau (speed + |dy/dz| m), and with how many boxes. Raises: `Unproved`."""
+    """tau (speed + |dy/dz| m), and with how many boxes."""
     speeds, least, boxes = _signless(follows, "speeds", len(sizes)), list[Fraction](), 0
     for j, (tau, speed) in enumerate(zip(sizes, speeds, strict=True)):
         if not tau:
@@ -313,7 +315,7 @@ def _late(
 
 
 def _by_disturbance(context: Context, follows: Mapping[str, Any]) -> tuple[Matrix, list[Fraction], int]:
-    """|dT/dx| and the disturbances. Raises: `Unproved`."""
+    """|dT/dx| and the disturbances."""
     names, T = context.plant.states, context.form.to_form
     sizes = _signless(follows, "sizes", len(names))
     rows = matrix(follows, "rows", len(T), len(names))
@@ -321,7 +323,7 @@ def _by_disturbance(context: Context, follows: Mapping[str, Any]) -> tuple[Matri
 
 
 def _by_parameters(context: Context, follows: Mapping[str, Any]) -> tuple[Matrix, list[Fraction], int]:
-    """|dF/dp| and by how much the parameters are beside. Raises: `Unproved`."""
+    """|dF/dp| and by how much the parameters are beside."""
     form, names = context.form, context.file.parameters
     sizes = _signless(follows, "sizes", len(names))
     wrong = {name: size for name, size in zip(names, sizes, strict=True) if size}
@@ -333,7 +335,7 @@ def _by_parameters(context: Context, follows: Mapping[str, Any]) -> tuple[Matrix
 
 
 def _on_its_way(h: Fraction, J: Matrix, moved: Sequence[Fraction]) -> list[Fraction]:
-    """At least the sum of (h J)^k m/(k + 1)! over all k. Raises: `Unproved`."""
+    """At least the sum of (h J)^k m/(k + 1)! over all k."""
     if any(x < 0 for row in J for x in row):
         raise Unproved("one of its steepness is negative")
     norm = h * largest_row(J)

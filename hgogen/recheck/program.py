@@ -85,11 +85,11 @@ class Computed:
 
     @property
     def around(self) -> Interval:
-        """Where the exact and the computed value are."""
+        """Return where the exact and the computed value are."""
         return self.value + _both(self.error)
 
     def beside(self, size: Interval) -> "Computed":
-        """Of an exact value that may be so far beside."""
+        """Return an exact value that may be so far beside."""
         return Computed(self.real, self.value + _both(size), self.error + size)
 
     def __add__(self, other: "Computed") -> "Computed":
@@ -116,7 +116,8 @@ class Computed:
         return self.rounded(value, (self.error + _size(value) * other.error) / _size(other.around))
 
     def rounded(self, value: Interval, inherited: Interval, units: Fraction = Fraction(1)) -> "Computed":
-        """The result of an operation on it, which errs by so many u. Raises: `Undefined` of what may overflow."""
+        """Return the result of an operation on it, which errs by so many u. Raises: `Undefined` of what may
+        overflow."""
         bits, normal = _BITS[self.real]
         share, whole = units / 2**bits, _size(value) + inherited
         error = inherited + point(share * (1 + 2 * share * (units > 1))) * whole + point(units / 2**normal)
@@ -125,7 +126,7 @@ class Computed:
         return Computed(self.real, value, error)
 
     def through(self, name: str, units: Fraction) -> "Computed":
-        """A function of it that is no operation."""
+        """Return a function of it that is no operation."""
         slope = dual(intervals).function(name, (Dual(self.around, {0: _ONE}),)).slopes[0]
         return self.rounded(intervals.function(name, (self.value,)), _size(slope) * self.error, units)
 
@@ -136,7 +137,7 @@ def _size(value: Interval) -> Interval:
 
 
 def _by_power(x: Interval, exponent: Fraction | int) -> Fraction:
-    """The u by which x^exponent may err. Raises: `Undefined` where it is not bounded."""
+    """Return the u by which x^exponent may err. Raises: `Undefined` where it is not bounded."""
     least, each = map(point, POWER)
     steep = least + each * point(abs(Fraction(exponent))) * _size(intervals.function("log", (x,)))
     high = steep.exactly[1]
@@ -150,13 +151,14 @@ def _both(error: Interval) -> Interval:
 
 
 def constant(real: str, text: Expression) -> Computed:
-    """A number that an expression without names says, which a program has as one constant. Raises: `Undefined`."""
+    """Return a number that an expression without names says, which a program has as one constant. Raises:
+    `Undefined`."""
     value: Interval = evaluate(text, {}, intervals)
     return Computed(real, value).rounded(value, _size(value) * point(_FOLDED))
 
 
 def precision(real: str) -> Arithmetic:
-    """The arithmetic of a program in a precision, of `PRECISIONS`."""
+    """Return the arithmetic of a program in a precision, of `PRECISIONS`."""
 
     def number(value: Fraction) -> Computed:
         if value.denominator == 1 and abs(value) <= _WHOLE:
@@ -212,7 +214,7 @@ class Listed:
 
 
 def is_statement(operand: str) -> bool:
-    """Whether an operand is one, not a name or a number."""
+    """Return whether an operand is one, not a name or a number."""
     return bool(_STATEMENT.match(operand))
 
 
@@ -236,7 +238,7 @@ class Walk:
         self.count = 0
 
     def value(self, operand: str) -> Any:
-        """Of a name, a number or a statement. Raises: `Unproved`, and what the arithmetic raises."""
+        """Return the value of a name, a number or a statement. Raises: `Unproved`, and what the arithmetic raises."""
         if is_statement(operand):
             while int(operand[1:]) > self.count:
                 self._next()
@@ -278,7 +280,7 @@ class Walk:
 
 
 def listed(holder: Mapping[str, Any], fields: int, stages: int) -> Listed:
-    """The program of a share. Raises: `Unproved`."""
+    """Return the program of a share. Raises: `Unproved`."""
     texts = part(holder, "program", list)
     if len(texts) > _LONGEST or not all(isinstance(text, str) and text.split() for text in texts):
         raise Unproved(f"its program is no list of at most {_LONGEST} statements")
@@ -300,7 +302,7 @@ def _operands(holder: Mapping[str, Any], key: str, count: int) -> list[str]:
 
 
 def _exponent(text: str) -> Fraction:
-    """An exponent other than 1/2, which is a square root. Raises: `Unproved`."""
+    """Return an exponent other than 1/2, which is a square root."""
     try:
         exponent = number(text)
     except Unreadable:
@@ -340,7 +342,7 @@ _ZERO = Fraction(0)
 
 @dataclass(frozen=True)
 class Equation:
-    """That of an observer at a theta, with the plant's `parameters` as the program has them."""
+    """The equation of an observer at a theta, with the plant's `parameters` as the program has them."""
 
     context: Context
     error: ErrorInclusion
@@ -349,7 +351,7 @@ class Equation:
 
     @cached_property
     def scales(self) -> list[Fraction]:
-        """By field (N), its error e_k where that of its state of the form is 1. Raises: `Unproved`."""
+        """The error of each field (N), e_k where that of its state of the form is 1. Raises: `Unproved`."""
         return self.error.scales(self.context, self.theta)
 
     @cached_property
@@ -431,7 +433,7 @@ class StepProgram:
     between: str
 
     def besides(self) -> "Besides":
-        """By how much its statements are beside the step, in exact arithmetic. Raises: `Unproved`."""
+        """Return by how much its statements are beside the step, in exact arithmetic. Raises: `Unproved`."""
         try:
             return self._besides()
         except Undefined as error:
@@ -495,7 +497,7 @@ class Besides:
     beside: dict[str, Quotient] = field(default_factory=dict)
 
     def take(self, operands: Sequence[str], wanted: Sequence[Quotient], letters: str = "") -> list[Quotient]:
-        """The values of operands that stand for what is wanted. Raises: `Unproved`, and as the arithmetic."""
+        """Return the values of operands that stand for what is wanted. Raises: `Unproved`, and as the arithmetic."""
         for k, (operand, value) in enumerate(zip(operands, wanted, strict=True)):
             off = self.walk.value(operand) - value
             exact = operand in self.walk.computed and operand not in self.beside  # what it was before it was renamed
@@ -509,7 +511,8 @@ class Besides:
 
     @property
     def statements(self) -> dict[str, Callable[[Walk, Computed], Computed]]:
-        """By statement that is beside, what its value and its error are in the arithmetic of a precision."""
+        """The functions, by statement that is beside, what its value and its error are in the arithmetic of a
+        precision."""
         return {operand: partial(self._moved, off) for operand, off in self.beside.items()}
 
     def _moved(self, off: Quotient, walk: Walk, value: Computed) -> Computed:
@@ -550,8 +553,8 @@ class Rounded:
     moves: Sequence[Fraction]
 
     def demand_sizes(self, sizes: Sequence[Fraction]) -> int:
-        """That a call rounds the error of each field by at most h times its size (N); with how many pieces. Raises:
-        `Unproved`."""
+        """Demand that a call rounds the error of each field by at most h times its size (N); with how many pieces.
+        Raises: `Unproved`."""
         pieces, beside = self._pieces, self.step.besides().statements
         for ranges in pieces:
             try:
@@ -578,7 +581,7 @@ class Rounded:
         return list(product(*sides))
 
     def _values(self, ranges: Sequence[Side]) -> dict[str, Computed]:
-        """What the program reads while the plant is in these ranges at the beginning of a call."""
+        """Return what the program reads while the plant is in these ranges at the beginning of a call."""
         equation, context, values = self.step.equation, self.step.equation.context, dict[str, Interval]()
         known = zip(equation.units, equation.scales, equation.error.index, equation.error.fed, self.within, strict=True)
         for k, (unit, scale, i, fed, error) in enumerate(known, 1):
@@ -592,7 +595,7 @@ class Rounded:
         return {name: Computed(self.precision, value) for name, value in values.items()}
 
     def _sample(self, output: int, ranges: Sequence[Side]) -> Interval:
-        """The range of an output, from the beginning of a call to its end."""
+        """Return the range of an output, from the beginning of a call to its end."""
         context = self.step.equation.context
         moved = zip(context.z, ranges, self.moves, strict=True)
         box = {**context.form.box, **{z: (low - move, high + move) for z, (low, high), move in moved}}
@@ -609,8 +612,8 @@ def demand_rounding(
     shares: Mapping[str, Mapping[str, Any]],
     totals: Sequence[Fraction],
 ) -> tuple[str, int]:
-    """That the sizes of a share are those of its program, beside all `shares` which come to `totals` (N) in the units
-    of the fields' states; what it assumes, in words, and with how many boxes. Raises: `Unproved`."""
+    """Demand that the sizes of a share are those of its program, beside all `shares` which come to `totals` (N) in the
+    units of the fields' states; what it assumes, in words, and with how many boxes. Raises: `Unproved`."""
     follows, context = share["follows"], equation.context
     n, count, p = len(context.z), len(totals), len(context.form.output)
     errors, speeds = column(follows, "within", count), column(follows, "speeds", n)
@@ -629,13 +632,13 @@ def demand_rounding(
 
 
 def equation_of(context: Context, error: ErrorInclusion, theta: Fraction, follows: Mapping[str, Any]) -> Equation:
-    """The equation of the observer whose program is listed. Raises: `Unproved`."""
+    """Return the equation of the observer whose program is listed. Raises: `Unproved`."""
     demand_keys(follows, _ROUNDING_KEYS, "its rounding")
     return Equation(context, error, theta, parameters_of(context, follows))
 
 
 def parameters_of(context: Context, follows: Mapping[str, Any]) -> dict[str, Fraction]:
-    """The plant's parameters as the program has them, each in its range. Raises: `Unproved`."""
+    """Return the plant's parameters as the program has them, each in its range. Raises: `Unproved`."""
     names = context.file.parameters
     values = dict(zip(names, column(follows, "parameters", len(names)), strict=True))
     for name, value in values.items():
@@ -646,7 +649,7 @@ def parameters_of(context: Context, follows: Mapping[str, Any]) -> dict[str, Fra
 
 
 def _between(context: Context, follows: Mapping[str, Any], shares: Mapping[str, Mapping[str, Any]]) -> str:
-    """How its program has inputs between two samples: held where none moves. Raises: `Unproved`."""
+    """Return how its program has inputs between two samples: held where none moves."""
     between, motion = _one_of(follows, "between", _BETWEEN), shares.get("method", {}).get("follows", {})
     rates = column(motion, "rates", len(context.file.inputs)) if "rates" in motion else []
     if between == "hold" and any(rates):

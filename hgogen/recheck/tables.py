@@ -34,7 +34,7 @@ _NEVER = 5  # more than any order that jumps
 
 
 def _pieces_on(places: Sequence[Fraction], low: End, high: End) -> tuple[int, int]:
-    """The first and the last piece on [low, high], the breakpoints between them inside it; of one breakpoint the
+    """Return the first and the last piece on [low, high], the breakpoints between them inside it; of one breakpoint the
     pieces on both sides."""
     first, last = bisect_left(places, low), bisect_right(places, low)
     return (last, bisect_left(places, high)) if low < high else (first, last)
@@ -62,7 +62,7 @@ class Grid:
         )
 
     def range(self, order: Order, box: Sequence[Side]) -> tuple[Fraction, Fraction] | None:
-        """The least and the largest value on a box; None where it is not bounded."""
+        """Return the least and the largest value on a box; None where it is not bounded."""
         if any(_beyond(*each) for each in zip(self.axes, self.jumps, order, box, strict=True)):
             return None
         weights = [list(_weights(*each)) for each in zip(self.axes, order, box, strict=True)]
@@ -71,14 +71,14 @@ class Grid:
 
 
 def _beyond(places: Sequence[Fraction], jumps: Order, order: int, side: Side) -> bool:
-    """Whether a derivative before this one jumps on a side of a box."""
+    """Return whether a derivative before this one jumps on a side of a box."""
     first, last = _pieces_on(places, *side)
     return any(jump < order for jump in jumps[first:last])
 
 
 def _weights(places: Sequence[Fraction], order: int, side: Side) -> Iterator[Weights]:
-    """Those between which a derivative along one axis lies: of the value the ends and the places within, of the slope
-    the pieces."""
+    """Return the weights between which a derivative along one axis lies: of the value the ends and the places within,
+    of the slope the pieces."""
     low, high = side
     first, last = _pieces_on(places, low, high)
     if order == 0:
@@ -88,7 +88,7 @@ def _weights(places: Sequence[Fraction], order: int, side: Side) -> Iterator[Wei
 
 
 def _between_places(places: Sequence[Fraction], t: End) -> Weights:
-    """The weights of the value at a place, held beyond the first and the last."""
+    """Return the weights of the value at a place, held beyond the first and the last."""
     if not places[0] < t < places[-1]:
         return ((0 if t <= places[0] else len(places) - 1, _ONE),)
     k = bisect_right(places, t)
@@ -97,7 +97,7 @@ def _between_places(places: Sequence[Fraction], t: End) -> Weights:
 
 
 def _rise(places: Sequence[Fraction], k: int) -> Weights:
-    """The weights of the slope of piece k, of which the first and the last are constant."""
+    """Return the weights of the slope of piece k, of which the first and the last are constant."""
     if not 0 < k < len(places):
         return ()
     width = places[k] - places[k - 1]
@@ -113,7 +113,7 @@ def _sums(weights: Sequence[Sequence[Weights]], values: Any) -> Iterator[Fractio
 
 
 def _mixed(weights: Weights, values: Sequence[Any]) -> Any:
-    """A weighted sum of numbers or of rows."""
+    """Return a weighted sum of numbers or of rows."""
     if not isinstance(values[0], tuple):
         return sum((weight * values[k] for k, weight in weights), _ZERO)
     rows = [tuple(weight * number for number in values[k]) for k, weight in weights]
@@ -152,7 +152,7 @@ class Curve:
         return next(differ, _NEVER)
 
     def range(self, order: Order, box: Sequence[Side]) -> tuple[Fraction, Fraction] | None:
-        """The least and the largest value on a box, or bounds of them; None where it is not bounded."""
+        """Return the least and the largest value on a box, or bounds of them; None where it is not bounded."""
         ((low, high),), m = box, min(order[0], 4)
         if _beyond(self.axes[0], self.jumps[0], m, (low, high)):
             return None
@@ -177,7 +177,7 @@ def _at(piece: Piece, t: Fraction) -> Fraction:
 
 
 def _range(piece: Piece, a: Fraction, b: Fraction) -> tuple[Fraction, Fraction]:
-    """Of a cubic that turns within, the bounds that its control points give."""
+    """Return the range; of a cubic that turns within, the bounds that its control points give."""
     values = [_at(piece, a), _at(piece, b)]
     if len(piece) == 3 and piece[2]:
         turn = -piece[1] / (2 * piece[2])
@@ -211,7 +211,7 @@ def _between(g: Fraction, h: Fraction, C: Fraction, D: Fraction) -> Fraction:
 
 
 def _last(g: Fraction, h: Fraction, C: Fraction, D: Fraction) -> Fraction:
-    """The slope at the end of the last chord D, of width h, after C of width g."""
+    """Return the slope at the end of the last chord D, of width h, after C of width g."""
     slope = D + h * (D - C) / (g + h)
     if slope * D <= 0:
         return _ZERO
@@ -251,8 +251,8 @@ KINDS: Mapping[str, tuple[int, Callable[[Sequence[Fraction]], Grid | Curve]]] = 
 
 
 def name_of(kind: str, numbers: Sequence[Fraction]) -> str:
-    """The name that stands for a table's derivative in an expression's program, of its orders and its numbers. Raises:
-    `ValueError` with the fault."""
+    """Return the name that stands for a table's derivative in an expression's program, of its orders and its numbers.
+    Raises: `ValueError` with the fault."""
     count, table = KINDS[kind]
     if len(numbers) < count or any(m.denominator != 1 or not 0 <= m <= HIGHEST for m in numbers[:count]):
         raise ValueError(f"the order of a derivative is a whole number from 0 to {HIGHEST}")
@@ -262,26 +262,26 @@ def name_of(kind: str, numbers: Sequence[Fraction]) -> str:
 
 
 def is_table(name: str) -> bool:
-    """Whether a function's name stands for a table."""
+    """Return whether a function's name stands for a table."""
     return " " in name
 
 
 @lru_cache(maxsize=256)
 def table_of(name: str) -> tuple[Grid | Curve, Order]:
-    """The table, and the order of its derivative."""
+    """Return the table, and the order of its derivative."""
     kind, *numbers = name.split()
     count, table = KINDS[kind]
     return table(tuple(map(Fraction, numbers[count:]))), tuple(map(int, numbers[:count]))
 
 
 def next_of(name: str, k: int) -> str:
-    """The name of the derivative by argument k, from 0."""
+    """Return the name of the derivative by argument k, from 0."""
     kind, *orders = name.split(" ", k + 2)
     return " ".join((kind, *orders[:k], str(int(orders[k]) + 1), *orders[k + 1 :]))
 
 
 def jumps(name: str, more: int = 0) -> bool:
-    """Whether it is a table's derivative that jumps somewhere, or of which one of so many orders `more` does."""
+    """Return whether it is a table's derivative that jumps somewhere, or of which one of so many orders `more` does."""
     if not is_table(name):
         return False
     table, order = table_of(name)
@@ -289,18 +289,18 @@ def jumps(name: str, more: int = 0) -> bool:
 
 
 def in_one_piece(name: str, box: Sequence[Side]) -> bool:
-    """Whether a box is in one piece along each axis; a breakpoint is in both beside it."""
+    """Return whether a box is in one piece along each axis; a breakpoint is in both beside it."""
     axes = table_of(name)[0].axes
     return all(bisect_left(axis, low) == bisect_right(axis, high) for axis, (low, high) in zip(axes, box, strict=True))
 
 
 def value_at(name: str, at: Sequence[Fraction]) -> Fraction | None:
-    """The value at numbers; None where it jumps."""
+    """Return the value at numbers; None where it jumps."""
     ends = range_on(name, [(x, x) for x in at])
     return ends[0] if ends and ends[0] == ends[1] else None
 
 
 def range_on(name: str, box: Sequence[Side]) -> tuple[Fraction, Fraction] | None:
-    """The range on a box, whose ends may be infinite; None where it has none."""
+    """Return the range on a box, whose ends may be infinite; None where it has none."""
     table, order = table_of(name)
     return None if any(math.isnan(end) for side in box for end in side) else table.range(order, box)

@@ -63,13 +63,13 @@ class Unreadable(RecheckError):
 
     @property
     def fault(self) -> str:
-        """What is wrong, without the fix."""
+        """Return what is wrong, without the fix."""
         short = self.text if len(self.text) <= 80 else f"{self.text[:77]}..."
         return f"cannot read {short!r}: {self.reason}"
 
 
 class Instruction(NamedTuple):
-    """One value: `op` is "number" (a Fraction), "symbol" (its name), "add", "sub", "mul", "div", "neg", "power" (a
+    """A value: `op` is "number" (a Fraction), "symbol" (its name), "add", "sub", "mul", "div", "neg", "power" (a
     whole exponent), "root" (a rational exponent), "raise", or a function's name; `args` are places before it."""
 
     op: str
@@ -88,7 +88,7 @@ class Expression:
 
     @property
     def kinked(self) -> bool:
-        """Whether it has a modulus, a sign, a minimum, a maximum or a table."""
+        """Return whether it has a modulus, a sign, a minimum, a maximum or a table."""
         return any(step.op in KINKS or is_table(step.op) for step in self.instructions)
 
     def __hash__(self) -> int:
@@ -96,7 +96,7 @@ class Expression:
 
 
 def number(text: object) -> Fraction:
-    """The exact number that a text such as "-7/2" or "0.05" stands for. Raises: `Unreadable`."""
+    """Return the exact number that a text such as "-7/2" or "0.05" stands for. Raises: `Unreadable`."""
     if not isinstance(text, str) or not _NUMBER.match(text):
         raise Unreadable(_shown(text), 'a number is a text, "p/q" or a decimal')
     if len(text) <= 2 * LARGEST:
@@ -107,12 +107,12 @@ def number(text: object) -> Fraction:
 
 
 def is_number(text: str) -> bool:
-    """Whether a text is a number, not an expression."""
+    """Return whether a text is a number, not an expression."""
     return bool(_NUMBER.match(text))
 
 
 def kind_of(value: object) -> str:
-    """What a value of JSON that is no text is called."""
+    """Return what a value of JSON that is no text is called."""
     names = {type(None): "null", list: "a list", dict: "an object", bool: "a truth value"}
     return names.get(type(value), "a number that is no text")
 
@@ -122,7 +122,8 @@ def _shown(value: object) -> str:
 
 
 def expression(text: object, declared: Container[str]) -> Expression:
-    """The program of a text in declared names; `pi` is the constant unless it is declared. Raises: `Unreadable`."""
+    """Return the program of a text in declared names; `pi` is the constant unless it is declared. Raises:
+    `Unreadable`."""
     if not isinstance(text, str):
         raise Unreadable(_shown(text), "an expression is a text")
     if len(text) > LONGEST:
@@ -137,7 +138,7 @@ def expression(text: object, declared: Container[str]) -> Expression:
 
 
 class _Reader:
-    """One token ahead; each value is written once."""
+    """A parser, one token ahead; each value is written once."""
 
     def __init__(self, text: str, declared: Container[str]) -> None:
         self.text, self.declared = text, declared
@@ -148,7 +149,7 @@ class _Reader:
         self.next()
 
     def fault(self, reason: str) -> Unreadable:
-        """The error that the text is none of the grammar."""
+        """Return the error that the text is none of the grammar."""
         return Unreadable(self.text, reason)
 
     def _tokens(self) -> Iterator[tuple[str, str]]:
@@ -173,7 +174,7 @@ class _Reader:
         self.next()
 
     def put(self, op: str, args: tuple[int, ...] = (), value: Fraction | int | str | None = None) -> int:
-        """Where the value stands; arithmetic of numbers is done at once."""
+        """Return where the value stands; arithmetic of numbers is done at once."""
         known = [self.numbers.get(arg) for arg in args]
         folded = value if op == "number" else self._fold(op, known)
         if isinstance(folded, Fraction):

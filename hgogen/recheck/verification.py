@@ -88,7 +88,7 @@ _COUNTED = {"verified": "verified", "open": "open", STATED: STATED, "fails": "fa
 
 @dataclass(frozen=True)
 class Rechecked:
-    """What was verified of a certificate, claim by claim."""
+    """The outcome of the verification of a certificate, claim by claim."""
 
     plant: Annotated[str, "name of the plant"]
     form: Annotated[str, "name of the form"]
@@ -115,7 +115,7 @@ class Rechecked:
 
     @property
     def counts(self) -> dict[str, int]:
-        """How many claims were verified, are open, are only stated; and what failed."""
+        """Return how many claims were verified, are open, are only stated; and what failed."""
         return {name: len(self._rows_with(what)) for what, name in _COUNTED.items()}
 
     @property
@@ -125,7 +125,7 @@ class Rechecked:
 
     @property
     def remarks(self) -> list[str]:
-        """What all of it rests on, and what it says nothing of."""
+        """Return what all of it rests on, and what it says nothing of."""
         points = ", ".join(f"{name} = {value}" for name, value in self.points.items())
         fixed = [f"with one value: {points}"] if points else []
         return [*fixed, *(f"not examined: {subject}" for subject in self.unexamined)]
@@ -146,8 +146,8 @@ class Rechecked:
 
 
 def read(text: str) -> Certificate:
-    """The certificate in a text. Raises: `NoCertificate` for what is no JSON, or misses a part; `Unreadable` for an
-    expression or number."""
+    """Return the certificate in a text. Raises: `NoCertificate` for what is no JSON, or misses a part; `Unreadable` for
+    an expression or number."""
     return read_file(text, OBSERVERS)
 
 
@@ -183,12 +183,12 @@ def recheck(text: str) -> Rechecked:
 
 
 def _plain(text: str) -> str:
-    """A name of the file, quoted where it may be more than a name."""
+    """Return a name of the file, quoted where it may be more than a name."""
     return text if re.fullmatch(r"[\w ,.()-]{1,80}", text, re.ASCII) else words(text)
 
 
 def load(path: str | Path) -> str:
-    """The text of a certificate file. Raises: `CannotRead`."""
+    """Return the text of a certificate file. Raises: `CannotRead`."""
     try:
         if not stat.S_ISREG(os.stat(path).st_mode):
             raise CannotRead(str(path), "is no regular file")
@@ -203,7 +203,7 @@ def load(path: str | Path) -> str:
 
 
 def rows(context: Context) -> Iterator[Row]:
-    """A row for each claim, and one for each required claim that is missing."""
+    """Return a row for each claim, and one for each required claim that is missing."""
     certificate = context.file
     by_id: dict[str, Row] = {}
     for claim in certificate.claims:
@@ -223,14 +223,15 @@ def rows(context: Context) -> Iterator[Row]:
 
 
 def _missing(certificate: Certificate, row: Row, known: Mapping[str, Row]) -> list[str]:
-    """What a claim rests on and is not verified."""
+    """Return what a claim rests on and is not verified."""
     claim = certificate.claim(row.id)
     needed = rests(certificate, claim) if claim else ()
     return [id for id in needed if id not in known or known[id].found != "verified"]
 
 
 def _row(context: Context, claim: Claim) -> Row:
-    """What the verification of a claim gives: it is verified, it asserts nothing to verify, or it fails, and why."""
+    """Return what the verification of a claim gives: it is verified, it asserts nothing to verify, or it fails, and
+    why."""
     kind, verdict = context.form.kind, _plain(claim.verdict)
     try:
         if claim.verdict in OPEN:
@@ -250,7 +251,7 @@ def _row(context: Context, claim: Claim) -> Row:
 
 
 def _narrow(context: Context) -> str:
-    """The states and inputs whose ranges are one point, which a claim holds at alone."""
+    """Return the states and inputs whose ranges are one point, which a claim holds at alone."""
     plant = context.plant
     every = {**plant.box, **{name: context.form.box[name] for name in context.z}}
     signals = (*plant.states, *context.file.inputs, *context.z)
@@ -259,7 +260,7 @@ def _narrow(context: Context) -> str:
 
 
 def _read_only(claim: Claim, keys: Iterable[str]) -> None:
-    """Evidence that nothing reads could say anything. Raises: `Unproved`."""
+    """Evidence that nothing reads could say anything."""
     strange = sorted(claim.evidence.keys() - set(keys))
     if strange:
         raise Unproved(f"its evidence has a part {words(strange[0])}, which is unknown here")
@@ -273,7 +274,7 @@ _POINTS = 5
 
 
 def faults(context: Context) -> Iterator[str]:
-    """What the form is shown not to be."""
+    """Return what the form is shown not to be."""
     form = context.form
     if form.kind in _OWN and sorted(row.text for row in form.to_form) != sorted(context.plant.states):
         yield "its states are not those of the plant, as its kind says"
@@ -295,7 +296,7 @@ def unexamined(context: Context, verified: Iterable[str]) -> Iterator[str]:
 
 
 def _unmodelled(context: Context) -> bool:
-    """Whether the file has an observer that leaves b out of its last row, and such a form."""
+    """Return whether the file has an observer that leaves b out of its last row, and such a form."""
     observer = context.file.observer
     return observer is not None and observer.name == UNMODELLED and all(row.text == "0" for row in context.form.b)
 
@@ -315,7 +316,7 @@ def _unshown(context: Context) -> str:
 
 
 def _differences(context: Context) -> Iterator[str]:
-    """A sentence on the first of some points of the plant's box where the sides of an equation differ."""
+    """Return a sentence on the first of some points of the plant's box where the sides of an equation differ."""
     try:
         box, speeds = _moving(context)
     except Unproved:
@@ -335,7 +336,7 @@ def _differences(context: Context) -> Iterator[str]:
 
 
 def _moving(context: Context) -> tuple[Mapping[str, tuple[Any, Any]], Mapping[str, str]]:
-    """The plant's box with derivatives of inputs, and which is whose. Raises: `Unproved`."""
+    """Return the plant's box with derivatives of inputs, and which is whose."""
     box, rates = box_of_rates(context)
     read = {name for row in context.form.to_form for name in row.names}
     return box, {u: rate for u, rate in rates.items() if u in read}
@@ -344,7 +345,7 @@ def _moving(context: Context) -> tuple[Mapping[str, tuple[Any, Any]], Mapping[st
 def _residuals(
     context: Context, at: Mapping[str, Any], rates: Mapping[str, str], arithmetic: Arithmetic
 ) -> Iterator[tuple[str, Any]]:
-    """Each equation's name and the difference of its sides, at these values."""
+    """Return each equation's name and the difference of its sides, at these values."""
     form, plant = context.form, context.plant
     speeds = {name: evaluate(row, at, arithmetic) for name, row in zip(plant.states, plant.flow, strict=True)}
     speeds |= {u: at[rate] for u, rate in rates.items()}

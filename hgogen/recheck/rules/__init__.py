@@ -28,7 +28,7 @@ class BadRules(RecheckError):
 
 
 def rules_of(files: Iterable[ModuleType]) -> tuple[Rule, ...]:
-    """The rules of all files. Raises: `BadRules` for a file that has none."""
+    """Return the rules of all files. Raises: `BadRules` for a file that has none."""
     every: list[Rule] = []
     for file in files:
         rules = getattr(file, "RULES", None)
@@ -39,7 +39,7 @@ def rules_of(files: Iterable[ModuleType]) -> tuple[Rule, ...]:
 
 
 def merged(files: Iterable[ModuleType], key: str) -> Mapping[str, Any]:
-    """The mappings that files have under a name. Raises: `BadRules` where two files have a row of one name."""
+    """Return the mappings that files have under a name. Raises: `BadRules` where two files have a row of one name."""
     rows: dict[str, Any] = {}
     where: dict[str, str] = {}
     for file in files:
@@ -59,12 +59,12 @@ FORMS = frozenset((*NEEDED, *(kind for rule in RULES for kind in rule.kinds)))  
 
 
 def rule_of(kind: str, claim: Claim) -> Rule | None:
-    """The rule of a claim on a form of that kind; None where no rule verifies it."""
+    """Return the rule of a claim on a form of that kind; None where no rule verifies it."""
     return next((rule for rule in RULES if rule.takes(kind, claim)), None)
 
 
 def rests(certificate: Certificate, claim: Claim) -> tuple[str, ...]:
-    """The ids of the claims that this one rests on; any claim of a form rests on those of its coordinates."""
+    """Return the ids of the claims that this one rests on; any claim of a form rests on those of its coordinates."""
     kind, rule = certificate.form.kind, rule_of(certificate.form.kind, claim)
     own = rule.needs(kind, claim) if rule else ()
     coordinates = (other.id for other in certificate.claims if other.maker == "recast")
@@ -72,7 +72,7 @@ def rests(certificate: Certificate, claim: Claim) -> tuple[str, ...]:
 
 
 def required(certificate: Certificate) -> tuple[str, ...]:
-    """The ids of the claims that a certificate of this form cannot leave out, whatever their verdicts."""
+    """Return the ids of the claims that a certificate of this form cannot leave out, whatever their verdicts."""
     needed = NEEDED.get(certificate.form.kind)
     if needed is None:
         return ()

@@ -106,12 +106,12 @@ def inequality(context: Context, claim: Claim) -> Finding:
 
 
 def attenuation(context: Context, claim: Claim) -> Finding:
-    """The L2 gain from the claim's disturbance has the claim's bound, by a V of its own where it has one."""
+    """Show that the L2 gain from the claim's disturbance has the claim's bound, by a V of its own where it has one."""
     return (_by_one_v if "V" in claim.evidence else _by_formula)(context, claim)
 
 
 def _by_one_v(context: Context, claim: Claim) -> Finding:
-    """By the V of the claim, at the ends of gamma and of each gamma^-i that enters."""
+    """Show it by the V of the claim, at the ends of gamma and of each gamma^-i that enters."""
     observer, evidence, n = built(context, claim), claim.evidence, len(context.z)
     (low, high), mu = column(observer.numbers, "gamma", 2), above_zero(evidence, "mu")
     sigma, m = scalar(observer.numbers, "sigma"), len(part(evidence, "G_2", list))
@@ -137,7 +137,7 @@ def _by_one_v(context: Context, claim: Claim) -> Finding:
 
 
 def _by_formula(context: Context, claim: Claim) -> Finding:
-    """By (87), of the P of the other claims."""
+    """Show it by (87), of the P of the other claims."""
     observer, evidence = built(context, claim), claim.evidence
     (low, high), P, n = column(observer.numbers, "gamma", 2), _P(context, claim), len(context.z)
     if not 0 < low <= high:
@@ -171,12 +171,12 @@ def _attenuated(context: Context, G: Matrix, g: Matrix, mu: Fraction, boxes: int
 
 
 def _printed(M: Matrix) -> str:
-    """A matrix for a sentence, exactly: the claim is about no other."""
+    """Return a matrix for a sentence, exactly: the claim is about no other."""
     return f"[{'; '.join(' '.join(map(str, row)) for row in M)}]"
 
 
 def _at(context: Context, claim: Claim, gain: Fraction, **norm: Any) -> tuple[Fraction, int]:
-    """The claim's bound of |T^-1 dc/dw T|, T = diag(gain, gain^2, ..), and with how many boxes it is shown."""
+    """Return the claim's bound of |T^-1 dc/dw T|, T = diag(gain, gain^2, ..), and with how many boxes it is shown."""
     scale = integrators(context, claim.evidence)
     if scale.units != [gain ** -(i + 1) for i in range(len(context.z))]:
         raise Unproved(f"its units are not the powers of {short(gain)}")
@@ -191,7 +191,8 @@ def _rate(observer: Observer, P: Matrix) -> Matrix:
 
 
 def _P(context: Context, claim: Claim) -> Matrix:
-    """The matrix P, the same in every claim about the paper's inequalities: they speak of one Lyapunov function."""
+    """Return the matrix P, the same in every claim about the paper's inequalities: they speak of one Lyapunov
+    function."""
     n, P = len(context.z), claim.evidence.get("P")
     for other in context.file.claims:
         if other.maker == claim.maker and other.fact not in _OWN and other.evidence.get("P", P) != P:
@@ -235,7 +236,7 @@ def rises(context: Context, claim: Claim) -> Finding:
 
 
 def _of(claim: Claim) -> str:
-    """The words for the matrices of an inequality: of another D it is another."""
+    """Return the words for the matrices of an inequality: of another D it is another."""
     return f"for its P and D = diag(b, .., b + n - 1), b = {short(scalar(claim.evidence, 'b'))}"
 
 
@@ -283,7 +284,7 @@ def _by_norm(context: Context, claim: Claim, slopes: Mapping[str, Any], level: F
 
 
 def _updated(observer: Observer) -> tuple[Fraction, bool]:
-    """How fast its gain may fall, and that it does not at its least value, p_2. Raises: `Unproved`."""
+    """Return how fast its gain may fall, and that it does not at its least value, p_2."""
     numbers = observer.numbers
     if not 0 < scalar(numbers, "p_2") <= scalar(numbers, "cap"):
         raise Unproved("its p_2 is not from 0 to its cap")
@@ -292,7 +293,7 @@ def _updated(observer: Observer) -> tuple[Fraction, bool]:
 
 
 def _adaptive(observer: Observer) -> tuple[Fraction, bool]:
-    """How fast its gain may fall, also at its least value. Raises: `Unproved`."""
+    """Return how fast its gain may fall, also at its least value."""
     low, high = column(observer.numbers, "gamma", 2)
     if not 0 < low <= high:
         raise Unproved("its gamma has no range above zero")
@@ -322,7 +323,7 @@ Form = Callable[[Matrix], Matrix]  # of N, in which it is affine
 
 
 def core(context: Context, claim: Claim) -> Finding:
-    """The linear core decays behind its saturation or dead zone."""
+    """Show that the linear core decays behind its saturation or dead zone."""
     observer, n = built(context, claim), len(context.z)
     units = _units(claim.evidence, n)
     N = similar(units, companion(column(observer.numbers, "gains", n)))
@@ -357,7 +358,7 @@ def _falls(context: Context, claim: Claim, slopes: Mapping[str, Any], level: Fra
 
 
 def _bounded(form: Form, N: Matrix, steps: list[Matrix], H: Matrix, S: list[Fraction]) -> Matrix:
-    """The form at N, with what each slope adds to it at most."""
+    """Return the form at N, with what each slope adds to it at most."""
     whole = base = form(N)
     for step, read, s in zip(steps, H, S, strict=True):
         h = [*read, *[Fraction(0)] * (len(base) - len(read))]
@@ -376,7 +377,8 @@ def _units(evidence: Mapping[str, Any], n: int) -> list[Fraction]:
 
 
 def _forms(observer: Observer, units: list[Fraction], evidence: Mapping[str, Any], a: Fraction) -> Iterator[Form]:
-    """The forms of N with a times V beside them: (n + 1, n + 1), and (n, n) where all of the error is injected."""
+    """Return the forms of N with a times V beside them: (n + 1, n + 1), and (n, n) where all of the error is
+    injected."""
     n, numbers = len(units), observer.numbers
     gains, decay, r = column(numbers, "gains", n), above_zero(numbers, "decay"), above_zero(numbers, "r")
     mu, tau = above_zero(evidence, "mu"), signless(evidence, "tau")

@@ -85,7 +85,7 @@ from ..text import Expression
 
 
 def _least(observer: Observer) -> tuple[str, Fraction]:
-    """The name and the value of the least theta, which of two is not above the other. Raises: `Unproved`."""
+    """Return the name and the value of the least theta, which of two is not above the other."""
     name = "theta_low" if "theta_low" in observer.numbers else "theta"
     least = scalar(observer.numbers, name)
     if least > scalar(observer.numbers, "theta"):
@@ -100,7 +100,7 @@ def _said(observer: Observer) -> str:
 
 
 def held(context: Context, claim: Claim) -> Finding:
-    """The time hold is long enough; that the low gain's norm falls is another claim."""
+    """Show that the time hold is long enough; that the low gain's norm falls is another claim."""
     numbers, evidence = built(context, claim).numbers, claim.evidence
     theta, low, hold = (above_zero(numbers, name) for name in ("theta", "theta_low", "hold"))
     up, down = above_zero(evidence, "up"), above_zero(evidence, "down")
@@ -133,7 +133,7 @@ def _falls(context: Context, claim: Claim, slopes: Mapping[str, Any], level: Fra
 
 
 def l2_gain(context: Context, claim: Claim) -> Finding:
-    """The L2 gain from the claim's inputs to the errors of the states, weighed by what they count for."""
+    """Show the L2 gain from the claim's inputs to the errors of the states, weighed by what they count for."""
     error, parts, scales, inputs, said = _of(context, claim)
     evidence, n, mu = claim.evidence, len(context.z), above_zero(claim.evidence, "mu")
     if max(multipliers(evidence, inputs)) > mu**2:
@@ -149,7 +149,7 @@ def l2_gain(context: Context, claim: Claim) -> Finding:
 
 
 def iss_gain(context: Context, claim: Claim) -> Finding:
-    """The bound to which the error of each state comes."""
+    """Show the bound to which the error of each state comes."""
     error, parts, scales, inputs, said = _of(context, claim)
     bounds = list[str]()
     each = entries(claim.evidence, "bounds", len(context.z))
@@ -162,7 +162,7 @@ def iss_gain(context: Context, claim: Claim) -> Finding:
 
 
 def _of(context: Context, claim: Claim) -> tuple[ErrorInclusion, Parts, list[Fraction], list[Input], str]:
-    """The error at the observer's theta, its scales, the inputs, and words for these. Raises: `Unproved`."""
+    """Return the error at the observer's theta, its scales, the inputs, and words for these."""
     observer, evidence = built(context, claim), claim.evidence
     theta, error = scalar(observer.numbers, "theta"), error_inclusion(context, observer, evidence)
     if not theta > 0 or not error.measured:
@@ -211,7 +211,7 @@ def _uniform_falls(context: Context, claim: Claim, ranges: Mapping[str, Any], le
 
 
 def _above(context: Context) -> list[Fraction]:
-    """The numbers s_k above the diagonal of A, where it has nothing else. Raises: `Unproved`."""
+    """Return the numbers s_k above the diagonal of A, where it has nothing else."""
     numbers = []
     for i, row in enumerate(context.form.A):
         for j, text in enumerate(row):
@@ -227,7 +227,7 @@ def _above(context: Context) -> list[Fraction]:
 
 
 def _shares(context: Context, evidence: Mapping[str, Any], s: list[Fraction]) -> tuple[Shares, int]:
-    """The range of each s_k/F_k', and with how many boxes these are shown. Raises: `Unproved`."""
+    """Return the range of each s_k/F_k', and with how many boxes these are shown."""
     shares, boxes, one = Shares(), 0, context.algebra.number(Fraction(1))
     for k, (number, range_) in enumerate(zip(s, entries(evidence, "shares", len(s)), strict=True)):
         rate, z = context.rates[k], context.z[k + 1]
@@ -255,7 +255,7 @@ def _injected(K: list[Fraction], q: tuple[Fraction, ...]) -> list[Fraction]:
 
 
 def _of_products(K: list[Fraction], shares: Shares) -> Iterator[Slope]:
-    """Each K_i q_1 .. q_(i-1) as a slope of its own."""
+    """Return each K_i q_1 .. q_(i-1) as a slope of its own."""
     every, n = [_injected(K, q) for q in product(*shares)], range(len(K))
     for i in n:
         ends = [each[i] for each in every]
@@ -263,7 +263,7 @@ def _of_products(K: list[Fraction], shares: Shares) -> Iterator[Slope]:
 
 
 def _corners(parts: Parts, K: list[Fraction], shares: Shares, theta: Fraction) -> Iterator[Parts]:
-    """What the error obeys at all combinations of ends. Raises: `Unproved`."""
+    """Return what the error obeys at all combinations of ends."""
     ends = [sorted(set(pair)) for pair in shares]
     if 2 ** len(parts.H) * prod(map(len, ends)) > _CORNERS:
         raise Unproved(f"its slopes have more than {_CORNERS} combinations of ends")
@@ -277,7 +277,7 @@ def _corners(parts: Parts, K: list[Fraction], shares: Shares, theta: Fraction) -
 
 
 def convergence(context: Context, claim: Claim) -> Finding:
-    """The error converges exponentially from everywhere."""
+    """Show that the error converges exponentially from everywhere."""
     observer, form, n = built(context, claim), context.form, len(context.z)
     A, C = matrix(claim.evidence, "A", n, n), matrix(claim.evidence, "C", len(form.output), n)
     _linear(context, A, C)
@@ -295,7 +295,7 @@ def convergence(context: Context, claim: Claim) -> Finding:
 
 
 def _linear(context: Context, A: Matrix, C: Matrix) -> None:
-    """That the form is z' = A z + b(u), y = C z + d(u). Raises: `Unproved`."""
+    """Demand that the form is z' = A z + b(u), y = C z + d(u)."""
     _ = context.equations
     form, algebra = context.form, context.algebra
     for texts, row in zip(form.A, A, strict=True):
@@ -311,7 +311,7 @@ def _linear(context: Context, A: Matrix, C: Matrix) -> None:
 
 
 def _gramian(A: Matrix, start: Matrix) -> Matrix:
-    """The sum of A^k M (A')^k for k < n."""
+    """Return the sum of A^k M (A')^k for k < n."""
     total, term = start, start
     for _ in range(len(A) - 1):
         term = A @ term @ A.T

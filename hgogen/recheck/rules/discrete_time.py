@@ -62,12 +62,12 @@ class _Running:
 
     @cached_property
     def parts(self) -> Parts:
-        """What the error obeys."""
+        """Return what the error obeys."""
         return self.error.at(self.theta)
 
     @cached_property
     def scales(self) -> list[Fraction]:
-        """By field (N), its error where that of its state is 1. Raises: `Unproved`."""
+        """The error of each field (N) where that of its state is 1. Raises: `Unproved`."""
         return self.error.scales(self.context, self.theta)
 
     @property
@@ -128,7 +128,7 @@ def throughout(context: Context, claim: Claim) -> Finding:
 
 @cache
 def _bernstein(degree: int) -> Matrix:
-    """The Bernstein coefficients of a polynomial from its values at k/degree: the inverse of the basis there."""
+    """Return the Bernstein coefficients of a polynomial from its values at k/degree: the inverse of the basis there."""
     at = [Fraction(k, degree) for k in range(degree + 1)]
     return inverse(Matrix([comb(degree, j) * t**j * (1 - t) ** (degree - j) for j in range(degree + 1)] for t in at))
 
@@ -188,7 +188,7 @@ def start(context: Context, claim: Claim) -> Finding:
 
 
 def _limits(clear: Mapping[str, Any], run: _Running) -> dict[int, Fraction]:
-    """The limits of all fields that estimate, by place from 0. Raises: `Unproved`."""
+    """Return the limits of all fields that estimate, by place from 0."""
     limits = {}
     for one in part(clear, "limits", list):
         fields(one, "a limit", ("field", "limit"))
@@ -199,7 +199,8 @@ def _limits(clear: Mapping[str, Any], run: _Running) -> dict[int, Fraction]:
 
 
 def _largest(error: ErrorInclusion, scales: list[Fraction], first: list[Fraction], P: Matrix) -> Fraction:
-    """The largest |e(0)|_P^2, of fields that begin with the error of the state that they estimate, or with none."""
+    """Return the largest |e(0)|_P^2, of fields that begin with the error of the state that they estimate, or with
+    none."""
     sides = [s * first[i] * fed for s, i, fed in zip(scales, error.index, error.fed, strict=True)]
     largest = Fraction(0)
     for signs in product((1,), *[(1, -1)] * (len(first) - 1)):
@@ -217,7 +218,7 @@ Shares = Mapping[str, Mapping[str, Any]]  # by their inputs
 
 
 def error(context: Context, claim: Claim) -> Finding:
-    """The share of each part in the error of each field that estimates."""
+    """Show the share of each part in the error of each field that estimates."""
     run, shares, by_kind = (
         _running(context, claim),
         part(claim.evidence, "shares", list),
@@ -251,7 +252,7 @@ def error(context: Context, claim: Claim) -> Finding:
 
 
 def _followed(run: _Running, shares: Shares) -> tuple[list[str], str, int]:
-    """That the sizes follow: what they are, under what, and with how many boxes. Raises: `Unproved`."""
+    """Demand that the sizes follow: what they are, under what, and with how many boxes."""
     context, evidence, left, rounding = run.context, run.evidence, shares.get("method"), shares.get("rounding")
     others = {kind: share for kind, share in shares.items() if share is not left and share is not rounding}
     boxes, sizes = demand_followed(context, run.h, others), list[str]()
@@ -273,13 +274,13 @@ def _followed(run: _Running, shares: Shares) -> tuple[list[str], str, int]:
 
 
 def _reached(shares: Iterable[Mapping[str, Any]], scales: Sequence[Fraction]) -> list[Fraction]:
-    """By field (N), at least how far all shares move its error."""
+    """Return, by field (N), at least how far all shares move its error."""
     return [sum(each, Fraction(0)) for each in zip(*(_moved(share, scales) for share in shares), strict=True)]
 
 
 def _moved(share: Mapping[str, Any], scales: Sequence[Fraction]) -> list[Fraction]:
-    """By field (N), at least how far a share moves its error: by its bound, of one without by the norms in which the
-    inputs keep e within 1."""
+    """Return, by field (N), at least how far a share moves its error: by its bound, of one without by the norms in
+    which the inputs keep e within 1."""
     N, unit = len(scales), scalar(share, "unit")
     moved = {_field(one, N): scalar(one, "bound") for one in share["bounds"]}
     if len(moved) < N:
@@ -290,17 +291,17 @@ def _moved(share: Mapping[str, Any], scales: Sequence[Fraction]) -> list[Fractio
 
 
 def _root(value: Fraction) -> Fraction:
-    """A number at least the square root, and hardly above."""
+    """Return a number at least the square root, and hardly above."""
     return Fraction(math.isqrt(value.numerator * _FINE**2 // value.denominator) + 1, _FINE)
 
 
 def _field(one: Any, count: int) -> int:
-    """The field of a bound, from 0. Raises: `Unproved`."""
+    """Return the field of a bound, from 0."""
     return place(fields(one, "a bound", ("field", "alpha", "P", "S", "bound")), "field", count)
 
 
 def _inputs(run: _Running, share: Mapping[str, Any]) -> list[Input]:
-    """The inputs of a share that are not 0, in its unit. Raises: `Unproved`."""
+    """Return the inputs of a share that are not 0, in its unit."""
     context, error, method = run.context, run.error, run.method
     p, n, stages = len(context.form.output), len(context.z), len(method.nodes)
     still, inputs = [Fraction(0)] * len(error.N), list[Input]()
@@ -330,7 +331,7 @@ def _inputs(run: _Running, share: Mapping[str, Any]) -> list[Input]:
 
 
 def _sizes(share: Mapping[str, Any], key: str, count: int) -> list[Fraction]:
-    """`count` sizes that are not negative, or none. Raises: `Unproved`."""
+    """`count` sizes that are not negative, or none."""
     sizes = column(share, key, count) if share[key] != [] else []
     if any(size < 0 for size in sizes):
         raise Unproved(f"a size of its {key} is negative")

@@ -58,76 +58,64 @@ PARTS = ("gain", "G1", "G2", "errors")  # of a claim's description of the system
 
 @dataclass(frozen=True)
 class ErrorSystem:
-    """The system of `plant`: the ranges of the errors (n) `around` 0; `gain` (n, p), `disturbed` G1 (n, k), `measured`
-    G2 (p, k)."""
+    """The system of `plant`: the ranges of the errors (n) `around` 0, F (n) and G (n, k) in any arithmetic where names
+    have values, the names that each reads, and the words that say which observer has this error."""
 
     plant: Equations
     around: Box
-    gain: Rows
-    disturbed: Rows
-    measured: Rows
-
-    def flow(self, at: Mapping[str, Any], arithmetic: Arithmetic) -> list[Any]:
-        """F (n), the names at these values."""
-        behind, n = self._behind(at), len(self.around)
-        rows = (*self.plant.flow, *self.plant.output)
-        change = [evaluate(row, at, arithmetic) - evaluate(row, behind, arithmetic) for row in rows]
-        return [
-            _less(rate, row, change[n:], behind, arithmetic) for rate, row in zip(change[:n], self.gain, strict=True)
-        ]
-
-    def noise(self, at: Mapping[str, Any], arithmetic: Arithmetic) -> list[list[Any]]:
-        """G (n, k), the names at these values."""
-        behind = self._behind(at)
-        G1, G2 = ([[evaluate(x, at, arithmetic) for x in row] for row in M] for M in (self.disturbed, self.measured))
-        return [
-            [_less(x, row, [other[k] for other in G2], behind, arithmetic) for k, x in enumerate(first)]
-            for first, row in zip(G1, self.gain, strict=True)
-        ]
-
-    @property
-    def read_by_flow(self) -> set[str]:
-        """The names that F reads, an error with its state."""
-        return self._with_errors(names_of((*self.plant.flow, *self.plant.output, *flat(self.gain))))
-
-    @property
-    def read_by_noise(self) -> set[str]:
-        """The names that G reads."""
-        reads = self._with_errors(names_of(flat(self.gain)))
-        return reads | names_of(flat((*self.disturbed, *self.measured)))
-
-    @property
-    def sentence(self) -> str:
-        """The words that say which observer has this error."""
-        each = zip(PARTS, (self.gain, self.disturbed, self.measured), strict=False)
-        parts = [f"{name} = {cut(text_of(rows))}" for name, rows in each]
-        return f"e = x - xhat of xhat' = f(xhat, u) + gain (y - h(xhat, u)), {', '.join(parts)}"
-
-    def _behind(self, at: Mapping[str, Any]) -> dict[str, Any]:
-        """The values `at`, with x - e in the place of each state x."""
-        return {**at, **{x: at[x] - at[e] for x, e in zip(self.plant.states, self.around, strict=True)}}
-
-    def _with_errors(self, names: set[str]) -> set[str]:
-        return names | {e for x, e in zip(self.plant.states, self.around, strict=True) if x in names}
+    flow: Callable[[Mapping[str, Any], Arithmetic], list[Any]]
+    noise: Callable[[Mapping[str, Any], Arithmetic], list[list[Any]]]
+    read_by_flow: set[str]
+    read_by_noise: set[str]
+    sentence: str
 
 
 def error_system(context: Context, description: Mapping[str, Any]) -> ErrorSystem:
-    """The error system of the file's plant, by a claim's description of it. Raises: `Unproved`."""
+    """Return the error system of the file's plant, by a claim's description of its gain (n, p), G1 (n, k) and G2 (p,
+    k). Raises: `Unproved`."""
     plant = context.plant
     around, n, p = around_of(context, description), len(plant.states), len(plant.output)
     texts = entries(description, "G1", n)
     columns = len(texts[0]) if isinstance(texts[0], list) else 0
-    gain, disturbed = (
-        matrix_of(description, "gain", n, p, plant.box),
-        matrix_of(description, "G1", n, columns, plant.box),
-    )
-    system = ErrorSystem(plant, around, gain, disturbed, matrix_of(description, "G2", p, columns, plant.box))
+    gain = matrix_of(description, "gain", n, p, plant.box)
+    G1, G2 = (matrix_of(description, key, rows, columns, plant.box) for key, rows in (("G1", n), ("G2", p)))
     smooth((*plant.flow, *plant.output, *flat(gain)))
-    return system
+
+    def behind(at: Mapping[str, Any]) -> dict[str, Any]:
+        return {**at, **{x: at[x] - at[e] for x, e in zip(plant.states, around, strict=True)}}
+
+    def flow(at: Mapping[str, Any], arithmetic: Arithmetic) -> list[Any]:
+        before = behind(at)
+        rows = (*plant.flow, *plant.output)
+        change = [evaluate(row, at, arithmetic) - evaluate(row, before, arithmetic) for row in rows]
+        pairs = zip(change[:n], gain, strict=True)
+        return [_less(rate, row, change[n:], before, arithmetic) for rate, row in pairs]
+
+    def noise(at: Mapping[str, Any], arithmetic: Arithmetic) -> list[list[Any]]:
+        before = behind(at)
+        first, second = ([[evaluate(x, at, arithmetic) for x in row] for row in M] for M in (G1, G2))
+        return [
+            [_less(x, row, [other[k] for other in second], before, arithmetic) for k, x in enumerate(pushed)]
+            for pushed, row in zip(first, gain, strict=True)
+        ]
+
+    def with_errors(names: set[str]) -> set[str]:
+        return names | {e for x, e in zip(plant.states, around, strict=True) if x in names}
+
+    words = ", ".join(f"{name} = {cut(text_of(rows))}" for name, rows in zip(PARTS, (gain, G1, G2), strict=False))
+    return ErrorSystem(
+        plant,
+        around,
+        flow,
+        noise,
+        with_errors(names_of((*plant.flow, *plant.output, *flat(gain)))),
+        with_errors(names_of(flat(gain))) | names_of(flat((*G1, *G2))),
+        f"e = x - xhat of xhat' = f(xhat, u) + gain (y - h(xhat, u)), {words}",
+    )
 
 
 def around_of(context: Context, description: Mapping[str, Any]) -> Box:
-    """The ranges of the errors in a claim's description. Raises: `Unproved`."""
+    """Return the ranges of the errors in a claim's description. Raises: `Unproved`."""
     plant, around = context.plant, signals(description, "errors")
     if tuple(around) != tuple(f"e_{x}" for x in plant.states) or around.keys() & plant.box.keys():
         raise Unproved("its errors are not e_ and the name of each of the plant's states, in their order")
@@ -137,14 +125,14 @@ def around_of(context: Context, description: Mapping[str, Any]) -> Box:
 
 
 def smooth(texts: Iterable[Expression]) -> None:
-    """That none has kinks or jumps. Raises: `Unproved`."""
+    """Demand that none has kinks or jumps. Raises: `Unproved`."""
     for text in texts:
         if text.kinked:
             raise Unproved(f"{cut(text.text)} has kinks or jumps")
 
 
 def matrix_of(description: Mapping[str, Any], key: str, rows: int, columns: int, names: Box) -> Rows:
-    """A matrix (rows, columns) of expressions that read these names. Raises: `Unproved`."""
+    """Return a matrix (rows, columns) of expressions that read these names. Raises: `Unproved`."""
     texts = entries(description, key, rows)
     return tuple(tuple(expression(cell, names) for cell in entries({key: row}, key, columns)) for row in texts)
 
@@ -156,17 +144,17 @@ def _less(value: Any, row: Sequence[Expression], miss: Sequence[Any], at: Mappin
 
 
 def flat(rows: Rows) -> list[Expression]:
-    """The expressions of a matrix, row by row."""
+    """Return the expressions of a matrix, row by row."""
     return [cell for row in rows for cell in row]
 
 
 def names_of(texts: Iterable[Expression]) -> set[str]:
-    """The names that the expressions read."""
+    """Return the names that the expressions read."""
     return {name for text in texts for name in text.names}
 
 
 def text_of(rows: Rows) -> str:
-    """A matrix as it is printed."""
+    """Return a matrix as it is printed."""
     return f"({'; '.join(', '.join(cell.text for cell in row) for row in rows)})"
 
 
@@ -175,47 +163,9 @@ def text_of(rows: Rows) -> str:
 OBSERVED = ("observer", "unknown", "along", "flow", "noise", "errors")  # of a claim's description of the system
 
 
-@dataclass(frozen=True)
-class ObservedSystem:
-    """The system of `plant` and the `observer`: the ranges of the errors (n) `around` 0; `rates` F (n), `pushed` G
-    (n, k)."""
-
-    plant: Equations
-    around: Box
-    observer: tuple[Expression, ...]
-    unknown: tuple[str, ...]
-    along: Mapping[str, Expression]
-    rates: tuple[Expression, ...]
-    pushed: Rows
-
-    def flow(self, at: Mapping[str, Any], arithmetic: Arithmetic) -> list[Any]:
-        """F (n), the names at these values."""
-        return [evaluate(row, at, arithmetic) for row in self.rates]
-
-    def noise(self, at: Mapping[str, Any], arithmetic: Arithmetic) -> list[list[Any]]:
-        """G (n, k), the names at these values."""
-        return [[evaluate(cell, at, arithmetic) for cell in row] for row in self.pushed]
-
-    @property
-    def read_by_flow(self) -> set[str]:
-        """The names that F reads."""
-        return names_of(self.rates)
-
-    @property
-    def read_by_noise(self) -> set[str]:
-        """The names that G reads."""
-        return names_of(flat(self.pushed))
-
-    @property
-    def sentence(self) -> str:
-        """Whose error it is, and where."""
-        rows = f"xhat' = {cut(text_of(tuple((row,) for row in self.observer)))} of xhat and y"
-        on = "".join(f", on {x} = {cut(value.text)}" for x, value in self.along.items())
-        return f"e = x - xhat of {rows}, which does not know {', '.join(self.unknown)}{on}, wherever it has a value"
-
-
-def observed_system(context: Context, description: Mapping[str, Any]) -> ObservedSystem:
-    """The error system of the file's plant, by a claim's description of it. Raises: `Unproved`."""
+def observed_system(context: Context, description: Mapping[str, Any]) -> ErrorSystem:
+    """Return the error system of the file's plant, by a claim's description of the observer, of F and of G. Raises:
+    `Unproved`."""
     plant, around, n = context.plant, around_of(context, description), len(context.plant.states)
     inputs, parameters = context.file.inputs, context.file.parameters
     unknown, along = tuple(part(description, "unknown", list)), part(description, "along", dict)
@@ -229,18 +179,23 @@ def observed_system(context: Context, description: Mapping[str, Any]) -> Observe
     known = {name: ends for name, ends in plant.box.items() if name not in unknown}
     free = {name: ends for name, ends in known.items() if name not in along}
     fixed = {name: free[name] for name in (*plant.states, *parameters) if name in free}
-    read = {**free, **around}
-    system = ObservedSystem(
-        plant=plant,
-        around=around,
-        observer=_expressions(description, "observer", n, {**known, **dict.fromkeys(outputs)}),
-        unknown=unknown,
-        along={name: expression(value, fixed) for name, value in sorted(along.items())},
-        rates=_expressions(description, "flow", n, read),
-        pushed=matrix_of(description, "noise", n, len(unknown), read),
+    observer = _expressions(description, "observer", n, {**known, **dict.fromkeys(outputs)})
+    set_ = {name: expression(value, fixed) for name, value in sorted(along.items())}
+    rates = _expressions(description, "flow", n, {**free, **around})
+    pushed = matrix_of(description, "noise", n, len(unknown), {**free, **around})
+    smooth(rates)
+    rows = f"xhat' = {cut(text_of(tuple((row,) for row in observer)))} of xhat and y"
+    on = "".join(f", on {x} = {cut(value.text)}" for x, value in set_.items())
+    system = ErrorSystem(
+        plant,
+        around,
+        lambda at, arithmetic: [evaluate(row, at, arithmetic) for row in rates],
+        lambda at, arithmetic: [[evaluate(cell, at, arithmetic) for cell in row] for row in pushed],
+        names_of(rates),
+        names_of(flat(pushed)),
+        f"e = x - xhat of {rows}, which does not know {', '.join(unknown)}{on}, wherever it has a value",
     )
-    smooth(system.rates)
-    _same(system, outputs)
+    _demand_same(system, set_, observer, unknown, (*rates, *flat(pushed)), outputs)
     return system
 
 
@@ -250,61 +205,70 @@ def _expressions(
     return tuple(expression(text, names) for text in entries(description, key, count))
 
 
-def _same(system: ObservedSystem, outputs: list[str]) -> None:
-    """Shows that the plant stays in the set, that the claimed system is that of plant and observer, and that F(0) = 0.
-    Raises: `Unproved`."""
+def _demand_same(
+    system: ErrorSystem,
+    along: Mapping[str, Expression],
+    observer: Sequence[Expression],
+    unknown: Sequence[str],
+    rows: Sequence[Expression],
+    outputs: Sequence[str],
+) -> None:
+    """Demand that the plant stays in the set, that the claimed system is that of plant and observer, and F(0) = 0."""
     plant, algebra = system.plant, algebra_of({**system.plant.box, **system.around})
-    at = {**algebra.names, **{name: algebra.read(value) for name, value in system.along.items()}}
+    at = {**algebra.names, **{name: algebra.read(value) for name, value in along.items()}}
     f = [algebra.read(row, at) for row in plant.flow]
     speeds = dict(zip(plant.states, f, strict=True))
-    for name, value in system.along.items():  # x_k = a_k(x) is invariant: a_k is continuous, and x_k' its derivative
+    for name, value in along.items():  # x_k = a_k(x) is invariant: a_k is continuous, and x_k' its derivative
         finite(value, plant.box)
         if not algebra.is_zero(speeds[name] - algebra.speed(value, speeds, at)):
             raise Unproved(f"the plant is not shown to keep to {name} = {cut(value.text)}")
     y = {name: algebra.read(row, at) for name, row in zip(outputs, plant.output, strict=True)}
     estimate = {x: at[x] - at[e] for x, e in zip(plant.states, system.around, strict=True)}
-    _somewhere(system, outputs)
+    _demand_values(plant, system.around, along, observer, rows, outputs)
     claimed = zip(system.flow(at, algebra.arithmetic), system.noise(at, algebra.arithmetic), strict=True)
     still = system.flow({**at, **dict.fromkeys(system.around, algebra.zero)}, algebra.arithmetic)
-    for name, rate, g, (drift, pushed), rest in zip(plant.states, f, system.observer, claimed, still, strict=True):
+    for name, rate, g, (drift, pushed), at_zero in zip(plant.states, f, observer, claimed, still, strict=True):
         e = rate - algebra.read(g, {**at, **estimate, **y}) - drift
-        for cell, w in zip(pushed, system.unknown, strict=True):
+        for cell, w in zip(pushed, unknown, strict=True):
             e = e - cell * at[w]
         if not algebra.is_zero(e):
             raise Unproved(f"e_{name}' is not shown to be that of the plant and the observer")
-        if not algebra.is_zero(rest):
+        if not algebra.is_zero(at_zero):
             raise Unproved(f"e_{name}' is not shown to vanish at e = 0")
 
 
-def _somewhere(system: ObservedSystem, outputs: list[str]) -> None:
-    """Shows that plant, observer and claimed system have a value at a point inside of the ranges where e = 0: about it,
-    the identities say something. Raises: `Unproved`."""
-    plant = system.plant
-    zero = dict.fromkeys(system.around, Fraction(0))
+def _demand_values(
+    plant: Equations,
+    around: Box,
+    along: Mapping[str, Expression],
+    observer: Sequence[Expression],
+    rows: Sequence[Expression],
+    outputs: Sequence[str],
+) -> None:
+    """Demand that plant, observer and claimed system have a value at a point inside of the ranges where e = 0: about
+    it, the identities say something."""
+    zero = dict.fromkeys(around, Fraction(0))
     at = points({**{name: inside(*ends, Fraction(1, 3)) for name, ends in plant.box.items()}, **zero})
-    at |= {name: evaluate(value, at, intervals) for name, value in system.along.items()}
+    at |= {name: evaluate(value, at, intervals) for name, value in along.items()}
     at |= {name: evaluate(row, at, intervals) for name, row in zip(outputs, plant.output, strict=True)}
-    for rows, whose in (
-        (system.along.values(), "the set that it holds on"),
+    for texts, whose in (
+        (along.values(), "the set that it holds on"),
         (plant.flow, "the plant"),
-        (system.observer, "its observer"),
-        ((*system.rates, *flat(system.pushed)), "its system"),
+        (observer, "its observer"),
+        (rows, "its system"),
     ):
         try:
-            there = all(evaluate(row, at, intervals).finite for row in rows)
+            known = all(evaluate(row, at, intervals).finite for row in texts)
         except Undefined:
-            there = False
-        if not there:
+            known = False
+        if not known:
             raise Unproved(f"{whose} is not shown to have a value")
 
 
-# ---
-
-_MADE: Mapping[tuple[str, ...], Callable[[Context, Mapping[str, Any]], "System"]] = {
+_SYSTEMS: Mapping[tuple[str, ...], Callable[[Context, Mapping[str, Any]], ErrorSystem]] = {
     PARTS: error_system,
     OBSERVED: observed_system,
 }
-System = ErrorSystem | ObservedSystem
 _OF_ALL = ("V", "mu")
 _duals = dual(intervals)  # slopes in the names of a box
 
@@ -313,7 +277,7 @@ _duals = dual(intervals)  # slopes in the names of a box
 class ClaimedGain:
     """The error system with the V and the L2 gain mu that a claim states."""
 
-    system: System
+    system: ErrorSystem
     V: Expression
     mu: Fraction
 
@@ -333,7 +297,7 @@ class ClaimedGain:
         return {**self.system.plant.box, **self.around}
 
     def shown(self, sentence: str, boxes: int) -> Finding:
-        """What was shown of it."""
+        """Return the finding on it."""
         return Finding(f"{sentence}; of the error {self.system.sentence}", boxes)
 
 
@@ -389,16 +353,18 @@ def level(context: Context, claim: Claim) -> Finding:
 
 
 def _claimed_gain(context: Context, claim: Claim) -> ClaimedGain:
-    """The claim's system, smooth, with V = 0 and V_e = 0 at e = 0, the same as in the file's other claims. Raises:
-    `Unproved`."""
+    """Return the claim's system, smooth, with V = 0 and V_e = 0 at e = 0, the same as in the file's other claims.
+    Raises: `Unproved`."""
     description = part(claim.evidence, "system", dict)
-    own = next((made for made in _MADE if description.keys() == {*made, *_OF_ALL}), None)
+    own = next((made for made in _SYSTEMS if description.keys() == {*made, *_OF_ALL}), None)
     if own is None:
-        raise Unproved("its system has not the parts " + ", or ".join(", ".join((*made, *_OF_ALL)) for made in _MADE))
+        raise Unproved(
+            "its system has not the parts " + ", or ".join(", ".join((*made, *_OF_ALL)) for made in _SYSTEMS)
+        )
     for other in context.file.claims:
         if other.maker == claim.maker and other.evidence.get("system", description) != description:
             raise Unproved(f"it is about another system than {other.id}")
-    system = _MADE[own](context, description)
+    system = _SYSTEMS[own](context, description)
     claimed = ClaimedGain(system, expression(description["V"], system.around), above_zero(description, "mu"))
     _vanishing(claimed)
     return claimed
@@ -419,7 +385,7 @@ def _vanishing(claimed: ClaimedGain) -> None:
 
 
 def _regular(claimed: ClaimedGain) -> Any:
-    """The statement that F has finite slopes in e, and that G is finite."""
+    """Return the statement that F has finite slopes in e, and that G is finite."""
     system = claimed.system
 
     def attempt(box: Box) -> Try:
@@ -435,7 +401,7 @@ def _regular(claimed: ClaimedGain) -> Any:
 
 
 def _smooth(claimed: ClaimedGain) -> Any:
-    """The statement that V has finite second derivatives."""
+    """Return the statement that V has finite second derivatives."""
 
     def attempt(box: Box) -> Try:
         try:
@@ -453,7 +419,8 @@ def _ends(claimed: ClaimedGain, name: str) -> tuple[Fraction, Fraction]:
 
 
 def _share(claim: Claim, claimed: ClaimedGain) -> tuple[Fraction, Matrix]:
-    """The share of the box on which the matrices are shown to be definite, and the basis T (n, n) to show it in."""
+    """Return the share of the box on which the matrices are shown to be definite, and the basis T (n, n) to show it
+    in."""
     share, n = above_zero(claim.evidence, "share"), len(claimed.errors)
     if share > 1:
         raise Unproved("its share is above 1")
@@ -461,7 +428,7 @@ def _share(claim: Claim, claimed: ClaimedGain) -> tuple[Fraction, Matrix]:
 
 
 def _slabs(claim: Claim, claimed: ClaimedGain, share: Fraction) -> Iterator[tuple[Box, str, Fraction]]:
-    """What the share of the box leaves, slab by slab, each with its bisection and bound."""
+    """Return what the share of the box leaves, slab by slab, each with its bisection and bound."""
     covers = entries(claim.evidence, "slabs", 0 if share == 1 else 2 * len(claimed.errors))
     inner = dict(claimed.around)
     for k, name in enumerate(claimed.errors if covers else ()):
@@ -473,7 +440,7 @@ def _slabs(claim: Claim, claimed: ClaimedGain, share: Fraction) -> Iterator[tupl
 
 
 def _left(claimed: ClaimedGain, left: Expression) -> None:
-    """Shows that a text is S. Raises: `Unproved`."""
+    """Demand that a text is S."""
     algebra = algebra_of(claimed.box)
     e, arithmetic, half = algebra.names, algebra.arithmetic, algebra.number(Fraction(1, 2))
     (p,) = jacobian((claimed.V,), {name: e[name] for name in claimed.errors}, claimed.errors, arithmetic)
@@ -489,7 +456,7 @@ def _left(claimed: ClaimedGain, left: Expression) -> None:
 
 
 def _quadratic(claimed: ClaimedGain) -> Matrix | None:
-    """The matrix P of V = e'P e, None where V is another function."""
+    """Return the matrix P of V = e'P e, None where V is another function."""
     algebra = algebra_of(claimed.around)
     H = numbers(_second(claimed, algebra.names, algebra.arithmetic))
     return None if H is None else Fraction(1, 2) * Matrix(H)
@@ -507,7 +474,7 @@ def _second(claimed: ClaimedGain, values: Mapping[str, Any], arithmetic: Arithme
 
 
 def _copies(claimed: ClaimedGain, share: Fraction, reads: Mapping[str, Any]) -> Box:
-    """The box of the copies c, d, g of the errors, a share of their box, and of the signals that are read."""
+    """Return the box of the copies c, d, g of the errors, a share of their box, and of the signals that are read."""
     box: dict[str, Any] = {}
     for copy, names in reads.items():
         for name in sorted(names):
@@ -520,7 +487,7 @@ def _copies(claimed: ClaimedGain, share: Fraction, reads: Mapping[str, Any]) -> 
 
 
 def _definite(claimed: ClaimedGain, T: Matrix, made: Callable[[ClaimedGain, Box], Matrix]) -> Any:
-    """The statement that T'M T is positive definite, M of `made`."""
+    """Return the statement that T'M T is positive definite, M of `made`."""
     basis = T.mapped(_number)
 
     @lru_cache(maxsize=2)
@@ -543,7 +510,7 @@ def _number(value: Fraction) -> Dual:
 
 
 def _values(claimed: ClaimedGain, box: Box, copy: str) -> dict[str, Dual]:
-    """A copy's values of the errors, and the signals, each with its slope in the names of the box."""
+    """Return a copy's values of the errors, and the signals, each with its slope in the names of the box."""
     every = seeded(sides(box), box, intervals)
     names = {name: f"{copy}.{name}" if name in claimed.around else name for name in claimed.box}
     return {name: every.get(copied, _number(Fraction(0))) for name, copied in names.items()}
@@ -554,7 +521,7 @@ def _hessian(claimed: ClaimedGain, box: Box) -> Matrix:
 
 
 def _second_order(claimed: ClaimedGain, box: Box) -> Matrix:
-    """The matrix 2 N(c, d, g) over a box."""
+    """Return the matrix 2 N(c, d, g) over a box."""
     n, one, zero = range(len(claimed.errors)), _number(Fraction(1)), _number(Fraction(0))
     H, values = _hessian(claimed, box), seeded(_values(claimed, box, "d"), claimed.errors, _duals)
     rates = [rate.slopes for rate in claimed.system.flow(values, dual(_duals))]

@@ -147,8 +147,8 @@ def _slope(context: Context, claim: Claim) -> Finding:
 
 
 def _no_slope(context: Context, claim: Claim) -> Finding:
-    """A slope is zero at a point of the box that is at no kink; or it has opposite signs at two, and what it is of is
-    continuous."""
+    """Show that a slope is zero at a point of the box that is at no kink; or it has opposite signs at two, and what it
+    is of is continuous."""
     wanted, rate = _wanted_slope(context, *claim.at)
     text = claimed(context, claim.evidence, wanted)
     read = context.at_kinks(text, rate)
@@ -213,7 +213,7 @@ def _regular(rows: Sequence[Expression], names: Sequence[str], box: Box) -> int:
 
 
 def _range(context: Context, claim: Claim) -> Finding:
-    """Each z_i keeps to its range while the plant's states do."""
+    """Show that each z_i keeps to its range while the plant's states do."""
     return Finding("the form's states keep to their ranges while the plant's do", ranges_kept(context, every=True))
 
 
@@ -261,7 +261,7 @@ def rank(context: Context, claim: Claim) -> Finding:
 
 
 def one_to_one(context: Context, claim: Claim) -> Finding:
-    """All principal minors of L dPhi/dx are above zero; Phi is another claim."""
+    """Show that all principal minors of L dPhi/dx are above zero; Phi is another claim."""
     slopes, n, boxes = _phase_slopes(context, claim), len(context.plant.states), 0
     _smooth_enough(slopes.Phi, 0)
     L, algebra = matrix(claim.evidence, "weights", n, n), slopes.algebra
@@ -305,7 +305,7 @@ def _phase_slopes(context: Context, claim: Claim) -> _Slopes:
 def _bounded_determinant(
     slopes: _Slopes, rows: list[list[Quotient]], evidence: Mapping[str, Any]
 ) -> tuple[Fraction, Fraction, int]:
-    """The bounds that evidence tells of the determinant of rows, once they are shown, with how many boxes."""
+    """Return the bounds that evidence tells of the determinant of rows, once they are shown, with how many boxes."""
     text, algebra = expression(part(evidence, "expression", str), slopes.box), slopes.algebra
     if not algebra.is_zero(algebra.read(text) - (determinant(rows) if rows else algebra.one)):
         raise Unproved(f"its expression {text.text} is not the determinant")
@@ -315,14 +315,14 @@ def _bounded_determinant(
 
 
 def _read_phases(context: Context, claim: Claim) -> tuple[Box, Mapping[str, str], list[Expression]]:
-    """The box and the names of `box_of_rates`, and Phi."""
+    """Return the box and the names of `box_of_rates`, and Phi."""
     box, rates = box_of_rates(context)
     return box, rates, [expression(text, box) for text in part(claim.evidence, "chain", list)]
 
 
 def box_of_rates(context: Context) -> tuple[Box, Mapping[str, str]]:
-    """The plant's box with the derivatives of inputs, unbounded where they have no range; which name is the derivative
-    of which, by the names. Raises: `Unproved`."""
+    """Return the plant's box with the derivatives of inputs, unbounded where they have no range; which name is the
+    derivative of which, by the names. Raises: `Unproved`."""
     count, inputs = len(context.plant.states), context.file.inputs
     endings = [*(f"_{'d' * k}ot" for k in range(1, min(count, 3) + 1)), *(f"_d{k}" for k in range(4, count + 1))]
     lines = [[name, *(f"{name.rstrip('_')}{suffix}" for suffix in endings)] for name in inputs]
@@ -335,15 +335,15 @@ def box_of_rates(context: Context) -> tuple[Box, Mapping[str, str]]:
 
 
 def _smooth_enough(rows: Sequence[Expression], order: int) -> None:
-    """That they have no modulus and the like, and no table whose derivative of that order jumps. Raises: `Unproved`."""
+    """Demand that they have no modulus and the like, and no table whose derivative of that order jumps."""
     for row in rows:
         if any(step.op in KINKS or jumps(step.op, order) for step in row.instructions):
             raise Unproved(f"{row.text[:60]} is not shown to be differentiable")
 
 
 def _regular_row(row: Expression, states: Sequence[str], box: Box) -> int:
-    """With how many boxes a row is shown to have finite derivatives; where a side is unbounded it is a polynomial.
-    Raises: `Unproved`."""
+    """Return in how many boxes a row is shown to have finite derivatives; where a side is unbounded it is a
+    polynomial."""
     if all(math.isfinite(end) for name in row.names for end in box[name]):
         return covered(narrowed(box, row.names), ".", regular([row], [name for name in states if name in row.names]))
     for op, _, value in row.instructions:

@@ -69,7 +69,7 @@ class Balls:
         return Balls(*([list(column) for column in zip(*rows, strict=True)] for rows in (self.mid, self.off)))
 
     def times(self, share: Fraction) -> "Balls":
-        """The matrix times a number above 0."""
+        """Return the matrix times a number above 0."""
         p, q = share.numerator, share.denominator
         return Balls(_each(self.mid, lambda x: x * p // q), _each(self.off, lambda x: x * p // q + 2))
 
@@ -102,7 +102,7 @@ def _dot(m: Sequence[int], r: Sequence[int], n: Sequence[int], s: Sequence[int])
 
 
 def balls(rows: Sequence[Sequence[Interval]]) -> Balls:
-    """A matrix of intervals. Raises: `Unproved` for one that is not finite."""
+    """Return a matrix of intervals. Raises: `Unproved` for one that is not finite."""
     ends = [[_whole(x) for x in row] for row in rows]
     mid = _each(ends, lambda pair: (pair[0] + pair[1]) >> 1)
     return Balls(mid, _each(ends, lambda pair: ((pair[1] - pair[0]) >> 1) + 1))
@@ -117,13 +117,13 @@ def _whole(x: Interval) -> tuple[int, int]:
 
 @dataclass(frozen=True)
 class Window:
-    """Of a time: the transition over it, and what is shown in it."""
+    """The transition over a window of time, and the Gramian over it."""
 
     Phi: Balls
     W: Balls
 
     def then(self, after: "Window") -> "Window":
-        """Of this time and the one after it together."""
+        """Return the window of this time and the one after it."""
         return Window(after.Phi @ self.Phi, self.W + self.Phi.turned @ after.W @ self.Phi)
 
 
@@ -131,8 +131,8 @@ Series = Sequence[Balls]
 
 
 def piece(A: Series, C: Series, around: tuple[Series, Series], length: Fraction) -> Window:
-    """Of a piece, from the coefficients below N + 1 of A and C at its begin, and those below N + 2 `around`, on all of
-    it."""
+    """Return the window of a piece, from the coefficients below N + 1 of A and C at its begin, and those below N + 2
+    `around`, on all of it."""
     n, p = len(A[0].mid), len(C[0].mid)
     unit = [[_ONE * (i == j) for j in range(n)] for i in range(n)]
     Phi = [Balls(unit, [[0] * n for _ in range(n)])]
@@ -165,12 +165,13 @@ def _up(value: int, share: Fraction) -> int:
 
 
 def _above(a: Sequence[int], b: Sequence[int], k: int) -> int:
-    """The coefficient k of a b, from above."""
+    """Return the coefficient k of a b, from above."""
     return (sum(a[i] * b[k - i] for i in range(k + 1)) >> _BITS) + 1
 
 
 def _coefficient(a: Series, b: Series, k: int) -> Balls:
-    """The coefficient k of a b: those of a beside each other times those of b below each other, in one product."""
+    """Return the coefficient k of a b: those of a beside each other times those of b below each other, in one
+    product."""
     first, last = a[: k + 1], b[k::-1]
     wide = ([list(chain(*rows)) for rows in zip(*each, strict=True)] for each in _parts(first))
     return Balls(*wide) @ Balls(*([*chain(*each)] for each in _parts(last)))
@@ -194,8 +195,8 @@ TIME = {"t": (-math.inf, math.inf)}
 
 
 def course(context: Context, claim: Claim) -> tuple[dict[str, Expression], set[str]]:
-    """The inputs of the claim, expressions of the time, and what A and C read, which is of these and of parameters.
-    Raises: `Unproved`."""
+    """Return the inputs of the claim, expressions of the time, and what A and C read, which is of these and of
+    parameters. Raises: `Unproved`."""
     _ = context.equations
     form, texts = context.form, part(claim.evidence, "inputs", dict)
     inputs = {name: expression(text, TIME) for name, text in texts.items()}
@@ -207,7 +208,7 @@ def course(context: Context, claim: Claim) -> tuple[dict[str, Expression], set[s
 
 
 def persistent(context: Context, claim: Claim) -> Finding:
-    """The claim's inputs show every state, for all parameter values."""
+    """Show that every state is observable along the claim's inputs, for all parameter values."""
     (inputs, read), evidence, form = course(context, claim), claim.evidence, context.form
     if len(context.z) > MOST:
         raise Unproved(f"the rank of more than {MOST} states is not computed")
@@ -239,7 +240,8 @@ def _value(text: Expression) -> Any:
 
 
 def periodic(texts: Sequence[Expression], period: Expression) -> None:
-    """The time stands in sin and cos alone, of arguments c t + d with c times the period a multiple of 2 pi."""
+    """Demand that the time stands in sin and cos alone, of arguments c t + d with c times the period a multiple of 2
+    pi."""
     algebra = algebra_of(TIME)
     for text in texts:
         raw: list[bool] = []  # whether a place reads the time beside sin and cos
@@ -255,14 +257,14 @@ def periodic(texts: Sequence[Expression], period: Expression) -> None:
 
 
 def _whole_turns(turns: Quotient, algebra: Algebra) -> bool:
-    """Whether it is 2 pi k for a whole k."""
+    """Return whether it is 2 pi k for a whole k."""
     pi = algebra.function("pi", ())
     each = (k for size in range(1, _TURNS + 1) for k in (size, -size))
     return any(algebra.is_zero(turns - algebra.number(Fraction(2 * k)) * pi) for k in each)
 
 
 def inside(context: Context, inputs: Mapping[str, Expression], at: Expression) -> None:
-    """Each input is inside its range at t_0: strictly where it moves."""
+    """Demand that each input is inside its range at t_0: strictly where it moves."""
     for name, text in inputs.items():
         low, high = context.form.box[name]
         value = evaluate(text, {"t": _value(at)}, intervals)
@@ -275,7 +277,7 @@ def inside(context: Context, inputs: Mapping[str, Expression], at: Expression) -
 
 
 def _full(context: Context, inputs: Mapping[str, Expression], at: Expression) -> Any:
-    """The statement that det(N'N) is not zero, N the rows N_0, .., N_(n-1) at t_0; det N of one output."""
+    """Return the statement that det(N'N) is not zero, N the rows N_0, .., N_(n-1) at t_0; det N of one output."""
     n = len(context.z)
 
     def attempt(box: Box) -> Try:
@@ -311,8 +313,8 @@ def _rows(context: Context, inputs: Mapping[str, Expression], box: Box, time: In
 def series_of(
     context: Context, inputs: Mapping[str, Expression], box: Box, time: Interval, order: int
 ) -> tuple[list[list[Taylor]], list[list[Taylor]]]:
-    """A and C as series below the order at a time, along the inputs, for all parameters of the box; of an output that
-    is affine in z the row of C is y(z_k = 1) - y(0). Raises: `Undefined`."""
+    """Return A and C as series below the order at a time, along the inputs, for all parameters of the box; of an output
+    that is affine in z the row of C is y(z_k = 1) - y(0). Raises: `Undefined`."""
     arithmetic, z = taylor(order), context.z
     zero, one = arithmetic.number(Fraction(0)), arithmetic.number(Fraction(1))
     known = {name: begin((between(*box[name]),), order) for name in context.file.parameters}
@@ -382,7 +384,7 @@ class _Course:
         self.around: tuple[Series, Series] = ([], [])
 
     def demand(self, length: Fraction, level: int, starts: int, bound: Fraction) -> None:
-        """That the bound holds of every window. Raises: `Unproved`, `Undefined`."""
+        """Demand that the bound holds of every window. Raises: `Unproved`, `Undefined`."""
         if not starts:
             window = self.piece(Fraction(0), length)
             for _ in range(level):
@@ -396,7 +398,7 @@ class _Course:
         return None
 
     def piece(self, begin: Fraction, length: Fraction) -> Window:
-        """Of a piece of time."""
+        """Return the window of a piece of time."""
         A, C = self.series(point(begin), ORDER + 1)
         group = begin // (_GROUP * length)
         if group != self.group:
@@ -405,7 +407,7 @@ class _Course:
         return piece(A, C, self.around, length)
 
     def left(self, begin: Fraction, length: Fraction) -> Fraction:
-        """What is left at least of |v|^2 from anywhere in a piece to its end."""
+        """Return at least the share of |v|^2 that is left from anywhere in a piece to its end."""
         (A,), _ = self.series(between(begin, begin + length), 1)
         steep = (A + A.turned).times(Fraction(1, 2)).fractions
         size = max(sum(map(abs, row)) for row in steep[0]) + steep[1]
@@ -413,7 +415,7 @@ class _Course:
         return Fraction(low)
 
     def series(self, time: Interval, order: int) -> tuple[Series, Series]:
-        """The coefficients of A and C below the order, at a time."""
+        """Return the coefficients of A and C below the order, at a time."""
         A, C = series_of(self.context, self.inputs, self.context.form.box, time, order)
         d = self.half
         shares = (
@@ -429,7 +431,7 @@ def _coefficients(rows: list[list[Taylor]], shares: list[list[Fraction]], order:
 
 
 def _demand(window: Window, bound: Fraction) -> None:
-    """That W - bound has no negative eigenvalue."""
+    """Demand that W - bound has no negative eigenvalue."""
     middle, off = window.W.fractions
     demand_nonnegative({"W less the bound": middle - (bound + off) * unit(len(middle))})
 
