@@ -16,7 +16,7 @@ import hgogen as hg
 from hgogen import cli
 from hgogen.analysis.evidence import NotCertifiable, fingerprint
 from hgogen.certificates.certificate import certificate
-from hgogen.recheck.file import SHOWN, NoCertificate, digest, model_digest
+from hgogen.recheck.file import DIGEST_DIGITS, NoCertificate, digest, model_digest
 from hgogen.recheck.verification import Row, recheck
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -65,7 +65,7 @@ def test_the_header_the_certificate_and_the_verifier_name_one_model(name: str) -
     report = recheck(json.dumps(content))
     assert content["observer"]["name"] == report.observer == step.observer.name
     assert report.model == content["model"] == fingerprint(step.observer.form, step.observer.checks, report.observer)
-    line = f" * Model: {report.model[:SHOWN]}, as `hgogen recheck` prints it for the model's certificate\n"
+    line = f" * Model: {report.model[:DIGEST_DIGITS]}, as `hgogen recheck` prints it for the model's certificate\n"
     assert line in emitted.files(name)[f"{step.name}.h"]
 
 

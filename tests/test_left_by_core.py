@@ -19,7 +19,7 @@ from scipy.linalg import expm
 import hgogen as hg
 from hgogen.check import Verdict
 from hgogen.recheck.arithmetic import Unproved
-from hgogen.recheck.inequality import REALISED, TAKEN
+from hgogen.recheck.inequality import POLYNOMIAL_ERROR, REALISED
 from hgogen.recheck.local_error import _LEAVES, AtCore, _demand_chain
 from hgogen.recheck.matrix import Matrix, core_integral, unit
 from hgogen.recheck.plant_motion import Derivative, PlantMotion, demand_derivatives
@@ -92,7 +92,7 @@ def test_the_matrix_exponential_by_hand() -> None:
     """A twelfth of 5 * 12 + 24, and what the program's polynomials leave."""
     step = at_core(EXPONENTIAL, 0, rest=exactly([[8], [24]]))
     ((alpha,),) = _LEAVES[EXPONENTIAL].alpha(step)
-    assert 7 + 12 * TAKEN <= alpha < 7 + 12 * TAKEN + Fraction(1, 2**60)
+    assert 7 + 12 * POLYNOMIAL_ERROR <= alpha < 7 + 12 * POLYNOMIAL_ERROR + Fraction(1, 2**60)
     assert float(step.total(exactly([[alpha]]))[0]) == pytest.approx(7 + 2 / 2 * (7 + 8 / 2))
 
 

@@ -22,7 +22,7 @@ from hgogen.prove.plant_step import PlantStep
 from hgogen.recheck.arithmetic import Unproved
 from hgogen.recheck.inequality import Tableau as Rechecked
 from hgogen.recheck.inequality import tableau_of
-from hgogen.recheck.local_error import _LEAVES, _by_steepness, _degree, _orders, left_by_lipschitz
+from hgogen.recheck.local_error import _LEAVES, _by_steepness, _degree, _orders, lipschitz_error
 from hgogen.recheck.matrix import Matrix
 from hgogen.recheck.text import expression
 from hgogen.recheck.verification import recheck
@@ -45,7 +45,7 @@ def test_of_a_rate_that_turns_alone_the_kernel_of_the_weights_is_left(name: str,
     tableau, steep, moving = tableau_of({"method": name}), [[Fraction(0), Fraction(3)]], [Fraction(0), Fraction(2)]
     known = lipschitz_remainder(H, *of(tableau), steep, moving, [False])
     assert known == (H * 6 * Fraction(share),)
-    assert [*known] == left_by_lipschitz(tableau, H, Matrix(steep), moving, [False])
+    assert [*known] == lipschitz_error(tableau, H, Matrix(steep), moving, [False])
 
 
 def test_a_linear_row_reads_what_the_others_leave() -> None:
@@ -54,7 +54,7 @@ def test_a_linear_row_reads_what_the_others_leave() -> None:
     tableau, moving = tableau_of({"method": "Heun"}), [Fraction(9), Fraction(3), Fraction(2)]
     known = lipschitz_remainder(H, *of(tableau), steep, moving, [True, False])
     assert known == (H**2 * 4 * (Fraction(1, 6) + Fraction(1, 4)), H)
-    assert [*known] == left_by_lipschitz(tableau, H, Matrix(steep), moving, [True, False])
+    assert [*known] == lipschitz_error(tableau, H, Matrix(steep), moving, [True, False])
 
 
 @given(
@@ -68,16 +68,16 @@ def test_two_codes_leave_the_same(name: str, h: Fraction, sizes: list[Fraction],
     tableau, steep, moving = tableau_of({"method": name}), [sizes[:3], sizes[3:6]], sizes[6:]
     known = lipschitz_remainder(h, *of(tableau), steep, moving, linear)
     assert known is not None
-    assert [*known] == left_by_lipschitz(tableau, h, Matrix(steep), moving, linear)
+    assert [*known] == lipschitz_error(tableau, h, Matrix(steep), moving, linear)
 
 
 def test_of_weights_that_are_not_exact_nothing_is_known() -> None:
     half, one = Fraction(1, 2), [Fraction(1)]
     assert lipschitz_remainder(H, [[Fraction(0)]], [half], [Fraction(0)], [one], one, [False]) is None
     with pytest.raises(Unproved, match="constant"):
-        left_by_lipschitz(Rechecked([[]], [half], 1), H, Matrix([one]), one, [False])
+        lipschitz_error(Rechecked([[]], [half], 1), H, Matrix([one]), one, [False])
     with pytest.raises(Unproved, match="negative"):
-        left_by_lipschitz(Rechecked([[]], one, 1), H, Matrix([[-half]]), one, [False])
+        lipschitz_error(Rechecked([[]], one, 1), H, Matrix([[-half]]), one, [False])
 
 
 @pytest.mark.parametrize(

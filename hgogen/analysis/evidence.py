@@ -312,7 +312,7 @@ def _observer(form: Form, checks: Iterable[Check], name: str) -> dict[str, Any] 
     if grounds is None or name not in OBSERVERS:
         return {"name": name}
     wanted = sorted((*OBSERVERS[name].numbers, *OBSERVERS[name].expressions))
-    if sorted(grounds.numbers.keys() - {*OBSERVERS[name].beside}) != wanted:
+    if sorted(grounds.numbers.keys() - {*OBSERVERS[name].optional}) != wanted:
         row = f"its row in OBSERVERS of hgogen/recheck/rules says {', '.join(wanted)}"
         raise OtherNumbers(name, f"{', '.join(sorted(grounds.numbers))}; {row}")
     return {"name": name, **{key: exactly(form, value) for key, value in grounds.numbers.items()}}

@@ -20,7 +20,7 @@ from hgogen.modelfiles.place import available, new_model
 from hgogen.modelfiles.place import summary as meaning
 from hgogen.modelfiles.setting import demand_known
 from hgogen.reading.files import content_of
-from hgogen.recheck.file import LARGEST, SHOWN
+from hgogen.recheck.file import DIGEST_DIGITS, LARGEST
 from hgogen.recheck.verification import CannotRead, Rechecked, recheck
 from hgogen.registry import cases, summary
 
@@ -132,7 +132,7 @@ class Verification(Report):
             word.stylize(_COLOURS.get(row.found, "yellow"))
             sentence = f"{row.verdict}: {row.sentence}" if row.found in ("open", "stated") else row.sentence
             table.add_row(word, Text(row.id), Text(sentence), str(row.boxes or ""))
-        lines = (*outcome.remarks, f"model {outcome.model[:SHOWN]}", outcome.count)
+        lines = (*outcome.remarks, f"model {outcome.model[:DIGEST_DIGITS]}", outcome.count)
         yield Group(table, "", *map(Text, lines))
 
     def demand(self) -> None:

@@ -18,7 +18,7 @@ from hgogen.emit.promised import promised
 from hgogen.emit.syntax import Real, Syntax
 from hgogen.observer import Observer
 from hgogen.reading.given import Misfit, written
-from hgogen.recheck.file import SHOWN
+from hgogen.recheck.file import DIGEST_DIGITS
 from hgogen.registry import version
 from hgogen.sentence import Down, Sentence, Up, same
 from hgogen.signal import pace
@@ -305,6 +305,6 @@ def rates(step: Step) -> str:
 def model_digest(observer: Observer) -> str:
     """What `hgogen recheck` prints of the model; "" where no certificate can carry it."""
     try:
-        return fingerprint(observer.form, observer.checks, observer.name)[:SHOWN]
+        return fingerprint(observer.form, observer.checks, observer.name)[:DIGEST_DIGITS]
     except NotCertifiable:
         return ""

@@ -124,7 +124,7 @@ def _missing(whole: Factors, part: Factors) -> Factors:
     """Return the factors of the whole that the part does not have, each to the power that is missing."""
     present = [next((power for known, power in part if known == factor), 0) for factor, _ in whole]
     pairs = zip(whole, present, strict=True)
-    return tuple((factor, power - own) for (factor, power), own in pairs if power > own)
+    return tuple((factor, power - present_power) for (factor, power), present_power in pairs if power > present_power)
 
 
 def _expanded(factors: Factors) -> Polynomial:

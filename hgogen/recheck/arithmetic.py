@@ -126,8 +126,8 @@ def dual(base: Arithmetic) -> Arithmetic:
         value = base.root(x.value, exponent)
         if not x.slopes:
             return Dual(value, {})
-        rest = exponent - 1
-        slope = base.power(x.value, int(rest)) if rest.denominator == 1 else base.root(x.value, rest)
+        lower = exponent - 1
+        slope = base.power(x.value, int(lower)) if lower.denominator == 1 else base.root(x.value, lower)
         return Dual(value, x.scaled(base.number(exponent) * slope))
 
     def function(name: str, args: tuple[Dual, ...]) -> Dual:

@@ -50,18 +50,18 @@ def leaves(tree: str, box: Box) -> list[Box]:
     """Return the boxes at the leaves of a bisection, written in prefix order: a name cuts its side, a dot is a leaf.
     Raises: `Unproved` for a text that is no bisection of this box."""
     boxes: list[Box] = []
-    left = [box]
+    pending = [box]
     for token in tree.split():
-        if not left:
+        if not pending:
             raise Unproved("its bisection goes on after its last leaf")
-        here = left.pop()
+        here = pending.pop()
         if token == ".":
             boxes.append(here)
         elif token in here and here[token][0] < here[token][1]:
-            left += reversed(halves(here, token))
+            pending += reversed(halves(here, token))
         else:
             raise Unproved(f"its bisection cuts {token!r}, which is no side of the box")
-    if left:
+    if pending:
         raise Unproved("its bisection leaves a gap")
     return boxes
 
@@ -85,11 +85,11 @@ def _middle(low: End, high: End) -> Fraction:
 def covered(box: Box, tree: str, attempt: Callable[[Box], Try], more: int = MORE) -> int:
     """Return how many boxes it took to show a statement on the whole box, at most `more` beyond the leaves of the
     bisection. Raises: `Unproved` with the box that was not shown."""
-    left = leaves(tree, box)
-    limit = len(left) + more
+    pending = leaves(tree, box)
+    limit = len(pending) + more
     tried = 0
-    while left:
-        here = left.pop()
+    while pending:
+        here = pending.pop()
         tried += 1
         answer = attempt(here)
         if answer.holds:
@@ -100,7 +100,7 @@ def covered(box: Box, tree: str, attempt: Callable[[Box], Try], more: int = MORE
         name = _widest(here, box, answer.slopes)
         if name is None or tried >= limit:
             raise Unproved(f"it does not follow on {_text(here)} ({tried} boxes)")
-        left += halves(here, name)
+        pending += halves(here, name)
     return tried
 
 
@@ -140,13 +140,13 @@ def _float(end: object) -> float:
 
 def _text(box: Box) -> str:
     named = (
-        f"{name} = {_short(low)}" if low == high else f"{name} in [{_short(low)}, {_short(high)}]"
+        f"{name} = {_printed_end(low)}" if low == high else f"{name} in [{_printed_end(low)}, {_printed_end(high)}]"
         for name, (low, high) in box.items()
     )
     return ", ".join(named) or "its only point"
 
 
-def _short(end: End) -> str:
+def _printed_end(end: End) -> str:
     try:
         return f"{float(end):.6g}"
     except OverflowError:
@@ -287,8 +287,6 @@ def witnessed(expression: Expression, at: Mapping[str, Fraction]) -> str:
     return {1: "positive", -1: "negative"}.get(value.sign if value else 0, "")
 
 
-# ---
-
 _duals = dual(intervals)
 Rows = tuple[Expression, ...]
 Side = tuple[End, End]
@@ -332,14 +330,14 @@ def continuous(texts: Iterable[Expression], names: Iterable[str], box: Box) -> N
     the certificate's bisection is cut, on whose leaves it is that from within. Raises: `Unproved`."""
     along, ranges = frozenset(names), sides(box)
     for text in texts:
-        moves: list[bool] = []
+        varies: list[bool] = []
         for op, args, value in text.instructions:
-            moves.append(value in along if op == "symbol" else any(moves[arg] for arg in args))
-            if not (moves[-1] and jumps(op)):
+            varies.append(value in along if op == "symbol" else any(varies[arg] for arg in args))
+            if not (varies[-1] and jumps(op)):
                 continue
             table, order = table_of(op)
             place = [evaluate(replace(text, result=arg), ranges, intervals).exactly for arg in args]
-            orders = tuple(m + moves[arg] for m, arg in zip(order, args, strict=True))
+            orders = tuple(m + varies[arg] for m, arg in zip(order, args, strict=True))
             if table.range(orders, place) is None:
                 raise Unproved(f"{cut(text.text)} is not shown to be continuous")
 
@@ -367,7 +365,7 @@ def steep(
 def by_mean_value(
     entries: Callable[[Box], list[list[Interval]]],
     varying: Callable[[Box], list[list[Dual]]],
-    shown: Callable[[list[list[Interval]]], bool],
+    holds: Callable[[list[list[Interval]]], bool],
 ) -> Callable[[Box], Try]:
     """Return the statement that a matrix is such: by its entries, or by the mean value form of each, from its
     slopes."""
@@ -375,7 +373,7 @@ def by_mean_value(
     def attempt(box: Box) -> Try:
         try:
             J = entries(box)
-            if shown(J):
+            if holds(J):
                 return Try(True)
             centre, dJ = centre_of(box), varying(box)
             middle, away = entries(centre), ways(centre, box)
@@ -385,7 +383,7 @@ def by_mean_value(
             [intersection(x, mean_value(at, dx.slopes, away)) for x, at, dx in zip(*three, strict=True)]
             for three in zip(J, middle, dJ, strict=True)
         ]
-        return Try(shown(refined), weights([*chain(*dJ)]))
+        return Try(holds(refined), weights([*chain(*dJ)]))
 
     return attempt
 
@@ -432,7 +430,7 @@ def on_faces(
         low, high = ends[k]
         return [way for way, meets in ((1, x.at_least(low)), (-1, x.at_most(high))) if not meets]
 
-    def shown(face: Box, k: int, way: int, slopes: Slopes) -> bool:
+    def holds(face: Box, k: int, way: int, slopes: Slopes) -> bool:
         centre = centre_of(face)
         if way not in beyond(mean_value(values(centre)[k], slopes, ways(centre, face)), k):
             return True
@@ -444,7 +442,7 @@ def on_faces(
             slopes = [x.slopes for x in varying(box)] if fails else []
             for k, way in fails:
                 face = face_on(box, slopes[k], way)
-                if not shown(face, k, way, slopes[k]):
+                if not holds(face, k, way, slopes[k]):
                     return Try(False, slopes[k], face)
         except Undefined:
             return Try(False)

@@ -130,9 +130,12 @@ class Context:
             only(change.names & set(self.file.inputs), (), "the change of coordinates")
         rates = {
             name: total(
-                (self.value(rest), *(self.value(entry) * z[other] for entry, other in zip(row, self.z, strict=True)))
+                (
+                    self.value(nonlinear),
+                    *(self.value(entry) * z[other] for entry, other in zip(row, self.z, strict=True)),
+                )
             )
-            for name, rest, row in zip(self.z, form.b, form.A, strict=True)
+            for name, nonlinear, row in zip(self.z, form.b, form.A, strict=True)
         }
         images = [along(inverse, z, rates, algebra.arithmetic) for inverse in form.from_form]
         x = {**z, **{name: image for name, (image, _) in zip(plant.states, images, strict=True)}}
@@ -165,7 +168,7 @@ class Context:
             for row in self.form.A
         )
         pairs = zip(self.form.b, terms, strict=True)
-        return tuple(expression(" + ".join((f"({rest.text})", *row)), self.form.box) for rest, row in pairs)
+        return tuple(expression(" + ".join((f"({nonlinear.text})", *row)), self.form.box) for nonlinear, row in pairs)
 
     def _same(self, a: Quotient, b: Quotient, complaint: str) -> None:
         if not self.algebra.is_zero(a - b):
@@ -178,10 +181,10 @@ class Context:
     def first_gain(self, chain: int) -> Quotient:
         """a_1 = dy/dz of an output, 0, 1, .., and the state z that it shows. That y(z) - y(0) = z dy/dz for every z
         makes it the same for every z. Raises: `Unproved`."""
-        first, output = self.seen[chain], self.form.output[chain]
+        first, output = self.observed[chain], self.form.output[chain]
         slope, letters = self.slope(output, first), self.algebra.names
-        rest = self.value(output, {**letters, first: self.algebra.zero})
-        self._same(self.value(output) - rest, slope * letters[first], f"the output is not linear in {first}")
+        nonlinear = self.value(output, {**letters, first: self.algebra.zero})
+        self._same(self.value(output) - nonlinear, slope * letters[first], f"the output is not linear in {first}")
         return slope
 
     def output_slope(self, output: int) -> Fraction:
@@ -198,21 +201,21 @@ class Context:
         return tuple(self.z[sum(blocks[:i])] if size else "" for i, size in enumerate(blocks))
 
     @cached_property
-    def seen(self) -> tuple[str, ...]:
+    def observed(self) -> tuple[str, ...]:
         """The state that each output shows: the first of its chain, or that of another chain, by a slope that is a
         number as that chain's own is; "" of one of which neither is shown."""
-        return tuple(own or self._shared(j) for j, own in enumerate(self.heads))
+        return tuple(of_chain or self._shared(j) for j, of_chain in enumerate(self.heads))
 
     def _shared(self, output: int) -> str:
         text = self.form.output[output]
-        for own, z in zip(self.form.output, self.heads, strict=True):
-            if z and text.names & set(self.z) == {z} and self.slope(text, z).number and self.slope(own, z).number:
+        for of_chain, z in zip(self.form.output, self.heads, strict=True):
+            if z and text.names & set(self.z) == {z} and self.slope(text, z).number and self.slope(of_chain, z).number:
                 return z
         return ""
 
-    def demand_seen(self, output: int) -> None:
+    def demand_observed(self, output: int) -> None:
         """Demand that it is known how an error of an output enters. Raises: `Unproved`."""
-        if not self.seen[output]:
+        if not self.observed[output]:
             raise Unproved(f"output {output + 1} is not shown to show the first state of a chain")
 
     def slope(self, text: Expression, name: str) -> Quotient:
@@ -225,12 +228,12 @@ class Context:
         A sign that the row itself has stays: x sign(u) has the slope sign(u), which is 0 at u = 0, at an edge too."""
         jumps = [self.value(replace(row, result=args[0])) for op, args, _ in row.instructions if op == "sign"]
 
-        def is_own(place: int) -> bool:
+        def is_sign_of_row(place: int) -> bool:
             argument = self.value(replace(slope, result=place))
             return any(self.algebra.is_zero(argument - jump) for jump in jumps)
 
         steps = (
-            step._replace(op="side") if step.op == "sign" and not is_own(step.args[0]) else step
+            step._replace(op="side") if step.op == "sign" and not is_sign_of_row(step.args[0]) else step
             for step in slope.instructions
         )
         return replace(slope, instructions=tuple(steps))
@@ -320,10 +323,10 @@ def enclosed(
     boxes = covered(box, part(evidence, "tree", str), ranged(read(text), low, high))
     if text.text != source.text:  # the form's own expression is defined there, too
         boxes += finite(source, context.form.box)
-    return low, high, Finding(f"{short(low, -1)} <= {cut(text.text)} <= {short(high, 1)}{on(box)}", boxes)
+    return low, high, Finding(f"{printed(low, -1)} <= {cut(text.text)} <= {printed(high, 1)}{on(box)}", boxes)
 
 
-def short(value: Fraction, way: int = 0, digits: int = 6) -> str:
+def printed(value: Fraction, way: int = 0, digits: int = 6) -> str:
     """Return a number as a sentence prints it: rounded to so many digits where it is long, up for `way` 1, down for
     -1."""
     text = str(value)
@@ -338,10 +341,10 @@ def is_above(value: Fraction, bound: Fraction) -> str:
     """Return the words that a number is above a smaller one, in as many digits as it takes to tell them apart. Raises:
     `Unproved` where so many would be too many to read."""
     for digits in range(6, _MOST):
-        high, low = short(value, -1, digits), short(bound, 1, digits)
+        high, low = printed(value, -1, digits), printed(bound, 1, digits)
         if Fraction(high) > Fraction(low):
             return f"{high} is above {low}"
-    raise Unproved(f"{short(value)} is above {short(bound)} by less than {_MOST} digits tell")
+    raise Unproved(f"{printed(value)} is above {printed(bound)} by less than {_MOST} digits tell")
 
 
 def on(box: Box) -> str:
@@ -365,8 +368,6 @@ def witness(claim: Claim, box: Box, names: Iterable[str], key: str = "witness") 
             raise Unproved(f"its witness does not say {name}")
     return at
 
-
-# ---
 
 CHAINS = ("triangular", "block_triangular")
 CARRIED = ("phase", "uniform_chain")  # of one output, whose states are maps of the plant's
@@ -394,9 +395,9 @@ def structure(context: Context, claim: Claim) -> Finding:
                 only(entry.names & set(z), () if several else z[:1], f"A[{i + 1},{j + 1}]")
             elif not context.algebra.is_zero(context.value(entry)):
                 raise Unproved(f"A[{i + 1},{j + 1}] is not zero")
-    for i, rest in enumerate(form.b):
+    for i, nonlinear in enumerate(form.b):
         allowed = [z[j] for j in range(len(z)) if _readable(form, places[i], places[j])]
-        only(rest.names & set(z), allowed, f"b_{i + 1}")
+        only(nonlinear.names & set(z), allowed, f"b_{i + 1}")
     _in_order(context, places)
     for chain, output in ((k, output) for k, output in enumerate(form.output) if form.blocks[k]):
         only(output.names & set(z), (context.heads[chain],), f"output {chain + 1}")
@@ -433,8 +434,8 @@ def _in_order(context: Context, places: Sequence[tuple[int, int]]) -> None:
         return
     chain = {name: k for name, (k, _) in zip(context.z, places, strict=True)}
     reads: dict[int, set[int]] = {k: {k} for k in range(len(form.blocks))}
-    for rest, (k, _) in zip(form.b, places, strict=True):
-        reads[k] |= {chain[name] for name in rest.names if name in chain}
+    for nonlinear, (k, _) in zip(form.b, places, strict=True):
+        reads[k] |= {chain[name] for name in nonlinear.names if name in chain}
     done: set[int] = set()
     while len(done) < len(reads):
         ready = {k for k, others in reads.items() if k not in done and others <= done | {k}}
@@ -538,8 +539,8 @@ def gain_of(blocks: Sequence[int], entries: Sequence[Value], none: Value) -> lis
     one for each state and chain, state by state; `none` elsewhere."""
     chain = [k for k, size in enumerate(blocks) for _ in range(size)]
     onto = [[k] for k in chain] if len(entries) == len(chain) else [[k for k, size in enumerate(blocks) if size]]
-    columns, rest = onto * (len(chain) // len(onto)), iter(entries)
-    return [[next(rest) if k in each else none for k in range(len(blocks))] for each in columns]
+    columns, nonlinear = onto * (len(chain) // len(onto)), iter(entries)
+    return [[next(nonlinear) if k in each else none for k in range(len(blocks))] for each in columns]
 
 
 def core_of(context: Context, scale: Sequence[Expression], gains: Sequence[Expression], N: Matrix) -> Matrix:
@@ -570,7 +571,7 @@ def jacobian_bound(context: Context, claim: Claim, rows: Sequence[Expression], n
     """|d rows/dz| <= the claim's bound in the spectral norm, on the form's box. Raises: `Unproved`."""
     _ = context.equations
     bound, box, boxes = _steepness(context, claim.evidence, rows)
-    return Finding(f"|{name}| <= {short(bound, 1)}{on(box)}", boxes)
+    return Finding(f"|{name}| <= {printed(bound, 1)}{on(box)}", boxes)
 
 
 def _steepness(
@@ -586,8 +587,6 @@ def _steepness(
     return bound, box, covered(box, part(evidence, "tree", str), steep(rows, context.z, bound, scale, norm))
 
 
-# ---
-
 Verify = Callable[[Context, Claim], Finding]
 Keys = tuple[str, ...]
 STEEP: Keys = ("box", "bound", "tree")  # evidence of the bound of a slope
@@ -601,7 +600,7 @@ class Rule:
 
     `makers`: what a claim's id is before its dot, none for the form's kind; `facts`: what it is after that, without the
     numbers at its end, of which a kind of form has as many as `rows` says, none where that says nothing; `kinds`: the
-    forms on which it holds, none for any; `keys`: what the evidence may have; `rests`: the ids of the claims that it
+    forms on which it holds, none for any; `keys`: what the evidence may have; `assumes`: the ids of the claims that it
     rests on; `about`: what it is about, for its sentence. In these two {maker} and {kind}, the form's, are put in."""
 
     makers: Keys
@@ -611,7 +610,7 @@ class Rule:
     kinds: Keys = ()
     rows: Mapping[str, int] = field(default_factory=dict, hash=False)
     verdict: str = "proved"
-    rests: Keys = ()
+    assumes: Keys = ()
     about: str = "the {kind} form"
 
     def takes(self, kind: str, claim: Claim) -> bool:
@@ -624,15 +623,15 @@ class Rule:
     def needs(self, kind: str, claim: Claim) -> Keys:
         """Return the ids of the claims that a claim on a form of that kind rests on. Of a form that is carried to other
         coordinates the structure is no claim, but shown with each that rests on it."""
-        return tuple(self.named(id, kind, claim) for id in self.rests if id != STRUCTURE or kind not in CARRIED)
+        return tuple(self.named(id, kind, claim) for id in self.assumes if id != STRUCTURE or kind not in CARRIED)
 
     def named(self, text: str, kind: str, claim: Claim) -> str:
         """Return a text of it with the claim's maker and the form's kind put in."""
         return text.format(maker=claim.maker, kind=kind)
 
-    def show(self, context: Context, claim: Claim) -> Finding:
+    def find(self, context: Context, claim: Claim) -> Finding:
         """Return the finding on a claim that it takes. Raises: `Unproved`."""
-        if STRUCTURE in self.rests and context.form.kind in CARRIED:
+        if STRUCTURE in self.assumes and context.form.kind in CARRIED:
             observer = context.file.observer
             if observer is None or observer.name != claim.maker:
                 raise Unproved("the file's observer is another")
@@ -643,17 +642,17 @@ class Rule:
 @dataclass(frozen=True)
 class Needed:
     """The claims that a certificate of a form cannot leave out, whatever the verdicts: the claim of its `structure`,
-    and those `beside` it where that is proved."""
+    and those `others` it where that is proved."""
 
     structure: str
-    beside: Callable[[FormFile], tuple[str, ...]] = lambda form: ()
+    others: Callable[[FormFile], tuple[str, ...]] = lambda form: ()
 
 
-def of_observer(makers: Keys, facts: Keys, verify: Verify, keys: Keys = (), *rests: str, kinds: Keys = ()) -> Rule:
+def of_observer(makers: Keys, facts: Keys, verify: Verify, keys: Keys = (), *assumes: str, kinds: Keys = ()) -> Rule:
     """Return the rule of claims about observers' numbers alone, on a form of any kind, or of these."""
-    return Rule(makers, facts, verify, keys, kinds, rests=rests, about="the {maker} observer")
+    return Rule(makers, facts, verify, keys, kinds, assumes=assumes, about="the {maker} observer")
 
 
-def on_chains(makers: Keys, facts: Keys, verify: Verify, keys: Keys = (), *rests: str) -> Rule:
+def on_chains(makers: Keys, facts: Keys, verify: Verify, keys: Keys = (), *assumes: str) -> Rule:
     """Return the rule of claims about observers on a form in chains."""
-    return of_observer(makers, facts, verify, keys, STRUCTURE, *rests, kinds=ON_CHAINS)
+    return of_observer(makers, facts, verify, keys, STRUCTURE, *assumes, kinds=ON_CHAINS)

@@ -20,7 +20,7 @@ from .text import Expression, RecheckError, expression, kind_of, number
 FORMAT, VERSION = "hgogen certificate", "3"
 LARGEST = 50_000_000  # characters of a file
 ABOUT = ("plant", "form", "observer")  # the parts that say what is proved about
-SHOWN = 16  # digits of their digest that are printed
+DIGEST_DIGITS = 16  # digits of their digest that are printed
 LONGEST = 300  # characters of the file's words that are printed
 DEEPEST = 20  # lists and objects in each other
 _ID = re.compile(r"([a-z_0-9]{1,60})\.([A-Za-z_0-9]{1,60})\Z", re.ASCII)
@@ -75,11 +75,11 @@ class FormFile:
 @dataclass(frozen=True)
 class Built:
     """The parts of an observer: the names of `numbers`, or lists of them, and of `expressions`, the entries of a
-    gain: one for each state, or one for each state and chain; and of numbers that stand `beside` in some files."""
+    gain: one for each state, or one for each state and chain; and of numbers that stand `optional` in some files."""
 
     numbers: tuple[str, ...]
     expressions: tuple[str, ...] = ()
-    beside: tuple[str, ...] = ()
+    optional: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -175,13 +175,13 @@ def read(text: str, observers: Mapping[str, Built]) -> Certificate:
 
 def _shallow(content: Any) -> None:
     """Raises: `NoCertificate` where lists and objects are too deep for what reads them."""
-    left = [(content, 0)]
-    while left:
-        value, depth = left.pop()
+    pending = [(content, 0)]
+    while pending:
+        value, depth = pending.pop()
         if depth > DEEPEST:
             raise NoCertificate("its JSON is nested too deep")
         inner = value.values() if isinstance(value, dict) else value if isinstance(value, list) else ()
-        left += [(each, depth + 1) for each in inner]
+        pending += [(each, depth + 1) for each in inner]
 
 
 def _once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
@@ -271,7 +271,7 @@ def _observer(
         return Observer(name, {})
     known = observers.get(name, Built(()))
     wanted = (*known.numbers, *known.expressions)
-    _known("observer", parts, (*wanted, *known.beside))
+    _known("observer", parts, (*wanted, *known.optional))
     if missing := sorted(set(wanted) - parts.keys()):
         raise NoCertificate(f"its observer {name!r} has no part {missing[0]!r}")
     entries = {key: part(parts, key, list) for key in known.expressions}
@@ -279,7 +279,7 @@ def _observer(
     if any(len(gain) not in (states, states * chains) for gain in entries.values()):
         raise NoCertificate(f"its gains are not {states} entries, nor {states} for each of {chains} chains")
     gains = {key: tuple(expression(text, names) for text in gain) for key, gain in entries.items()}
-    numbers = (*known.numbers, *(key for key in known.beside if key in parts))
+    numbers = (*known.numbers, *(key for key in known.optional if key in parts))
     return Observer(name, {key: _numbers(parts[key]) for key in numbers}, gains)
 
 
@@ -412,5 +412,4 @@ def signless(holder: Mapping[str, Any], key: str) -> Fraction:
     return value
 
 
-__all__ = ["FORMAT", "SHOWN", "VERSION", "Built", "Certificate", "Claim", "NoCertificate"]
-__all__ += ["digest", "model_digest", "part", "read", "words"]
+__all__ = ["DIGEST_DIGITS", "FORMAT", "VERSION", "Built", "Certificate", "Claim", "NoCertificate"]

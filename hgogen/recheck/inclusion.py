@@ -93,8 +93,8 @@ def _filtered_injection(numbers: Numbers, n: int) -> Core:
 
 def _low_power(numbers: Numbers, n: int) -> Core:
     k, picks = _gains_of_pairs(numbers, n), [0, *range(n - 1, 2 * n - 2)]
-    order, rest = [*range(n - 1), *range(1, n)], [Fraction(0)] * (n - 2)
-    fed, measured = [True] * (2 * n - 2), [k[0][0], *rest, k[0][1], *rest]
+    order, padding = [*range(n - 1), *range(1, n)], [Fraction(0)] * (n - 2)
+    fed, measured = [True] * (2 * n - 2), [k[0][0], *padding, k[0][1], *padding]
     return Core([_pairs(k, [1] * n)], order, order, fed, picks, measured)
 
 
@@ -102,14 +102,14 @@ def _peaking_free(numbers: Numbers, n: int) -> Core:
     """Return the core in which p_n follows p_1, .., p_(n-1), at every combination of saturated and free states."""
     if n > _SATURATED:
         raise Unproved(f"saturations of more than {_SATURATED} states are not tried")
-    k, last, rest = _gains_of_pairs(numbers, n), scalar(numbers, "last"), [Fraction(0)] * (n - 2)
+    k, last, padding = _gains_of_pairs(numbers, n), scalar(numbers, "last"), [Fraction(0)] * (n - 2)
     vertices = []
     for shares in product((0, 1), repeat=n - 1):
         inner = [[*row[: n - 1], Fraction(0), *row[n - 1 :]] for row in _pairs(k, [1, *shares])]
         follows = [Fraction(0)] * (2 * n - 1)
         follows[n - 1], follows[-1] = -last, last * shares[-1]
         vertices.append(Matrix([*inner[: n - 1], follows, *inner[n - 1 :]]))
-    order, measured = [*range(n), *range(1, n)], [k[0][0], *rest, Fraction(0), k[0][1], *rest]
+    order, measured = [*range(n), *range(1, n)], [k[0][0], *padding, Fraction(0), k[0][1], *padding]
     return Core(vertices, order, order, [True] * (2 * n - 1), [*range(n)], measured)
 
 
@@ -184,7 +184,7 @@ class Argument:
     takes: Matrix
 
     @property
-    def heard(self) -> bool:
+    def known(self) -> bool:
         """Return whether it is known what b takes of the samples."""
         return all(self.takes)
 
@@ -250,10 +250,10 @@ def error_inclusion(context: Context, observer: Observer, evidence: Mapping[str,
 def with_endless(context: Context, observer: Observer, evidence: Mapping[str, Any]) -> ErrorInclusion:
     """Return the same, where slopes may have one end alone. Raises: `Unproved`."""
     _ = context.equations
-    made, strange = (_of_core, ("core", "ranges")) if observer.name in CORES else (_of_gain, ("units",))
+    build, strange = (_of_core, ("core", "ranges")) if observer.name in CORES else (_of_gain, ("units",))
     if unread := sorted(evidence.keys() & set(strange)):
         raise Unproved(f"its evidence has a part {unread[0]}, which its observer has not")
-    return made(context, observer, evidence)
+    return build(context, observer, evidence)
 
 
 def _of_core(context: Context, observer: Observer, evidence: Mapping[str, Any]) -> ErrorInclusion:
@@ -263,8 +263,8 @@ def _of_core(context: Context, observer: Observer, evidence: Mapping[str, Any]) 
     t = [scale.units[i] for i in core.index]
     slopes, boxes = bounded_slopes(context, evidence, scale.expressions, [*range(n)], core.fed, core.index, core.picks)
     for of, onto in core.gates:
-        moved = [x * t[k] / t[of] for k, x in enumerate(onto)]
-        slopes.append(Slope(of_field(of, len(t)), moved, Fraction(0), Fraction(1), -1))
+        column_ = [x * t[k] / t[of] for k, x in enumerate(onto)]
+        slopes.append(Slope(of_field(of, len(t)), column_, Fraction(0), Fraction(1), -1))
     measured = Matrix([[x * unit] for x, unit in zip(core.measured, t, strict=True)])
     N, boxes, late = similar(t, core.vertices[-1]), boxes + scale.boxes, [0]
     where = (core.index, core.fed, core.picks, core.power)
@@ -287,23 +287,23 @@ def _of_gain(context: Context, observer: Observer, evidence: Mapping[str, Any]) 
         slopes[k] = replace(slope, reads=argument.reads[at], takes=argument.takes[at])
     if ("core" in evidence) is ("ranges" in evidence):
         raise Unproved("its evidence has not one of a core and ranges")
-    seen, N = 0, zeros(n, n)
+    observed, N = 0, zeros(n, n)
     if "core" in evidence:
         N = core_of(context, scale, observer.gains, matrix(evidence, "core", n, n))
     else:
-        moving, seen = _moving(context, observer, evidence, scale)
+        moving, observed = _moving(context, observer, evidence, scale)
         slopes = slopes + moving
-    measured, each = _by_chain(context, observer, scale) if argument.heard else Matrix([]), [*range(n)]
-    late = [shift[context.heads.index(z)] if z else 0 for z in context.seen]
+    measured, each = _by_chain(context, observer, scale) if argument.known else Matrix([]), [*range(n)]
+    late = [shift[context.heads.index(z)] if z else 0 for z in context.observed]
     where = (each, [True] * n, each, powers)
-    return ErrorInclusion(N, slopes, boxes + more + seen, measured, *where, scale, late, argument.takes)
+    return ErrorInclusion(N, slopes, boxes + more + observed, measured, *where, scale, late, argument.takes)
 
 
 def _argument(context: Context, observer: Observer, scale: list[Expression]) -> Argument:
     """Return what b reads and takes; of an observer that injects nothing there the errors alone."""
     if "argument" in observer.entries:
         argument = argument_of(context, observer.entries["argument"], scale)
-        return replace(argument, takes=argument.takes @ _means(context, observer)) if argument.heard else argument
+        return replace(argument, takes=argument.takes @ _means(context, observer)) if argument.known else argument
     n = len(context.z)
     return Argument(unit(n), zeros(n, len(context.heads)))
 
@@ -338,8 +338,8 @@ def _means(context: Context, observer: Observer) -> Matrix:
     """Return by how much the error of each output is in the mean of those that show the first state of a chain, all
     samples there: w_j/r_j over the sum of the w, y_j = r_j y up to what is known, y that of the chain. Of one of which
     that is not shown nothing; if it is in a mean, the others are in it by less."""
-    outputs, seen = range(len(context.form.output)), context.seen
-    together = [[j for j in outputs if z and seen[j] == z] for z in context.heads]
+    outputs, observed = range(len(context.form.output)), context.observed
+    together = [[j for j in outputs if z and observed[j] == z] for z in context.heads]
     if all(len(each) < 2 for each in together):
         return Matrix([[Fraction(int(k == j and bool(z))) for j in outputs] for k, z in enumerate(context.heads)])
     if not isinstance(observer.numbers.get("weights"), list):
@@ -366,8 +366,8 @@ def _moving(
     columns = gain_of(blocks, K[0], Fraction(0))
     places = [(k, i) for k, size in enumerate(blocks, 1) for i in range(1, size + 1)]
     for at, (place, range_) in enumerate(zip(places, entries(evidence, "ranges", len(places)), strict=True)):
-        low, high, shown = enclosed(context, range_, *wanted_gain(context, place))
-        boxes += shown.boxes
+        low, high, finding = enclosed(context, range_, *wanted_gain(context, place))
+        boxes += finding.boxes
         chain, level = place
         onto = [-row[chain - 1] if level == 1 else Fraction(int(i == at - 1)) for i, row in enumerate(columns)]
         slopes.append(Slope(of_field(at, len(columns)), onto, low, high, -1, realised=False))
@@ -398,7 +398,7 @@ def bounded_slopes(
                 raise Unproved(f"it does not bound the slope of b_{i + 1} in {z}")
             low, high, tree = listed.pop((i, j))
             boxes += covered(where, tree, in_ranges(form.b, context.z, {(i, j): (low, high)}, scale))
-            onto = [Fraction(int(enters and at == i)) for enters, at in zip(fed, index, strict=True)]
+            onto = [Fraction(int(feeds and at == i)) for feeds, at in zip(fed, index, strict=True)]
             degree = powers[i] - powers[j]
             if degree < least:
                 raise Unproved(f"b_{i + 1} reads {z}, of a higher power of theta")

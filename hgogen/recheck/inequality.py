@@ -49,7 +49,7 @@ from .context import (
     of_observer,
     on,
     on_chains,
-    short,
+    printed,
 )
 from .file import Claim, Observer, above_zero, column, matrix, part, scalar, signless
 from .interval import point
@@ -75,7 +75,7 @@ _METHODS: Mapping[str, tuple[tuple[tuple[str, ...], ...], tuple[str, ...], int]]
     "Heun": (((), ("1",)), ("1/2", "1/2"), 2),
     "classical Runge-Kutta": (((), ("1/2",), ("0", "1/2"), ("0", "0", "1")), ("1/6", "1/3", "1/3", "1/6"), 4),
 }
-TAKEN = Fraction(1, 2**56)  # of an element of phi_2: what a program's polynomial may be beside it
+POLYNOMIAL_ERROR = Fraction(1, 2**56)  # of an element of phi_2: what a program's polynomial may be beside it
 Weights = tuple[Matrix, Matrix, Fraction]  # phi_1 and phi_2, and by how much elements of phi_2 may be beside these
 
 
@@ -209,7 +209,7 @@ def _bilinear(X: Matrix) -> Weights:
 
 def _exponential(X: Matrix) -> Weights:
     phi_2, width = weight(X)
-    return unit(len(X)) + X @ phi_2, phi_2, width + TAKEN
+    return unit(len(X)) + X @ phi_2, phi_2, width + POLYNOMIAL_ERROR
 
 
 REALISED: Mapping[str, Callable[[Matrix], Weights]] = {  # by the name of a method, of X
@@ -294,7 +294,7 @@ def _slack(
     mixed = abs(last).T @ weighed
     whole = linear + linear.T + h * (off_D.T @ PD) + mixed + mixed.T + read.T @ weighed
     scales = [Fraction(1 / math.sqrt(abs(float(row[i])) or 1.0)) for i, row in enumerate(form)]
-    return unit(size).weighed(x / own for x, own in zip(whole.applied(scales), scales, strict=True))
+    return unit(size).weighed(x / base for x, base in zip(whole.applied(scales), scales, strict=True))
 
 
 def demand_falls(
@@ -308,8 +308,8 @@ def demand_falls(
     """Demand that |e|_P^2 falls by alpha h of itself at least, but for the sum of lambda_k u_k^2 of inputs u. Raises:
     `Unproved`."""
     form, n = form_of(parts, method, h, evidence, inputs), len(parts.M)
-    for own, row in zip(form, matrix(evidence, "P", n, n), strict=False):
-        own[:n] = (x + alpha * y for x, y in zip(own, row, strict=False))
+    for base, row in zip(form, matrix(evidence, "P", n, n), strict=False):
+        base[:n] = (x + alpha * y for x, y in zip(base, row, strict=False))
     demand_negative("its inequality", form)
 
 
@@ -390,31 +390,31 @@ def corners_of(parts: Parts) -> Iterator[Matrix]:
 @dataclass(frozen=True)
 class Decay:
     """Decay of an observer's error at every gain from a least one on: how it `falls`, the name and the value of the
-    least `gain` that an observer has, and what is `said` of its error at every gain above a bound."""
+    least `gain` that an observer has, and what is `phrase` of its error at every gain above a bound."""
 
     falls: Falls
     gain: Callable[[Observer], tuple[str, Fraction]] = lambda observer: ("theta", scalar(observer.numbers, "theta"))
-    said: Callable[[Observer], str] = lambda observer: "the error converges exponentially for every theta above {}"
+    phrase: Callable[[Observer], str] = lambda observer: "the error converges exponentially for every theta above {}"
 
     def converges(self, context: Context, claim: Claim) -> Finding:
         """Return the bound above which every gain converges, by a V of the claim; the structure of the form is
         another."""
         observer, least = built(context, claim), above_zero(claim.evidence, "least")
         boxes = self.falls(context, claim, claim.evidence, least, Fraction(0))
-        said = self.said(observer).format(short(least, 1))
-        return Finding(f"in continuous time, without noise, {said}{on(context.form.box)}", boxes)
+        phrase = self.phrase(observer).format(printed(least, 1))
+        return Finding(f"in continuous time, without noise, {phrase}{on(context.form.box)}", boxes)
 
     def chosen(self, context: Context, claim: Claim) -> Finding:
         """Return the observer's gain is above that bound; V falls there, where the claim says at which rate."""
         (name, chosen), bound = self.gain(built(context, claim)), context.file.claim(f"{claim.maker}.convergence")
         if bound is None or not chosen > scalar(bound.evidence, "least"):
-            raise Unproved(f"{name} = {short(chosen)} is not above the bound")
+            raise Unproved(f"{name} = {printed(chosen)} is not above the bound")
         known = f"{name} = {is_above(chosen, scalar(bound.evidence, 'least'))}"
         if not claim.evidence:
             return Finding(known)
         alpha = signless(claim.evidence, "alpha")
         boxes = self.falls(context, claim, bound.evidence, chosen, alpha)
-        return Finding(f"{known}, where V' <= -{short(alpha, -1)} V", boxes)
+        return Finding(f"{known}, where V' <= -{printed(alpha, -1)} V", boxes)
 
 
 def decays(makers: Keys, decay: Decay, slopes: Keys, norm: Keys) -> tuple[Rule, Rule]:

@@ -123,8 +123,8 @@ def _outward(value: Any, up: bool) -> Any:
     if value in (libmp.fzero, *_INFINITE):
         return value
     margin = libmp.mpf_shift(libmp.mpf_abs(value), -PRECISION)
-    moved = libmp.mpf_add if up else libmp.mpf_sub
-    return moved(value, margin, PRECISION + 2, _UP if up else _DOWN)
+    shifted = libmp.mpf_add if up else libmp.mpf_sub
+    return shifted(value, margin, PRECISION + 2, _UP if up else _DOWN)
 
 
 def _rising(
@@ -217,10 +217,6 @@ def _jump(x: Interval) -> Interval:
     return between(-math.inf, math.inf) if side == _UNIT else point(Fraction(0))
 
 
-def _cosh(x: Interval) -> Interval:
-    return intersection(_rising_cosh(_abs(x)), between(1, math.inf))
-
-
 def _atanh(x: Interval) -> Interval:
     one = libmp.from_int(1)
     if libmp.mpf_gt(x.ends[0], libmp.mpf_neg(one)) and libmp.mpf_lt(x.ends[1], one):
@@ -269,7 +265,7 @@ _FUNCTIONS: Mapping[str, Callable[..., Interval]] = {
     "asin": _rising(libmp.mpf_asin, *_ARC),
     "acos": lambda x: -_fallen_acos(x),
     "sinh": _rising(libmp.mpf_sinh, *_NOT_SO_LARGE),
-    "cosh": _cosh,
+    "cosh": lambda x: intersection(_rising_cosh(_abs(x)), between(1, math.inf)),
     "tanh": _levelling(libmp.mpf_tanh, _UNIT),
     "acosh": _rising(libmp.mpf_acosh, (1, math.inf), "acosh below 1"),
     "atanh": _atanh,
@@ -281,10 +277,6 @@ _FUNCTIONS: Mapping[str, Callable[..., Interval]] = {
     "Min": _chosen(_smaller),
     "Max": _chosen(_larger),
 }
-
-
-def _function(name: str, args: tuple[Interval, ...]) -> Interval:
-    return _table(name, *args) if is_table(name) else _FUNCTIONS[name](*args)
 
 
 @lru_cache(maxsize=1 << 10)  # a series that grows begins with the same values each time
@@ -336,10 +328,14 @@ def _both(way: Interval, a: Interval, b: Interval) -> Interval:
     return hull(a, b) if not sign else a if sign > 0 else b
 
 
-intervals = Arithmetic(point, _power, _root, _function, _both)
+intervals = Arithmetic(
+    point,
+    _power,
+    _root,
+    lambda name, args: _table(name, *args) if is_table(name) else _FUNCTIONS[name](*args),
+    _both,
+)
 
-
-# ---
 
 _ABSENT = point(Fraction(0))
 

@@ -52,7 +52,7 @@ from .box import Box, Try, covered, narrowed, no_steeper
 from .context import Context, numbers
 from .file import column, entries, matrix, part, scalar
 from .inclusion import ErrorInclusion
-from .inequality import ONE, REALISED, TAKEN, Parts, Tableau, Weights
+from .inequality import ONE, POLYNOMIAL_ERROR, REALISED, Parts, Tableau, Weights
 from .interval import Interval, point
 from .matrix import Matrix, core_integral, demand_enough, dot, unit, upright, zeros
 from .plant_motion import Derivative, PlantMotion, PlantSeries, demand_derivatives, demand_keys, motion_of
@@ -84,16 +84,16 @@ class Remainder:
     tree: str
 
     @property
-    def beside(self) -> list[Fraction]:
+    def deviation(self) -> list[Fraction]:
         """The local error of each row (n), over h. Raises: `Unproved`."""
         h, each = self.motion.h, zip(self.orders, self.flow, self.step, strict=True)
-        left = [h**order * (x + y) for order, x, y in each]
+        residual = [h**order * (x + y) for order, x, y in each]
         if not self.steepness:
-            return left
+            return residual
         constant = {name for name, (low, high) in self.context.form.box.items() if low == high}
         linear = [_degree(row, constant) <= 1 for row in self.context.rates]
-        lipschitz = left_by_lipschitz(self.tableau, h, self.steepness, self._moving, linear)
-        return [x if order else y for order, x, y in zip(self.orders, left, lipschitz, strict=True)]
+        lipschitz = lipschitz_error(self.tableau, h, self.steepness, self._moving, linear)
+        return [x if order else y for order, x, y in zip(self.orders, residual, lipschitz, strict=True)]
 
     @property
     def _moving(self) -> tuple[Fraction, ...]:
@@ -158,15 +158,15 @@ def _degree(row: Expression, constant: Container[str]) -> int:
     """0 of what is constant, 1 of what adds names and products of them with what is; else more."""
     degrees = list[int]()
     for op, args, value in row.instructions:
-        own = [degrees[arg] for arg in args]
+        column_ = [degrees[arg] for arg in args]
         if op == "symbol":
             degrees.append(int(value not in constant))
         elif op in ("add", "sub", "neg"):
-            degrees.append(max(own))
-        elif op == "mul" or (op == "div" and not own[1]):
-            degrees.append(sum(own))
+            degrees.append(max(column_))
+        elif op == "mul" or (op == "div" and not column_[1]):
+            degrees.append(sum(column_))
         else:
-            degrees.append(_NONLINEAR if any(own) else 0)
+            degrees.append(_NONLINEAR if any(column_) else 0)
     return degrees[row.result]
 
 
@@ -188,10 +188,10 @@ def demand_remainder(
         raise Unproved("none of its rows follows from their steepness")
     rows = column(follows, "flow", n), column(follows, "step", n)
     tree = part(follows, "tree", str)
-    left = Remainder(context, tableau, motion, slopes, _lines(follows, p, tableau), orders, *rows, steepness, tree)
-    stages, beside = matrix(share, "stages", p, len(tableau.nodes)), column(share, "beside", n)
-    demand_enough("the method", (*beside, *chain(*stages)), (*left.beside, *chain(*left.stages)))
-    return motion, left.demand()
+    residual = Remainder(context, tableau, motion, slopes, _lines(follows, p, tableau), orders, *rows, steepness, tree)
+    stages, deviation = matrix(share, "stages", p, len(tableau.nodes)), column(share, "beside", n)
+    demand_enough("the method", (*deviation, *chain(*stages)), (*residual.deviation, *chain(*residual.stages)))
+    return motion, residual.demand()
 
 
 def _orders(follows: Mapping[str, Any], n: int, tableau: Tableau) -> list[int]:
@@ -211,7 +211,7 @@ def _lines(follows: Mapping[str, Any], p: int, tableau: Tableau) -> Matrix:
 # --- where the flow is Lipschitz
 
 
-def left_by_lipschitz(
+def lipschitz_error(
     tableau: Tableau, h: Fraction, steepness: Matrix, moving: Sequence[Fraction], linear: Sequence[bool]
 ) -> list[Fraction]:
     """Return the local error of each row (n), over h: of `steepness` (n, n + m) where states and inputs are `moving` so
@@ -221,19 +221,19 @@ def left_by_lipschitz(
     n, nodes, off = len(steepness), tableau.nodes, list[list[Fraction]]()
     W = _driven(steepness, moving)
     for row, c in zip((*tableau.rows, tableau.weights), (*nodes, ONE), strict=True):
-        beside = [h * h * _kernel(row, nodes, c) * x for x in W]
+        deviation = [h * h * _kernel(row, nodes, c) * x for x in W]
         for w, before in zip(row, off, strict=False):
-            beside = [x + h * abs(w) * y for x, y in zip(beside, _driven(steepness, before), strict=True)]
-        off.append(beside)
+            deviation = [x + h * abs(w) * y for x, y in zip(deviation, _driven(steepness, before), strict=True)]
+        off.append(deviation)
     if dot(tableau.weights, nodes) != _HALF:  # not exact for lines
         return [x / h for x in off[-1]]
-    bends = _driven(steepness, W)
+    second = _driven(steepness, W)
     moment = sum((abs(w) * (c - _HALF) ** 2 for w, c in zip(tableau.weights, nodes, strict=True)), _TWELFTH) / 2
-    kernel, left = _kernel(tableau.weights, nodes, ONE), list[Fraction]()
+    kernel, residual = _kernel(tableau.weights, nodes, ONE), list[Fraction]()
     for i in range(n):
-        less = max(h * kernel * W[i] - h * h * moment * bends[i], _ZERO) if linear[i] else _ZERO
-        left.append(off[-1][i] / h - less)
-    return left
+        less = max(h * kernel * W[i] - h * h * moment * second[i], _ZERO) if linear[i] else _ZERO
+        residual.append(off[-1][i] / h - less)
+    return residual
 
 
 def _driven(rows: Matrix, by: Sequence[Fraction]) -> list[Fraction]:
@@ -264,8 +264,6 @@ def _size(a: Fraction, b: Fraction) -> Fraction:
     return (a * a + b * b) / (2 * abs(b - a))
 
 
-# ---
-
 _CORE_KEYS = ("rates", "speeds", "flow", "rest", "steepness")
 _STAND_IN = 4  # over h, of a first derivative: what stands for the second
 
@@ -273,7 +271,7 @@ _STAND_IN = 4  # over h, of a first derivative: what stands for the second
 @dataclass(frozen=True)
 class AtCore:
     """A step of length `h` of what obeys the core L of `parts`, by `weights`; of the plant's states `lifted`, s (N, n),
-    and what `entering` (N, n) samples show of them, B C.
+    and what `injected` (N, n) samples show of them, B C.
 
     Of the plant, bounds of a derivative of the `flow` z' in time (n), and of the first ones of the `rest` b, by their
     orders from 1 (.., n)."""
@@ -282,7 +280,7 @@ class AtCore:
     h: Fraction
     weights: Weights
     lifted: Matrix
-    entering: Matrix
+    injected: Matrix
     flow: list[Fraction]
     rest: Matrix
 
@@ -311,10 +309,10 @@ def _by_bilinear_rule(step: AtCore) -> Matrix:
 
 def _by_matrix_exponential(step: AtCore) -> Matrix:
     L, h, head = step.parts.L, step.h, upright(step.flow)
-    source = Matrix([[*row, *own] for row, own in zip(step.entering, step.lifted, strict=True)])
+    source = Matrix([[*row, *column_] for row, column_ in zip(step.injected, step.lifted, strict=True)])
     rotated = unit(len(L)) + h / 2 * abs(L)
-    taken = Matrix([[TAKEN] * len(L) for _ in L]) @ (rotated @ (abs(step.lifted) @ head))
-    return core_integral(L, h, source) @ upright([*step.flow, *step.rest[1]]) + h**2 * taken
+    polynomial = Matrix([[POLYNOMIAL_ERROR] * len(L) for _ in L]) @ (rotated @ (abs(step.lifted) @ head))
+    return core_integral(L, h, source) @ upright([*step.flow, *step.rest[1]]) + h**2 * polynomial
 
 
 _LEAVES: Mapping[str, Leaves] = {
@@ -335,12 +333,12 @@ def demand_core_error(
     flow, rest, demanded = bounds(motion, follows, leaves)
     each = zip(error.scales(context, theta), error.index, error.fed, strict=True)
     lifted = Matrix([s * int(fed and i == at) for at in range(n)] for s, i, fed in each)
-    entering = zeros(len(parts.L), n)  # B C, from what outputs show
+    injected = zeros(len(parts.L), n)  # B C, from what outputs show
     for j, (head, slope) in motion.observed.items():
-        for row, by in zip(entering, parts.B, strict=True):
+        for row, by in zip(injected, parts.B, strict=True):
             row[head] += by[j] * slope
-    _demand_chain(context, parts, lifted, entering)
-    step = AtCore(parts, h, REALISED[name](h * parts.L), lifted, entering, flow, rest)
+    _demand_chain(context, parts, lifted, injected)
+    step = AtCore(parts, h, REALISED[name](h * parts.L), lifted, injected, flow, rest)
     demand_enough("the method", column(share, "fields", len(lifted)), step.total(leaves.alpha(step)))
     return motion, motion.demand() + demanded()
 
@@ -382,10 +380,10 @@ def _by_steepness(
     return stand_in(leaves.flow, flow), Matrix(stand_in(k, rest) for k in range(1, leaves.rest + 1)), demanded
 
 
-def _demand_chain(context: Context, parts: Parts, lifted: Matrix, entering: Matrix) -> None:
+def _demand_chain(context: Context, parts: Parts, lifted: Matrix, injected: Matrix) -> None:
     """Demand L s + B C = s A: that X obeys the observer's equations."""
     chain = numbers([context.value(entry) for entry in row] for row in context.form.A)
     if chain is None:
         raise Unproved("the chain of the plant moves, which its method does not realise")
-    if parts.L @ lifted + entering != lifted @ Matrix(chain):
+    if parts.L @ lifted + injected != lifted @ Matrix(chain):
         raise Unproved("its core is not the plant's chain")

@@ -28,7 +28,7 @@ from typing import Any
 
 from .arithmetic import Dual, Unproved, dual, evaluate
 from .box import Box, End, covered, narrowed, no_steeper, on_faces, ranged, seeded_sides, sides
-from .context import Context, only, short
+from .context import Context, only, printed
 from .file import column, matrix, part
 from .inequality import Tableau
 from .interval import Interval, Taylor, begin, between, intersection, point, taylor
@@ -68,22 +68,22 @@ class PlantMotion:
         """The place, by output, of the state that it shows, and dy/dz; without those that show none, which are not
         injected. Raises: `Unproved`."""
         observed = dict[int, tuple[int, Fraction]]()
-        for j, z in ((j, z) for j, z in enumerate(self.context.seen) if z):
+        for j, z in ((j, z) for j, z in enumerate(self.context.observed) if z):
             observed[j] = self.context.z.index(z), self.context.output_slope(j)
         return observed
 
     @property
-    def said(self) -> str:
+    def phrase(self) -> str:
         """Return what is left, and how fast inputs move, in words."""
         each = zip(self.context.file.inputs, self.rates, strict=True)
-        moving = [f"{u} moves at up to {short(rate, -1)}" for u, rate in each if u in self.read]
+        moving = [f"{u} moves at up to {printed(rate, -1)}" for u, rate in each if u in self.read]
         return f"what the method leaves{' as ' if moving else ''}{', '.join(moving)}"
 
     @property
     def clear(self) -> str:
         """The words for how much the plant keeps clear of the ends of its ranges, in words."""
         each = zip(self.context.z, self.speeds, strict=True)
-        return ", ".join(f"{short(self.h * speed, 1)} in {z}" for z, speed in each)
+        return ", ".join(f"{printed(self.h * speed, 1)} in {z}" for z, speed in each)
 
 
 def demand_speeds(context: Context, speeds: Sequence[Fraction]) -> int:
@@ -162,8 +162,8 @@ class PlantSeries:
             here = list(start)
             for weight, slope in zip(weights, slopes, strict=True):
                 if weight:
-                    moves = length * arithmetic.number(weight)
-                    here = [x + moves * one for x, one in zip(here, slope, strict=True)]
+                    orders_of = length * arithmetic.number(weight)
+                    here = [x + orders_of * one for x, one in zip(here, slope, strict=True)]
             stages.append(here)
             if len(slopes) < len(tableau.weights):
                 slopes.append(self._rates(here, self._inputs(at, h), order))
@@ -173,9 +173,9 @@ class PlantSeries:
         """Return the inputs and their rates at that share of any length up to h, the rates for a step of it."""
         ranges, known = sides(self.box), dict[str, list[Interval]]()
         for name, rate in self.rates.items():
-            moves = point(at) * between(-rate, rate)
-            here = ranges[name] + moves * between(0, h)
-            known[name] = [intersection(here, between(*self.whole[name])), moves]
+            orders_of = point(at) * between(-rate, rate)
+            here = ranges[name] + orders_of * between(0, h)
+            known[name] = [intersection(here, between(*self.whole[name])), orders_of]
         return known
 
     def _rates(self, states: Sequence[Taylor], inputs: Mapping[str, list[Interval]], order: int) -> list[Taylor]:
@@ -203,14 +203,14 @@ class Derivative:
 def demand_derivatives(motion: PlantMotion, each: Sequence[Derivative]) -> int:
     """Demand that derivatives of rows of the plant are at most what is said; with how many boxes. Raises:
     `Unproved`."""
-    context, moves = motion.context, tuple((one.row, one.order) for one in each)
+    context, orders_of = motion.context, tuple((one.row, one.order) for one in each)
     whole, rates = context.form.box, dict(zip(context.file.inputs, motion.rates, strict=True))
     steered = {u: f"{u}'" for u, rate in rates.items() if rate}  # what stands for its rate, a name that no text has
     box = {**narrowed(whole, motion.read), **{steered[u]: (-rates[u], rates[u]) for u in steered}}
     plant = tuple(context.rates), tuple(context.z), tuple(whole.items()), tuple(steered.items())
 
     def on(here: Box) -> list[Dual]:
-        return _derivatives(*plant, moves, tuple(here.items()))
+        return _derivatives(*plant, orders_of, tuple(here.items()))
 
     def values(here: Box) -> list[Interval]:
         return [each.value for each in on(here)]
@@ -224,18 +224,18 @@ def _derivatives(
     states: tuple[str, ...],
     whole: Ends,
     steered: tuple[tuple[str, str], ...],
-    moves: tuple[tuple[Expression, int], ...],
+    orders_of: tuple[tuple[Expression, int], ...],
     here: Ends,
 ) -> list[Dual]:
     """Return what derivatives of rows, of an order each, are in intervals on a box, with their slopes. Raises:
     `Undefined`."""
-    orders = dict(sorted(moves, key=lambda one: one[1]))
+    orders = dict(sorted(orders_of, key=lambda one: one[1]))
     every = {**{name: Dual(x, {}) for name, x in sides(dict(whole)).items()}, **seeded_sides(dict(here))}
     rate = dict(steered)
     started = {name: _started(every[name], *([every[rate[name]]] if name in rate else [])) for name, _ in whole}
     series = _flow(rates, states, started, max(orders.values()) + 1)
     rows = {row: evaluate(row, _begun(series, order + 1), dual(taylor(order + 1))) for row, order in orders.items()}
-    shares = [(rows[row], order, point(Fraction(factorial(order)))) for row, order in moves]
+    shares = [(rows[row], order, point(Fraction(factorial(order)))) for row, order in orders_of]
     return [
         Dual(
             share * series.value.coefficients[order],
@@ -253,8 +253,6 @@ def _started(*coefficients: Dual) -> Dual:
     return Dual(Taylor(tuple(x.value for x in coefficients)), slopes)
 
 
-# ---
-
 _TERMS = 60  # of the exponential's series
 _FAST = 20  # up to which norm of h J it is summed
 Shares = Mapping[str, Mapping[str, Any]]
@@ -264,24 +262,24 @@ def demand_followed(context: Context, h: Fraction, shares: Shares) -> int:
     """Demand that the sizes of shares, by their names, are at least what they follow from; with how many boxes. Raises:
     `Unproved`."""
     n, p, boxes = len(context.z), len(context.form.output), 0
-    moved, others = [Fraction(0)] * n, dict[str, tuple[Mapping[str, Any], list[Fraction]]]()
+    drift, others = [Fraction(0)] * n, dict[str, tuple[Mapping[str, Any], list[Fraction]]]()
     for name, share in shares.items():
         follows = part(share, "follows", dict)
         keys = _KEYS.get(name, ())
         demand_keys(follows, keys, name)
         if name in _ROWS:
-            rows, sizes, seen = _ROWS[name](context, follows)
+            rows, sizes, observed = _ROWS[name](context, follows)
             each = rows.applied(sizes)
             J = matrix(follows, "steepness", n, n)
-            boxes += seen + no_steeper(context.rates, context.z, J, [Fraction(1)] * n, context.form.box)
+            boxes += observed + no_steeper(context.rates, context.z, J, [Fraction(1)] * n, context.form.box)
             demand_enough(name, column(share, "beside", n), _on_its_way(h, J, each))
-            moved = [x + y for x, y in zip(moved, each, strict=True)]
+            drift = [x + y for x, y in zip(drift, each, strict=True)]
         elif keys:
             others[name] = follows, _signless(follows, "sizes", p)
     for name, (follows, sizes) in others.items():
         if name == "late":
-            sizes, seen = _late(context, follows, sizes, moved)
-            boxes += seen
+            sizes, observed = _late(context, follows, sizes, drift)
+            boxes += observed
         least = [size / 2 for size in sizes] if name == "rounded" else sizes
         demand_enough(name, column(shares[name], "samples", p), least)
     return boxes
@@ -296,7 +294,7 @@ def _signless(follows: Mapping[str, Any], key: str, count: int) -> list[Fraction
 
 
 def _late(
-    context: Context, follows: Mapping[str, Any], sizes: Sequence[Fraction], moved: Sequence[Fraction]
+    context: Context, follows: Mapping[str, Any], sizes: Sequence[Fraction], drift: Sequence[Fraction]
 ) -> tuple[list[Fraction], int]:
     """tau (speed + |dy/dz| m), and with how many boxes."""
     speeds, least, boxes = _signless(follows, "speeds", len(sizes)), list[Fraction](), 0
@@ -304,13 +302,13 @@ def _late(
         if not tau:
             least.append(tau)
             continue
-        context.demand_seen(j)
+        context.demand_observed(j)
         slope = context.output_slope(j)
         only(context.form.output[j].names & set(context.file.inputs), (), "a late output")
-        i = context.z.index(context.seen[j])
+        i = context.z.index(context.observed[j])
         most, row = speed / abs(slope), context.rates[i]
         boxes += covered(narrowed(context.form.box, row.names), ".", ranged(row, -most, most))
-        least.append(tau * (speed + abs(slope) * moved[i]))
+        least.append(tau * (speed + abs(slope) * drift[i]))
     return least, boxes
 
 
@@ -334,20 +332,20 @@ def _by_parameters(context: Context, follows: Mapping[str, Any]) -> tuple[Matrix
     return rows, sizes, no_steeper(context.rates, names, rows, sizes, box)
 
 
-def _on_its_way(h: Fraction, J: Matrix, moved: Sequence[Fraction]) -> list[Fraction]:
+def _on_its_way(h: Fraction, J: Matrix, drift: Sequence[Fraction]) -> list[Fraction]:
     """At least the sum of (h J)^k m/(k + 1)! over all k."""
     if any(x < 0 for row in J for x in row):
         raise Unproved("one of its steepness is negative")
     norm = h * largest_row(J)
     if norm > _FAST:
         raise Unproved("the plant is too fast for its dt")
-    term, total = list(moved), list(moved)
+    term, total = list(drift), list(drift)
     for k in range(2, _TERMS + 2):
         exact = [h * x / k for x in J.applied(term)]
         term = [Fraction(-(-x.numerator * 2**_BITS // x.denominator), 2**_BITS) for x in exact]  # or a little above
         total = [x + y for x, y in zip(total, term, strict=True)]
-    left = max(term, default=Fraction(0))  # each term that is left out is at most half of the one before
-    return [x + left if x > at_first else x for x, at_first in zip(total, moved, strict=True)]
+    tail = max(term, default=Fraction(0))  # each term that is left out is at most half of the one before
+    return [x + tail if x > at_first else x for x, at_first in zip(total, drift, strict=True)]
 
 
 _BITS = 400

@@ -50,7 +50,7 @@ from typing import Any
 from .algebra import Algebra, Quotient, TooLarge
 from .arithmetic import Arithmetic, Dual, Undefined, Unproved, dual, evaluate
 from .box import End
-from .context import Context, applied, inner, short
+from .context import Context, applied, inner, printed
 from .file import column, entries, part
 from .inclusion import ErrorInclusion
 from .inequality import Tableau
@@ -88,7 +88,7 @@ class Computed:
         """Return where the exact and the computed value are."""
         return self.value + _both(self.error)
 
-    def beside(self, size: Interval) -> "Computed":
+    def widened(self, size: Interval) -> "Computed":
         """Return an exact value that may be so far beside."""
         return Computed(self.real, self.value + _both(size), self.error + size)
 
@@ -195,8 +195,6 @@ def precision(real: str) -> Arithmetic:
     return Arithmetic(number, power, root, function, no_hull)
 
 
-# ---
-
 _LONGEST = 5_000  # statements, of which a call of 8 states has some 500
 _FUNCTIONS = 1_000  # of these: each is compared with those before it
 _STATEMENT = re.compile(r"v[1-9][0-9]{0,5}\Z", re.ASCII)
@@ -226,12 +224,12 @@ class Walk:
         program: Listed,
         values: Mapping[str, Any],
         arithmetic: Arithmetic,
-        beside: Mapping[str, Callable[["Walk", Any], Any]] | None = None,
+        deviations: Mapping[str, Callable[["Walk", Any], Any]] | None = None,
         constant: Callable[[Expression], Any] | None = None,
     ) -> None:
-        """`beside`: of statements, what stands for their value; `constant`: what an expression without names is, by
+        """`deviations`: of statements, what stands for their value; `constant`: what an expression without names is, by
         default what the arithmetic computes of it."""
-        self.values, self.arithmetic, self.beside = dict(values), arithmetic, beside or {}
+        self.values, self.arithmetic, self.deviations = dict(values), arithmetic, deviations or {}
         self.constant = constant or partial(evaluate, values={}, arithmetic=arithmetic)
         self.computed = dict[str, Any]()  # of statements that are named otherwise
         self.rest: Iterator[tuple[int, tuple[str, list[str]]]] = enumerate(program.statements, 1)
@@ -269,7 +267,7 @@ class Walk:
             raise Unproved(f"statement {at} reads one that is not before it")
         name, value = f"v{at}", self._applied(word, operands)
         self.count = at
-        self.values[name] = self.beside[name](self, value) if name in self.beside else value
+        self.values[name] = self.deviations[name](self, value) if name in self.deviations else value
 
     def _applied(self, word: str, operands: list[str]) -> Any:
         if word == "pow" and len(operands) == 2:
@@ -359,8 +357,8 @@ class Equation:
         """r (N), the error e_k where that of the field is 1. Raises: `Unproved`."""
         if not self.error.units:
             return self.scales
-        own = self.error.units
-        return [own[i] / self.theta**p for i, p in zip(self.error.index, self.error.power, strict=True)]
+        units = self.error.units
+        return [units[i] / self.theta**p for i, p in zip(self.error.index, self.error.power, strict=True)]
 
     def rates(self, algebra: Algebra, x: Row, y: Row, u: Row) -> list[Quotient]:
         """x' (N) of fields x (N), samples y (p) and inputs u (m). Raises: `Unproved`, `Undefined`, `TooLarge`."""
@@ -378,10 +376,10 @@ class Equation:
         form, there = self.context.form, {**names, **dict(zip(self.context.z, z, strict=True))}
         v = self._missed(algebra, there, y)
         A = [[algebra.read(entry, names) for entry in row] for row in form.A]
-        injected, taken = (applied(algebra, M, v) for M in (self.error.measured, self.error.takes))
+        injected, injection = (applied(algebra, M, v) for M in (self.error.measured, self.error.takes))
         each = zip(A, injected, self.scales, strict=True)
         rates = [inner(algebra, row, z) + algebra.number(self.theta / s) * more for row, more, s in each]
-        return rates, [a + algebra.number(1 / s) * b for a, b, s in zip(z, taken, self.scales, strict=True)]
+        return rates, [a + algebra.number(1 / s) * b for a, b, s in zip(z, injection, self.scales, strict=True)]
 
     def _of_core(self, algebra: Algebra, names: Mapping[str, Quotient], x: Row, y: Row) -> tuple[Row, Row]:
         """x' but for b, and what b reads."""
@@ -391,15 +389,15 @@ class Equation:
         rates = [a + b for a, b in zip(applied(algebra, error.N, e), applied(algebra, error.measured, v), strict=True)]
         for slope in (slope for slope in error.slopes if slope.degree == -1):  # what a saturation takes away
             of, onto = slope.reads.index(Fraction(1)), slope.onto
-            taken = number(self.units[of]) * (x[of] - self._saturated(algebra, x[of], of))
-            rates = [rate + number(share) * taken for rate, share in zip(rates, onto, strict=True)]
+            injection = number(self.units[of]) * (x[of] - self._saturated(algebra, x[of], of))
+            rates = [rate + number(share) * injection for rate, share in zip(rates, onto, strict=True)]
         reads = [number(1 / self.scales[k]) * e[k] for k in error.picks]
         return [number(self.theta / r) * rate for rate, r in zip(rates, self.units, strict=True)], reads
 
     def _missed(self, algebra: Algebra, there: Mapping[str, Quotient], y: Row) -> list[Quotient]:
         """theta^-late (y - h) (p), 0 of an output that shows no state."""
         nothing, context = algebra.zero, self.context
-        each = zip(y, context.form.output, context.seen, self.error.late, strict=True)
+        each = zip(y, context.form.output, context.observed, self.error.late, strict=True)
         return [
             algebra.number(self.theta**-late) * (sample - algebra.read(row, there)) if z else nothing
             for sample, row, z, late in each
@@ -434,14 +432,6 @@ class StepProgram:
 
     def besides(self) -> "Besides":
         """Return by how much its statements are beside the step, in exact arithmetic. Raises: `Unproved`."""
-        try:
-            return self._besides()
-        except Undefined as error:
-            raise Unproved(f"its program has no value: {error}") from None
-        except TooLarge:
-            raise Unproved("its program is too large to verify") from None
-
-    def _besides(self) -> "Besides":
         stages, fields = len(self.tableau.weights), len(self.equation.units)
         marks = {
             f"{what} {i} {k}": operand
@@ -451,14 +441,20 @@ class StepProgram:
         }
         algebra = Algebra([*self._names, *marks])
         walk = Walk(self.program, {name: algebra.names[name] for name in self._names}, algebra.arithmetic)
-        besides = Besides(algebra, walk, marks)
-        x, rates = [walk.value(f"x{k}") for k in range(1, fields + 1)], list[list[Quotient]]()
-        for i, (row, node) in enumerate(zip(self.tableau.rows, self.tableau.nodes, strict=True)):
-            wanted = _moved(algebra, x, rates, [self.h * a for a in row])
-            there = besides.take(self.program.stages[i], wanted, f"field {i}")
-            y, u = (self._there(algebra, walk, name, node) for name in ("y", "u"))
-            rates.append(besides.take(self.program.rates[i], self.equation.rates(algebra, there, y, u), f"rate {i}"))
-        besides.take(self.program.after, _moved(algebra, x, rates, [self.h * b for b in self.tableau.weights]))
+        besides, rates = Besides(algebra, walk, marks), list[list[Quotient]]()
+        try:
+            x = [walk.value(f"x{k}") for k in range(1, fields + 1)]
+            for i, (row, node) in enumerate(zip(self.tableau.rows, self.tableau.nodes, strict=True)):
+                wanted = _stepped(algebra, x, rates, [self.h * a for a in row])
+                there = besides.take(self.program.stages[i], wanted, f"field {i}")
+                y, u = (self._there(algebra, walk, name, node) for name in ("y", "u"))
+                slope = self.equation.rates(algebra, there, y, u)
+                rates.append(besides.take(self.program.rates[i], slope, f"rate {i}"))
+            besides.take(self.program.after, _stepped(algebra, x, rates, [self.h * b for b in self.tableau.weights]))
+        except Undefined as error:
+            raise Unproved(f"its program has no value: {error}") from None
+        except TooLarge:
+            raise Unproved("its program is too large to verify") from None
         return besides
 
     @property
@@ -476,7 +472,7 @@ class StepProgram:
         return [algebra.number(1 - share) * last + algebra.number(share) * now for last, now in pairs]
 
 
-def _moved(
+def _stepped(
     algebra: Algebra, x: Sequence[Quotient], rates: Sequence[Sequence[Quotient]], by: Sequence[Fraction]
 ) -> list[Quotient]:
     result = list(x)
@@ -488,23 +484,25 @@ def _moved(
 
 @dataclass(frozen=True)
 class Besides:
-    """Statements that stand for what a step has, the `marks` by the names of letters: by how much each is `beside`
+    """Statements that stand for what a step has, the `marks` by the names of letters: by how much each is `deviations`
     that, where it is; from then on its value is a letter."""
 
     algebra: Algebra
     walk: Walk
     marks: Mapping[str, str]
-    beside: dict[str, Quotient] = field(default_factory=dict)
+    deviations: dict[str, Quotient] = field(default_factory=dict)
 
     def take(self, operands: Sequence[str], wanted: Sequence[Quotient], letters: str = "") -> list[Quotient]:
         """Return the values of operands that stand for what is wanted. Raises: `Unproved`, and as the arithmetic."""
         for k, (operand, value) in enumerate(zip(operands, wanted, strict=True)):
             off = self.walk.value(operand) - value
-            exact = operand in self.walk.computed and operand not in self.beside  # what it was before it was renamed
+            exact = (
+                operand in self.walk.computed and operand not in self.deviations
+            )  # what it was before it was renamed
             if not (self.algebra.is_zero(off) or (exact and self.algebra.is_zero(self.walk.computed[operand] - value))):
-                if not is_statement(operand) or operand in {*self.walk.computed, *self.beside}:
+                if not is_statement(operand) or operand in {*self.walk.computed, *self.deviations}:
                     raise Unproved(f"{operand} of its program is not what the step has")
-                self.beside[operand] = off
+                self.deviations[operand] = off
             if letters:
                 self.walk.rename(operand, self.algebra.names[f"{letters} {k}"])
         return [self.walk.value(operand) for operand in operands]
@@ -513,11 +511,11 @@ class Besides:
     def statements(self) -> dict[str, Callable[[Walk, Computed], Computed]]:
         """The functions, by statement that is beside, what its value and its error are in the arithmetic of a
         precision."""
-        return {operand: partial(self._moved, off) for operand, off in self.beside.items()}
+        return {operand: partial(self._stepped, off) for operand, off in self.deviations.items()}
 
-    def _moved(self, off: Quotient, walk: Walk, value: Computed) -> Computed:
+    def _stepped(self, off: Quotient, walk: Walk, value: Computed) -> Computed:
         size = self.algebra.value(off, _Letters(walk, self.marks), intervals)
-        return value.beside(intervals.function("Abs", (size,)))
+        return value.widened(intervals.function("Abs", (size,)))
 
 
 class _Letters(dict[str, Interval]):
@@ -532,8 +530,6 @@ class _Letters(dict[str, Interval]):
         return value.value
 
 
-# ---
-
 _ROUNDING_KEYS = ("between", "parameters", "precision", "speeds", "within", "program", "stages", "rates", "after")
 _BETWEEN = ("line", "hold")
 _PIECES = 32  # of the ranges of the states that outputs show
@@ -544,27 +540,27 @@ Side = tuple[Fraction, Fraction]
 @dataclass(frozen=True)
 class Rounded:
     """The program of a `step` in a `precision`; errors of samples at most `samples` (p), of fields in units of their
-    states at most `within` (N), the plant moves by at most `moves` (n) in a call."""
+    states at most `within` (N), the plant moves by at most `drifts` (n) in a call."""
 
     step: StepProgram
     precision: str
     samples: Sequence[Fraction]
     within: Sequence[Fraction]
-    moves: Sequence[Fraction]
+    drifts: Sequence[Fraction]
 
     def demand_sizes(self, sizes: Sequence[Fraction]) -> int:
         """Demand that a call rounds the error of each field by at most h times its size (N); with how many pieces.
         Raises: `Unproved`."""
-        pieces, beside = self._pieces, self.step.besides().statements
+        pieces, deviations = self._pieces, self.step.besides().statements
         for ranges in pieces:
             try:
-                held, known = self._values(ranges), partial(constant, self.precision)
-                walk = Walk(self.step.program, held, precision(self.precision), beside, known)
+                inputs, known = self._values(ranges), partial(constant, self.precision)
+                walk = Walk(self.step.program, inputs, precision(self.precision), deviations, known)
                 errors = [walk.value(operand).error for operand in self.step.program.after]
             except Undefined as error:
                 raise Unproved(f"how far its program rounds is not known: {error}") from None
-            for beside_step, size, unit in zip(errors, sizes, self.step.equation.units, strict=True):
-                if not (point(abs(unit)) * beside_step).at_most(size * self.step.h):
+            for deviation, size, unit in zip(errors, sizes, self.step.equation.units, strict=True):
+                if not (point(abs(unit)) * deviation).at_most(size * self.step.h):
                     raise Unproved("a size of its rounding is less than how far its program is from the step")
         return len(pieces)
 
@@ -572,7 +568,7 @@ class Rounded:
     def _pieces(self) -> list[tuple[Side, ...]]:
         """The ranges (n) of the states, those that outputs show in pieces."""
         context = self.step.equation.context
-        heads, sides = {z for z in context.seen if z}, list[list[Side]]()
+        heads, sides = {z for z in context.observed if z}, list[list[Side]]()
         count = round(_PIECES ** (1 / max(1, len(heads))))
         for z in context.z:
             low, high = _finite(context.form.box[z])
@@ -588,8 +584,8 @@ class Rounded:
             low, high = ranges[i] if fed else (_ZERO, _ZERO)
             values[f"x{k}"] = point(scale / unit) * between(low - error, high + error)
         for j, most in enumerate(self.samples):
-            seen = self._sample(j, ranges) + between(-most, most)
-            values |= dict.fromkeys((f"y{j + 1}_last", f"y{j + 1}"), seen)
+            observed = self._sample(j, ranges) + between(-most, most)
+            values |= dict.fromkeys((f"y{j + 1}_last", f"y{j + 1}"), observed)
         for j, name in enumerate(context.file.inputs, 1):
             values |= dict.fromkeys((f"u{j}_last", f"u{j}"), between(*_finite(context.form.box[name])))
         return {name: Computed(self.precision, value) for name, value in values.items()}
@@ -597,8 +593,8 @@ class Rounded:
     def _sample(self, output: int, ranges: Sequence[Side]) -> Interval:
         """Return the range of an output, from the beginning of a call to its end."""
         context = self.step.equation.context
-        moved = zip(context.z, ranges, self.moves, strict=True)
-        box = {**context.form.box, **{z: (low - move, high + move) for z, (low, high), move in moved}}
+        shifted = zip(context.z, ranges, self.drifts, strict=True)
+        box = {**context.form.box, **{z: (low - move, high + move) for z, (low, high), move in shifted}}
         text = context.form.output[output]
         value: Interval = evaluate(text, {name: between(*box[name]) for name in text.names}, intervals)
         return value
@@ -620,15 +616,15 @@ def demand_rounding(
     if any(error < total for error, total in zip(errors, totals, strict=True)):
         raise Unproved("the errors within which its program rounds are less than what all shares come to")
     boxes = demand_speeds(context, speeds)
-    beside = [column(each, "beside", n) for each in shares.values() if each["beside"] != []]
-    moves = [h * (speed + sum(each, _ZERO)) for speed, *each in zip(speeds, *beside, strict=True)]
+    deviations = [column(each, "beside", n) for each in shares.values() if each["beside"] != []]
+    drifts = [h * (speed + sum(each, _ZERO)) for speed, *each in zip(speeds, *deviations, strict=True)]
     noisy = [column(each, "samples", p) for each in shares.values() if each["samples"] != []]
     samples = [sum(each, _ZERO) for each in zip(*noisy, strict=True)] or [_ZERO] * p
     program = listed(follows, count, len(tableau.weights))
     step = StepProgram(equation, tableau, h, program, _between(context, follows, shares))
-    rounded = Rounded(step, _one_of(follows, "precision", PRECISIONS), samples, errors, moves)
+    rounded = Rounded(step, _one_of(follows, "precision", PRECISIONS), samples, errors, drifts)
     boxes += rounded.demand_sizes(column(share, "fields", count))
-    return _said(rounded), boxes
+    return _phrase(rounded), boxes
 
 
 def equation_of(context: Context, error: ErrorInclusion, theta: Fraction, follows: Mapping[str, Any]) -> Equation:
@@ -657,15 +653,15 @@ def _between(context: Context, follows: Mapping[str, Any], shares: Mapping[str, 
     return between
 
 
-def _said(rounded: Rounded) -> str:
+def _phrase(rounded: Rounded) -> str:
     words = {word for word, _ in rounded.step.program.statements}
     functions = [f"{name} errs by at most {units / 2} ulps" for name, units in UNITS.items() if name in words]
     functions += [f"x^k by {POWER[0] / 2} and {POWER[1] / 2} more for each |k log x|"] if "pow" in words else []
-    taken = f", where {', '.join(functions)}" if functions else ""
+    injection = f", where {', '.join(functions)}" if functions else ""
     equation, count = rounded.step.equation, len(rounded.step.program.statements)
     each = zip(equation.context.z, equation.error.picks, strict=True)
-    errs = ", ".join(f"{short(rounded.within[k], -1)} in {z}" for z, k in each)
-    return f"what {count} operations in {rounded.precision} round while the estimate errs by at most {errs}{taken}"
+    errs = ", ".join(f"{printed(rounded.within[k], -1)} in {z}" for z, k in each)
+    return f"what {count} operations in {rounded.precision} round while the estimate errs by at most {errs}{injection}"
 
 
 def _one_of(follows: Mapping[str, Any], key: str, known: Sequence[str]) -> str:

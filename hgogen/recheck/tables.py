@@ -236,8 +236,8 @@ def _line(numbers: Sequence[Fraction]) -> Grid:
 def _map(numbers: Sequence[Fraction]) -> Grid:
     """n, then x, y, and z row by row. Raises: `ValueError` with the fault."""
     n = int(numbers[0]) if numbers and numbers[0].denominator == 1 and 2 <= numbers[0] < len(numbers) else 0
-    m, rest = divmod(len(numbers) - 1 - n, n + 1)
-    if not n or rest or m < 2 or n * m > MOST:
+    m, excess = divmod(len(numbers) - 1 - n, n + 1)
+    if not n or excess or m < 2 or n * m > MOST:
         raise ValueError(f"a map has n, n of x, m of y and n m values; n and m are 2 or more, and n m at most {MOST}")
     x, y, z = numbers[1 : n + 1], numbers[n + 1 : n + m + 1], numbers[n + m + 1 :]
     return Grid((tuple(x), tuple(y)), tuple(tuple(z[k * m : (k + 1) * m]) for k in range(n)))

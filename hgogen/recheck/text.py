@@ -64,8 +64,8 @@ class Unreadable(RecheckError):
     @property
     def fault(self) -> str:
         """Return what is wrong, without the fix."""
-        short = self.text if len(self.text) <= 80 else f"{self.text[:77]}..."
-        return f"cannot read {short!r}: {self.reason}"
+        printed = self.text if len(self.text) <= 80 else f"{self.text[:77]}..."
+        return f"cannot read {printed!r}: {self.reason}"
 
 
 class Instruction(NamedTuple):
@@ -98,7 +98,7 @@ class Expression:
 def number(text: object) -> Fraction:
     """Return the exact number that a text such as "-7/2" or "0.05" stands for. Raises: `Unreadable`."""
     if not isinstance(text, str) or not _NUMBER.match(text):
-        raise Unreadable(_shown(text), 'a number is a text, "p/q" or a decimal')
+        raise Unreadable(_quoted(text), 'a number is a text, "p/q" or a decimal')
     if len(text) <= 2 * LARGEST:
         value = Fraction(text)
         if max(abs(value.numerator), value.denominator) < _BEYOND:
@@ -117,7 +117,7 @@ def kind_of(value: object) -> str:
     return names.get(type(value), "a number that is no text")
 
 
-def _shown(value: object) -> str:
+def _quoted(value: object) -> str:
     return value if isinstance(value, str) else kind_of(value)
 
 
@@ -125,7 +125,7 @@ def expression(text: object, declared: Container[str]) -> Expression:
     """Return the program of a text in declared names; `pi` is the constant unless it is declared. Raises:
     `Unreadable`."""
     if not isinstance(text, str):
-        raise Unreadable(_shown(text), "an expression is a text")
+        raise Unreadable(_quoted(text), "an expression is a text")
     if len(text) > LONGEST:
         raise Unreadable(text, f"it has more than {LONGEST} characters")
     reader = _Reader(text, declared)
@@ -163,9 +163,9 @@ class _Reader:
 
     def next(self) -> str:
         """Step on; the token left behind."""
-        left = self.token
+        passed = self.token
         self.token, self.kind = next(self.tokens, ("", ""))
-        return left
+        return passed
 
     def expect(self, token: str) -> None:
         """Step over `token`."""

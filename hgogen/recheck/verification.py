@@ -23,11 +23,11 @@ from typing import Annotated, Any, ClassVar
 
 from .arithmetic import Arithmetic, Undefined, Unproved, along, evaluate, total
 from .box import points
-from .context import REFUSALS, Context, algebra_of, inside, reason_of, short
+from .context import REFUSALS, Context, algebra_of, inside, printed, reason_of
 from .file import LARGEST, Certificate, Claim, NoCertificate, part, words
 from .file import read as read_file
 from .interval import intervals
-from .rules import FORMS, OBSERVERS, required, rests, rule_of
+from .rules import FORMS, OBSERVERS, assumed_claims, required, rule_of
 from .rules.forms import box_of_rates
 from .text import RecheckError, Unreadable
 
@@ -165,12 +165,12 @@ def recheck(text: str) -> Rechecked:
         (certificate.named, "model", "the file names another model than it holds"),
     )
     outcomes = (
-        *(Row(name, "", "fails", fault) for held, name, fault in changed if not held),
+        *(Row(name, "", "fails", fault) for kept, name, fault in changed if not kept),
         *rows(context),
         *(Row("form", "", "fails", fault) for fault in faults(context)),
     )
     verified = [row.id for row in outcomes if row.found == "verified"]
-    points = {name: short(Fraction(low)) for name, (low, high) in certificate.plant.box.items() if low == high}
+    points = {name: printed(Fraction(low)) for name, (low, high) in certificate.plant.box.items() if low == high}
     return Rechecked(
         _plain(certificate.name),
         _plain(certificate.form.kind),
@@ -225,7 +225,7 @@ def rows(context: Context) -> Iterator[Row]:
 def _missing(certificate: Certificate, row: Row, known: Mapping[str, Row]) -> list[str]:
     """Return what a claim rests on and is not verified."""
     claim = certificate.claim(row.id)
-    needed = rests(certificate, claim) if claim else ()
+    needed = assumed_claims(certificate, claim) if claim else ()
     return [id for id in needed if id not in known or known[id].found != "verified"]
 
 
@@ -243,11 +243,11 @@ def _row(context: Context, claim: Claim) -> Row:
         if rule is None:
             raise Unproved(f"no rule verifies that it is {verdict}")
         _read_only(claim, rule.keys)
-        shown = rule.show(context, claim)
+        finding = rule.find(context, claim)
     except REFUSALS as error:
         return Row(claim.id, verdict, "fails", reason_of(error))
     about = rule.named(rule.about, kind, claim)
-    return Row(claim.id, verdict, "verified", f"{about}: {shown.sentence}{_narrow(context)}", shown.boxes)
+    return Row(claim.id, verdict, "verified", f"{about}: {finding.sentence}{_narrow(context)}", finding.boxes)
 
 
 def _narrow(context: Context) -> str:
@@ -255,7 +255,7 @@ def _narrow(context: Context) -> str:
     plant = context.plant
     every = {**plant.box, **{name: context.form.box[name] for name in context.z}}
     signals = (*plant.states, *context.file.inputs, *context.z)
-    named = [f"{name} = {short(Fraction(every[name][0]))}" for name in signals if every[name][0] == every[name][1]]
+    named = [f"{name} = {printed(Fraction(every[name][0]))}" for name in signals if every[name][0] == every[name][1]]
     return f"; at {', '.join(named)} alone, a range of one point" if named else ""
 
 
@@ -268,7 +268,11 @@ def _read_only(claim: Claim, keys: Iterable[str]) -> None:
 
 # --- what claims leave unexamined
 
-_OWN = ("phase, original coordinates", "uniform_chain, original coordinates", "original")  # the plant's coordinates
+_PLANT_COORDINATES = (
+    "phase, original coordinates",
+    "uniform_chain, original coordinates",
+    "original",
+)  # the plant's coordinates
 UNMODELLED = "lambda_tracking"  # an observer that may have no model of the last row, whose b is then 0
 _POINTS = 5
 
@@ -276,7 +280,7 @@ _POINTS = 5
 def faults(context: Context) -> Iterator[str]:
     """Return what the form is shown not to be."""
     form = context.form
-    if form.kind in _OWN and sorted(row.text for row in form.to_form) != sorted(context.plant.states):
+    if form.kind in _PLANT_COORDINATES and sorted(row.text for row in form.to_form) != sorted(context.plant.states):
         yield "its states are not those of the plant, as its kind says"
     if context.fault:
         yield from _differences(context)
@@ -330,7 +334,7 @@ def _differences(context: Context) -> Iterator[str]:
         except Undefined:
             continue
         if differing:
-            place = ", ".join(f"{name} = {short(value)}" for name, value in at.items())
+            place = ", ".join(f"{name} = {printed(value)}" for name, value in at.items())
             yield f"its equations are not the plant's: {differing[0]} differs at {place}"
             return
 
@@ -352,9 +356,9 @@ def _residuals(
     Z = [along(row, at, speeds, arithmetic) for row in form.to_form]
     z = {**at, **{name: image for name, (image, _) in zip(form.states, Z, strict=True)}}
     known = len(Z) - 1 if _unmodelled(context) else len(Z)
-    for name, (_, speed), row, rest in zip(form.states[:known], Z, form.A, form.b, strict=False):
+    for name, (_, speed), row, nonlinear in zip(form.states[:known], Z, form.A, form.b, strict=False):
         driven = (evaluate(entry, z, arithmetic) * z[other] for entry, other in zip(row, form.states, strict=True))
-        yield f"{name}'", total((evaluate(rest, z, arithmetic), *driven)) - speed
+        yield f"{name}'", total((evaluate(nonlinear, z, arithmetic), *driven)) - speed
     for k, (measured, output) in enumerate(zip(plant.output, form.output, strict=True), 1):
         yield f"output {k}", evaluate(output, z, arithmetic) - evaluate(measured, at, arithmetic)
     for name, inverse in zip(plant.states, form.from_form, strict=True):

@@ -63,12 +63,12 @@ def rule_of(kind: str, claim: Claim) -> Rule | None:
     return next((rule for rule in RULES if rule.takes(kind, claim)), None)
 
 
-def rests(certificate: Certificate, claim: Claim) -> tuple[str, ...]:
+def assumed_claims(certificate: Certificate, claim: Claim) -> tuple[str, ...]:
     """Return the ids of the claims that this one rests on; any claim of a form rests on those of its coordinates."""
     kind, rule = certificate.form.kind, rule_of(certificate.form.kind, claim)
-    own = rule.needs(kind, claim) if rule else ()
+    named = rule.needs(kind, claim) if rule else ()
     coordinates = (other.id for other in certificate.claims if other.maker == "recast")
-    return (*own, *(() if claim.maker == "recast" else coordinates))
+    return (*named, *(() if claim.maker == "recast" else coordinates))
 
 
 def required(certificate: Certificate) -> tuple[str, ...]:
@@ -77,5 +77,5 @@ def required(certificate: Certificate) -> tuple[str, ...]:
     if needed is None:
         return ()
     known = certificate.claim(needed.structure)
-    beside = needed.beside(certificate.form) if known is not None and known.verdict == "proved" else ()
-    return (needed.structure, *beside)
+    others = needed.others(certificate.form) if known is not None and known.verdict == "proved" else ()
+    return (needed.structure, *others)

@@ -56,7 +56,7 @@ from typing import Any
 
 from ..arithmetic import Unproved
 from ..box import frobenius
-from ..context import STEEP, Context, Finding, built, integrators, of_observer, on, on_chains, short, slope
+from ..context import STEEP, Context, Finding, built, integrators, of_observer, on, on_chains, printed, slope
 from ..file import Built, Claim, Observer, above_zero, column, matrix, part, scalar, signless
 from ..inclusion import error_inclusion
 from ..inequality import (
@@ -166,7 +166,7 @@ def _by_formula(context: Context, claim: Claim) -> Finding:
 
 def _attenuated(context: Context, G: Matrix, g: Matrix, mu: Fraction, boxes: int) -> Finding:
     where = f"G_1 = {_printed(G)}, G_2 = {_printed(g)}{on(context.form.box)}"
-    gain = f"the L2 gain from v in w' + G_1 v, y + G_2 v to the error of w is at most {short(mu, 1)}"
+    gain = f"the L2 gain from v in w' + G_1 v, y + G_2 v to the error of w is at most {printed(mu, 1)}"
     return Finding(f"in continuous time, {gain}, {where}", boxes)
 
 
@@ -179,7 +179,7 @@ def _at(context: Context, claim: Claim, gain: Fraction, **norm: Any) -> tuple[Fr
     """Return the claim's bound of |T^-1 dc/dw T|, T = diag(gain, gain^2, ..), and with how many boxes it is shown."""
     scale = integrators(context, claim.evidence)
     if scale.units != [gain ** -(i + 1) for i in range(len(context.z))]:
-        raise Unproved(f"its units are not the powers of {short(gain)}")
+        raise Unproved(f"its units are not the powers of {printed(gain)}")
     bound, boxes = slope(context, claim.evidence, scale.expressions, **norm)
     return bound, scale.boxes + boxes
 
@@ -195,7 +195,7 @@ def _P(context: Context, claim: Claim) -> Matrix:
     function."""
     n, P = len(context.z), claim.evidence.get("P")
     for other in context.file.claims:
-        if other.maker == claim.maker and other.fact not in _OWN and other.evidence.get("P", P) != P:
+        if other.maker == claim.maker and other.fact not in _CONVERGENCE and other.evidence.get("P", P) != P:
             raise Unproved(f"{other.id} tells another P")
     return matrix(claim.evidence, "P", n, n)
 
@@ -212,7 +212,7 @@ def falls(context: Context, claim: Claim) -> Finding:
     """N'P + P N + p_1 (D P + P D) < 0."""
     p_1, (P, N, spread) = above_zero(built(context, claim).numbers, "p_1"), _weighted(context, claim)
     demand_positive({"-N'P - P N - p_1 (D P + P D)": -1 * twice(P, N) - p_1 * spread})
-    return Finding(f"p_1 = {short(p_1)} is small enough: N'P + P N + p_1 (D P + P D) < 0 {_of(claim)}")
+    return Finding(f"p_1 = {printed(p_1)} is small enough: N'P + P N + p_1 (D P + P D) < 0 {_of(claim)}")
 
 
 def rises(context: Context, claim: Claim) -> Finding:
@@ -232,29 +232,27 @@ def rises(context: Context, claim: Claim) -> Finding:
             and _same(other.evidence) != _same(claim.evidence)
         ):
             raise Unproved("its P is not that of updated_gain.p_1")
-    return Finding(f"p_3 = {short(p_3)} is large enough: p_3 (D P + P D) >= 2 lambda_max(P) {_of(claim)}")
+    return Finding(f"p_3 = {printed(p_3)} is large enough: p_3 (D P + P D) >= 2 lambda_max(P) {_of(claim)}")
 
 
 def _of(claim: Claim) -> str:
     """Return the words for the matrices of an inequality: of another D it is another."""
-    return f"for its P and D = diag(b, .., b + n - 1), b = {short(scalar(claim.evidence, 'b'))}"
+    return f"for its P and D = diag(b, .., b + n - 1), b = {printed(scalar(claim.evidence, 'b'))}"
 
 
 def _same(evidence: Mapping[str, Any]) -> tuple[Any, Any]:
     return evidence.get("P"), evidence.get("b")
 
 
-def stays(context: Context, claim: Claim) -> Finding:
+def below_cap(context: Context, claim: Claim) -> Finding:
     """L' < 0 at the cap."""
     numbers = built(context, claim).numbers
     p_1, p_2, p_3, cap = (above_zero(numbers, name) for name in ("p_1", "p_2", "p_3", "cap"))
     gamma, boxes = _at(context, claim, cap, norm=frobenius)
     if not p_1 * (p_2 - cap) + p_3 * gamma < 0:
-        raise Unproved(f"Gamma = {short(gamma, 1)} is not below p_1 (cap - p_2)/p_3")
-    return Finding(
-        f"in continuous time, L' < 0 at the cap {short(cap)}, where Gamma <= {short(gamma, 1)}{on(context.form.box)}",
-        boxes,
-    )
+        raise Unproved(f"Gamma = {printed(gamma, 1)} is not below p_1 (cap - p_2)/p_3")
+    where = f"where Gamma <= {printed(gamma, 1)}{on(context.form.box)}"
+    return Finding(f"in continuous time, L' < 0 at the cap {printed(cap)}, {where}", boxes)
 
 
 def _weighted(context: Context, claim: Claim) -> tuple[Matrix, Matrix, Matrix]:
@@ -306,18 +304,16 @@ def _gain(observer: Observer) -> tuple[str, Fraction]:
     return "gamma_inf", column(observer.numbers, "gamma", 2)[0]
 
 
-def _said(observer: Observer) -> str:
+def _phrase(observer: Observer) -> str:
     every = f"the error converges exponentially for every {_gain(observer)[0]} above {{}}"
     return f"{every}, at every rate of the gain that its law permits"
 
 
 _FALL = {"updated_gain": _updated, "adaptive_lmi": _adaptive}
-_OWN = ("convergence", "theta")
+_CONVERGENCE = ("convergence", "theta")
 _OF_V = ("slopes", "V", "S")
 _SLOPED = (*STEEP, "units", "scale", "P", "peak")
 
-
-# ---
 
 Form = Callable[[Matrix], Matrix]  # of N, in which it is affine
 
@@ -413,12 +409,12 @@ OBSERVERS = {
 RULES = (
     of_observer(("updated_gain",), ("p_1",), falls, ("P", "b")),
     of_observer(("updated_gain",), ("p_3",), rises, ("P", "b", "peak")),
-    on_chains(("updated_gain",), ("cap",), stays, (*STEEP, "units", "scale")),
+    on_chains(("updated_gain",), ("cap",), below_cap, (*STEEP, "units", "scale")),
     of_observer(("adaptive_lmi",), ("definite", "shrink", "decay"), inequality, ("P",)),
     on_chains(
         ("adaptive_lmi",), ("attenuation",), attenuation, (*_SLOPED, *_OF_V, "G_1", "G_2", "delta_1", "share", "mu")
     ),
-    *decays(_GAINS, Decay(_by_norm, _gain, _said), ("scale", "slopes", "units", "b"), ("P", "S")),
+    *decays(_GAINS, Decay(_by_norm, _gain, _phrase), ("scale", "slopes", "units", "b"), ("P", "S")),
     of_observer(_LEVELS, ("core",), core, ("units", "P", "mu", "tau")),
     *decays(_LEVELS, Decay(_falls), ("scale", "slopes", "units"), ("P", "mu", "tau", "S")),
     clamped((*OBSERVERS,)),

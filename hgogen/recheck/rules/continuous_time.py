@@ -60,7 +60,7 @@ from typing import Any
 
 from ..arithmetic import Unproved
 from ..box import continuous
-from ..context import Context, Finding, Rule, built, constants, enclosed, inner, on_chains, only, short
+from ..context import Context, Finding, Rule, built, constants, enclosed, inner, on_chains, only, printed
 from ..file import Built, Claim, Observer, above_zero, column, entries, fields, matrix, part, scalar
 from ..inclusion import ERROR, INJECTED, ErrorInclusion, Slope, bounded_slopes, error_inclusion, with_endless
 from ..inequality import (
@@ -93,13 +93,13 @@ def _least(observer: Observer) -> tuple[str, Fraction]:
     return name, least
 
 
-def _said(observer: Observer) -> str:
+def _phrase(observer: Observer) -> str:
     if "hold" in observer.numbers:
         return "the error decays exponentially between switches, in every gain above {}"
     return "the error converges exponentially for every theta above {}"
 
 
-def held(context: Context, claim: Claim) -> Finding:
+def dwell(context: Context, claim: Claim) -> Finding:
     """Show that the time hold is long enough; that the low gain's norm falls is another claim."""
     numbers, evidence = built(context, claim).numbers, claim.evidence
     theta, low, hold = (above_zero(numbers, name) for name in ("theta", "theta_low", "hold"))
@@ -118,8 +118,8 @@ def held(context: Context, claim: Claim) -> Finding:
     demand_nonnegative({"down P_high - D^-1 P_low D^-1": down * high - slow.weighed(back).T.weighed(back)})
     lost = intervals.function("log", (point(up * down),))
     if (point(alpha * hold) - lost).sign <= 0:
-        raise Unproved(f"hold = {short(hold)} is not shown to be long enough")
-    return Finding(f"in continuous time, hold = {short(hold)} is long enough: switching keeps the error's decay")
+        raise Unproved(f"hold = {printed(hold)} is not shown to be long enough")
+    return Finding(f"in continuous time, hold = {printed(hold)} is long enough: switching keeps the error's decay")
 
 
 def _falls(context: Context, claim: Claim, slopes: Mapping[str, Any], level: Fraction, alpha: Fraction) -> int:
@@ -134,7 +134,7 @@ def _falls(context: Context, claim: Claim, slopes: Mapping[str, Any], level: Fra
 
 def l2_gain(context: Context, claim: Claim) -> Finding:
     """Show the L2 gain from the claim's inputs to the errors of the states, weighed by what they count for."""
-    error, parts, scales, inputs, said = _of(context, claim)
+    error, parts, scales, inputs, phrase = _of(context, claim)
     evidence, n, mu = claim.evidence, len(context.z), above_zero(claim.evidence, "mu")
     if max(multipliers(evidence, inputs)) > mu**2:
         raise Unproved("a lambda is above mu^2")
@@ -142,23 +142,23 @@ def l2_gain(context: Context, claim: Claim) -> Finding:
     for count, field in zip(counts, error.picks, strict=True):
         form[field][field] += (count / scales[field]) ** 2
     demand_negative("its inequality", form)
-    of = ", ".join(f"{short(x)} {z}" for x, z in zip(counts, context.z, strict=True))
+    of = ", ".join(f"{printed(x)} {z}" for x, z in zip(counts, context.z, strict=True))
     return Finding(
-        f"in continuous time, {said}, the L2 gain to the error of {of} is at most {short(mu, 1)}", error.boxes
+        f"in continuous time, {phrase}, the L2 gain to the error of {of} is at most {printed(mu, 1)}", error.boxes
     )
 
 
 def iss_gain(context: Context, claim: Claim) -> Finding:
     """Show the bound to which the error of each state comes."""
-    error, parts, scales, inputs, said = _of(context, claim)
+    error, parts, scales, inputs, phrase = _of(context, claim)
     bounds = list[str]()
     each = entries(claim.evidence, "bounds", len(context.z))
     for z, field, one in zip(context.z, error.picks, each, strict=True):
         bound = above_zero(fields(one, "a bound", ("alpha", "P", "S", "bound")), "bound")
         demand_kept(parts, FLOW, NOW, one, inputs)
         within(one, field, scales, bound)
-        bounds.append(f"{z} comes to at most {short(bound, 1)}")
-    return Finding(f"in continuous time, {said}, the error of {', '.join(bounds)}", error.boxes)
+        bounds.append(f"{z} comes to at most {printed(bound, 1)}")
+    return Finding(f"in continuous time, {phrase}, the error of {', '.join(bounds)}", error.boxes)
 
 
 def _of(context: Context, claim: Claim) -> tuple[ErrorInclusion, Parts, list[Fraction], list[Input], str]:
@@ -167,24 +167,22 @@ def _of(context: Context, claim: Claim) -> tuple[ErrorInclusion, Parts, list[Fra
     theta, error = scalar(observer.numbers, "theta"), error_inclusion(context, observer, evidence)
     if not theta > 0 or not error.measured:
         raise Unproved("its theta is not positive, or its gains are no numbers in these coordinates")
-    scales, said, p = error.scales(context, theta), list[str](), len(context.form.output)
+    scales, phrase, p = error.scales(context, theta), list[str](), len(context.form.output)
     inputs = list[Input]()
     for j, size in enumerate(column(evidence, "noise", p)):
         if size:
-            context.demand_seen(j)
+            context.demand_observed(j)
             inputs.append(Input(Matrix([of_field(j, p)]), [Fraction(0)] * len(scales)) * size)
-            said.append(f"under noise of {short(size)} in output {j + 1}")
-    for beside in part(evidence, "beside", list):
-        rows = column({"beside": beside}, "beside", len(context.z))
+            phrase.append(f"under noise of {printed(size)} in output {j + 1}")
+    for added in part(evidence, "beside", list):
+        rows = column({"beside": added}, "beside", len(context.z))
         fields = zip(scales, error.index, error.fed, strict=True)
         inputs.append(Input(zeros(1, p), [-scale * rows[i] * fed for scale, i, fed in fields]))
-        said.append(f"under ({', '.join(short(x) for x in rows)}) beside b")
+        phrase.append(f"under ({', '.join(printed(x) for x in rows)}) beside b")
     if not inputs:
         raise Unproved("nothing enters")
-    return error, error.at(theta), scales, inputs, ", ".join(said)
+    return error, error.at(theta), scales, inputs, ", ".join(phrase)
 
-
-# ---
 
 _CORNERS = 1024  # of slopes and shares
 Shares = list[tuple[Fraction, Fraction]]
@@ -235,12 +233,12 @@ def _shares(context: Context, evidence: Mapping[str, Any], s: list[Fraction]) ->
         def read(text: Expression, rate: Expression = rate) -> Expression:
             return context.at_kinks(text, rate)
 
-        low, high, shown = enclosed(context, range_, one / context.slope(rate, z), rate, read)
+        low, high, finding = enclosed(context, range_, one / context.slope(rate, z), rate, read)
         if low <= 0 <= high:
             raise Unproved("the bounds of a slope do not keep clear of zero")
         continuous((rate,), (z,), context.form.box)
         shares.append((min(number * low, number * high), max(number * low, number * high)))
-        boxes += shown.boxes
+        boxes += finding.boxes
     return shares, boxes
 
 
@@ -273,9 +271,6 @@ def _corners(parts: Parts, K: list[Fraction], shares: Shares, theta: Fraction) -
             yield replace(parts, M=whole, G=zeros(len(K), 0), H=zeros(0, len(K)), E=zeros(0, parts.B.width))
 
 
-# ---
-
-
 def convergence(context: Context, claim: Claim) -> Finding:
     """Show that the error converges exponentially from everywhere."""
     observer, form, n = built(context, claim), context.form, len(context.z)
@@ -301,13 +296,13 @@ def _linear(context: Context, A: Matrix, C: Matrix) -> None:
     for texts, row in zip(form.A, A, strict=True):
         for entry, number in zip(texts, row, strict=True):
             context.same(entry, algebra.number(number), "A is not that of the form")
-    for rest in form.b:
-        only(rest.names & set(context.z), (), "b")
+    for nonlinear in form.b:
+        only(nonlinear.names & set(context.z), (), "b")
     letters = algebra.names
     still = {**letters, **dict.fromkeys(context.z, algebra.zero)}
     for output, row in zip(form.output, C, strict=True):
-        shown = inner(algebra, [algebra.number(each) for each in row], [letters[name] for name in context.z])
-        context.same(output, algebra.read(output, still) + shown, "C is not that of the form")
+        finding = inner(algebra, [algebra.number(each) for each in row], [letters[name] for name in context.z])
+        context.same(output, algebra.read(output, still) + finding, "C is not that of the form")
 
 
 def _gramian(A: Matrix, start: Matrix) -> Matrix:
@@ -335,20 +330,20 @@ OBSERVERS = {
 _NORM = ("P", "S")
 _INPUTS = (*ERROR, "noise", "beside")
 _UNIFORM_DECAY = Decay(
-    _uniform_falls, said=lambda _: "the error against the plant converges exponentially for every theta above {}"
+    _uniform_falls, phrase=lambda _: "the error against the plant converges exponentially for every theta above {}"
 )
 RULES = (
     *(
-        replace(rule, kinds=("uniform",), rests=rests)
-        for rule, rests in zip(
+        replace(rule, kinds=("uniform",), assumes=assumes)
+        for rule, assumes in zip(
             decays((_UNIFORM,), _UNIFORM_DECAY, ("scale", "slopes", "shares"), _NORM),
             (("uniform.structure", "uniform.slope_1"), (f"{_UNIFORM}.convergence",)),
             strict=True,
         )
     ),
     Rule(("riccati",), ("convergence",), convergence, ("A", "C"), about="the filter of a linear plant"),
-    *decays(_INJECTED, Decay(_falls, _least, _said), ERROR, _NORM),
-    on_chains(("switched_gain",), ("hold",), held, ("alpha", *_NORM, "up", "down"), "switched_gain.theta"),
+    *decays(_INJECTED, Decay(_falls, _least, _phrase), ERROR, _NORM),
+    on_chains(("switched_gain",), ("hold",), dwell, ("alpha", *_NORM, "up", "down"), "switched_gain.theta"),
     clamped(_INJECTED),
     on_chains(INJECTED, ("l2_gain",), l2_gain, (*_INPUTS, "counts", "mu", "P", "S")),
     on_chains(INJECTED, ("iss_gain",), iss_gain, (*_INPUTS, "bounds")),

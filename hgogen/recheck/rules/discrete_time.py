@@ -11,7 +11,7 @@ one unit.
 """
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 from functools import cache, cached_property, reduce
@@ -21,7 +21,7 @@ from operator import add
 from typing import Any
 
 from ..arithmetic import Unproved
-from ..context import Context, Finding, built, on_chains, short
+from ..context import Context, Finding, built, on_chains, printed
 from ..file import Claim, above_zero, column, entries, fields, matrix, part, scalar
 from ..inclusion import ERROR, INJECTED, ErrorInclusion, error_inclusion
 from ..inequality import (
@@ -73,7 +73,7 @@ class _Running:
     @property
     def at(self) -> str:
         """The words for it."""
-        return f"by {self.evidence['method']} at dt = {short(self.h)}, theta = {short(self.theta)}"
+        return f"by {self.evidence['method']} at dt = {printed(self.h)}, theta = {printed(self.theta)}"
 
     @property
     def estimating(self) -> set[int]:
@@ -95,7 +95,7 @@ def step(context: Context, claim: Claim) -> Finding:
     if not 0 <= alpha * run.h < 1:
         raise Unproved("alpha dt is below 0 or not below 1")
     demand_falls(run.parts, run.method, run.h, alpha, claim.evidence)
-    rate = f"|e|_P^2 falls at each call{f', by {short(alpha * run.h, -1)} of itself' if alpha else ''}"
+    rate = f"|e|_P^2 falls at each call{f', by {printed(alpha * run.h, -1)} of itself' if alpha else ''}"
     return Finding(f"{run.at}, {rate}", run.error.boxes)
 
 
@@ -121,8 +121,8 @@ def throughout(context: Context, claim: Claim) -> Finding:
             terms = (x * value for x, value in zip(weights, values, strict=True) if x)
             demand_negative("its polynomial", reduce(add, terms))
         end = high
-    at = f"theta = {short(theta)} and every dt up to {short(end, -1)}"
-    beyond = f"at each larger theta while theta dt is at most {short(theta * end, -1)}"
+    at = f"theta = {printed(theta)} and every dt up to {printed(end, -1)}"
+    beyond = f"at each larger theta while theta dt is at most {printed(theta * end, -1)}"
     return Finding(f"by {evidence['method']} |e|_P falls at {at}, and {beyond}", error.boxes)
 
 
@@ -136,22 +136,22 @@ def _bernstein(degree: int) -> Matrix:
 def noise(context: Context, claim: Claim) -> Finding:
     """|z_i| <= bound of an error e in |e|_P <= 1, which stays there while the samples of an output err by at most 1:
     its inputs are those at both ends of a call."""
-    run, said = _running(context, claim), dict[tuple[int, int], str]()
+    run, phrase = _running(context, claim), dict[tuple[int, int], str]()
     for one in part(claim.evidence, "bounds", list):
         fields(one, "a bound", ("state", "output", "alpha", "P", "S", "bound"))
         state, output = place(one, "state", len(context.z)), place(one, "output", len(context.form.output))
-        context.demand_seen(output)
-        if (state, output) in said:
+        context.demand_observed(output)
+        if (state, output) in phrase:
             raise Unproved("a bound stands twice")
         if not run.error.measured:
             raise Unproved("its gains are no numbers in these coordinates")
         bound = above_zero(one, "bound")
         demand_kept(run.parts, run.method, run.h, one, ends(run.method, run.parts, output))
         within(one, run.error.picks[state], run.scales, bound)
-        said[state, output] = f"{context.z[state]} by at most {short(bound, 1)} for 1 of output {output + 1}"
-    if not said:
+        phrase[state, output] = f"{context.z[state]} by at most {printed(bound, 1)} for 1 of output {output + 1}"
+    if not phrase:
         raise Unproved("it has no bounds")
-    return Finding(f"{run.at}, noise moves {', '.join(said.values())}", run.error.boxes)
+    return Finding(f"{run.at}, noise moves {', '.join(phrase.values())}", run.error.boxes)
 
 
 # --- from first errors
@@ -176,14 +176,14 @@ def start(context: Context, claim: Claim) -> Finding:
     multiple, limits = above_zero(clear, "multiple"), _limits(clear, run)
     for k, limit in limits.items():
         within(clear, k, scales, limit / multiple, begins[0])
-    said = []
+    phrase = []
     for z, field, one, V in zip(context.z, run.error.picks, peaks, begins[1:], strict=True):
         bound = above_zero(one, "bound")
         within(one, field, scales, bound, V)
-        said.append(f"{z} by at most {short(bound, 1)}")
-    from_ = f"from errors of up to {short(multiple, -1)} times {', '.join(short(x) for x in first)}"
-    clear_of = ", ".join(short(limit, 1) for _, limit in sorted(limits.items()))
-    erring = f"no field errs by more than {clear_of}; from these once {', '.join(said)}"
+        phrase.append(f"{z} by at most {printed(bound, 1)}")
+    from_ = f"from errors of up to {printed(multiple, -1)} times {', '.join(printed(x) for x in first)}"
+    clear_of = ", ".join(printed(limit, 1) for _, limit in sorted(limits.items()))
+    erring = f"no field errs by more than {clear_of}; from these once {', '.join(phrase)}"
     return Finding(f"{run.at}, {from_} {erring}", run.error.boxes)
 
 
@@ -212,7 +212,7 @@ def _largest(error: ErrorInclusion, scales: list[Fraction], first: list[Fraction
 # --- shares of inputs
 
 _KINDS = ("noise", "rounded", "late", "disturbance", "parameters", "method", "rounding")
-_CLEAR, _BESIDE = "while the plant keeps clear of the ends of its ranges", "beside what the method leaves"
+_CLEAR, _DEVIATION = "while the plant keeps clear of the ends of its ranges", "beside what the method leaves"
 _SHARE = {"inputs", "follows", "samples", "stages", "beside", "fields", "unit", "bounds"}
 Shares = Mapping[str, Mapping[str, Any]]  # by their inputs
 
@@ -247,47 +247,43 @@ def error(context: Context, claim: Claim) -> Finding:
             totals[k] += bound
     sizes, under, boxes = _followed(run, by_kind)
     states = zip(context.z, run.error.picks, strict=True)
-    said = ", ".join(f"{z} by at most {short(totals[k], 1)}" for z, k in states)
-    return Finding(f"{run.at}, {'; '.join(sizes)} move {said} in all, {under}", run.error.boxes + boxes)
+    phrase = ", ".join(f"{z} by at most {printed(totals[k], 1)}" for z, k in states)
+    return Finding(f"{run.at}, {'; '.join(sizes)} move {phrase} in all, {under}", run.error.boxes + boxes)
 
 
 def _followed(run: _Running, shares: Shares) -> tuple[list[str], str, int]:
     """Demand that the sizes follow: what they are, under what, and with how many boxes."""
-    context, evidence, left, rounding = run.context, run.evidence, shares.get("method"), shares.get("rounding")
-    others = {kind: share for kind, share in shares.items() if share is not left and share is not rounding}
+    context, evidence, method, rounding = run.context, run.evidence, shares.get("method"), shares.get("rounding")
+    others = {kind: share for kind, share in shares.items() if share is not method and share is not rounding}
     boxes, sizes = demand_followed(context, run.h, others), list[str]()
     for kind, share in others.items():
-        stated = [short(size, -1) for size in map(number, share["follows"]["sizes"]) if size]
+        stated = [printed(size, -1) for size in map(number, share["follows"]["sizes"]) if size]
         sizes.append(f"{kind} of {', '.join(stated)}")
     if rounding:
         equation = equation_of(context, run.error, run.theta, rounding["follows"])
-        totals = _reached(shares.values(), equation.scales)
-        said, more = demand_rounding(equation, tableau_of(evidence), run.h, rounding, shares, totals)
-        sizes, boxes = [*sizes, said], boxes + more
-    if left is None:
-        return sizes, _BESIDE, boxes
+        each = zip(*(_bounds_of(share, equation.scales) for share in shares.values()), strict=True)
+        totals = [sum(bounds, Fraction(0)) for bounds in each]  # at least how far all shares move each field (N)
+        phrase, more = demand_rounding(equation, tableau_of(evidence), run.h, rounding, shares, totals)
+        sizes, boxes = [*sizes, phrase], boxes + more
+    if method is None:
+        return sizes, _DEVIATION, boxes
     if run.method.degree:
-        motion, more = demand_remainder(context, tableau_of(evidence), run.h, left)
+        motion, more = demand_remainder(context, tableau_of(evidence), run.h, method)
     else:
-        motion, more = demand_core_error(context, run.error, run.theta, evidence, left)
-    return [*sizes, motion.said], f"{_CLEAR} by {motion.clear}", boxes + more
+        motion, more = demand_core_error(context, run.error, run.theta, evidence, method)
+    return [*sizes, motion.phrase], f"{_CLEAR} by {motion.clear}", boxes + more
 
 
-def _reached(shares: Iterable[Mapping[str, Any]], scales: Sequence[Fraction]) -> list[Fraction]:
-    """Return, by field (N), at least how far all shares move its error."""
-    return [sum(each, Fraction(0)) for each in zip(*(_moved(share, scales) for share in shares), strict=True)]
-
-
-def _moved(share: Mapping[str, Any], scales: Sequence[Fraction]) -> list[Fraction]:
+def _bounds_of(share: Mapping[str, Any], scales: Sequence[Fraction]) -> list[Fraction]:
     """Return, by field (N), at least how far a share moves its error: by its bound, of one without by the norms in
     which the inputs keep e within 1."""
     N, unit = len(scales), scalar(share, "unit")
-    moved = {_field(one, N): scalar(one, "bound") for one in share["bounds"]}
-    if len(moved) < N:
+    bounds = {_field(one, N): scalar(one, "bound") for one in share["bounds"]}
+    if len(bounds) < N:
         inverses = [inverse(matrix(one, "P", N, N)) for one in share["bounds"]]
-        for k in set(range(N)) - set(moved):
-            moved[k] = unit * _root(min(M[k][k] for M in inverses)) / abs(scales[k])
-    return [moved[k] for k in range(N)]
+        for k in set(range(N)) - set(bounds):
+            bounds[k] = unit * _root(min(M[k][k] for M in inverses)) / abs(scales[k])
+    return [bounds[k] for k in range(N)]
 
 
 def _root(value: Fraction) -> Fraction:
@@ -307,17 +303,17 @@ def _inputs(run: _Running, share: Mapping[str, Any]) -> list[Input]:
     still, inputs = [Fraction(0)] * len(error.N), list[Input]()
     for j, size in enumerate(_sizes(share, "samples", p)):
         if size:
-            context.demand_seen(j)
+            context.demand_observed(j)
             inputs += [end * size for end in ends(method, run.parts, j)]
     for j, row in enumerate(entries(share, "stages", p) if share["stages"] != [] else []):
         for i, size in enumerate(_sizes({"stages": row}, "stages", stages)):
             if size:
-                context.demand_seen(j)
+                context.demand_observed(j)
                 inputs.append(Input(outer(of_field(i, stages), of_field(j, p)), still) * size)
     for i, size in enumerate(_sizes(share, "beside", n)):
         onto = [-s * (fed and at == i) for s, fed, at in zip(run.scales, error.fed, error.index, strict=True)]
         deviation = Input(zeros(stages, p), onto)
-        for j in (j for j, z in enumerate(context.seen) if z == context.z[i]):
+        for j in (j for j, z in enumerate(context.observed) if z == context.z[i]):
             slope = context.first_gain(j).number
             if slope is None:
                 raise Unproved("the slope of an output is no number")

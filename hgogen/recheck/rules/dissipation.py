@@ -46,7 +46,7 @@ from typing import Any
 
 from ..arithmetic import Arithmetic, Dual, Undefined, Unproved, dual, evaluate, jacobian, seeded, total
 from ..box import Box, End, Try, by_mean_value, covered, cut, narrowed, points, positive, ranged, sides, unbounded
-from ..context import Context, Finding, Rule, algebra_of, finite, inner, inside, numbers, on, short
+from ..context import Context, Finding, Rule, algebra_of, finite, inner, inside, numbers, on, printed
 from ..file import Claim, Equations, above_zero, entries, fields, matrix, part, scalar, signals
 from ..interval import Interval, intervals, point
 from ..matrix import Matrix, demand_nonnegative, of_field, outer
@@ -296,7 +296,7 @@ class ClaimedGain:
         """The box of all names."""
         return {**self.system.plant.box, **self.around}
 
-    def shown(self, sentence: str, boxes: int) -> Finding:
+    def finding(self, sentence: str, boxes: int) -> Finding:
         """Return the finding on it."""
         return Finding(f"{sentence}; of the error {self.system.sentence}", boxes)
 
@@ -310,7 +310,7 @@ def is_positive(context: Context, claim: Claim) -> Finding:
         if bound <= 0:
             raise Unproved("V is not kept above zero on a slab")
         boxes += covered(narrowed(slab, claimed.V.names), tree, ranged(claimed.V, bound, math.inf))
-    return claimed.shown(f"V = {cut(claimed.V.text)} > 0 for every e but 0{on(claimed.around)}", boxes)
+    return claimed.finding(f"V = {cut(claimed.V.text)} > 0 for every e but 0{on(claimed.around)}", boxes)
 
 
 def inequality(context: Context, claim: Claim) -> Finding:
@@ -321,14 +321,14 @@ def inequality(context: Context, claim: Claim) -> Finding:
     boxes = covered(_copies(claimed, share, reads), ".", _definite(claimed, T, _second_order))
     slabs = list(_slabs(claim, claimed, share))
     if slabs:
-        left = expression(part(claim.evidence, "left", str), claimed.box)
-        _left(claimed, left)
+        left_side = expression(part(claim.evidence, "left", str), claimed.box)
+        _demand_left_side(claimed, left_side)
         for slab, tree, bound in slabs:
             if bound >= 0:
                 raise Unproved("the left side is not kept below zero on a slab")
-            boxes += covered(narrowed(slab, left.names), tree, ranged(left, -math.inf, bound))
-    return claimed.shown(
-        f"inequality (38) holds with V = {cut(claimed.V.text)}, mu = {short(claimed.mu)}{on(claimed.box)}", boxes
+            boxes += covered(narrowed(slab, left_side.names), tree, ranged(left_side, -math.inf, bound))
+    return claimed.finding(
+        f"inequality (38) holds with V = {cut(claimed.V.text)}, mu = {printed(claimed.mu)}{on(claimed.box)}", boxes
     )
 
 
@@ -340,13 +340,15 @@ def level(context: Context, claim: Claim) -> Finding:
     if P is not None:
         for i, end in faces:
             shell = floor / end**2 * outer(*[of_field(i, len(P))] * 2)
-            demand_nonnegative({f"P - {short(floor)}/{short(end)}^2 on its place ({i + 1}, {i + 1})": P - shell})
+            demand_nonnegative({f"P - {printed(floor)}/{printed(end)}^2 on its place ({i + 1}, {i + 1})": P - shell})
     else:
         for i, end in faces:
             face = narrowed({**claimed.around, claimed.errors[i]: (end, end)}, claimed.V.names)
             boxes += covered(face, ".", ranged(claimed.V, floor, math.inf))
-    faced = f"every {{V <= c}} of V = {cut(claimed.V.text)} with c < {short(floor, -1)} keeps off the faces of the box"
-    return claimed.shown(f"{faced}{on(claimed.around)}", boxes)
+    faced = (
+        f"every {{V <= c}} of V = {cut(claimed.V.text)} with c < {printed(floor, -1)} keeps off the faces of the box"
+    )
+    return claimed.finding(f"{faced}{on(claimed.around)}", boxes)
 
 
 # --- the claim's system
@@ -356,15 +358,15 @@ def _claimed_gain(context: Context, claim: Claim) -> ClaimedGain:
     """Return the claim's system, smooth, with V = 0 and V_e = 0 at e = 0, the same as in the file's other claims.
     Raises: `Unproved`."""
     description = part(claim.evidence, "system", dict)
-    own = next((made for made in _SYSTEMS if description.keys() == {*made, *_OF_ALL}), None)
-    if own is None:
+    known_keys = next((keys for keys in _SYSTEMS if description.keys() == {*keys, *_OF_ALL}), None)
+    if known_keys is None:
         raise Unproved(
-            "its system has not the parts " + ", or ".join(", ".join((*made, *_OF_ALL)) for made in _SYSTEMS)
+            "its system has not the parts " + ", or ".join(", ".join((*keys, *_OF_ALL)) for keys in _SYSTEMS)
         )
     for other in context.file.claims:
         if other.maker == claim.maker and other.evidence.get("system", description) != description:
             raise Unproved(f"it is about another system than {other.id}")
-    system = _SYSTEMS[own](context, description)
+    system = _SYSTEMS[known_keys](context, description)
     claimed = ClaimedGain(system, expression(description["V"], system.around), above_zero(description, "mu"))
     _vanishing(claimed)
     return claimed
@@ -439,7 +441,7 @@ def _slabs(claim: Claim, claimed: ClaimedGain, share: Fraction) -> Iterator[tupl
         inner[name] = (low * share, high * share)
 
 
-def _left(claimed: ClaimedGain, left: Expression) -> None:
+def _demand_left_side(claimed: ClaimedGain, left_side: Expression) -> None:
     """Demand that a text is S."""
     algebra = algebra_of(claimed.box)
     e, arithmetic, half = algebra.names, algebra.arithmetic, algebra.number(Fraction(1, 2))
@@ -451,7 +453,7 @@ def _left(claimed: ClaimedGain, left: Expression) -> None:
         *(half * e[name] * e[name] for name in claimed.errors),
         *(loud * each * each for each in pushed),
     ]
-    if not algebra.is_zero(algebra.read(left) - total(terms)):
+    if not algebra.is_zero(algebra.read(left_side) - total(terms)):
         raise Unproved("its left side is not that of (38)")
 
 
@@ -486,13 +488,13 @@ def _copies(claimed: ClaimedGain, share: Fraction, reads: Mapping[str, Any]) -> 
     return box
 
 
-def _definite(claimed: ClaimedGain, T: Matrix, made: Callable[[ClaimedGain, Box], Matrix]) -> Any:
-    """Return the statement that T'M T is positive definite, M of `made`."""
+def _definite(claimed: ClaimedGain, T: Matrix, keys: Callable[[ClaimedGain, Box], Matrix]) -> Any:
+    """Return the statement that T'M T is positive definite, M of `keys`."""
     basis = T.mapped(_number)
 
     @lru_cache(maxsize=2)
     def transformed(sides: tuple[tuple[str, tuple[End, End]], ...]) -> Matrix:
-        return basis.T @ (made(claimed, dict(sides)) @ basis)
+        return basis.T @ (keys(claimed, dict(sides)) @ basis)
 
     def values(box: Box) -> list[list[Interval]]:
         return transformed(tuple(box.items())).mapped(lambda x: x.value).rows

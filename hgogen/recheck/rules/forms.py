@@ -15,7 +15,7 @@ Source: Gauthier, Hammouri, Othman, IEEE TAC 37 (1992).
 """
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 from itertools import combinations, pairwise
@@ -41,13 +41,13 @@ from ..context import (
     jacobian_bound,
     only,
     place_of,
+    printed,
     ranges_kept,
-    short,
     structure,
     wanted_gain,
     witness,
 )
-from ..file import Claim, FormFile, fields, matrix, part, scalar
+from ..file import Claim, fields, matrix, part, scalar
 from ..inequality import place
 from ..matrix import inverse
 from ..tables import jumps
@@ -58,10 +58,10 @@ from ..text import KINKS, Expression, expression
 
 def _gain(context: Context, claim: Claim) -> Finding:
     """0 < a_m <= a_i <= a_M on the box."""
-    low, _, shown = enclosed(context, claim.evidence, *wanted_gain(context, claim.at))
+    low, _, finding = enclosed(context, claim.evidence, *wanted_gain(context, claim.at))
     if low <= 0:
         raise Unproved("its lower bound is not above zero")
-    return Finding(f"{claim.what}: {shown.sentence}", shown.boxes)
+    return Finding(f"{claim.what}: {finding.sentence}", finding.boxes)
 
 
 def _no_gain(context: Context, claim: Claim) -> Finding:
@@ -80,20 +80,12 @@ def _offset(context: Context, claim: Claim) -> Finding:
     _ = context.equations
     chain = claim.at[0] if claim.at else 1
     head = context.z[place_of(context, chain, 1)]
-    rest = context.value(context.form.output[chain - 1]) - context.first_gain(chain - 1) * context.algebra.names[head]
+    offset_ = (
+        context.value(context.form.output[chain - 1]) - context.first_gain(chain - 1) * context.algebra.names[head]
+    )
     text = expression(part(claim.evidence, "expression", str), context.form.box)
     only(text.names & set(context.z), (), "the offset")
-    return enclosed(context, claim.evidence, rest, text)[2]
-
-
-def _rows(form: FormFile) -> tuple[str, ...]:
-    rows = (f"triangular.a_{i}" for i in range(1, len(form.states) + 1))
-    return (*rows, "triangular.lipschitz")
-
-
-def _rows_of_chains(form: FormFile) -> tuple[str, ...]:
-    rows = (f"block_triangular.a_{k}_{i}" for k, size in enumerate(form.blocks, 1) for i in range(1, size + 1))
-    return (*rows, "block_triangular.lipschitz")
+    return enclosed(context, claim.evidence, offset_, text)[2]
 
 
 # --- affine in the states
@@ -104,17 +96,17 @@ def _affine(context: Context, claim: Claim) -> Finding:
     states that an output shows alone, with a number for c_k."""
     _ = context.equations
     z, measured, algebra = context.z, list[str](), context.algebra
-    rest = {**algebra.names, **dict.fromkeys(z, algebra.zero)}
+    offset_ = {**algebra.names, **dict.fromkeys(z, algebra.zero)}
     for j, output in enumerate(context.form.output, 1):
-        d = algebra.read(output, rest)
-        slopes = {name: algebra.read(output, {**rest, name: algebra.one}) - d for name in z}
+        d = algebra.read(output, offset_)
+        slopes = {name: algebra.read(output, {**offset_, name: algebra.one}) - d for name in z}
         line = sum((slopes[name] * algebra.names[name] for name in z), start=d)
         if not algebra.is_zero(context.value(output) - line):
             raise Unproved(f"output {j} is not affine in the states")
-        seen = [name for name in z if not algebra.is_zero(slopes[name])]
-        measured += seen if len(seen) == 1 and slopes[seen[0]].number is not None else []
-    for i, (entries, rest_) in enumerate(zip(context.form.A, context.form.b, strict=True), 1):
-        for row in (*entries, rest_):
+        read_states = [name for name in z if not algebra.is_zero(slopes[name])]
+        measured += read_states if len(read_states) == 1 and slopes[read_states[0]].number is not None else []
+    for i, (entries, nonlinear) in enumerate(zip(context.form.A, context.form.b, strict=True), 1):
+        for row in (*entries, nonlinear):
             only(row.names & set(z), measured, f"row {i} of A or b")
     ranges_kept(context)
     return Finding(f"A and b read {', '.join(measured) or 'no state'}, and the form's equations are the plant's")
@@ -139,11 +131,11 @@ def _uniform(context: Context, claim: Claim) -> Finding:
 def _slope(context: Context, claim: Claim) -> Finding:
     """dh/dz_1, or dF_(i-1)/dz_i, is bounded and bounded away from zero on the box."""
     wanted, rate = _wanted_slope(context, *claim.at)
-    low, high, shown = enclosed(context, claim.evidence, wanted, rate, lambda text: context.at_kinks(text, rate))
+    low, high, finding = enclosed(context, claim.evidence, wanted, rate, lambda text: context.at_kinks(text, rate))
     if low <= 0 <= high:
         raise Unproved("its bounds do not keep clear of zero")
     continuous((rate,), (context.z[claim.at[0] - 1],), context.form.box)
-    return Finding(f"{claim.what}: {shown.sentence}", shown.boxes)
+    return Finding(f"{claim.what}: {finding.sentence}", finding.boxes)
 
 
 def _no_slope(context: Context, claim: Claim) -> Finding:
@@ -173,10 +165,6 @@ def _wanted_slope(context: Context, index: int) -> tuple[Quotient, Expression]:
     return context.slope(rate, context.z[index - 1]), rate
 
 
-def _slopes(form: FormFile) -> tuple[str, ...]:
-    return (*(f"uniform.slope_{i}" for i in range(1, len(form.states) + 1)), "uniform.lipschitz")
-
-
 # --- how steep
 
 
@@ -186,17 +174,21 @@ def _lipschitz(context: Context, claim: Claim) -> Finding:
     return jacobian_bound(context, claim, rows(context), name)
 
 
-def _every(context: Context) -> Sequence[Expression]:
-    return (*context.rates, *context.form.output)
-
-
 _STEEP: Mapping[str, tuple[str, Callable[[Context], Sequence[Expression]]]] = {
     **dict.fromkeys(("triangular", "block_triangular"), ("db/dz", lambda context: context.nonlinear)),
     "state_affine": ("d(A z + b)/dz", lambda context: context.rates),
-    **dict.fromkeys(("uniform", "original"), ("d(F, h)/dz", _every)),
+    **dict.fromkeys(("uniform", "original"), ("d(F, h)/dz", lambda context: (*context.rates, *context.form.output))),
 }
 
 # --- coordinates
+
+
+def _range_kept(context: Context, claim: Claim) -> Finding:
+    return Finding("the form's states keep to their ranges while the plant's do", ranges_kept(context, every=True))
+
+
+def _numbered(begin: str, count: int) -> Iterator[str]:
+    return (f"{begin}{i}" for i in range(1, count + 1))
 
 
 def _inverse(context: Context, claim: Claim) -> Finding:
@@ -211,13 +203,6 @@ def _regular(rows: Sequence[Expression], names: Sequence[str], box: Box) -> int:
     read = {name for row in rows for name in row.names}
     return covered(narrowed(box, read), ".", regular(rows, [name for name in names if name in read]))
 
-
-def _range(context: Context, claim: Claim) -> Finding:
-    """Show that each z_i keeps to its range while the plant's states do."""
-    return Finding("the form's states keep to their ranges while the plant's do", ranges_kept(context, every=True))
-
-
-# ---
 
 MOST = 6  # states, beyond which the determinant's expansion is too long
 
@@ -257,7 +242,7 @@ def rank(context: Context, claim: Claim) -> Finding:
     low, high, boxes = _bounded_determinant(slopes, slopes.rows, claim.evidence)
     if low <= 0 <= high:
         raise Unproved("its bounds do not keep clear of zero")
-    return Finding(f"{short(low, -1)} <= det dPhi/dx <= {short(high, 1)}", boxes)
+    return Finding(f"{printed(low, -1)} <= det dPhi/dx <= {printed(high, 1)}", boxes)
 
 
 def one_to_one(context: Context, claim: Claim) -> Finding:
@@ -267,19 +252,19 @@ def one_to_one(context: Context, claim: Claim) -> Finding:
     L, algebra = matrix(claim.evidence, "weights", n, n), slopes.algebra
     _ = inverse(L)
     weighed = [*zip(*(applied(algebra, L, column) for column in zip(*slopes.rows, strict=True)), strict=True)]
-    left = {places for size in range(1, n + 1) for places in combinations(range(n), size)}
+    missing = {places for size in range(1, n + 1) for places in combinations(range(n), size)}
     for minor in part(claim.evidence, "minors", list):
         fields(minor, "a minor", ("places", *RANGE))
         places = tuple(place({"places": k}, "places", n) for k in part(minor, "places", list))
-        if places not in left:
+        if places not in missing:
             raise Unproved(f"{[k + 1 for k in places]} are no places of a minor, or stand twice")
-        left.remove(places)
+        missing.remove(places)
         low, _, more = _bounded_determinant(slopes, [[weighed[i][j] for j in places] for i in places], minor)
         if low <= 0:
             raise Unproved("a minor is not shown to be above zero")
         boxes += more
-    if left:
-        raise Unproved(f"{len(left)} principal minors are missing")
+    if missing:
+        raise Unproved(f"{len(missing)} principal minors are missing")
     return Finding("Phi is one to one on the box: all principal minors of L dPhi/dx are above 0", boxes)
 
 
@@ -358,10 +343,21 @@ _OF_A, _OF_OFFSET, _OF_SLOPE = {"triangular": 1, "block_triangular": 2}, {"block
 _COORDINATES = "the form's coordinates"
 NEEDED = {
     **dict.fromkeys(("phase", "phase.recovered", "phase, original coordinates"), Needed("phase.chain")),
-    "triangular": Needed("triangular.structure", _rows),
-    "block_triangular": Needed("block_triangular.structure", _rows_of_chains),
+    "triangular": Needed(
+        "triangular.structure",
+        lambda form: (*_numbered("triangular.a_", len(form.states)), "triangular.lipschitz"),
+    ),
+    "block_triangular": Needed(
+        "block_triangular.structure",
+        lambda form: (
+            *(id for k, size in enumerate(form.blocks, 1) for id in _numbered(f"block_triangular.a_{k}_", size)),
+            "block_triangular.lipschitz",
+        ),
+    ),
     "state_affine": Needed("state_affine.structure", lambda form: ("state_affine.lipschitz",)),
-    "uniform": Needed("uniform.structure", _slopes),
+    "uniform": Needed(
+        "uniform.structure", lambda form: (*_numbered("uniform.slope_", len(form.states)), "uniform.lipschitz")
+    ),
 }
 RULES = (
     Rule((), ("structure",), structure, kinds=_CHAINS),
@@ -374,8 +370,8 @@ RULES = (
     Rule((), ("slope",), _no_slope, (*POINT, "other"), _UNIFORM, _OF_SLOPE, verdict="refuted"),
     Rule((), ("lipschitz",), _lipschitz, STEEP, (*_STEEP,)),
     Rule(("recast",), ("inverse",), _inverse, about=_COORDINATES),
-    Rule(("recast",), ("range",), _range, about=_COORDINATES),
+    Rule(("recast",), ("range",), _range_kept, about=_COORDINATES),
     Rule(("phase",), ("chain",), phases, ("chain",), about="the plant"),
-    Rule(("phase",), ("rank",), rank, RANGE, rests=("phase.chain",), about="the plant"),
-    Rule(("phase",), ("inverse",), one_to_one, ("weights", "minors"), rests=("phase.chain",), about="the plant"),
+    Rule(("phase",), ("rank",), rank, RANGE, assumes=("phase.chain",), about="the plant"),
+    Rule(("phase",), ("inverse",), one_to_one, ("weights", "minors"), assumes=("phase.chain",), about="the plant"),
 )

@@ -36,7 +36,7 @@ from typing import Any, TypeVar
 from ..algebra import Algebra, Quotient
 from ..arithmetic import Undefined, Unproved, determinant, evaluate, total
 from ..box import Box, Try, covered, cut, narrowed, ranged
-from ..context import CHAINS, Context, Finding, Rule, algebra_of, only, short
+from ..context import CHAINS, Context, Finding, Rule, algebra_of, only, printed
 from ..file import Claim, above_zero, column, part, scalar
 from ..interval import Interval, Taylor, begin, between, intervals, point, taylor
 from ..matrix import Matrix, demand_nonnegative, unit
@@ -140,8 +140,8 @@ def piece(A: Series, C: Series, around: tuple[Series, Series], length: Fraction)
         Phi.append(_coefficient(A, Phi, k).times(Fraction(1, k + 1)))
     V = [_coefficient(C, Phi, k) for k in range(ORDER + 1)]
     rates = [_coefficient([v.turned for v in V], V, k) for k in range(ORDER + 1)]
-    rest, lost = _rest(around, p, length)
-    end, gramian = _off(n, rest) + Phi[0], _off(n, lost)
+    remainder, lost = _remainders(around, p, length)
+    end, gramian = _off(n, remainder) + Phi[0], _off(n, lost)
     for k in range(1, ORDER + 1):
         end += Phi[k].times(length**k)
     for k in range(ORDER + 1):
@@ -149,7 +149,7 @@ def piece(A: Series, C: Series, around: tuple[Series, Series], length: Fraction)
     return Window(end, gramian)
 
 
-def _rest(around: tuple[Series, Series], p: int, length: Fraction) -> tuple[int, int]:
+def _remainders(around: tuple[Series, Series], p: int, length: Fraction) -> tuple[int, int]:
     a, c = ([one.norm for one in series] for series in around)
     grown = intervals.function("exp", (point(Fraction(a[0], _ONE) * length),))
     phi = [_whole(grown)[1]]
@@ -184,8 +184,6 @@ def _parts(series: Series) -> Iterator[tuple[list[list[int]], ...]]:
 def _off(n: int, size: int) -> Balls:
     return Balls([[0] * n for _ in range(n)], [[size] * n for _ in range(n)])
 
-
-# ---
 
 MOST = 5  # states, beyond which determinants and derivatives are too long
 _TURNS = 1000  # of an argument over a period
@@ -269,10 +267,10 @@ def inside(context: Context, inputs: Mapping[str, Expression], at: Expression) -
         low, high = context.form.box[name]
         value = evaluate(text, {"t": _value(at)}, intervals)
         exact = None if text.names else algebra_of({}).read(text).number
-        held = exact is not None and low <= exact <= high
+        inner = exact is not None and low <= exact <= high
         above = low == -math.inf or (value - point(Fraction(low))).sign > 0
         below = high == math.inf or (point(Fraction(high)) - value).sign > 0
-        if not (held or (above and below)):
+        if not (inner or (above and below)):
             raise Unproved(f"{name} = {cut(text.text)} is not shown to be inside its range at t = {at.text}")
 
 
@@ -298,13 +296,13 @@ def _rows(context: Context, inputs: Mapping[str, Expression], box: Box, time: In
     A, N = series_of(context, inputs, box, time, len(n))
     rows = [[x.coefficients[0] for x in row] for row in N]
     for _ in n[1:]:
-        A, held = ([[Taylor(x.coefficients[:-1]) for x in row] for row in M] for M in (A, N))
+        A, inner = ([[Taylor(x.coefficients[:-1]) for x in row] for row in M] for M in (A, N))
         rates = [
             [Taylor(tuple(point(Fraction(k)) * c for k, c in enumerate(x.coefficients) if k)) for x in row] for row in N
         ]
         N = [
             [total((rate[j], *(x * A[k][j] for k, x in enumerate(row)))) for j in n]
-            for row, rate in zip(held, rates, strict=True)
+            for row, rate in zip(inner, rates, strict=True)
         ]
         rows += [[x.coefficients[0] for x in row] for row in N]
     return rows
@@ -321,10 +319,10 @@ def series_of(
     moving = begin((time, point(Fraction(1))), order)
     known |= {name: evaluate(text, {"t": moving}, arithmetic) for name, text in inputs.items()}
     A = [[evaluate(entry, known, arithmetic) for entry in row] for row in context.form.A]
-    rest, C = {**known, **dict.fromkeys(z, zero)}, []
+    remainder, C = {**known, **dict.fromkeys(z, zero)}, []
     for output in context.form.output:
-        d = evaluate(output, rest, arithmetic)
-        C.append([evaluate(output, {**rest, name: one}, arithmetic) - d for name in z])
+        d = evaluate(output, remainder, arithmetic)
+        C.append([evaluate(output, {**remainder, name: one}, arithmetic) - d for name in z])
     return A, C
 
 
@@ -359,8 +357,8 @@ def least(context: Context, claim: Claim) -> Finding:
         raise Unproved(f"A or C has no series along the course: {reason}") from reason
     excitation = ", ".join(f"{name} = {cut(text.text)}" for name, text in inputs.items()) or "every input"
     window = length * (2**level + bool(starts))
-    by = f"by the ranges and R = {', '.join(short(value) for value in R)}"
-    return Finding(f"{excitation} shows at least {short(bound, -1)}, {by}, in every window of {short(window, 1)}")
+    by = f"by the ranges and R = {', '.join(printed(value) for value in R)}"
+    return Finding(f"{excitation} shows at least {printed(bound, -1)}, {by}, in every window of {printed(window, 1)}")
 
 
 def _count(evidence: Mapping[str, Any], name: str, most: int) -> int:
@@ -394,7 +392,7 @@ class _Course:
         for step in (2**q for q in range(level)):
             parts = [one.then(other) for one, other in zip(parts, parts[step:], strict=False)]
         for k, window in enumerate(parts[1:]):
-            _demand(window, bound / self.left(k * length, length))
+            _demand(window, bound / self.remaining(k * length, length))
         return None
 
     def piece(self, begin: Fraction, length: Fraction) -> Window:
@@ -406,7 +404,7 @@ class _Course:
             self.group, self.around = group, self.series(between(*ends), ORDER + 2)
         return piece(A, C, self.around, length)
 
-    def left(self, begin: Fraction, length: Fraction) -> Fraction:
+    def remaining(self, begin: Fraction, length: Fraction) -> Fraction:
         """Return at least the share of |v|^2 that is left from anywhere in a piece to its end."""
         (A,), _ = self.series(between(begin, begin + length), 1)
         steep = (A + A.turned).times(Fraction(1, 2)).fractions
@@ -442,14 +440,14 @@ _KINDS = ("state_affine", *CHAINS)
 RULES = (
     Rule(
         *(("kalman_like",), ("persistence",), persistent, (*_INPUTS, "at"), _KINDS),
-        rests=("{kind}.structure",),
+        assumes=("{kind}.structure",),
         about=_ABOUT,
     ),
     Rule(
         *(("kalman_like",), ("gramian",), least),
         (*_INPUTS, "piece", "level", "starts", "R", "weights", "bound"),
         _KINDS,
-        rests=("{kind}.structure", "kalman_like.persistence"),
+        assumes=("{kind}.structure", "kalman_like.persistence"),
         about=_ABOUT,
     ),
 )
