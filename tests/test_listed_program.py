@@ -487,7 +487,7 @@ def test_what_is_rounded_is_that_at_the_far_end_of_all_ranges(name: str, most: i
     """Of a square, where the state is within 4 on one side, its error 1, its sample's 2, and it moves by 1."""
     context = SimpleNamespace(
         z=["z1"],
-        seen=["z1"],
+        observed=["z1"],
         file=SimpleNamespace(inputs=()),
         form=SimpleNamespace(
             box={"z1": tuple(sorted((Fraction(0), Fraction(4 * side))))}, output=[expression("z1", ["z1"])]

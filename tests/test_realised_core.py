@@ -218,7 +218,7 @@ def test_forged_numbers_and_a_polynomial_that_may_be_further_fail(monkeypatch: p
         (one,) = (each["evidence"] for each in forged["claims"] if each["id"].endswith(f".{fact}"))
         forge(one)
         assert findings(forged)[fact] == "fails", fact
-    monkeypatch.setattr(inequality, "TAKEN", Fraction(1, 100))
+    monkeypatch.setattr(inequality, "POLYNOMIAL_ERROR", Fraction(1, 100))
     assert findings(content) == {"step": "fails", "noise": "fails"}
 
 
