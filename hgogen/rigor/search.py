@@ -241,9 +241,9 @@ def one_sign(leaves: Known, inner: Inner) -> Array:
     """The goal that the expression is defined and has one sign; the search ends once both signs are attained."""
     if inner.least <= 0.0 <= inner.most:
         return np.zeros(leaves.bottom.shape)
-    doubt = (leaves.bottom <= 0.0) & (leaves.top >= 0.0)
+    undecided = (leaves.bottom <= 0.0) & (leaves.top >= 0.0)
     worst = np.minimum(np.abs(leaves.bottom), np.abs(leaves.top))
-    return np.where(~leaves.defined, np.inf, np.where(doubt, np.where(worst > 0, worst, 5e-324), 0.0))
+    return np.where(~leaves.defined, np.inf, np.where(undecided, np.where(worst > 0, worst, 5e-324), 0.0))
 
 
 def everywhere(leaves: Known, inner: Inner) -> Array:

@@ -68,10 +68,10 @@ class Norm(_Printed):
         if all(e.is_number for e in args):
             return sp.sqrt(sp.Add(*(e**2 for e in args)))
         if len(args) == 1:
-            factor, rest = args[0].as_coeff_Mul(rational=True)
-            if rest.could_extract_minus_sign():
-                rest = -rest
-            return None if rest == args[0] else abs(factor) * cls(rest)
+            factor, others = args[0].as_coeff_Mul(rational=True)
+            if others.could_extract_minus_sign():
+                others = -others
+            return None if others == args[0] else abs(factor) * cls(others)
         return None
 
     def _eval_derivative(self, s: sp.Symbol) -> sp.Expr:
@@ -94,10 +94,10 @@ class Direction(_Printed):
             return None
         if args[0].is_positive or args[0].is_negative:
             return sp.S.One if args[0].is_positive else sp.S.NegativeOne
-        factor, rest = args[0].as_coeff_Mul(rational=True)
-        if rest.could_extract_minus_sign():
-            factor, rest = -factor, -rest
-        return None if factor == 1 or not rest.free_symbols else sp.sign(factor) * cls(index, rest)
+        factor, others = args[0].as_coeff_Mul(rational=True)
+        if others.could_extract_minus_sign():
+            factor, others = -factor, -others
+        return None if factor == 1 or not others.free_symbols else sp.sign(factor) * cls(index, others)
 
     def _eval_derivative(self, s: sp.Symbol) -> sp.Expr:
         """The derivative; that of one e has no value at 0."""
@@ -203,11 +203,11 @@ def rooted(node: sp.Pow) -> bool:
 def signed(e: sp.Mul) -> sp.Expr:
     """The product with e sign(e) written as |e|, -e sign(e) as -|e|; the product itself where it has none of them."""
     for node in sorted((a for a in e.args if isinstance(a, sp.sign)), key=str):
-        (base,), rest = node.args, e / node
-        powers = (factor.as_base_exp() for factor in sp.Mul.make_args(rest))
-        own = next((b for b, k in powers if b in (base, -base) and k.is_Integer and k > 0), None)
-        if own is not None:
-            as_norm = (1 if own == base else -1) * rest / own * Norm(base)
+        (base,), others = node.args, e / node
+        powers = (factor.as_base_exp() for factor in sp.Mul.make_args(others))
+        matching = next((b for b, k in powers if b in (base, -base) and k.is_Integer and k > 0), None)
+        if matching is not None:
+            as_norm = (1 if matching == base else -1) * others / matching * Norm(base)
             return signed(as_norm) if isinstance(as_norm, sp.Mul) else as_norm
     return e
 
@@ -229,10 +229,10 @@ def _squares(e: sp.Expr) -> list[sp.Expr] | None:
 
 def _square(term: sp.Expr) -> sp.Expr | None:
     """The root of a square, None of anything else."""
-    number, rest = term.as_coeff_Mul(rational=True)
+    number, others = term.as_coeff_Mul(rational=True)
     if number < 0:
         return None
-    factors = sp.Mul.make_args(rest) if rest != 1 else ()
+    factors = sp.Mul.make_args(others) if others != 1 else ()
     roots = []
     for factor in factors:
         base, exponent = factor.as_base_exp() if factor.is_Pow and factor.exp.is_Integer else (factor, sp.S.One)
@@ -248,24 +248,24 @@ def _square(term: sp.Expr) -> sp.Expr | None:
 def _joined(e: sp.Piecewise) -> sp.Expr:
     """b + sum_i g_i (c_i + |c_i|)/2 for (b + g_i c_i where c_i > 0, .., else b), no two c_i above 0 at once: of
     polynomials alone, so that all branches have values everywhere; itself where that is not its shape."""
-    *branches, (rest, last) = [tuple(pair.args) for pair in exact(e).args]
+    *branches, (default, last) = [tuple(pair.args) for pair in exact(e).args]
     kinds = (sp.StrictLessThan, sp.LessThan, sp.StrictGreaterThan, sp.GreaterThan)
     if last != sp.true or e.count_ops() > _LARGE or not all(isinstance(where, kinds) for _, where in branches):
         return e
-    rest = _as_norms(rest)
+    default = _as_norms(default)
     conditions = [sp.expand(where.gts - where.lts) for _, where in branches]
     for a, b in combinations(conditions, 2):  # not positive at once where a positive multiple of b is a number below -a
         symbols = sorted(a.free_symbols & b.free_symbols, key=str)
         ratio = -a.coeff(symbols[0]) / b.coeff(symbols[0]) if symbols and b.coeff(symbols[0]) != 0 else sp.S.Zero
         if not (ratio.is_positive and sp.expand(a + ratio * b).is_nonpositive):
             return e
-    total = rest
+    total = default
     for (value, _), c in zip(branches, conditions, strict=True):
-        rise = sp.expand(_as_norms(value) - rest)
-        if not all(map(_polynomial, (rise, rest, c))):
+        rise = sp.expand(_as_norms(value) - default)
+        if not all(map(_polynomial, (rise, default, c))):
             return e
-        quotient, left = _divided(rise, c)
-        if left != 0:
+        quotient, remainder = _divided(rise, c)
+        if remainder != 0:
             return e
         total += quotient * (c + Norm(c)) / 2
     return total
@@ -282,14 +282,14 @@ def _polynomial(e: sp.Expr) -> bool:
 
 
 def _divided(top: sp.Expr, bottom: sp.Expr) -> tuple[sp.Expr, sp.Expr]:
-    stands = {node: sp.Dummy() for node in top.atoms(Norm) | bottom.atoms(Norm)}
-    back = {dummy: node for node, dummy in stands.items()}
-    top, bottom = top.xreplace(stands), bottom.xreplace(stands)
+    dummies = {node: sp.Dummy() for node in top.atoms(Norm) | bottom.atoms(Norm)}
+    back = {dummy: node for node, dummy in dummies.items()}
+    top, bottom = top.xreplace(dummies), bottom.xreplace(dummies)
     letters = sorted(top.free_symbols | bottom.free_symbols, key=str)
     if not bottom.free_symbols:
         return sp.S.Zero, sp.S.One
-    quotient, left = sp.div(top, bottom, *letters)
-    return quotient.xreplace(back), left.xreplace(back)
+    quotient, remainder = sp.div(top, bottom, *letters)
+    return quotient.xreplace(back), remainder.xreplace(back)
 
 
 def jump(expression: sp.Expr, point: Mapping[sp.Symbol, sp.Rational]) -> tuple[sp.Expr, sp.Expr] | None:
@@ -313,13 +313,13 @@ def shared(expression: sp.Expr) -> sp.Expr:
     """The expression, with its kinks as the norms that they are where two of them are the same one."""
     # the parts that may bend by themselves: |e|, max, min and choices, and products with a sign
     signs = (node for node in expression.atoms(sp.Mul) if any(isinstance(part, sp.sign) for part in node.args))
-    own = [_own(node) for node in {*expression.atoms(*_KINDS), *signs}]
-    if all(a.isdisjoint(b) for a, b in combinations(own, 2)):
+    norms = [_introduced(node) for node in {*expression.atoms(*_KINDS), *signs}]
+    if all(a.isdisjoint(b) for a, b in combinations(norms, 2)):
         return expression
     return unbent(bent(expression))
 
 
-def _own(node: sp.Expr) -> set[sp.Expr]:
+def _introduced(node: sp.Expr) -> set[sp.Expr]:
     """The norms that a part brings in, and those of a choice's conditions whatever its branches read."""
     every = _norms([node])
     if not isinstance(node, sp.Piecewise):
