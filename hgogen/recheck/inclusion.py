@@ -11,7 +11,7 @@ An observer may put the output error into the argument of b, z + N_theta (y - C 
 sum_k N_jk (a_(k,1) e_k - v_k), e_k that of the first state of chain k, v_k that of its sample; N_theta has N_jk times
 theta^(p(j) - p(k)), p the powers that scale states, so that the coordinates S z over theta^p are free of theta: e_j -
 sum_k (S_j/S_k) N_jk a_(k,1) e_k + S_j N_jk v_k theta^-p(k). The equations of the observers stand in the docstring of
-`rules/in_continuous_time.py`.
+`rules/continuous_time.py`.
 """
 
 import math

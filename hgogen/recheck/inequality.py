@@ -3,7 +3,7 @@
     X_i = e + h sum_j a_ij w_j,   w_i = M X_i + G p_i,   p_i = diag(d_i) H X_i,   e+ = e + h sum_i b_i w_i
     X_2 = e + h phi_1 (L e + r_1),   r_i = (M - L) X_i + G p_i,   e+ = X_2 + h phi_2 (r_2 - r_1)
 
-e is the error of two estimates that are given the same samples (`uncertain`); M takes its slopes at their middles, G
+e is the error of two estimates that are given the same samples (`inclusion`); M takes its slopes at their middles, G
 and H what is beside, |d_ij| <= 1 for each stage by itself. With v = (e, p_1, .., p_s), e+ = e + h D v, H X_i = Q_i v,
 P > 0 and S >= 0 diagonal
 

@@ -16,7 +16,7 @@ That the sizes of what enters an error follow from what a user says of it, on th
     parameters    the same of m = |dF/dp| q, of parameters that are beside the program's by q
 
 z' = F, z = T(x); each |.| is at most what the certificate says of it, shown by bisection. What a method leaves follows
-in `remainder` and `left_by_core`, what a program rounds in `rounding`.
+in `local_error`, what a program rounds in `program`.
 """
 
 from collections.abc import Callable, Mapping, Sequence

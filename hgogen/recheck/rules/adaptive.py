@@ -9,7 +9,7 @@ told, and e the error of w scaled by the powers of the gain l, e'/l = (N - r D +
                    where N'P + P N + sigma (D P + P D) + lambda I + (delta_1 P P + delta_2 P K K'P)/s <= 0,
                    lambda = (4 k lambda_max(P) + 1)/(2 gamma_inf), delta_1 >= 1 + |G_1|^2,
                    delta_2 = G_2 (I + G_1'G_1) G_2'. Or by a V of its own, D V + V D >= 0, in e_i = units_i times the
-                   error of w_i over gamma^i: with the slopes of c as `uncertain` bounds them at gamma_inf,
+                   error of w_i over gamma^i: with the slopes of c as `inclusion` bounds them at gamma_inf,
                    V' + |w - what|^2 - mu^2 |v|^2 < 0 at gamma' = -sigma gamma^2, at both ends of gamma and, each by
                    itself, of gamma^-i in gamma^-i G_1: in gamma it is convex, in the others linear
     updated_gain   L' = L (p_1 (p_2 - L) + p_3 Gamma), N'P + P N <= -I, D P + P D > 0:
@@ -41,7 +41,7 @@ P > 0, and one mu > 0, tau >= 0 for which the symmetric form
 
 is negative, the core decays: V = eps'P eps + mu sigma of the dead zone, for sigma >= s^2, s (eps_1 - s) >= 0; V =
 eps'P eps + mu max(eps_1^2 - sigma, 0) of the other, for sigma = (eps_1 - q)^2 where q is not 0, and where it is, N'P +
-P N is negative too. With c the error has N + J/l in the place of N, J of slopes in ranges (`uncertain`), in which both
+P N is negative too. With c the error has N + J/l in the place of N, J of slopes in ranges (`inclusion`), in which both
 are affine: at their corners, or with multipliers S, d (v h' + h v') <= S h h' + v v'/S for |d| <= 1. With a/l of V
 beside them V' <= -a V, where of the dead zone a <= l lambda. What holds at a theta holds at every larger one: J/l
 shrinks, and its ranges hold 0. Source of the observers: Astolfi, Alessandri, Zaccarian, IEEE TAC 66(2) (2021).

@@ -11,7 +11,7 @@
 with eta_0 = y - w_1, e_1 = y - p_1, e_i = q_(i-1) - p_i, q_n = 0; b and c take the estimate clamped to the box, sat is
 to the range of the state; `gains` are K, L, or the pairs k. K acts chain by chain, or is a matrix, whose entry for the
 state i and the output of chain k stands times theta^(p(i) - p(k) + 1), p the powers that scale states. The errors e of
-fields, in units and over powers of theta, obey e' = M e with slopes in ranges (`uncertain`); P > 0 with M'P + P M +
+fields, in units and over powers of theta, obey e' = M e with slopes in ranges (`inclusion`); P > 0 with M'P + P M +
 alpha P < 0 for all of them shows V' <= -alpha V, V = e'P e. What holds at the `least` theta holds at every larger one:
 M/theta is N and slopes over theta^(degree + 1), those of a degree above -1 have 0 in their ranges, which shrink, and
 the others stay.
