@@ -17,7 +17,7 @@ ELSEWHERE = "hgogen check MODEL tells which forms it is in, and the form origina
 
 
 class Verdict(StrEnum):
-    """What is known of a claim."""
+    """A verdict on a claim."""
 
     PROVED = "proved"
     REFUTED = "refuted"
@@ -63,7 +63,7 @@ class Claims:
 
 @dataclass(frozen=True)
 class Check(Encoded):
-    """One claim with its verdict.
+    """A claim with its verdict.
 
     `fix`: what a user can do about it; `consequence`: what follows for him who accepts a refuted claim; `proofs`: what
     proves it, and `disproof`: what refutes it, values whose evidence a certificate holds (`evidence.grounds`);
@@ -93,7 +93,7 @@ class Check(Encoded):
 
     @property
     def advice(self) -> str:
-        """What a user can do about it, to accept it among that, in no model's language; "" where nothing is known."""
+        """Advice to a user, to accept it among that, in no model's language; "" where nothing is known."""
         if not self.consequence:
             return self.fix
         return f"{self.fix} Or accept {self.id}, knowing that {self.consequence}."

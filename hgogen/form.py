@@ -111,7 +111,7 @@ class Form:
     held: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
-        """One block of n, each state at its place."""
+        """Fill in one block of n, each state at its place."""
         if not self.blocks:
             object.__setattr__(self, "blocks", (self.n,))
         if not self.levels:

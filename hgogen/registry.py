@@ -76,7 +76,7 @@ def cases(folder: str) -> list[str]:
 
 
 def summary(folder: str, name: str) -> str:
-    """What a case is: the first line of its file's docstring; nothing of it is run."""
+    """The summary of a case: the first line of its file's docstring; nothing of it is run."""
     tree = ast.parse((PACKAGE / folder / f"{name}.py").read_text(encoding="utf-8"))
     return (ast.get_docstring(tree) or "").partition("\n")[0].strip()
 

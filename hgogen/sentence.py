@@ -123,18 +123,18 @@ NONE = Reason("")
 
 
 def joined(*reasons: Reason) -> Reason:
-    """Those that say something, one after the other."""
+    """The reasons that say something, one after the other."""
     parts = tuple(filter(None, reasons))
     return because("{parts:; }", parts=parts) if len(parts) > 1 else next(iter(parts), NONE)
 
 
 def equations(values: Mapping[Any, Any]) -> tuple[Sentence, ...]:
-    """Each name with its value, exactly: x = 1/3."""
+    """Sentences of each name with its value, exactly: x = 1/3."""
     return tuple(Sentence.of("{name} = {value}", name=name, value=value) for name, value in values.items())
 
 
 def point(values: Mapping[Any, Any]) -> tuple[Sentence, ...]:
-    """Each coordinate of a point, in few digits: x = 0.333333."""
+    """Sentences of each coordinate of a point, in few digits: x = 0.333333."""
     return tuple(Sentence.of("{name} = {value:g}", name=name, value=float(value)) for name, value in values.items())
 
 

@@ -214,7 +214,7 @@ def spread(signal: Signal) -> tuple[float, float]:
 
 
 def derived(inputs: Sequence[Signal]) -> dict[str, tuple[str, int]]:
-    """Of each input that is the derivative of another one by its name: that one's name, and the order. Of two inputs
+    """The inputs that are derivatives of another one by their names: that one's name, and the order. Of two inputs
     whose derivatives have one name, as u and u_, it is the one of which the signal is the derivative; of u_dot that is
     an input too, and has a derivative, it is u of which both are."""
     names, rates = {u.name: u for u in inputs}, dict[str, tuple[str, int]]()
@@ -239,7 +239,7 @@ def is_unit(value: object) -> bool:
 
 
 def seconds(time: str) -> float | None:
-    """How many seconds the unit has, where that is known."""
+    """The number of seconds that the unit has, where that is known."""
     return _SECONDS.get(time)
 
 

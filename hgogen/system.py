@@ -251,7 +251,7 @@ def valued(plant: System, values: Mapping[str, float]) -> System:
 
 
 def exchanged(plant: System, values: Mapping[str, float]) -> dict[Signal, Signal]:
-    """Each parameter of these names to the one with its new value. Raises: `BadValue`."""
+    """Return a mapping of each parameter of these names to the one with its new value. Raises: `BadValue`."""
     if plant.origin is not None:
         raise BadValue(f"plant {plant.name!r}", "is recast; give the values to the plant that it was recast from")
     known = {p.name: p for p in plant.parameters}

@@ -24,13 +24,13 @@ NOT_ASKED = because("not asked, may take seconds; ask with --deep, or survey(pla
 
 
 def asking(name: str) -> Asking:
-    """How the form of that name is asked, by default as one that does not say."""
+    """The way in which the form of that name is asked, by default as one that does not say."""
     return getattr(getattr(forms, name, None), "asking", Asking())
 
 
 @dataclass(frozen=True)
 class Row(Encoded):
-    """One form, its name `kind`, and what is known of the plant in it; `options`: those with which it was asked.
+    """A form, its name `kind`, and what is known of the plant in it; `options`: those with which it was asked.
 
     `verdict`: the worst of the checks'; None where the form does not take the plant, or was not asked, and `why` says
     which.
@@ -55,7 +55,7 @@ class Row(Encoded):
 
 @dataclass(frozen=True)
 class Survey:
-    """What is known of a plant in each form."""
+    """The verdicts on a plant in each form."""
 
     plant: System
     rows: Annotated[tuple[Row, ...], "each form in each variant, and the test of Gauthier and Bornard"]

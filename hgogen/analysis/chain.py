@@ -40,7 +40,7 @@ _INFINITE = (sp.nan, sp.zoo, sp.oo, -sp.oo, sp.AccumBounds)
 
 
 class Shape(Enum):
-    """How a row may depend on the state that it brings in."""
+    """The way in which a row may depend on the state that it brings in."""
 
     CONSTANT = "inputs and parameters only"
     MEASURED = "inputs, parameters and the measured state only"
@@ -393,7 +393,7 @@ def _too_late(chains: Chains, rows: Rows) -> Reason:
 
 
 def _swept(rows: Rows, priority: Sequence[int]) -> Chains:
-    """All chains at once, one state each sweep; a row that ever brought in several waits until no other moves on.
+    """Chains, all at once, one state each sweep; a row that ever brought in several waits until no other moves on.
 
     A long chain's rows read what is far from the ends, and so move on first; a last row reads anything.
     """

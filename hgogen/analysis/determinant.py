@@ -299,7 +299,7 @@ Weights = tuple[tuple[Fraction, ...], ...]
 
 
 def subsets(n: int) -> Iterator[tuple[int, ...]]:
-    """All that are not empty, the small ones first."""
+    """The subsets that are not empty, the small ones first."""
     return chain.from_iterable(combinations(range(n), size) for size in range(1, n + 1))
 
 

@@ -211,7 +211,7 @@ class Dynamics:
 
     @cached_property
     def box(self) -> tuple[tuple[float, float], ...]:
-        """Each state's declared range."""
+        """The declared range of each state."""
         return tuple(z.interval for z in self.form.states)
 
     def saturated(self, z: Graph) -> Graph:
@@ -219,7 +219,7 @@ class Dynamics:
         return self._held(z, self.box)
 
     def _held(self, values: Graph, ends: Sequence[tuple[float, float]]) -> Graph:
-        """Each element of a column clamped to its range, by a form that clamps."""
+        """The column, each element clamped to its range by a form that clamps."""
         return column(clamp(values[i], *end) for i, end in enumerate(ends)) if self.form.clamped else values
 
     def flow(self, z: Graph, u: Graph) -> Graph:
@@ -326,7 +326,7 @@ class Dynamics:
         return {i: (b[i], self.holding.takes_rate(i, whole[i])) for i in self.holding.rates}
 
     def outputs_taken(self, z: Graph, u: Graph) -> dict[int, tuple[Graph, Graph]]:
-        """Each output that may be held, and whether it is taken at (sat(z), u)."""
+        """The outputs that may be held, and whether each it is taken at (sat(z), u)."""
         if not self.holding.outputs:
             return {}
         values, whole = (self._saturating(self.form.output, at, u) for at in (z, self.saturated(z)))
@@ -383,7 +383,7 @@ class Dynamics:
         return [leaves(raw[i], *widened(*s.interval, margin)) for i, s in self._more]
 
     def behind_ranges(self, z: Graph, u: Graph) -> list[tuple[Graph, Graph, tuple[float, float]]]:
-        """Each state of the form's system with a range that is more than a z with a sign, before it is clamped: its
+        """The states of the form's system with a range that is more than a z with a sign, before it is clamped: its
         value, its gradient (1, n) at sat(z), and its range."""
         raw, slopes = self._unranged(z, u), self._slopes(self._inverse.rows, z, u)
         return [(raw[i], slopes[i, :], s.interval) for i, s in self._more]

@@ -74,7 +74,7 @@ class NotPositive(Gain):
     """A gain that is zero, negative or undefined somewhere."""
 
     def evidence(self, form: Form) -> Evidence | None:
-        """Such a point, exactly; None where what is known is next to a zero only."""
+        """The point, exactly; None where what is known is next to a zero only."""
         a = self.of(form)
         where = sides(form, a.free_symbols)
         sign = nonzero(a, where)

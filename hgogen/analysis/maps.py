@@ -76,7 +76,7 @@ def inverse(
     known: Sequence[Signal],
     fixed: Mapping[Signal, float] = EMPTY,
 ) -> dict[sp.Symbol, sp.Expr] | None:
-    """Each state as an expression of z, inputs and parameters; None where the search finds no inverse.
+    """Return each state as an expression of z, inputs and parameters; None where the search finds no inverse.
 
     Args: `images`: z to Phi, in order; `states`: x; `known`: the inputs and parameters that Phi may read; `fixed`: the
     values of those that never change.
@@ -124,7 +124,7 @@ def _next(
 def _linear(
     rows: Mapping[sp.Symbol, sp.Expr], left: list[sp.Symbol], forward: Mapping[sp.Symbol, sp.Expr]
 ) -> dict[sp.Symbol, sp.Expr]:
-    """All remaining states at once, where the numerators of the remaining rows are linear in them together."""
+    """The remaining states at once, where the numerators of the remaining rows are linear in them together."""
     numerators = [sp.fraction(sp.together(e - z))[0] for z, e in rows.items() if e.free_symbols & set(left)]
     try:
         matrix, right = sp.linear_eq_to_matrix(numerators, left)

@@ -314,7 +314,7 @@ _CONDITIONS, _SHOWN = 4, 3  # of a branch, and branches, that a sentence names
 
 @dataclass(frozen=True)
 class Answer(Encoded):
-    """One question, states alone or states with unknown parameters, on a branch of the plant.
+    """The answer to one question, states alone or states with unknown parameters, on a branch of the plant.
 
     `orders`: the order of derivatives of the outputs at which each observable unknown is first observable; `direction`:
     where the symmetries are fewer than the deficiency, an unobservable direction at a random point, `point`.
@@ -546,7 +546,7 @@ class _Question:
         return Answer(rank, self.orders(rank), fields, direction, point, repairs, proved, self.where)
 
     def orders(self, rank: Rank) -> tuple[tuple[sp.Symbol, int], ...]:
-        """Each observable unknown with the order of derivatives at which its unit vector enters the row space."""
+        """The observable unknowns, each with the order of derivatives at which its unit vector enters the row space."""
         plant, unknowns = plant_of(*self.rows, self.branch.places)
 
         def answer(numbers: Arithmetic, point: Point) -> dict[sp.Symbol, int]:

@@ -150,7 +150,7 @@ def shown(form: Form) -> tuple[tuple[Shown, ...], ...]:
 
 
 def heads(form: Form) -> dict[int, int]:
-    """By output that shows the first state of a chain, the place of that state."""
+    """The place of the first state of a chain, by output that shows it."""
     first = ((form.heads[chain[0].output], chain) for chain in shown(form))
     return {each.output: head for head, chain in first for each in chain}
 

@@ -133,7 +133,7 @@ class Singularity(Encoded):
 
     @property
     def checks(self) -> tuple[Check, ...]:
-        """One for the generic jet and one for each zero set; what they claim holds where the factors are not 0."""
+        """A check for the generic jet and one for each zero set; what they claim holds where the factors are not 0."""
         if not self.jets:
             return (Check(_STATES, "the state is observable", Verdict.UNKNOWN, self.reason),)
         return tuple(_check(self.plant, jet, k) for k, jet in enumerate(self.jets))
@@ -201,7 +201,7 @@ class _Derived:
     rows: dict[Row, list[sp.Expr]] = field(default_factory=dict)
 
     def order(self, k: int) -> dict[Row, list[sp.Expr]]:
-        """All rows up to the k-th derivatives.
+        """The rows up to the k-th derivatives.
 
         Raises: `TooLarge` beyond `limit` nodes.
         """

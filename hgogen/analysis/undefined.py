@@ -106,7 +106,7 @@ def undefined_slopes(plant: System) -> tuple[Check, ...]:
 
 
 def _rows(plant: System) -> Iterator[tuple[Signal, str, sp.Expr]]:
-    """Each row with its signal and its name."""
+    """The rows, each with its signal and its name."""
     yield from ((x, f"{x.name}'", row) for x, row in zip(plant.states, plant.flow, strict=True))
     yield from ((y, y.name, row) for y, row in zip(plant.outputs, plant.output, strict=True))
 

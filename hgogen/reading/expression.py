@@ -44,7 +44,7 @@ from hgogen.sentence import NONE, Reason, because
 
 
 class Demand(NamedTuple):
-    """There is no real value where `of` is zero, "=", or negative, "<"."""
+    """A demand: there is no real value where `of` is zero, "=", or negative, "<"."""
 
     relation: str
     of: sp.Expr
@@ -62,7 +62,7 @@ _DEMANDS: dict[type, Callable[..., tuple[Demand, ...]]] = {
 
 
 def of_call(function: object, *arguments: sp.Expr) -> Iterator[Demand]:
-    """What function(arguments) demands."""
+    """The demands of function(arguments)."""
     if function is sp.sqrt:
         yield from of_power(arguments[0], sp.S.Half)
     elif isinstance(function, type) and function in _DEMANDS:
@@ -71,7 +71,7 @@ def of_call(function: object, *arguments: sp.Expr) -> Iterator[Demand]:
 
 
 def of_power(base: sp.Expr, exponent: sp.Expr) -> Iterator[Demand]:
-    """What base**exponent demands; a**0 is 1, also where a = 0."""
+    """The demands of base**exponent; a**0 is 1, also where a = 0."""
     if exponent == 0:
         return
     if not exponent.is_integer:
@@ -129,7 +129,7 @@ class Fold:
     lost: tuple[Demand, ...]
 
     def on(self, box: Box) -> Reason:
-        """What is read otherwise than written, as far as it is not excluded on the closed box; `NONE` if it is."""
+        """The places where it is read otherwise than written and the closed box does not exclude it; else `NONE`."""
         places: dict[sp.Expr, str] = {}
         for relation, a in self.lost:
             if not _met(relation, a, box):
@@ -260,7 +260,7 @@ def tokens(text: str) -> Iterator[Token]:
 
 
 class _Parser:
-    """One text, and the place up to which it is read."""
+    """A text, and the place up to which it is read."""
 
     def __init__(self, text: str, symbols: Mapping[str, sp.Symbol], tables: Mapping[str, Cells]) -> None:
         self.text, self.symbols, self.tables = text, symbols, tables
@@ -316,7 +316,7 @@ class _Parser:
         return value
 
     def argument(self) -> sp.Expr:
-        """One value, up to a comma or a parenthesis."""
+        """Read one value, up to a comma or a parenthesis."""
         first = self.next
         return self.number_like(self.value(0), first)
 
@@ -477,7 +477,7 @@ class _Parser:
         return value
 
     def sum(self, left: sp.Basic, first: Token) -> sp.Expr:
-        """All terms at once: SymPy would sort a growing sum anew with every term."""
+        """Read all terms at once: SymPy would sort a growing sum anew with every term."""
         terms, operator = [self.number_like(left, first)], self.next
         while self.next.text in ("+", "-"):
             negative, first = self.take().text == "-", self.next
@@ -488,7 +488,7 @@ class _Parser:
         return self.bounded(sp.Add(*terms), operator)
 
     def product(self, left: sp.Basic, first: Token) -> sp.Expr:
-        """One factor or divisor, from left to right as in Python."""
+        """Read one factor or divisor, from left to right as in Python."""
         operator = self.take()
         value, start = self.number_like(left, first), self.next
         factor = self.number_like(self.value(5), start)
@@ -517,7 +517,7 @@ class _Parser:
         return self.real(base**exponent, operator)
 
     def relation(self, left: sp.Basic, first: Token) -> sp.Basic:
-        """One comparison of two values."""
+        """Read one comparison of two values."""
         operator = self.take()
         lhs, start = self.number_like(left, first), self.next
         rhs = self.number_like(self.value(1), start)

@@ -367,7 +367,7 @@ def _braces(values: Mapping[str, str]) -> str:
 
 
 def _no_coordinates(form: Form, names: Mapping[str, str]) -> dict[str, str]:
-    """What to name in place of each state of the plant, as first declared or recast, or z_i that is no coordinate."""
+    """The names to give in place of each state of the plant, as first declared or recast, or z_i, if no coordinate."""
     origin, entry = form.system.origin, dict(zip(names, form.entry, strict=True))
     advice = {z.name: f"which is {name} here; name {name}" for z, name in zip(form.states, names, strict=True)}
     for state in (*form.system.states, *(origin.plant.states if origin else ())):
@@ -384,7 +384,7 @@ def sizes(what: str, values: Each, names: Sequence[str], default: float = 0.0) -
 
 
 def each_by_name(what: str, values: Each, names: Sequence[str], default: Any) -> list[Any]:
-    """What is given for each name, or the default. Raises: `BadNames`."""
+    """The values given for each name, or the default. Raises: `BadNames`."""
     if not isinstance(values, Mapping | None):
         raise BadNames(what, f"= {values!r} is no mapping from names to numbers")
     return list(in_order(what, values or {}, names, default=dict.fromkeys(names, default)))

@@ -65,12 +65,12 @@ class Column:
 
     @property
     def empty(self) -> int:
-        """How many cells are empty."""
+        """The number of empty cells."""
         return int(np.count_nonzero(self.blank))
 
     @property
     def not_numbers(self) -> int:
-        """How many cells are neither empty nor a finite number; NaN is one."""
+        """The number of cells that are neither empty nor a finite number; NaN is one."""
         return int(np.count_nonzero(np.isnan(self.values))) - self.empty
 
     def of(self, rows: np.ndarray) -> "Column":
@@ -92,7 +92,7 @@ class Table:
 
     @property
     def rows(self) -> int:
-        """How many there are."""
+        """The number of rows."""
         return len(self.columns[0])
 
     def column(self, name: str) -> Column:
@@ -367,7 +367,7 @@ def column_of(log: Table, text: str) -> Column:
 
 
 def operand(log: Table, text: str) -> str:
-    """What stands for a column, or an expression of columns, within an expression."""
+    """The text that stands for a column, or an expression of columns, within an expression."""
     if text in log.header:
         return text if text.isidentifier() else f"[{text}]"
     return f"({text})"

@@ -46,8 +46,8 @@ _EACH_HELD = "every row held until the next, so that the integral is kept"
 
 @dataclass(frozen=True)
 class Caller:
-    """How who calls gives what a sentence asks for: the `column` of a name, a pattern of {name}, but of some names by
-    `others`; the `times` of rows; the `period` between them."""
+    """The caller's words for what a sentence asks for: the `column` of a name, a pattern of {name}, but of some names
+    by `others`; the `times` of rows; the `period` between them."""
 
     column: str
     times: str
@@ -55,7 +55,7 @@ class Caller:
     others: Mapping[str, str] = field(default_factory=dict)
 
     def fix(self, name: str) -> str:
-        """What gives the column of a name."""
+        """The option that gives the column of a name."""
         return self.others.get(name) or self.column.format(name=name)
 
 
@@ -65,7 +65,7 @@ PYTHON = Caller("columns={{{name!r}: COLUMN}}", "time=COLUMN or period=TIME", "p
 
 @dataclass(frozen=True)
 class Report:
-    """What was found in a log and what was done with it.
+    """A report on what was found in a log and what was done with it.
 
     `absent` is missing + not_numbers - covered + filled, but of an input that is averaged.
     """
@@ -95,7 +95,7 @@ class Report:
     notes: Annotated[tuple[str, ...], "what else was decided on reading, or looks doubtful"]
 
     def sentences(self) -> tuple[str, ...]:
-        """What was found and what was done with it, a sentence each; only what there is."""
+        """Sentences on what was found and what was done with it, only on what there is."""
         period, dt = (f"{time:g} {self.unit}" for time in (self.period, self.dt))
         lines = [f"{self.rows} rows, one every {period}, became {self.samples} samples of {dt}"]
         for name, column in self.columns.items():
@@ -320,7 +320,7 @@ def _typical(times: np.ndarray) -> float:
 
 
 def _slope(times: np.ndarray, steps: np.ndarray, middle: float) -> float:
-    """That of the line through the times over their numbers, one slope for all pieces between steps of which it is in
+    """The slope of the line through the times over their numbers, one for all pieces between steps of which it is in
     doubt how many periods they are; where too many are, the median `middle` of the steps, which jitter moves."""
     counts = np.rint(steps / middle)
     off = np.abs(steps / middle - counts)
@@ -448,7 +448,7 @@ def window_means(
 
 
 def said_of(rates: Mapping[str, tuple[str, int]]) -> tuple[str, ...]:
-    """What is said of derivatives that no log holds, by name: of which input, and the order."""
+    """Sentences on derivatives that no log holds, by name: of which input, and the order."""
     return tuple(
         f"{name} is taken as differences of {source} from sample to sample: no column gives it"
         for name, (source, _) in rates.items()
@@ -456,7 +456,7 @@ def said_of(rates: Mapping[str, tuple[str, int]]) -> tuple[str, ...]:
 
 
 def difference(values: np.ndarray, order: int, dt: float) -> np.ndarray:
-    """Of a column (N,), NaN where one of its samples is missing, or none is there."""
+    """The difference of a column (N,), NaN where one of its samples is missing, or none is there."""
     if len(values) <= order:
         return np.full(len(values), np.nan)
     rates = np.diff(values, order) / dt**order

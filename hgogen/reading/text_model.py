@@ -115,7 +115,7 @@ class NoText(BadArgument):
 
 @dataclass(frozen=True)
 class PlainModel:
-    """What a plain-text model holds.
+    """The content of a plain-text model.
 
     `known`, `observer`, `tuning`, `trial`, `dissipation` and `bounds` are its tables as they stand, empty if missing;
     `folds` are the expressions from which SymPy folded something away.
@@ -242,7 +242,7 @@ def _points(file: str, name: str, entry: Mapping[str, Any]) -> Cells:
 
 
 def named(file: str, where: str, function: Callable[..., Made], *args: Any, **kwargs: Any) -> Made:
-    """What `function` returns; its refusal becomes a `BadModelFile` with file and key."""
+    """Return what `function` returns; its refusal becomes a `BadModelFile` with file and key."""
     try:
         return function(*args, **kwargs)
     except HgogenError as error:
