@@ -74,68 +74,36 @@ class ModelReport(Report):
     model: Annotated[str, "path of the model"]
 
 
-def _with_options(
-    function: Callable[..., Any],
-    options: Mapping[str, tuple[Any, Any]],
-    instead: Callable[..., Any],
-    place: str = "",
-    there: bool = False,
-) -> Callable[..., Any]:
-    """A function with options behind its own, by name an annotation and a default. `instead` is called in its place:
-    with its arguments, and the options by name; they stand for the argument `place`, and stand where it is if
-    `there`."""
-    known: dict[str, tuple[Any, Any]] = {}
+def _options_of(
+    function: Callable[..., Any], reporting: bool
+) -> tuple[dict[str, tuple[Any, Any]], dict[str, tuple[Any, tuple[str, ...]]]]:
+    """Return the annotation and default of each option of a command, by name, with an option for each part of a group
+    in the place of the group or behind the others; and of each argument that is a group its type and their names."""
+    options: dict[str, tuple[Any, Any]] = {}
+    behind: dict[str, tuple[Any, Any]] = {}
+    groups: dict[str, tuple[Any, tuple[str, ...]]] = {}
     for name, each in signature(function).parameters.items():
-        if name != place:
-            known[name] = each.annotation, each.default
-        elif there:
-            known |= options
-    known |= options
-
-    @wraps(function)
-    def taking(**arguments: Any) -> Any:
-        chosen = {name: arguments.pop(name) for name in options}
-        return instead(arguments, chosen)
-
-    taking.__annotations__ = {name: annotation for name, (annotation, _) in known.items()}
-    taking.__signature__ = Signature(  # type: ignore[attr-defined]
-        [
-            Parameter(name, Parameter.KEYWORD_ONLY, default=default, annotation=annotation)
-            for name, (annotation, default) in known.items()
-        ]
-    )
-    return taking
+        for kind, parts, there in GROUPS:
+            if each.annotation is kind:
+                hints = get_type_hints(parts, include_extras=True)
+                groups[name] = kind, tuple(hints)
+                (options if there else behind).update({part: (hint, None) for part, hint in hints.items()})
+        if name not in groups:
+            options[name] = each.annotation, each.default
+    return options | ({"as_json": (Json, False)} if reporting else {}) | behind, groups
 
 
-def _with_group(function: Callable[..., Any], group: Any, options: type, there: bool) -> Callable[..., Any]:
-    """A command with an option for each part of a group, as a `Setting`, for its argument of that type, if any."""
-    parameters = signature(function).parameters
-    place = next((name for name, each in parameters.items() if each.annotation is group), None)
-    if place is None:
-        return function
-    known = {name: (each, None) for name, each in get_type_hints(options, include_extras=True).items()}
-
-    def grouped(arguments: Mapping[str, Any], chosen: Mapping[str, Any]) -> Any:
-        return function(**arguments, **{place: group(**chosen)})
-
-    return _with_options(function, known, grouped, place, there)
-
-
-def _reporting(function: Callable[..., Report]) -> Callable[..., None]:
-    """A command that prints the report of a function."""
-
-    def printed(arguments: Mapping[str, Any], chosen: Mapping[str, bool]) -> None:
-        token = _AS_JSON.set(chosen["as_json"])
-        try:
-            report = function(**arguments)
-            written = getattr(report, "files", ())
-            listed = (file_list(written),) if written else ()
-            show(chosen["as_json"], report, *(() if chosen["as_json"] else (*report.tables(), *listed)))
-        finally:
-            _AS_JSON.reset(token)
-        report.demand()
-
-    return _with_options(function, {"as_json": (Json, False)}, printed)
+def _print_report(function: Callable[..., Report], as_json: bool, arguments: Mapping[str, Any]) -> None:
+    """Print the report of a function."""
+    token = _AS_JSON.set(as_json)
+    try:
+        report = function(**arguments)
+        written = getattr(report, "files", ())
+        listed = (file_list(written),) if written else ()
+        show(as_json, report, *(() if as_json else (*report.tables(), *listed)))
+    finally:
+        _AS_JSON.reset(token)
+    report.demand()
 
 
 def early(*parts: Any) -> None:
@@ -151,19 +119,32 @@ def command(
 
     def register(function: Callable[..., Any]) -> Any:
         app = typer.Typer(add_completion=False, rich_markup_mode="markdown", pretty_exceptions_enable=False)
-        documented = f"{getdoc(function)}\n\n{_keys(function.__name__.rstrip('_'), reports)}"
-        if reports and "as_json" not in signature(function).parameters:
-            function = _reporting(function)
-        for group in GROUPS:
-            function = _with_group(function, *group)
+        reporting = bool(reports) and "as_json" not in signature(function).parameters
+        options, groups = _options_of(function, reporting)
 
-        @app.command(cls=cls, help=documented)
         @wraps(function)
         def command(**arguments: Any) -> None:
             with _ending():
-                function(**arguments)
+                taken = {
+                    name: kind(**{part: arguments.pop(part) for part in parts})
+                    for name, (kind, parts) in groups.items()
+                }
+                if reporting:
+                    _print_report(function, arguments.pop("as_json"), arguments | taken)
+                else:
+                    function(**arguments, **taken)
                 results().flush()
 
+        command.__annotations__ = {name: annotation for name, (annotation, _) in options.items()}
+        command.__signature__ = Signature(  # type: ignore[attr-defined]
+            [
+                Parameter(name, Parameter.KEYWORD_ONLY, default=default, annotation=annotation)
+                for name, (annotation, default) in options.items()
+            ]
+        )
+        name, keys = function.__name__.rstrip("_"), "; or ".join(", ".join(names(report)) for report in reports)
+        described = f"JSON keys: {keys}. `hgogen schema {name}` describes them." if reports else ""
+        app.command(cls=cls, help=f"{getdoc(function)}\n\n{described}")(command)
         made = typer.main.get_command(app)
         vars(made)["reports"] = reports
         return made
@@ -202,12 +183,6 @@ _FAILURES = {
     MemoryError: "there is not enough memory; take a shorter trial or record, or fewer seeds",
     RecursionError: "an expression is nested too deep; write it in several",
 }
-
-
-def _keys(name: str, reports: Iterable[type[Encoded]]) -> str:
-    """The keys of a command's JSON, as its help names them."""
-    listed = "; or ".join(", ".join(names(report)) for report in reports)
-    return f"JSON keys: {listed}. `hgogen schema {name}` describes them." if listed else ""
 
 
 def _warned(message: Warning | str, category: type[Warning], *_: Any, **__: Any) -> None:
