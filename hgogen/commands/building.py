@@ -34,6 +34,7 @@ from hgogen.commands.command import (
 )
 from hgogen.commands.output import Bar, Folder, Written, file_list, folder_of, headed, json_text, named, note, rendered
 from hgogen.commands.trial_runs import (
+    LANGUAGES,
     CampaignRow,
     TrialRow,
     Tried,
@@ -44,7 +45,6 @@ from hgogen.commands.trial_runs import (
     departures,
     summaries,
     trial_figures,
-    trial_rows,
     trials_of,
     trials_or_proposed,
     trials_table,
@@ -251,8 +251,7 @@ Target = Annotated[str, typer.Option("--target", metavar="NAME", help=_SPOKEN)]
 
 def _tried(step: CallableStep, trials: tuple[Trial, ...], engine: Engine, count: int | None) -> list[Tried]:
     seeds = {trial.name: trial.seeds if count is None else tuple(range(count)) for trial in trials}
-    language = {"c": "C", "python": "Python"}[engine]
-    with Bar(f"trials in {language}", sum(map(len, seeds.values()))) as bar:
+    with Bar(f"trials in {LANGUAGES[engine]}", sum(map(len, seeds.values()))) as bar:
         return [tried(step, trial, engine, seeds[trial.name], bar.tick) for trial in trials]
 
 
@@ -340,7 +339,7 @@ def build_(
     again = _tried(step, trials, "python", 1) if engine == "c" else []
     comparison = agreements(done, again, step.dt) if again else ()
     drawn = beside(rendered(trial_figures(step, done, claims.known)), ecosystems)
-    rows = trial_rows(summaries(step, done, engine, note), done)
+    rows = tuple(map(TrialRow, summaries(step, done, engine, note), done))
     code = f"{_real(loaded)} {'C' if target == C99 else target}"
     report = Built(loaded.path, claims, dict(files.names), self_check, rows, comparison, code, step.time)
     return folder.save(report, "report.json", {**library, **drawn})
@@ -521,7 +520,7 @@ def simulate_(
     if out is not None:
         Folder(out).demand(*(f"{one.name}_states.svg" for one in chosen))
     done = _tried(step, chosen, engine, seeds)
-    summed = trial_rows(summaries(step, done, engine, note), done)
+    summed = map(TrialRow, summaries(step, done, engine, note), done)
     known = proved_bound(step, loaded, note)
     seen_ = [bounded_errors(step.states, one.first, known) if known else () for one in done]
     falls = [falling(step, one, engine) for one in chosen]

@@ -82,14 +82,12 @@ class TunedGains:
 class TunedRow:
     """An observer with tuned or declared gains; those alone have `gains`."""
 
-    json_keys = "name *gains held_out hidden nis coloured"
+    json_keys = (
+        "name=judged.name *gains held_out=judged.errors hidden=judged.hidden nis=judged.nis coloured=judged.coloured"
+    )
 
-    name: Annotated[str, "name of the tuning"]
+    judged: Judged
     gains: TunedGains | None
-    held_out: Annotated[Mapping[str, Mapping[str, float]], "RMS errors of predictions, by samples ahead and output"]
-    hidden: Annotated[Mapping[str, float], "RMS errors of hidden states"]
-    nis: Annotated[Mapping[str, float], "mean normalised innovation squared by output"]
-    coloured: Annotated[Mapping[str, int], "by output, how many correlations of innovations are not white"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -131,8 +129,8 @@ class TuneReport(ModelReport):
     def tables(self) -> Iterator[Any]:
         """The records, and the observers."""
         yield from map(log_summary, self.logs.reports)
-        ahead = [(h, y) for h, errors in self.rows[0].held_out.items() for y in errors]
-        hidden = list(self.rows[0].hidden)
+        ahead = [(h, y) for h, errors in self.rows[0].judged.errors.items() for y in errors]
+        hidden = list(self.rows[0].judged.hidden)
         where = "in the rows held out" if self.held_out else "in all rows, since none were held out"
         title = f"RMS errors {where}: of predictions, by output and samples ahead, and of hidden states"
         columns = *(f"{y} {h}" for h, y in ahead), *hidden
@@ -142,13 +140,14 @@ class TuneReport(ModelReport):
         names = ("", "observer", "form", "cross-validated", "NIS", "operations", "state", "convergence")
         worth = headed(f"tuned observers; cross-validated: {of}", *names)
         for row in self.rows:
-            mark, gains = "take" if row.name == self.take else "", row.gains
-            numbers = *(row.held_out[h][y] for h, y in ahead), *map(row.hidden.get, hidden)
-            errors.add_row(mark, row.name, *map(cell, numbers))
+            one, gains = row.judged, row.gains
+            mark = "take" if one.name == self.take else ""
+            numbers = *(one.errors[h][y] for h, y in ahead), *map(one.hidden.get, hidden)
+            errors.add_row(mark, one.name, *map(cell, numbers))
             if gains is not None:
-                nis = ", ".join(f"{each:.2g}" for each in row.nis.values())
+                nis = ", ".join(f"{each:.2g}" for each in one.nis.values())
                 cost = f"{gains.operations}", f"{gains.state} B"
-                worth.add_row(mark, row.name, gains.form, f"{gains.error:.3g}", nis, *cost, gains.known)
+                worth.add_row(mark, one.name, gains.form, f"{gains.error:.3g}", nis, *cost, gains.known)
         yield Group(errors, "", worth, "", *map(Text, self.notes), "", *refusals_table(self.refused))
 
 
@@ -299,8 +298,7 @@ def _row(calibration: Calibration, row: Judged) -> TunedRow:
         known = KNOWN[tuned.first.known][0]
         counts = used.operations, used.functions, used.state
         gains = TunedGains(tuned.first.row.name, tuned.error, known, *counts, likelihood)
-    errors = {str(h): dict(errors) for h, errors in row.errors.items()}
-    return TunedRow(row.name, gains, errors, row.hidden, row.nis, row.coloured)
+    return TunedRow(row, gains)
 
 
 @dataclass(frozen=True, eq=False)

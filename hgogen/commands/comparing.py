@@ -300,7 +300,8 @@ def comparison_tables(
     for one in each:
         rms.add_row(one.name, *(f"{value:.3g}" for value in one.rms.values()))
         peak.add_row(one.name, *(f"{value:.2g}" for value in one.peak.values()))
-    begun = f"every observer starts at {_state(estimate)}; the plant at {_state(start)}"
+    at = (", ".join(f"{name} = {value:g}" for name, value in values.items()) for values in (estimate, start))
+    begun = "every observer starts at {}; the plant at {}".format(*at)
     said = (begun, *_meanings(each, unit), *(f"{one.name}: {one.unproved}" for one in each if one.unproved))
     return Group(whole, "", rms, "", *_proved(each, states), peak, "", *map(Text, said), "")
 
@@ -318,10 +319,6 @@ def _proved(each: Sequence[Measured], states: Sequence[str]) -> list[RenderableT
             cells.append("-" if bound is None else f"{up(bound, 3)} ({seen})")
         table.add_row(one.name, *cells)
     return filled(table)
-
-
-def _state(values: Mapping[str, float]) -> str:
-    return ", ".join(f"{name} = {value:g}" for name, value in values.items())
 
 
 def _meanings(each: Sequence[Measured], unit: str) -> Iterable[str]:

@@ -16,7 +16,7 @@ from hgogen.run.samples import Run
 from hgogen.step import Step
 
 if TYPE_CHECKING:
-    from matplotlib.figure import Figure
+    pass
 
 import csv
 import io
@@ -112,7 +112,9 @@ class RecordRun(ModelReport):
     @property
     def hidden(self) -> dict[str, float | None]:
         """RMS error of the estimate by state, where --truth gives it."""
-        return {state: _rms((self.run[state] - true)[self.counted :]) for state, true in self.truth.items()}
+        errors = {state: (self.run[state] - true)[self.counted :] for state, true in self.truth.items()}
+        measured = {state: each[np.isfinite(each)] for state, each in errors.items()}
+        return {state: rms(each) if len(each) else None for state, each in measured.items()}
 
     @cached_property
     def sure(self) -> Consistency:
@@ -139,9 +141,20 @@ class RecordRun(ModelReport):
         """The estimates and innovations as CSV, and the figures, by the name of the record."""
         texts = {"estimates": _estimates(self.step, self.record, self.run)}
         texts |= {"innovations": _innovations(self.step, self.record, self.run)}
-        in_time = _drawn(self.step, self.record)
-        drawn = rendered(record_figures(self.step, name, in_time, self.run, self.truth))
+        drawn = rendered(self._figures(name))
         return {**{f"{name}_{what}.csv": text for what, text in texts.items()}, **drawn}
+
+    def _figures(self, name: str) -> dict[str, Any]:
+        """Return the figures by file name without ending, with the samples in the order of time, as the estimates."""
+        from hgogen.run import figures
+
+        step, record, run = self.step, self.record, self.run
+        y = step.in_time(record.of(step.samples))
+        drawn = {
+            f"{name}_states": figures.record_states(step, record.t, run, y, self.truth),
+            f"{name}_innovations": figures.record_innovations(step, record.t, run),
+        }
+        return drawn | ({f"{name}_theta": figures.adaptation(step, record.t, run.traces)} if run.traces else {})
 
     def tables(self) -> Iterator[Any]:
         """The record, the status, predictions and innovations."""
@@ -149,8 +162,17 @@ class RecordRun(ModelReport):
         yield log_summary(self.record.report, self.initial)
         yield status_table(step, self.status, len(self.record.t))
         yield predictions_table(self.predictions, step.dt, step.time)
-        yield from hidden_table(self.hidden, step.states)
-        yield from double_table(self.from_double, step.time)
+        units = {x.name: Text(x.unit) for x in step.states}
+        title = "RMS error of the estimate, by the truth"
+        rows = ((name, cell(error) or "nothing measured", units[name]) for name, error in self.hidden.items())
+        yield from filled(headed(title, "state", "error", "unit", rows=rows))
+        title = "in float, the bits that fly: the largest difference from double"
+        columns = ("state", "difference", "unit", f"at ({step.time})", "share", "of its")
+        rows_ = (
+            (one.state, f"{one.largest:.3g}", Text(one.unit), f"{one.t:.4g}", f"{one.share:.2g}", one.of)
+            for one in self.from_double
+        )
+        yield from filled(headed(title, *columns, rows=rows_))
         yield consistency_table(self.sure, self.notes)
 
     def demand(self) -> None:
@@ -246,13 +268,6 @@ def _judged(step: CallableStep, done: Run, u: np.ndarray, y: np.ndarray, engine:
     return step.undelayed, replace(done, status=step.undelayed.run(u=u, y=y, engine=engine).status)
 
 
-def _drawn(step: CallableStep, record: Record) -> Record:
-    """The record with its samples in the order of time, beside the estimates of which figures show them."""
-    values, y = record.values.copy(), step.in_time(record.of(step.samples))
-    values[:, [record.names.index(signal.name) for signal in step.outputs]] = y
-    return replace(record, values=values)
-
-
 def _begun(step: CallableStep, y: np.ndarray, initial: str | None) -> tuple[CallableStep, dict[str, float]]:
     """The step that starts there, and what it takes from the text or, by default, from the first samples of the
     states that are outputs, within their ranges."""
@@ -275,12 +290,6 @@ def _counted(step: CallableStep, burn_in: float, samples: int) -> int:
         reason = f"{burn_in:g} {step.time} leaves nothing of a record of {samples * step.dt:g} {step.time}"
         raise typer.BadParameter(reason, param_hint="--burn-in")
     return math.ceil(first)
-
-
-def _rms(errors: np.ndarray) -> float | None:
-    """None where nothing was measured."""
-    there = errors[np.isfinite(errors)]
-    return rms(there) if len(there) else None
 
 
 def _timed(model: Model, data: Path, columns: Columns) -> Model:
@@ -469,13 +478,6 @@ def predictions_table(each: Sequence[Prediction], dt: float, unit: str) -> Rende
     return Group(table, *map(Text, said), "")
 
 
-def hidden_table(errors: Mapping[str, float | None], states: Sequence[Signal]) -> list[RenderableType]:
-    """Errors of states whose truth was measured, if any."""
-    units = {x.name: Text(x.unit) for x in states}
-    rows = ((name, cell(error) or "nothing measured", units[name]) for name, error in errors.items())
-    return filled(headed("RMS error of the estimate, by the truth", "state", "error", "unit", rows=rows))
-
-
 def consistency_table(whole: Consistency, notes: Iterable[str]) -> RenderableType:
     """Whether innovations and errors are as large as the observer takes them to be, and white; `notes` on the run."""
     known = any(one.nis is not None for one in whole.outputs)
@@ -498,33 +500,8 @@ def consistency_table(whole: Consistency, notes: Iterable[str]) -> RenderableTyp
     return Group(table, *map(Text, (*lines, *notes)), "")
 
 
-def double_table(each: Sequence[Difference], time: str) -> list[RenderableType]:
-    """How far a run in float is from double, if it is one."""
-    title = "in float, the bits that fly: the largest difference from double"
-    columns = ("state", "difference", "unit", f"at ({time})", "share", "of its")
-    rows = (
-        (one.state, f"{one.largest:.3g}", Text(one.unit), f"{one.t:.4g}", f"{one.share:.2g}", one.of) for one in each
-    )
-    return filled(headed(title, *columns, rows=rows))
-
-
 def _band(ends: tuple[float, float] | None) -> str:
     return "" if ends is None else f"{ends[0]:.4g} .. {ends[1]:.4g}"
-
-
-def record_figures(
-    step: CallableStep, name: str, record: Record, run: Run, truth: Mapping[str, np.ndarray]
-) -> dict[str, "Figure"]:
-    """The figures of a measured record, by file name without ending; `truth` (N,) by state."""
-    from hgogen.run import figures as figure
-
-    drawn = {
-        f"{name}_states": figure.record_states(step, record.t, run, record.of(step.outputs), truth),
-        f"{name}_innovations": figure.record_innovations(step, record.t, run),
-    }
-    if run.traces:
-        drawn[f"{name}_theta"] = figure.adaptation(step, record.t, run.traces)
-    return drawn
 
 
 def status_table(step: Step, counts: Mapping[str, int], samples: int) -> RenderableType:

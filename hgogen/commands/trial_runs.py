@@ -98,11 +98,6 @@ class TrialRow:
     tried: Tried
 
 
-def trial_rows(summaries: Iterable[Summary], done: Iterable[Tried]) -> tuple[TrialRow, ...]:
-    """The trials as JSON has them."""
-    return tuple(map(TrialRow, summaries, done))
-
-
 def tried(step: CallableStep, trial: Trial, engine: Engine, seeds: Sequence[int], tick: Tick) -> Tried:
     """The step over a trial; `tick` is called after each seed."""
     first: Trajectory | None = None
@@ -161,7 +156,7 @@ def trials_table(each: Iterable[Summary], unit: str) -> RenderableType:
     parts: list[RenderableType] = []
     for one in each:
         table = headed(
-            f"trial {one.trial}: {one.seeds} seed{'s' * (one.seeds != 1)}, in {_ENGINE[one.engine]}; "
+            f"trial {one.trial}: {one.seeds} seed{'s' * (one.seeds != 1)}, in {LANGUAGES[one.engine]}; "
             f"settled: {one.criterion}",
             *(f"event at ({unit})", f"settled after ({unit})", f"worst ({unit})"),
             *("peak theta", f"theta < 1.05 after ({unit})"),
@@ -176,8 +171,7 @@ def trials_table(each: Iterable[Summary], unit: str) -> RenderableType:
                 time_cell(one.worst[k]),
                 "" if peak is None else _range(*peak),
                 "" if peak is None else time_cell(one.calm[k]),
-                _percent(one.triggered[k]),
-                _percent(one.loud[k]),
+                *("" if share is None else f"{100 * share:.0f}%" for share in (one.triggered[k], one.loud[k])),
             )
         rms = ", ".join(f"{name} {value:.3g}" for name, value in one.rms.items())
         clamped = f"{one.clamped} samples" if one.clamped else "no sample"
@@ -198,7 +192,7 @@ def bounds_table(each: Sequence[BoundedError]) -> RenderableType:
     return table
 
 
-_ENGINE = {"c": "C", "python": "Python"}
+LANGUAGES = {"c": "C", "python": "Python"}
 
 
 def time_cell(value: float | None) -> str:
@@ -206,10 +200,6 @@ def time_cell(value: float | None) -> str:
     if value is None:
         return "never"
     return f"{value:g}" if abs(value) < 0.01 else f"{value:.2f}"
-
-
-def _percent(share: float | None) -> str:
-    return "" if share is None else f"{100 * share:.0f}%"
 
 
 def _range(low: float, high: float) -> str:

@@ -9,6 +9,7 @@ beside two ways without a model: copying the last value, and going on along the 
 import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from typing import Annotated
 
 import numpy as np
 
@@ -40,15 +41,16 @@ class Held:
 
 @dataclass(frozen=True)
 class Judged:
-    """Of one row: `errors` (RMS) of predictions by samples ahead and output, `hidden` (RMS) by state, `nis` by output,
-    `coloured` by output: how many of the first `LAGS` correlations of the innovations are not those of white noise;
-    empty where there are none."""
+    """The errors of a row, RMS, and its innovations, of which the first `LAGS` correlations are asked; empty where
+    there are none."""
 
-    name: str
-    errors: Mapping[int, Mapping[str, float]]
-    hidden: Mapping[str, float]
-    nis: Mapping[str, float]
-    coloured: Mapping[str, int] = field(default_factory=dict)
+    name: Annotated[str, "name of the tuning"]
+    errors: Annotated[Mapping[int, Mapping[str, float]], "RMS errors of predictions, by samples ahead and output"]
+    hidden: Annotated[Mapping[str, float], "RMS errors of hidden states"]
+    nis: Annotated[Mapping[str, float], "mean normalised innovation squared by output"]
+    coloured: Annotated[Mapping[str, int], "by output, how many correlations of innovations are not white"] = field(
+        default_factory=dict
+    )
 
 
 def judged(

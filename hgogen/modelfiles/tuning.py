@@ -264,15 +264,11 @@ def poles(listed: Any, chains: int) -> Any:
     in which a pair of numbers is two real poles."""
     if not isinstance(listed, list):
         return listed
-    return [_complex(each) for each in listed] if chains > 1 else _complex(listed)
-
-
-def _complex(listed: Any) -> Any:
-    return [complex(*pole) if _pair(pole) else pole for pole in listed] if isinstance(listed, list) else listed
-
-
-def _pair(pole: Any) -> bool:
-    return isinstance(pole, list) and len(pole) == 2 and all(type(part) in (int, float) for part in pole)
+    if chains > 1:
+        return [poles(each, 1) for each in listed]
+    numbers = (isinstance(pole, list) and all(type(part) in (int, float) for part in pole) for pole in listed)
+    pairs = (one and len(pole) == 2 for one, pole in zip(numbers, listed, strict=True))
+    return [complex(*pole) if pair else pole for pair, pole in zip(pairs, listed, strict=True)]
 
 
 def _names(parameters: Iterable[Parameter]) -> tuple[tuple[str, ...], tuple[str, ...]]:
