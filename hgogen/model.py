@@ -148,7 +148,7 @@ class Model:
         return tuple(str(note) for note in (fold.on(around) for fold in self.folds) if note)
 
     def has(self, part: str) -> bool:
-        """Whether the file defines `part`; a tuning with a period makes a step."""
+        """Return whether the file defines `part`; a tuning with a period makes a step."""
         return hasattr(self.module, part) or (part == "step" and bool(self._first))
 
     @property
@@ -236,14 +236,14 @@ class Model:
         return f"{known}, none for {name}; add {fix} (it also takes {besides})"
 
     def _written_step(self) -> CallableStep:
-        """What `step()` returns, without what is set of steps, which may be set for another observer."""
+        """Return what `step()` returns, without what is set of steps, which may be set for another observer."""
         step = self._called("step")
         if not isinstance(step, CallableStep):
             raise MissingPart(self.path, f"step() returns the type {type(step).__name__}; return hg.sample(...)")
         return step
 
     def trials(self) -> tuple[Trial, ...]:
-        """What its `trial()` returns, one trial or several. Raises: `MissingPart`, `ModelFails`."""
+        """Return what its `trial()` returns, one trial or several. Raises: `MissingPart`, `ModelFails`."""
         returned = self._called("trial")
         trials = (returned,) if isinstance(returned, Trial) else returned
         if not isinstance(trials, tuple | list) or not trials or not all(isinstance(t, Trial) for t in trials):

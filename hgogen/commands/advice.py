@@ -82,7 +82,7 @@ class Advice:
 
 
 def advice(model: Model, seen: Observability, survey: Survey, claims: Checked, *, deep: bool = False) -> Advice:
-    """What to take for a model; what may take seconds, tunings on a slow form and observers whose proof asks a
+    """Return what to take for a model; what may take seconds, tunings on a slow form and observers whose proof asks a
     solver, only if `deep`, but the model's own step in any case.
 
     `claims`: those of the model's own observer, whose step is not built again.
@@ -151,7 +151,7 @@ class _Tuned:
                 yield kind, _admitted(kind, name, step, self._line(name))
 
     def _line(self, name: str = "") -> str:
-        """What makes the step of a tuning, by default of the one that was checked."""
+        """Return what makes the step of a tuning, by default of the one that was checked."""
         name = name or self.claims.tuning
         if self.model.plain:
             return shlex.join(["hgogen", "generate", self.model.path, *(["--observer", name] if name else [])])
@@ -200,7 +200,7 @@ class _Tuned:
 
 
 def _line(one: First, model: Model) -> str:
-    """What makes the first step, in the language of the model's file."""
+    """Return what makes the first step, in the language of the model's file."""
     kind, row = one.observer, one.row
     if not model.plain:
         options = "".join(f", {key}={value!r}" for key, value in row.options.items())
@@ -218,7 +218,7 @@ def _line(one: First, model: Model) -> str:
 
 
 def _notes(model: Model, seen: Observability, survey: Survey) -> Iterator[str]:
-    """What to do about states that are proved to be unobservable, and about a plant that no form holds."""
+    """Yield what to do about states that are proved to be unobservable, and about a plant that no form holds."""
     known = seen.known
     if known.lost:
         names = ", ".join(s.name for s in known.lost)
@@ -241,8 +241,8 @@ def _notes(model: Model, seen: Observability, survey: Survey) -> Iterator[str]:
 
 
 def _in_its_own_states(model: Model, survey: Survey) -> str:
-    """What to do about a plant that no form asked is proved to hold: an output and its derivatives are states of a
-    form, where the plant is observable whatever its input."""
+    """Return what to do about a plant that no form asked is proved to hold: an output and its derivatives are states
+    of a form, where the plant is observable whatever its input."""
     plant, phase = survey.plant, survey["phase"]
     whatever = not plant.inputs or survey["Gauthier-Bornard"].verdict is Verdict.GENERIC
     if len(plant.outputs) == 1 and whatever and phase.why == NOT_ASKED:

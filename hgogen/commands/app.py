@@ -46,7 +46,7 @@ class _Deferred(TyperCommand):
     """A command that stands for the one in its file, which is imported when it is run or its own help is asked for."""
 
     def make_context(self, info_name: str | None, args: list[str], parent: Any = None, **extra: Any) -> Any:
-        """That of the command."""
+        """Return the context of the command."""
         return command_of(str(self.name)).make_context(info_name, args, parent=parent, **extra)
 
 

@@ -115,7 +115,7 @@ def beside(files: Mapping[str, bytes], ecosystems: str | None) -> dict[str, byte
 
 
 def _costs(where: Folder) -> Mapping[str, Any] | None:
-    """What `hgogen cost` wrote there, if it did."""
+    """Return what `hgogen cost` wrote there, if it did."""
     (path,) = where.demand(COSTS)
     try:
         costs = json.loads(content_of(path, BYTES))
@@ -291,7 +291,7 @@ class Built(ModelReport):
         return native.compiler()
 
     def tables(self) -> Iterator[Any]:
-        """What the trials say, and whether C and Python agree."""
+        """Yield what the trials say, and whether C and Python agree."""
         yield trials_table([one.summary for one in self.trials], self.unit)
         if self.comparison:
             yield agreement_table(self.comparison, self.unit)
@@ -363,7 +363,7 @@ def _coded(
 
 
 def _checked(files: Sources, engine: Engine) -> str | None:
-    """What the self-check printed; None where there is no compiler for it."""
+    """Return what the self-check printed; None where there is no compiler for it."""
     if not files.recipe:
         return native.run_check(files).strip() if engine == "c" else None
     try:
@@ -472,7 +472,7 @@ class Simulated(ModelReport):
         return {gain.name: by_name(gain) for gain in self.step.layout.gains}
 
     def tables(self) -> Iterator[Any]:
-        """What followed each event of each trial, and errors beside their bounds."""
+        """Yield what followed each event of each trial, and errors beside their bounds."""
         yield f"{self.step.observer.name} observer: {', '.join(map(written, self.step.layout.gains))}\n"
         yield trials_table([one.row.summary for one in self.trials], self.step.time)
         yield from (bounds_table(one.bounds) for one in self.trials if one.bounds)

@@ -252,8 +252,8 @@ def renamed(model: Model, rows: Iterable[Named], word: str) -> tuple[Named, ...]
 
 
 def forms_asked(model: Model, deep: bool) -> tuple[Row, ...]:
-    """That which is set, else those of the model's own tunings and those that its plant is in; those that take seconds
-    if `deep`."""
+    """Return the form that is set, else those of the model's own tunings and those that its plant is in; those that
+    take seconds if `deep`."""
     if model.setting.form:
         return (of(model.setting.form, model.plant),)
     return (*_own_forms(model), *everywhere(model.plant, deep=deep))

@@ -7,7 +7,7 @@ it is none of those that are proved.
 
 import json
 import re
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any
@@ -206,8 +206,8 @@ def _print_json(value: Any, as_json: str) -> None:
 def _checked(
     loaded: Model, observer: str | None, bounds: Iterable[str], deep: bool, quiet: bool, advised: bool
 ) -> CheckReport:
-    """What is known of a model. Unless `quiet`, each part is printed as soon as it is known, so that a model whose next
-    part takes long, or fails, shows the others."""
+    """Return what is known of a model. Unless `quiet`, each part is printed as soon as it is known, so that a model
+    whose next part takes long, or fails, shows the others."""
 
     def say(*parts: Any) -> None:
         show(False, {}, *(() if quiet else parts))
@@ -229,30 +229,29 @@ def _checked(
     finally:
         say(ranges_table(ranges), observability_table(seen, least))
     say(survey_table(forms, claims.checks))
-    if claims.shown:
-        say(checks_table(claims.head, claims.checks, claims.accepted))
-    singular = hg.singularity(plant)
-    if seen.rank == seen.n:
-        say(checks_table(singular.head, singular.checks, ()))
-    say(theorem_table(claims.theorem, claims.hypotheses))
-    take = _advice(loaded, observer, seen, forms, claims, deep) if advised else None
-    if take:
+    singular = _print_claims(say, claims, seen)
+    take = None
+    if advised:  # which is asked of the file, without what is set
+        written = loaded.set(AS_WRITTEN)
+        take = advice(written, seen, forms, checked(written, forms, observer) if loaded.setting else claims, deep=deep)
         say(advice_tables(take))
     named = tuple(NamedRange(text, one) for text, one in ranges.items())
     return CheckReport(loaded.path, first, ObservedPlant(seen, least), forms, named, claims, gaps, singular, take)
 
 
-def _advice(
-    loaded: Model, observer: str | None, seen: Observability, forms: Survey, claims: Checked, deep: bool
-) -> Advice:
-    """What to take, which is asked of the file, without what is set."""
-    written = loaded.set(AS_WRITTEN)
-    own = checked(written, forms, observer) if loaded.setting else claims
-    return advice(written, seen, forms, own, deep=deep)
+def _print_claims(say: Callable[..., None], claims: Checked, seen: Observability) -> Singularity:
+    """Print the claims, and return where the plant is not observable, of which the checks stand between them."""
+    if claims.shown:
+        say(checks_table(claims.head, claims.checks, claims.accepted))
+    singular = hg.singularity(seen.system)
+    if seen.rank == seen.n:
+        say(checks_table(singular.head, singular.checks, ()))
+    say(theorem_table(claims.theorem, claims.hypotheses))
+    return singular
 
 
 def _least(model: Model) -> Sight | None:
-    """What the outputs show at least, along the model's first trial, else on its box; a note says why not."""
+    """Return what the outputs show at least, along the model's first trial, else on its box; a note says why not."""
     trials: list[Trial | None] = [None]
     try:
         trials = [*(model.trials()[:1] if model.has("trial") else ()), None]
@@ -292,7 +291,7 @@ _SHORT = 20  # a reason that may be repeated
 
 
 def survey_table(forms: Survey, below: Iterable[Check] = ()) -> RenderableType:
-    """Which form the plant is in, in which order of states, or why not; a fix that is not told `below`."""
+    """Return which form the plant is in, in which order of states, or why not; a fix that is not told `below`."""
     table = headed(f"{forms.plant.name}: which form, on the declared ranges", *("", "form", "order", "why"))
     before = NONE
     for row in forms.answered:
@@ -332,7 +331,10 @@ _WHERE = {  # by whether the gains are proposed, and whether the model is plain 
 
 
 def headline(seen: Observability, survey: Survey, claims: Checked, least: Sight | None = None) -> str:
-    """As "pendulum: locally observable; triangular, uniform, state_affine, proved; convergence unknown"."""
+    """Return the answer in one line.
+
+    As "pendulum: locally observable; triangular, uniform, state_affine, proved; convergence unknown".
+    """
     said = [_observed(seen, least), *_forms(survey, claims)]
     if claims.observer:
         said.append(str(convergence(claims.observer, claims.checks)))
@@ -405,7 +407,7 @@ def undefined_list(checks: Iterable[Check]) -> RenderableType:
 
 
 def observability_table(seen: Observability, least: Sight | None = None) -> RenderableType:
-    """What the outputs tell of the states, and of the parameters that have a range; how much at `least`."""
+    """Return what the outputs tell of the states, and of the parameters that have a range; how much at `least`."""
     title = f"{seen.system.name}: observability, at almost every state, parameter value and input"
     loose = few(s for s in seen.system.parameters if s.bounded)
     whose = ("the states", f"the states and {loose}") if loose else ("the states",)
@@ -419,7 +421,7 @@ def observability_table(seen: Observability, least: Sight | None = None) -> Rend
 
 
 def _answered(answer: Answer, what: str) -> str:
-    """What is observable of the states; advice on measurements only where it is proved that something is not."""
+    """Return what is observable of the states; advice on measurements only where it is proved that something is not."""
     rank = answer.rank
     count = f"rank {rank.rank} of {rank.dimension}, by derivatives of the outputs up to order {rank.order}"
     if not rank.unobservable:

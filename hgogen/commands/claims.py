@@ -213,7 +213,7 @@ def _gains(observer: hg.Observer, model: Model) -> tuple[Check, ...]:
 
 
 def _alone(model: Model, asked: Survey, form: Form) -> str:
-    """What a model without an observer does not claim."""
+    """Return what a model without an observer does not claim."""
     proved = ", ".join(row.kind for row in asked.proved)
     if form.structured or model.setting.form:
         return f"{model.path} has no observer: the checks are those of the {form.kind} form alone"
@@ -298,7 +298,7 @@ def few(names: Iterable[Any], most: int = 8) -> str:
 
 
 def theorem_table(theorem: Theorem | None, hypotheses: Iterable[Row]) -> RenderableType:
-    """What the observer's theorem concludes, and what is known of each hypothesis; nothing without a theorem."""
+    """Return what the observer's theorem concludes, and what is known of each hypothesis; nothing without a theorem."""
     if theorem is None:
         return Group()
     head = f"Theorem: {theorem.conclusion}\n({theorem.reference}), if"
@@ -312,7 +312,7 @@ def theorem_table(theorem: Theorem | None, hypotheses: Iterable[Row]) -> Rendera
 
 
 def bound_of(step: CallableStep, model: Model) -> ErrorBound | None:
-    """How well each state is known under what the model says of noise and the like; None where it says nothing.
+    """Return how well each state is known under what the model says of noise and the like; None where it says nothing.
 
     Raises: `NoSolver`; `MissingPart` for what is no size, or of no signal.
     """

@@ -253,7 +253,7 @@ class Runs:
     repeat: Annotated[int | None, typer.Option(metavar="K", min=0, help="Run number K of the campaign alone.")] = None
 
     def __bool__(self) -> bool:
-        """Whether anything is said."""
+        """Return whether anything is said."""
         return any(value is not None for value in vars(self).values())
 
 
@@ -360,7 +360,7 @@ def numbers_in(text: str, what: str, option: str) -> tuple[float, ...]:
 
 
 def names_in(text: str | None, option: str) -> tuple[str, ...]:
-    """What a text such as "a,b" names, None nothing. Raises: `typer.BadParameter` for a text without a name."""
+    """Return what a text such as "a,b" names, None nothing. Raises: `typer.BadParameter` for a text without a name."""
     names = tuple(part.strip() for part in (text or "").split(",") if part.strip())
     if text is not None and not names:
         raise typer.BadParameter(f"{text!r} holds no name; give some, or leave the option out", param_hint=option)

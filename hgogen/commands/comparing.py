@@ -82,7 +82,7 @@ class ComparedTrial:
         return leaving_signals(self.plant, self.observers[0].first)  # all observers share the truth
 
     def notes(self) -> Iterator[str]:
-        """What is doubtful of the trial, and when guards acted."""
+        """Yield what is doubtful of the trial, and when guards acted."""
         unit = self.plant.time
         if self.estimate == {name: float(value) for name, value in self.trial.start.items()}:
             yield (
@@ -171,8 +171,8 @@ def compare_(
 def _alike(
     model: Model, names: list[str], trials: Sequence[Trial]
 ) -> tuple[dict[str, dict[str, CallableStep]], float, dict[str, str]]:
-    """Of each trial the steps of tunings, all at the shortest of their sampling periods; that; and why others are
-    refused. Raises: `HgogenError` where all are."""
+    """Return, of each trial, the steps of tunings, all at the shortest of their sampling periods; that; and why
+    others are refused. Raises: `HgogenError` where all are."""
     steps, refused = _started(model, names, trials)
     names = _admitted(names, refused)
     first = steps[trials[0].name]
@@ -212,7 +212,7 @@ def _tried(
 def _started(
     model: Model, names: list[str], trials: Sequence[Trial], dt: float | None = None
 ) -> tuple[dict[str, dict[str, CallableStep]], dict[str, HgogenError]]:
-    """Of each trial the steps of tunings, all from its first estimate; and why the others are refused."""
+    """Return, of each trial, the steps of tunings, all from its first estimate; and why the others are refused."""
     steps: dict[str, dict[str, CallableStep]] = {one.name: {} for one in trials}
     refused: dict[str, HgogenError] = {}
     for name in names:
@@ -229,8 +229,8 @@ def _started(
 def _known(
     model: Model, steps: Mapping[str, Mapping[str, CallableStep]], trials: Sequence[Trial]
 ) -> dict[str, dict[str, ErrorBound | None]]:
-    """Of each trial what is proved of the errors of its steps, once for all trials that begin alike; None where the
-    model does not ask."""
+    """Return, of each trial, what is proved of the errors of its steps, once for all trials that begin alike; None
+    where the model does not ask."""
     known: dict[str, dict[str, ErrorBound | None]] = {one.name: {} for one in trials}
     for name, step in steps[trials[0].name].items():
         begun: list[tuple[Mapping[str, float], ErrorBound | None]] = []
@@ -307,7 +307,7 @@ def comparison_tables(
 
 
 def _proved(each: Sequence[Measured], states: Sequence[str]) -> list[RenderableType]:
-    """What is proved of the errors, beside the worst of the seeds; nothing where it was not asked of any."""
+    """Return what is proved of the errors, beside the worst of the seeds; nothing where it was not asked of any."""
     if not any(one.proved or one.unproved for one in each):
         return []
     title = "proved: no error above, once the start has decayed; behind it the worst of all seeds from then on"
@@ -322,7 +322,7 @@ def _proved(each: Sequence[Measured], states: Sequence[str]) -> list[RenderableT
 
 
 def _meanings(each: Sequence[Measured], unit: str) -> Iterable[str]:
-    """What the columns of a comparison mean, and which methods it compares, if several."""
+    """Yield what the columns of a comparison mean, and which methods it compares, if several."""
     yield f"steady: from {each[0].first.trial.steady_from:g} {unit} on, the median of the seeds; peaking: of all seeds"
     yield "operations, functions (sine, exponential, root, ..): of one call; settled: the median of the seeds"
     methods: dict[str, list[str]] = {}

@@ -42,7 +42,7 @@ class Logs:
         return tuple(self._log(record, len(record.t)) for record in self.records)
 
     def notes(self) -> tuple[str, ...]:
-        """Where the records leave what the plant declares; of several records, which."""
+        """Return where the records leave what the plant declares; of several records, which."""
         several = len(self.records) > 1
         return tuple(
             f"{record.report.path}: {note}" if several else note
@@ -89,8 +89,8 @@ def logs_of(
 
 
 def truth_of(plant: System, pairs: Sequence[str]) -> dict[str, tuple[str, str]]:
-    """Of each state whose truth was measured: the name of its column among the signals, and the file's, or an
-    expression. Raises: `typer.BadParameter`."""
+    """Return, of each state whose truth was measured: the name of its column among the signals, and the file's, or
+    an expression. Raises: `typer.BadParameter`."""
     names = [x.name for x in plant.declared.states]
     columns = []
     for text in pairs:
@@ -103,12 +103,12 @@ def truth_of(plant: System, pairs: Sequence[str]) -> dict[str, tuple[str, str]]:
 
 
 def truth_options(true: Mapping[str, tuple[str, str]]) -> dict[str, str]:
-    """What gives the column of each truth, by its name among the signals."""
+    """Return what gives the column of each truth, by its name among the signals."""
     return {name: f"--truth {state}=COLUMN" for state, (name, _) in true.items()}
 
 
 def truth_name(state: str) -> str:
-    """What the column of a state's truth is called among the signals."""
+    """Return what the column of a state's truth is called among the signals."""
     return f"truth of {state}"
 
 
@@ -120,7 +120,7 @@ def too_far(ahead: Iterable[int], compared: Iterable[int | None]) -> Iterator[st
 
 
 def log_summary(read: Report, begins: Mapping[str, float] | None = None) -> RenderableType:
-    """What was found in a log; `begins`: the states that it gives the estimate to start from."""
+    """Return what was found in a log; `begins`: the states that it gives the estimate to start from."""
     lines = list(read.sentences())
     if begins:
         at = ", ".join(f"{name} = {value:g}" for name, value in begins.items())

@@ -230,7 +230,7 @@ class Gains(ModelReport):
         return gains
 
     def notes(self) -> Iterator[str]:
-        """What limits the gains."""
+        """Yield what limits the gains."""
         if self.continuous.coordinates == "form":
             bent = "the plant's states are nonlinear in the observer's coordinates"
             yield f"{bent}: the gains are those of the form's states"
@@ -278,7 +278,12 @@ def response_(
     step = loaded.step(observer)
     slow, fast = pace(step.observer)
     asked = f"numbers in rad/{step.time}, such as 50,100,300"
-    frequencies = numbers_in(omega, asked, "--omega") if omega else _around(slow, fast, step.dt)
+    if omega:
+        frequencies = numbers_in(omega, asked, "--omega")
+    else:  # from a tenth of the slowest pole to ten times the fastest, below pi/dt, to two digits
+        high = min(10 * fast, 0.9 * math.pi / step.dt)
+        low = min(max(slow / 10, high / 1e4), high / 10)
+        frequencies = tuple(float(f"{value:.2g}") for value in np.geomspace(low, high, COUNT))
     continuous, sampled = hg.response(step.observer, frequencies), hg.response(step, frequencies)
     paths: list[Path] = []
     if out is not None:
@@ -294,10 +299,3 @@ def response_(
     )
     note(*gains.notes())
     return gains
-
-
-def _around(slow: float, fast: float, dt: float) -> tuple[float, ...]:
-    """From a tenth of the slowest pole to ten times the fastest, below pi/dt, to two digits."""
-    high = min(10 * fast, 0.9 * math.pi / dt)
-    low = min(max(slow / 10, high / 1e4), high / 10)
-    return tuple(float(f"{value:.2g}") for value in np.geomspace(low, high, COUNT))

@@ -216,7 +216,7 @@ class _Stopped:
     folder: Folder
 
     def progress(self) -> Progress:
-        """Where the fit was stopped. Raises: `BadParameter` where there is none; `BadFile`; `CannotGoOn`."""
+        """Return where the fit was stopped. Raises: `BadParameter` where there is none; `BadFile`; `CannotGoOn`."""
         (path,) = self.folder.demand(BEGUN)
         if not path.exists():
             raise typer.BadParameter(f"there is no fit to go on with, {path}; leave it out", param_hint="--resume")
@@ -311,7 +311,7 @@ def _judged(model: Model, observer: str | None, result: Fit, logs: Logs) -> Iter
 
 
 def _verdicts(judged: Sequence[HeldOutError], by: By = By.SIMULATION) -> Iterator[str]:
-    """Where rows held out are predicted worse than by other means."""
+    """Yield where rows held out are predicted worse than by other means."""
     rivals = {"copying": "than by copying the last value", "unfitted": "than before the fit"}
     several = len({one.record for one in judged}) > 1
     for record, output in dict.fromkeys((one.record, one.output) for one in judged):
@@ -326,8 +326,8 @@ def _verdicts(judged: Sequence[HeldOutError], by: By = By.SIMULATION) -> Iterato
 
 
 def _step(model: Model, observer: str | None, dt: float, noise: tuple[Mapping[str, float], ...]) -> CallableStep:
-    """That of an observer by name, else the model's own, else one that takes any plant, with the noise that was fitted
-    where there is some, at the period of a record."""
+    """Return the step of an observer by name, else the model's own, else one that takes any plant, with the noise that
+    was fitted where there is some, at the period of a record."""
     own = model.has("step") or model.tuning.tables
     model = model.sampled(dt)
     if own or observer is not None:
@@ -340,7 +340,7 @@ def _step(model: Model, observer: str | None, dt: float, noise: tuple[Mapping[st
 
 
 def _without_offset(result: Fit) -> Iterator[str]:
-    """What to do about an offset in the commands that follow, whose observers know of none."""
+    """Yield what to do about an offset in the commands that follow, whose observers know of none."""
     for one in (each for each in result.offsets if math.isfinite(each.deviation)):
         taken = f"'{one.name}=[COLUMN] - ({one.value:.5g})'"
         yield f"no observer knows the offset of {one.name}: tune and run take it off by --map {taken}, in its unit"

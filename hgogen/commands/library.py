@@ -17,6 +17,7 @@ import multiprocessing
 import os
 import signal
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from enum import Enum
 from functools import cached_property
@@ -161,7 +162,7 @@ def check(
 
 
 def _answered(model: Any) -> Iterator[tuple[str, Any]]:
-    """What a worker does with a model."""
+    """Yield the answers to a model, as a worker does."""
     try:
         one = entry(model)
     except HgogenError as error:
@@ -271,19 +272,20 @@ def _triangular(forms: _Forms) -> Iterator[Answer]:
 
 
 def _pure(chains: Chains, forms: _Forms) -> bool:
-    """Whether each output is proved to be c(u) z_1, with nothing beside it, and c keeps off zero."""
+    """Return whether each output is proved to be c(u) z_1, with nothing beside it, and c keeps off zero."""
     heads = [links[0] for links in chains.links]
     plain = all(is_zero(head.rest, forms.rows.box) for head in heads)
     return plain and _regular([head.gain for head in heads], forms) is True
 
 
 def _regular(slopes: Iterable[sp.Expr], forms: _Forms) -> bool | None:
-    """Whether all slopes keep off zero on the closed box; True without boxes, where only structure is asked."""
+    """Return whether all slopes keep off zero on the closed box; True without boxes, where only structure is asked."""
     return _signed(slopes, forms) if forms.entry.boxed else True
 
 
 def _signed(slopes: Iterable[sp.Expr], forms: _Forms) -> bool | None:
-    """Whether all slopes keep off zero, whatever the value of a symbol without a range; False by a witness only."""
+    """Return whether all slopes keep off zero, whatever the value of a symbol without a range; False by a witness
+    only."""
     answers = []
     for slope in slopes:
         if slope not in forms.signs:
@@ -307,7 +309,8 @@ def _sign(slope: sp.Expr, entry: Entry) -> bool | None:
 
 
 def _endless(slope: sp.Expr, sign: Sign) -> bool:
-    """Whether it is refuted for not being finite at a point only: of one sign, and not zero, as far as is seen."""
+    """Return whether it is refuted for not being finite at a point only: of one sign, and not zero, as far as is
+    seen."""
     least, most = sign.range.least, sign.range.most
     crosses = least is not None and most is not None and least.value < 0 < most.value
     at = {s: sp.Rational(value) for s, value in sign.witness.items()}
@@ -360,8 +363,8 @@ def _gauthier_bornard(forms: _Forms) -> Iterator[Answer]:
 
 
 def _bounds(forms: _Forms) -> Iterator[Answer]:
-    """One query after the other; null where no finite range is proved, a note where it has not a value everywhere, the
-    sentence where it cannot be read."""
+    """Yield one query after the other; null where no finite range is proved, a note where it has not a value
+    everywhere, the sentence where it cannot be read."""
     e, faults = forms.entry, []
     ranges: list[list[float] | None] = [None] * len(e.queries)
     for k, text in enumerate(e.queries):
@@ -464,11 +467,14 @@ def run(work: Work, tasks: Sequence[Any], *, limit: float, processes: int | None
     workers = [_start(context, work, limit) for _ in range(min(processes or cores, len(tasks)))]
     try:
         while workers:
-            for worker in _due(workers):
+            first = min(worker.deadline for worker in workers)
+            seconds = None if first == float("inf") else max(first - monotonic(), 0)
+            ready, now = wait([worker.pipe for worker in workers], seconds), monotonic()
+            for worker in [one for one in workers if one.pipe in ready or one.deadline <= now]:
                 workers.remove(worker)
-                events, heard = _heard(worker, left, tasks, limit)
-                if heard:
-                    workers.append(heard)
+                events, following = _heard(worker, left, tasks, limit)
+                if following:
+                    workers.append(following)
                 elif events and events[-1].end in (End.LATE, End.CRASHED):
                     workers.append(_start(context, work, limit))
                 yield from events
@@ -489,7 +495,12 @@ def _start(context: Any, work: Work, limit: float) -> _Worker:
 def _serve(pipe: Connection, work: Work, limit: float) -> None:
     """The worker's side; a Ctrl-C is for the process that started it, which ends it."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    _bounded()
+    with suppress(ImportError):  # of a system without limits
+        import resource
+
+        _, hard = resource.getrlimit(resource.RLIMIT_AS)
+        soft = MEMORY if hard == resource.RLIM_INFINITY else min(MEMORY, hard)
+        resource.setrlimit(resource.RLIMIT_AS, (soft, hard))
     while True:
         pipe.send(("ready", None))
         task = pipe.recv()
@@ -499,33 +510,10 @@ def _serve(pipe: Connection, work: Work, limit: float) -> None:
             pipe.send(("result", result))
 
 
-def _bounded() -> None:
-    try:
-        import resource
-    except ImportError:  # a system without limits
-        return
-    _, hard = resource.getrlimit(resource.RLIMIT_AS)
-    soft = MEMORY if hard == resource.RLIM_INFINITY else min(MEMORY, hard)
-    resource.setrlimit(resource.RLIMIT_AS, (soft, hard))
-
-
-def _due(workers: Sequence[_Worker]) -> list[_Worker]:
-    """The workers that have said something or are past their time; waits for one."""
-    while True:
-        first = min(worker.deadline for worker in workers)
-        heard = wait(
-            [worker.pipe for worker in workers], None if first == float("inf") else max(first - monotonic(), 0)
-        )
-        now = monotonic()
-        due = [worker for worker in workers if worker.pipe in heard or worker.deadline <= now]
-        if due:
-            return due
-
-
 def _heard(
     worker: _Worker, left: Iterator[int], tasks: Sequence[Any], limit: float
 ) -> tuple[list[Event], _Worker | None]:
-    """What a worker says, and the worker as it goes on; None where it is at its end."""
+    """Return what a worker says, and the worker as it goes on; None where it is at its end."""
     events: list[Event] = []
     try:
         while worker.pipe.poll():

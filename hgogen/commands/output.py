@@ -82,13 +82,9 @@ class Bar(Progress):
         super().__init__(*columns, console=err, transient=True, disable=not err.is_terminal)
         self._only = self.add_task(what, total=total)
 
-    def tick(self, following: str | None = None) -> None:
-        """One more is done; what comes next may have a name of its own."""
-        self.update(self._only, advance=1, description=following)
-
-    def advance_by(self, done: int) -> None:
-        """So many more are done."""
-        self.advance(self._only, done)
+    def tick(self, following: str | None = None, done: int = 1) -> None:
+        """Count so many more as done; what comes next may have a name of its own."""
+        self.update(self._only, advance=done, description=following)
 
     def reach(self, done: int) -> None:
         """So many are done."""
@@ -207,7 +203,7 @@ def _interrupt(number: int, frame: Any) -> None:
 
 
 def interrupted() -> bool:
-    """Whether there was a Ctrl-C."""
+    """Return whether there was a Ctrl-C."""
     return bool(_heard)
 
 

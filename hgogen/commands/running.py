@@ -479,7 +479,8 @@ def predictions_table(each: Sequence[Prediction], dt: float, unit: str) -> Rende
 
 
 def consistency_table(whole: Consistency, notes: Iterable[str]) -> RenderableType:
-    """Whether innovations and errors are as large as the observer takes them to be, and white; `notes` on the run."""
+    """Return whether innovations and errors are as large as the observer takes them to be, and white; `notes` on the
+    run."""
     known = any(one.nis is not None for one in whole.outputs)
     says = "NIS is 1 where they are as large as the observer takes them to be; " if known else ""
     sure = ("NIS", "its 95 % band", "beyond 2 sigma") if known else ()
@@ -505,7 +506,7 @@ def _band(ends: tuple[float, float] | None) -> str:
 
 
 def status_table(step: Step, counts: Mapping[str, int], samples: int) -> RenderableType:
-    """How often each status bit was raised, and what it asks for."""
+    """Return how often each status bit was raised, and what it asks for."""
     if not step.layout.bits:
         return Text("status: none, of a step without guards\n")
     raised = [bit for bit in step.layout.bits if counts.get(bit.name)]
@@ -517,7 +518,7 @@ def status_table(step: Step, counts: Mapping[str, int], samples: int) -> Rendera
 
 
 def window_table(trial: str, gramians: Iterable[Gramian], unit: str) -> RenderableType:
-    """What windows of several lengths show along a trial."""
+    """Return what windows of several lengths show along a trial."""
     names = (f"d ({unit})", "smallest eigenvalue", "median", "weakest direction", "its share")
     table = headed(f"what a window d shows along trial {trial}: its observability Gramian", *names)
     for one in gramians:

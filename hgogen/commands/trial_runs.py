@@ -113,7 +113,7 @@ def tried(step: CallableStep, trial: Trial, engine: Engine, seeds: Sequence[int]
 
 
 def summaries(step: CallableStep, done: Sequence[Tried], engine: Engine, say: Callable[[str], None]) -> list[Summary]:
-    """All seeds of each trial in one, with the trial's alarm ratio; `say` is called with what is wrong."""
+    """Return all seeds of each trial in one, with the trial's alarm ratio; `say` is called with what is wrong."""
     ratios = [(one, alarm_ratio(step, one.trial, engine, [m.seed for m in one.each])) for one in done]
     summed = [summary(one.trial, one.each, ratio, step.time) for one, ratio in ratios]
     guarded = (guards(one.trial.name, step.observer.name, one.acted, bool(one.trial.jumps), step.time) for one in done)
@@ -152,7 +152,8 @@ def trial_figures(step: CallableStep, done: Iterable[Tried], known: ErrorBound |
 
 
 def trials_table(each: Iterable[Summary], unit: str) -> RenderableType:
-    """What followed each event of each trial, over the seeds; `unit`, here and below: that of the model's time."""
+    """Return what followed each event of each trial, over the seeds; `unit`, here and below: that of the model's
+    time."""
     parts: list[RenderableType] = []
     for one in each:
         table = headed(
@@ -274,7 +275,7 @@ class CampaignRow:
         return None if self.repeat is None else self.tally.last
 
     def notes(self) -> Iterator[str]:
-        """What is wrong with runs."""
+        """Yield what is wrong with runs."""
         if self.tally.failure:
             share = f"{self.tally.failed} of {len(self.tally)} runs without a truth"
             first = f"of run {self.tally.failure.run} {self.tally.failure.failed}"
@@ -330,14 +331,14 @@ def campaigns(
 
 
 def _tallied(name: str, one: Campaign, asked: Runs, bar: Bar) -> Tally:
-    """What all runs, or the one that is asked for, say; each goes into the folder of results as it comes."""
+    """Return what all runs, or the one that is asked for, say; each goes into the folder of results as it comes."""
     tally, first = Tally(len(one.draws), one.step.time), asked.repeat or 0
     wanted = range(first, len(one.draws) if asked.repeat is None else first + 1)
     with _results(name, one, asked.results) as (known, add):
         for outcome in known:
             if outcome.run in wanted:
                 tally.add(outcome)
-        bar.advance_by(len(tally))
+        bar.tick(done=len(tally))
         left = [number for number in wanted if number not in tally]
         for outcome in one.run(left, asked.jobs if len(left) > 1 else 1, asked.scheduler) if left else ():
             tally.add(outcome)

@@ -64,7 +64,7 @@ class Ecosystem:
 
 @cache
 def _table() -> Mapping[str, Ecosystem]:
-    """All of them by name, and `common`, what every folder has."""
+    """Return all of them by name, and `common`, what every folder has."""
     rows = tomllib.loads(files("hgogen.extras").joinpath("ecosystems.toml").read_text(encoding="utf-8"))
     return {name: Ecosystem(name, **{**row, "reserved": tuple(row.get("reserved", ()))}) for name, row in rows.items()}
 
@@ -77,7 +77,7 @@ def template(name: str) -> Text:
 
 
 def common() -> Ecosystem:
-    """What every folder has."""
+    """Return what every folder has."""
     return _table()["common"]
 
 
@@ -143,7 +143,7 @@ def folder(
 
 
 def _values(step: Step, real: Real) -> dict[str, Any]:
-    """What the templates have places for."""
+    """Return what the templates have places for."""
     declared = prototypes(step)
     samples = assigned(step)
     parts = (f"`{step.name}_{section.name}`" for section in (*step.code.sections, *step.code.timed))
@@ -189,7 +189,7 @@ def _values(step: Step, real: Real) -> dict[str, Any]:
 
 
 def _clock(seconds_: float) -> dict[str, str]:
-    """By what a sketch counts its period: 32 bits of microseconds wrap round after an hour."""
+    """Return the clock by which a sketch counts its period: 32 bits of microseconds wrap round after an hour."""
     clock, rate = ("micros", 1e6) if seconds_ < 1000 else ("millis", 1e3)
     return {"clock": clock, "ticks": str(max(1, round(seconds_ * rate)))}
 

@@ -167,7 +167,7 @@ class Fit(Encoded):
         return tuple(SearchEnd(one.cost, one.status, one.iterations) for one in self.starts)
 
     def notes(self) -> tuple[str, ...]:
-        """What the result is worth, a sentence each."""
+        """Return what the result is worth, a sentence each."""
         ranged = {p.name: p.bounded for p in self.plant.parameters}
         lines = []
         for one in self.parameters:
@@ -193,7 +193,7 @@ class Fit(Encoded):
         return (*lines, *self._searched())
 
     def _not_told(self, parts: Mapping[str, float]) -> str:
-        """Of a direction of parameters, whether another record would tell it, as far as that is known."""
+        """Return, of a direction of parameters, whether another record would tell it, as far as that is known."""
         total = " ".join(f"{part:+.2g} {name}" for name, part in parts.items())
         what = f"tell {total}, in units of ranges: where it ended says nothing"
         fix = "fix one of them" if len(parts) > 1 else "fix it"
@@ -240,7 +240,7 @@ class Fit(Encoded):
 
 
 def above(by: str, cost: float, best: float) -> float:
-    """How far a cost lies above another: a share of squares, a difference of logarithms."""
+    """Return how far a cost lies above another: a share of squares, a difference of logarithms."""
     if by == "prediction":
         return cost - best
     return cost / best - 1 if best else 0.0
@@ -253,8 +253,8 @@ _HIGHER: Mapping[str, Callable[[float], str]] = {
 
 
 def structure(plant: System, free: Sequence[Signal], offset: Sequence[Signal]) -> Structure | None:
-    """What no record tells of these parameters and the offsets of these outputs, beside what these records do not; None
-    where derivatives of the outputs say nothing.
+    """Return what no record tells of these parameters and the offsets of these outputs, beside what these records do
+    not; None where derivatives of the outputs say nothing.
 
         rank d(y, y', ..)/d(x, p) - rank d(y, y', ..)/dx
 
@@ -578,8 +578,8 @@ def lagged(plant: System, outputs: Sequence[Signal], period: float, duration: fl
 
 
 def _best(task: Task, searches: Searches, starts: int, draw: np.random.Generator, passes: int) -> Fit:
-    """Of the best of the starts; of a robust fit after more passes from there, since the residuals of least squares are
-    those of outliers too. Raises: `CannotFit`."""
+    """Return, of the best of the starts; of a robust fit after more passes from there, since the residuals of least
+    squares are those of outliers too. Raises: `CannotFit`."""
     ended: tuple[Solution, ...] = ()
     for begin in [task.nominal, *(task.drawn(draw) for _ in range(starts - 1))]:
         ended = searches.solved(task.solver, begin, ended)
@@ -594,8 +594,8 @@ def _best(task: Task, searches: Searches, starts: int, draw: np.random.Generator
 
 
 def best_of(by: str, ended: Sequence[Solution]) -> Solution | None:
-    """That of the least cost among those that settled, else among the others; of equal ones the first. None where no
-    cost is finite."""
+    """Return the search of the least cost among those that settled, else among the others; of equal ones the first.
+    None where no cost is finite."""
     finite = [one for one in ended if np.isfinite(one.cost)]
     settled = [one for one in finite if one.settled] or finite
     least = min((one.cost for one in settled), default=0.0)

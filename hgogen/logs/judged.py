@@ -80,8 +80,8 @@ def judged(
 
 
 def coloured(e: Array) -> int:
-    """How many of the first `LAGS` correlations of a sequence (N,) lie beyond 2/sqrt(N), as one in 20 of white noise
-    does (Box, Jenkins, Time Series Analysis, 1970)."""
+    """Return how many of the first `LAGS` correlations of a sequence (N,) lie beyond 2/sqrt(N), as one in 20 of
+    white noise does (Box, Jenkins, Time Series Analysis, 1970)."""
     r = correlations(e, min(LAGS, len(e) - 1))
     return 0 if r is None else int(np.count_nonzero(abs(r) > 2 / np.sqrt(len(e))))
 
@@ -136,8 +136,8 @@ def _without_a_model(plant: System, records: Sequence[Held], ahead: tuple[int, .
 
 
 def _last_two(y: Array) -> tuple[Array, Array, Array]:
-    """Of each sample of y (N, p) the last value, how many samples old it is, and the change a sample between the last
-    two values, 0 where there is one alone."""
+    """Return, of each sample of y (N, p), the last value, how many samples old it is, and the change a sample between
+    the last two values, 0 where there is one alone."""
     count = np.arange(len(y))[:, None]
     at = np.maximum.accumulate(np.where(np.isfinite(y), count, -1), axis=0)
     before = np.take_along_axis(at, np.maximum(at - 1, 0), axis=0)
@@ -148,14 +148,14 @@ def _last_two(y: Array) -> tuple[Array, Array, Array]:
 
 
 def _rms(parts: Sequence[Array]) -> list[float]:
-    """Of each column, NaN where nothing was compared."""
+    """Return the RMS of each column, NaN where nothing was compared."""
     columns = np.concatenate(parts).T
     finite = (column[~np.isnan(column)] for column in columns)
     return [rms(column) if len(column) else math.nan for column in finite]
 
 
 def verdicts(calibration: Calibration, rows: Sequence[Judged], where: str = HELD_OUT) -> tuple[str, ...]:
-    """Of a calibration and of rows that are judged, by default those held out."""
+    """Return the verdicts on a calibration and on rows that are judged, by default those held out."""
     judged = {row.name: row for row in rows}
     best = judged[calibration.best.name]
     return (
@@ -216,7 +216,7 @@ def _as_well_without_a_model(best: Judged, judged: Mapping[str, Judged], where: 
 
 
 def _of_hidden_states(best: Judged, judged: Mapping[str, Judged], seen: Sequence[str]) -> Iterator[str]:
-    """What the truth says of the choice, which did not see it but for the states `seen`."""
+    """Yield what the truth says of the choice, which did not see it but for the states `seen`."""
     for state, error in best.hidden.items():
         others = {name: row.hidden[state] for name, row in judged.items() if state in row.hidden and row is not best}
         differenced = others.pop(DIFFERENCING, None)

@@ -65,8 +65,8 @@ class Innovations:
         return int(self.move.size1_in(0))
 
     def along(self, record: Log, memory: Any, theta: Any, first: bool = True) -> tuple[Any, Any, Any]:
-        """What the samples of a record cost (1, N), their e and s (p, N); `memory`: x- and P- at the first sample,
-        which corrects unless it is not `first`."""
+        """Return what the samples of a record cost (1, N), their e and s (p, N); `memory`: x- and P- at the first
+        sample, which corrects unless it is not `first`."""
         N = len(record.y)
         there = np.isfinite(record.y)
         y, valid = np.where(there, record.y, 0.0), there.astype(float)
@@ -152,7 +152,7 @@ class Likelihood:
     steps: int
 
     def ended(self, number: int) -> Ended:
-        """Where the search from a start, of `STARTS`, ends."""
+        """Return where the search from a start, of `STARTS`, ends."""
         process, sample = STARTS[number]
         start = [process] * len(self._noisy) + [sample] * len(self.form.output)
         end = self._solver(x0=start, lbx=-BOUND, ubx=BOUND)
@@ -173,7 +173,7 @@ class Likelihood:
         """e (N - 1, p) and its variances s, NaN where nothing was measured."""
         logs = [np.log(noise.process[name] / unit) for name, unit in self._noisy.items()]
         logs += [2 * np.log(noise.sample[name] / unit) for name, unit in self.scale.outputs.items()]
-        _, e, s = self._over(record, ca.DM(logs))
+        _, e, s = self._filter.along(record, self._start(record), ca.DM(logs), first=False)
         there = np.isfinite(record.y[1:])
         return tuple(np.where(there, np.array(each).T[1:], np.nan) for each in (e, s))
 
@@ -210,12 +210,9 @@ class Likelihood:
             np.array([[-np.inf] * n, [np.inf] * n]),  # its dynamics are taken in the box
         )
 
-    def _over(self, record: Log, g: Any) -> tuple[Any, Any, Any]:
-        """The start holds the first sample, which so corrects nothing."""
-        return self._filter.along(record, self._start(record), g, first=False)
-
     def _start(self, record: Log) -> Array:
-        """z and P at the first sample: what an output shows of the plant's states, the others at rest."""
+        """Return z and P at the first sample, which so corrects nothing: z of the outputs that are states of the plant,
+        the others at rest."""
         system = self.form.system
         shown = dict(zip(system.output, record.y.T, strict=True))
         states = [signal for signal, _ in self.form.estimates]
@@ -228,6 +225,7 @@ class Likelihood:
     @cached_property
     def _solver(self) -> Any:
         g = ca.MX.sym("g", len(self._noisy) + len(self.form.output))
-        total = sum(ca.sum2(self._over(record, g)[0]) for record in self.records)
+        series = (self._filter.along(record, self._start(record), g, first=False) for record in self.records)
+        total = sum(ca.sum2(costs) for costs, _, _ in series)
         count = sum(len(record.y) - 1 for record in self.records)
         return ca.nlpsol("likelihood", "ipopt", {"x": g, "f": total / count}, _OPTIONS)

@@ -125,7 +125,7 @@ class _OnRecords:
         return np.concatenate([np.nonzero(np.isfinite(record.y))[1] for record in self.records])
 
     def by_output(self, values: Array) -> tuple[Array, ...]:
-        """Those of each output, record after record."""
+        """Return the values of each output, record after record."""
         return tuple(values[self.output == j] for j in range(len(self.plant.outputs)))
 
     @property
@@ -260,13 +260,13 @@ class Shooting(_OnRecords):
         return v, ca.vertcat(*errors), ca.vertcat(*gaps)
 
     def residuals(self, unknowns: Array) -> tuple[Array, ...]:
-        """Those of each output where it was measured, record after record, over their scale."""
+        """Return the residuals of each output where it was measured, record after record, over their scale."""
         v, errors, _ = self.followed
         return self.by_output(ca.Function("residuals", [v], [errors])(unknowns).full().ravel())
 
     def information(self, unknowns: Array, unit: Array) -> Information:
-        """What the records tell, at the unknowns (v), whose sizes are `unit` (v): what is left where the states fit
-        best beside each p with the gaps closed."""
+        """Return what the records tell, at the unknowns (v), whose sizes are `unit` (v): what is left where the
+        states fit best beside each p with the gaps closed."""
         v, errors, gaps = self.followed
         at = ca.Function("at", [v], [ca.jacobian(errors, v), ca.jacobian(gaps, v)])
         J, A = (table @ ca.diag(unit) for table in at(unknowns))
@@ -357,8 +357,8 @@ class Predicting(_OnRecords):
         return self.by_output(np.divide(*self._at(unknowns)))
 
     def information(self, unknowns: Array, unit: Array) -> Information:
-        """What the records tell, at the unknowns (v), whose sizes are `unit` (v): what is left where the first states
-        and the levels of noise fit best beside each p."""
+        """Return what the records tell, at the unknowns (v), whose sizes are `unit` (v): what is left where the
+        first states and the levels of noise fit best beside each p."""
         v, _, e, s = self._series
         F = ca.Function("fisher", [v], [self._fisher(v, e, s)])(unknowns) * ca.DM(np.outer(unit, unit))
         tell = self.residuals(unknowns)
@@ -373,7 +373,7 @@ class Predicting(_OnRecords):
         return of_e.T @ of_e + of_s.T @ of_s / 2
 
     def _at(self, unknowns: Array) -> tuple[Array, Array]:
-        """All e where something was measured, and their deviations."""
+        """Return all e where something was measured, and their deviations."""
         v, _, e, s = self._series
         values = ca.Function("at", [v], [e, ca.sqrt(s)])(unknowns)
         return values[0].full().ravel(), values[1].full().ravel()
@@ -422,7 +422,7 @@ Problem = Shooting | Predicting
 
 
 def gathered(Phi: Any, Q: Any) -> Any:
-    """What noise that has Q (n, n) in a sample adds to the covariance along it."""
+    """Return what noise that has Q (n, n) in a sample adds to the covariance along it."""
     eye = ca.DM.eye(Phi.shape[0])
     D = Phi - eye
     half = eye + D / 2 - D @ D / 8
@@ -461,8 +461,8 @@ class Solver:
     def solve(
         self, start: Array, at: Array | None = None, each: Callable[[int, Array], None] = lambda k, last: None
     ) -> Solution:
-        """From the unknowns `start` (v), to which parameters and offsets are pulled, or going on `at` others;
-        `each(k, last)` after iteration k, with its unknowns."""
+        """Return the solution from the unknowns `start` (v), to which parameters and offsets are pulled, or going on
+        `at` others; `each(k, last)` after iteration k, with its unknowns."""
         begin, first = (np.clip(v, self.low, self.high) / self.unit for v in (start, start if at is None else at))
         watch, solver = self._watched if at is None else self._made(_QUIET | _THERE)
         watch.begin(lambda k, w: each(k, w * self.unit))
@@ -485,7 +485,7 @@ class Solver:
         return self._made(_QUIET)
 
     def _made(self, ipopt: dict[str, Any]) -> tuple["_Watch", Any]:
-        """What IPOPT, with these options, calls after each iteration, and IPOPT."""
+        """Return what IPOPT, with these options, calls after each iteration, and IPOPT."""
         watch = _Watch(self.problem.size, self._nlp["g"].numel())
         options: Any = {"print_time": False, "ipopt": ipopt, "iteration_callback": watch, "show_eval_warnings": False}
         return watch, ca.nlpsol("fit", "ipopt", self._nlp, options)
@@ -517,7 +517,7 @@ class _Watch(ca.Callback):
         self.each, self.count, self.interrupts, self.raised = each, 0, list[Any](), list[Exception]()
 
     def get_n_in(self) -> int:
-        """As many as a solver gives back."""
+        """Return the number of values that a solver gives back."""
         return int(ca.nlpsol_n_out())
 
     def get_sparsity_in(self, i: int) -> Any:
@@ -569,7 +569,7 @@ def progress_of(table: Mapping[str, Any]) -> Progress:
 
 
 def digests(plant: System, records: Iterable[Log], options: Mapping[str, Any]) -> dict[str, str]:
-    """Of what is fitted to what."""
+    """Return the digests of what is fitted to what."""
     signals = [(s.name, s.nominal, s.interval) for s in plant.signals]
     arrays = [part for record in records for part in (record.u.tobytes(), record.y.tobytes(), repr(record.dt))]
     return {
@@ -604,7 +604,7 @@ class Searches:
             raise CannotGoOn("the stopped fit", f"{reason}; give it what it was begun with, or fit anew")
 
     def solved(self, solver: Solver, begin: Array, ended: tuple[Solution, ...]) -> tuple[Solution, ...]:
-        """Those that ended, and one more, from the unknowns `begin`."""
+        """Return the searches that ended, and one more, from the unknowns `begin`."""
         resumed = self.resumed
         if resumed is not None and len(ended) < resumed.start:
             return (*ended, resumed.ended[len(ended)])

@@ -135,8 +135,8 @@ class Ahead:
     samples: int
 
     def rival(self, records: Sequence[Log]) -> list[Array]:
-        """Of each record the squared errors (N, p) of what does without a model: (y_j(k+h) - y_j(k))^2 at each sample
-        that has a last value."""
+        """Return, of each record, the squared errors (N, p) of what does without a model: (y_j(k+h) - y_j(k))^2 at
+        each sample that has a last value."""
         h, moves = self.samples, []
         for record in records:
             squares = np.full(record.y.shape, np.nan)
@@ -164,7 +164,7 @@ class Hidden:
         return [(table - means) ** 2 for table in tables]
 
     def errors(self, k: int, step: CallableStep, run: Run, record: Log) -> Array:
-        """Those of the estimate."""
+        """Return the errors of the estimate."""
         return np.column_stack([run[state] - true for state, true in self.truth[k].items()])
 
 
@@ -231,14 +231,14 @@ class Judge:
 
 
 def _mean(values: Array) -> float:
-    """Of what is finite, NaN where nothing is."""
+    """Return the mean of what is finite, NaN where nothing is."""
     there = values[np.isfinite(values)]
     return float(there.mean()) if len(there) else np.nan
 
 
 def chosen(errors: Mapping[Key, Array]) -> tuple[Key, Array]:
-    """Of candidates the one with the least errors over all segments; and of each segment the error there of the one
-    that is chosen on the others."""
+    """Return, of candidates, the one with the least errors over all segments; and of each segment the error there of
+    the one that is chosen on the others."""
     keys, table = list(errors), np.array(list(errors.values()))
     segments = range(table.shape[1])
     judged = [table[int(np.argmin(np.delete(table, s, axis=1).sum(axis=1))), s] for s in segments]
@@ -246,9 +246,10 @@ def chosen(errors: Mapping[Key, Array]) -> tuple[Key, Array]:
 
 
 def as_good(errors: Array, best: Array) -> bool:
-    """Whether errors by segment are above the best by no more than one standard error (the rule of Breiman, Friedman,
-    Olshen, Stone, Classification and Regression Trees, 1984), that of their difference or that of the best, whichever
-    is less: errors that scatter widely are no reason to prefer them. Errors that differ by rounding are as good."""
+    """Return whether errors by segment are above the best by no more than one standard error (the rule of Breiman,
+    Friedman, Olshen, Stone, Classification and Regression Trees, 1984), that of their difference or that of the
+    best, whichever is less: errors that scatter widely are no reason to prefer them. Errors that differ by rounding
+    are as good."""
     difference = errors - best
     scatter = min(difference.std(ddof=1), best.std(ddof=1)) / np.sqrt(len(difference))
     return bool(difference.mean() <= max(scatter, ALIKE * best.mean()))

@@ -143,7 +143,7 @@ class Start:
     label: ClassVar[str] = "likelihood"
 
     def result(self, task: Task) -> Ended:
-        """Where it ends."""
+        """Return where the search ends."""
         return task.likelihood(self.row).ended(self.number)
 
 
@@ -281,7 +281,7 @@ class Search:
         return {k: e for k, e in known.items() if np.isfinite(e).all()}
 
     def _grid(self, maxima: Sequence[Noise]) -> list[Scale]:
-        """What the rule reads is varied."""
+        """Return the scales in which what the rule reads is varied."""
         scales = [self.base]
         if self._reads(theta=2 * self.base.theta):
             values = thetas(self.base.theta, self.task.dt)
@@ -313,7 +313,7 @@ class Search:
                 yield from (replace(middle, theta=theta, **shape) for shape in shapes for theta in sorted(every_theta))
 
     def _reads(self, **values: Any) -> bool:
-        """Whether gains change with a number."""
+        """Return whether gains change with a number."""
         observer = getattr(every, self.name)
         return gains_of(observer, replace(self.base, **values)) != gains_of(observer, self.base)
 
@@ -388,14 +388,9 @@ def tune(
     """
     wanted = None if observers is None else [FILTER if name == ADAPTIVE else name for name in observers]
     names = observers_named(wanted)
-    if not records or not all(isinstance(record, Log) for record in records):
-        raise CannotTune("records", "are missing; give logs, such as hg.Log(u, y, dt)")
-    dts = [record.dt for record in records]
-    if max(dts) > (1 + SAME) * min(dts):
-        listed = ", ".join(f"{dt:g}" for dt in dict.fromkeys(dts))
-        raise CannotTune("records", f"have different periods, {listed}; read them on one grid, by --dt (dt=)")
+    period = _common_period(records)
     ahead, segments = count("ahead", ahead, 1, 2**31), count("segments", segments, 2, 2**31)
-    logs = tuple(replace(readable(plant, record, k), dt=dts[0]) for k, record in enumerate(records, 1))
+    logs = tuple(replace(readable(plant, record, k), dt=period) for k, record in enumerate(records, 1))
     true = _truth(plant, truth, logs)
     judge = Judge(logs, Hidden(true) if true else Ahead(ahead), segments, native.engine())
     if judge.count < 2:
@@ -416,6 +411,17 @@ def tune(
         raise CannotTune(f"plant {plant.name!r}", f"has no observer that can be tuned: {reasons(done)}")
     refused = {name: one for name, one in done.items() if isinstance(one, str)}
     return Calibration(tuple(best), refused, ahead, segments, tuple(true[0]) if true else ())
+
+
+def _common_period(records: Sequence[Log]) -> float:
+    """Return the period of records, all of which have it. Raises: `CannotTune`."""
+    if not records or not all(isinstance(record, Log) for record in records):
+        raise CannotTune("records", "are missing; give logs, such as hg.Log(u, y, dt)")
+    dts = [record.dt for record in records]
+    if max(dts) > (1 + SAME) * min(dts):
+        listed = ", ".join(f"{dt:g}" for dt in dict.fromkeys(dts))
+        raise CannotTune("records", f"have different periods, {listed}; read them on one grid, by --dt (dt=)")
+    return dts[0]
 
 
 def _results(workers: Workers[Task], each: Callable[[str], None], pieces: Iterable[Piece]) -> dict[Piece, Any]:

@@ -41,8 +41,8 @@ _GAINS = "gains"
 
 
 def stored(plant: System, declared: Any) -> Dissipation:
-    """What a model's `dissipation` says of its plant, proved or not. Raises: `BadErrorSystem` for keys that are missing
-    or unknown, or values that do not fit; `Misfit` for no mapping; `BadExpression`."""
+    """Return what a model's `dissipation` says of its plant, proved or not. Raises: `BadErrorSystem` for keys that
+    are missing or unknown, or values that do not fit; `Misfit` for no mapping; `BadExpression`."""
     if not isinstance(declared, Mapping):
         raise Misfit("dissipation", declared, "a mapping with the keys gain, V, mu and within")
     own = ("system",) if "system" in declared else _SYSTEM
@@ -84,7 +84,7 @@ class Bounds:
 
 
 def bounds(declared: Any) -> Bounds:
-    """Those that a file declares. Raises: `NoBounds`."""
+    """Return the bounds that a file declares. Raises: `NoBounds`."""
     for what, value in declared.items() if isinstance(declared, Mapping) else [("bounds", declared)]:
         sized = what in ERROR_INPUTS and isinstance(value, Mapping)
         if not (sized or (what == "real" and value in REALS) or (what == _GAINS and isinstance(value, bool))):

@@ -35,7 +35,8 @@ class OtherPlant(UserWarning):
 
 
 def equations(plant: System) -> list[str]:
-    """Of the plant as first declared, as a file holds them: values of parameters are no part of them."""
+    """Return the equations of the plant as first declared, as a file holds them: values of parameters are no part of
+    them."""
     first = plant.declared
     flow = (f"{x}' = {row}" for x, row in zip(first.states, first.flow, strict=True))
     return [*flow, *(f"{y} = {row}" for y, row in zip(first.outputs, first.output, strict=True))]
@@ -94,9 +95,9 @@ def read_values(path: Path, plant: System) -> dict[str, float]:
 
 
 def put(names: Mapping[str, Any], plant: System, values: Mapping[str, float]) -> dict[str, Any]:
-    """What a model file holds by name, with other values of the plant's parameters, where it differs: the plant, its
-    parameters, and tables and expressions that read them. What functions make is made of these when they are called.
-    Raises: `BadParameters` for what was made of the plant when the file was read; `BadValue`."""
+    """Return what a model file holds by name, with other values of the plant's parameters, where it differs: the
+    plant, its parameters, and tables and expressions that read them. What functions make is made of these when they
+    are called. Raises: `BadParameters` for what was made of the plant when the file was read; `BadValue`."""
     new, moved = exchanged(plant, values), valued(plant, values)
     made = {name: _put(name, value, plant, moved, new) for name, value in names.items() if not name.startswith("__")}
     return {name: value for name, value in made.items() if value is not names[name]}

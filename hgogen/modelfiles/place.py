@@ -51,8 +51,8 @@ def shipped(package: Path = PACKAGE) -> dict[str, Path]:
 
 
 def available() -> dict[str, str]:
-    """What may be given as a model, and its path: the paths of those here, and each bare name that comes with hgogen
-    and is not theirs."""
+    """Return what may be given as a model, and its path: the paths of those here, and each bare name that comes with
+    hgogen and is not theirs."""
     here = listed()
     names = {Path(path).stem for path in here}
     return {path: path for path in here} | {name: str(path) for name, path in shipped().items() if name not in names}
@@ -97,8 +97,8 @@ def _models(folder: Path) -> Iterator[Path]:
 
 
 def summary(path: str) -> str:
-    """What a model file says it is, the first sentence of its docstring or `meaning`; empty where it says nothing or
-    cannot be read. Nothing of the file is run."""
+    """Return what a model file says it is, the first sentence of its docstring or `meaning`; empty where it says
+    nothing or cannot be read. Nothing of the file is run."""
     suffix = Path(path).suffix
     try:
         text = content_of(path, BYTES)
@@ -128,12 +128,12 @@ def new_model(name: str, folder: Path) -> dict[str, str]:
 
 
 def sentence(error: Exception) -> str:
-    """What an error says, after its type where it is none of hgogen's."""
+    """Return what an error says, after its type where it is none of hgogen's."""
     return _text(error) if isinstance(error, HgogenError) else f"{type(error).__name__}: {_text(error)}"
 
 
 def ends_python(error: BaseException) -> str:
-    """What a model does that raises what is no `Exception`, and the fix."""
+    """Return what a model does that raises what is no `Exception`, and the fix."""
     kind, text = type(error).__name__, _text(error)
     said = f" ({text})" if text else ""
     return f"raises {kind}{said}, which ends Python; leave it out, or raise an error that says what is wrong"

@@ -166,7 +166,7 @@ class Tuning:
         return table
 
     def _sampling(self, name: str) -> Mapping[str, Any]:
-        """How a tuning is sampled: by its own keys, else by those of the tuning that it is around."""
+        """Return how a tuning is sampled: by its own keys, else by those of the tuning that it is around."""
         sampling: dict[str, Any] = {}
         passed: list[str] = []
         while name in self.tables and name not in passed:
@@ -198,7 +198,7 @@ class Tuning:
             raise BadModelFile(self.file, f"{where}.{key}" if key else where, said)
 
     def _refusals(self, where: str, function: Callable[[], Made]) -> Made:
-        """What `function` returns; a refusal keeps its sentence and gets the file and the key."""
+        """Return what `function` returns; a refusal keeps its sentence and gets the file and the key."""
         try:
             return function()
         except Refuted as error:
@@ -246,8 +246,8 @@ def faults(
 
 
 def value(key: str, raw: Any) -> Any:
-    """What text stands for: a table with `kind` for the value that it makes, a list of thresholds `mu` for a tuple.
-    Raises: `BadGain`, and what the value's function raises."""
+    """Return what text stands for: a table with `kind` for the value that it makes, a list of thresholds `mu` for a
+    tuple. Raises: `BadGain`, and what the value's function raises."""
     if key in _VALUES and isinstance(raw, Mapping):
         makers = {make.__name__: make for make in _VALUES[key]}
         if raw.get("kind") not in makers:
@@ -260,8 +260,8 @@ def value(key: str, raw: Any) -> Any:
 
 
 def poles(listed: Any, chains: int) -> Any:
-    """What a list of poles stands for: a pair [re, im] for a complex pole; of several chains there is a list for each,
-    in which a pair of numbers is two real poles."""
+    """Return what a list of poles stands for: a pair [re, im] for a complex pole; of several chains there is a list
+    for each, in which a pair of numbers is two real poles."""
     if not isinstance(listed, list):
         return listed
     if chains > 1:
@@ -309,8 +309,8 @@ class NoFirst:
 
 
 def places(survey: Survey) -> Iterator[Row]:
-    """Where an observer is asked, in order: the forms that say something of observability, the plant in its own
-    coordinates, made when it comes to that, and the forms that say nothing of it."""
+    """Yield where an observer is asked, in order: the forms that say something of observability, the plant in its
+    own coordinates, made when it comes to that, and the forms that say nothing of it."""
     yield from survey.candidates
     own = survey["original"]
     yield own if own.form else replace(own, form=forms.original(survey.plant))
