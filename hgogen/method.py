@@ -88,7 +88,7 @@ class Method(Protocol):
 
     @property
     def equations(self) -> tuple[str, ...]:
-        """What a step does, in lines for reports; h is its length."""
+        """The equations of a step, in lines for reports; h is its length."""
         ...
 
     @property
@@ -130,19 +130,19 @@ class OnErrors(Protocol):
         ...
 
     def beside(self, plant: PlantStep, error: Inclusion, theta: Fraction) -> ErrorInput:
-        """What the plant does beside a step, as it enters the error. Raises: `Unbounded`."""
+        """The deviation of the plant from a step, as it enters the error. Raises: `Unbounded`."""
         ...
 
 
 @dataclass(frozen=True)
 class Staged:
-    """What moves a differential equation, and the model while samples are missing, by the stages of a tableau."""
+    """The stages of a tableau for a differential equation, and for the model while samples are missing."""
 
     prediction: Tableau = RK4
     exact = False  # every eigenvalue of the core limits the step
 
     def obstacle(self, error: Inclusion) -> Reason:
-        """None: whatever the error obeys, the stages read it."""
+        """No obstacle: whatever the error obeys, the stages read it."""
         return NONE
 
     def error_step(self, h: Fraction, e: Uncertain) -> Inequality:
@@ -154,7 +154,7 @@ class Staged:
         return StageDeviation(plant, self.prediction).error_input
 
     def ode(self, part: Ode, clock: Clock) -> Pieces:
-        """One step of every field of the part at once."""
+        """A step of every field of the part at once."""
         return self.step(part, clock)
 
     def ode_lengths(self, part: Ode, observer: Observer, dt: float) -> Lengths:
@@ -172,7 +172,7 @@ class Staged:
         return decay_limits(M, self.prediction.polynomial)
 
     def step(self, part: Ode, clock: Clock) -> Pieces:
-        """One step of every field of the part at once, whatever the part is of."""
+        """A step of every field of the part at once, whatever the part is of."""
         start = {field.name: sym("state", field.name, field.size) for field in part.fields}
 
         def equations(moving: Values) -> dict[str, Graph]:
@@ -244,7 +244,7 @@ class Explicit(Staged):
         return self.tableau.equations
 
     def ode(self, part: Ode, clock: Clock) -> Pieces:
-        """One step of every field of the part at once. Raises: `NoCovariance` in the view (z, P)."""
+        """A step of every field of the part at once. Raises: `NoCovariance` in the view (z, P)."""
         if self.view == "covariance":
             raise NoCovariance(self.name)
         return self.step(part, clock)
@@ -352,7 +352,7 @@ class Realising:
     prediction = None
 
     def ode(self, part: Ode, clock: Clock) -> Pieces:
-        """One step of every field of the part at once.
+        """A step of every field of the part at once.
 
         Raises: `NoRealisation`.
         """
@@ -393,7 +393,7 @@ class Realising:
         raise NoRealisation(self.name, "that of a Riccati observer moves with its covariance: take continuous_discrete")
 
     def riccati_lengths(self, part: Riccati, dt: float) -> Lengths:
-        """There are none: `riccati` refuses the observer."""
+        """No lengths: `riccati` refuses the observer."""
         return Lengths()
 
     def obstacle(self, error: Inclusion) -> Reason:
@@ -474,7 +474,7 @@ def _held(place: Place, matrix: Graph) -> Graph:
 
 
 def _named(seen: Pattern) -> tuple[str, str]:
-    """What ends the names of values for these samples, and what ends a sentence on them."""
+    """The endings of the names of values for these samples, and of a sentence on them."""
     if all(seen):
         return "", ""
     there = ", ".join(str(j) for j, valid in enumerate(seen, 1) if valid)

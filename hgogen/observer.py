@@ -68,7 +68,7 @@ class Observer:
     made: "partial[Observer] | None" = None
 
     def __post_init__(self) -> None:
-        """What makes its checks is called once, for it and for copies of it."""
+        """Make its checks by one call, for it and for copies of it."""
         object.__setattr__(self, "claims", cache(partial(_claimed, self.claims)))
 
     @property
@@ -147,7 +147,7 @@ class Observer:
         return f"<{self.name} observer of {self.form.system.name} in {self.form.kind} form>"
 
     def __reduce__(self) -> tuple[Any, ...]:
-        """What made it, which makes it again: a pickle holds no graphs.
+        """The call that made it, which makes it again: a pickle holds no graphs.
 
         Raises: `BadGain` where it was not made by `hg.observers`.
         """
@@ -232,7 +232,7 @@ def _as_now(value: Any) -> Any:
 
 
 def _comparable(value: Any) -> Any:
-    """What equal arguments have in common; a number is not one of another type, and a form is itself alone."""
+    """A key that equal arguments have in common; a number is not one of another type, and a form is itself alone."""
     match value:
         case Form():
             return id(value)  # of a form that lives as long as the observer

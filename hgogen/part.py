@@ -17,7 +17,7 @@ from hgogen.program import Bit, Field, Group, Program, Section, sym
 
 
 def on_line(c: float | Graph, last: Graph, now: Graph) -> Graph:
-    """What runs on the line from `last` to `now`, at the fraction c of the step; the ends as they are, where c is a
+    """A value on the line from `last` to `now`, at the fraction c of the step; the ends as they are, where c is a
     number."""
     if isinstance(c, ca.SX):
         return last + c * (now - last)
@@ -65,7 +65,7 @@ class Clock:
         return now if self.between == "hold" else on_line(c, last, now)
 
     def signals(self, c: float | Graph) -> dict[str, Graph]:
-        """What an equation is given at the fraction c of the step: the input, the measurement, its validity."""
+        """The arguments of an equation at the fraction c of the step: the input, the measurement, its validity."""
         return {"u": self.u(c), "y": self.y(c), "valid": self.valid}
 
     @property
@@ -75,7 +75,7 @@ class Clock:
 
     @property
     def constants(self) -> dict[str, Graph]:
-        """Those that are constant: without guards every sample is used."""
+        """The signals that are constant: without guards every sample is used."""
         return {} if self.guarded else {"valid": self.valid}
 
     @property
@@ -101,7 +101,7 @@ class Clock:
 
 @dataclass(frozen=True, eq=False)
 class Pieces:
-    """What a part adds to a step: memory, and statements for each section.
+    """The contribution of a part to a step: memory, and statements for each section.
 
     `update` has one program for each output, run when its sample is valid; `uses_output` says that `predict` reads
     the measurement; `bits`: its own, or its words for the step's; `rule`: what carries the part out, where the method

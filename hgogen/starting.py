@@ -37,9 +37,9 @@ Make = TypeVar("Make", bound=Callable[..., Observer])
 
 @dataclass(frozen=True)
 class Scale:
-    """What the rules read: theta, dt and D in the plant's time, S and Q by the names of the form's states (`states`,
-    `process`), Y and sigma by those of the outputs, how many states each chain has; `spread`: how many times faster the
-    fastest pole is than the slowest, of poles about -1; `corner`: how many times theta filters are fast."""
+    """The numbers of the rules: theta, dt and D in the plant's time, S and Q by the names of the form's states
+    (`states`, `process`), Y and sigma by those of the outputs, how many states each chain has; `spread`: how many times
+    faster the fastest pole is than the slowest, of poles about -1; `corner`: how many times theta filters are fast."""
 
     theta: float
     dt: float
@@ -64,7 +64,7 @@ class Scale:
 
     @property
     def poles(self) -> Any:
-        """All at -1, or of that geometric mean, a tuple for each chain where there are several."""
+        """Poles, all at -1, or of that geometric mean, a tuple for each chain where there are several."""
         each = tuple(tuple(-whole(two(self.spread**k)) for k in evenly(size)) for size in self.blocks)
         return each[0] if len(each) == 1 else each
 
@@ -99,7 +99,7 @@ class Scale:
 
 @dataclass(frozen=True)
 class Rule:
-    """What an observer says of itself, for pages and for whoever begins.
+    """An observer's account of itself, for pages and for whoever begins.
 
     `where` to take it; `asks`: what it asks for, or leaves open; `state`: how many numbers it remembers of n states;
     `gains`: its starting gains, or in a sentence why it has none; `quick`: up to how many states these are built in no
@@ -158,7 +158,7 @@ def starting_gains(
     dt: float | None = None,
     noise: Mapping[str, float] | None = None,
 ) -> Starting:
-    """What to begin with, on a form, for one of `hg.observers`: `observer(form, **start.gains)`, sampled at `start.dt`.
+    """Gains to begin with, on a form, of one of `hg.observers`: `observer(form, **start.gains)`, at the dt `start.dt`.
 
     Args: `dt` the sampling period, in the plant's time, where it is not free; `noise` the standard deviation of a
     sample by output, as far as it is known.
@@ -177,7 +177,7 @@ def starting_gains(
 
 
 def gains_of(observer: Callable[..., Observer], numbers: Scale) -> Gains | str:
-    """What the rule of an observer makes of a scale, or in a sentence why nothing."""
+    """The gains by the rule of an observer at a scale, or in a sentence why there are none."""
     try:
         return rule(observer).gains(numbers)
     except ArithmeticError:
@@ -224,7 +224,7 @@ def _slopes(form: Form) -> dict[int, float]:
 
 
 def _sigmas(form: Form, noise: Mapping[str, float] | None) -> Mapping[str, float]:
-    """What is known of the noise. Raises: `BadGain`."""
+    """The known deviations of the noise. Raises: `BadGain`."""
     if noise is not None and not isinstance(noise, Mapping):
         raise BadGain(f"noise = {noise!r}", "must be a standard deviation for each output by its name, as {'y': 0.01}")
     names = [y.name for y in form.system.outputs]

@@ -16,7 +16,7 @@ YOURS = "left to you"
 
 
 class Convergence(StrEnum):
-    """What is known of the convergence of an observer; what is proved comes first."""
+    """The knowledge of the convergence of an observer; what is proved comes first."""
 
     PROVED = "convergence proved in continuous time"
     ABOVE = "convergence proved in continuous time, for its theta"
@@ -25,7 +25,7 @@ class Convergence(StrEnum):
 
 
 def convergence(observer: str, checks: Iterable[Check]) -> Convergence:
-    """What is known of an observer's convergence, by its own checks: one of convergence, one of its gain theta, and one
+    """The knowledge of an observer's convergence, by its own checks: one of convergence, one of its gain theta, and one
     of how long it holds a gain, for which a larger theta makes up."""
     known = {check.id.fact: check.verdict for check in checks if check.id.maker == observer}
     if known.get("convergence") is not Verdict.PROVED:
@@ -45,7 +45,7 @@ class Beyond(NamedTuple):
 
 @dataclass(frozen=True)
 class Hypothesis:
-    """One hypothesis of a theorem.
+    """A hypothesis of a theorem.
 
     `claim`: a sentence; `checks`: which claims know it; `verdict`: what is known without a check, by construction, None
     where only the user can know; `reason`: how, or what the user should see to, or what the checks do not say, a
@@ -224,6 +224,6 @@ HURWITZ = Hypothesis(
 
 
 def large_theta(observer: str) -> Hypothesis:
-    """That theta is above what the observer's claim of that name proves."""
+    """The hypothesis that theta is above what the observer's claim of that name proves."""
     reason = "of its declared value; it can be tuned down to 1"
     return Hypothesis("theta is large enough", (Claims(observer, "theta"),), reason=reason)

@@ -154,7 +154,7 @@ class _Transients:
     tableau: Tableau
 
     def searched(self, searches: Sequence[Search]) -> list[Limit]:
-        """What searches end with, that ask side by side: a step of many P takes hardly longer than that of one."""
+        """The limits that searches end with, side by side: a step of many P takes hardly longer than that of one."""
         limits = [NOTHING] * len(searches)
         asked = {i: next(search) for i, search in enumerate(searches)}
         while asked:
@@ -182,7 +182,7 @@ class _Transients:
         return answers
 
     def _fails(self, starts: _Starts, lengths: Array) -> Flags:
-        """Which transients (m) fail by steps of the lengths (m)."""
+        """Flags of the transients (m) that fail by steps of the lengths (m)."""
         delta, dt = self.riccati.delta(self.theta_max), lengths[:, None, None]
         X: Array = starts.P * np.outer(delta, delta)
         X = np.asarray(np.linalg.inv(X)) if self.representation == "information" else X

@@ -1,6 +1,6 @@
 """The linear error core of an estimator: x' = M x + B y + what is nonlinear, x its fields in a column.
 
-By differentiation of `Ode.linear`, which is linear in the fields and the measurement. The error of the estimate obeys
+It is a derivative of `Ode.linear`, which is linear in the fields and the measurement. The error of the estimate obeys
 the same M where the model's nonlinear terms agree, so the eigenvalues of M are the observer's poles, and (M, B) is what
 measurement noise goes through.
 
@@ -61,11 +61,14 @@ def core_numbers(part: Ode, outputs: int, nominal: Mapping[Place, np.ndarray]) -
     return numbers(linear.M, nominal)
 
 
-def measured_numbers(part: Ode, outputs: int, nominal: Mapping[Place, np.ndarray]) -> np.ndarray:
-    """B (N, p) of a part that has a core, evaluated likewise."""
-    linear = core(part, outputs)
+ONE: Mapping[Place, np.ndarray] = {Place("gain", "theta"): np.ones(1)}
+
+
+def core_at_one(part: Ode) -> tuple[np.ndarray, np.ndarray]:
+    """M (N, N) and B (N, 1) of a part of one output that has a core, at theta = 1."""
+    linear = core(part, 1)
     assert linear is not None
-    return numbers(linear.B, nominal)
+    return numbers(linear.M, ONE), numbers(linear.B, ONE)
 
 
 def numbers(graph: Graph, nominal: Mapping[Place, np.ndarray]) -> np.ndarray:
@@ -129,11 +132,9 @@ def saturating(chain: Integrators, fields: tuple[Field, ...], lines: Lines) -> S
     return Saturating(fields, rest, linear, chain.offset, whole=whole)
 
 
-def vertices(
-    chain: Integrators, fields: tuple[Field, ...], lines: Lines, places: Mapping[Place, np.ndarray]
-) -> Iterator[np.ndarray]:
-    """The linear error core (N, N) with every saturation passing all, or nothing, of the estimate's error: what a
-    saturated estimate of a state inside its range obeys is between them."""
+def vertices(chain: Integrators, fields: tuple[Field, ...], lines: Lines) -> Iterator[np.ndarray]:
+    """The linear error core (N, N) at theta = 1 with every saturation passing all, or nothing, of the estimate's error:
+    what a saturated estimate of a state inside its range obeys is between them."""
     for shares in product((1.0, 0.0), repeat=chain.n - 1):
 
         def linear(
@@ -141,12 +142,12 @@ def vertices(
         ) -> Mapping[str, Graph]:
             return lines(values, y, valid, lambda value, i: shares[i] * value, lambda _: ca.SX.zeros(chain.n))
 
-        yield core_numbers(Ode(fields, lambda *_: {}, linear), 1, places)
+        yield core_at_one(Ode(fields, lambda *_: {}, linear))[0]
 
 
 def gates(cores: Sequence[np.ndarray]) -> tuple[tuple[int, np.ndarray], ...]:
-    """Of all `vertices`, what each saturation passes on: the field whose error it passes, and the column (N) by which
-    that enters the core beside the last of them, where nothing is passed."""
+    """The shares that saturations pass on, of all `vertices`: the field whose error is passed, and the column (N) that
+    this adds to the core of the last of them, where nothing is passed."""
     shut, columns = cores[-1], []
     for k in reversed(range(len(cores).bit_length() - 1)):
         passed = cores[-1 - 2**k] - shut

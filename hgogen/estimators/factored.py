@@ -406,7 +406,7 @@ def _in_memory(name: str, matrix: Graph) -> tuple[Graph, Writes]:
 
 @dataclass(frozen=True)
 class _Candidate:
-    """One of the two programs."""
+    """A program of the two to choose from."""
 
     name: str
     pieces: Pieces

@@ -119,7 +119,7 @@ def least_ratio(pole: complex) -> Fraction:
 
 
 def demand_parabola(poles: Iterable[complex], alpha: float, beta: float) -> None:
-    """That poles in the open left half plane lie in S, in exact arithmetic; alpha, beta > 0.
+    """Demand that poles in the open left half plane lie in S, in exact arithmetic; alpha, beta > 0.
 
     Raises: `OutsideParabola`.
     """
@@ -148,7 +148,7 @@ def filtered_core(L: np.ndarray, alpha: float, beta: float) -> np.ndarray:
 
 
 def parabola_advice(L: np.ndarray, alpha: float, beta: float) -> str:
-    """What to change about gains L (n) whose M is not Hurwitz."""
+    """Advice on gains L (n) whose M is not Hurwitz."""
     poles = np.roots([1.0, *L]).astype(complex)
     unstable = poles[poles.real >= 0]
     if unstable.size:
@@ -223,7 +223,7 @@ def errors(first: Graph, p: Graph, q: Graph) -> Graph:
 
 
 def injected(k: np.ndarray, theta: Graph, e: Graph) -> tuple[Graph, Graph]:
-    """What e (m) adds to p' (m) and q' (m)."""
+    """The terms of e (m) in p' (m) and q' (m)."""
     return theta * (ca.DM(k[:, 0]) * e), theta * theta * (ca.DM(k[:, 1]) * e)
 
 
@@ -294,7 +294,7 @@ class ScaledGain:
         return Field(self.name, (0.0,) * len(self.values), labels=tuple(labels), meaning=self.meaning)
 
     def tuned(self, form: Form) -> Block:
-        """How it comes of theta and the parameters, SX of their places."""
+        """The block that computes it of theta and the parameters, SX of their places."""
         constants = {s: v for s, v in form.system.nominal.items() if not s.bounded}
         parameters = {s: sym("plant", s.name) for s in form.system.parameters if s.bounded}
         values: list[Graph] = to_casadi([k.subs(constants) for k in self.values], parameters)

@@ -87,7 +87,7 @@ class Innovation(Protocol):
 
     @property
     def hypothesis(self) -> Hypothesis:
-        """What is known of it as the integral of the theorem."""
+        """The hypothesis that it is the integral of the theorem."""
         ...
 
     def part(self, dynamics: Dynamics, z: Field) -> "Predictors":
@@ -129,7 +129,7 @@ class Predictors(Part):
 
 
 def clamped(field: Field, value: Graph, still: Collection[int] = ()) -> Graph:
-    """Each element clamped to the field's box, but for those that are `still`, which are in it; its initial value where
+    """The elements clamped to the field's box, but for those that are `still`, which are in it; its initial value where
     it is not a number or absurd."""
     elements = []
     for i, end in enumerate(field.box_within(HUGE)):
@@ -184,7 +184,7 @@ _RUN_Z, _RUN_U, _RUN_SUM = (Place("work", name) for name in ("zw", "uw", "sum"))
 
 @dataclass(frozen=True)
 class Window:
-    """Of the paper: `d` (s), `tableau` that moves the model, `weights` of the outputs' squares."""
+    """The innovation of the paper: `d` (s), `tableau` that moves the model, `weights` of the outputs' squares."""
 
     d: float
     tableau: Tableau
@@ -279,7 +279,7 @@ class _Ring:
         return {_RUN_U: sym("past", "u", self.clock.inputs)} if self.clock.inputs else {}
 
     def _replay(self) -> dict[Place, Graph]:
-        """One step of the model, and the squared error of its output in the sum."""
+        """A step of the model, and the squared error of its output in the sum."""
         p, m, clock = self.clock.outputs, self.clock.inputs, self.clock
         y, valid, u, before = sym("past", "y", p), sym("past", "valid", p), sym("past", "u", m), sym("work", "uw", m)
         moved = self.predictor.moved(sym("work", "zw", self.n), lambda c: clock.between_samples(c, before, u), clock.dt)
@@ -297,7 +297,8 @@ _RESTART, _BEYOND = Place("work", "restart"), Place("work", "beyond")
 
 @dataclass(frozen=True)
 class Staggered:
-    """By staggered copies: `d` (s), `predictors` M, `tableau` that moves them, `weights` of the outputs' squares."""
+    """The innovation by staggered copies: `d` (s), `predictors` M, `tableau` that moves them, `weights` of the outputs'
+    squares."""
 
     d: float
     predictors: int
@@ -347,12 +348,12 @@ class _Copies:
 
     @property
     def total(self) -> Graph:
-        """Each output's sum (p)."""
+        """The sum of each output (p)."""
         return sym("predictor", "sum", self.clock.outputs)
 
     @property
     def valid(self) -> Graph:
-        """Each output's number of samples in the sum (p)."""
+        """The number of samples in the sum of each output (p)."""
         return sym("predictor", "samples", self.clock.outputs)
 
     @property

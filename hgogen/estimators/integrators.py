@@ -216,15 +216,14 @@ def integrators(observer: str, form: Form) -> Integrators:
 
 
 def demand_linear_rows(observer: str, form: Form) -> None:
-    """That the rows of the form are linear in their next state, as those of a uniform form need not be. Raises:
-    `BadGain`."""
+    """Demand rows that are linear in their next state, as those of a uniform form need not be. Raises: `BadGain`."""
     if form.kind == "uniform":
         fix = "use the form uniform_chain if the plant is in it, else riccati"
         raise BadGain(observer, "wants constant slopes, which a uniform form need not have", fix=fix)
 
 
 def demand_divisor(name: str, a: sp.Expr, form: Form) -> None:
-    """That an observer can divide by an a_i of parameters. Raises: `BadGain`."""
+    """Demand that an observer can divide by an a_i of parameters. Raises: `BadGain`."""
     value = a.subs(form.system.nominal)
     if not (value.is_extended_real and value.is_finite and float(value)):
         reason = f"is {value} at the nominal parameters, and the observer divides by it; choose others, or use riccati"
@@ -305,7 +304,7 @@ def capped(level: Field, bit: Bit = GAIN_LIMITED) -> Jump:
 
 
 def unmodelled(form: Form) -> Jump:
-    """What a missing sample means to an observer without the last row of the model, which has nothing to predict by."""
+    """The bits of missing samples of an observer without the last row of the model, which has nothing to predict by."""
     bits = tuple(
         Bit(
             f"MISSING_{y}",

@@ -68,8 +68,8 @@ _SHARES = (sp.Rational(1, 7), sp.Rational(2, 5), sp.Rational(3, 4))  # of the pe
 
 @dataclass(frozen=True)
 class Persistent:
-    """What shows that an input is: rank n at the time `at` (s); `inputs` by name, with their `period` where one
-    varies."""
+    """A proof that an input is regularly persistent: rank n at the time `at` (s); `inputs` by name, with their `period`
+    where one varies."""
 
     inputs: Mapping[str, sp.Expr] = field(hash=False)
     at: sp.Expr = sp.S.Zero
@@ -180,7 +180,7 @@ def seconds(period: Any) -> float | None:
 
 
 def _waveforms(form: Form, inputs: Mapping[str, Any]) -> dict[str, sp.Expr]:
-    """Each input by name as an expression of the time. Raises: `BadGain`."""
+    """The inputs by name as an expression of the time. Raises: `BadGain`."""
     names = [u.name for u in form.system.inputs]
     if not isinstance(inputs, Mapping):
         raise BadGain(f"inputs = {inputs!r}", "must be a mapping from inputs to expressions of the time")
@@ -239,7 +239,7 @@ def _unbounded(form: Form, waveforms: Mapping[str, sp.Expr], length: sp.Expr) ->
 
 
 def _doubt(form: Form, A: sp.Matrix, C: sp.Matrix, constants: Mapping[Signal, sp.Expr]) -> Reason:
-    """What is in the way of a constant input: it is no real number, the observer clamps it, or A, C are not finite;
+    """The obstacle to a constant input: it is no real number, the observer clamps it, or A, C are not finite;
     `NONE` if nothing."""
     for u, value in constants.items():
         if not _finite(value, {}):
@@ -320,13 +320,13 @@ _BALLS = Balls(0)
 
 @dataclass(frozen=True)
 class Shown:
-    """Of a time: the transition `Phi` over it and what is shown in it, `W` (n, n), matrices of balls."""
+    """The transition `Phi` over a time and the Gramian of it, `W` (n, n), matrices of balls."""
 
     Phi: Any
     W: Any
 
     def then(self, after: "Shown") -> "Shown":
-        """Of this time and the one after it together."""
+        """The values of this time and the one after it together."""
         return Shown(after.Phi * self.Phi, self.W + self.Phi.transpose() * after.W * self.Phi)
 
 
@@ -342,7 +342,7 @@ class Course:
         self._constants = [between(Fraction(low), Fraction(high)) for _, low, high in ends]
 
     def piece(self, begin: Fraction, length: Fraction) -> Shown:
-        """Of the piece of that length (s) that begins there. Raises: `Undecided`, `ZeroDivisionError`."""
+        """The values of the piece of that length (s) that begins there. Raises: `Undecided`, `ZeroDivisionError`."""
         h, order = flint.arb(number(length)), ORDER + 1
         A, C = self._series(flint.arb(number(begin)), order)
         Phi = [flint.arb_mat(self.n, self.n, [int(i == j) for i in range(self.n) for j in range(self.n)])]
@@ -361,7 +361,7 @@ class Course:
         return _norm((A + A.transpose()) * (1 / flint.arb(2)))
 
     def _rest(self, begin: Fraction, length: Fraction) -> tuple[Any, Any]:
-        """What the two series leave at the end of the piece, balls whose upper ends are the bounds."""
+        """The remainders of the two series at the end of the piece, balls whose upper ends are the bounds."""
         h, order = flint.arb(number(length)), ORDER + 2
         A, C = self._series(between(begin, begin + length), order)
         a, c = ([_norm(each) for each in series] for series in (A, C))
@@ -429,7 +429,7 @@ class LeastShown:
         return self.piece * ((1 << self.level) + bool(self.starts))
 
     def evidence(self, form: Form) -> Evidence:
-        """All of it, of which a checker makes the windows again."""
+        """The whole claim, of which a checker makes the windows again."""
         period = {} if self.period is None else {"period": spelled(self.period, set())}
         inputs = {name: spelled(e, {"t"}) for name, e in self.inputs.items()}
         pieces = {"piece": self.piece, "level": Fraction(self.level), "starts": Fraction(self.starts)}

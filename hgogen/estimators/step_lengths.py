@@ -254,7 +254,7 @@ def _take(part: Ode, observer: Observer, way: Way, refused: float) -> float:
 
 
 def stable(M: Array) -> Array:
-    """Which of the M (k, N, N) have all their eigenvalues in the left half plane."""
+    """Flags of the M (k, N, N) that have all their eigenvalues in the left half plane."""
     spectrum = np.linalg.eigvals(M)
     return np.asarray((spectrum.real < -AXIS * np.abs(spectrum).max(axis=1)[:, None]).all(axis=1))
 

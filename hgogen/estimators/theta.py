@@ -306,7 +306,7 @@ class Theta(ABC):
         return None
 
     def rise(self, theta: np.ndarray, dt: np.ndarray) -> np.ndarray:
-        """Each theta (d) a time dt (d) later when it rises as fast as its law lets it."""
+        """The values of theta (d) a time dt (d) later when it rises as fast as its law lets it."""
         return theta
 
     @property
@@ -321,7 +321,7 @@ class Theta(ABC):
     @property
     @abstractmethod
     def theorem(self) -> Theorem:
-        """What is known of the Riccati observer with it."""
+        """The theorem of the Riccati observer with it."""
 
     def parts(self, dynamics: Dynamics, z: Field) -> tuple[Part, ...]:
         """The parts that move it, for the observer state of field `z`."""
@@ -447,7 +447,7 @@ class Adaptive(Theta):
         return 1.0
 
     def rise(self, theta: np.ndarray, dt: np.ndarray) -> np.ndarray:
-        """Each value after a time dt by the exact sub-flow at mu = 1."""
+        """The values after a time dt by the exact sub-flow at mu = 1."""
         return np.array(_risen()(theta[None], dt[None] / self.rise_time, self.theta_1)).ravel()
 
     @property

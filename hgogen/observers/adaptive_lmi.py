@@ -188,7 +188,7 @@ def adaptive_lmi(
 def _driven(
     chain: Integrators, design: Candidate, ends: tuple[Fraction, Fraction], disturbed: Disturbance
 ) -> MovingGain | None:
-    """What a disturbance does to the error; None where no ranges of the slopes are known."""
+    """The effect of a disturbance on the error; None where no ranges of the slopes are known."""
     K, form = np.array([float(k) for k in design.K]), chain.form
     error = on_integrators(chain, plain(form), companion(K), as_matrix(form, design.K), {})
     if isinstance(error, Nothing):

@@ -108,7 +108,7 @@ def circle_criterion(
 
 
 def _entries(form: Form, argument: Any) -> tuple[sp.Expr, ...]:
-    """Those of N, exact. Raises: `BadGain`."""
+    """The entries of N, exact. Raises: `BadGain`."""
     if argument is None:
         return sample_in_place(form)
     if isinstance(argument, Sequence | np.ndarray) and len(argument) == 0:

@@ -20,14 +20,14 @@ import numpy as np
 
 from hgogen.analysis.ranges import Limits, saturated
 from hgogen.check import Claims, Verdict
-from hgogen.estimators.core import core_numbers, measured_numbers
+from hgogen.estimators.core import core_at_one
 from hgogen.estimators.gains import coefficients, demand_parabola, filtered_core, parabola_advice
 from hgogen.estimators.integrators import integrators, listed, observer_on, shifted
 from hgogen.form import Form
 from hgogen.graph import Graph
 from hgogen.observer import Observer, any_theta, founded
 from hgogen.part import Ode
-from hgogen.program import Field, Place, sym
+from hgogen.program import Field, sym
 from hgogen.prove.convergence import theta_checks
 from hgogen.prove.error_models import on_integrators
 from hgogen.prove.inclusion import Layout
@@ -109,8 +109,7 @@ def filtered(
     part = Ode(fields, rest, linear, chain.offset)
     estimate, filters = tuple(range(n)), tuple(range(1, n + 1))
     layout = Layout(2 * estimate, estimate + filters, (True,) * n + (False,) * n, estimate)
-    one = {Place("gain", "theta"): np.ones(1)}
-    core, measured = core_numbers(part, 1, one), measured_numbers(part, 1, one)
+    core, measured = core_at_one(part)
     numbers = {"alpha": a, "beta": b, "gains": L}
     error = on_integrators(chain, layout, core, measured, numbers)
     return observer_on(

@@ -144,7 +144,7 @@ def high_gain(
 
 
 def _means(form: Form, weights: Any) -> Iterator[str]:
-    """How outputs that show one state enter, and which enter nowhere."""
+    """Lines on outputs of one state, and on those that enter nowhere."""
     names, numbers = [y.name for y in form.system.outputs], weighted(form, weights)
     for chain in (chain for chain in shown(form) if len(chain) > 1):
         weighed = (f"{numbers[each.output]:g} {names[each.output]}" for each in chain)

@@ -19,14 +19,14 @@ import numpy as np
 
 from hgogen.analysis.ranges import Limits, saturated
 from hgogen.check import Claims, Verdict
-from hgogen.estimators.core import core_numbers, measured_numbers
+from hgogen.estimators.core import core_at_one
 from hgogen.estimators.gains import errors, injected, pair_gains
 from hgogen.estimators.integrators import integrators, listed, observer_on, rows, shifted
 from hgogen.form import Form
 from hgogen.graph import Graph
 from hgogen.observer import Observer, any_theta, founded
 from hgogen.part import Ode
-from hgogen.program import Place, sym
+from hgogen.program import sym
 from hgogen.prove.convergence import theta_checks
 from hgogen.prove.error_models import on_integrators
 from hgogen.prove.inclusion import Layout
@@ -102,8 +102,7 @@ def low_power(
         return {"xi_p": c[:pairs], "xi_q": c[1:]}
 
     part = Ode(fields, rest, linear, chain.offset)
-    one = {Place("gain", "theta"): np.ones(1)}
-    core, measured = core_numbers(part, 1, one), measured_numbers(part, 1, one)
+    core, measured = core_at_one(part)
     demand_hurwitz("gains", core, "leave them out: (2, (n - i)/i)")
     order = (*range(pairs), *range(1, n))
     layout = Layout(order, order, (True,) * (2 * pairs), (0, *range(pairs, 2 * pairs)))

@@ -22,10 +22,9 @@ from hgogen.check import Claims, Verdict
 from hgogen.estimators.core import (
     Model,
     Saturate,
-    core_numbers,
+    core_at_one,
     demand_ranges,
     gates,
-    measured_numbers,
     saturating,
     vertices,
 )
@@ -34,7 +33,7 @@ from hgogen.estimators.integrators import integrators, listed, observer_on, rows
 from hgogen.form import Form
 from hgogen.graph import Graph
 from hgogen.observer import Observer, any_theta, founded
-from hgogen.program import Place, sym
+from hgogen.program import sym
 from hgogen.prove.convergence import theta_checks
 from hgogen.prove.error_models import on_integrators
 from hgogen.prove.inclusion import Layout
@@ -122,13 +121,13 @@ def peaking_free(
         return {"xi_p": ca.vertcat(q + onto_p, last) + c, "xi_q": shifted(sat) + onto_q + c[1:]}
 
     part = saturating(chain, fields, lines)
-    one = {Place("gain", "theta"): np.ones(1)}
-    demand_hurwitz("gains", core_numbers(part, 1, one), "leave them out: (2, (n - i)/i)")
+    core, measured = core_at_one(part)
+    demand_hurwitz("gains", core, "leave them out: (2, (n - i)/i)")
     order = (*range(n), *range(1, n))
     layout = Layout(order, order, (True,) * (n + pairs), tuple(range(n)))
-    cores = tuple(vertices(chain, fields, lines, one))
+    cores = tuple(vertices(chain, fields, lines))
     numbers = {"gains": k, "last": alpha}
-    error = on_integrators(chain, layout, cores[-1], measured_numbers(part, 1, one), numbers, gates(cores))
+    error = on_integrators(chain, layout, cores[-1], measured, numbers, gates(cores))
     return observer_on(
         chain,
         "peaking_free",
