@@ -153,7 +153,6 @@ def test_the_sentence_of_an_L2_gain_names_its_disturbance() -> None:
 
 
 def test_without_a_solver_an_L2_gain_is_that_of_the_formula(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setitem(sys.modules, "cvxpy", None)
     monkeypatch.setitem(sys.modules, "clarabel", None)
     form, name, arguments = BUILT["adaptive_lmi"]
     observer = getattr(hg.observers, name)(form(), **{**arguments, "rise": 51})

@@ -453,7 +453,7 @@ def driven() -> hg.Form:
 
 def test_a_constant_gain_serves_an_input_driven_chain() -> None:
     """a_1, a_2 between 1 and 3/2, against random a_i and slopes in floats."""
-    pytest.importorskip("cvxpy")
+    pytest.importorskip("clarabel")
     K = hg.design.constant_gain(driven(), largest=20.0)
     assert not isinstance(K, Nothing)
     observer = hg.observers.high_gain(driven(), theta=10, gains=K)

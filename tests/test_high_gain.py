@@ -176,7 +176,7 @@ def test_the_driven_step_is_the_oracles() -> None:
 @pytest.mark.full
 def test_a_designed_gain_converges_under_any_input() -> None:
     """Proved by one P for all ends; here under an input that jumps, from a start far off: V decays as proved."""
-    pytest.importorskip("cvxpy")
+    pytest.importorskip("clarabel")
     pytest.importorskip("clarabel")
     K = hg.design.constant_gain(driven(), largest=50.0)
     assert not isinstance(K, Nothing)

@@ -9,7 +9,6 @@ from hypothesis import strategies as st
 from perturbed import KERNELS, SEARCHES, Answer, differences, elsewhere, perturbed
 
 pytest.importorskip("clarabel")
-pytest.importorskip("cvxpy")
 
 ORDINARY = ("common norm", "noise of a filter", "L2 gain")
 FIRST = ORDINARY[1]  # whose bound one solve left at anything up to twice the least

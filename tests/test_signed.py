@@ -210,7 +210,6 @@ def test_generate_states_what_a_model_asks_for(tmp_path: Path) -> None:
 
 
 def test_without_a_solver_nothing_is_stated_as_proved(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setitem(sys.modules, "cvxpy", None)
     monkeypatch.setitem(sys.modules, "clarabel", None)
     text = generated(tmp_path, "[bounds]\nnoise = {y = 1.5e-3}\n")
     assert UNPROVED in text

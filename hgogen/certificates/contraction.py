@@ -85,7 +85,7 @@ def contraction(step: Step) -> Contraction:
     Of `high_gain`, `circle_criterion`, `filtered`, `filtered_injection`, `low_power` and `peaking_free` by an explicit
     method, or by one that realises a core that does not move; of others the check says why nothing is proved.
 
-    Raises: `NoSolver` without cvxpy; `NoStep`.
+    Raises: `NoSolver` without Clarabel; `NoStep`.
     """
     demand_step(step, "contraction")
     return _contraction(step.observer, step.method, step.code.rule, step.dt, step.limit)

@@ -161,7 +161,7 @@ def error_bound(
     takes them to; every sample is there, and is a number of the program's precision, as inputs are. Of rounding it is
     taken that the elementary functions err by no more than twice what was measured of them.
 
-    Raises: `NoSolver` without cvxpy; `BadNames`, `BadGain` for what is no size; `BadStep` for no precision.
+    Raises: `NoSolver` without Clarabel; `BadNames`, `BadGain` for what is no size; `BadStep` for no precision.
     """
     demand_choice("real", real, (None, *REALS))
     demand_step(step, "error_bound")

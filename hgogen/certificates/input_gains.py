@@ -63,7 +63,7 @@ def noise_gain(step: Step) -> NoiseGain | Nothing:
     From elsewhere a bound is approached: where it is reached V = |e|_P^2 is 1, and what V is above that falls by
     alpha dt of itself at each call.
 
-    Raises: `NoSolver` without cvxpy; `NoStep`.
+    Raises: `NoSolver` without Clarabel; `NoStep`.
     """
     demand_step(step, "noise_gain")
     known = contraction(step)
@@ -134,7 +134,7 @@ def l2_gain(observer: Observer, *, noise: Each = None, disturbance: Each = None,
     By name: `noise`, of an output, and `disturbance`, in the rate of a state of the plant, the size that counts as 1;
     what is not named does not enter. `of`: what the error of a state of the form counts for, by default 1 each.
 
-    Raises: `NoSolver` without cvxpy; `BadNames`, `BadGain` for what is no size.
+    Raises: `NoSolver` without Clarabel; `BadNames`, `BadGain` for what is no size.
     """
     claim = "in continuous time, the L2 gain from noise and disturbances to the error has a bound"
     weights = sizes("of", of, observer.form.names, 1.0)
@@ -158,7 +158,7 @@ def iss_gain(observer: Observer, *, noise: Each = None, disturbance: Each = None
     """To how much the error of each state of the form comes at most under inputs of at most these sizes, whatever their
     course; of inputs k times as large k times as much. Arguments as of `l2_gain`.
 
-    Raises: `NoSolver` without cvxpy; `BadNames`, `BadGain` for what is no size.
+    Raises: `NoSolver` without Clarabel; `BadNames`, `BadGain` for what is no size.
     """
     claim = "in continuous time, under noise and disturbances the error of every state comes to a bound"
     known = _known(observer, noise, disturbance)

@@ -61,7 +61,7 @@ def start_set(step: Step) -> StartSet | Nothing:
     without noise; or why that is not known: of one that is not, of more than 8 states, of states without ranges, or
     whose chain has gains that are no numbers.
 
-    Raises: `NoSolver` without cvxpy; `NoStep`.
+    Raises: `NoSolver` without Clarabel; `NoStep`.
     """
     demand_step(step, "start_set")
     known = contraction(step)

@@ -52,7 +52,7 @@ class NoSolver(HgogenError):
     @property
     def reason(self) -> Reason:
         """The reason, which names what the solver is needed for."""
-        return because("{what} needs cvxpy and clarabel; install them: pip install 'hgogen[lmi]'", what=self.what)
+        return because("{what} needs clarabel; install it: pip install 'hgogen[lmi]'", what=self.what)
 
     def __str__(self) -> str:
         return str(self.reason)
