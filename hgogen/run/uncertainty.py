@@ -231,7 +231,7 @@ class Replay:
             with np.errstate(all="ignore"):  # what is beyond a float is infinite, and no sample
                 rows = np.hstack([u, y]).astype(DTYPE[self.real])
                 if self.step.code.apart:
-                    yield self._apart(y[:, : len(self.outputs)], *self._sections(memory, rows))
+                    yield self._by_sections(y[:, : len(self.outputs)], *self._sections(memory, rows))
                 else:
                     yield self._integrated(y, *self._calls(memory, rows))
 
@@ -269,7 +269,7 @@ class Replay:
     def _uncertainty(self) -> Uncertainty | None:
         return uncertainty(self.step)
 
-    def _apart(self, y: Array, before: list[Array], after: Array) -> Innovations:
+    def _by_sections(self, y: Array, before: list[Array], after: Array) -> Innovations:
         """The innovations of a step that corrects at samples, `before` each output, and `after` all."""
         e = np.column_stack([y[:, j] - self._read(records)[:, j, 0] for j, records in enumerate(before)])
         if self._uncertainty is None:
