@@ -71,7 +71,7 @@ def uniform_injection(
 ) -> Observer:
     """The high-gain observer on a uniform form whose output is linear in its state, up to a known offset.
 
-    Checks: `uniform_injection.convergence` (every theta above a bound converges; it takes Clarabel, and up to six states),
+    Checks: `uniform_injection.convergence` (every theta above a bound converges; it takes Clarabel, up to six states),
     `uniform_injection.theta` (theta is above it).
 
     Args: `theta` > 0; `poles` (n) of A - K C, A the shift, or `gains` K (n) in their place; `initial` the plant's
