@@ -165,7 +165,7 @@ def recheck(text: str) -> Rechecked:
         (certificate.named, "model", "the file names another model than it holds"),
     )
     outcomes = (
-        *(Row(name, "", "fails", fault) for kept, name, fault in changed if not kept),
+        *(Row(name, "", "fails", fault) for same, name, fault in changed if not same),
         *rows(context),
         *(Row("form", "", "fails", fault) for fault in faults(context)),
     )
