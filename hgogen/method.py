@@ -198,10 +198,11 @@ class Staged:
         """The step as one block, or where a stage needs little of those before it a loop over the stages, whose slopes
         then need not stay in memory."""
         title = f"{', '.join(start)}: one step of {self.prediction.name}"
+        notes = ("its tableau:", *(f"  {row}" for row in self.prediction.rows))
         if not self.prediction.chained:
             stages = advance(self.prediction, rate, start, clock.dt)
             writes = {Place("state", name): value for name, value in stages.result.items()}
-            yield Block(title, writes, {"u_mid": clock.u(0.5), "y_mid": clock.y(0.5)} | stages.names)
+            yield Block(title, writes, {"u_mid": clock.u(0.5), "y_mid": clock.y(0.5)} | stages.names, notes=notes)
             return
 
         plan = rounds(self.prediction, clock.dt)
@@ -215,7 +216,9 @@ class Staged:
         rows = zip(numbers, (plan.fractions, plan.shares, plan.ahead), strict=True)
         read = {place for place, _ in stage.reads}
         first = {Place("work", f"{key}_sum"): ca.SX.zeros(value.numel()) for key, value in start.items()}
-        yield Block(title, first | {Place("work", f"{key}_at"): value for key, value in start.items()})
+        said = "fraction is c of a stage; share is its b over that of the first; ahead is the next stage's a times dt"
+        begin = first | {Place("work", f"{key}_at"): value for key, value in start.items()}
+        yield Block(title, begin, notes=(*notes, said))
         yield Repeat({place: row for number, row in rows if (place := address(number)[0]) in read}, (stage,))
         ends = {Place("state", key): value + plan.last * total[key] for key, value in start.items()}
         yield Block("the slopes of all stages", ends)

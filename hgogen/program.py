@@ -205,8 +205,8 @@ class Block(_Statement):
     `writes`: place to SX column; a write to a place of `status` raises the bit of its name when the value is not 0.
     `names`: values worth a name of their own in the emitted code. `limits`: where all that the block does is to keep
     numbers in their ranges, those, for who writes them as rows of a table. `part`: the name of what begins with it, of
-    which the emitted code may make a function where it stands in several places. `spelled`: whether it is written out,
-    where it runs too often for loops in it.
+    which the emitted code may make a function where it stands in several places, or in a function that is too long.
+    `spelled`: whether it is written out, where it runs too often for loops in it. `notes`: lines for who reads the code.
     """
 
     title: str
@@ -215,6 +215,7 @@ class Block(_Statement):
     limits: tuple[Limit, ...] = ()
     part: str = ""
     spelled: bool = False
+    notes: tuple[str, ...] = ()
 
     @cached_property
     def reads(self) -> Sized:
@@ -269,13 +270,14 @@ class When(_Statement):
     """Run `body` if the scalar `flag` is not 0, else `otherwise`.
 
     `idle`: where it is 0 the body changes nothing, and is left out for its cost alone; so a proof may take it to run in
-    any case.
+    any case. `part`: the name of the body, of which the emitted code may make a function.
     """
 
     flag: Place
     body: tuple["Statement", ...]
     otherwise: tuple["Statement", ...] = ()
     idle: bool = False
+    part: str = ""
 
     _read, _inner = ("flag",), ("body", "otherwise")
 

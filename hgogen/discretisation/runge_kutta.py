@@ -177,6 +177,17 @@ class Tableau:
         return (*stages, f"z+ = z + {_slopes(self.b)}")
 
     @property
+    def rows(self) -> tuple[str, ...]:
+        """The tableau c | a over b in lines, as textbooks print it."""
+        entries = [[str(Fraction(a).limit_denominator(10_000)) for a in row] for row in (*self.a, self.b)]
+        nodes = [*(str(Fraction(c).limit_denominator(10_000)) for c in self.c), ""]
+        wide, left = (max(map(len, each)) for each in ([a for row in entries for a in row], nodes))
+        lines = [
+            f"{c:>{left}} | {' '.join(f'{a:>{wide}}' for a in row)}" for c, row in zip(nodes, entries, strict=True)
+        ]
+        return (*lines[:-1], "-" * len(lines[-1]), lines[-1])
+
+    @property
     def chained(self) -> bool:
         """Whether there are many stages, and each starts with the slope of the one before it alone: a sum of slopes is
         then all that need be remembered of the others."""

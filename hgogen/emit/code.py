@@ -1,5 +1,8 @@
 """Lines of code and what they use, so that headers, casts and helper functions follow from data, not from the text."""
 
+# Takes apart: the lines of a function, whose paths it counts.
+
+import re
 from collections.abc import Iterable
 from dataclasses import dataclass, fields
 from typing import Any
@@ -81,3 +84,12 @@ def united(uses: Iterable[Uses]) -> Uses:
 def indented(lines: Iterable[str], by: int = 4) -> list[str]:
     """Every line four blanks to the right."""
     return [" " * by + line if line else line for line in lines]
+
+
+MOST = 20  # paths through a function
+_BRANCH = re.compile(r"\b(?:if|for|while|case)\b|&&|\|\||\?")
+
+
+def paths(lines: Iterable[str]) -> int:
+    """Return the cyclomatic complexity of the lines of a function."""
+    return 1 + len(_BRANCH.findall(re.sub(r"/\*.*?\*/", "", " ".join(lines))))

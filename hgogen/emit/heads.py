@@ -136,13 +136,17 @@ def _body(step: Step) -> list[str]:
     assigned = [f"in.{c_name(s.name)} = ...;" for s in step.inputs]
     status = f"{status_type(step)} status"
     if not step.code.timed:
-        assigned += [f"out.{c_name(s.name)} = ...;" for s in step.samples]
+        assigned += [f"measurement.{c_name(s.name)} = ...;" for s in step.samples]
         return [" ".join(assigned), f"{status} = {prototypes(step)['step'].call(address)};"]
     first, *rest = step.code.sections
     lines = [*assigned, f"{status} = {_call(step, first)};"]
     for section in rest:
         call, y = f"status |= {_call(step, section)};", section.corrects
-        lines += [f"if ({y} has a sample now) {{", f"    out.{c_name(y)} = ...;", f"    {call}", "}"] if y else [call]
+        lines += (
+            [f"if ({y} has a sample now) {{", f"    measurement.{c_name(y)} = ...;", f"    {call}", "}"]
+            if y
+            else [call]
+        )
     return lines
 
 
@@ -227,7 +231,7 @@ def documentation(step: Step, real: Real, command: str) -> list[str]:
 
 def arguments(step: Step) -> str:
     """What a caller gives a step whose values are named as its parameters are."""
-    return ", ".join(["&p", *(["&input"] if step.inputs else []), "&output"])
+    return ", ".join(["&p", *(["&input"] if step.inputs else []), "&measurement"])
 
 
 def rust_status_type(step: Step) -> str:

@@ -34,6 +34,16 @@ def within(v: float, limit: float) -> bool:
     return v == v and v >= -limit and v <= limit
 
 
+def inside(v: float, low: float, high: float) -> bool:
+    """whether v is a number in [low, high]"""
+    return v >= low and v <= high
+
+
+def outside(v: float, low: float, high: float) -> bool:
+    """whether v is a number beyond [low, high]"""
+    return v < low or v > high
+
+
 def equal(a: float, b: float) -> bool:
     """whether two numbers are one, and meant to be"""
     return a == b

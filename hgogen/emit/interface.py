@@ -1,7 +1,7 @@
 """The functions that a caller has of a step: in no language, what each is given, whether it writes there and what it
 says; and as C, from which declarations and calls are printed.
 
-A parameter is one of `s` (the state), `p` (the parameters), `in`, `out` (what a call is given), `x` (the estimate) and
+A parameter is one of `s` (the state), `p` (the parameters), `in`, `measurement` (what a call is given), `x` (the estimate) and
 `at` (a counter).
 """
 
@@ -18,7 +18,7 @@ REACHED = {  # the parameter of a function that a place is reached through, or i
     "gain": ("p", "gain"),
     "derived": ("p", "derived"),
     "input": ("in", ""),
-    "output": ("out", ""),
+    "output": ("measurement", ""),
     "estimate": ("x", ""),
     "argument": ("at", ""),
 }
@@ -26,7 +26,7 @@ MEANINGS = {  # of the parameters
     "s": "the state: what a step remembers",
     "p": "the parameters",
     "in": "the input now",
-    "out": "the measurement now",
+    "measurement": "the measurement now",
     "x": "the estimate of the plant's state",
     "at": "the number of the period in which the sample was taken",
 }
@@ -60,7 +60,7 @@ def entries(step: Step) -> dict[str, Entry]:
         Entry("init", both, both, nominal, status=False, anew=both),
         Entry("tune", ("p",), ("p",), limits),
         Entry("reset", ("s",), ("s",), "the state as before the first call", status=False, anew=("s",)),
-        Entry("step", _parameters(step, {"in", "out"}), ("s",), whole),
+        Entry("step", _parameters(step, {"in", "measurement"}), ("s",), whole),
         Entry("estimate", ("s", "p", "x"), ("x",), "the estimate of the plant's state", status=False, anew=("x",)),
     )
     parts = (*step.code.inner, *step.code.parts, *step.code.timed)
@@ -88,7 +88,7 @@ def direction(entry: Entry, name: str) -> str:
 
 
 def _parameters(step: Step, used: set[str]) -> tuple[str, ...]:
-    others = (*(["in"] if step.inputs else []), "out", "at")
+    others = (*(["in"] if step.inputs else []), "measurement", "at")
     return ("s", "p", *(name for name in others if name in used))
 
 
@@ -108,6 +108,9 @@ class Parameter:
     def local(self) -> str:
         """What a caller declares whose structs are named as the parameters are."""
         return f"{self.type} {self.name};"
+
+
+AT = Parameter("uint16_t", "at", pointer=False)
 
 
 @dataclass(frozen=True)
@@ -164,13 +167,13 @@ def status_type(step: Step) -> str:
 
 def structs(step: Step) -> tuple[Parameter, ...]:
     """The structs that there are, as parameters: state, parameters, input, output, estimate."""
-    kinds = [("state", "s"), ("params", "p"), ("input", "in"), ("output", "out"), ("plant", "x")]
+    kinds = [("state", "s"), ("params", "p"), ("input", "in"), ("output", "measurement"), ("plant", "x")]
     return tuple(Parameter(f"{step.name}_{kind}", short) for kind, short in kinds if kind != "input" or step.inputs)
 
 
 def assigned(step: Step) -> tuple[tuple[str, Signal], ...]:
     """The signals that a call is given, each with the struct that a caller assigns it in."""
-    return (*(("in", s) for s in step.inputs), *(("out", s) for s in step.samples))
+    return (*(("in", s) for s in step.inputs), *(("measurement", s) for s in step.samples))
 
 
 def prototypes(step: Step) -> dict[str, Prototype]:
@@ -180,7 +183,7 @@ def prototypes(step: Step) -> dict[str, Prototype]:
 
 def prototype(step: Step, entry: Entry) -> Prototype:
     """The C function of an entry."""
-    kinds = {each.name: each for each in structs(step)} | {"at": Parameter("uint16_t", "at", pointer=False)}
+    kinds = {each.name: each for each in structs(step)} | {AT.name: AT}
     read_only = (kinds[name].pointer and name not in entry.written for name in entry.parameters)
     parameters = tuple(replace(kinds[name], constant=c) for name, c in zip(entry.parameters, read_only, strict=True))
     returns = status_type(step) if entry.status else "void"

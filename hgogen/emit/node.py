@@ -47,12 +47,15 @@ FOLD = -22  # what a loop makes of a first value and of one more each time, as t
 AT = -23  # the element at which a loop is, of an input, or of the array that is the argument
 TABLE = -24  # an array of numbers
 _PRIMITIVES = {elementary.NEAREST: NEAREST, elementary.POWER_OF_TWO: POWER_OF_TWO}
+INSIDE, OUTSIDE = -13, -14  # of an interval
+_TESTS = (WITHIN, INSIDE, OUTSIDE)
 PATTERNS: dict[int, str] = {CLAMP: "clamp", WITHIN: "within", KEEP: "keep"}  # functions of ours
+PATTERNS |= {INSIDE: "inside", OUTSIDE: "outside"}
 PATTERNS |= {op: name for name, op in _PRIMITIVES.items()}
 
 
-def read(function: ca.Function) -> list[list[Node]]:
-    """The outputs of an SX function as nodes, one list for each output."""
+def read(function: ca.Function, intervals: bool = False) -> list[list[Node]]:
+    """The outputs of an SX function as nodes, one list for each output; `intervals`: tests of two ends are one node."""
     nodes: list[Node] = []
 
     @cache
@@ -60,7 +63,7 @@ def read(function: ca.Function) -> list[list[Node]]:
         return Node(ca.OP_INPUT, source=(argument, element))
 
     def apply(op: int, args: list[Node]) -> Node:
-        nodes.append(_node(op, tuple(args)))
+        nodes.append(_node(op, tuple(args), intervals))
         return nodes[-1]
 
     def constant(number: float) -> Node:
@@ -111,7 +114,7 @@ def _settle(node: Node) -> None:
             node.op, node.args = KEEP, (*value.args, Node(ca.OP_CONST), test.args[1])
 
 
-def _node(op: int, args: tuple[Node, ...]) -> Node:
+def _node(op: int, args: tuple[Node, ...], intervals: bool) -> Node:
     """A value, with the patterns of a choice, a clamp and a finite test recognised."""
     if (same := _decided(op, args)) is not None:
         return same
@@ -124,7 +127,7 @@ def _node(op: int, args: tuple[Node, ...]) -> Node:
     if op == ca.OP_LE and args[0].op == ca.OP_FABS:
         return Node(WITHIN, (args[0].args[0], args[1]))
     if op in _PAIRED and all(arg.op == _PAIRED[op] for arg in args):
-        return _by_size(op, args) or Node(op, args)
+        return _by_size(op, args, intervals) or Node(op, args)
     if op == ca.OP_FMIN and args[0].op == ca.OP_FMAX:
         return Node(CLAMP, (args[0].args[0], args[0].args[1], args[1]))
     if op == ca.OP_SQ:
@@ -149,12 +152,16 @@ def _decided(op: int, args: tuple[Node, ...]) -> Node | None:
     return None
 
 
-def _by_size(op: int, args: tuple[Node, ...]) -> Node | None:
-    """v < -b or b < v as b < |v|, and -b <= v and v <= b as |v| <= b; None for other comparisons."""
+def _by_size(op: int, args: tuple[Node, ...], intervals: bool) -> Node | None:
+    """v < -b or b < v as b < |v|, and -b <= v and v <= b as |v| <= b; of other numbers as a test of the interval, None
+    of other comparisons."""
     (a, b), (c, d) = (arg.args for arg in args)
     v, low, high, w = (a, b, c, d) if op == ca.OP_OR else (b, a, d, c)
-    if v is not w or not opposite(low, high):
+    if v is not w or {low.op, high.op} - {ca.OP_CONST, AT, ca.OP_NEG}:
         return None
+    if not opposite(low, high):
+        constant = intervals and low.op == high.op == ca.OP_CONST
+        return Node(INSIDE if op == ca.OP_AND else OUTSIDE, (v, low, high)) if constant else None
     return Node(WITHIN, (v, high)) if op == ca.OP_AND else Node(ca.OP_LT, (high, Node(ca.OP_FABS, (v,))))
 
 
@@ -181,4 +188,4 @@ def negated(node: Node) -> Node:
 
 def boolean(node: Node) -> bool:
     """Whether the value is a truth value."""
-    return node.op in _BOOLEAN or node.op == WITHIN or (node.op == FOLD and node.fold in _BOOLEAN)
+    return node.op in _BOOLEAN or node.op in _TESTS or (node.op == FOLD and node.fold in _BOOLEAN)

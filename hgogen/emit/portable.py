@@ -16,7 +16,7 @@ from hgogen.discretisation.notation import sizes
 from hgogen.emit import helpers
 from hgogen.emit.code import TRUTH, Code, Uses, braced, code, joined, united
 from hgogen.emit.elementary import ALL_WHOLE, BIASED, ROUNDS, SHIFT
-from hgogen.emit.syntax import AND, ATOM, EQUAL, ORDER, PRODUCT, SELECT, SUM, UNARY, Real, Syntax, demand_apart
+from hgogen.emit.syntax import AND, ATOM, EQUAL, OR, ORDER, PRODUCT, SELECT, SUM, UNARY, Real, Syntax, demand_apart
 from hgogen.rigor.lookup import Lookup
 
 _LARGE: Mapping[Real, str] = {"float": "3e38", "double": "1e308"}
@@ -324,6 +324,8 @@ class _Function:
                 return self._infix(self._kind(node), left, sign, right)
             case ast.BoolOp(op=ast.And(), values=values):
                 return self.syntax.both.join(self._value(each, AND + 0.1) for each in values), AND
+            case ast.BoolOp(op=ast.Or(), values=values):
+                return self.syntax.either.join(self._value(each, OR + 0.1) for each in values), OR
             case ast.UnaryOp(op=ast.Not(), operand=operand):
                 return self.syntax.opposite.format(self._value(operand, ATOM)), UNARY
             case ast.UnaryOp(op=ast.USub(), operand=operand):

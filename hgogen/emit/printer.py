@@ -78,7 +78,8 @@ class Printer:
     whether argument i is a truth value. `routines`: those that the block may call, by their keys; `whole`: all of
     argument i, as such a call takes it, and its size. `uses`: what the text uses, since each value that has one is
     written. `indexed`: the text of an argument whose elements a loop can go through, else ""; `least`: how often a loop
-    runs at least; `looping`: whether a loop is at hand; `origin`: the first number that it counts."""
+    runs at least; `looping`: whether a loop is at hand; `origin`: the first number that it counts;
+    `short`: whether tests of two ends are calls, which spares a function paths."""
 
     syntax: Syntax
     real: Number
@@ -98,6 +99,7 @@ class Printer:
     looping: bool = False
     origin: int = 0
     passed: Counter[str] = field(default_factory=Counter)
+    short: bool = False
 
     def body(
         self,
@@ -111,7 +113,7 @@ class Printer:
         `targets`: for each element of the first outputs; `names`: of the outputs after those, with their sizes;
         `hoist`: arguments that must be read before anything is written.
         """
-        nodes = [node for output in read(function) for node in output]
+        nodes = [node for output in read(function, self.short) for node in output]
         pairs = [(n, t) for n, t in zip(nodes, targets, strict=False) if n.op != ca.OP_INPUT or n.source != t.source]
         rest = iter(nodes[len(targets) :])
         columns = [(name, list(islice(rest, size))) for name, size in names]

@@ -262,7 +262,7 @@ def rust_check(step: Step, real: Real) -> list[str]:
         status=rust_status_type(step),
         structs="Inputs, " if many else "",
         signals=", ".join(signal.name for signal in (*step.inputs, *step.samples)),
-        fill=block([*inputs, "let output = Outputs {", *indented(fill[many:]), "};"], 8),
+        fill=block([*inputs, "let measurement = Outputs {", *indented(fill[many:]), "};"], 8),
         arguments=arguments(step),
         have=", ".join(map(here.number, places(step))),
     )

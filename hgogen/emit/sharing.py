@@ -1,24 +1,75 @@
-"""Statements of a step that stand in several places, as functions of the emitted file.
+"""Statements of a step that stand in several places, or make a function too long, as functions of the emitted file.
 
 A part is a block that has a name for it, and the statements behind it up to the next such block, as far as they touch
 nothing but the state and the status. One that stands more than once, and writes so many numbers that a call is
 shorter, is a function.
+
+A section with more than `MOST` paths has functions for what has a name in it: a block, or the body of a condition.
+They take the work values that they share with the rest of the section as arguments, by a pointer what they change.
 """
 
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from functools import cache, cached_property
+from itertools import count
 
 import numpy as np
 
-from hgogen.emit.code import Code, code, joined
-from hgogen.emit.interface import Prototype, own, status_type, structs
+from hgogen.emit.code import MOST, Code, code, joined, paths
+from hgogen.emit.interface import AT, Parameter, Prototype, own, status_type, structs
 from hgogen.emit.statements import Writer
-from hgogen.program import Block, Loop, Place, Program, Statement, blocks, lines_of, places, walk
+from hgogen.program import (
+    Block,
+    Call,
+    Loop,
+    Place,
+    Program,
+    Section,
+    Sized,
+    Statement,
+    When,
+    blocks,
+    lines_of,
+    places,
+    walk,
+)
 from hgogen.stepping.machine import Reading
 
 FEWEST = 4  # numbers that a part writes
+SMALLEST = 3  # paths of a block that is a function
+_MEANINGS = {  # of the bodies of conditions
+    "advance": "advance the estimate from the last call to now",
+    "correct": "correct the estimate with a sample that can be used",
+    "adapt_gain": "adapt the gain",
+    "count_faults": "count the signs of a fault at a sample, and act where a count is at its limit",
+    "recover": "a fault count is at its limit: restart from the sample, or project onto the ranges",
+    "restart_from_sample": "the estimate becomes the nearest one that fits the sample, the rest as after a reset",
+}
+
+
+@dataclass(frozen=True, eq=False)
+class Passage(Call):
+    """The call of a function that does what is in its section, a part of another: the parameters of that which it is
+    given; the work values that both have, of which it changes some, by a pointer, but for a single `result`; whether
+    it returns a status."""
+
+    prototype: Prototype
+    parameters: tuple[str, ...]
+    work: Sized
+    changed: frozenset[Place]
+    result: Place | None
+    says: bool
+
+    @property
+    def reads(self) -> Sized:
+        """The work values that it is given."""
+        return self.work
+
+    @property
+    def written(self) -> Sized:
+        """The work values that it changes."""
+        return tuple((place, size) for place, size in self.work if place in self.changed)
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,7 +90,17 @@ class Part:
 
 @dataclass(frozen=True, eq=False)
 class SharingWriter(Writer):
-    """Writes a part that stands more than once as a call."""
+    """Writes a part that stands more than once as a call, and those of a long section.
+
+    `passed`: the work values that the function at hand has as parameters; `pointed`: those of them behind a pointer;
+    `main`: what wrote the section around that function; `functions`: those that
+    parts of sections have become; `named`: their names by what they take and do."""
+
+    passed: frozenset[Place] = frozenset()
+    pointed: frozenset[Place] = frozenset()
+    main: "SharingWriter | None" = None
+    named: dict[tuple[str, Code], str] = field(default_factory=dict)
+    functions: dict[str, Code] = field(default_factory=dict)
 
     def program(self, program: Iterable[Statement], *known: frozenset[str]) -> Code:
         """Every statement in order."""
@@ -59,8 +120,101 @@ class SharingWriter(Writer):
         """The places of the state that some of them leave as after a reset, where they begin from one."""
         return {place: part for part in self.parts for place in self._left(part.program)}
 
+    def section(self, section: Section) -> tuple[list[Code], Code]:
+        """The functions that parts of a section have become, each after those that it calls, and its body."""
+        known = len(self.functions)
+        body = self.function(self._split(section.program, section))
+        return list(self.functions.values())[known:], body
+
+    def _split(self, program: Program, section: Section) -> Program:
+        """A program of a section, with calls of functions where it is too long."""
+        if paths(self.function(program).lines) <= MOST:
+            return program
+        return tuple(self._passing(statement, section) for statement in program)
+
+    def _passing(self, statement: Statement, section: Section) -> Statement:
+        match statement:
+            case When(part=part, body=body) if part and not isinstance(body[0], Call):
+                inner: Program = (self._outlined(part, body, section),)
+            case When(body=body):
+                inner = tuple(self._passing(each, section) for each in body)
+            case Block(part=part) if part and not _name((statement,)):
+                small = paths(self.function((statement,)).lines) < SMALLEST
+                return statement if small else self._outlined(part, (statement,), section)
+            case _:
+                return statement
+        otherwise = tuple(self._passing(each, section) for each in statement.otherwise)
+        return replace(statement, body=inner, otherwise=otherwise)
+
+    def _outlined(self, part: str, body: Program, section: Section) -> Passage:
+        """The call of a function for a part of a section, which is written with it."""
+        inside, statements = {id(each) for each in walk(body)}, list(walk(body))
+        around = {p for s in walk(section.program) if id(s) not in inside for p, _ in (*s.reads, *s.written)}
+        work = tuple(sorted((p, n) for p, n in places(body) if p.struct == "work" and p in around))
+        written = {place for each in statements for place, _ in each.written}
+        calls = any(isinstance(each, Call) for each in statements)
+        changed = frozenset(place for place, _ in work if place in written)
+        says = calls or any(place.struct == "status" for place in written)
+        result = self._result(body, work, changed) if not says else None
+        given = tuple((place, size) for place, size in work if place != result)
+        pointed = frozenset(place for place, size in given if size == 1 and place in changed)
+        inner = replace(self, passed=frozenset(dict(given)), pointed=pointed, main=self.main or self)
+        text = inner.function(inner._split(body, section) if len(body) > 1 else body)
+        if paths(text.lines) > MOST:
+            text = replace(inner, short=True).function(body)
+        moved = calls or any(p.struct == "state" or p.struct in self.kinds.groups for p in written)
+        kinds = {each.name: replace(each, constant=each.name != "s" or not moved) for each in structs(self.step)}
+        used = tuple(name for name in (*kinds, AT.name) if name in text.uses.parameters)
+        parameters = [kinds.get(name, AT) for name in used]
+        for place, size in given:
+            pointer = size > 1 or place in changed
+            parameters.append(Parameter(self._type(place, size), place.name, pointer and place not in changed, pointer))
+        returns = status_type(self.step) if says else self._type(result, 1) if result else "void"
+        said = [self.syntax.comment(_MEANINGS[part])] if part in _MEANINGS else []
+        text = code(*[f"{returns} status = 0u;"] * says) + text
+        text += code(*["return status;"] * says, *[f"return {result.name};"] if result else [])
+        whole = f"{returns} ({', '.join(map(str, parameters))})", text
+        name = self.named.setdefault(whole, next(n for n in _names(part, section) if n not in self.named.values()))
+        prototype = Prototype(returns, f"{self.prefix}_{name}", tuple(parameters), public=False)
+        self.functions[name] = code(*said, str(prototype), "{") + text.indented() + code("}")
+        return Passage(Section(name, "", body), prototype, used, work, changed, result, says)
+
+    def _result(self, body: Program, work: Sized, changed: frozenset[Place]) -> Place | None:
+        """The value that a function returns: of a block, the only one that it changes."""
+        if len(body) > 1 or len(changed) != 1 or not isinstance(body[0], Block):
+            return None
+        return next((place for place, size in work if place in changed and size == 1), None)
+
+    def _type(self, place: Place, size: int) -> str:
+        return self.syntax.types[self.kind(place, size)]
+
+    def _passage(self, passage: Passage, taken: frozenset[str]) -> Code:
+        given = [(place, size) for place, size in passage.work if place != passage.result]
+        arguments = [*passage.parameters, *(self._argument(*each, passage.changed) for each in given)]
+        call = f"{passage.prototype.name}({', '.join(arguments)})"
+        if passage.result:
+            call = self._assigned(passage.result, self.whole(passage.result), call).rstrip(";")
+        return code(f"{'status |= ' * passage.says}{call};", parameters=passage.parameters)
+
+    def _argument(self, place: Place, size: int, changed: frozenset[Place]) -> str:
+        if size > 1 or place not in changed:
+            return self.whole(place) if size == 1 else place.name
+        return place.name if place in self.pointed else f"&{place.name}"
+
+    def whole(self, place: Place) -> str:
+        """The text of a place, of one behind a pointer what it points to."""
+        return f"(*{place.name})" if place in self.pointed else super().whole(place)
+
+    def _assigned(self, place: Place, target: str, text: str) -> str:
+        return super()._assigned(place, f"*{place.name}" if place in self.pointed else target, text)
+
+    def _declaration(self, place: Place, size: int) -> Code:
+        return Code() if place in self.passed else super()._declaration(place, size)
+
     @cached_property
     def _parts(self) -> dict[tuple[str, ...], Part]:
+        if self.main:
+            return self.main._parts
         runs = [run for section in self.step.code.called for run in _everywhere(section.program) if _name(run)]
         texts = [self._alone(run) for run in runs]
         times, names, parts = Counter(text.lines for text in texts), Counter[str](), dict[tuple[str, ...], Part]()
@@ -93,6 +247,12 @@ class SharingWriter(Writer):
             memory[place][...] = np.nan if place in written else initial[place]
         reading.action(run)()
         return written if all((memory[place] == initial[place]).all() for place in written) else set()
+
+
+def _names(part: str, section: Section) -> Iterator[str]:
+    yield f"{part}_{section.corrects}" if section.corrects and not part.endswith(f"_{section.corrects}") else part
+    yield f"{part}_{section.name}"
+    yield from (f"{part}_{section.name}_{k}" for k in count(2))
 
 
 def _everywhere(program: Program) -> Iterator[Program]:

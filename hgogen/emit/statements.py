@@ -1,12 +1,13 @@
 """The statements of a program as text in a `Syntax`.
 
-Memory: `in`, `out` (what a call is given), `p` (parameters), `s` (state), `x` (estimate), as the language calls them;
+Memory: `in`, `measurement` (what a call is given), `p` (parameters), `s` (state), `x` (estimate), as the language calls them;
 work values are locals at the top of a function; a member of a group is reached through a name of that group's.
 """
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from functools import cached_property, partial
+from typing import Literal
 
 from hgogen.emit.code import NOTHING, TRUTH, Code, Uses, braced, code, joined
 from hgogen.emit.described import entry
@@ -37,7 +38,7 @@ from hgogen.step import Step
 from hgogen.stepping.guards import LARGEST_NUMBER
 
 _SIGNALS = ("input", "output", "plant", "estimate")  # structs whose members a user has named
-ARGUMENTS = ("s", "p", "in", "out", "x", "status", "i", "k")
+ARGUMENTS = ("s", "p", "in", "measurement", "x", "status", "i", "k")
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,6 +48,7 @@ class Writer(Reader[Code]):
     syntax: Syntax
     step: Step
     real: Real
+    short: bool = False  # whether tests of two ends are calls
 
     @property
     def prefix(self) -> str:
@@ -108,15 +110,19 @@ class Writer(Reader[Code]):
         taken |= {f"{letter}{depth}" for depth in range(2, max(depths, default=0) + 1) for letter in "ik"}
         return declared + self.program(program, frozenset(taken))
 
+    def kind(self, place: Place, size: int) -> Number | Literal["bool"]:
+        """What a work place holds."""
+        if place in self.kinds.flags and size == 1:
+            return "bool"
+        return "unsigned" if place in self.kinds.indices else self.real
+
     def _declaration(self, place: Place, size: int) -> Code:
-        flag, types = place in self.kinds.flags and size == 1, self.syntax.types
-        counts = place in self.kinds.indices
-        zero = "false" if flag else self.literal(0, "unsigned" if counts else self.real)
-        kind = types["bool" if flag else "unsigned" if counts else self.real]
-        text = self.syntax.variable if size == 1 or counts else self.syntax.array
+        kind = self.kind(place, size)
+        zero = "false" if kind == "bool" else self.literal(0, kind)
+        text = self.syntax.variable if size == 1 or kind == "unsigned" else self.syntax.array
         count = self.literal(size, "unsigned")
-        line = text.format(type=kind, name=place.name, value=zero, size=size, count=count)
-        return Code((line,), TRUTH if flag else NOTHING)
+        line = text.format(type=self.syntax.types[kind], name=place.name, value=zero, size=size, count=count)
+        return Code((line,), TRUTH if kind == "bool" else NOTHING)
 
     def literal(self, value: float, kind: Number) -> str:
         """A number."""
@@ -131,7 +137,7 @@ class Writer(Reader[Code]):
 
     def _when(self, when: When, taken: frozenset[str]) -> Code:
         idle = when.idle and self.syntax.analysed
-        flag = f"{self.prefix}_acts({when.flag.name})" if idle else when.flag.name
+        flag = f"{self.prefix}_acts({self.whole(when.flag)})" if idle else self.whole(when.flag)
         head = Code((self.syntax.condition.format(flag),), Uses(helpers=frozenset({"acts"})) if idle else Uses())
         lines = head + self.program(when.body, taken).indented()
         if when.otherwise:
@@ -246,6 +252,7 @@ class Writer(Reader[Code]):
             indexed=lambda argument: self.indexed(*reads[argument]),
             least=NEVER if block.spelled else self.least,
             taken=set(taken),
+            short=self.short and real != "unsigned",
         )
         sources = {place: argument for argument, (place, _) in enumerate(reads)}
         targets = [
@@ -259,8 +266,8 @@ class Writer(Reader[Code]):
         if not statements.lines:
             return Code()
         if constants.lines:
-            return code(self.syntax.comment(block.title)) + braced("{", constants + statements)
-        return code(self.syntax.comment(block.title)) + statements
+            statements = braced("{", constants + statements)
+        return code(*map(self.syntax.comment, (block.title, *block.notes))) + statements
 
     def _read(self, place: Place, size: int, element: int, real: Number) -> Operand:
         text, uses = self.lvalue(place, element, size), self.uses(place)
@@ -284,7 +291,7 @@ class Writer(Reader[Code]):
         if kind == "argument":
             return f"{name}_given"
         if kind == "output" and name in (outputs := [output.name for output in self.step.outputs]):
-            return "measurement" if len(outputs) == 1 else f"measurement_{name}"
+            return "reading" if len(outputs) == 1 else f"reading_{name}"
         if (
             kind != "work" and Place("work", name) in self.kinds.work
         ):  # u: the input now; u_given: as it came; u_before: at the last call

@@ -164,7 +164,7 @@ _KEYWORDS = """
     typeof unsafe unsized use virtual where while yield
 """
 PRELUDE = frozenset({"Some", "None", "Ok", "Err"})  # values that are there unasked, which no local can be
-PARAMETERS = {"in": "input", "out": "output"}  # `in` is a keyword
+PARAMETERS = {"in": "input"}  # `in` is a keyword
 TYPES = {"float": "f32", "double": "f64", "unsigned": "u32", "index": "usize", "bool": "bool", "void": "()"}
 
 

@@ -215,7 +215,8 @@ class Unrolled(FilterStep, ABC):
         equation = "P <- exp(rho h) Phi P Phi' + h Q_0" if forgets else f"P <- Phi P Phi'{noise}"
         writes = {Place("state", self.part.z.name): stages.result["z"], **factors}
         title = f"z by classical Runge-Kutta; P = {self.name} by {equation}"
-        return (Block(title, writes, {**stages.names, **entries, **names}),)
+        notes = ("the tableau of z:", *(f"  {row}" for row in RK4.rows))
+        return (Block(title, writes, {**stages.names, **entries, **names}, notes=notes),)
 
     def bounded(self) -> Program:
         """P with what is forgotten of it, or within its cap: where a P_ii exceeds it, the factors are those of P scaled

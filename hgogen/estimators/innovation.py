@@ -263,7 +263,7 @@ class _Ring:
         """The sample of an output in this call."""
         p = self.clock.outputs
         y, valid = ca.SX(sym("state", "recent_y", p)), ca.SX(sym("state", "recent_valid", p))
-        y[output], valid[output] = sym("work", "measurement"), 1
+        y[output], valid[output] = sym("work", "reading"), 1
         return (Block("this sample", {_RECENT_Y: y, _RECENT_VALID: valid}),)
 
     def _find(self) -> Block:
@@ -395,7 +395,7 @@ class _Copies:
         """The sample of an output in every predictor's sum."""
         total, valid = self.total, self.valid
         z = sym("predictor", "z", self.n)
-        error = sym("work", "measurement") - self.predictor.dynamics.output(z, self.clock.u_now)[output]
+        error = sym("work", "reading") - self.predictor.dynamics.output(z, self.clock.u_now)[output]
         squared = ca.fmin(total[output] + self.clock.period(output) * error * error, MOST)
         more = ca.if_else(valid[output] < self.most, valid[output] + 1, self.most)
         add = Block("its squared output error", {_SUM: _with(total, output, squared)})

@@ -155,7 +155,7 @@ def literal(value: float, real: Real) -> str:
 
 def driver(step: Step) -> str:
     """Return the C that calls a step: `memory`, BEGIN, `sample` and `estimate`."""
-    declared, inner = prototypes(step), [each for each in structs(step) if each.name in ("in", "out")]
+    declared, inner = prototypes(step), [each for each in structs(step) if each.name in ("in", "measurement")]
     filled = [f"{short}.{c_name(s.name)} = row[{column}];" for column, (short, s) in enumerate(assigned(step))]
     states = [f"values[{i}] = x.{c_name(s.name)};" for i, s in enumerate(step.states)]
     return Template(text("step.c")).substitute(

@@ -183,7 +183,7 @@ def guard_inputs(observer: Observer) -> Block:
         if signal.bounded:
             writes[Place("status", f"CLAMPED_{signal.name}")] = leaves(accepted, low, high)
         names |= {f"{signal.name}_usable": usable, f"{signal.name}_taken": accepted}
-    return Block("guard the input", {Place("work", "u"): column(values), **writes}, names)
+    return Block("guard the input", {Place("work", "u"): column(values), **writes}, names, part="guard_input")
 
 
 def plausible(reading: tuple[float, float], raw: Graph) -> Graph:
@@ -280,13 +280,13 @@ def measure(observer: Observer, clock: Clock, j: int) -> Program:
     """The measurement of output j, how far it is off the estimate's output, and whether it can be used."""
     signal = observer.form.system.outputs[j]
     accepted, undefined_bits = sample(observer, clock.u_now, j)
-    measurement = Block(f"the measurement of {signal}", {Place("work", "measurement"): accepted})
-    raw = sym("work", "measurement")
+    measurement = Block(f"the measurement of {signal}", {Place("work", "reading"): accepted})
+    raw = sym("work", "reading")
     error = raw - observer.dynamics.output(observer.z, clock.u_now)[j]
     valid, status = _judged(signal, readings(observer.form)[j], raw, error)
     status |= undefined_bits
     values = {Place("work", "e"): error, Place("work", "output_error"): error, Place("work", "valid"): valid}
-    return (measurement, Block(f"guard the measurement of {signal}", {**values, **status}))
+    return (measurement, Block(f"guard the measurement of {signal}", {**values, **status}, part="guard_measurement"))
 
 
 def guard_outputs(observer: Observer, clock: Clock) -> Block:
@@ -311,6 +311,7 @@ def guard_outputs(observer: Observer, clock: Clock) -> Block:
             Place("work", "valid"): column(valid),
             **status,
         },
+        part="guard_measurements",
     )
 
 
@@ -333,7 +334,8 @@ def guard_state(
     tested = [k in written[place] or place not in known for place, size in places for k in range(size)]
     ends = [end for f in fields for end in f.box_within(LOST)]
     usual = inside(values[[k for k, ask in enumerate(tested) if ask]], [*compress(ends, tested)])
-    beyond = Block("is a value beyond its box, or lost?", {Place("work", "beyond"): ca.logic_not(usual)})
+    writes = {Place("work", "beyond"): ca.logic_not(usual)}
+    beyond = Block("is a value beyond its box, or lost?", writes, part="beyond_box")
     return (beyond, When(Place("work", "beyond"), keep or boxed(fields, state, others), idle=True))
 
 
@@ -350,7 +352,7 @@ def boxed(fields: list[Field], state: tuple[Field, ...], others: Program = (), e
     """
     values = ca.vertcat(*(sym("state", f.name, f.size) for f in fields))
     usable = inside(values, [(-LOST, LOST)] * values.numel())
-    lost = Block("is a value lost?", {Place("work", "lost"): ca.logic_not(usable)})
+    lost = Block("is a value lost?", {Place("work", "lost"): ca.logic_not(usable)}, part="value_lost")
     real = {Place("state", f.name): column(f.initial) for f in state if f.kind == "real" and f.name not in SIGNALS}
     by_others = _written(others)
     fresh = {place: value for place, value in real.items() if place not in by_others}

@@ -71,7 +71,7 @@ class Substitution:
                 values = self.values(*statement.writes.values(), *statement.names.values())
                 writes = dict(zip(map(self.place, statement.writes), values, strict=False))
                 names = dict(zip(statement.names, values[len(writes) :], strict=True))
-                return Block(statement.title, writes, names, part=statement.part)
+                return Block(statement.title, writes, names, part=statement.part, notes=statement.notes)
             case Loop(start=start, active=active, index=index):
                 substituted = (place and self.place(place) for place in (start, active, index))
                 group, body = self.groups.get(statement.group, statement.group), self.program(statement.body)

@@ -139,7 +139,7 @@ def _keep(count: int, every: Pieces, substitution: Substitution, programs: Itera
 
 def _update(part: Parallel, clock: Clock, j: int, correct: Program, score: Program) -> Program:
     """A member's correction by output j, left out where its error is absurd, then its score."""
-    error = sym("work", "measurement") - part.member.dynamics.output(part.member.z, clock.u_now)[j]
+    error = sym("work", "reading") - part.member.dynamics.output(part.member.z, clock.u_now)[j]
     if not correct:
         return score
     writes = {Place("work", "e"): error, Place("work", "near"): ca.fabs(error) <= 10 * HUGE}
@@ -182,7 +182,7 @@ def _newest(part: Parallel, clock: Clock) -> Pieces:
     worst = LOST  # a member that is lost restarts with
 
     def add(j: int) -> Program:
-        error = sym("work", "measurement") - part.member.dynamics.output(part.member.z, clock.u_now)[j]
+        error = sym("work", "reading") - part.member.dynamics.output(part.member.z, clock.u_now)[j]
         total = sym("state", "score") + ca.fmin(ca.fabs(error), HUGE) ** 2
         return (Block("its squared output error", {Place("state", "score"): ca.fmin(total, worst)}),)
 

@@ -80,7 +80,8 @@ def nearest(
             projected = x + V * slopes[j] * ((y - h[j]) / ca.fmax(across, least))
             fitted = column(kept(projected[i], end, x[i]) for i, end in enumerate(limits))
             value = ca.if_else(plausible, fitted, x) if len(samples) > 1 else fitted
-            blocks.append(Block(f"from the sample of {observer.form.system.outputs[j]}", placed(fields, value)))
+            output = observer.form.system.outputs[j]
+            blocks.append(Block(f"from the sample of {output}", placed(fields, value), part=f"fit_{output}"))
     return tuple(blocks)
 
 

@@ -354,7 +354,11 @@ class Recovery:
         counts = [(sym("state", field.name), field) for sign in self.signs for field in sign.fields]
         inside = [ca.logic_and(c >= field.low[0], c <= field.high[0]) for c, field in counts]
         sound = reduce(ca.logic_and, inside, same)
-        spoiled = Block("was a fault count or limit spoiled?", {Place("work", "spoiled"): ca.logic_not(sound)})
+        spoiled = Block(
+            "was a fault count or limit spoiled?",
+            {Place("work", "spoiled"): ca.logic_not(sound)},
+            part="counts_spoiled",
+        )
         program: list[Statement] = [spoiled, When(Place("work", "spoiled"), self.cleared)]
         change = ca.if_else(outside(self.observer, MARGIN), weight, -weight)
         for sign in self.signs:
@@ -389,16 +393,21 @@ class Recovery:
             for s in signs
         ]
         suspect = any_of([*beyond, ca.logic_not(sym("state", "fault_checksum") <= 0), rejected])
-        judged_by = Block("is there a sample to judge by?", {Place("work", "sampled"): sampled})
+        judged_by = Block("is there a sample to judge by?", {Place("work", "sampled"): sampled}, part="plausible")
         ranges = tuple(map(Call, self._counting)) or self._counted_range(weight)
         outputs = [sign for sign in signs if sign.output is not None]
         change = {place: value for sign in outputs for place, value in self._changes(sign, samples).items()}
-        counts = (Block("which signs show?", change), *(sign.counted for sign in outputs)) if outputs else ()
+        signs_ = Block("which signs show?", change, part="find_signs")
+        counts = (signs_, *(sign.counted for sign in outputs)) if outputs else ()
         remember = Block("the checksum of fault counts and limits", {Place("state", "fault_checksum"): self._sum})
         judged = (*ranges, *counts, *self._guard(signs, samples), remember)
         return (
-            Block("is the estimate where it cannot be for long?", {**bit, Place("work", "suspect"): suspect}),
-            When(Place("work", "suspect"), (judged_by, When(Place("work", "sampled"), judged))),
+            Block(
+                "is the estimate where it cannot be for long?",
+                {**bit, Place("work", "suspect"): suspect},
+                part="suspect",
+            ),
+            When(Place("work", "suspect"), (judged_by, When(Place("work", "sampled"), judged, part="count_faults"))),
         )
 
     @cached_property
@@ -473,10 +482,15 @@ class Recovery:
             When(
                 acts,
                 (
-                    Block("by which sign, and is the estimate lost?", {**writes, lost: any_of(helpless)}),
+                    Block(
+                        "by which sign, and is the estimate lost?",
+                        {**writes, lost: any_of(helpless)},
+                        part="choose_recovery",
+                    ),
                     *later,
-                    When(lost, restart, project),
+                    When(lost, restart, project, part="restart_from_sample"),
                 ),
+                part="recover",
             ),
         )
 

@@ -332,7 +332,7 @@ class Assembly:
         running = {Place("work", "running"): calls >= 1, Place("state", "calls"): counted}
         program.append(Block("the first call advances no time", running))
         advance = (*hold(observer, clock), *self._guarded(self.whole.predict), *undefined_rates(observer, clock))
-        program.append(When(Place("work", "running"), advance, (*map(Call, self._keep), *follow)))
+        program.append(When(Place("work", "running"), advance, (*map(Call, self._keep), *follow), part="advance"))
         program += awaited(self._ordered)
         if clock.inputs:
             program.append(Block("remember the input", {Place("state", "u"): sym("work", "u", clock.inputs)}))
@@ -357,10 +357,14 @@ class Assembly:
             plain = (plain_sample(self.observer, self.clock, j), *program)
             return Section(f"update_{output}", f"correct with {output}", plain, output.name)
         valid = (*program, *((use(output),) if self.rated or output in self._ordered else ()))
-        sample = {j: Sampled(sym("work", "measurement"), sym("work", "valid"), sym("work", "output_error"))}
+        sample = {j: Sampled(sym("work", "reading"), sym("work", "valid"), sym("work", "output_error"))}
         says = self.still and not self.rated and j == self.correcting[-1]
         watch = self.law.watch(sample, says=says)
-        guarded: Program = (*measure(self.observer, self.clock, j), When(Place("work", "valid"), valid), *watch)
+        guarded: Program = (
+            *measure(self.observer, self.clock, j),
+            When(Place("work", "valid"), valid, part="correct"),
+            *watch,
+        )
         guarded = once(output, guarded) if self.rated else guarded
         guarded = in_order(output, guarded) if output in self._ordered else guarded
         return Section(f"update_{output}", f"correct with {output}", guarded, output.name)
@@ -371,7 +375,7 @@ class Assembly:
             return ()
         passed = {Place("work", "running"): sym("state", "calls") >= 2}
         running = Block("no time has passed before the second call", passed)
-        program: Program = (running, When(Place("work", "running"), self._guarded(self.adapt)))
+        program: Program = (running, When(Place("work", "running"), self._guarded(self.adapt), part="adapt_gain"))
         program = adapt_once(program) if self.rated else program
         return (Section("adapt", "adapt the gain; once after the updates", program),)
 
@@ -402,7 +406,7 @@ def plain_sample(observer: Observer, clock: Clock, j: int) -> Block:
     signal = observer.form.system.outputs[j]
     raw = sym("output", signal.name)
     error = raw - observer.dynamics.output(observer.z, clock.u_now)[j]
-    values = {"measurement": raw, "e": error}
+    values = {"reading": raw, "e": error}
     return Block(f"the sample of {signal}", {Place("work", name): value for name, value in values.items()})
 
 

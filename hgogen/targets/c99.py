@@ -104,11 +104,15 @@ def _functions(writer: SharingWriter) -> Iterator[Code]:
     for part in writer.parts:
         yield rarely + _function(part.prototype, part.body)
     for section in (*step.code.inner, *step.code.parts):
-        yield _function(inside(step, section), writer.function(section.program))
+        functions, body = writer.section(section)
+        yield from functions
+        yield _function(inside(step, section), body)
     yield rarely + _function(nominal(step), _nominal(step, writer.real))
     changing = (each for each in entries(step).values() if each.public and each.status and "s" in each.written)
     asking = {each.name for each in changing} if step.layout.mark else set[str]()
-    for name, body in _bodies(writer).items():
+    bodies, functions = _bodies(writer)
+    yield from functions
+    for name, body in bodies.items():
         text = _asked(step, declared[name], body) if name in asking else _function(declared[name], body)
         yield rarely + text if name == "reset" else text
     yield saving(step, writer.real)
@@ -133,21 +137,22 @@ def _readied(step: Step, mark: Field) -> Code:
     return _function(readied(step), code(*lines[0], *lines[1], parameters="sp"))
 
 
-def _bodies(writer: SharingWriter) -> dict[str, Code]:
-    step = writer.step
+def _bodies(writer: SharingWriter) -> tuple[dict[str, Code], list[Code]]:
+    """The bodies of what a caller has, by name, and the functions that parts of them have become."""
+    step, functions = writer.step, list[Code]()
     inner = (section for section in step.code.sections if of_section(step, section).inner)
     bodies = {section.name: called(C, step, section) for section in inner}
     if step.code.parts:
         bodies["step"] = joined(called(C, step, section) for section in step.code.parts)
     else:
-        bodies["step"] = writer.function(step.code.sections[0].program)
+        functions, bodies["step"] = writer.section(step.code.sections[0])
     bodies |= {section.name: writer.function(section.program) for section in step.code.timed}
     bodies["estimate"] = writer.function(step.code.estimate)
     bodies["tune"] = _made(step) + writer.function(step.code.tuning)
     bodies["reset"] = _reset(writer)
     tune, reset = (prototypes(step)[name].call(own) for name in ("tune", "reset"))
     bodies["init"] = code(f"{nominal(step).call(own)};", f"(void){tune};", f"{reset};", parameters="ps")
-    return bodies
+    return bodies, functions
 
 
 def _includes(step: Step, chosen: list[str], uses: Uses) -> list[str]:

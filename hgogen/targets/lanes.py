@@ -81,7 +81,7 @@ def _shared(writer: LaneWriter, uses: Uses) -> Sequence[str]:
 
 # --- memory
 
-_STRUCTS = {"s": "state", "p": "params", "in": "input", "out": "output", "x": "plant"}
+_STRUCTS = {"s": "state", "p": "params", "in": "input", "measurement": "output", "x": "plant"}
 
 
 def _structs(writer: LaneWriter) -> list[str]:
@@ -98,15 +98,17 @@ def _many(writer: LaneWriter) -> list[str]:
     """A step for each row, and the sizes that a caller has to know."""
     step, p, real = writer.step, writer.prefix, writer.real
     inputs = [_loaded(p, "u", len(step.inputs), j, f"in.{c_name(each.name)}") for j, each in enumerate(step.inputs)]
-    outputs = [_loaded(p, "y", len(step.samples), j, f"out.{c_name(each.name)}") for j, each in enumerate(step.samples)]
-    arguments = "&memory->s, &memory->p, &in, &out, &plant"
+    outputs = [
+        _loaded(p, "y", len(step.samples), j, f"measurement.{c_name(each.name)}") for j, each in enumerate(step.samples)
+    ]
+    arguments = "&memory->s, &memory->p, &in, &measurement, &plant"
     sections = (f"status |= {p}_{section.name}({arguments});" for section in step.code.sections)
     x = [_stored(p, "x", len(step.states), i, f"plant.{c_name(each.name)}") for i, each in enumerate(step.states)]
     inside = replace(writer, syntax=replace(writer.syntax, reach="memory->{}."))
     values = (inside.number(Place("state", name)) for name in step.observer.traces)
     traces = [_stored(p, "traces", len(step.observer.traces), j, value) for j, value in enumerate(values)]
     body = [
-        *(f"{p}_{kind} {name};" for kind, name in (("input", "in"), ("output", "out"), ("plant", "plant"))),
+        *(f"{p}_{kind} {name};" for kind, name in (("input", "in"), ("output", "measurement"), ("plant", "plant"))),
         f"{own(p)}_status status = {{0}};",
         *(*inputs, *outputs, *sections, f"(void){p}_estimate({arguments});", *x),
         *(["if (traces) {", *indented(traces), "}"] if traces else []),

@@ -42,15 +42,15 @@ def _runner(step: Step, real: Real) -> Prototype:
 
 def _run(step: Step, traces: list[str]) -> list[str]:
     name, declared, m, p, n = step.name, prototypes(step), len(step.inputs), len(step.samples), len(step.states)
-    arguments = {"s": "s", "p": "p", "in": "&in", "out": "&out", "x": "&plant"}
+    arguments = {"s": "s", "p": "p", "in": "&in", "measurement": "&measurement", "x": "&plant"}
     steps, shown = (declared[key].call(lambda each: arguments[each.name]) for key in ("step", "estimate"))
     inner = [f"in.{c_name(s.name)} = u[{m}u*k + {j}u];" for j, s in enumerate(step.inputs)]
-    inner += [f"out.{c_name(s.name)} = y[{p}u*k + {j}u];" for j, s in enumerate(step.samples)]
+    inner += [f"measurement.{c_name(s.name)} = y[{p}u*k + {j}u];" for j, s in enumerate(step.samples)]
     inner += [f"status[k] = {steps};", f"{shown};"]
     inner += [f"x[{n}u*k + {i}u] = plant.{c_name(s.name)};" for i, s in enumerate(step.states)]
     inner += [f"traces[{len(traces)}u*k + {j}u] = {value};" for j, value in enumerate(traces)]
     unused = ([] if m else ["(void)u;"]) + ([] if traces else ["(void)traces;"])
-    structs = [*([f"{name}_input in;"] if m else []), f"{name}_output out;", f"{name}_plant plant;", *unused]
+    structs = [*([f"{name}_input in;"] if m else []), f"{name}_output measurement;", f"{name}_plant plant;", *unused]
     return [*structs, "for (size_t k = 0u; k < count; ++k) {", *indented(inner), "}"]
 
 

@@ -36,7 +36,7 @@ _ATTRIBUTES = (
     "#![allow(non_snake_case, non_upper_case_globals, unused_assignments, unused_mut)]",
     "#![allow(clippy::all, rustdoc::all)]",
 )
-_ARGUMENTS = {"p": "p: &Parameters", "in": "input: &Inputs", "out": "output: &Outputs", "at": "at: u16"}
+_ARGUMENTS = {"p": "p: &Parameters", "in": "input: &Inputs", "measurement": "measurement: &Outputs", "at": "at: u16"}
 
 
 @dataclass(eq=False)
