@@ -206,7 +206,7 @@ class Block(_Statement):
     `names`: values worth a name of their own in the emitted code. `limits`: where all that the block does is to keep
     numbers in their ranges, those, for who writes them as rows of a table. `part`: the name of what begins with it, of
     which the emitted code may make a function where it stands in several places, or in a function that is too long.
-    `spelled`: whether it is written out, where it runs too often for loops in it. `notes`: lines for who reads the code.
+    `spelled`: whether it is written out, where it runs too often for loops in it. `notes`: what is said of it.
     """
 
     title: str

@@ -75,8 +75,8 @@ def test_a_member_is_called_as_in_c() -> None:
     current = hg.Signal("I", low=-1, high=1)
     plant = hg.System("coil", states=(x,), inputs=(current,), outputs=(y,), flow=[current - x], output=[x])
     text = driver(hg.sample(hg.observers.riccati(hg.forms.original(plant), Q=[1], R=1), dt=0.1))
-    assert "in.I_ = row[0];\n    out.y = row[1];\n" in text
-    assert "(void)coil_step(&m->s, &m->p, &in, &out);" in text
+    assert "in.I_ = row[0];\n    measurement.y = row[1];\n" in text
+    assert "(void)coil_step(&m->s, &m->p, &in, &measurement);" in text
 
 
 @pytest.mark.full

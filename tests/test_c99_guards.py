@@ -61,7 +61,7 @@ int main(void)
     for (unsigned round = 0u; round < ${rounds}u; ++round) {
         ${name}_state s;
         ${name}_params p;
-        ${name}_output out;
+        ${name}_output measurement;
         ${name}_plant x;
 $input
         ${name}_init(&s, &p);
@@ -108,7 +108,7 @@ def nasty(name: str, real: Real, rounds: int) -> Mapping[str, str]:
         for sign, end in ((">=", e.low), ("<=", e.high))
         if (e.field.kind, sign) != ("index", ">=")
     ]
-    members = [*(f"in.{s.name}" for s in made.inputs), *(f"out.{s.name}" for s in made.samples)]
+    members = [*(f"in.{s.name}" for s in made.inputs), *(f"measurement.{s.name}" for s in made.samples)]
     text = _NASTY.substitute(
         name=made.name,
         upper=made.name.upper(),
@@ -117,7 +117,7 @@ def nasty(name: str, real: Real, rounds: int) -> Mapping[str, str]:
         values=", ".join(f"({real}){value!r}" for value in NASTY if np.isfinite(value)),
         input=f"        {made.name}_input in;" if made.inputs else "",
         fill="\n".join(f"            {member} = nasty();" for member in members),
-        call="&s, &p, &in, &out" if made.inputs else "&s, &p, &out",
+        call="&s, &p, &in, &measurement" if made.inputs else "&s, &p, &measurement",
         box="\n                && ".join(sides),
         finite=" && ".join(f"isfinite(x.{s.name})" for s in made.states),
     )

@@ -587,11 +587,11 @@ def test_a_call_predicts_now_and_each_period_after_that_of_the_sample(
     assert counts[0] == 1 + age
 
 
-def test_the_header_says_how_late_samples_are_given_and_what_they_cost() -> None:
+def test_the_manual_says_how_late_samples_are_given_and_what_they_cost() -> None:
     step, plain = fresh("several", "float")
-    said = " ".join(hg.targets.c99(step, check=False)["two.h"].replace("*", "").split())
+    said = " ".join(hg.targets.c99(step, check=False)["two.md"].replace("\\", "").split())
     worst, once = cost(step), cost(plain)
-    assert "out.y1_age = ...;" in said
+    assert "measurement.y1_age = ...;" in said
     assert "with a sample of y1 goes y1_age, the number of periods ago in which it was taken, 0 for now" in said
     assert f"A period takes {once.operations} operations" in said
     assert f"no more than {worst.operations} and {worst.functions}" in said

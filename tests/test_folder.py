@@ -100,7 +100,7 @@ def test_the_readme_has_every_bit_and_every_member(name: str) -> None:
     members = re.findall(r"^\| `(\w+)\.([\w.]+)` \|", readme, re.MULTILINE)
     assert [(a, b) for a, b in members if a != "p"] == [
         (short, signal.name)
-        for short, signals in (("in", each.inputs), ("out", each.samples), ("x", each.states))
+        for short, signals in (("in", each.inputs), ("measurement", each.samples), ("x", each.states))
         for signal in signals
     ]
     fields = (*each.layout.plant, *each.layout.gains)
@@ -121,7 +121,7 @@ def test_a_bar_in_a_meaning_ends_no_cell() -> None:
     plant = hg.System("barred", states=(x,), outputs=(y,), flow=[-x], output=[x])
     one = hg.sample(hg.observers.riccati(hg.forms.original(plant), Q=[1], R=1), dt=0.1)
     readme = folder(one, hg.targets.c99(one, check=False), ())["README.md"]
-    assert "| `out.y` | what \\| is measured at once [m], -1 .. 1 |" in readme
+    assert "| `measurement.y` | what \\| is measured at once [m], -1 .. 1 |" in readme
 
 
 @pytest.mark.parametrize("name", NAMES)

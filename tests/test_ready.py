@@ -130,7 +130,7 @@ def garbage(made: hg.Step) -> str:
         )
         for each in asking(made)
     ]
-    kinds = (("in", made.inputs), ("out", made.outputs), ("out", made.ages))
+    kinds = (("in", made.inputs), ("measurement", made.outputs), ("measurement", made.ages))
     number = {made.ages: "0", made.outputs: "1", made.inputs: "1"}
     samples = [f"    {short}.{s.name} = {number[signals]};" for short, signals in kinds for s in signals]
     whole = prototypes(made)["step"]
@@ -199,20 +199,20 @@ int main(void)
     right_state t;
     right_params q;
     left_input in = {0};
-    left_output out = {0};
+    left_output measurement = {0};
     right_input right_in = {0};
     right_output right_out = {0};
     unsigned char stored[sizeof s];
     left_init(&s, &p);
     right_init(&t, &q);
-    (void)left_step(&s, &p, &in, &out);
+    (void)left_step(&s, &p, &in, &measurement);
     left_state copy = s;                        /* by value */
     (void)memcpy(stored, &s, sizeof s);         /* as a page of flash holds it */
     left_state restored;
     (void)memset(&restored, 0xFF, sizeof restored);
     (void)memcpy(&restored, stored, sizeof restored);
-    const unsigned wanted = left_step(&s, &p, &in, &out);
-    if (left_step(&copy, &p, &in, &out) != wanted || left_step(&restored, &p, &in, &out) != wanted) {
+    const unsigned wanted = left_step(&s, &p, &in, &measurement);
+    if (left_step(&copy, &p, &in, &measurement) != wanted || left_step(&restored, &p, &in, &measurement) != wanted) {
         return 1;
     }
     if (memcmp(&s, &copy, sizeof s) != 0 || memcmp(&s, &restored, sizeof s) != 0 || s.ready != LEFT_READY) {
@@ -228,7 +228,7 @@ int main(void)
     }
     stored[0] ^= 1u;                            /* a bit of the mark is lost */
     (void)memcpy(&restored, stored, sizeof restored);
-    return ((left_step(&restored, &p, &in, &out) & LEFT_UNINITIALISED) != 0u) ? 0 : 5;
+    return ((left_step(&restored, &p, &in, &measurement) & LEFT_UNINITIALISED) != 0u) ? 0 : 5;
 }
 """)
 

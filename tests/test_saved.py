@@ -192,11 +192,11 @@ int main(int argc, char **argv)
 {
     kept_params p;
     kept_plant x;
-    kept_output out = {($real)0.5};
+    kept_output measurement = {($real)0.5};
     unsigned char saved[1024];
     kept_init(&s, &p);
     for (unsigned k = 0u; k < 3u; ++k) {
-        (void)kept_step(&s, (k == 1u) ? &p : &constant, &out);
+        (void)kept_step(&s, (k == 1u) ? &p : &constant, &measurement);
     }
     FILE *const file = fopen(argv[2], (argv[1][0] == 's') ? "wb" : "rb");
     if ((argc != 3) || (file == NULL)) {
@@ -227,7 +227,7 @@ int main(int argc, char **argv)
             return 6;
         }
     }
-    (void)kept_step(&s, &constant, &out);
+    (void)kept_step(&s, &constant, &measurement);
     kept_estimate(&s, &constant, &x);
     (void)printf("%u %.17g %.17g\\n", refused, (double)x.a, (double)x.b);
     return 0;

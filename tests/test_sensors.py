@@ -291,9 +291,9 @@ PROGRAM = """
 #include "pendulum.h"
 static unsigned status, number;
 static int running(pendulum_input *in) { in->tau = 0.1f; return number < 66000u; }
-static int arrived(pendulum_output *out, uint16_t *taken)
+static int arrived(pendulum_output *measurement, uint16_t *taken)
 {
-    out->y = 0.02f;
+    measurement->y = 0.02f;
     *taken = (uint16_t)(number % 30u == 0u ? number - 1u : number);
     return number++ % 10u == 0u && number > 1u;
 }
@@ -301,7 +301,7 @@ int main(void)
 {
     uint16_t taken;
     unsigned late = 0u;
-    pendulum_state s; pendulum_params p; pendulum_input in; pendulum_output out; pendulum_plant x;
+    pendulum_state s; pendulum_params p; pendulum_input in; pendulum_output measurement; pendulum_plant x;
     pendulum_init(&s, &p);
 LOOP
     (void)printf("%u late\\n", late);

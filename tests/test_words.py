@@ -1,4 +1,4 @@
-"""One word means one thing in emitted code: what a sensor reads is a measurement, and how far it is off an error."""
+"""One word means one thing in emitted code: what a sensor reads is a reading, and how far it is off an error."""
 
 import re
 
@@ -19,13 +19,17 @@ def source(name: str) -> str:
 
 @pytest.mark.ordinary("pendulum", "one_state", "chained_in_x")
 @each
-def test_a_measurement_is_called_so(name: str) -> None:
+def test_what_a_sensor_reads_is_called_so(name: str) -> None:
     """By the output as well, where a function reads several; a section of an update reads one."""
     step = emitted.step(name)
     outputs = {output.name for output in step.outputs}
-    named = [(local, output) for local, output in re.findall(r"(\w+) = out->(\w+);", source(name)) if output in outputs]
+    named = [
+        (local, output)
+        for local, output in re.findall(r"(\w+) = measurement->(\w+);", source(name))
+        if output in outputs
+    ]
     assert named or step.ages
-    wanted = {"measurement"} if len(outputs) == 1 else {"measurement", *(f"measurement_{y}" for y in outputs)}
+    wanted = {"reading"} if len(outputs) == 1 else {"reading", *(f"reading_{y}" for y in outputs)}
     assert {local for local, _ in named} <= {*wanted, *["y_given"] * bool(step.ages)}  # what a period is given
 
 
@@ -42,7 +46,7 @@ def test_neither_sample_nor_innovation_is_a_number_of_a_section(name: str) -> No
 @each
 def test_rust_has_the_same_words(name: str) -> None:
     text, c = code(emitted.crate(name), r"//[^\n]*"), source(name)
-    words = {r"\bmeasurement\b": "measurement", r"\boutput_error\b": "output_error", r"\bsample\b": "sample"}
+    words = {r"\breading\b": "reading", r"\boutput_error\b": "output_error", r"\bsample\b": "sample"}
     assert {word for pattern, word in words.items() if re.search(pattern, text)} == {
         word for pattern, word in words.items() if re.search(pattern, c)
     }
@@ -50,5 +54,5 @@ def test_rust_has_the_same_words(name: str) -> None:
 
 def test_an_age_is_no_measurement() -> None:
     text = source("delayed")
-    assert "const float y_age = out->y_age;" in text
-    assert "measurement_y_age" not in text
+    assert "const float y_age = measurement->y_age;" in text
+    assert "reading_y_age" not in text

@@ -1,4 +1,4 @@
-/* battery: see battery.h, which is the manual. */
+/* battery: see battery.h, and its manual battery.md. */
 #include "battery.h"
 
 #include <stdbool.h>
@@ -261,6 +261,13 @@ static unsigned battery_run_predict(battery_state *s, const battery_params *p, c
     }
     if (running) {
         /* z by classical Runge-Kutta; P = L D L' by P <- Phi P Phi' + h Q_theta */
+        /* the tableau of z: */
+        /*     0 |  */
+        /*   1/2 | 1/2 */
+        /*   1/2 |   0 1/2 */
+        /*     1 |   0   0   1 */
+        /*   --------------------- */
+        /*       | 1/6 1/3 1/3 1/6 */
         {
             const float D1 = s->D[0];
             const float D2 = s->D[1];
@@ -331,272 +338,324 @@ static unsigned battery_run_predict(battery_state *s, const battery_params *p, c
     return status;
 }
 
-/* part of a step: correct with y */
-static unsigned battery_run_update_y(battery_state *s, const battery_params *p, const battery_output *out)
+static unsigned battery_guard_measurement_y(const battery_state *s, float *e, float *output_error,
+    float reading, bool *valid)
+{
+    unsigned status = 0u;
+    /* guard the measurement of y */
+    {
+        const float z1 = s->z[0];
+        const float t1 = battery_clamp(z1, 0.05f, 0.95f);
+        const float t2 = 0.1f/t1;
+        const float t3 = 0.8f*z1 - s->z[1] + (0.05f*battery_log(t1) - 0.02f*s->u + 3.2f - t2)
+            + (0.05f/t1 + t2/t1)*(z1 - t1);
+        const float t4 = reading - t3;
+        const bool t5 = battery_within(reading, 3e+38f);
+        const bool t6 = t5 && reading >= -2.5717454f && reading <= 7.514131f && battery_within(t4, 1e+16f);
+        *e = t4;
+        *output_error = t4;
+        *valid = t6;
+        if (!t5) {
+            status |= BATTERY_MISSING_Y;
+        }
+        if (t5 && !t6) {
+            status |= BATTERY_REJECTED_Y;
+        }
+    }
+    return status;
+}
+
+/* correct the estimate with a sample that can be used */
+static unsigned battery_use_sample_y(battery_state *s, const battery_params *p, float e)
+{
+    unsigned status = 0u;
+    bool beyond = false;
+    /* correct by the scalar update */
+    {
+        const float D1 = s->D[0];
+        const float D2 = s->D[1];
+        const float L21 = s->L;
+        const float z1 = s->z[0];
+        const float z2 = s->z[1];
+        const float t1 = battery_clamp(z1, 0.05f, 0.95f);
+        const float t2 = 0.8f + 0.05f/t1 + 0.1f/t1/t1 - L21;
+        const float t3 = D1*t2;
+        const float R = p->gain.R;
+        const float t4 = R + D2;
+        const float t5 = t4 + t3*t2;
+        const float K1 = t3/t5;
+        const float K2 = (L21*t3 - D2)/t5;
+        s->z[0] = z1 + K1*e;
+        s->z[1] = z2 + K2*e;
+        s->L = L21 + t2*D2/t4;
+        s->D[0] = D1*t4/t5;
+        s->D[1] = D2*R/t4;
+    }
+    /* is a value beyond its box, or lost? */
+    {
+        const float z1 = s->z[0];
+        const bool t1 = z1 >= -0.85f && z1 <= 1.85f && battery_within(s->z[1], 0.6f)
+            && battery_within(s->L, 4.4444445e+08f);
+        const float D1 = s->D[0];
+        const float D2 = s->D[1];
+        beyond = !(t1 && D1 >= 1e-18f && D1 <= 1.8225f && D2 >= 9e-19f && D2 <= 0.36f);
+    }
+    if (battery_acts(beyond)) {
+        status |= battery_keep_in_box(s, p);
+    }
+    /* y is used */
+    s->used_y = 1u;
+    return status;
+}
+
+static unsigned battery_suspect_y(const battery_state *s, float output_error, bool *suspect, bool valid)
+{
+    unsigned status = 0u;
+    /* is the estimate where it cannot be for long? */
+    {
+        const float z1 = s->z[0];
+        const bool t1 = z1 < 0.05f || z1 > 0.95f || battery_abs(s->z[1]) > 0.2f;
+        if (t1) {
+            status |= BATTERY_OUTSIDE_BOX;
+        }
+        *suspect = battery_abs(output_error) > 0.3361959f || t1 || !(s->fault_checksum <= 0.0f) || !valid;
+    }
+    return status;
+}
+
+static bool battery_plausible_y(float reading, bool valid)
+{
+    bool sampled = false;
+    /* is there a sample to judge by? */
+    sampled = valid || (battery_within(reading, 3e+38f) && reading >= -2.5717454f && reading <= 7.514131f);
+    return sampled;
+}
+
+static bool battery_counts_spoiled_y(const battery_state *s)
+{
+    bool spoiled = false;
+    /* was a fault count or limit spoiled? */
+    {
+        const float fault_count_y = s->fault_count_y;
+        const float fault_limit_y = s->fault_limit_y;
+        const float fault_count_range = s->fault_count_range;
+        const float fault_limit_range = s->fault_limit_range;
+        const float t1 = fault_limit_y - 120.0f + battery_abs(fault_count_y)
+            + (fault_limit_range - 120.0f + fault_count_range);
+        const bool t2 = battery_abs(t1 - s->fault_checksum) < 0.5f
+            && battery_within(fault_count_y, 122880.0f) && fault_limit_y >= 120.0f
+                && fault_limit_y <= 122880.0f;
+        const bool t3 = t2 && fault_count_range >= 0.0f && fault_count_range <= 122880.0f
+            && fault_limit_range >= 120.0f && fault_limit_range <= 122880.0f;
+        spoiled = !t3;
+    }
+    return spoiled;
+}
+
+static void battery_find_signs_y(const battery_state *s, float *moves_y, float output_error, float *side_y)
+{
+    /* which signs show? */
+    {
+        const bool t1 = battery_within(output_error, 0.3361959f);
+        const float fault_count_y = s->fault_count_y;
+        *moves_y = (t1 ? 0.0f : ((fault_count_y*output_error < 0.0f) ? -60.0f : 1.0f)) + (t1 ? -1.0f : 0.0f);
+        *side_y = (t1 ? 0.0f : output_error) + (t1 ? fault_count_y : 0.0f);
+    }
+}
+
+/* a fault count is at its limit: restart from the sample, or project onto the ranges */
+static unsigned battery_recover_y(battery_state *s, float reading)
+{
+    unsigned status = 0u;
+    bool lost = false;
+    bool over_range = false;
+    bool over_y = false;
+    /* by which sign, and is the estimate lost? */
+    {
+        const bool t1 = s->fault_limit_y <= battery_abs(s->fault_count_y);
+        const float fault_limit_range = s->fault_limit_range;
+        const bool t2 = fault_limit_range <= s->fault_count_range;
+        const float z1 = s->z[0];
+        over_y = t1;
+        over_range = t2;
+        lost = t1 || (t2 && (fault_limit_range > 120.0f || z1 < -0.4f || z1 > 1.4f
+            || battery_abs(s->z[1]) > 0.4f));
+    }
+    if (over_y) {
+        /* the fault limit doubles */
+        {
+            const float fault_count_y = s->fault_count_y;
+            const float fault_limit_y = s->fault_limit_y;
+            const float t1 = battery_min(fault_limit_y, 61440.0f);
+            s->fault_count_y = (fault_count_y < 0.0f) ? -t1 : t1;
+            s->fault_limit_y = battery_min(2.0f*fault_limit_y, 122880.0f);
+        }
+    }
+    if (over_range) {
+        /* the fault limit doubles */
+        {
+            const float fault_limit_range = s->fault_limit_range;
+            s->fault_count_range = battery_min(fault_limit_range, 61440.0f);
+            s->fault_limit_range = battery_min(2.0f*fault_limit_range, 122880.0f);
+        }
+    }
+    if (lost) {
+        /* the estimate restarts */
+        s->z[0] = 0.05f;
+        s->z[1] = 0.0f;
+        /* from the sample of y */
+        {
+            const float z1 = s->z[0];
+            const float z2 = s->z[1];
+            const float t1 = battery_clamp(z1, 0.05f, 0.95f);
+            const float t2 = 0.05f/t1;
+            const float t3 = 0.1f/t1;
+            const float t4 = t3/t1;
+            const float t5 = 0.8f + t2 + t4;
+            const float t6 = 7.29f*t5;
+            const float t7 = reading - (0.8f*z1 - z2 + (0.05f*battery_log(t1) - 0.02f*s->u + 3.2f - t3)
+                + (t2 + t4)*(z1 - t1));
+            const float t8 = t7/battery_max(t5*t6 + 1.44f, 1.1302767e-11f);
+            s->z[0] = battery_keep(z1 + t6*t8, 0.05f, 0.95f, z1, 1e+30f);
+            s->z[1] = battery_keep(z2 - 1.44f*t8, -0.2f, 0.2f, z2, 1e+30f);
+        }
+        /* from the sample of y */
+        {
+            const float z1 = s->z[0];
+            const float z2 = s->z[1];
+            const float t1 = battery_clamp(z1, 0.05f, 0.95f);
+            const float t2 = 0.05f/t1;
+            const float t3 = 0.1f/t1;
+            const float t4 = t3/t1;
+            const float t5 = 0.8f + t2 + t4;
+            const float t6 = 7.29f*t5;
+            const float t7 = reading - (0.8f*z1 - z2 + (0.05f*battery_log(t1) - 0.02f*s->u + 3.2f - t3)
+                + (t2 + t4)*(z1 - t1));
+            const float t8 = t7/battery_max(t5*t6 + 1.44f, 1.1302767e-11f);
+            s->z[0] = battery_keep(z1 + t6*t8, 0.05f, 0.95f, z1, 1e+30f);
+            s->z[1] = battery_keep(z2 - 1.44f*t8, -0.2f, 0.2f, z2, 1e+30f);
+        }
+        /* from the sample of y */
+        {
+            const float z1 = s->z[0];
+            const float z2 = s->z[1];
+            const float t1 = battery_clamp(z1, 0.05f, 0.95f);
+            const float t2 = 0.05f/t1;
+            const float t3 = 0.1f/t1;
+            const float t4 = t3/t1;
+            const float t5 = 0.8f + t2 + t4;
+            const float t6 = 7.29f*t5;
+            const float t7 = reading - (0.8f*z1 - z2 + (0.05f*battery_log(t1) - 0.02f*s->u + 3.2f - t3)
+                + (t2 + t4)*(z1 - t1));
+            const float t8 = t7/battery_max(t5*t6 + 1.44f, 1.1302767e-11f);
+            s->z[0] = battery_keep(z1 + t6*t8, 0.05f, 0.95f, z1, 1e+30f);
+            s->z[1] = battery_keep(z2 - 1.44f*t8, -0.2f, 0.2f, z2, 1e+30f);
+        }
+        /* the estimate has restarted from the sample */
+        status |= BATTERY_RESTARTED_FROM_SAMPLE;
+        /* as after a reset */
+        s->L = 0.0f;
+        s->D[0] = 0.2f;
+        s->D[1] = 0.04f;
+    } else {
+        /* the estimate back onto its declared ranges */
+        {
+            const float z1 = s->z[0];
+            const float z2 = s->z[1];
+            const float L21 = s->L;
+            const float D1 = s->D[0];
+            const float t1 = L21*D1;
+            const float t2 = z1 - battery_clamp(z1, 0.05f, 0.95f);
+            const float t3 = z2 - t2/D1*t1;
+            const float t4 = t3 - battery_limit(t3, 0.2f);
+            const float t5 = t3 - t4 - z2;
+            const float t6 = (t5 > 0.0f) ? 0.6f - z2 : z2 + 0.6f;
+            const float t7 = z1 - t2 - D1*L21*(t4/(t1*L21 + s->D[1])) - z1;
+            const float t8 = (t7 > 0.0f) ? 1.85f - z1 : z1 + 0.85f;
+            const float t9 = battery_abs(t7);
+            const float t10 = (t8 < t9) ? t8/t9 : 1.0f;
+            const float t11 = battery_abs(t5);
+            const float t12 = (t6 < t10*t11) ? t6/t11 : t10;
+            s->z[0] = battery_keep(z1 + t12*t7, -0.85f, 1.85f, z1, 1e+30f);
+            s->z[1] = battery_keep(z2 + t12*t5, -0.6f, 0.6f, z2, 1e+30f);
+            status |= BATTERY_PROJECTED_ONTO_RANGES;
+        }
+    }
+    return status;
+}
+
+/* count the signs of a fault at a sample, and act where a count is at its limit */
+static unsigned battery_count_faults_y(battery_state *s, float output_error, float reading)
 {
     unsigned status = 0u;
     bool acts = false;
-    bool beyond = false;
-    float e = 0.0f;
-    bool fresh = false;
-    bool lost = false;
-    float measurement = 0.0f;
     float moves_range = 0.0f;
     float moves_y = 0.0f;
-    float output_error = 0.0f;
-    bool over_range = false;
-    bool over_y = false;
-    bool sampled = false;
     float side_y = 0.0f;
     bool spoiled = false;
+    spoiled = battery_counts_spoiled_y(s);
+    if (spoiled) {
+        battery_clear_fault_counts(s);
+    }
+    /* is the estimate out of a range? */
+    {
+        const float z1 = s->z[0];
+        moves_range = (z1 < 0.005f || z1 > 0.995f || battery_abs(s->z[1]) > 0.22f) ? 1.0f : -1.0f;
+    }
+    /* count of range */
+    {
+        const float fault_count_range = s->fault_count_range;
+        const float fault_limit_range = s->fault_limit_range;
+        const float t1 = battery_clamp(fault_count_range + moves_range, 0.0f, 122880.0f);
+        s->fault_count_range = t1;
+        s->fault_limit_range = (t1 <= 0.0f) ? 120.0f : fault_limit_range;
+    }
+    battery_find_signs_y(s, &moves_y, output_error, &side_y);
+    /* count of y */
+    {
+        const float fault_count_y = s->fault_count_y;
+        const float fault_limit_y = s->fault_limit_y;
+        const float t1 = battery_clamp(battery_abs(fault_count_y) + moves_y, 0.0f, 122880.0f);
+        s->fault_count_y = (side_y < 0.0f) ? -t1 : t1;
+        s->fault_limit_y = (t1 <= 0.0f) ? 120.0f : fault_limit_y;
+    }
+    /* does a guard act? */
+    acts = s->fault_limit_y <= battery_abs(s->fault_count_y) || s->fault_limit_range <= s->fault_count_range;
+    if (acts) {
+        status |= battery_recover_y(s, reading);
+    }
+    /* the checksum of fault counts and limits */
+    s->fault_checksum = s->fault_limit_y - 120.0f + battery_abs(s->fault_count_y)
+        + (s->fault_limit_range - 120.0f + s->fault_count_range);
+    return status;
+}
+
+/* part of a step: correct with y */
+static unsigned battery_run_update_y(battery_state *s, const battery_params *p,
+    const battery_output *measurement)
+{
+    unsigned status = 0u;
+    float e = 0.0f;
+    bool fresh = false;
+    float output_error = 0.0f;
+    float reading = 0.0f;
+    bool sampled = false;
     bool suspect = false;
     bool valid = false;
     /* is a sample of y awaited? */
     fresh = s->used_y < 1u;
     if (fresh) {
         /* the measurement of y */
-        measurement = out->y;
-        /* guard the measurement of y */
-        {
-            const float z1 = s->z[0];
-            const float t1 = battery_clamp(z1, 0.05f, 0.95f);
-            const float t2 = 0.1f/t1;
-            const float t3 = 0.8f*z1 - s->z[1] + (0.05f*battery_log(t1) - 0.02f*s->u + 3.2f - t2)
-                + (0.05f/t1 + t2/t1)*(z1 - t1);
-            const float t4 = measurement - t3;
-            const bool t5 = battery_within(measurement, 3e+38f);
-            const bool t6 = t5 && measurement >= -2.5717454f && measurement <= 7.514131f
-                && battery_within(t4, 1e+16f);
-            e = t4;
-            output_error = t4;
-            valid = t6;
-            if (!t5) {
-                status |= BATTERY_MISSING_Y;
-            }
-            if (t5 && !t6) {
-                status |= BATTERY_REJECTED_Y;
-            }
-        }
+        reading = measurement->y;
+        status |= battery_guard_measurement_y(s, &e, &output_error, reading, &valid);
         if (valid) {
-            /* correct by the scalar update */
-            {
-                const float D1 = s->D[0];
-                const float D2 = s->D[1];
-                const float L21 = s->L;
-                const float z1 = s->z[0];
-                const float z2 = s->z[1];
-                const float t1 = battery_clamp(z1, 0.05f, 0.95f);
-                const float t2 = 0.8f + 0.05f/t1 + 0.1f/t1/t1 - L21;
-                const float t3 = D1*t2;
-                const float R = p->gain.R;
-                const float t4 = R + D2;
-                const float t5 = t4 + t3*t2;
-                const float K1 = t3/t5;
-                const float K2 = (L21*t3 - D2)/t5;
-                s->z[0] = z1 + K1*e;
-                s->z[1] = z2 + K2*e;
-                s->L = L21 + t2*D2/t4;
-                s->D[0] = D1*t4/t5;
-                s->D[1] = D2*R/t4;
-            }
-            /* is a value beyond its box, or lost? */
-            {
-                const float z1 = s->z[0];
-                const bool t1 = z1 >= -0.85f && z1 <= 1.85f && battery_within(s->z[1], 0.6f)
-                    && battery_within(s->L, 4.4444445e+08f);
-                const float D1 = s->D[0];
-                const float D2 = s->D[1];
-                beyond = !(t1 && D1 >= 1e-18f && D1 <= 1.8225f && D2 >= 9e-19f && D2 <= 0.36f);
-            }
-            if (battery_acts(beyond)) {
-                status |= battery_keep_in_box(s, p);
-            }
-            /* y is used */
-            s->used_y = 1u;
+            status |= battery_use_sample_y(s, p, e);
         }
-        /* is the estimate where it cannot be for long? */
-        {
-            const float z1 = s->z[0];
-            const bool t1 = z1 < 0.05f || z1 > 0.95f || battery_abs(s->z[1]) > 0.2f;
-            if (t1) {
-                status |= BATTERY_OUTSIDE_BOX;
-            }
-            suspect = battery_abs(output_error) > 0.3361959f || t1 || !(s->fault_checksum <= 0.0f) || !valid;
-        }
+        status |= battery_suspect_y(s, output_error, &suspect, valid);
         if (suspect) {
-            /* is there a sample to judge by? */
-            {
-                const bool t1 = battery_within(measurement, 3e+38f) && measurement >= -2.5717454f
-                    && measurement <= 7.514131f;
-                sampled = valid || t1;
-            }
+            sampled = battery_plausible_y(reading, valid);
             if (sampled) {
-                /* was a fault count or limit spoiled? */
-                {
-                    const float fault_count_y = s->fault_count_y;
-                    const float fault_limit_y = s->fault_limit_y;
-                    const float fault_count_range = s->fault_count_range;
-                    const float fault_limit_range = s->fault_limit_range;
-                    const float t1 = fault_limit_y - 120.0f + battery_abs(fault_count_y)
-                        + (fault_limit_range - 120.0f + fault_count_range);
-                    const bool t2 = battery_abs(t1 - s->fault_checksum) < 0.5f
-                        && battery_within(fault_count_y, 122880.0f) && fault_limit_y >= 120.0f
-                            && fault_limit_y <= 122880.0f;
-                    const bool t3 = t2 && fault_count_range >= 0.0f && fault_count_range <= 122880.0f
-                        && fault_limit_range >= 120.0f && fault_limit_range <= 122880.0f;
-                    spoiled = !t3;
-                }
-                if (spoiled) {
-                    battery_clear_fault_counts(s);
-                }
-                /* is the estimate out of a range? */
-                {
-                    const float z1 = s->z[0];
-                    moves_range = (z1 < 0.005f || z1 > 0.995f || battery_abs(s->z[1]) > 0.22f) ? 1.0f : -1.0f;
-                }
-                /* count of range */
-                {
-                    const float fault_count_range = s->fault_count_range;
-                    const float fault_limit_range = s->fault_limit_range;
-                    const float t1 = battery_clamp(fault_count_range + moves_range, 0.0f, 122880.0f);
-                    s->fault_count_range = t1;
-                    s->fault_limit_range = (t1 <= 0.0f) ? 120.0f : fault_limit_range;
-                }
-                /* which signs show? */
-                {
-                    const bool t1 = battery_within(output_error, 0.3361959f);
-                    const float fault_count_y = s->fault_count_y;
-                    moves_y = (t1 ? 0.0f : ((fault_count_y*output_error < 0.0f) ? -60.0f : 1.0f))
-                        + (t1 ? -1.0f : 0.0f);
-                    side_y = (t1 ? 0.0f : output_error) + (t1 ? fault_count_y : 0.0f);
-                }
-                /* count of y */
-                {
-                    const float fault_count_y = s->fault_count_y;
-                    const float fault_limit_y = s->fault_limit_y;
-                    const float t1 = battery_clamp(battery_abs(fault_count_y) + moves_y, 0.0f, 122880.0f);
-                    s->fault_count_y = (side_y < 0.0f) ? -t1 : t1;
-                    s->fault_limit_y = (t1 <= 0.0f) ? 120.0f : fault_limit_y;
-                }
-                /* does a guard act? */
-                acts = s->fault_limit_y <= battery_abs(s->fault_count_y)
-                    || s->fault_limit_range <= s->fault_count_range;
-                if (acts) {
-                    /* by which sign, and is the estimate lost? */
-                    {
-                        const bool t1 = s->fault_limit_y <= battery_abs(s->fault_count_y);
-                        const float fault_limit_range = s->fault_limit_range;
-                        const bool t2 = fault_limit_range <= s->fault_count_range;
-                        const float z1 = s->z[0];
-                        over_y = t1;
-                        over_range = t2;
-                        lost = t1 || (t2 && (fault_limit_range > 120.0f || z1 < -0.4f || z1 > 1.4f
-                            || battery_abs(s->z[1]) > 0.4f));
-                    }
-                    if (over_y) {
-                        /* the fault limit doubles */
-                        {
-                            const float fault_count_y = s->fault_count_y;
-                            const float fault_limit_y = s->fault_limit_y;
-                            const float t1 = battery_min(fault_limit_y, 61440.0f);
-                            s->fault_count_y = (fault_count_y < 0.0f) ? -t1 : t1;
-                            s->fault_limit_y = battery_min(2.0f*fault_limit_y, 122880.0f);
-                        }
-                    }
-                    if (over_range) {
-                        /* the fault limit doubles */
-                        {
-                            const float fault_limit_range = s->fault_limit_range;
-                            s->fault_count_range = battery_min(fault_limit_range, 61440.0f);
-                            s->fault_limit_range = battery_min(2.0f*fault_limit_range, 122880.0f);
-                        }
-                    }
-                    if (lost) {
-                        /* the estimate restarts */
-                        s->z[0] = 0.05f;
-                        s->z[1] = 0.0f;
-                        /* from the sample of y */
-                        {
-                            const float z1 = s->z[0];
-                            const float z2 = s->z[1];
-                            const float t1 = battery_clamp(z1, 0.05f, 0.95f);
-                            const float t2 = 0.05f/t1;
-                            const float t3 = 0.1f/t1;
-                            const float t4 = t3/t1;
-                            const float t5 = 0.8f + t2 + t4;
-                            const float t6 = 7.29f*t5;
-                            const float t7 = measurement - (0.8f*z1 - z2
-                                + (0.05f*battery_log(t1) - 0.02f*s->u + 3.2f - t3) + (t2 + t4)*(z1 - t1));
-                            const float t8 = t7/battery_max(t5*t6 + 1.44f, 1.1302767e-11f);
-                            s->z[0] = battery_keep(z1 + t6*t8, 0.05f, 0.95f, z1, 1e+30f);
-                            s->z[1] = battery_keep(z2 - 1.44f*t8, -0.2f, 0.2f, z2, 1e+30f);
-                        }
-                        /* from the sample of y */
-                        {
-                            const float z1 = s->z[0];
-                            const float z2 = s->z[1];
-                            const float t1 = battery_clamp(z1, 0.05f, 0.95f);
-                            const float t2 = 0.05f/t1;
-                            const float t3 = 0.1f/t1;
-                            const float t4 = t3/t1;
-                            const float t5 = 0.8f + t2 + t4;
-                            const float t6 = 7.29f*t5;
-                            const float t7 = measurement - (0.8f*z1 - z2
-                                + (0.05f*battery_log(t1) - 0.02f*s->u + 3.2f - t3) + (t2 + t4)*(z1 - t1));
-                            const float t8 = t7/battery_max(t5*t6 + 1.44f, 1.1302767e-11f);
-                            s->z[0] = battery_keep(z1 + t6*t8, 0.05f, 0.95f, z1, 1e+30f);
-                            s->z[1] = battery_keep(z2 - 1.44f*t8, -0.2f, 0.2f, z2, 1e+30f);
-                        }
-                        /* from the sample of y */
-                        {
-                            const float z1 = s->z[0];
-                            const float z2 = s->z[1];
-                            const float t1 = battery_clamp(z1, 0.05f, 0.95f);
-                            const float t2 = 0.05f/t1;
-                            const float t3 = 0.1f/t1;
-                            const float t4 = t3/t1;
-                            const float t5 = 0.8f + t2 + t4;
-                            const float t6 = 7.29f*t5;
-                            const float t7 = measurement - (0.8f*z1 - z2
-                                + (0.05f*battery_log(t1) - 0.02f*s->u + 3.2f - t3) + (t2 + t4)*(z1 - t1));
-                            const float t8 = t7/battery_max(t5*t6 + 1.44f, 1.1302767e-11f);
-                            s->z[0] = battery_keep(z1 + t6*t8, 0.05f, 0.95f, z1, 1e+30f);
-                            s->z[1] = battery_keep(z2 - 1.44f*t8, -0.2f, 0.2f, z2, 1e+30f);
-                        }
-                        /* the estimate has restarted from the sample */
-                        status |= BATTERY_RESTARTED_FROM_SAMPLE;
-                        /* as after a reset */
-                        s->L = 0.0f;
-                        s->D[0] = 0.2f;
-                        s->D[1] = 0.04f;
-                    } else {
-                        /* the estimate back onto its declared ranges */
-                        {
-                            const float z1 = s->z[0];
-                            const float z2 = s->z[1];
-                            const float L21 = s->L;
-                            const float D1 = s->D[0];
-                            const float t1 = L21*D1;
-                            const float t2 = z1 - battery_clamp(z1, 0.05f, 0.95f);
-                            const float t3 = z2 - t2/D1*t1;
-                            const float t4 = t3 - battery_limit(t3, 0.2f);
-                            const float t5 = t3 - t4 - z2;
-                            const float t6 = (t5 > 0.0f) ? 0.6f - z2 : z2 + 0.6f;
-                            const float t7 = z1 - t2 - D1*L21*(t4/(t1*L21 + s->D[1])) - z1;
-                            const float t8 = (t7 > 0.0f) ? 1.85f - z1 : z1 + 0.85f;
-                            const float t9 = battery_abs(t7);
-                            const float t10 = (t8 < t9) ? t8/t9 : 1.0f;
-                            const float t11 = battery_abs(t5);
-                            const float t12 = (t6 < t10*t11) ? t6/t11 : t10;
-                            s->z[0] = battery_keep(z1 + t12*t7, -0.85f, 1.85f, z1, 1e+30f);
-                            s->z[1] = battery_keep(z2 + t12*t5, -0.6f, 0.6f, z2, 1e+30f);
-                            status |= BATTERY_PROJECTED_ONTO_RANGES;
-                        }
-                    }
-                }
-                /* the checksum of fault counts and limits */
-                s->fault_checksum = s->fault_limit_y - 120.0f + battery_abs(s->fault_count_y)
-                    + (s->fault_limit_range - 120.0f + s->fault_count_range);
+                status |= battery_count_faults_y(s, output_error, reading);
             }
         }
     } else {
@@ -628,20 +687,20 @@ unsigned battery_predict(battery_state *s, const battery_params *p, const batter
     return status;
 }
 
-unsigned battery_update_y(battery_state *s, const battery_params *p, const battery_output *out)
+unsigned battery_update_y(battery_state *s, const battery_params *p, const battery_output *measurement)
 {
     unsigned status = 0u;
     if ((s->ready != BATTERY_READY) || (p->ready != BATTERY_READY)) {
         status = battery_ready(s, p);
     }
     if ((status & BATTERY_NO_PARAMETERS) == 0u) {
-        status |= battery_run_update_y(s, p, out);
+        status |= battery_run_update_y(s, p, measurement);
     }
     return status;
 }
 
 unsigned battery_step(battery_state *s, const battery_params *p, const battery_input *in,
-    const battery_output *out)
+    const battery_output *measurement)
 {
     unsigned status = 0u;
     if ((s->ready != BATTERY_READY) || (p->ready != BATTERY_READY)) {
@@ -649,7 +708,7 @@ unsigned battery_step(battery_state *s, const battery_params *p, const battery_i
     }
     if ((status & BATTERY_NO_PARAMETERS) == 0u) {
         status |= battery_run_predict(s, p, in);
-        status |= battery_run_update_y(s, p, out);
+        status |= battery_run_update_y(s, p, measurement);
     }
     return status;
 }

@@ -23,7 +23,7 @@
 
 unsigned battery_check(void);
 
-static const float given[64][2] = { /* in.i, out.y */
+static const float given[64][2] = { /* in.i, measurement.y */
     {-2.5f, -0.5f},
     {-2.2297297f, -0.41304347f},
     {-1.9594594f, -0.32608697f},
@@ -190,15 +190,15 @@ unsigned battery_check(void)
     battery_state s;
     battery_params p;
     battery_input in;
-    battery_output out;
+    battery_output measurement;
     battery_plant x;
     battery_init(&s, &p);
     s.z[0] = 0.68f;
     s.z[1] = 0.08f;
     for (unsigned k = 0u; k < 64u && bad == 0u; ++k) {
         in.i = (k == 40u) ? none : given[k][0];
-        out.y = (k == 20u) ? none : given[k][1];
-        const unsigned status = battery_step(&s, &p, &in, &out);
+        measurement.y = (k == 20u) ? none : given[k][1];
+        const unsigned status = battery_step(&s, &p, &in, &measurement);
         battery_estimate(&s, &p, &x);
         if (status != expected[k] || !battery_near(x.soc, k, 0u) || !battery_near(x.v, k, 1u)) {
             bad = k + 1u;

@@ -1,4 +1,4 @@
-/* bioreactor: see bioreactor.h, which is the manual. */
+/* bioreactor: see bioreactor.h, and its manual bioreactor.md. */
 #include "bioreactor.h"
 
 #include <stdbool.h>
@@ -185,38 +185,15 @@ static unsigned bioreactor_keep_in_box(bioreactor_state *s, const bioreactor_par
     return status;
 }
 
-/* part of a step: advance the estimate to now */
-static unsigned bioreactor_predict(bioreactor_state *s, const bioreactor_params *p,
-    const bioreactor_input *in, const bioreactor_output *out)
+static unsigned bioreactor_guard_input(const bioreactor_state *s, const bioreactor_input *in, float *u)
 {
     unsigned status = 0u;
-    bool acts = false;
-    float ahead = 0.0f;
-    bool beyond = false;
-    float fraction = 0.0f;
-    float k_at = 0.0f;
-    float k_sum = 0.0f;
-    bool lost = false;
-    float moves_y = 0.0f;
-    bool over_y = false;
-    bool running = false;
-    bool sampled = false;
-    float share = 0.0f;
-    float side_y = 0.0f;
-    bool spoiled = false;
-    bool suspect = false;
-    float u = 0.0f;
-    float valid = 0.0f;
-    float w_at[2];
-    float w_sum[2];
-    float y = 0.0f;
-    float y_last = 0.0f;
     /* guard the input */
     {
         const float u_given = in->u;
         const bool u_usable = bioreactor_within(u_given, 1e+15f);
         const float u_taken = u_usable ? u_given : s->u;
-        u = bioreactor_clamp(u_taken, 0.0f, 0.1f);
+        *u = bioreactor_clamp(u_taken, 0.0f, 0.1f);
         if (!u_usable) {
             status |= BIOREACTOR_REUSED_U;
         }
@@ -224,17 +201,24 @@ static unsigned bioreactor_predict(bioreactor_state *s, const bioreactor_params 
             status |= BIOREACTOR_CLAMPED_U;
         }
     }
+    return status;
+}
+
+static unsigned bioreactor_guard_measurements(const bioreactor_state *s,
+    const bioreactor_output *measurement, float *valid, float *y, float *y_last)
+{
+    unsigned status = 0u;
     /* guard the measurements */
     {
-        const float measurement = out->y;
-        const bool t1 = bioreactor_within(measurement, 3e+38f);
+        const float reading = measurement->y;
+        const bool t1 = bioreactor_within(reading, 3e+38f);
         const float w1 = s->w[0];
-        const bool t2 = t1 && measurement >= -0.35f && measurement <= 0.55f
-            && bioreactor_within(measurement - w1, 1e+16f);
-        const float t3 = t2 ? measurement : w1;
-        y = t3;
-        y_last = (t2 && s->y_valid > 0.0f) ? s->y : t3;
-        valid = t2 ? 1.0f : 0.0f;
+        const bool t2 = t1 && reading >= -0.35f && reading <= 0.55f
+            && bioreactor_within(reading - w1, 1e+16f);
+        const float t3 = t2 ? reading : w1;
+        *y = t3;
+        *y_last = (t2 && s->y_valid > 0.0f) ? s->y : t3;
+        *valid = t2 ? 1.0f : 0.0f;
         if (!t1) {
             status |= BIOREACTOR_MISSING_Y;
         }
@@ -242,77 +226,94 @@ static unsigned bioreactor_predict(bioreactor_state *s, const bioreactor_params 
             status |= BIOREACTOR_REJECTED_Y;
         }
     }
-    /* the first call advances no time */
+    return status;
+}
+
+/* advance the estimate from the last call to now */
+static unsigned bioreactor_advance(bioreactor_state *s, const bioreactor_params *p, float valid, float y,
+    float y_last)
+{
+    unsigned status = 0u;
+    float ahead = 0.0f;
+    bool beyond = false;
+    float fraction = 0.0f;
+    float k_at = 0.0f;
+    float k_sum = 0.0f;
+    float share = 0.0f;
+    float w_at[2];
+    float w_sum[2];
+    /* w, k: one step of classical Runge-Kutta */
+    /* its tableau: */
+    /*     0 |  */
+    /*   1/2 | 1/2 */
+    /*   1/2 |   0 1/2 */
+    /*     1 |   0   0   1 */
+    /*   --------------------- */
+    /*       | 1/6 1/3 1/3 1/6 */
+    /* fraction is c of a stage; share is its b over that of the first; ahead is the next stage's a times
+     * dt */
+    w_sum[0] = 0.0f;
+    w_sum[1] = 0.0f;
+    k_sum = 0.0f;
+    w_at[0] = s->w[0];
+    w_at[1] = s->w[1];
+    k_at = s->k;
     {
-        const unsigned calls = s->calls;
-        running = calls >= 1u;
-        s->calls = (calls < 2u) ? calls + 1u : 2u;
-    }
-    if (running) {
-        /* w, k: one step of classical Runge-Kutta */
-        w_sum[0] = 0.0f;
-        w_sum[1] = 0.0f;
-        k_sum = 0.0f;
-        w_at[0] = s->w[0];
-        w_at[1] = s->w[1];
-        k_at = s->k;
-        {
-            static const float each_fraction[4] = {0.0f, 0.5f, 0.5f, 1.0f};
-            static const float each_share[4] = {1.0f, 2.0f, 2.0f, 1.0f};
-            static const float each_ahead[4] = {0.005f, 0.005f, 0.01f, 0.0f};
-            for (unsigned r = 0u; r < 4u; ++r) {
-                fraction = each_fraction[r];
-                share = each_share[r];
-                ahead = each_ahead[r];
-                /* a stage */
-                {
-                    const float k_at_2 = k_at;
-                    const float k_sum_2 = k_sum;
-                    const float w_at1 = w_at[0];
-                    const float w_at2 = w_at[1];
-                    const float w_sum1 = w_sum[0];
-                    const float w_sum2 = w_sum[1];
-                    float k_w[2];
-                    float k_k[1];
-                    bioreactor_rate(p, w_at1, w_at2, k_at_2, y_last + fraction*(y - y_last), valid, k_w, k_k);
-                    w_sum[0] = w_sum1 + share*k_w[0];
-                    w_sum[1] = w_sum2 + share*k_w[1];
-                    k_sum = k_sum_2 + share*k_k[0];
-                    w_at[0] = s->w[0] + ahead*k_w[0];
-                    w_at[1] = s->w[1] + ahead*k_w[1];
-                    k_at = s->k + ahead*k_k[0];
-                }
+        static const float each_fraction[4] = {0.0f, 0.5f, 0.5f, 1.0f};
+        static const float each_share[4] = {1.0f, 2.0f, 2.0f, 1.0f};
+        static const float each_ahead[4] = {0.005f, 0.005f, 0.01f, 0.0f};
+        for (unsigned r = 0u; r < 4u; ++r) {
+            fraction = each_fraction[r];
+            share = each_share[r];
+            ahead = each_ahead[r];
+            /* a stage */
+            {
+                const float k_at_2 = k_at;
+                const float k_sum_2 = k_sum;
+                const float w_at1 = w_at[0];
+                const float w_at2 = w_at[1];
+                const float w_sum1 = w_sum[0];
+                const float w_sum2 = w_sum[1];
+                float k_w[2];
+                float k_k[1];
+                bioreactor_rate(p, w_at1, w_at2, k_at_2, y_last + fraction*(y - y_last), valid, k_w, k_k);
+                w_sum[0] = w_sum1 + share*k_w[0];
+                w_sum[1] = w_sum2 + share*k_w[1];
+                k_sum = k_sum_2 + share*k_k[0];
+                w_at[0] = s->w[0] + ahead*k_w[0];
+                w_at[1] = s->w[1] + ahead*k_w[1];
+                k_at = s->k + ahead*k_k[0];
             }
         }
-        /* the slopes of all stages */
-        {
-            const float k_2 = s->k;
-            const float w1 = s->w[0];
-            const float w2 = s->w[1];
-            s->w[0] = w1 + 0.0016666667f*w_sum[0];
-            s->w[1] = w2 + 0.0016666667f*w_sum[1];
-            s->k = k_2 + 0.0016666667f*k_sum;
-        }
-        /* is a value beyond its box, or lost? */
-        {
-            const float w1 = s->w[0];
-            const float w2 = s->w[1];
-            const float k_2 = s->k;
-            const bool t1 = w1 >= -0.13f && w1 <= 0.29f && w2 >= -0.19518037f && w2 <= 0.25633296f
-                && k_2 >= 0.1f && k_2 <= 5.0f;
-            beyond = !t1;
-        }
-        if (bioreactor_acts(beyond)) {
-            status |= bioreactor_keep_in_box(s, p);
-        }
-    } else {
+    }
+    /* the slopes of all stages */
+    {
+        const float k_2 = s->k;
+        const float w1 = s->w[0];
+        const float w2 = s->w[1];
+        s->w[0] = w1 + 0.0016666667f*w_sum[0];
+        s->w[1] = w2 + 0.0016666667f*w_sum[1];
+        s->k = k_2 + 0.0016666667f*k_sum;
+    }
+    /* is a value beyond its box, or lost? */
+    {
+        const float w1 = s->w[0];
+        const float w2 = s->w[1];
+        const float k_2 = s->k;
+        const bool t1 = w1 >= -0.13f && w1 <= 0.29f && w2 >= -0.19518037f && w2 <= 0.25633296f && k_2 >= 0.1f
+            && k_2 <= 5.0f;
+        beyond = !t1;
+    }
+    if (bioreactor_acts(beyond)) {
         status |= bioreactor_keep_in_box(s, p);
     }
-    /* remember the input */
-    s->u = u;
-    /* remember the sample */
-    s->y = y;
-    s->y_valid = valid;
+    return status;
+}
+
+static unsigned bioreactor_suspect(const bioreactor_state *s, const bioreactor_output *measurement,
+    bool *suspect, float valid)
+{
+    unsigned status = 0u;
     /* is the estimate where it cannot be for long? */
     {
         const float w1 = s->w[0];
@@ -326,87 +327,206 @@ static unsigned bioreactor_predict(bioreactor_state *s, const bioreactor_params 
             || t4 > 0.15f) {
             status |= BIOREACTOR_OUTSIDE_BOX;
         }
-        suspect = bioreactor_abs(out->y - w1) > 0.03f || !(s->fault_checksum <= 0.0f) || !(valid > 0.0f);
+        *suspect = bioreactor_abs(measurement->y - w1) > 0.03f || !(s->fault_checksum <= 0.0f)
+            || !(valid > 0.0f);
     }
-    if (suspect) {
-        /* is there a sample to judge by? */
+    return status;
+}
+
+static bool bioreactor_plausible(const bioreactor_output *measurement, float valid)
+{
+    bool sampled = false;
+    /* is there a sample to judge by? */
+    {
+        const float reading = measurement->y;
+        sampled = valid > 0.0f || (bioreactor_within(reading, 3e+38f) && reading >= -0.35f
+            && reading <= 0.55f);
+    }
+    return sampled;
+}
+
+/* count the signs of a fault at a sample, and act where a count is at its limit */
+static unsigned bioreactor_count_faults(bioreactor_state *s, const bioreactor_output *measurement)
+{
+    unsigned status = 0u;
+    bool acts = false;
+    bool lost = false;
+    float moves_y = 0.0f;
+    bool over_y = false;
+    float side_y = 0.0f;
+    bool spoiled = false;
+    /* was a fault count or limit spoiled? */
+    {
+        const float fault_count_y = s->fault_count_y;
+        const float fault_limit_y = s->fault_limit_y;
+        const bool t1 = bioreactor_abs(fault_limit_y - 6360.0f + bioreactor_abs(fault_count_y)
+            - s->fault_checksum) < 0.5f;
+        const bool t2 = t1 && bioreactor_within(fault_count_y, 6512640.0f) && fault_limit_y >= 6360.0f
+            && fault_limit_y <= 6512640.0f;
+        spoiled = !t2;
+    }
+    if (spoiled) {
+        /* as after a reset */
+        s->fault_count_y = 0.0f;
+        s->fault_limit_y = 6360.0f;
+        s->fault_checksum = 0.0f;
+    }
+    /* which signs show? */
+    {
+        const float t1 = measurement->y - s->w[0];
+        const bool t2 = bioreactor_within(t1, 0.03f);
+        const float fault_count_y = s->fault_count_y;
+        moves_y = (t2 ? 0.0f : ((fault_count_y*t1 < 0.0f) ? -3180.0f : 1.0f)) + (t2 ? -1.0f : 0.0f);
+        side_y = (t2 ? 0.0f : t1) + (t2 ? fault_count_y : 0.0f);
+    }
+    /* count of y */
+    {
+        const float fault_count_y = s->fault_count_y;
+        const float fault_limit_y = s->fault_limit_y;
+        const float t1 = bioreactor_clamp(bioreactor_abs(fault_count_y) + moves_y, 0.0f, 6512640.0f);
+        s->fault_count_y = (side_y < 0.0f) ? -t1 : t1;
+        s->fault_limit_y = (t1 <= 0.0f) ? 6360.0f : fault_limit_y;
+    }
+    /* does a guard act? */
+    acts = s->fault_limit_y <= bioreactor_abs(s->fault_count_y);
+    if (acts) {
+        /* by which sign, and is the estimate lost? */
         {
-            const float measurement = out->y;
-            sampled = valid > 0.0f || (bioreactor_within(measurement, 3e+38f) && measurement >= -0.35f
-                && measurement <= 0.55f);
+            const bool t1 = s->fault_limit_y <= bioreactor_abs(s->fault_count_y);
+            over_y = t1;
+            lost = t1;
         }
+        if (over_y) {
+            /* the fault limit doubles */
+            {
+                const float fault_count_y = s->fault_count_y;
+                const float fault_limit_y = s->fault_limit_y;
+                const float t1 = bioreactor_min(fault_limit_y, 3256320.0f);
+                s->fault_count_y = (fault_count_y < 0.0f) ? -t1 : t1;
+                s->fault_limit_y = bioreactor_min(2.0f*fault_limit_y, 6512640.0f);
+            }
+        }
+        if (lost) {
+            /* the estimate restarts */
+            s->w[0] = 0.0f;
+            s->w[1] = 0.0f;
+            /* from the sample of y */
+            {
+                const float w1 = s->w[0];
+                const float w2 = s->w[1];
+                s->w[0] = bioreactor_keep(measurement->y, 0.01f, 0.15f, w1, 1e+30f);
+                s->w[1] = bioreactor_keep(w2, -0.014575033f, 0.075727634f, w2, 1e+30f);
+            }
+            /* the estimate has restarted from the sample */
+            status |= BIOREACTOR_RESTARTED_FROM_SAMPLE;
+            /* as after a reset */
+            s->quiet = 0.0f;
+        }
+    }
+    /* the checksum of fault counts and limits */
+    s->fault_checksum = s->fault_limit_y - 6360.0f + bioreactor_abs(s->fault_count_y);
+    return status;
+}
+
+/* part of a step: advance the estimate to now */
+static unsigned bioreactor_predict(bioreactor_state *s, const bioreactor_params *p,
+    const bioreactor_input *in, const bioreactor_output *measurement)
+{
+    unsigned status = 0u;
+    bool running = false;
+    bool sampled = false;
+    bool suspect = false;
+    float u = 0.0f;
+    float valid = 0.0f;
+    float y = 0.0f;
+    float y_last = 0.0f;
+    status |= bioreactor_guard_input(s, in, &u);
+    status |= bioreactor_guard_measurements(s, measurement, &valid, &y, &y_last);
+    /* the first call advances no time */
+    {
+        const unsigned calls = s->calls;
+        running = calls >= 1u;
+        s->calls = (calls < 2u) ? calls + 1u : 2u;
+    }
+    if (running) {
+        status |= bioreactor_advance(s, p, valid, y, y_last);
+    } else {
+        status |= bioreactor_keep_in_box(s, p);
+    }
+    /* remember the input */
+    s->u = u;
+    /* remember the sample */
+    s->y = y;
+    s->y_valid = valid;
+    status |= bioreactor_suspect(s, measurement, &suspect, valid);
+    if (suspect) {
+        sampled = bioreactor_plausible(measurement, valid);
         if (sampled) {
-            /* was a fault count or limit spoiled? */
-            {
-                const float fault_count_y = s->fault_count_y;
-                const float fault_limit_y = s->fault_limit_y;
-                const bool t1 = bioreactor_abs(fault_limit_y - 6360.0f + bioreactor_abs(fault_count_y)
-                    - s->fault_checksum) < 0.5f;
-                const bool t2 = t1 && bioreactor_within(fault_count_y, 6512640.0f)
-                    && fault_limit_y >= 6360.0f && fault_limit_y <= 6512640.0f;
-                spoiled = !t2;
-            }
-            if (spoiled) {
-                /* as after a reset */
-                s->fault_count_y = 0.0f;
-                s->fault_limit_y = 6360.0f;
-                s->fault_checksum = 0.0f;
-            }
-            /* which signs show? */
-            {
-                const float t1 = out->y - s->w[0];
-                const bool t2 = bioreactor_within(t1, 0.03f);
-                const float fault_count_y = s->fault_count_y;
-                moves_y = (t2 ? 0.0f : ((fault_count_y*t1 < 0.0f) ? -3180.0f : 1.0f)) + (t2 ? -1.0f : 0.0f);
-                side_y = (t2 ? 0.0f : t1) + (t2 ? fault_count_y : 0.0f);
-            }
-            /* count of y */
-            {
-                const float fault_count_y = s->fault_count_y;
-                const float fault_limit_y = s->fault_limit_y;
-                const float t1 = bioreactor_clamp(bioreactor_abs(fault_count_y) + moves_y, 0.0f, 6512640.0f);
-                s->fault_count_y = (side_y < 0.0f) ? -t1 : t1;
-                s->fault_limit_y = (t1 <= 0.0f) ? 6360.0f : fault_limit_y;
-            }
-            /* does a guard act? */
-            acts = s->fault_limit_y <= bioreactor_abs(s->fault_count_y);
-            if (acts) {
-                /* by which sign, and is the estimate lost? */
-                {
-                    const bool t1 = s->fault_limit_y <= bioreactor_abs(s->fault_count_y);
-                    over_y = t1;
-                    lost = t1;
-                }
-                if (over_y) {
-                    /* the fault limit doubles */
-                    {
-                        const float fault_count_y = s->fault_count_y;
-                        const float fault_limit_y = s->fault_limit_y;
-                        const float t1 = bioreactor_min(fault_limit_y, 3256320.0f);
-                        s->fault_count_y = (fault_count_y < 0.0f) ? -t1 : t1;
-                        s->fault_limit_y = bioreactor_min(2.0f*fault_limit_y, 6512640.0f);
-                    }
-                }
-                if (lost) {
-                    /* the estimate restarts */
-                    s->w[0] = 0.0f;
-                    s->w[1] = 0.0f;
-                    /* from the sample of y */
-                    {
-                        const float w1 = s->w[0];
-                        const float w2 = s->w[1];
-                        s->w[0] = bioreactor_keep(out->y, 0.01f, 0.15f, w1, 1e+30f);
-                        s->w[1] = bioreactor_keep(w2, -0.014575033f, 0.075727634f, w2, 1e+30f);
-                    }
-                    /* the estimate has restarted from the sample */
-                    status |= BIOREACTOR_RESTARTED_FROM_SAMPLE;
-                    /* as after a reset */
-                    s->quiet = 0.0f;
-                }
-            }
-            /* the checksum of fault counts and limits */
-            s->fault_checksum = s->fault_limit_y - 6360.0f + bioreactor_abs(s->fault_count_y);
+            status |= bioreactor_count_faults(s, measurement);
         }
+    }
+    return status;
+}
+
+static bool bioreactor_beyond_box(const bioreactor_state *s)
+{
+    bool beyond = false;
+    /* is a value beyond its box, or lost? */
+    {
+        const float k_2 = s->k;
+        const float quiet = s->quiet;
+        const float settled = s->settled;
+        const bool t1 = k_2 >= 0.1f && k_2 <= 5.0f && quiet >= 0.0f && quiet <= 44.969326f && settled >= 0.0f
+            && settled <= 1.0f;
+        const float falls = s->falls;
+        beyond = !(t1 && bioreactor_within(s->turns, 16.0f) && falls >= 0.0f && falls <= 6.0f);
+    }
+    return beyond;
+}
+
+/* adapt the gain */
+static unsigned bioreactor_adapt_gain(bioreactor_state *s, const bioreactor_params *p)
+{
+    unsigned status = 0u;
+    bool beyond = false;
+    bool falling = false;
+    /* has the output error stayed inside the strip? */
+    {
+        const float falls = s->falls;
+        const float quiet = s->quiet;
+        const float settled = s->settled;
+        const float turns = s->turns;
+        const bool t1 = s->y_valid > 0.0f;
+        const float t2 = s->y - s->w[0];
+        const float strip = p->gain.strip;
+        const bool t3 = bioreactor_min(p->gain.reach, bioreactor_max(2.0f*strip, 0.03f)) < bioreactor_abs(t2);
+        const float t4 = bioreactor_abs(turns);
+        s->quiet = t1 ? (bioreactor_within(t2, strip) ? bioreactor_min(quiet + 0.01f*s->k, 44.969326f)
+            : 0.0f) : quiet;
+        s->turns = (t1 && t3) ? ((t2*turns > 0.0f) ? turns : bioreactor_sign(t2)*bioreactor_min(t4 + 1.0f,
+            16.0f)) : turns;
+        s->falls = t1 ? ((t3 && (settled > 0.0f || t4 >= 16.0f)) ? 6.0f : falls) : falls;
+        s->settled = bioreactor_max(settled, quiet >= 3.618034f ? 1.0f : 0.0f);
+    }
+    /* may the gain fall? */
+    falling = s->quiet >= 44.969326f && s->falls >= 1.0f && s->k > 0.1f;
+    if (falling) {
+        /* it falls by half */
+        {
+            const float falls = s->falls;
+            const float k_2 = s->k;
+            s->quiet = 0.0f;
+            s->falls = bioreactor_max(falls - 1.0f, 0.0f);
+            s->k = bioreactor_max(k_2/2.0f, 0.1f);
+        }
+    }
+    /* has the gain reached its cap? */
+    if (s->k >= 5.0f) {
+        status |= BIOREACTOR_GAIN_LIMITED;
+    }
+    beyond = bioreactor_beyond_box(s);
+    if (bioreactor_acts(beyond)) {
+        status |= bioreactor_keep_in_box(s, p);
     }
     return status;
 }
@@ -415,60 +535,11 @@ static unsigned bioreactor_predict(bioreactor_state *s, const bioreactor_params 
 static unsigned bioreactor_adapt(bioreactor_state *s, const bioreactor_params *p)
 {
     unsigned status = 0u;
-    bool beyond = false;
-    bool falling = false;
     bool running = false;
     /* no time has passed before the second call */
     running = s->calls >= 2u;
     if (running) {
-        /* has the output error stayed inside the strip? */
-        {
-            const float falls = s->falls;
-            const float quiet = s->quiet;
-            const float settled = s->settled;
-            const float turns = s->turns;
-            const bool t1 = s->y_valid > 0.0f;
-            const float t2 = s->y - s->w[0];
-            const float strip = p->gain.strip;
-            const bool t3 = bioreactor_min(p->gain.reach, bioreactor_max(2.0f*strip,
-                0.03f)) < bioreactor_abs(t2);
-            const float t4 = bioreactor_abs(turns);
-            s->quiet = t1 ? (bioreactor_within(t2, strip) ? bioreactor_min(quiet + 0.01f*s->k, 44.969326f)
-                : 0.0f) : quiet;
-            s->turns = (t1 && t3) ? ((t2*turns > 0.0f) ? turns
-                : bioreactor_sign(t2)*bioreactor_min(t4 + 1.0f, 16.0f)) : turns;
-            s->falls = t1 ? ((t3 && (settled > 0.0f || t4 >= 16.0f)) ? 6.0f : falls) : falls;
-            s->settled = bioreactor_max(settled, quiet >= 3.618034f ? 1.0f : 0.0f);
-        }
-        /* may the gain fall? */
-        falling = s->quiet >= 44.969326f && s->falls >= 1.0f && s->k > 0.1f;
-        if (falling) {
-            /* it falls by half */
-            {
-                const float falls = s->falls;
-                const float k_2 = s->k;
-                s->quiet = 0.0f;
-                s->falls = bioreactor_max(falls - 1.0f, 0.0f);
-                s->k = bioreactor_max(k_2/2.0f, 0.1f);
-            }
-        }
-        /* has the gain reached its cap? */
-        if (s->k >= 5.0f) {
-            status |= BIOREACTOR_GAIN_LIMITED;
-        }
-        /* is a value beyond its box, or lost? */
-        {
-            const float k_2 = s->k;
-            const float quiet = s->quiet;
-            const float settled = s->settled;
-            const bool t1 = k_2 >= 0.1f && k_2 <= 5.0f && quiet >= 0.0f && quiet <= 44.969326f
-                && settled >= 0.0f && settled <= 1.0f;
-            const float falls = s->falls;
-            beyond = !(t1 && bioreactor_within(s->turns, 16.0f) && falls >= 0.0f && falls <= 6.0f);
-        }
-        if (bioreactor_acts(beyond)) {
-            status |= bioreactor_keep_in_box(s, p);
-        }
+        status |= bioreactor_adapt_gain(s, p);
     }
     return status;
 }
@@ -484,14 +555,14 @@ static void bioreactor_nominal(bioreactor_params *p)
 }
 
 unsigned bioreactor_step(bioreactor_state *s, const bioreactor_params *p, const bioreactor_input *in,
-    const bioreactor_output *out)
+    const bioreactor_output *measurement)
 {
     unsigned status = 0u;
     if ((s->ready != BIOREACTOR_READY) || (p->ready != BIOREACTOR_READY)) {
         status = bioreactor_ready(s, p);
     }
     if ((status & BIOREACTOR_NO_PARAMETERS) == 0u) {
-        status |= bioreactor_predict(s, p, in, out);
+        status |= bioreactor_predict(s, p, in, measurement);
         status |= bioreactor_adapt(s, p);
     }
     return status;

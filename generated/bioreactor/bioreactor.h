@@ -4,67 +4,103 @@
  *
  * Model: d3e50a381325b170, as `hgogen recheck` prints it for the model's certificate
  * Time is counted in h: call it every 0.01 h (36 s)
+ * One init, then a step every 0.01 h (36 s) and an estimate.
+ * Manual: bioreactor.md. No heap, no recursion, no static data but constant tables.
  */
 #ifndef BIOREACTOR_H
 #define BIOREACTOR_H
 
-/**
- * @file
- * How to use it: one init, then one step a sampling period of 0.01 h (36 s).
- *
- * @code
- *     bioreactor_state s;
- *     bioreactor_params p;
- *     bioreactor_input in;
- *     bioreactor_output out;
- *     bioreactor_plant x;
- *     bioreactor_init(&s, &p);
- *     for (;;) {                      every 0.01 h (36 s)
- *         in.u = ...; out.y = ...;
- *         unsigned status = bioreactor_step(&s, &p, &in, &out);
- *         bioreactor_estimate(&s, &p, &x);
- *     }
- * @endcode
- *
- * The call at t_k uses the samples of t_k and leaves the estimate at t_k; the first call advances no time.
- * The period is compiled in: one call for each, with NaN for a sample that did not come. An output that is
- * not finite is missing: the step predicts. An input that is not finite reuses the last valid one. No input,
- * however absurd, makes the state infinite or not a number. A sensor that sticks at a plausible value is not
- * noticed. The step counts samples at which y is off by 10% of its span in s.fault_count_y; other samples
- * count down, and so does each change of sign of the error, so that noise does not add up. A guard acts where
- * a count reaches its limit, after 63.6 h (228960 s) of such samples at the least. All of the state but the
- * fault counts, s.k, s.settled, s.turns and s.falls restarts from the sample where that of y reaches its
- * limit. The count stays and its limit doubles, so that a guard acts again when such samples have come for
- * twice as long in all, later every 33000 h (1.188e+08 s), until the count is 0 again: after a fault that has
- * lasted long, a restart may take as long once more. The status is 0 for ok, else an or of the bits below.
- *
- * Change gains in p.gain, then call bioreactor_tune, or the change is neither limited nor complete. Ranges
- * are those of the model: to widen one, generate anew. Whether dt is short enough was judged with gains and
- * parameters at their nominal values, which proves nothing: others may ask for a shorter one. A gain whose
- * largest value is its nominal one can only go down. The state may be copied. What save gives of it is
- * restored by the same program, and refused where the model, the observer, a default gain, dt, the precision
- * or a bit is another. It begins with a mark, s.ready, that init and reset leave there. Memory without it
- * (zeros, what a stack held, a page that was erased, a state of another program) is not used: the call that
- * meets it begins as after a reset, and says UNINITIALISED. Parameters have a mark, p.ready, from init or
- * PARAMS_INIT. A call that meets parameters without it takes no sample, leaves the state as after a reset,
- * and says NO_PARAMETERS; tune makes them nominal, and says it too. Only estimate, which has no status, does
- * not ask: call it after a step. Parameters that nothing changes may be constant, and lie in flash: begin
- * them with PARAMS_INIT, and call reset in place of init. The mark is no checksum: what is kept while the
- * power is off goes through save and restore, which have one. What is saved are the bytes of the struct, for
- * machines that have the same types in the same order of bytes. To start from an estimate of yours write s.w,
- * in the coordinates that the struct names, after init or reset and before the first call, which takes the
- * estimate as it stands; what else a step remembers of it starts there too.
- *
- * No heap, no static data, no recursion: one set of structs for each instance, shared between threads only
- * under a lock of yours. Compile with -std=c99 -ffp-contract=off for the bits of the recorded self-check,
- * where FLT_EVAL_METHOD of `<float.h>` is 0: elsewhere intermediate results are rounded otherwise; never with
- * -ffast-math or -ffinite-math-only, which take the guards against NaN away and are refused, nor with
- * -funsafe-math-optimizations or -fassociative-math, which spoil the bundled functions and are refused by GCC
- * 12 and later. No macro tells of them in clang, nor of its -fno-honor-nans, with which the self-check fails:
- * run it as you compile.
- */
-
 #include <stddef.h>
+#define BIOREACTOR_DT      0.01f                            /**< sampling period in hours */
+
+/** the input now */
+typedef struct {
+    float u; /**< inflow rate [1/h], 0 .. 0.1 */
+} bioreactor_input;
+/** the measurement now */
+typedef struct {
+    float y; /**< measured microorganisms [g/l], -0.05 .. 0.25 */
+} bioreactor_output;
+/** the estimate of the plant's state; ranges are the declared ones, beyond which it may peak */
+typedef struct {
+    float m; /**< microorganisms [g/l], 0.01 .. 0.15 */
+    float s; /**< substrate [g/l], 0.001 .. 0.15 */
+} bioreactor_plant;
+/** parameters: change plant or gain, then call tune */
+typedef struct {
+    unsigned ready; /**< what init and PARAMS_INIT leave here; parameters without it are not used */
+    struct {
+        float gamma; /**< how fast the gain grows [1/(y^2 h^2)], 0.1 .. 100000 */
+        float strip; /**< output error up to which the gain rests [y], 2e-05 .. 0.26 */
+        float reach; /**< output error from which it grows no faster [y], 0.5 .. 500 */
+    } gain; /**< gains of the observer */
+} bioreactor_params;
+/** what a step remembers: yours to copy, save and restore; ranges are limits, which no call leaves; .. */
+typedef struct {
+    unsigned ready;       /**< what init and reset leave here; a state without it begins anew */
+    float w[2];           /**< estimate, in chains of integrators: m, a1*m*s/(a2*m + s) - m*u */
+    float k;              /**< gain, which grows outside the strip [1/h], 0.1 .. 5 */
+    float quiet;          /**< integral of k since the error is inside the strip, 0 .. 44.9693 */
+    float settled;        /**< 1 once it was inside for a while: what is far then is a fault, 0 .. 1 */
+    float turns;          /**< how often an error that is far changed its sign, with the sign of the .. */
+    float falls;          /**< how often the gain may still fall, 0 .. 6 */
+    float fault_count_y;  /**< samples with a fault, signed as the last error, -6.51264e+06 .. 6.51264e+06 */
+    float fault_limit_y;  /**< fault count at which a guard acts, 6360 .. 6.51264e+06 */
+    float fault_checksum; /**< checks fault counts and limits: their sum beyond the start, 0 .. 1.30189e+07 */
+    unsigned calls;       /**< 0 before the first call, 1 after it, then 2 */
+    float u;              /**< last valid input: u, 0 .. 0.1 */
+    float y;              /**< sample of the last call, or its estimate where there was none: y */
+    float y_valid;        /**< 1 where the last call had a valid sample: y */
+} bioreactor_state;
+
+#ifdef __cplusplus
+extern "C" {
+#endif
+
+/** @brief nominal parameters, tuned, and a reset state
+ * @param[out] s the state: what a step remembers
+ * @param[out] p the parameters */
+void bioreactor_init(bioreactor_state *s, bioreactor_params *p);
+
+/** @brief after a change of parameters: limits them to their ranges
+ * @param[in,out] p the parameters
+ * @return 0, or an or of the status bits */
+unsigned bioreactor_tune(bioreactor_params *p);
+
+/** @brief the state as before the first call
+ * @param[out] s the state: what a step remembers */
+void bioreactor_reset(bioreactor_state *s);
+
+/** @brief one sampling period: predict, adapt
+ * @param[in,out] s the state: what a step remembers
+ * @param[in] p the parameters
+ * @param[in] in the input now
+ * @param[in] measurement the measurement now
+ * @return 0, or an or of the status bits */
+unsigned bioreactor_step(bioreactor_state *s, const bioreactor_params *p, const bioreactor_input *in,
+    const bioreactor_output *measurement);
+
+/** @brief the estimate of the plant's state
+ * @param[in] s the state: what a step remembers
+ * @param[in] p the parameters
+ * @param[out] x the estimate of the plant's state */
+void bioreactor_estimate(const bioreactor_state *s, const bioreactor_params *p, bioreactor_plant *x);
+
+/** @brief the state as BIOREACTOR_SAVED bytes: BIOREACTOR_LAYOUT, what lies in memory, a checksum
+ * @param[in] s the state: what a step remembers
+ * @param[out] saved NAME_SAVED bytes, which may lie anywhere */
+void bioreactor_save(const bioreactor_state *s, unsigned char *saved);
+
+/** @brief the state that was saved, where it was saved by this program and no bit of it is another
+ * @param[out] s the state: what a step remembers
+ * @param[in] saved NAME_SAVED bytes, which may lie anywhere
+ * @param[in] size how many there are
+ * @return 0: restored; 1: refused, the state is as it was */
+unsigned bioreactor_restore(bioreactor_state *s, const unsigned char *saved, size_t size);
+
+#ifdef __cplusplus
+}
+#endif
 
 /** @name Status bits: what happened, and what it asks of you. */
 /** @{ */
@@ -121,23 +157,11 @@
 
 /** @} */
 
-/** the period that is compiled in, in hours */
-#define BIOREACTOR_DT      0.01f
-
-/** the version of hgogen that made this file */
-#define BIOREACTOR_VERSION "0.2.0"
-
-/** the model, as in its certificate */
-#define BIOREACTOR_MODEL   "d3e50a381325b170"
-
-/** a digest of the model, the observer, default gains, dt, the precision and the memory of a saved state */
-#define BIOREACTOR_LAYOUT  "0f2af77e97414004"
-
-/** what init and reset leave in `ready` of a state, and init in that of parameters */
-#define BIOREACTOR_READY   0x102Cu
-
-/** how many bytes a saved state has */
-#define BIOREACTOR_SAVED   (sizeof(bioreactor_state) + 12u)
+#define BIOREACTOR_VERSION "0.2.0"                          /**< of hgogen that made this file */
+#define BIOREACTOR_MODEL   "d3e50a381325b170"               /**< digest of the model, as in its certificate */
+#define BIOREACTOR_LAYOUT  "0f2af77e97414004"               /**< digest of what a saved state needs to be the same */
+#define BIOREACTOR_READY   0x102Cu                          /**< mark of what init and reset have made */
+#define BIOREACTOR_SAVED   (sizeof(bioreactor_state) + 12u) /**< bytes of a saved state */
 
 /** what constant parameters begin with, which may lie in flash: nominal ones, tuned, with their mark */
 #define BIOREACTOR_PARAMS_INIT { \
@@ -152,142 +176,19 @@
  *   m' = a1*m*s/(a2*m + s) - m*u
  *   s' = -a1*a3*m*s/(a2*m + s) + a4*u - s*u
  *   y = m
- *   a1 = 1, a2 = 1, a3 = 1, a4 = 0.1
- * Form: phase, z1 = m, z2 = a1*m*s/(a2*m + s) - m*u
- * Observer
+ * Form: phase
+ * Observer: lambda_tracking
  *   w_i' = w_(i+1) + p_i k^i e, w_n' = p_n k^n e, e = y - w_1
  *   k' = gamma d(e)^2, d(e) = |e| - strip limited to [0, reach - strip]
  *   p = (1, 0.2), k(0) = 0.1, k <= 5
- *   in chains of integrators the plant is w' = A w + c(w, u), A the shift; c takes w clamped to its ranges
  *   gamma = 100
- *   strip = 0.02
- *   reach = 0.5
  * Method: classical Runge-Kutta, dt = 0.01 h (36 s)
- * Between two calls the input is taken to move on a straight line from the value before to that now
- * Reference: Bullinger, Ilchmann, Allgoewer, A simple adaptive observer for nonlinear systems, NOLCOS (1998)
- * Claims
- *   proved: phase.chain
+ * Claims: 3 proved
  *   unknown: phase.inputs
- *   proved: phase.rank: |det| >= 0.001111 on the box
- *   proved: phase.inverse
  *   unknown: phase.lipschitz
  *   unknown: lambda_tracking.phi
  * Hypotheses of its theorem, and the evidence of the claims: bioreactor.md
  * @endverbatim
  */
-
-/** the input now */
-typedef struct {
-    float u; /**< inflow rate [1/h], 0 .. 0.1 */
-} bioreactor_input;
-
-/** the measurement now */
-typedef struct {
-    float y; /**< measured microorganisms [g/l], -0.05 .. 0.25 */
-} bioreactor_output;
-
-/** the estimate of the plant's state; ranges are the declared ones, beyond which it may peak */
-typedef struct {
-    float m; /**< microorganisms [g/l], 0.01 .. 0.15 */
-    float s; /**< substrate [g/l], 0.001 .. 0.15 */
-} bioreactor_plant;
-
-/** parameters: change plant or gain, then call tune */
-typedef struct {
-    unsigned ready; /**< what init and PARAMS_INIT leave here; parameters without it are not used */
-    /** gains of the observer */
-    struct {
-        float gamma; /**< how fast the gain grows [1/(y^2 h^2)], 0.1 .. 100000 */
-        float strip; /**< output error up to which the gain rests [y], 2e-05 .. 0.26 */
-        float reach; /**< output error from which it grows no faster [y], 0.5 .. 500 */
-    } gain; /**< gains of the observer */
-} bioreactor_params;
-
-/** what a step remembers: yours to copy, save and restore; ranges are limits, which no call leaves; what was
- * restored from beyond them is limited, or begins anew, where a call next computes with it */
-typedef struct {
-    unsigned ready;       /**< what init and reset leave here; a state without it begins anew */
-    float w[2];           /**< estimate, in chains of integrators: m, a1*m*s/(a2*m + s) - m*u */
-    float k;              /**< gain, which grows outside the strip [1/h], 0.1 .. 5 */
-    float quiet;          /**< integral of k since the error is inside the strip, 0 .. 44.9693 */
-    float settled;        /**< 1 once it was inside for a while: what is far then is a fault, 0 .. 1 */
-    /** how often an error that is far changed its sign, with the sign of the last, -16 .. 16 */
-    float turns;
-    float falls;          /**< how often the gain may still fall, 0 .. 6 */
-    /** valid samples that show a fault, with the sign of the last error that does, -6.51264e+06 ..
-     * 6.51264e+06 */
-    float fault_count_y;
-    float fault_limit_y;  /**< fault count at which a guard acts, 6360 .. 6.51264e+06 */
-    /** sum of the sizes of all fault counts and of fault limits beyond the first: checks them, 0 ..
-     * 1.30189e+07 */
-    float fault_checksum;
-    unsigned calls;       /**< 0 before the first call, 1 after it, then 2 */
-    float u;              /**< last valid input: u, 0 .. 0.1 */
-    float y;              /**< sample of the last call, or its estimate where there was none: y */
-    float y_valid;        /**< 1 where the last call had a valid sample: y */
-} bioreactor_state;
-
-#ifdef __cplusplus
-extern "C" {
-#endif
-
-/**
- * @brief nominal parameters, tuned, and a reset state
- * @param[out] s the state: what a step remembers
- * @param[out] p the parameters
- */
-void bioreactor_init(bioreactor_state *s, bioreactor_params *p);
-
-/**
- * @brief after a change of parameters: limits them to their ranges
- * @param[in,out] p the parameters
- * @return 0, or an or of the status bits
- */
-unsigned bioreactor_tune(bioreactor_params *p);
-
-/**
- * @brief the state as before the first call
- * @param[out] s the state: what a step remembers
- */
-void bioreactor_reset(bioreactor_state *s);
-
-/**
- * @brief one sampling period: predict, adapt
- * @param[in,out] s the state: what a step remembers
- * @param[in] p the parameters
- * @param[in] in the input now
- * @param[in] out the measurement now
- * @return 0, or an or of the status bits
- */
-unsigned bioreactor_step(bioreactor_state *s, const bioreactor_params *p, const bioreactor_input *in,
-    const bioreactor_output *out);
-
-/**
- * @brief the estimate of the plant's state
- * @param[in] s the state: what a step remembers
- * @param[in] p the parameters
- * @param[out] x the estimate of the plant's state
- */
-void bioreactor_estimate(const bioreactor_state *s, const bioreactor_params *p, bioreactor_plant *x);
-
-/**
- * @brief the state as BIOREACTOR_SAVED bytes: BIOREACTOR_LAYOUT, what lies in memory, a checksum
- * @param[in] s the state: what a step remembers
- * @param[out] saved NAME_SAVED bytes, which may lie anywhere
- */
-void bioreactor_save(const bioreactor_state *s, unsigned char *saved);
-
-/**
- * @brief the state that was saved, where it was saved by this program and no bit of it is another
- * @param[out] s the state: what a step remembers
- * @param[in] saved NAME_SAVED bytes, which may lie anywhere
- * @param[in] size how many there are
- * @return 0: restored; 1: refused, the state is as it was
- */
-unsigned bioreactor_restore(bioreactor_state *s, const unsigned char *saved, size_t size);
-
-#ifdef __cplusplus
-}
-#endif
 
 #endif /* BIOREACTOR_H */

@@ -23,7 +23,7 @@
 
 unsigned bioreactor_check(void);
 
-static const float given[64][2] = { /* in.u, out.y */
+static const float given[64][2] = { /* in.u, measurement.y */
     {0.025f, 0.025f},
     {0.027702702f, 0.038043477f},
     {0.030405406f, 0.051086955f},
@@ -190,15 +190,15 @@ unsigned bioreactor_check(void)
     bioreactor_state s;
     bioreactor_params p;
     bioreactor_input in;
-    bioreactor_output out;
+    bioreactor_output measurement;
     bioreactor_plant x;
     bioreactor_init(&s, &p);
     s.w[0] = 0.108f;
     s.w[1] = 0.04863683f;
     for (unsigned k = 0u; k < 64u && bad == 0u; ++k) {
         in.u = (k == 40u) ? none : given[k][0];
-        out.y = (k == 20u) ? none : given[k][1];
-        const unsigned status = bioreactor_step(&s, &p, &in, &out);
+        measurement.y = (k == 20u) ? none : given[k][1];
+        const unsigned status = bioreactor_step(&s, &p, &in, &measurement);
         bioreactor_estimate(&s, &p, &x);
         if (status != expected[k] || !bioreactor_near(x.m, k, 0u) || !bioreactor_near(x.s, k, 1u)
             || !bioreactor_near(s.k, k, 2u)) {

@@ -1,4 +1,4 @@
-/* cascaded_tanks: see cascaded_tanks.h, which is the manual. */
+/* cascaded_tanks: see cascaded_tanks.h, and its manual cascaded_tanks.md. */
 #include "cascaded_tanks.h"
 
 #include <stdbool.h>
@@ -331,21 +331,16 @@ static unsigned cascaded_tanks_keep_in_box(cascaded_tanks_state *s, const cascad
     return status;
 }
 
-/* part of a step: advance the estimate to now */
-static unsigned cascaded_tanks_run_predict(cascaded_tanks_state *s, const cascaded_tanks_params *p,
-    const cascaded_tanks_input *in)
+static unsigned cascaded_tanks_guard_input(const cascaded_tanks_state *s, const cascaded_tanks_input *in,
+    float *u)
 {
     unsigned status = 0u;
-    bool beyond = false;
-    bool capped = false;
-    bool running = false;
-    float u = 0.0f;
     /* guard the input */
     {
         const float u_given = in->u;
         const bool u_usable = cascaded_tanks_within(u_given, 1e+15f);
         const float u_taken = u_usable ? u_given : s->u;
-        u = cascaded_tanks_clamp(u_taken, 0.0f, 7.0f);
+        *u = cascaded_tanks_clamp(u_taken, 0.0f, 7.0f);
         if (!u_usable) {
             status |= CASCADED_TANKS_REUSED_U;
         }
@@ -353,6 +348,139 @@ static unsigned cascaded_tanks_run_predict(cascaded_tanks_state *s, const cascad
             status |= CASCADED_TANKS_CLAMPED_U;
         }
     }
+    return status;
+}
+
+/* advance the estimate from the last call to now */
+static unsigned cascaded_tanks_advance(cascaded_tanks_state *s, const cascaded_tanks_params *p, float u)
+{
+    unsigned status = 0u;
+    bool beyond = false;
+    bool capped = false;
+    /* z by classical Runge-Kutta; P = L D L' by P <- Phi P Phi' + h Q_theta */
+    /* the tableau of z: */
+    /*     0 |  */
+    /*   1/2 | 1/2 */
+    /*   1/2 |   0 1/2 */
+    /*     1 |   0   0   1 */
+    /*   --------------------- */
+    /*       | 1/6 1/3 1/3 1/6 */
+    {
+        const float D1 = s->D[0];
+        const float D2 = s->D[1];
+        const float L21 = s->L;
+        const float z1 = s->z[0];
+        const float z2 = s->z[1];
+        const float u_before = s->u;
+        float k1_z[2];
+        cascaded_tanks_flow(z1, z2, u_before, k1_z);
+        const float t1 = u_before + 0.5f*(u - u_before);
+        float k2_z[2];
+        cascaded_tanks_flow(z1 + 2.0f*k1_z[0], z2 + 2.0f*k1_z[1], t1, k2_z);
+        const float t2 = 2.0f*k2_z[0];
+        const float t3 = z1 + t2;
+        const float t4 = 2.0f*k2_z[1];
+        const float t5 = z2 + t4;
+        float k3_z[2];
+        cascaded_tanks_flow(t3, t5, t1, k3_z);
+        float k4_z[2];
+        cascaded_tanks_flow(z1 + 4.0f*k3_z[0], z2 + 4.0f*k3_z[1], u, k4_z);
+        float F_1[2];
+        cascaded_tanks_jacobian(t3, t5, t1, F_1);
+        const float Phi_11 = 1.0f + 4.0f*F_1[0] + F_1[0]*F_1[0]*8.0f;
+        const float Phi_12 = 0.22584f + 8.0f*(0.05646f*F_1[0] + 0.05646f*F_1[1]);
+        const float Phi_22 = 1.0f + 4.0f*F_1[1] + F_1[1]*F_1[1]*8.0f;
+        const float w1_1 = Phi_11 + Phi_12*L21;
+        const float t6 = w1_1*D1;
+        const float t7 = Phi_12*D2;
+        const float theta = s->theta;
+        const float t8 = 4.0f*theta;
+        const float t9 = t8*p->gain.Q[0];
+        const float d1 = w1_1*t6 + Phi_12*t7 + t9;
+        const float t10 = Phi_22*L21;
+        const float l21 = (t10*t6 + Phi_22*t7)/d1;
+        const float w2_1 = t10 - l21*w1_1;
+        const float w2_2 = Phi_22 - l21*Phi_12;
+        const float d2 = w2_1*D1*w2_1 + w2_2*D2*w2_2 + l21*t9*l21 + t8*p->gain.Q[1]*theta*theta;
+        s->z[0] = z1 + 0.6666667f*(k1_z[0] + t2 + 2.0f*k3_z[0] + k4_z[0]);
+        s->z[1] = z2 + 0.6666667f*(k1_z[1] + t4 + 2.0f*k3_z[1] + k4_z[1]);
+        s->L = l21;
+        s->D[0] = d1;
+        s->D[1] = d2;
+    }
+    /* largest variances */
+    {
+        const float D1 = s->D[0];
+        const float L21 = s->L;
+        capped = D1 > 260.01562f || L21*L21*D1 + s->D[1] > 27.926996f;
+    }
+    if (capped) {
+        /* cap */
+        {
+            const float D1 = s->D[0];
+            const float D2 = s->D[1];
+            const float L21 = s->L;
+            const float t1 = cascaded_tanks_min(1.0f, 27.926996f/(L21*L21*D1 + D2));
+            const float t2 = cascaded_tanks_min(1.0f, 260.01562f/D1);
+            s->L = t1*L21/t2;
+            s->D[0] = t2*t2*D1;
+            s->D[1] = t1*t1*D2;
+            status |= CASCADED_TANKS_COVARIANCE_LIMITED;
+        }
+    }
+    for (unsigned k = 0u; k < 5u; ++k) {
+        cascaded_tanks_predictor *const predictor = &s->predictor[k];
+        /* each predictor by Heun, without correction */
+        {
+            const float z1 = predictor->z[0];
+            const float z2 = predictor->z[1];
+            float dz_1[2];
+            cascaded_tanks_flow(z1, z2, s->u, dz_1);
+            float dz_2[2];
+            cascaded_tanks_flow(z1 + 4.0f*dz_1[0], z2 + 4.0f*dz_1[1], u, dz_2);
+            predictor->z[0] = z1 + 2.0f*(dz_1[0] + dz_2[0]);
+            predictor->z[1] = z2 + 2.0f*(dz_1[1] + dz_2[1]);
+        }
+        /* is it beyond its box, or lost? */
+        {
+            const float z1 = predictor->z[0];
+            const float z2 = predictor->z[1];
+            beyond = !(z1 >= -10.5f && z1 <= 21.75f && z2 >= -3.44345f && z2 <= 7.12575f);
+        }
+        if (cascaded_tanks_acts(beyond)) {
+            /* keep it in its box */
+            {
+                const float z1 = predictor->z[0];
+                const float z2 = predictor->z[1];
+                predictor->z[0] = cascaded_tanks_keep(z1, -10.5f, 21.75f, 5.0f, 1e+15f);
+                predictor->z[1] = cascaded_tanks_keep(z2, -3.44345f, 7.12575f, 1.7525125f, 1e+15f);
+            }
+        }
+    }
+    /* is a value beyond its box, or lost? */
+    {
+        const float z1 = s->z[0];
+        const float z2 = s->z[1];
+        const bool t1 = z1 >= -10.5f && z1 <= 21.75f && z2 >= -3.44345f && z2 <= 7.12575f
+            && cascaded_tanks_within(s->L, 3.2772714e+08f);
+        const float D1 = s->D[0];
+        const float D2 = s->D[1];
+        beyond = !(t1 && D1 >= 1e-16f && D1 <= 260.01562f && D2 >= 5.6e-15f && D2 <= 27.926996f);
+    }
+    if (cascaded_tanks_acts(beyond)) {
+        status |= cascaded_tanks_keep_in_box(s, p);
+    }
+    return status;
+}
+
+/* part of a step: advance the estimate to now */
+static unsigned cascaded_tanks_run_predict(cascaded_tanks_state *s, const cascaded_tanks_params *p,
+    const cascaded_tanks_input *in)
+{
+    unsigned status = 0u;
+    bool running = false;
+    float u = 0.0f;
+    status |= cascaded_tanks_guard_input(s, in, &u);
     /* the first call advances no time */
     {
         const unsigned calls = s->calls;
@@ -360,112 +488,7 @@ static unsigned cascaded_tanks_run_predict(cascaded_tanks_state *s, const cascad
         s->calls = (calls < 2u) ? calls + 1u : 2u;
     }
     if (running) {
-        /* z by classical Runge-Kutta; P = L D L' by P <- Phi P Phi' + h Q_theta */
-        {
-            const float D1 = s->D[0];
-            const float D2 = s->D[1];
-            const float L21 = s->L;
-            const float z1 = s->z[0];
-            const float z2 = s->z[1];
-            const float u_before = s->u;
-            float k1_z[2];
-            cascaded_tanks_flow(z1, z2, u_before, k1_z);
-            const float t1 = u_before + 0.5f*(u - u_before);
-            float k2_z[2];
-            cascaded_tanks_flow(z1 + 2.0f*k1_z[0], z2 + 2.0f*k1_z[1], t1, k2_z);
-            const float t2 = 2.0f*k2_z[0];
-            const float t3 = z1 + t2;
-            const float t4 = 2.0f*k2_z[1];
-            const float t5 = z2 + t4;
-            float k3_z[2];
-            cascaded_tanks_flow(t3, t5, t1, k3_z);
-            float k4_z[2];
-            cascaded_tanks_flow(z1 + 4.0f*k3_z[0], z2 + 4.0f*k3_z[1], u, k4_z);
-            float F_1[2];
-            cascaded_tanks_jacobian(t3, t5, t1, F_1);
-            const float Phi_11 = 1.0f + 4.0f*F_1[0] + F_1[0]*F_1[0]*8.0f;
-            const float Phi_12 = 0.22584f + 8.0f*(0.05646f*F_1[0] + 0.05646f*F_1[1]);
-            const float Phi_22 = 1.0f + 4.0f*F_1[1] + F_1[1]*F_1[1]*8.0f;
-            const float w1_1 = Phi_11 + Phi_12*L21;
-            const float t6 = w1_1*D1;
-            const float t7 = Phi_12*D2;
-            const float theta = s->theta;
-            const float t8 = 4.0f*theta;
-            const float t9 = t8*p->gain.Q[0];
-            const float d1 = w1_1*t6 + Phi_12*t7 + t9;
-            const float t10 = Phi_22*L21;
-            const float l21 = (t10*t6 + Phi_22*t7)/d1;
-            const float w2_1 = t10 - l21*w1_1;
-            const float w2_2 = Phi_22 - l21*Phi_12;
-            const float d2 = w2_1*D1*w2_1 + w2_2*D2*w2_2 + l21*t9*l21 + t8*p->gain.Q[1]*theta*theta;
-            s->z[0] = z1 + 0.6666667f*(k1_z[0] + t2 + 2.0f*k3_z[0] + k4_z[0]);
-            s->z[1] = z2 + 0.6666667f*(k1_z[1] + t4 + 2.0f*k3_z[1] + k4_z[1]);
-            s->L = l21;
-            s->D[0] = d1;
-            s->D[1] = d2;
-        }
-        /* largest variances */
-        {
-            const float D1 = s->D[0];
-            const float L21 = s->L;
-            capped = D1 > 260.01562f || L21*L21*D1 + s->D[1] > 27.926996f;
-        }
-        if (capped) {
-            /* cap */
-            {
-                const float D1 = s->D[0];
-                const float D2 = s->D[1];
-                const float L21 = s->L;
-                const float t1 = cascaded_tanks_min(1.0f, 27.926996f/(L21*L21*D1 + D2));
-                const float t2 = cascaded_tanks_min(1.0f, 260.01562f/D1);
-                s->L = t1*L21/t2;
-                s->D[0] = t2*t2*D1;
-                s->D[1] = t1*t1*D2;
-                status |= CASCADED_TANKS_COVARIANCE_LIMITED;
-            }
-        }
-        for (unsigned k = 0u; k < 5u; ++k) {
-            cascaded_tanks_predictor *const predictor = &s->predictor[k];
-            /* each predictor by Heun, without correction */
-            {
-                const float z1 = predictor->z[0];
-                const float z2 = predictor->z[1];
-                float dz_1[2];
-                cascaded_tanks_flow(z1, z2, s->u, dz_1);
-                float dz_2[2];
-                cascaded_tanks_flow(z1 + 4.0f*dz_1[0], z2 + 4.0f*dz_1[1], u, dz_2);
-                predictor->z[0] = z1 + 2.0f*(dz_1[0] + dz_2[0]);
-                predictor->z[1] = z2 + 2.0f*(dz_1[1] + dz_2[1]);
-            }
-            /* is it beyond its box, or lost? */
-            {
-                const float z1 = predictor->z[0];
-                const float z2 = predictor->z[1];
-                beyond = !(z1 >= -10.5f && z1 <= 21.75f && z2 >= -3.44345f && z2 <= 7.12575f);
-            }
-            if (cascaded_tanks_acts(beyond)) {
-                /* keep it in its box */
-                {
-                    const float z1 = predictor->z[0];
-                    const float z2 = predictor->z[1];
-                    predictor->z[0] = cascaded_tanks_keep(z1, -10.5f, 21.75f, 5.0f, 1e+15f);
-                    predictor->z[1] = cascaded_tanks_keep(z2, -3.44345f, 7.12575f, 1.7525125f, 1e+15f);
-                }
-            }
-        }
-        /* is a value beyond its box, or lost? */
-        {
-            const float z1 = s->z[0];
-            const float z2 = s->z[1];
-            const bool t1 = z1 >= -10.5f && z1 <= 21.75f && z2 >= -3.44345f && z2 <= 7.12575f
-                && cascaded_tanks_within(s->L, 3.2772714e+08f);
-            const float D1 = s->D[0];
-            const float D2 = s->D[1];
-            beyond = !(t1 && D1 >= 1e-16f && D1 <= 260.01562f && D2 >= 5.6e-15f && D2 <= 27.926996f);
-        }
-        if (cascaded_tanks_acts(beyond)) {
-            status |= cascaded_tanks_keep_in_box(s, p);
-        }
+        status |= cascaded_tanks_advance(s, p, u);
     } else {
         status |= cascaded_tanks_keep_in_box(s, p);
         for (unsigned k = 0u; k < 5u; ++k) {
@@ -482,232 +505,288 @@ static unsigned cascaded_tanks_run_predict(cascaded_tanks_state *s, const cascad
     return status;
 }
 
-/* part of a step: correct with y */
-static unsigned cascaded_tanks_run_update_y(cascaded_tanks_state *s, const cascaded_tanks_params *p,
-    const cascaded_tanks_output *out)
+static unsigned cascaded_tanks_guard_measurement_y(const cascaded_tanks_state *s, float *e,
+    float *output_error, float reading, bool *valid)
+{
+    unsigned status = 0u;
+    /* guard the measurement of y */
+    {
+        const float t1 = reading - s->z[0];
+        const bool t2 = cascaded_tanks_within(reading, 3e+38f);
+        const bool t3 = t2 && reading >= -10.0f && reading <= 20.0f && cascaded_tanks_within(t1, 1e+16f);
+        *e = t1;
+        *output_error = t1;
+        *valid = t3;
+        if (!t2) {
+            status |= CASCADED_TANKS_MISSING_Y;
+        }
+        if (t2 && !t3) {
+            status |= CASCADED_TANKS_REJECTED_Y;
+        }
+    }
+    return status;
+}
+
+/* correct the estimate with a sample that can be used */
+static unsigned cascaded_tanks_use_sample_y(cascaded_tanks_state *s, const cascaded_tanks_params *p, float e,
+    float reading)
+{
+    unsigned status = 0u;
+    bool beyond = false;
+    /* correct by the scalar update */
+    {
+        const float D1 = s->D[0];
+        const float L21 = s->L;
+        const float z1 = s->z[0];
+        const float z2 = s->z[1];
+        const float t1 = p->gain.R/(4.0f*s->theta);
+        const float K1 = D1/(t1 + D1);
+        const float K2 = L21*K1;
+        s->z[0] = z1 + K1*e;
+        s->z[1] = z2 + K2*e;
+        s->D[0] = K1*t1;
+    }
+    for (unsigned k = 0u; k < 5u; ++k) {
+        cascaded_tanks_predictor *const predictor = &s->predictor[k];
+        /* its squared output error */
+        {
+            const float sum = predictor->sum;
+            const float t1 = reading - predictor->z[0];
+            predictor->sum = cascaded_tanks_min(sum + 4.0f*t1*t1, 1e+30f);
+        }
+        /* one more sample */
+        {
+            const unsigned samples = predictor->samples;
+            predictor->samples = (samples < 11u) ? samples + 1u : 11u;
+        }
+    }
+    /* is a value beyond its box, or lost? */
+    {
+        const float z1 = s->z[0];
+        const float z2 = s->z[1];
+        const float D1 = s->D[0];
+        const bool t1 = z1 >= -10.5f && z1 <= 21.75f && z2 >= -3.44345f && z2 <= 7.12575f && D1 >= 1e-16f
+            && D1 <= 260.01562f;
+        beyond = !t1;
+    }
+    if (cascaded_tanks_acts(beyond)) {
+        status |= cascaded_tanks_keep_in_box(s, p);
+    }
+    /* y is used */
+    s->used_y = 1u;
+    return status;
+}
+
+static unsigned cascaded_tanks_suspect_y(const cascaded_tanks_state *s, float output_error, bool *suspect,
+    bool valid)
+{
+    unsigned status = 0u;
+    /* is the estimate where it cannot be for long? */
+    {
+        const float z1 = s->z[0];
+        const float z2 = s->z[1];
+        const bool t1 = z1 < 0.25f || z1 > 11.0f || z2 < 0.52f || z2 > 3.1623f;
+        if (t1) {
+            status |= CASCADED_TANKS_OUTSIDE_BOX;
+        }
+        *suspect = cascaded_tanks_abs(output_error) > 1.0f || t1 || !(s->fault_checksum <= 0.0f) || !valid;
+    }
+    return status;
+}
+
+static bool cascaded_tanks_plausible_y(float reading, bool valid)
+{
+    bool sampled = false;
+    /* is there a sample to judge by? */
+    sampled = valid || (cascaded_tanks_within(reading, 3e+38f) && reading >= -10.0f && reading <= 20.0f);
+    return sampled;
+}
+
+static bool cascaded_tanks_counts_spoiled_y(const cascaded_tanks_state *s)
+{
+    bool spoiled = false;
+    /* was a fault count or limit spoiled? */
+    {
+        const float fault_count_y = s->fault_count_y;
+        const float fault_limit_y = s->fault_limit_y;
+        const float fault_count_range = s->fault_count_range;
+        const float fault_limit_range = s->fault_limit_range;
+        const float t1 = fault_limit_y - 30.0f + cascaded_tanks_abs(fault_count_y)
+            + (fault_limit_range - 30.0f + fault_count_range);
+        const bool t2 = cascaded_tanks_abs(t1 - s->fault_checksum) < 0.5f
+            && cascaded_tanks_within(fault_count_y, 30720.0f);
+        const bool t3 = t2 && fault_limit_y >= 30.0f && fault_limit_y <= 30720.0f
+            && fault_count_range >= 0.0f && fault_count_range <= 30720.0f;
+        spoiled = !(t3 && fault_limit_range >= 30.0f && fault_limit_range <= 30720.0f);
+    }
+    return spoiled;
+}
+
+static void cascaded_tanks_find_signs_y(const cascaded_tanks_state *s, float *moves_y, float output_error,
+    float *side_y)
+{
+    /* which signs show? */
+    {
+        const bool t1 = cascaded_tanks_within(output_error, 1.0f);
+        const float fault_count_y = s->fault_count_y;
+        *moves_y = (t1 ? 0.0f : ((fault_count_y*output_error < 0.0f) ? -12.0f : 1.0f)) + (t1 ? -1.0f : 0.0f);
+        *side_y = (t1 ? 0.0f : output_error) + (t1 ? fault_count_y : 0.0f);
+    }
+}
+
+/* a fault count is at its limit: restart from the sample, or project onto the ranges */
+static unsigned cascaded_tanks_recover_y(cascaded_tanks_state *s, float reading)
+{
+    unsigned status = 0u;
+    bool lost = false;
+    bool over_range = false;
+    bool over_y = false;
+    /* by which sign, and is the estimate lost? */
+    {
+        const bool t1 = s->fault_limit_y <= cascaded_tanks_abs(s->fault_count_y);
+        const float fault_limit_range = s->fault_limit_range;
+        const bool t2 = fault_limit_range <= s->fault_count_range;
+        const float z1 = s->z[0];
+        const float z2 = s->z[1];
+        const bool t3 = t2 && (fault_limit_range > 30.0f || z1 < -5.125f || z1 > 16.375f || z2 < -0.80115f
+            || z2 > 4.48345f);
+        over_y = t1;
+        over_range = t2;
+        lost = t1 || t3;
+    }
+    if (over_y) {
+        /* the fault limit doubles */
+        {
+            const float fault_count_y = s->fault_count_y;
+            const float fault_limit_y = s->fault_limit_y;
+            const float t1 = cascaded_tanks_min(fault_limit_y, 15360.0f);
+            s->fault_count_y = (fault_count_y < 0.0f) ? -t1 : t1;
+            s->fault_limit_y = cascaded_tanks_min(2.0f*fault_limit_y, 30720.0f);
+        }
+    }
+    if (over_range) {
+        /* the fault limit doubles */
+        {
+            const float fault_limit_range = s->fault_limit_range;
+            s->fault_count_range = cascaded_tanks_min(fault_limit_range, 15360.0f);
+            s->fault_limit_range = cascaded_tanks_min(2.0f*fault_limit_range, 30720.0f);
+        }
+    }
+    if (lost) {
+        /* the estimate restarts */
+        s->z[0] = 5.0f;
+        s->z[1] = 1.7525125f;
+        /* from the sample of y */
+        {
+            const float z1 = s->z[0];
+            const float z2 = s->z[1];
+            s->z[0] = cascaded_tanks_keep(reading, 0.25f, 11.0f, z1, 1e+30f);
+            s->z[1] = cascaded_tanks_keep(z2, 0.52f, 3.1623f, z2, 1e+30f);
+        }
+        /* the estimate has restarted from the sample */
+        status |= CASCADED_TANKS_RESTARTED_FROM_SAMPLE;
+        cascaded_tanks_clear_rest(s);
+    } else {
+        /* the estimate back onto its declared ranges */
+        {
+            const float z1 = s->z[0];
+            const float z2 = s->z[1];
+            const float L21 = s->L;
+            const float D1 = s->D[0];
+            const float t1 = L21*D1;
+            const float t2 = z1 - cascaded_tanks_clamp(z1, 0.25f, 11.0f);
+            const float t3 = z2 - t2/D1*t1;
+            const float t4 = t3 - cascaded_tanks_clamp(t3, 0.52f, 3.1623f);
+            const float t5 = t3 - t4 - z2;
+            const float t6 = (t5 > 0.0f) ? 7.12575f - z2 : z2 + 3.44345f;
+            const float t7 = z1 - t2 - D1*L21*(t4/(t1*L21 + s->D[1])) - z1;
+            const float t8 = (t7 > 0.0f) ? 21.75f - z1 : z1 + 10.5f;
+            const float t9 = cascaded_tanks_abs(t7);
+            const float t10 = (t8 < t9) ? t8/t9 : 1.0f;
+            const float t11 = cascaded_tanks_abs(t5);
+            const float t12 = (t6 < t10*t11) ? t6/t11 : t10;
+            s->z[0] = cascaded_tanks_keep(z1 + t12*t7, -10.5f, 21.75f, z1, 1e+30f);
+            s->z[1] = cascaded_tanks_keep(z2 + t12*t5, -3.44345f, 7.12575f, z2, 1e+30f);
+            status |= CASCADED_TANKS_PROJECTED_ONTO_RANGES;
+        }
+    }
+    return status;
+}
+
+/* count the signs of a fault at a sample, and act where a count is at its limit */
+static unsigned cascaded_tanks_count_faults_y(cascaded_tanks_state *s, float output_error, float reading)
 {
     unsigned status = 0u;
     bool acts = false;
-    bool beyond = false;
-    float e = 0.0f;
-    bool fresh = false;
-    bool lost = false;
-    float measurement = 0.0f;
     float moves_range = 0.0f;
     float moves_y = 0.0f;
-    float output_error = 0.0f;
-    bool over_range = false;
-    bool over_y = false;
-    bool sampled = false;
     float side_y = 0.0f;
     bool spoiled = false;
+    spoiled = cascaded_tanks_counts_spoiled_y(s);
+    if (spoiled) {
+        cascaded_tanks_clear_fault_counts(s);
+    }
+    /* is the estimate out of a range? */
+    {
+        const float z1 = s->z[0];
+        const float z2 = s->z[1];
+        moves_range = (z1 < -0.2875f || z1 > 11.5375f || z2 < 0.387885f || z2 > 3.294415f) ? 1.0f : -1.0f;
+    }
+    /* count of range */
+    {
+        const float fault_count_range = s->fault_count_range;
+        const float fault_limit_range = s->fault_limit_range;
+        const float t1 = cascaded_tanks_clamp(fault_count_range + moves_range, 0.0f, 30720.0f);
+        s->fault_count_range = t1;
+        s->fault_limit_range = (t1 <= 0.0f) ? 30.0f : fault_limit_range;
+    }
+    cascaded_tanks_find_signs_y(s, &moves_y, output_error, &side_y);
+    /* count of y */
+    {
+        const float fault_count_y = s->fault_count_y;
+        const float fault_limit_y = s->fault_limit_y;
+        const float t1 = cascaded_tanks_clamp(cascaded_tanks_abs(fault_count_y) + moves_y, 0.0f, 30720.0f);
+        s->fault_count_y = (side_y < 0.0f) ? -t1 : t1;
+        s->fault_limit_y = (t1 <= 0.0f) ? 30.0f : fault_limit_y;
+    }
+    /* does a guard act? */
+    acts = s->fault_limit_y <= cascaded_tanks_abs(s->fault_count_y)
+        || s->fault_limit_range <= s->fault_count_range;
+    if (acts) {
+        status |= cascaded_tanks_recover_y(s, reading);
+    }
+    /* the checksum of fault counts and limits */
+    s->fault_checksum = s->fault_limit_y - 30.0f + cascaded_tanks_abs(s->fault_count_y)
+        + (s->fault_limit_range - 30.0f + s->fault_count_range);
+    return status;
+}
+
+/* part of a step: correct with y */
+static unsigned cascaded_tanks_run_update_y(cascaded_tanks_state *s, const cascaded_tanks_params *p,
+    const cascaded_tanks_output *measurement)
+{
+    unsigned status = 0u;
+    float e = 0.0f;
+    bool fresh = false;
+    float output_error = 0.0f;
+    float reading = 0.0f;
+    bool sampled = false;
     bool suspect = false;
     bool valid = false;
     /* is a sample of y awaited? */
     fresh = s->used_y < 1u;
     if (fresh) {
         /* the measurement of y */
-        measurement = out->y;
-        /* guard the measurement of y */
-        {
-            const float t1 = measurement - s->z[0];
-            const bool t2 = cascaded_tanks_within(measurement, 3e+38f);
-            const bool t3 = t2 && measurement >= -10.0f && measurement <= 20.0f
-                && cascaded_tanks_within(t1, 1e+16f);
-            e = t1;
-            output_error = t1;
-            valid = t3;
-            if (!t2) {
-                status |= CASCADED_TANKS_MISSING_Y;
-            }
-            if (t2 && !t3) {
-                status |= CASCADED_TANKS_REJECTED_Y;
-            }
-        }
+        reading = measurement->y;
+        status |= cascaded_tanks_guard_measurement_y(s, &e, &output_error, reading, &valid);
         if (valid) {
-            /* correct by the scalar update */
-            {
-                const float D1 = s->D[0];
-                const float L21 = s->L;
-                const float z1 = s->z[0];
-                const float z2 = s->z[1];
-                const float t1 = p->gain.R/(4.0f*s->theta);
-                const float K1 = D1/(t1 + D1);
-                const float K2 = L21*K1;
-                s->z[0] = z1 + K1*e;
-                s->z[1] = z2 + K2*e;
-                s->D[0] = K1*t1;
-            }
-            for (unsigned k = 0u; k < 5u; ++k) {
-                cascaded_tanks_predictor *const predictor = &s->predictor[k];
-                /* its squared output error */
-                {
-                    const float sum = predictor->sum;
-                    const float t1 = measurement - predictor->z[0];
-                    predictor->sum = cascaded_tanks_min(sum + 4.0f*t1*t1, 1e+30f);
-                }
-                /* one more sample */
-                {
-                    const unsigned samples = predictor->samples;
-                    predictor->samples = (samples < 11u) ? samples + 1u : 11u;
-                }
-            }
-            /* is a value beyond its box, or lost? */
-            {
-                const float z1 = s->z[0];
-                const float z2 = s->z[1];
-                const float D1 = s->D[0];
-                const bool t1 = z1 >= -10.5f && z1 <= 21.75f && z2 >= -3.44345f && z2 <= 7.12575f
-                    && D1 >= 1e-16f && D1 <= 260.01562f;
-                beyond = !t1;
-            }
-            if (cascaded_tanks_acts(beyond)) {
-                status |= cascaded_tanks_keep_in_box(s, p);
-            }
-            /* y is used */
-            s->used_y = 1u;
+            status |= cascaded_tanks_use_sample_y(s, p, e, reading);
         }
-        /* is the estimate where it cannot be for long? */
-        {
-            const float z1 = s->z[0];
-            const float z2 = s->z[1];
-            const bool t1 = z1 < 0.25f || z1 > 11.0f || z2 < 0.52f || z2 > 3.1623f;
-            if (t1) {
-                status |= CASCADED_TANKS_OUTSIDE_BOX;
-            }
-            suspect = cascaded_tanks_abs(output_error) > 1.0f || t1 || !(s->fault_checksum <= 0.0f) || !valid;
-        }
+        status |= cascaded_tanks_suspect_y(s, output_error, &suspect, valid);
         if (suspect) {
-            /* is there a sample to judge by? */
-            sampled = valid || (cascaded_tanks_within(measurement, 3e+38f) && measurement >= -10.0f
-                && measurement <= 20.0f);
+            sampled = cascaded_tanks_plausible_y(reading, valid);
             if (sampled) {
-                /* was a fault count or limit spoiled? */
-                {
-                    const float fault_count_y = s->fault_count_y;
-                    const float fault_limit_y = s->fault_limit_y;
-                    const float fault_count_range = s->fault_count_range;
-                    const float fault_limit_range = s->fault_limit_range;
-                    const float t1 = fault_limit_y - 30.0f + cascaded_tanks_abs(fault_count_y)
-                        + (fault_limit_range - 30.0f + fault_count_range);
-                    const bool t2 = cascaded_tanks_abs(t1 - s->fault_checksum) < 0.5f
-                        && cascaded_tanks_within(fault_count_y, 30720.0f);
-                    const bool t3 = t2 && fault_limit_y >= 30.0f && fault_limit_y <= 30720.0f
-                        && fault_count_range >= 0.0f && fault_count_range <= 30720.0f;
-                    spoiled = !(t3 && fault_limit_range >= 30.0f && fault_limit_range <= 30720.0f);
-                }
-                if (spoiled) {
-                    cascaded_tanks_clear_fault_counts(s);
-                }
-                /* is the estimate out of a range? */
-                {
-                    const float z1 = s->z[0];
-                    const float z2 = s->z[1];
-                    moves_range = (z1 < -0.2875f || z1 > 11.5375f || z2 < 0.387885f || z2 > 3.294415f) ? 1.0f
-                        : -1.0f;
-                }
-                /* count of range */
-                {
-                    const float fault_count_range = s->fault_count_range;
-                    const float fault_limit_range = s->fault_limit_range;
-                    const float t1 = cascaded_tanks_clamp(fault_count_range + moves_range, 0.0f, 30720.0f);
-                    s->fault_count_range = t1;
-                    s->fault_limit_range = (t1 <= 0.0f) ? 30.0f : fault_limit_range;
-                }
-                /* which signs show? */
-                {
-                    const bool t1 = cascaded_tanks_within(output_error, 1.0f);
-                    const float fault_count_y = s->fault_count_y;
-                    moves_y = (t1 ? 0.0f : ((fault_count_y*output_error < 0.0f) ? -12.0f : 1.0f))
-                        + (t1 ? -1.0f : 0.0f);
-                    side_y = (t1 ? 0.0f : output_error) + (t1 ? fault_count_y : 0.0f);
-                }
-                /* count of y */
-                {
-                    const float fault_count_y = s->fault_count_y;
-                    const float fault_limit_y = s->fault_limit_y;
-                    const float t1 = cascaded_tanks_clamp(cascaded_tanks_abs(fault_count_y) + moves_y, 0.0f,
-                        30720.0f);
-                    s->fault_count_y = (side_y < 0.0f) ? -t1 : t1;
-                    s->fault_limit_y = (t1 <= 0.0f) ? 30.0f : fault_limit_y;
-                }
-                /* does a guard act? */
-                acts = s->fault_limit_y <= cascaded_tanks_abs(s->fault_count_y)
-                    || s->fault_limit_range <= s->fault_count_range;
-                if (acts) {
-                    /* by which sign, and is the estimate lost? */
-                    {
-                        const bool t1 = s->fault_limit_y <= cascaded_tanks_abs(s->fault_count_y);
-                        const float fault_limit_range = s->fault_limit_range;
-                        const bool t2 = fault_limit_range <= s->fault_count_range;
-                        const float z1 = s->z[0];
-                        const float z2 = s->z[1];
-                        const bool t3 = t2 && (fault_limit_range > 30.0f || z1 < -5.125f || z1 > 16.375f
-                            || z2 < -0.80115f || z2 > 4.48345f);
-                        over_y = t1;
-                        over_range = t2;
-                        lost = t1 || t3;
-                    }
-                    if (over_y) {
-                        /* the fault limit doubles */
-                        {
-                            const float fault_count_y = s->fault_count_y;
-                            const float fault_limit_y = s->fault_limit_y;
-                            const float t1 = cascaded_tanks_min(fault_limit_y, 15360.0f);
-                            s->fault_count_y = (fault_count_y < 0.0f) ? -t1 : t1;
-                            s->fault_limit_y = cascaded_tanks_min(2.0f*fault_limit_y, 30720.0f);
-                        }
-                    }
-                    if (over_range) {
-                        /* the fault limit doubles */
-                        {
-                            const float fault_limit_range = s->fault_limit_range;
-                            s->fault_count_range = cascaded_tanks_min(fault_limit_range, 15360.0f);
-                            s->fault_limit_range = cascaded_tanks_min(2.0f*fault_limit_range, 30720.0f);
-                        }
-                    }
-                    if (lost) {
-                        /* the estimate restarts */
-                        s->z[0] = 5.0f;
-                        s->z[1] = 1.7525125f;
-                        /* from the sample of y */
-                        {
-                            const float z1 = s->z[0];
-                            const float z2 = s->z[1];
-                            s->z[0] = cascaded_tanks_keep(measurement, 0.25f, 11.0f, z1, 1e+30f);
-                            s->z[1] = cascaded_tanks_keep(z2, 0.52f, 3.1623f, z2, 1e+30f);
-                        }
-                        /* the estimate has restarted from the sample */
-                        status |= CASCADED_TANKS_RESTARTED_FROM_SAMPLE;
-                        cascaded_tanks_clear_rest(s);
-                    } else {
-                        /* the estimate back onto its declared ranges */
-                        {
-                            const float z1 = s->z[0];
-                            const float z2 = s->z[1];
-                            const float L21 = s->L;
-                            const float D1 = s->D[0];
-                            const float t1 = L21*D1;
-                            const float t2 = z1 - cascaded_tanks_clamp(z1, 0.25f, 11.0f);
-                            const float t3 = z2 - t2/D1*t1;
-                            const float t4 = t3 - cascaded_tanks_clamp(t3, 0.52f, 3.1623f);
-                            const float t5 = t3 - t4 - z2;
-                            const float t6 = (t5 > 0.0f) ? 7.12575f - z2 : z2 + 3.44345f;
-                            const float t7 = z1 - t2 - D1*L21*(t4/(t1*L21 + s->D[1])) - z1;
-                            const float t8 = (t7 > 0.0f) ? 21.75f - z1 : z1 + 10.5f;
-                            const float t9 = cascaded_tanks_abs(t7);
-                            const float t10 = (t8 < t9) ? t8/t9 : 1.0f;
-                            const float t11 = cascaded_tanks_abs(t5);
-                            const float t12 = (t6 < t10*t11) ? t6/t11 : t10;
-                            s->z[0] = cascaded_tanks_keep(z1 + t12*t7, -10.5f, 21.75f, z1, 1e+30f);
-                            s->z[1] = cascaded_tanks_keep(z2 + t12*t5, -3.44345f, 7.12575f, z2, 1e+30f);
-                            status |= CASCADED_TANKS_PROJECTED_ONTO_RANGES;
-                        }
-                    }
-                }
-                /* the checksum of fault counts and limits */
-                s->fault_checksum = s->fault_limit_y - 30.0f + cascaded_tanks_abs(s->fault_count_y)
-                    + (s->fault_limit_range - 30.0f + s->fault_count_range);
+                status |= cascaded_tanks_count_faults_y(s, output_error, reading);
             }
         }
     } else {
@@ -830,14 +909,14 @@ unsigned cascaded_tanks_predict(cascaded_tanks_state *s, const cascaded_tanks_pa
 }
 
 unsigned cascaded_tanks_update_y(cascaded_tanks_state *s, const cascaded_tanks_params *p,
-    const cascaded_tanks_output *out)
+    const cascaded_tanks_output *measurement)
 {
     unsigned status = 0u;
     if ((s->ready != CASCADED_TANKS_READY) || (p->ready != CASCADED_TANKS_READY)) {
         status = cascaded_tanks_ready(s, p);
     }
     if ((status & CASCADED_TANKS_NO_PARAMETERS) == 0u) {
-        status |= cascaded_tanks_run_update_y(s, p, out);
+        status |= cascaded_tanks_run_update_y(s, p, measurement);
     }
     return status;
 }
@@ -855,7 +934,7 @@ unsigned cascaded_tanks_adapt(cascaded_tanks_state *s, const cascaded_tanks_para
 }
 
 unsigned cascaded_tanks_step(cascaded_tanks_state *s, const cascaded_tanks_params *p,
-    const cascaded_tanks_input *in, const cascaded_tanks_output *out)
+    const cascaded_tanks_input *in, const cascaded_tanks_output *measurement)
 {
     unsigned status = 0u;
     if ((s->ready != CASCADED_TANKS_READY) || (p->ready != CASCADED_TANKS_READY)) {
@@ -863,7 +942,7 @@ unsigned cascaded_tanks_step(cascaded_tanks_state *s, const cascaded_tanks_param
     }
     if ((status & CASCADED_TANKS_NO_PARAMETERS) == 0u) {
         status |= cascaded_tanks_run_predict(s, p, in);
-        status |= cascaded_tanks_run_update_y(s, p, out);
+        status |= cascaded_tanks_run_update_y(s, p, measurement);
         status |= cascaded_tanks_run_adapt(s, p);
     }
     return status;

@@ -23,7 +23,7 @@
 
 unsigned cascaded_tanks_check(void);
 
-static const float given[64][2] = { /* in.u, out.y */
+static const float given[64][2] = { /* in.u, measurement.y */
     {1.75f, 2.5f},
     {1.9391892f, 2.9347825f},
     {2.1283784f, 3.3695652f},
@@ -190,15 +190,15 @@ unsigned cascaded_tanks_check(void)
     cascaded_tanks_state s;
     cascaded_tanks_params p;
     cascaded_tanks_input in;
-    cascaded_tanks_output out;
+    cascaded_tanks_output measurement;
     cascaded_tanks_plant x;
     cascaded_tanks_init(&s, &p);
     s.z[0] = 7.775f;
     s.z[1] = 2.36961f;
     for (unsigned k = 0u; k < 64u && bad == 0u; ++k) {
         in.u = (k == 40u) ? none : given[k][0];
-        out.y = (k == 20u) ? none : given[k][1];
-        const unsigned status = cascaded_tanks_step(&s, &p, &in, &out);
+        measurement.y = (k == 20u) ? none : given[k][1];
+        const unsigned status = cascaded_tanks_step(&s, &p, &in, &measurement);
         cascaded_tanks_estimate(&s, &p, &x);
         if (status != expected[k] || !cascaded_tanks_near(x.x1, k, 0u) || !cascaded_tanks_near(x.x2, k, 1u)
             || !cascaded_tanks_near(s.theta, k, 2u) || !cascaded_tanks_near(s.innovation, k, 3u)) {

@@ -1,4 +1,4 @@
-/* chua: see chua.h, which is the manual. */
+/* chua: see chua.h, and its manual chua.md. */
 #include "chua.h"
 
 #include <stdbool.h>
@@ -155,50 +155,285 @@ static void chua_nominal(chua_params *p)
     p->gain.theta = 5.0f;
 }
 
-unsigned chua_step(chua_state *s, const chua_params *p, const chua_output *out)
+static unsigned chua_guard_measurements(const chua_state *s, const chua_output *measurement, float *valid,
+    float *y, float *y_last)
+{
+    unsigned status = 0u;
+    /* guard the measurements */
+    {
+        const float reading = measurement->y;
+        const bool t1 = chua_within(reading, 3e+38f);
+        const float z1 = s->z[0];
+        const bool t2 = t1 && chua_within(reading, 9.0f) && chua_within(reading - z1, 1e+16f);
+        const float t3 = t2 ? reading : z1;
+        *y = t3;
+        *y_last = (t2 && s->y_valid > 0.0f) ? s->y : t3;
+        *valid = t2 ? 1.0f : 0.0f;
+        if (!t1) {
+            status |= CHUA_MISSING_Y;
+        }
+        if (t1 && !t2) {
+            status |= CHUA_REJECTED_Y;
+        }
+    }
+    return status;
+}
+
+/* advance the estimate from the last call to now */
+static unsigned chua_advance(chua_state *s, const chua_params *p, float valid, float y, float y_last)
+{
+    unsigned status = 0u;
+    float ahead = 0.0f;
+    bool beyond = false;
+    float fraction = 0.0f;
+    float share = 0.0f;
+    float z_at[3];
+    float z_sum[3];
+    /* z: one step of classical Runge-Kutta */
+    /* its tableau: */
+    /*     0 |  */
+    /*   1/2 | 1/2 */
+    /*   1/2 |   0 1/2 */
+    /*     1 |   0   0   1 */
+    /*   --------------------- */
+    /*       | 1/6 1/3 1/3 1/6 */
+    /* fraction is c of a stage; share is its b over that of the first; ahead is the next stage's a times
+     * dt */
+    z_sum[0] = 0.0f;
+    z_sum[1] = 0.0f;
+    z_sum[2] = 0.0f;
+    z_at[0] = s->z[0];
+    z_at[1] = s->z[1];
+    z_at[2] = s->z[2];
+    {
+        static const float each_fraction[4] = {0.0f, 0.5f, 0.5f, 1.0f};
+        static const float each_share[4] = {1.0f, 2.0f, 2.0f, 1.0f};
+        static const float each_ahead[4] = {0.0005f, 0.0005f, 0.001f, 0.0f};
+        for (unsigned r = 0u; r < 4u; ++r) {
+            fraction = each_fraction[r];
+            share = each_share[r];
+            ahead = each_ahead[r];
+            /* a stage */
+            {
+                const float z_at1 = z_at[0];
+                const float z_at2 = z_at[1];
+                const float z_at3 = z_at[2];
+                const float z_sum1 = z_sum[0];
+                const float z_sum2 = z_sum[1];
+                const float z_sum3 = z_sum[2];
+                float k_z[3];
+                chua_rate(p, z_at1, z_at2, z_at3, y_last + fraction*(y - y_last), valid, k_z);
+                z_sum[0] = z_sum1 + share*k_z[0];
+                z_sum[1] = z_sum2 + share*k_z[1];
+                z_sum[2] = z_sum3 + share*k_z[2];
+                z_at[0] = s->z[0] + ahead*k_z[0];
+                z_at[1] = s->z[1] + ahead*k_z[1];
+                z_at[2] = s->z[2] + ahead*k_z[2];
+            }
+        }
+    }
+    /* the slopes of all stages */
+    {
+        const float z1 = s->z[0];
+        const float z2 = s->z[1];
+        const float z3 = s->z[2];
+        s->z[0] = z1 + 0.00016666666f*z_sum[0];
+        s->z[1] = z2 + 0.00016666666f*z_sum[1];
+        s->z[2] = z3 + 0.00016666666f*z_sum[2];
+    }
+    /* is a value beyond its box, or lost? */
+    beyond = !(chua_within(s->z[0], 9.0f) && chua_within(s->z[1], 5.0f) && chua_within(s->z[2], 125.0f));
+    if (chua_acts(beyond)) {
+        status |= chua_keep_in_box(s, p);
+    }
+    return status;
+}
+
+static unsigned chua_suspect(const chua_state *s, const chua_output *measurement, bool *suspect, float valid)
+{
+    unsigned status = 0u;
+    /* is the estimate where it cannot be for long? */
+    {
+        const float z1 = s->z[0];
+        const bool t1 = chua_abs(z1) > 3.0f || chua_abs(s->z[1]) > 1.0f || chua_abs(s->z[2]) > 5.0f;
+        if (t1) {
+            status |= CHUA_OUTSIDE_BOX;
+        }
+        *suspect = chua_abs(measurement->y - z1) > 0.6f || t1 || !(s->fault_checksum <= 0.0f)
+            || !(valid > 0.0f);
+    }
+    return status;
+}
+
+static bool chua_plausible(const chua_output *measurement, float valid)
+{
+    bool sampled = false;
+    /* is there a sample to judge by? */
+    {
+        const float reading = measurement->y;
+        sampled = valid > 0.0f || (chua_within(reading, 3e+38f) && chua_within(reading, 9.0f));
+    }
+    return sampled;
+}
+
+static bool chua_counts_spoiled(const chua_state *s)
+{
+    bool spoiled = false;
+    /* was a fault count or limit spoiled? */
+    {
+        const float fault_count_y = s->fault_count_y;
+        const float fault_limit_y = s->fault_limit_y;
+        const float fault_count_range = s->fault_count_range;
+        const float fault_limit_range = s->fault_limit_range;
+        const float t1 = fault_limit_y - 3130.0f + chua_abs(fault_count_y)
+            + (fault_limit_range - 3130.0f + fault_count_range);
+        const bool t2 = chua_abs(t1 - s->fault_checksum) < 0.5f && chua_within(fault_count_y, 3205120.0f)
+            && fault_limit_y >= 3130.0f && fault_limit_y <= 3205120.0f;
+        const bool t3 = t2 && fault_count_range >= 0.0f && fault_count_range <= 3205120.0f
+            && fault_limit_range >= 3130.0f && fault_limit_range <= 3205120.0f;
+        spoiled = !t3;
+    }
+    return spoiled;
+}
+
+static void chua_find_signs(const chua_state *s, const chua_output *measurement, float *moves_y,
+    float *side_y)
+{
+    /* which signs show? */
+    {
+        const float t1 = measurement->y - s->z[0];
+        const bool t2 = chua_within(t1, 0.6f);
+        const float fault_count_y = s->fault_count_y;
+        *moves_y = (t2 ? 0.0f : ((fault_count_y*t1 < 0.0f) ? -168.0f : 1.0f)) + (t2 ? -1.0f : 0.0f);
+        *side_y = (t2 ? 0.0f : t1) + (t2 ? fault_count_y : 0.0f);
+    }
+}
+
+/* a fault count is at its limit: restart from the sample, or project onto the ranges */
+static unsigned chua_recover(chua_state *s, const chua_output *measurement)
+{
+    unsigned status = 0u;
+    bool lost = false;
+    bool over_range = false;
+    bool over_y = false;
+    /* by which sign, and is the estimate lost? */
+    {
+        const bool t1 = s->fault_limit_y <= chua_abs(s->fault_count_y);
+        const float fault_limit_range = s->fault_limit_range;
+        const bool t2 = fault_limit_range <= s->fault_count_range;
+        const bool t3 = fault_limit_range > 3130.0f || chua_abs(s->z[0]) > 6.0f || chua_abs(s->z[1]) > 2.0f
+            || chua_abs(s->z[2]) > 10.0f;
+        over_y = t1;
+        over_range = t2;
+        lost = t1 || (t2 && t3);
+    }
+    if (over_y) {
+        /* the fault limit doubles */
+        {
+            const float fault_count_y = s->fault_count_y;
+            const float fault_limit_y = s->fault_limit_y;
+            const float t1 = chua_min(fault_limit_y, 1602560.0f);
+            s->fault_count_y = (fault_count_y < 0.0f) ? -t1 : t1;
+            s->fault_limit_y = chua_min(2.0f*fault_limit_y, 3205120.0f);
+        }
+    }
+    if (over_range) {
+        /* the fault limit doubles */
+        {
+            const float fault_limit_range = s->fault_limit_range;
+            s->fault_count_range = chua_min(fault_limit_range, 1602560.0f);
+            s->fault_limit_range = chua_min(2.0f*fault_limit_range, 3205120.0f);
+        }
+    }
+    if (lost) {
+        /* the estimate restarts */
+        s->z[0] = 0.0f;
+        s->z[1] = 0.0f;
+        s->z[2] = 0.0f;
+        /* from the sample of y */
+        {
+            const float z1 = s->z[0];
+            const float z2 = s->z[1];
+            const float z3 = s->z[2];
+            s->z[0] = chua_keep(measurement->y, -3.0f, 3.0f, z1, 1e+30f);
+            s->z[1] = chua_keep(z2, -1.0f, 1.0f, z2, 1e+30f);
+            s->z[2] = chua_keep(z3, -5.0f, 5.0f, z3, 1e+30f);
+        }
+        /* the estimate has restarted from the sample */
+        status |= CHUA_RESTARTED_FROM_SAMPLE;
+    } else {
+        /* the estimate back onto its declared ranges */
+        {
+            const float z1 = s->z[0];
+            const float z2 = s->z[1];
+            const float z3 = s->z[2];
+            s->z[0] = chua_limit(z1, 3.0f);
+            s->z[1] = chua_limit(z2, 1.0f);
+            s->z[2] = chua_limit(z3, 5.0f);
+            status |= CHUA_PROJECTED_ONTO_RANGES;
+        }
+    }
+    return status;
+}
+
+/* count the signs of a fault at a sample, and act where a count is at its limit */
+static unsigned chua_count_faults(chua_state *s, const chua_output *measurement)
+{
+    unsigned status = 0u;
+    bool acts = false;
+    float moves_range = 0.0f;
+    float moves_y = 0.0f;
+    float side_y = 0.0f;
+    bool spoiled = false;
+    spoiled = chua_counts_spoiled(s);
+    if (spoiled) {
+        chua_clear_fault_counts(s);
+    }
+    /* is the estimate out of a range? */
+    moves_range = (chua_abs(s->z[0]) > 3.3f || chua_abs(s->z[1]) > 1.1f || chua_abs(s->z[2]) > 5.5f) ? 1.0f
+        : -1.0f;
+    /* count of range */
+    {
+        const float fault_count_range = s->fault_count_range;
+        const float fault_limit_range = s->fault_limit_range;
+        const float t1 = chua_clamp(fault_count_range + moves_range, 0.0f, 3205120.0f);
+        s->fault_count_range = t1;
+        s->fault_limit_range = (t1 <= 0.0f) ? 3130.0f : fault_limit_range;
+    }
+    chua_find_signs(s, measurement, &moves_y, &side_y);
+    /* count of y */
+    {
+        const float fault_count_y = s->fault_count_y;
+        const float fault_limit_y = s->fault_limit_y;
+        const float t1 = chua_clamp(chua_abs(fault_count_y) + moves_y, 0.0f, 3205120.0f);
+        s->fault_count_y = (side_y < 0.0f) ? -t1 : t1;
+        s->fault_limit_y = (t1 <= 0.0f) ? 3130.0f : fault_limit_y;
+    }
+    /* does a guard act? */
+    acts = s->fault_limit_y <= chua_abs(s->fault_count_y) || s->fault_limit_range <= s->fault_count_range;
+    if (acts) {
+        status |= chua_recover(s, measurement);
+    }
+    /* the checksum of fault counts and limits */
+    s->fault_checksum = s->fault_limit_y - 3130.0f + chua_abs(s->fault_count_y)
+        + (s->fault_limit_range - 3130.0f + s->fault_count_range);
+    return status;
+}
+
+unsigned chua_step(chua_state *s, const chua_params *p, const chua_output *measurement)
 {
     unsigned status = 0u;
     if ((s->ready != CHUA_READY) || (p->ready != CHUA_READY)) {
         status = chua_ready(s, p);
     }
     if ((status & CHUA_NO_PARAMETERS) == 0u) {
-        bool acts = false;
-        float ahead = 0.0f;
-        bool beyond = false;
-        float fraction = 0.0f;
-        bool lost = false;
-        float moves_range = 0.0f;
-        float moves_y = 0.0f;
-        bool over_range = false;
-        bool over_y = false;
         bool running = false;
         bool sampled = false;
-        float share = 0.0f;
-        float side_y = 0.0f;
-        bool spoiled = false;
         bool suspect = false;
         float valid = 0.0f;
         float y = 0.0f;
         float y_last = 0.0f;
-        float z_at[3];
-        float z_sum[3];
-        /* guard the measurements */
-        {
-            const float measurement = out->y;
-            const bool t1 = chua_within(measurement, 3e+38f);
-            const float z1 = s->z[0];
-            const bool t2 = t1 && chua_within(measurement, 9.0f) && chua_within(measurement - z1, 1e+16f);
-            const float t3 = t2 ? measurement : z1;
-            y = t3;
-            y_last = (t2 && s->y_valid > 0.0f) ? s->y : t3;
-            valid = t2 ? 1.0f : 0.0f;
-            if (!t1) {
-                status |= CHUA_MISSING_Y;
-            }
-            if (t1 && !t2) {
-                status |= CHUA_REJECTED_Y;
-            }
-        }
+        status |= chua_guard_measurements(s, measurement, &valid, &y, &y_last);
         /* the first call advances no time */
         {
             const unsigned calls = s->calls;
@@ -206,189 +441,18 @@ unsigned chua_step(chua_state *s, const chua_params *p, const chua_output *out)
             s->calls = 1u;
         }
         if (running) {
-            /* z: one step of classical Runge-Kutta */
-            z_sum[0] = 0.0f;
-            z_sum[1] = 0.0f;
-            z_sum[2] = 0.0f;
-            z_at[0] = s->z[0];
-            z_at[1] = s->z[1];
-            z_at[2] = s->z[2];
-            {
-                static const float each_fraction[4] = {0.0f, 0.5f, 0.5f, 1.0f};
-                static const float each_share[4] = {1.0f, 2.0f, 2.0f, 1.0f};
-                static const float each_ahead[4] = {0.0005f, 0.0005f, 0.001f, 0.0f};
-                for (unsigned r = 0u; r < 4u; ++r) {
-                    fraction = each_fraction[r];
-                    share = each_share[r];
-                    ahead = each_ahead[r];
-                    /* a stage */
-                    {
-                        const float z_at1 = z_at[0];
-                        const float z_at2 = z_at[1];
-                        const float z_at3 = z_at[2];
-                        const float z_sum1 = z_sum[0];
-                        const float z_sum2 = z_sum[1];
-                        const float z_sum3 = z_sum[2];
-                        float k_z[3];
-                        chua_rate(p, z_at1, z_at2, z_at3, y_last + fraction*(y - y_last), valid, k_z);
-                        z_sum[0] = z_sum1 + share*k_z[0];
-                        z_sum[1] = z_sum2 + share*k_z[1];
-                        z_sum[2] = z_sum3 + share*k_z[2];
-                        z_at[0] = s->z[0] + ahead*k_z[0];
-                        z_at[1] = s->z[1] + ahead*k_z[1];
-                        z_at[2] = s->z[2] + ahead*k_z[2];
-                    }
-                }
-            }
-            /* the slopes of all stages */
-            {
-                const float z1 = s->z[0];
-                const float z2 = s->z[1];
-                const float z3 = s->z[2];
-                s->z[0] = z1 + 0.00016666666f*z_sum[0];
-                s->z[1] = z2 + 0.00016666666f*z_sum[1];
-                s->z[2] = z3 + 0.00016666666f*z_sum[2];
-            }
-            /* is a value beyond its box, or lost? */
-            beyond = !(chua_within(s->z[0], 9.0f) && chua_within(s->z[1], 5.0f)
-                && chua_within(s->z[2], 125.0f));
-            if (chua_acts(beyond)) {
-                status |= chua_keep_in_box(s, p);
-            }
+            status |= chua_advance(s, p, valid, y, y_last);
         } else {
             status |= chua_keep_in_box(s, p);
         }
         /* remember the sample */
         s->y = y;
         s->y_valid = valid;
-        /* is the estimate where it cannot be for long? */
-        {
-            const float z1 = s->z[0];
-            const bool t1 = chua_abs(z1) > 3.0f || chua_abs(s->z[1]) > 1.0f || chua_abs(s->z[2]) > 5.0f;
-            if (t1) {
-                status |= CHUA_OUTSIDE_BOX;
-            }
-            suspect = chua_abs(out->y - z1) > 0.6f || t1 || !(s->fault_checksum <= 0.0f) || !(valid > 0.0f);
-        }
+        status |= chua_suspect(s, measurement, &suspect, valid);
         if (suspect) {
-            /* is there a sample to judge by? */
-            {
-                const float measurement = out->y;
-                sampled = valid > 0.0f || (chua_within(measurement, 3e+38f)
-                    && chua_within(measurement, 9.0f));
-            }
+            sampled = chua_plausible(measurement, valid);
             if (sampled) {
-                /* was a fault count or limit spoiled? */
-                {
-                    const float fault_count_y = s->fault_count_y;
-                    const float fault_limit_y = s->fault_limit_y;
-                    const float fault_count_range = s->fault_count_range;
-                    const float fault_limit_range = s->fault_limit_range;
-                    const float t1 = fault_limit_y - 3130.0f + chua_abs(fault_count_y)
-                        + (fault_limit_range - 3130.0f + fault_count_range);
-                    const bool t2 = chua_abs(t1 - s->fault_checksum) < 0.5f
-                        && chua_within(fault_count_y, 3205120.0f) && fault_limit_y >= 3130.0f
-                            && fault_limit_y <= 3205120.0f;
-                    const bool t3 = t2 && fault_count_range >= 0.0f && fault_count_range <= 3205120.0f
-                        && fault_limit_range >= 3130.0f && fault_limit_range <= 3205120.0f;
-                    spoiled = !t3;
-                }
-                if (spoiled) {
-                    chua_clear_fault_counts(s);
-                }
-                /* is the estimate out of a range? */
-                moves_range = (chua_abs(s->z[0]) > 3.3f || chua_abs(s->z[1]) > 1.1f
-                    || chua_abs(s->z[2]) > 5.5f) ? 1.0f : -1.0f;
-                /* count of range */
-                {
-                    const float fault_count_range = s->fault_count_range;
-                    const float fault_limit_range = s->fault_limit_range;
-                    const float t1 = chua_clamp(fault_count_range + moves_range, 0.0f, 3205120.0f);
-                    s->fault_count_range = t1;
-                    s->fault_limit_range = (t1 <= 0.0f) ? 3130.0f : fault_limit_range;
-                }
-                /* which signs show? */
-                {
-                    const float t1 = out->y - s->z[0];
-                    const bool t2 = chua_within(t1, 0.6f);
-                    const float fault_count_y = s->fault_count_y;
-                    moves_y = (t2 ? 0.0f : ((fault_count_y*t1 < 0.0f) ? -168.0f : 1.0f))
-                        + (t2 ? -1.0f : 0.0f);
-                    side_y = (t2 ? 0.0f : t1) + (t2 ? fault_count_y : 0.0f);
-                }
-                /* count of y */
-                {
-                    const float fault_count_y = s->fault_count_y;
-                    const float fault_limit_y = s->fault_limit_y;
-                    const float t1 = chua_clamp(chua_abs(fault_count_y) + moves_y, 0.0f, 3205120.0f);
-                    s->fault_count_y = (side_y < 0.0f) ? -t1 : t1;
-                    s->fault_limit_y = (t1 <= 0.0f) ? 3130.0f : fault_limit_y;
-                }
-                /* does a guard act? */
-                acts = s->fault_limit_y <= chua_abs(s->fault_count_y)
-                    || s->fault_limit_range <= s->fault_count_range;
-                if (acts) {
-                    /* by which sign, and is the estimate lost? */
-                    {
-                        const bool t1 = s->fault_limit_y <= chua_abs(s->fault_count_y);
-                        const float fault_limit_range = s->fault_limit_range;
-                        const bool t2 = fault_limit_range <= s->fault_count_range;
-                        const bool t3 = fault_limit_range > 3130.0f || chua_abs(s->z[0]) > 6.0f
-                            || chua_abs(s->z[1]) > 2.0f || chua_abs(s->z[2]) > 10.0f;
-                        over_y = t1;
-                        over_range = t2;
-                        lost = t1 || (t2 && t3);
-                    }
-                    if (over_y) {
-                        /* the fault limit doubles */
-                        {
-                            const float fault_count_y = s->fault_count_y;
-                            const float fault_limit_y = s->fault_limit_y;
-                            const float t1 = chua_min(fault_limit_y, 1602560.0f);
-                            s->fault_count_y = (fault_count_y < 0.0f) ? -t1 : t1;
-                            s->fault_limit_y = chua_min(2.0f*fault_limit_y, 3205120.0f);
-                        }
-                    }
-                    if (over_range) {
-                        /* the fault limit doubles */
-                        {
-                            const float fault_limit_range = s->fault_limit_range;
-                            s->fault_count_range = chua_min(fault_limit_range, 1602560.0f);
-                            s->fault_limit_range = chua_min(2.0f*fault_limit_range, 3205120.0f);
-                        }
-                    }
-                    if (lost) {
-                        /* the estimate restarts */
-                        s->z[0] = 0.0f;
-                        s->z[1] = 0.0f;
-                        s->z[2] = 0.0f;
-                        /* from the sample of y */
-                        {
-                            const float z1 = s->z[0];
-                            const float z2 = s->z[1];
-                            const float z3 = s->z[2];
-                            s->z[0] = chua_keep(out->y, -3.0f, 3.0f, z1, 1e+30f);
-                            s->z[1] = chua_keep(z2, -1.0f, 1.0f, z2, 1e+30f);
-                            s->z[2] = chua_keep(z3, -5.0f, 5.0f, z3, 1e+30f);
-                        }
-                        /* the estimate has restarted from the sample */
-                        status |= CHUA_RESTARTED_FROM_SAMPLE;
-                    } else {
-                        /* the estimate back onto its declared ranges */
-                        {
-                            const float z1 = s->z[0];
-                            const float z2 = s->z[1];
-                            const float z3 = s->z[2];
-                            s->z[0] = chua_limit(z1, 3.0f);
-                            s->z[1] = chua_limit(z2, 1.0f);
-                            s->z[2] = chua_limit(z3, 5.0f);
-                            status |= CHUA_PROJECTED_ONTO_RANGES;
-                        }
-                    }
-                }
-                /* the checksum of fault counts and limits */
-                s->fault_checksum = s->fault_limit_y - 3130.0f + chua_abs(s->fault_count_y)
-                    + (s->fault_limit_range - 3130.0f + s->fault_count_range);
+                status |= chua_count_faults(s, measurement);
             }
         }
     }

@@ -23,7 +23,7 @@
 
 unsigned chua_check(void);
 
-static const float given[64][1] = { /* out.y */
+static const float given[64][1] = { /* measurement.y */
     {-0.5f},
     {-0.41304347f},
     {-0.32608697f},
@@ -189,15 +189,15 @@ unsigned chua_check(void)
     unsigned bad = (none >= none) ? 21u : 0u; /* compiled to take it for a number: sample 21 is lost */
     chua_state s;
     chua_params p;
-    chua_output out;
+    chua_output measurement;
     chua_plant x;
     chua_init(&s, &p);
     s.z[0] = 1.2f;
     s.z[1] = 0.4f;
     s.z[2] = 2.0f;
     for (unsigned k = 0u; k < 64u && bad == 0u; ++k) {
-        out.y = (k == 20u) ? none : given[k][0];
-        const unsigned status = chua_step(&s, &p, &out);
+        measurement.y = (k == 20u) ? none : given[k][0];
+        const unsigned status = chua_step(&s, &p, &measurement);
         chua_estimate(&s, &p, &x);
         if (status != expected[k] || !chua_near(x.x, k, 0u) || !chua_near(x.w, k, 1u)
             || !chua_near(x.z, k, 2u)) {

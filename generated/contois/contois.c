@@ -1,4 +1,4 @@
-/* contois: see contois.h, which is the manual. */
+/* contois: see contois.h, and its manual contois.md. */
 #include "contois.h"
 
 #include <stdbool.h>
@@ -207,6 +207,13 @@ static unsigned contois_run_predict(contois_state *s, const contois_params *p, c
     }
     if (running) {
         /* z by classical Runge-Kutta; P = L D L' by P <- Phi P Phi' + h Q_theta */
+        /* the tableau of z: */
+        /*     0 |  */
+        /*   1/2 | 1/2 */
+        /*   1/2 |   0 1/2 */
+        /*     1 |   0   0   1 */
+        /*   --------------------- */
+        /*       | 1/6 1/3 1/3 1/6 */
         {
             const float D1 = s->D[0];
             const float D2 = s->D[1];
@@ -292,218 +299,272 @@ static unsigned contois_run_predict(contois_state *s, const contois_params *p, c
     return status;
 }
 
-/* part of a step: correct with y */
-static unsigned contois_run_update_y(contois_state *s, const contois_params *p, const contois_output *out)
+static unsigned contois_guard_measurement_y(const contois_state *s, float *e, float *output_error,
+    float reading, bool *valid)
+{
+    unsigned status = 0u;
+    /* guard the measurement of y */
+    {
+        const float t1 = reading - s->z[0];
+        const bool t2 = contois_within(reading, 3e+38f);
+        const bool t3 = t2 && reading >= -4.8f && reading <= 9.9f && contois_within(t1, 1e+16f);
+        *e = t1;
+        *output_error = t1;
+        *valid = t3;
+        if (!t2) {
+            status |= CONTOIS_MISSING_Y;
+        }
+        if (t2 && !t3) {
+            status |= CONTOIS_REJECTED_Y;
+        }
+    }
+    return status;
+}
+
+/* correct the estimate with a sample that can be used */
+static unsigned contois_use_sample_y(contois_state *s, const contois_params *p, float e)
+{
+    unsigned status = 0u;
+    bool beyond = false;
+    /* correct by the scalar update */
+    {
+        const float D1 = s->D[0];
+        const float L21 = s->L;
+        const float z1 = s->z[0];
+        const float z2 = s->z[1];
+        const float t1 = p->gain.R/(0.01f*p->gain.theta);
+        const float K1 = D1/(t1 + D1);
+        const float K2 = L21*K1;
+        s->z[0] = z1 + K1*e;
+        s->z[1] = z2 + K2*e;
+        s->D[0] = K1*t1;
+    }
+    /* is a value beyond its box, or lost? */
+    {
+        const float z1 = s->z[0];
+        const float z2 = s->z[1];
+        const float D1 = s->D[0];
+        beyond = !(z1 >= -4.8f && z1 <= 9.9f && z2 >= -9.8f && z2 <= 19.9f && D1 >= 5e-19f && D1 <= 54.0225f);
+    }
+    if (contois_acts(beyond)) {
+        status |= contois_keep_in_box(s, p);
+    }
+    /* y is used */
+    s->used_y = 1u;
+    return status;
+}
+
+static unsigned contois_suspect_y(const contois_state *s, float output_error, bool *suspect, bool valid)
+{
+    unsigned status = 0u;
+    /* is the estimate where it cannot be for long? */
+    {
+        const float z1 = s->z[0];
+        const float z2 = s->z[1];
+        const bool t1 = z1 < 0.1f || z1 > 5.0f || z2 < 0.1f || z2 > 10.0f;
+        if (t1) {
+            status |= CONTOIS_OUTSIDE_BOX;
+        }
+        *suspect = contois_abs(output_error) > 0.49f || t1 || !(s->fault_checksum <= 0.0f) || !valid;
+    }
+    return status;
+}
+
+static bool contois_plausible_y(float reading, bool valid)
+{
+    bool sampled = false;
+    /* is there a sample to judge by? */
+    sampled = valid || (contois_within(reading, 3e+38f) && reading >= -4.8f && reading <= 9.9f);
+    return sampled;
+}
+
+static bool contois_counts_spoiled_y(const contois_state *s)
+{
+    bool spoiled = false;
+    /* was a fault count or limit spoiled? */
+    {
+        const float fault_count_y = s->fault_count_y;
+        const float fault_limit_y = s->fault_limit_y;
+        const float fault_count_range = s->fault_count_range;
+        const float fault_limit_range = s->fault_limit_range;
+        const float t1 = fault_limit_y - 600.0f + contois_abs(fault_count_y)
+            + (fault_limit_range - 600.0f + fault_count_range);
+        const bool t2 = contois_abs(t1 - s->fault_checksum) < 0.5f
+            && contois_within(fault_count_y, 614400.0f) && fault_limit_y >= 600.0f
+                && fault_limit_y <= 614400.0f;
+        const bool t3 = t2 && fault_count_range >= 0.0f && fault_count_range <= 614400.0f
+            && fault_limit_range >= 600.0f && fault_limit_range <= 614400.0f;
+        spoiled = !t3;
+    }
+    return spoiled;
+}
+
+static void contois_find_signs_y(const contois_state *s, float *moves_y, float output_error, float *side_y)
+{
+    /* which signs show? */
+    {
+        const bool t1 = contois_within(output_error, 0.49f);
+        const float fault_count_y = s->fault_count_y;
+        *moves_y = (t1 ? 0.0f : ((fault_count_y*output_error < 0.0f) ? -300.0f : 1.0f)) + (t1 ? -1.0f : 0.0f);
+        *side_y = (t1 ? 0.0f : output_error) + (t1 ? fault_count_y : 0.0f);
+    }
+}
+
+/* a fault count is at its limit: restart from the sample, or project onto the ranges */
+static unsigned contois_recover_y(contois_state *s, float reading)
+{
+    unsigned status = 0u;
+    bool lost = false;
+    bool over_range = false;
+    bool over_y = false;
+    /* by which sign, and is the estimate lost? */
+    {
+        const bool t1 = s->fault_limit_y <= contois_abs(s->fault_count_y);
+        const float fault_limit_range = s->fault_limit_range;
+        const bool t2 = fault_limit_range <= s->fault_count_range;
+        const float z1 = s->z[0];
+        const float z2 = s->z[1];
+        const bool t3 = t2 && (fault_limit_range > 600.0f || z1 < -2.35f || z1 > 7.45f || z2 < -4.85f
+            || z2 > 14.95f);
+        over_y = t1;
+        over_range = t2;
+        lost = t1 || t3;
+    }
+    if (over_y) {
+        /* the fault limit doubles */
+        {
+            const float fault_count_y = s->fault_count_y;
+            const float fault_limit_y = s->fault_limit_y;
+            const float t1 = contois_min(fault_limit_y, 307200.0f);
+            s->fault_count_y = (fault_count_y < 0.0f) ? -t1 : t1;
+            s->fault_limit_y = contois_min(2.0f*fault_limit_y, 614400.0f);
+        }
+    }
+    if (over_range) {
+        /* the fault limit doubles */
+        {
+            const float fault_limit_range = s->fault_limit_range;
+            s->fault_count_range = contois_min(fault_limit_range, 307200.0f);
+            s->fault_limit_range = contois_min(2.0f*fault_limit_range, 614400.0f);
+        }
+    }
+    if (lost) {
+        /* the estimate restarts */
+        s->z[0] = 0.1f;
+        s->z[1] = 0.1f;
+        /* from the sample of y */
+        {
+            const float z1 = s->z[0];
+            const float z2 = s->z[1];
+            s->z[0] = contois_keep(reading, 0.1f, 5.0f, z1, 1e+30f);
+            s->z[1] = contois_keep(z2, 0.1f, 10.0f, z2, 1e+30f);
+        }
+        /* the estimate has restarted from the sample */
+        status |= CONTOIS_RESTARTED_FROM_SAMPLE;
+        /* as after a reset */
+        s->L = 0.0f;
+        s->D[0] = 6.0f;
+        s->D[1] = 20.0f;
+    } else {
+        /* the estimate back onto its declared ranges */
+        {
+            const float z1 = s->z[0];
+            const float z2 = s->z[1];
+            const float L21 = s->L;
+            const float D1 = s->D[0];
+            const float t1 = L21*D1;
+            const float t2 = z1 - contois_clamp(z1, 0.1f, 5.0f);
+            const float t3 = z2 - t2/D1*t1;
+            const float t4 = t3 - contois_clamp(t3, 0.1f, 10.0f);
+            const float t5 = t3 - t4 - z2;
+            const float t6 = (t5 > 0.0f) ? 19.9f - z2 : z2 + 9.8f;
+            const float t7 = z1 - t2 - D1*L21*(t4/(t1*L21 + s->D[1])) - z1;
+            const float t8 = (t7 > 0.0f) ? 9.9f - z1 : z1 + 4.8f;
+            const float t9 = contois_abs(t7);
+            const float t10 = (t8 < t9) ? t8/t9 : 1.0f;
+            const float t11 = contois_abs(t5);
+            const float t12 = (t6 < t10*t11) ? t6/t11 : t10;
+            s->z[0] = contois_keep(z1 + t12*t7, -4.8f, 9.9f, z1, 1e+30f);
+            s->z[1] = contois_keep(z2 + t12*t5, -9.8f, 19.9f, z2, 1e+30f);
+            status |= CONTOIS_PROJECTED_ONTO_RANGES;
+        }
+    }
+    return status;
+}
+
+/* count the signs of a fault at a sample, and act where a count is at its limit */
+static unsigned contois_count_faults_y(contois_state *s, float output_error, float reading)
 {
     unsigned status = 0u;
     bool acts = false;
-    bool beyond = false;
-    float e = 0.0f;
-    bool fresh = false;
-    bool lost = false;
-    float measurement = 0.0f;
     float moves_range = 0.0f;
     float moves_y = 0.0f;
-    float output_error = 0.0f;
-    bool over_range = false;
-    bool over_y = false;
-    bool sampled = false;
     float side_y = 0.0f;
     bool spoiled = false;
+    spoiled = contois_counts_spoiled_y(s);
+    if (spoiled) {
+        contois_clear_fault_counts(s);
+    }
+    /* is the estimate out of a range? */
+    {
+        const float z1 = s->z[0];
+        const float z2 = s->z[1];
+        moves_range = (z1 < -0.145f || z1 > 5.245f || z2 < -0.395f || z2 > 10.495f) ? 1.0f : -1.0f;
+    }
+    /* count of range */
+    {
+        const float fault_count_range = s->fault_count_range;
+        const float fault_limit_range = s->fault_limit_range;
+        const float t1 = contois_clamp(fault_count_range + moves_range, 0.0f, 614400.0f);
+        s->fault_count_range = t1;
+        s->fault_limit_range = (t1 <= 0.0f) ? 600.0f : fault_limit_range;
+    }
+    contois_find_signs_y(s, &moves_y, output_error, &side_y);
+    /* count of y */
+    {
+        const float fault_count_y = s->fault_count_y;
+        const float fault_limit_y = s->fault_limit_y;
+        const float t1 = contois_clamp(contois_abs(fault_count_y) + moves_y, 0.0f, 614400.0f);
+        s->fault_count_y = (side_y < 0.0f) ? -t1 : t1;
+        s->fault_limit_y = (t1 <= 0.0f) ? 600.0f : fault_limit_y;
+    }
+    /* does a guard act? */
+    acts = s->fault_limit_y <= contois_abs(s->fault_count_y) || s->fault_limit_range <= s->fault_count_range;
+    if (acts) {
+        status |= contois_recover_y(s, reading);
+    }
+    /* the checksum of fault counts and limits */
+    s->fault_checksum = s->fault_limit_y - 600.0f + contois_abs(s->fault_count_y)
+        + (s->fault_limit_range - 600.0f + s->fault_count_range);
+    return status;
+}
+
+/* part of a step: correct with y */
+static unsigned contois_run_update_y(contois_state *s, const contois_params *p,
+    const contois_output *measurement)
+{
+    unsigned status = 0u;
+    float e = 0.0f;
+    bool fresh = false;
+    float output_error = 0.0f;
+    float reading = 0.0f;
+    bool sampled = false;
     bool suspect = false;
     bool valid = false;
     /* is a sample of y awaited? */
     fresh = s->used_y < 1u;
     if (fresh) {
         /* the measurement of y */
-        measurement = out->y;
-        /* guard the measurement of y */
-        {
-            const float t1 = measurement - s->z[0];
-            const bool t2 = contois_within(measurement, 3e+38f);
-            const bool t3 = t2 && measurement >= -4.8f && measurement <= 9.9f && contois_within(t1, 1e+16f);
-            e = t1;
-            output_error = t1;
-            valid = t3;
-            if (!t2) {
-                status |= CONTOIS_MISSING_Y;
-            }
-            if (t2 && !t3) {
-                status |= CONTOIS_REJECTED_Y;
-            }
-        }
+        reading = measurement->y;
+        status |= contois_guard_measurement_y(s, &e, &output_error, reading, &valid);
         if (valid) {
-            /* correct by the scalar update */
-            {
-                const float D1 = s->D[0];
-                const float L21 = s->L;
-                const float z1 = s->z[0];
-                const float z2 = s->z[1];
-                const float t1 = p->gain.R/(0.01f*p->gain.theta);
-                const float K1 = D1/(t1 + D1);
-                const float K2 = L21*K1;
-                s->z[0] = z1 + K1*e;
-                s->z[1] = z2 + K2*e;
-                s->D[0] = K1*t1;
-            }
-            /* is a value beyond its box, or lost? */
-            {
-                const float z1 = s->z[0];
-                const float z2 = s->z[1];
-                const float D1 = s->D[0];
-                beyond = !(z1 >= -4.8f && z1 <= 9.9f && z2 >= -9.8f && z2 <= 19.9f && D1 >= 5e-19f
-                    && D1 <= 54.0225f);
-            }
-            if (contois_acts(beyond)) {
-                status |= contois_keep_in_box(s, p);
-            }
-            /* y is used */
-            s->used_y = 1u;
+            status |= contois_use_sample_y(s, p, e);
         }
-        /* is the estimate where it cannot be for long? */
-        {
-            const float z1 = s->z[0];
-            const float z2 = s->z[1];
-            const bool t1 = z1 < 0.1f || z1 > 5.0f || z2 < 0.1f || z2 > 10.0f;
-            if (t1) {
-                status |= CONTOIS_OUTSIDE_BOX;
-            }
-            suspect = contois_abs(output_error) > 0.49f || t1 || !(s->fault_checksum <= 0.0f) || !valid;
-        }
+        status |= contois_suspect_y(s, output_error, &suspect, valid);
         if (suspect) {
-            /* is there a sample to judge by? */
-            sampled = valid || (contois_within(measurement, 3e+38f) && measurement >= -4.8f
-                && measurement <= 9.9f);
+            sampled = contois_plausible_y(reading, valid);
             if (sampled) {
-                /* was a fault count or limit spoiled? */
-                {
-                    const float fault_count_y = s->fault_count_y;
-                    const float fault_limit_y = s->fault_limit_y;
-                    const float fault_count_range = s->fault_count_range;
-                    const float fault_limit_range = s->fault_limit_range;
-                    const float t1 = fault_limit_y - 600.0f + contois_abs(fault_count_y)
-                        + (fault_limit_range - 600.0f + fault_count_range);
-                    const bool t2 = contois_abs(t1 - s->fault_checksum) < 0.5f
-                        && contois_within(fault_count_y, 614400.0f) && fault_limit_y >= 600.0f
-                            && fault_limit_y <= 614400.0f;
-                    const bool t3 = t2 && fault_count_range >= 0.0f && fault_count_range <= 614400.0f
-                        && fault_limit_range >= 600.0f && fault_limit_range <= 614400.0f;
-                    spoiled = !t3;
-                }
-                if (spoiled) {
-                    contois_clear_fault_counts(s);
-                }
-                /* is the estimate out of a range? */
-                {
-                    const float z1 = s->z[0];
-                    const float z2 = s->z[1];
-                    moves_range = (z1 < -0.145f || z1 > 5.245f || z2 < -0.395f || z2 > 10.495f) ? 1.0f
-                        : -1.0f;
-                }
-                /* count of range */
-                {
-                    const float fault_count_range = s->fault_count_range;
-                    const float fault_limit_range = s->fault_limit_range;
-                    const float t1 = contois_clamp(fault_count_range + moves_range, 0.0f, 614400.0f);
-                    s->fault_count_range = t1;
-                    s->fault_limit_range = (t1 <= 0.0f) ? 600.0f : fault_limit_range;
-                }
-                /* which signs show? */
-                {
-                    const bool t1 = contois_within(output_error, 0.49f);
-                    const float fault_count_y = s->fault_count_y;
-                    moves_y = (t1 ? 0.0f : ((fault_count_y*output_error < 0.0f) ? -300.0f : 1.0f))
-                        + (t1 ? -1.0f : 0.0f);
-                    side_y = (t1 ? 0.0f : output_error) + (t1 ? fault_count_y : 0.0f);
-                }
-                /* count of y */
-                {
-                    const float fault_count_y = s->fault_count_y;
-                    const float fault_limit_y = s->fault_limit_y;
-                    const float t1 = contois_clamp(contois_abs(fault_count_y) + moves_y, 0.0f, 614400.0f);
-                    s->fault_count_y = (side_y < 0.0f) ? -t1 : t1;
-                    s->fault_limit_y = (t1 <= 0.0f) ? 600.0f : fault_limit_y;
-                }
-                /* does a guard act? */
-                acts = s->fault_limit_y <= contois_abs(s->fault_count_y)
-                    || s->fault_limit_range <= s->fault_count_range;
-                if (acts) {
-                    /* by which sign, and is the estimate lost? */
-                    {
-                        const bool t1 = s->fault_limit_y <= contois_abs(s->fault_count_y);
-                        const float fault_limit_range = s->fault_limit_range;
-                        const bool t2 = fault_limit_range <= s->fault_count_range;
-                        const float z1 = s->z[0];
-                        const float z2 = s->z[1];
-                        const bool t3 = t2 && (fault_limit_range > 600.0f || z1 < -2.35f || z1 > 7.45f
-                            || z2 < -4.85f || z2 > 14.95f);
-                        over_y = t1;
-                        over_range = t2;
-                        lost = t1 || t3;
-                    }
-                    if (over_y) {
-                        /* the fault limit doubles */
-                        {
-                            const float fault_count_y = s->fault_count_y;
-                            const float fault_limit_y = s->fault_limit_y;
-                            const float t1 = contois_min(fault_limit_y, 307200.0f);
-                            s->fault_count_y = (fault_count_y < 0.0f) ? -t1 : t1;
-                            s->fault_limit_y = contois_min(2.0f*fault_limit_y, 614400.0f);
-                        }
-                    }
-                    if (over_range) {
-                        /* the fault limit doubles */
-                        {
-                            const float fault_limit_range = s->fault_limit_range;
-                            s->fault_count_range = contois_min(fault_limit_range, 307200.0f);
-                            s->fault_limit_range = contois_min(2.0f*fault_limit_range, 614400.0f);
-                        }
-                    }
-                    if (lost) {
-                        /* the estimate restarts */
-                        s->z[0] = 0.1f;
-                        s->z[1] = 0.1f;
-                        /* from the sample of y */
-                        {
-                            const float z1 = s->z[0];
-                            const float z2 = s->z[1];
-                            s->z[0] = contois_keep(measurement, 0.1f, 5.0f, z1, 1e+30f);
-                            s->z[1] = contois_keep(z2, 0.1f, 10.0f, z2, 1e+30f);
-                        }
-                        /* the estimate has restarted from the sample */
-                        status |= CONTOIS_RESTARTED_FROM_SAMPLE;
-                        /* as after a reset */
-                        s->L = 0.0f;
-                        s->D[0] = 6.0f;
-                        s->D[1] = 20.0f;
-                    } else {
-                        /* the estimate back onto its declared ranges */
-                        {
-                            const float z1 = s->z[0];
-                            const float z2 = s->z[1];
-                            const float L21 = s->L;
-                            const float D1 = s->D[0];
-                            const float t1 = L21*D1;
-                            const float t2 = z1 - contois_clamp(z1, 0.1f, 5.0f);
-                            const float t3 = z2 - t2/D1*t1;
-                            const float t4 = t3 - contois_clamp(t3, 0.1f, 10.0f);
-                            const float t5 = t3 - t4 - z2;
-                            const float t6 = (t5 > 0.0f) ? 19.9f - z2 : z2 + 9.8f;
-                            const float t7 = z1 - t2 - D1*L21*(t4/(t1*L21 + s->D[1])) - z1;
-                            const float t8 = (t7 > 0.0f) ? 9.9f - z1 : z1 + 4.8f;
-                            const float t9 = contois_abs(t7);
-                            const float t10 = (t8 < t9) ? t8/t9 : 1.0f;
-                            const float t11 = contois_abs(t5);
-                            const float t12 = (t6 < t10*t11) ? t6/t11 : t10;
-                            s->z[0] = contois_keep(z1 + t12*t7, -4.8f, 9.9f, z1, 1e+30f);
-                            s->z[1] = contois_keep(z2 + t12*t5, -9.8f, 19.9f, z2, 1e+30f);
-                            status |= CONTOIS_PROJECTED_ONTO_RANGES;
-                        }
-                    }
-                }
-                /* the checksum of fault counts and limits */
-                s->fault_checksum = s->fault_limit_y - 600.0f + contois_abs(s->fault_count_y)
-                    + (s->fault_limit_range - 600.0f + s->fault_count_range);
+                status |= contois_count_faults_y(s, output_error, reading);
             }
         }
     } else {
@@ -536,20 +597,20 @@ unsigned contois_predict(contois_state *s, const contois_params *p, const contoi
     return status;
 }
 
-unsigned contois_update_y(contois_state *s, const contois_params *p, const contois_output *out)
+unsigned contois_update_y(contois_state *s, const contois_params *p, const contois_output *measurement)
 {
     unsigned status = 0u;
     if ((s->ready != CONTOIS_READY) || (p->ready != CONTOIS_READY)) {
         status = contois_ready(s, p);
     }
     if ((status & CONTOIS_NO_PARAMETERS) == 0u) {
-        status |= contois_run_update_y(s, p, out);
+        status |= contois_run_update_y(s, p, measurement);
     }
     return status;
 }
 
 unsigned contois_step(contois_state *s, const contois_params *p, const contois_input *in,
-    const contois_output *out)
+    const contois_output *measurement)
 {
     unsigned status = 0u;
     if ((s->ready != CONTOIS_READY) || (p->ready != CONTOIS_READY)) {
@@ -557,7 +618,7 @@ unsigned contois_step(contois_state *s, const contois_params *p, const contois_i
     }
     if ((status & CONTOIS_NO_PARAMETERS) == 0u) {
         status |= contois_run_predict(s, p, in);
-        status |= contois_run_update_y(s, p, out);
+        status |= contois_run_update_y(s, p, measurement);
     }
     return status;
 }

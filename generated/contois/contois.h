@@ -4,75 +4,115 @@
  *
  * Model: f54b8a00f7fe844c, as `hgogen recheck` prints it for the model's certificate
  * Time is counted in h: call it every 0.01 h (36 s)
+ * One init, then a step every 0.01 h (36 s) and an estimate.
+ * Manual: contois.md. No heap, no recursion, no static data but constant tables.
  */
 #ifndef CONTOIS_H
 #define CONTOIS_H
 
-/**
- * @file
- * How to use it: one init, then one step a sampling period of 0.01 h (36 s).
- *
- * @code
- *     contois_state s;
- *     contois_params p;
- *     contois_input in;
- *     contois_output out;
- *     contois_plant x;
- *     contois_init(&s, &p);
- *     for (;;) {                      every 0.01 h (36 s)
- *         in.u = ...; out.y = ...;
- *         unsigned status = contois_step(&s, &p, &in, &out);
- *         contois_estimate(&s, &p, &x);
- *     }
- * @endcode
- *
- * The call at t_k uses the samples of t_k and leaves the estimate at t_k; the first call advances no time.
- * The period is compiled in: one call for each, with NaN for a sample that did not come. An output that is
- * not finite is missing: the step predicts. An input that is not finite reuses the last valid one. No input,
- * however absurd, makes the state infinite or not a number. A sensor that sticks at a plausible value is not
- * noticed. The step counts samples at which y is off by 10% of its span in s.fault_count_y, and samples at
- * which the estimate is out of a range by 5% of it in s.fault_count_range; other samples count down, and so
- * does each change of sign of the error, so that noise does not add up. A guard acts where a count reaches
- * its limit, after 6 h (21600 s) of such samples at the least. Where that of the range first reaches its
- * limit, the estimate is projected onto the declared ranges. All of the state but the fault counts restarts
- * from the sample where that of y reaches its limit, and where that of the range does while the estimate is
- * outside by half of a range, or does so again. The count stays and its limit doubles, so that a guard acts
- * again when such samples have come for twice as long in all, later every 3100 h (1.116e+07 s), until the
- * count is 0 again: after a fault that has lasted long, a restart may take as long once more. The status is 0
- * for ok, else an or of the bits below.
- *
- * contois_step is predict, update_y: in this order, each once a period. Call them one by one, and or their
- * statuses, where a sample comes later than the input. Without a sample leave its update out; with NaN it
- * raises MISSING as well, and the last one the bits about the estimate. An update that comes again, or before
- * a predict, does not correct, and says so.
- *
- * Change gains in p.gain, then call contois_tune, or the change is neither limited nor complete. Ranges are
- * those of the model: to widen one, generate anew. Whether dt is short enough was judged with gains and
- * parameters at their nominal values, which proves nothing: others may ask for a shorter one. A gain whose
- * largest value is its nominal one can only go down. The state may be copied. What save gives of it is
- * restored by the same program, and refused where the model, the observer, a default gain, dt, the precision
- * or a bit is another. It begins with a mark, s.ready, that init and reset leave there. Memory without it
- * (zeros, what a stack held, a page that was erased, a state of another program) is not used: the call that
- * meets it begins as after a reset, and says UNINITIALISED. Parameters have a mark, p.ready, from init or
- * PARAMS_INIT. A call that meets parameters without it takes no sample, leaves the state as after a reset,
- * and says NO_PARAMETERS; tune makes them nominal, and says it too. Only estimate, which has no status, does
- * not ask: call it after a step. Parameters that nothing changes may be constant, and lie in flash: begin
- * them with PARAMS_INIT, and call reset in place of init. The mark is no checksum: what is kept while the
- * power is off goes through save and restore, which have one. What is saved are the bytes of the struct, for
- * machines that have the same types in the same order of bytes. To start from an estimate of yours write s.z,
- * in the coordinates that the struct names, after init or reset and before the first call, which takes the
- * estimate as it stands; what else a step remembers of it starts there too.
- *
- * No heap, no static data, no recursion: one set of structs for each instance, shared between threads only
- * under a lock of yours. Compile with -std=c99 -ffp-contract=off for the bits of the recorded self-check,
- * where FLT_EVAL_METHOD of `<float.h>` is 0: elsewhere intermediate results are rounded otherwise; never with
- * -ffast-math or -ffinite-math-only, which take the guards against NaN away and are refused, nor with
- * -funsafe-math-optimizations or -fassociative-math, which spoil the bundled functions and are refused by GCC
- * 12 and later. No macro tells of them in clang, nor of its -fno-honor-nans, with which the self-check fails:
- * run it as you compile.
- */
-
 #include <stddef.h>
+#define CONTOIS_DT      0.01f                         /**< sampling period in hours */
+
+/** the input now */
+typedef struct {
+    float u; /**< dilution rate [1/h], 0 .. 0.5 */
+} contois_input;
+/** the measurement now */
+typedef struct {
+    float y; /**< measured biomass [g/l] */
+} contois_output;
+/** the estimate of the plant's state; ranges are the declared ones, beyond which it may peak */
+typedef struct {
+    float m; /**< biomass [g/l], 0.1 .. 5 */
+    float s; /**< substrate [g/l], 0.1 .. 10 */
+} contois_plant;
+/** parameters: change plant or gain, then call tune */
+typedef struct {
+    unsigned ready; /**< what init and PARAMS_INIT leave here; parameters without it are not used */
+    struct {
+        float Q[2];  /**< process noise, diagonal factor: m, s [z^2/h], 1e-10 .. 100000 */
+        float R;     /**< output noise: y [y^2 h], 1e-14 .. 0.01 */
+        float theta; /**< high-gain parameter, 1 .. 2 */
+    } gain; /**< gains of the observer */
+} contois_params;
+/** what a step remembers: yours to copy, save and restore; ranges are limits, which no call leaves; .. */
+typedef struct {
+    unsigned ready;          /**< what init and reset leave here; a state without it begins anew */
+    float z[2];              /**< estimate in the form's coordinates: m, s */
+    float L;                 /**< unit lower factor of P, strict lower triangle by columns: L21, .. */
+    float D[2];              /**< diagonal factor of the covariance P = L D L' */
+    float fault_count_y;     /**< samples with a fault, signed as the last error, -614400 .. 614400 */
+    float fault_limit_y;     /**< fault count at which a guard acts, 600 .. 614400 */
+    float fault_count_range; /**< samples with a fault, 0 .. 614400 */
+    float fault_limit_range; /**< fault count at which a guard acts, 600 .. 614400 */
+    float fault_checksum;    /**< checks fault counts and limits: their sum beyond the start, 0 .. .. */
+    unsigned calls;          /**< 0 before the first call, 1 after it */
+    unsigned used_y;         /**< 1 from a sample of y that was used until the next predict */
+    float u;                 /**< last valid input: u, 0 .. 0.5 */
+} contois_state;
+
+#ifdef __cplusplus
+extern "C" {
+#endif
+
+/** @brief nominal parameters, tuned, and a reset state
+ * @param[out] s the state: what a step remembers
+ * @param[out] p the parameters */
+void contois_init(contois_state *s, contois_params *p);
+
+/** @brief after a change of parameters: limits them to their ranges
+ * @param[in,out] p the parameters
+ * @return 0, or an or of the status bits */
+unsigned contois_tune(contois_params *p);
+
+/** @brief the state as before the first call
+ * @param[out] s the state: what a step remembers */
+void contois_reset(contois_state *s);
+
+/** @brief one sampling period: predict, update_y
+ * @param[in,out] s the state: what a step remembers
+ * @param[in] p the parameters
+ * @param[in] in the input now
+ * @param[in] measurement the measurement now
+ * @return 0, or an or of the status bits */
+unsigned contois_step(contois_state *s, const contois_params *p, const contois_input *in,
+    const contois_output *measurement);
+
+/** @brief the estimate of the plant's state
+ * @param[in] s the state: what a step remembers
+ * @param[in] p the parameters
+ * @param[out] x the estimate of the plant's state */
+void contois_estimate(const contois_state *s, const contois_params *p, contois_plant *x);
+
+/** @brief part of a step: advance the estimate to now
+ * @param[in,out] s the state: what a step remembers
+ * @param[in] p the parameters
+ * @param[in] in the input now
+ * @return 0, or an or of the status bits */
+unsigned contois_predict(contois_state *s, const contois_params *p, const contois_input *in);
+
+/** @brief part of a step: correct with y
+ * @param[in,out] s the state: what a step remembers
+ * @param[in] p the parameters
+ * @param[in] measurement the measurement now
+ * @return 0, or an or of the status bits */
+unsigned contois_update_y(contois_state *s, const contois_params *p, const contois_output *measurement);
+
+/** @brief the state as CONTOIS_SAVED bytes: CONTOIS_LAYOUT, what lies in memory, a checksum
+ * @param[in] s the state: what a step remembers
+ * @param[out] saved NAME_SAVED bytes, which may lie anywhere */
+void contois_save(const contois_state *s, unsigned char *saved);
+
+/** @brief the state that was saved, where it was saved by this program and no bit of it is another
+ * @param[out] s the state: what a step remembers
+ * @param[in] saved NAME_SAVED bytes, which may lie anywhere
+ * @param[in] size how many there are
+ * @return 0: restored; 1: refused, the state is as it was */
+unsigned contois_restore(contois_state *s, const unsigned char *saved, size_t size);
+
+#ifdef __cplusplus
+}
+#endif
 
 /** @name Status bits: what happened, and what it asks of you. */
 /** @{ */
@@ -136,23 +176,11 @@
 
 /** @} */
 
-/** the period that is compiled in, in hours */
-#define CONTOIS_DT      0.01f
-
-/** the version of hgogen that made this file */
-#define CONTOIS_VERSION "0.2.0"
-
-/** the model, as in its certificate */
-#define CONTOIS_MODEL   "f54b8a00f7fe844c"
-
-/** a digest of the model, the observer, default gains, dt, the precision and the memory of a saved state */
-#define CONTOIS_LAYOUT  "455d2f06136d8137"
-
-/** what init and reset leave in `ready` of a state, and init in that of parameters */
-#define CONTOIS_READY   0x465Fu
-
-/** how many bytes a saved state has */
-#define CONTOIS_SAVED   (sizeof(contois_state) + 12u)
+#define CONTOIS_VERSION "0.2.0"                       /**< of hgogen that made this file */
+#define CONTOIS_MODEL   "f54b8a00f7fe844c"            /**< digest of the model, as in its certificate */
+#define CONTOIS_LAYOUT  "455d2f06136d8137"            /**< digest of what a saved state needs to be the same */
+#define CONTOIS_READY   0x465Fu                       /**< mark of what init and reset have made */
+#define CONTOIS_SAVED   (sizeof(contois_state) + 12u) /**< bytes of a saved state */
 
 /** what constant parameters begin with, which may lie in flash: nominal ones, tuned, with their mark */
 #define CONTOIS_PARAMS_INIT { \
@@ -167,157 +195,17 @@
  *   m' = a1*m*s/(a2*m + s) - m*u
  *   s' = -a1*a3*m*s/(a2*m + s) + a4*u - s*u
  *   y = m
- *   a1 = 1, a2 = 1, a3 = 1, a4 = 0.1
- * Form: uniform, z1 = m, z2 = s
- * Observer
+ * Form: uniform
+ * Observer: riccati
  *   z' = A(u) z + b(z, u) + S^-1 C' R_theta^-1 (y - C z)
  *   S' = -(A + b*)' S - S (A + b*) + C' R_theta^-1 C - S Q_theta S
  *   P = S^-1, Q_theta = theta Delta^-1 Q Delta^-1, R_theta = R/theta, Delta = diag(1, 1/theta, ..)
  *   theta constant
- *   Q = {m: 0.0001, s: 0.1}
- *   R = 1e-08
- *   theta = 2
  * Method: continuous-discrete, L D L', dt = 0.01 h (36 s)
- * Between two calls the input is taken to move on a straight line from the value before to that now
- * Reference: Boizot, Busvelle, Gauthier, An adaptive high-gain observer for nonlinear systems, Automatica 46
- * (2010)
- * Claims
- *   proved: uniform.structure
- *   proved: uniform.slope_1: it is at least 1
- *   proved: uniform.slope_2: it is at least 4.444e-5
- *   proved: uniform.lipschitz: L_b <= 1.818
+ * Claims: 4 proved
  *   unknown: riccati.convergence
  * Hypotheses of its theorem, and the evidence of the claims: contois.md
  * @endverbatim
  */
-
-/** the input now */
-typedef struct {
-    float u; /**< dilution rate [1/h], 0 .. 0.5 */
-} contois_input;
-
-/** the measurement now */
-typedef struct {
-    float y; /**< measured biomass [g/l] */
-} contois_output;
-
-/** the estimate of the plant's state; ranges are the declared ones, beyond which it may peak */
-typedef struct {
-    float m; /**< biomass [g/l], 0.1 .. 5 */
-    float s; /**< substrate [g/l], 0.1 .. 10 */
-} contois_plant;
-
-/** parameters: change plant or gain, then call tune */
-typedef struct {
-    unsigned ready; /**< what init and PARAMS_INIT leave here; parameters without it are not used */
-    /** gains of the observer */
-    struct {
-        float Q[2];  /**< process noise, diagonal factor: m, s [z^2/h], 1e-10 .. 100000 */
-        float R;     /**< output noise: y [y^2 h], 1e-14 .. 0.01 */
-        float theta; /**< high-gain parameter, 1 .. 2 */
-    } gain; /**< gains of the observer */
-} contois_params;
-
-/** what a step remembers: yours to copy, save and restore; ranges are limits, which no call leaves; what was
- * restored from beyond them is limited, or begins anew, where a call next computes with it */
-typedef struct {
-    unsigned ready;          /**< what init and reset leave here; a state without it begins anew */
-    float z[2];              /**< estimate in the form's coordinates: m, s */
-    /** unit lower factor of P, strict lower triangle by columns: L21, -1.53335e+10 .. 1.53335e+10 */
-    float L;
-    float D[2];              /**< diagonal factor of the covariance P = L D L' */
-    /** valid samples that show a fault, with the sign of the last error that does, -614400 .. 614400 */
-    float fault_count_y;
-    float fault_limit_y;     /**< fault count at which a guard acts, 600 .. 614400 */
-    float fault_count_range; /**< valid samples that show a fault, 0 .. 614400 */
-    float fault_limit_range; /**< fault count at which a guard acts, 600 .. 614400 */
-    /** sum of the sizes of all fault counts and of fault limits beyond the first: checks them, 0 ..
-     * 2.4564e+06 */
-    float fault_checksum;
-    unsigned calls;          /**< 0 before the first call, 1 after it */
-    unsigned used_y;         /**< 1 from a sample of y that was used until the next predict */
-    float u;                 /**< last valid input: u, 0 .. 0.5 */
-} contois_state;
-
-#ifdef __cplusplus
-extern "C" {
-#endif
-
-/**
- * @brief nominal parameters, tuned, and a reset state
- * @param[out] s the state: what a step remembers
- * @param[out] p the parameters
- */
-void contois_init(contois_state *s, contois_params *p);
-
-/**
- * @brief after a change of parameters: limits them to their ranges
- * @param[in,out] p the parameters
- * @return 0, or an or of the status bits
- */
-unsigned contois_tune(contois_params *p);
-
-/**
- * @brief the state as before the first call
- * @param[out] s the state: what a step remembers
- */
-void contois_reset(contois_state *s);
-
-/**
- * @brief one sampling period: predict, update_y
- * @param[in,out] s the state: what a step remembers
- * @param[in] p the parameters
- * @param[in] in the input now
- * @param[in] out the measurement now
- * @return 0, or an or of the status bits
- */
-unsigned contois_step(contois_state *s, const contois_params *p, const contois_input *in,
-    const contois_output *out);
-
-/**
- * @brief the estimate of the plant's state
- * @param[in] s the state: what a step remembers
- * @param[in] p the parameters
- * @param[out] x the estimate of the plant's state
- */
-void contois_estimate(const contois_state *s, const contois_params *p, contois_plant *x);
-
-/**
- * @brief part of a step: advance the estimate to now
- * @param[in,out] s the state: what a step remembers
- * @param[in] p the parameters
- * @param[in] in the input now
- * @return 0, or an or of the status bits
- */
-unsigned contois_predict(contois_state *s, const contois_params *p, const contois_input *in);
-
-/**
- * @brief part of a step: correct with y
- * @param[in,out] s the state: what a step remembers
- * @param[in] p the parameters
- * @param[in] out the measurement now
- * @return 0, or an or of the status bits
- */
-unsigned contois_update_y(contois_state *s, const contois_params *p, const contois_output *out);
-
-/**
- * @brief the state as CONTOIS_SAVED bytes: CONTOIS_LAYOUT, what lies in memory, a checksum
- * @param[in] s the state: what a step remembers
- * @param[out] saved NAME_SAVED bytes, which may lie anywhere
- */
-void contois_save(const contois_state *s, unsigned char *saved);
-
-/**
- * @brief the state that was saved, where it was saved by this program and no bit of it is another
- * @param[out] s the state: what a step remembers
- * @param[in] saved NAME_SAVED bytes, which may lie anywhere
- * @param[in] size how many there are
- * @return 0: restored; 1: refused, the state is as it was
- */
-unsigned contois_restore(contois_state *s, const unsigned char *saved, size_t size);
-
-#ifdef __cplusplus
-}
-#endif
 
 #endif /* CONTOIS_H */

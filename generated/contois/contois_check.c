@@ -23,7 +23,7 @@
 
 unsigned contois_check(void);
 
-static const float given[64][2] = { /* in.u, out.y */
+static const float given[64][2] = { /* in.u, measurement.y */
     {0.125f, -0.5f},
     {0.13851352f, -0.41304347f},
     {0.15202703f, -0.32608697f},
@@ -190,15 +190,15 @@ unsigned contois_check(void)
     contois_state s;
     contois_params p;
     contois_input in;
-    contois_output out;
+    contois_output measurement;
     contois_plant x;
     contois_init(&s, &p);
     s.z[0] = 3.53f;
     s.z[1] = 7.03f;
     for (unsigned k = 0u; k < 64u && bad == 0u; ++k) {
         in.u = (k == 40u) ? none : given[k][0];
-        out.y = (k == 20u) ? none : given[k][1];
-        const unsigned status = contois_step(&s, &p, &in, &out);
+        measurement.y = (k == 20u) ? none : given[k][1];
+        const unsigned status = contois_step(&s, &p, &in, &measurement);
         contois_estimate(&s, &p, &x);
         if (status != expected[k] || !contois_near(x.m, k, 0u) || !contois_near(x.s, k, 1u)) {
             bad = k + 1u;

@@ -23,7 +23,7 @@
 
 unsigned cstr_check(void);
 
-static const float given[64][2] = { /* in.Tc, out.y */
+static const float given[64][2] = { /* in.Tc, measurement.y */
     {290.0f, -0.5f},
     {291.0811f, -0.41304347f},
     {292.16217f, -0.32608697f},
@@ -190,15 +190,15 @@ unsigned cstr_check(void)
     cstr_state s;
     cstr_params p;
     cstr_input in;
-    cstr_output out;
+    cstr_output measurement;
     cstr_plant x;
     cstr_init(&s, &p);
     s.z[0] = 335.0f;
     s.z[1] = 0.715f;
     for (unsigned k = 0u; k < 64u && bad == 0u; ++k) {
         in.Tc = (k == 40u) ? none : given[k][0];
-        out.y = (k == 20u) ? none : given[k][1];
-        const unsigned status = cstr_step(&s, &p, &in, &out);
+        measurement.y = (k == 20u) ? none : given[k][1];
+        const unsigned status = cstr_step(&s, &p, &in, &measurement);
         cstr_estimate(&s, &p, &x);
         if (status != expected[k] || !cstr_near(x.C, k, 0u) || !cstr_near(x.T, k, 1u)) {
             bad = k + 1u;

@@ -1,4 +1,4 @@
-/* disturbed_pendulum: see disturbed_pendulum.h, which is the manual. */
+/* disturbed_pendulum: see disturbed_pendulum.h, and its manual disturbed_pendulum.md. */
 #include "disturbed_pendulum.h"
 
 #include <stdbool.h>
@@ -206,54 +206,317 @@ static void disturbed_pendulum_nominal(disturbed_pendulum_params *p)
     p->gain.sigma = 0.05f;
 }
 
+static unsigned disturbed_pendulum_guard_measurements(const disturbed_pendulum_state *s,
+    const disturbed_pendulum_output *measurement, float *valid, float *y, float *y_last)
+{
+    unsigned status = 0u;
+    /* guard the measurements */
+    {
+        const float reading = measurement->y;
+        const bool t1 = disturbed_pendulum_within(reading, 3e+38f);
+        const float w1 = s->w[0];
+        const bool t2 = t1 && disturbed_pendulum_within(reading, 12.0f)
+            && disturbed_pendulum_within(reading - w1, 1e+16f);
+        const float t3 = t2 ? reading : w1;
+        *y = t3;
+        *y_last = (t2 && s->y_valid > 0.0f) ? s->y : t3;
+        *valid = t2 ? 1.0f : 0.0f;
+        if (!t1) {
+            status |= DISTURBED_PENDULUM_MISSING_Y;
+        }
+        if (t1 && !t2) {
+            status |= DISTURBED_PENDULUM_REJECTED_Y;
+        }
+    }
+    return status;
+}
+
+/* advance the estimate from the last call to now */
+static unsigned disturbed_pendulum_advance(disturbed_pendulum_state *s, const disturbed_pendulum_params *p,
+    float valid, float y, float y_last)
+{
+    unsigned status = 0u;
+    float ahead = 0.0f;
+    bool beyond = false;
+    float fraction = 0.0f;
+    float gamma_at = 0.0f;
+    float gamma_sum = 0.0f;
+    float share = 0.0f;
+    float w_at[3];
+    float w_sum[3];
+    /* w, gamma: one step of classical Runge-Kutta */
+    /* its tableau: */
+    /*     0 |  */
+    /*   1/2 | 1/2 */
+    /*   1/2 |   0 1/2 */
+    /*     1 |   0   0   1 */
+    /*   --------------------- */
+    /*       | 1/6 1/3 1/3 1/6 */
+    /* fraction is c of a stage; share is its b over that of the first; ahead is the next stage's a times
+     * dt */
+    w_sum[0] = 0.0f;
+    w_sum[1] = 0.0f;
+    w_sum[2] = 0.0f;
+    gamma_sum = 0.0f;
+    w_at[0] = s->w[0];
+    w_at[1] = s->w[1];
+    w_at[2] = s->w[2];
+    gamma_at = s->gamma;
+    {
+        static const float each_fraction[4] = {0.0f, 0.5f, 0.5f, 1.0f};
+        static const float each_share[4] = {1.0f, 2.0f, 2.0f, 1.0f};
+        static const float each_ahead[4] = {0.0005f, 0.0005f, 0.001f, 0.0f};
+        for (unsigned r = 0u; r < 4u; ++r) {
+            fraction = each_fraction[r];
+            share = each_share[r];
+            ahead = each_ahead[r];
+            /* a stage */
+            {
+                const float gamma_at_2 = gamma_at;
+                const float gamma_sum_2 = gamma_sum;
+                const float w_at1 = w_at[0];
+                const float w_at2 = w_at[1];
+                const float w_at3 = w_at[2];
+                const float w_sum1 = w_sum[0];
+                const float w_sum2 = w_sum[1];
+                const float w_sum3 = w_sum[2];
+                float k_w[3];
+                float k_gamma[1];
+                disturbed_pendulum_rate(p, w_at1, w_at2, w_at3, gamma_at_2, y_last + fraction*(y - y_last),
+                    valid, k_w, k_gamma);
+                w_sum[0] = w_sum1 + share*k_w[0];
+                w_sum[1] = w_sum2 + share*k_w[1];
+                w_sum[2] = w_sum3 + share*k_w[2];
+                gamma_sum = gamma_sum_2 + share*k_gamma[0];
+                w_at[0] = s->w[0] + ahead*k_w[0];
+                w_at[1] = s->w[1] + ahead*k_w[1];
+                w_at[2] = s->w[2] + ahead*k_w[2];
+                gamma_at = s->gamma + ahead*k_gamma[0];
+            }
+        }
+    }
+    /* the slopes of all stages */
+    {
+        const float gamma = s->gamma;
+        const float w1 = s->w[0];
+        const float w2 = s->w[1];
+        const float w3 = s->w[2];
+        s->w[0] = w1 + 0.00016666666f*w_sum[0];
+        s->w[1] = w2 + 0.00016666666f*w_sum[1];
+        s->w[2] = w3 + 0.00016666666f*w_sum[2];
+        s->gamma = gamma + 0.00016666666f*gamma_sum;
+    }
+    /* is a value beyond its box, or lost? */
+    {
+        const bool t1 = disturbed_pendulum_within(s->w[0], 12.0f)
+            && disturbed_pendulum_within(s->w[1], 4000.0f) && disturbed_pendulum_within(s->w[2], 32000.0f);
+        const float gamma = s->gamma;
+        beyond = !(t1 && gamma >= 20.53f && gamma <= 80.0f);
+    }
+    if (disturbed_pendulum_acts(beyond)) {
+        status |= disturbed_pendulum_keep_in_box(s, p);
+    }
+    return status;
+}
+
+static unsigned disturbed_pendulum_suspect(const disturbed_pendulum_state *s,
+    const disturbed_pendulum_output *measurement, bool *suspect, float valid)
+{
+    unsigned status = 0u;
+    /* is the estimate where it cannot be for long? */
+    {
+        const float w1 = s->w[0];
+        const bool t1 = disturbed_pendulum_abs(w1) > 4.0f || disturbed_pendulum_abs(s->w[1]) > 50.0f
+            || disturbed_pendulum_abs(s->w[2]) > 5.0f;
+        if (t1) {
+            status |= DISTURBED_PENDULUM_OUTSIDE_BOX;
+        }
+        *suspect = disturbed_pendulum_abs(measurement->y - w1) > 0.8f || t1 || !(s->fault_checksum <= 0.0f)
+            || !(valid > 0.0f);
+    }
+    return status;
+}
+
+static bool disturbed_pendulum_plausible(const disturbed_pendulum_output *measurement, float valid)
+{
+    bool sampled = false;
+    /* is there a sample to judge by? */
+    {
+        const float reading = measurement->y;
+        sampled = valid > 0.0f || (disturbed_pendulum_within(reading, 3e+38f)
+            && disturbed_pendulum_within(reading, 12.0f));
+    }
+    return sampled;
+}
+
+static bool disturbed_pendulum_counts_spoiled(const disturbed_pendulum_state *s)
+{
+    bool spoiled = false;
+    /* was a fault count or limit spoiled? */
+    {
+        const float fault_count_y = s->fault_count_y;
+        const float fault_limit_y = s->fault_limit_y;
+        const float fault_count_range = s->fault_count_range;
+        const float fault_limit_range = s->fault_limit_range;
+        const float t1 = fault_limit_y - 3499.0f + disturbed_pendulum_abs(fault_count_y)
+            + (fault_limit_range - 3499.0f + fault_count_range);
+        const bool t2 = disturbed_pendulum_abs(t1 - s->fault_checksum) < 0.5f
+            && disturbed_pendulum_within(fault_count_y, 3582976.0f);
+        const bool t3 = t2 && fault_limit_y >= 3499.0f && fault_limit_y <= 3582976.0f
+            && fault_count_range >= 0.0f && fault_count_range <= 3582976.0f;
+        spoiled = !(t3 && fault_limit_range >= 3499.0f && fault_limit_range <= 3582976.0f);
+    }
+    return spoiled;
+}
+
+static void disturbed_pendulum_find_signs(const disturbed_pendulum_state *s,
+    const disturbed_pendulum_output *measurement, float *moves_y, float *side_y)
+{
+    /* which signs show? */
+    {
+        const float t1 = measurement->y - s->w[0];
+        const bool t2 = disturbed_pendulum_within(t1, 0.8f);
+        const float fault_count_y = s->fault_count_y;
+        *moves_y = (t2 ? 0.0f : ((fault_count_y*t1 < 0.0f) ? -1749.0f : 1.0f)) + (t2 ? -1.0f : 0.0f);
+        *side_y = (t2 ? 0.0f : t1) + (t2 ? fault_count_y : 0.0f);
+    }
+}
+
+/* a fault count is at its limit: restart from the sample, or project onto the ranges */
+static unsigned disturbed_pendulum_recover(disturbed_pendulum_state *s,
+    const disturbed_pendulum_output *measurement)
+{
+    unsigned status = 0u;
+    bool lost = false;
+    bool over_range = false;
+    bool over_y = false;
+    /* by which sign, and is the estimate lost? */
+    {
+        const bool t1 = s->fault_limit_y <= disturbed_pendulum_abs(s->fault_count_y);
+        const float fault_limit_range = s->fault_limit_range;
+        const bool t2 = fault_limit_range <= s->fault_count_range;
+        const bool t3 = disturbed_pendulum_abs(s->w[0]) > 8.0f || disturbed_pendulum_abs(s->w[1]) > 100.0f
+            || disturbed_pendulum_abs(s->w[2]) > 10.0f;
+        over_y = t1;
+        over_range = t2;
+        lost = t1 || (t2 && (fault_limit_range > 3499.0f || t3));
+    }
+    if (over_y) {
+        /* the fault limit doubles */
+        {
+            const float fault_count_y = s->fault_count_y;
+            const float fault_limit_y = s->fault_limit_y;
+            const float t1 = disturbed_pendulum_min(fault_limit_y, 1791488.0f);
+            s->fault_count_y = (fault_count_y < 0.0f) ? -t1 : t1;
+            s->fault_limit_y = disturbed_pendulum_min(2.0f*fault_limit_y, 3582976.0f);
+        }
+    }
+    if (over_range) {
+        /* the fault limit doubles */
+        {
+            const float fault_limit_range = s->fault_limit_range;
+            s->fault_count_range = disturbed_pendulum_min(fault_limit_range, 1791488.0f);
+            s->fault_limit_range = disturbed_pendulum_min(2.0f*fault_limit_range, 3582976.0f);
+        }
+    }
+    if (lost) {
+        /* the estimate restarts */
+        s->w[0] = 1.0f;
+        s->w[1] = 1.0f;
+        s->w[2] = 1.0f;
+        /* from the sample of y */
+        {
+            const float w1 = s->w[0];
+            const float w2 = s->w[1];
+            const float w3 = s->w[2];
+            s->w[0] = disturbed_pendulum_keep(measurement->y, -4.0f, 4.0f, w1, 1e+30f);
+            s->w[1] = disturbed_pendulum_keep(w2, -50.0f, 50.0f, w2, 1e+30f);
+            s->w[2] = disturbed_pendulum_keep(w3, -5.0f, 5.0f, w3, 1e+30f);
+        }
+        /* the estimate has restarted from the sample */
+        status |= DISTURBED_PENDULUM_RESTARTED_FROM_SAMPLE;
+        /* as after a reset */
+        s->gamma = 20.53f;
+    } else {
+        /* the estimate back onto its declared ranges */
+        {
+            const float w1 = s->w[0];
+            const float w2 = s->w[1];
+            const float w3 = s->w[2];
+            s->w[0] = disturbed_pendulum_limit(w1, 4.0f);
+            s->w[1] = disturbed_pendulum_limit(w2, 50.0f);
+            s->w[2] = disturbed_pendulum_limit(w3, 5.0f);
+            status |= DISTURBED_PENDULUM_PROJECTED_ONTO_RANGES;
+        }
+    }
+    return status;
+}
+
+/* count the signs of a fault at a sample, and act where a count is at its limit */
+static unsigned disturbed_pendulum_count_faults(disturbed_pendulum_state *s,
+    const disturbed_pendulum_output *measurement)
+{
+    unsigned status = 0u;
+    bool acts = false;
+    float moves_range = 0.0f;
+    float moves_y = 0.0f;
+    float side_y = 0.0f;
+    bool spoiled = false;
+    spoiled = disturbed_pendulum_counts_spoiled(s);
+    if (spoiled) {
+        disturbed_pendulum_clear_fault_counts(s);
+    }
+    /* is the estimate out of a range? */
+    {
+        const bool t1 = disturbed_pendulum_abs(s->w[0]) > 4.4f || disturbed_pendulum_abs(s->w[1]) > 55.0f
+            || disturbed_pendulum_abs(s->w[2]) > 5.5f;
+        moves_range = t1 ? 1.0f : -1.0f;
+    }
+    /* count of range */
+    {
+        const float fault_count_range = s->fault_count_range;
+        const float fault_limit_range = s->fault_limit_range;
+        const float t1 = disturbed_pendulum_clamp(fault_count_range + moves_range, 0.0f, 3582976.0f);
+        s->fault_count_range = t1;
+        s->fault_limit_range = (t1 <= 0.0f) ? 3499.0f : fault_limit_range;
+    }
+    disturbed_pendulum_find_signs(s, measurement, &moves_y, &side_y);
+    /* count of y */
+    {
+        const float fault_count_y = s->fault_count_y;
+        const float fault_limit_y = s->fault_limit_y;
+        const float t1 = disturbed_pendulum_clamp(disturbed_pendulum_abs(fault_count_y) + moves_y, 0.0f,
+            3582976.0f);
+        s->fault_count_y = (side_y < 0.0f) ? -t1 : t1;
+        s->fault_limit_y = (t1 <= 0.0f) ? 3499.0f : fault_limit_y;
+    }
+    /* does a guard act? */
+    acts = s->fault_limit_y <= disturbed_pendulum_abs(s->fault_count_y)
+        || s->fault_limit_range <= s->fault_count_range;
+    if (acts) {
+        status |= disturbed_pendulum_recover(s, measurement);
+    }
+    /* the checksum of fault counts and limits */
+    s->fault_checksum = s->fault_limit_y - 3499.0f + disturbed_pendulum_abs(s->fault_count_y)
+        + (s->fault_limit_range - 3499.0f + s->fault_count_range);
+    return status;
+}
+
 unsigned disturbed_pendulum_step(disturbed_pendulum_state *s, const disturbed_pendulum_params *p,
-    const disturbed_pendulum_output *out)
+    const disturbed_pendulum_output *measurement)
 {
     unsigned status = 0u;
     if ((s->ready != DISTURBED_PENDULUM_READY) || (p->ready != DISTURBED_PENDULUM_READY)) {
         status = disturbed_pendulum_ready(s, p);
     }
     if ((status & DISTURBED_PENDULUM_NO_PARAMETERS) == 0u) {
-        bool acts = false;
-        float ahead = 0.0f;
-        bool beyond = false;
-        float fraction = 0.0f;
-        float gamma_at = 0.0f;
-        float gamma_sum = 0.0f;
-        bool lost = false;
-        float moves_range = 0.0f;
-        float moves_y = 0.0f;
-        bool over_range = false;
-        bool over_y = false;
         bool running = false;
         bool sampled = false;
-        float share = 0.0f;
-        float side_y = 0.0f;
-        bool spoiled = false;
         bool suspect = false;
         float valid = 0.0f;
-        float w_at[3];
-        float w_sum[3];
         float y = 0.0f;
         float y_last = 0.0f;
-        /* guard the measurements */
-        {
-            const float measurement = out->y;
-            const bool t1 = disturbed_pendulum_within(measurement, 3e+38f);
-            const float w1 = s->w[0];
-            const bool t2 = t1 && disturbed_pendulum_within(measurement, 12.0f)
-                && disturbed_pendulum_within(measurement - w1, 1e+16f);
-            const float t3 = t2 ? measurement : w1;
-            y = t3;
-            y_last = (t2 && s->y_valid > 0.0f) ? s->y : t3;
-            valid = t2 ? 1.0f : 0.0f;
-            if (!t1) {
-                status |= DISTURBED_PENDULUM_MISSING_Y;
-            }
-            if (t1 && !t2) {
-                status |= DISTURBED_PENDULUM_REJECTED_Y;
-            }
-        }
+        status |= disturbed_pendulum_guard_measurements(s, measurement, &valid, &y, &y_last);
         /* the first call advances no time */
         {
             const unsigned calls = s->calls;
@@ -261,214 +524,18 @@ unsigned disturbed_pendulum_step(disturbed_pendulum_state *s, const disturbed_pe
             s->calls = 1u;
         }
         if (running) {
-            /* w, gamma: one step of classical Runge-Kutta */
-            w_sum[0] = 0.0f;
-            w_sum[1] = 0.0f;
-            w_sum[2] = 0.0f;
-            gamma_sum = 0.0f;
-            w_at[0] = s->w[0];
-            w_at[1] = s->w[1];
-            w_at[2] = s->w[2];
-            gamma_at = s->gamma;
-            {
-                static const float each_fraction[4] = {0.0f, 0.5f, 0.5f, 1.0f};
-                static const float each_share[4] = {1.0f, 2.0f, 2.0f, 1.0f};
-                static const float each_ahead[4] = {0.0005f, 0.0005f, 0.001f, 0.0f};
-                for (unsigned r = 0u; r < 4u; ++r) {
-                    fraction = each_fraction[r];
-                    share = each_share[r];
-                    ahead = each_ahead[r];
-                    /* a stage */
-                    {
-                        const float gamma_at_2 = gamma_at;
-                        const float gamma_sum_2 = gamma_sum;
-                        const float w_at1 = w_at[0];
-                        const float w_at2 = w_at[1];
-                        const float w_at3 = w_at[2];
-                        const float w_sum1 = w_sum[0];
-                        const float w_sum2 = w_sum[1];
-                        const float w_sum3 = w_sum[2];
-                        float k_w[3];
-                        float k_gamma[1];
-                        disturbed_pendulum_rate(p, w_at1, w_at2, w_at3, gamma_at_2, y_last
-                            + fraction*(y - y_last), valid, k_w, k_gamma);
-                        w_sum[0] = w_sum1 + share*k_w[0];
-                        w_sum[1] = w_sum2 + share*k_w[1];
-                        w_sum[2] = w_sum3 + share*k_w[2];
-                        gamma_sum = gamma_sum_2 + share*k_gamma[0];
-                        w_at[0] = s->w[0] + ahead*k_w[0];
-                        w_at[1] = s->w[1] + ahead*k_w[1];
-                        w_at[2] = s->w[2] + ahead*k_w[2];
-                        gamma_at = s->gamma + ahead*k_gamma[0];
-                    }
-                }
-            }
-            /* the slopes of all stages */
-            {
-                const float gamma = s->gamma;
-                const float w1 = s->w[0];
-                const float w2 = s->w[1];
-                const float w3 = s->w[2];
-                s->w[0] = w1 + 0.00016666666f*w_sum[0];
-                s->w[1] = w2 + 0.00016666666f*w_sum[1];
-                s->w[2] = w3 + 0.00016666666f*w_sum[2];
-                s->gamma = gamma + 0.00016666666f*gamma_sum;
-            }
-            /* is a value beyond its box, or lost? */
-            {
-                const bool t1 = disturbed_pendulum_within(s->w[0], 12.0f)
-                    && disturbed_pendulum_within(s->w[1], 4000.0f)
-                        && disturbed_pendulum_within(s->w[2], 32000.0f);
-                const float gamma = s->gamma;
-                beyond = !(t1 && gamma >= 20.53f && gamma <= 80.0f);
-            }
-            if (disturbed_pendulum_acts(beyond)) {
-                status |= disturbed_pendulum_keep_in_box(s, p);
-            }
+            status |= disturbed_pendulum_advance(s, p, valid, y, y_last);
         } else {
             status |= disturbed_pendulum_keep_in_box(s, p);
         }
         /* remember the sample */
         s->y = y;
         s->y_valid = valid;
-        /* is the estimate where it cannot be for long? */
-        {
-            const float w1 = s->w[0];
-            const bool t1 = disturbed_pendulum_abs(w1) > 4.0f || disturbed_pendulum_abs(s->w[1]) > 50.0f
-                || disturbed_pendulum_abs(s->w[2]) > 5.0f;
-            if (t1) {
-                status |= DISTURBED_PENDULUM_OUTSIDE_BOX;
-            }
-            suspect = disturbed_pendulum_abs(out->y - w1) > 0.8f || t1 || !(s->fault_checksum <= 0.0f)
-                || !(valid > 0.0f);
-        }
+        status |= disturbed_pendulum_suspect(s, measurement, &suspect, valid);
         if (suspect) {
-            /* is there a sample to judge by? */
-            {
-                const float measurement = out->y;
-                const bool t1 = disturbed_pendulum_within(measurement, 3e+38f)
-                    && disturbed_pendulum_within(measurement, 12.0f);
-                sampled = valid > 0.0f || t1;
-            }
+            sampled = disturbed_pendulum_plausible(measurement, valid);
             if (sampled) {
-                /* was a fault count or limit spoiled? */
-                {
-                    const float fault_count_y = s->fault_count_y;
-                    const float fault_limit_y = s->fault_limit_y;
-                    const float fault_count_range = s->fault_count_range;
-                    const float fault_limit_range = s->fault_limit_range;
-                    const float t1 = fault_limit_y - 3499.0f + disturbed_pendulum_abs(fault_count_y)
-                        + (fault_limit_range - 3499.0f + fault_count_range);
-                    const bool t2 = disturbed_pendulum_abs(t1 - s->fault_checksum) < 0.5f
-                        && disturbed_pendulum_within(fault_count_y, 3582976.0f);
-                    const bool t3 = t2 && fault_limit_y >= 3499.0f && fault_limit_y <= 3582976.0f
-                        && fault_count_range >= 0.0f && fault_count_range <= 3582976.0f;
-                    spoiled = !(t3 && fault_limit_range >= 3499.0f && fault_limit_range <= 3582976.0f);
-                }
-                if (spoiled) {
-                    disturbed_pendulum_clear_fault_counts(s);
-                }
-                /* is the estimate out of a range? */
-                {
-                    const bool t1 = disturbed_pendulum_abs(s->w[0]) > 4.4f
-                        || disturbed_pendulum_abs(s->w[1]) > 55.0f || disturbed_pendulum_abs(s->w[2]) > 5.5f;
-                    moves_range = t1 ? 1.0f : -1.0f;
-                }
-                /* count of range */
-                {
-                    const float fault_count_range = s->fault_count_range;
-                    const float fault_limit_range = s->fault_limit_range;
-                    const float t1 = disturbed_pendulum_clamp(fault_count_range + moves_range, 0.0f,
-                        3582976.0f);
-                    s->fault_count_range = t1;
-                    s->fault_limit_range = (t1 <= 0.0f) ? 3499.0f : fault_limit_range;
-                }
-                /* which signs show? */
-                {
-                    const float t1 = out->y - s->w[0];
-                    const bool t2 = disturbed_pendulum_within(t1, 0.8f);
-                    const float fault_count_y = s->fault_count_y;
-                    moves_y = (t2 ? 0.0f : ((fault_count_y*t1 < 0.0f) ? -1749.0f : 1.0f))
-                        + (t2 ? -1.0f : 0.0f);
-                    side_y = (t2 ? 0.0f : t1) + (t2 ? fault_count_y : 0.0f);
-                }
-                /* count of y */
-                {
-                    const float fault_count_y = s->fault_count_y;
-                    const float fault_limit_y = s->fault_limit_y;
-                    const float t1 = disturbed_pendulum_clamp(disturbed_pendulum_abs(fault_count_y)
-                        + moves_y, 0.0f, 3582976.0f);
-                    s->fault_count_y = (side_y < 0.0f) ? -t1 : t1;
-                    s->fault_limit_y = (t1 <= 0.0f) ? 3499.0f : fault_limit_y;
-                }
-                /* does a guard act? */
-                acts = s->fault_limit_y <= disturbed_pendulum_abs(s->fault_count_y)
-                    || s->fault_limit_range <= s->fault_count_range;
-                if (acts) {
-                    /* by which sign, and is the estimate lost? */
-                    {
-                        const bool t1 = s->fault_limit_y <= disturbed_pendulum_abs(s->fault_count_y);
-                        const float fault_limit_range = s->fault_limit_range;
-                        const bool t2 = fault_limit_range <= s->fault_count_range;
-                        const bool t3 = disturbed_pendulum_abs(s->w[0]) > 8.0f
-                            || disturbed_pendulum_abs(s->w[1]) > 100.0f
-                                || disturbed_pendulum_abs(s->w[2]) > 10.0f;
-                        over_y = t1;
-                        over_range = t2;
-                        lost = t1 || (t2 && (fault_limit_range > 3499.0f || t3));
-                    }
-                    if (over_y) {
-                        /* the fault limit doubles */
-                        {
-                            const float fault_count_y = s->fault_count_y;
-                            const float fault_limit_y = s->fault_limit_y;
-                            const float t1 = disturbed_pendulum_min(fault_limit_y, 1791488.0f);
-                            s->fault_count_y = (fault_count_y < 0.0f) ? -t1 : t1;
-                            s->fault_limit_y = disturbed_pendulum_min(2.0f*fault_limit_y, 3582976.0f);
-                        }
-                    }
-                    if (over_range) {
-                        /* the fault limit doubles */
-                        {
-                            const float fault_limit_range = s->fault_limit_range;
-                            s->fault_count_range = disturbed_pendulum_min(fault_limit_range, 1791488.0f);
-                            s->fault_limit_range = disturbed_pendulum_min(2.0f*fault_limit_range, 3582976.0f);
-                        }
-                    }
-                    if (lost) {
-                        /* the estimate restarts */
-                        s->w[0] = 1.0f;
-                        s->w[1] = 1.0f;
-                        s->w[2] = 1.0f;
-                        /* from the sample of y */
-                        {
-                            const float w1 = s->w[0];
-                            const float w2 = s->w[1];
-                            const float w3 = s->w[2];
-                            s->w[0] = disturbed_pendulum_keep(out->y, -4.0f, 4.0f, w1, 1e+30f);
-                            s->w[1] = disturbed_pendulum_keep(w2, -50.0f, 50.0f, w2, 1e+30f);
-                            s->w[2] = disturbed_pendulum_keep(w3, -5.0f, 5.0f, w3, 1e+30f);
-                        }
-                        /* the estimate has restarted from the sample */
-                        status |= DISTURBED_PENDULUM_RESTARTED_FROM_SAMPLE;
-                        /* as after a reset */
-                        s->gamma = 20.53f;
-                    } else {
-                        /* the estimate back onto its declared ranges */
-                        {
-                            const float w1 = s->w[0];
-                            const float w2 = s->w[1];
-                            const float w3 = s->w[2];
-                            s->w[0] = disturbed_pendulum_limit(w1, 4.0f);
-                            s->w[1] = disturbed_pendulum_limit(w2, 50.0f);
-                            s->w[2] = disturbed_pendulum_limit(w3, 5.0f);
-                            status |= DISTURBED_PENDULUM_PROJECTED_ONTO_RANGES;
-                        }
-                    }
-                }
-                /* the checksum of fault counts and limits */
-                s->fault_checksum = s->fault_limit_y - 3499.0f + disturbed_pendulum_abs(s->fault_count_y)
-                    + (s->fault_limit_range - 3499.0f + s->fault_count_range);
+                status |= disturbed_pendulum_count_faults(s, measurement);
             }
         }
     }

@@ -4,69 +4,98 @@
  * disturbed_pendulum
  *
  * Model: bbb9ececb691603d, as `hgogen recheck` prints it for the model's certificate
+ * One init, then a step every 0.001 s and an estimate.
+ * Manual: disturbed_pendulum.md. No heap, no recursion, no static data but constant tables.
  */
 #ifndef DISTURBED_PENDULUM_H
 #define DISTURBED_PENDULUM_H
 
-/**
- * @file
- * How to use it: one init, then one step a sampling period of 0.001 s.
- *
- * @code
- *     disturbed_pendulum_state s;
- *     disturbed_pendulum_params p;
- *     disturbed_pendulum_output out;
- *     disturbed_pendulum_plant x;
- *     disturbed_pendulum_init(&s, &p);
- *     for (;;) {                      every 0.001 s
- *         out.y = ...;
- *         unsigned status = disturbed_pendulum_step(&s, &p, &out);
- *         disturbed_pendulum_estimate(&s, &p, &x);
- *     }
- * @endcode
- *
- * The call at t_k uses the samples of t_k and leaves the estimate at t_k; the first call advances no time.
- * The period is compiled in: one call for each, with NaN for a sample that did not come. An output that is
- * not finite is missing: the step predicts. An input that is not finite reuses the last valid one. No input,
- * however absurd, makes the state infinite or not a number. A sensor that sticks at a plausible value is not
- * noticed. The step counts samples at which y is off by 10% of its span in s.fault_count_y, and samples at
- * which the estimate is out of a range by 5% of it in s.fault_count_range; other samples count down, and so
- * does each change of sign of the error, so that noise does not add up. A guard acts where a count reaches
- * its limit, after 3.5 s of such samples at the least. Where that of the range first reaches its limit, the
- * estimate is projected onto the declared ranges. All of the state but the fault counts restarts from the
- * sample where that of y reaches its limit, and where that of the range does while the estimate is outside by
- * half of a range, or does so again. The count stays and its limit doubles, so that a guard acts again when
- * such samples have come for twice as long in all, later every 1800 s, until the count is 0 again: after a
- * fault that has lasted long, a restart may take as long once more. The status is 0 for ok, else an or of the
- * bits below.
- *
- * Change gains in p.gain, then call disturbed_pendulum_tune, or the change is neither limited nor complete.
- * Ranges are those of the model: to widen one, generate anew. Whether dt is short enough was judged with
- * gains and parameters at their nominal values, which proves nothing: others may ask for a shorter one. A
- * gain whose largest value is its nominal one can only go down. The state may be copied. What save gives of
- * it is restored by the same program, and refused where the model, the observer, a default gain, dt, the
- * precision or a bit is another. It begins with a mark, s.ready, that init and reset leave there. Memory
- * without it (zeros, what a stack held, a page that was erased, a state of another program) is not used: the
- * call that meets it begins as after a reset, and says UNINITIALISED. Parameters have a mark, p.ready, from
- * init or PARAMS_INIT. A call that meets parameters without it takes no sample, leaves the state as after a
- * reset, and says NO_PARAMETERS; tune makes them nominal, and says it too. Only estimate, which has no
- * status, does not ask: call it after a step. Parameters that nothing changes may be constant, and lie in
- * flash: begin them with PARAMS_INIT, and call reset in place of init. The mark is no checksum: what is kept
- * while the power is off goes through save and restore, which have one. What is saved are the bytes of the
- * struct, for machines that have the same types in the same order of bytes. To start from an estimate of
- * yours write s.w, in the coordinates that the struct names, after init or reset and before the first call,
- * which takes the estimate as it stands; what else a step remembers of it starts there too.
- *
- * No heap, no static data, no recursion: one set of structs for each instance, shared between threads only
- * under a lock of yours. Compile with -std=c99 -ffp-contract=off for the bits of the recorded self-check,
- * where FLT_EVAL_METHOD of `<float.h>` is 0: elsewhere intermediate results are rounded otherwise; never with
- * -ffast-math or -ffinite-math-only, which take the guards against NaN away and are refused, nor with
- * -funsafe-math-optimizations or -fassociative-math, which spoil the bundled functions and are refused by GCC
- * 12 and later. No macro tells of them in clang, nor of its -fno-honor-nans, with which the self-check fails:
- * run it as you compile.
- */
-
 #include <stddef.h>
+#define DISTURBED_PENDULUM_DT      0.001f                                   /**< sampling period in seconds */
+
+/** the measurement now */
+typedef struct {
+    float y; /**< measured angle [rad], -4 .. 4 */
+} disturbed_pendulum_output;
+/** the estimate of the plant's state; ranges are the declared ones, beyond which it may peak */
+typedef struct {
+    float x1; /**< angle [rad], -4 .. 4 */
+    float x2; /**< rate [rad/s], -50 .. 50 */
+    float x3; /**< unknown torque over inertia [1/s2], -5 .. 5 */
+} disturbed_pendulum_plant;
+/** parameters: change plant or gain, then call tune */
+typedef struct {
+    unsigned ready; /**< what init and PARAMS_INIT leave here; parameters without it are not used */
+    struct {
+        float rise;      /**< alpha, rate at which gamma rises [1/s], 0.05 .. 50000 */
+        float threshold; /**< d, output error above which gamma rises [rad], 0.0001 .. 100 */
+        float sigma;     /**< gamma falls like -sigma gamma^2, 0 .. 0.05 */
+    } gain; /**< gains of the observer */
+} disturbed_pendulum_params;
+/** what a step remembers: yours to copy, save and restore; ranges are limits, which no call leaves; .. */
+typedef struct {
+    unsigned ready;          /**< what init and reset leave here; a state without it begins anew */
+    float w[3];              /**< estimate, in chains of integrators: x1, x2, x3 */
+    float gamma;             /**< high-gain parameter, 20.53 .. 80 */
+    float fault_count_y;     /**< samples with a fault, signed as the last error, -3.58298e+06 .. .. */
+    float fault_limit_y;     /**< fault count at which a guard acts, 3499 .. 3.58298e+06 */
+    float fault_count_range; /**< samples with a fault, 0 .. 3.58298e+06 */
+    float fault_limit_range; /**< fault count at which a guard acts, 3499 .. 3.58298e+06 */
+    float fault_checksum;    /**< checks fault counts and limits: their sum beyond the start, 0 .. .. */
+    unsigned calls;          /**< 0 before the first call, 1 after it */
+    float y;                 /**< sample of the last call, or its estimate where there was none: y */
+    float y_valid;           /**< 1 where the last call had a valid sample: y */
+} disturbed_pendulum_state;
+
+#ifdef __cplusplus
+extern "C" {
+#endif
+
+/** @brief nominal parameters, tuned, and a reset state
+ * @param[out] s the state: what a step remembers
+ * @param[out] p the parameters */
+void disturbed_pendulum_init(disturbed_pendulum_state *s, disturbed_pendulum_params *p);
+
+/** @brief after a change of parameters: limits them to their ranges
+ * @param[in,out] p the parameters
+ * @return 0, or an or of the status bits */
+unsigned disturbed_pendulum_tune(disturbed_pendulum_params *p);
+
+/** @brief the state as before the first call
+ * @param[out] s the state: what a step remembers */
+void disturbed_pendulum_reset(disturbed_pendulum_state *s);
+
+/** @brief one sampling period: predict
+ * @param[in,out] s the state: what a step remembers
+ * @param[in] p the parameters
+ * @param[in] measurement the measurement now
+ * @return 0, or an or of the status bits */
+unsigned disturbed_pendulum_step(disturbed_pendulum_state *s, const disturbed_pendulum_params *p,
+    const disturbed_pendulum_output *measurement);
+
+/** @brief the estimate of the plant's state
+ * @param[in] s the state: what a step remembers
+ * @param[in] p the parameters
+ * @param[out] x the estimate of the plant's state */
+void disturbed_pendulum_estimate(const disturbed_pendulum_state *s, const disturbed_pendulum_params *p,
+    disturbed_pendulum_plant *x);
+
+/** @brief the state as DISTURBED_PENDULUM_SAVED bytes: DISTURBED_PENDULUM_LAYOUT, what lies in memory, a
+ * checksum
+ * @param[in] s the state: what a step remembers
+ * @param[out] saved NAME_SAVED bytes, which may lie anywhere */
+void disturbed_pendulum_save(const disturbed_pendulum_state *s, unsigned char *saved);
+
+/** @brief the state that was saved, where it was saved by this program and no bit of it is another
+ * @param[out] s the state: what a step remembers
+ * @param[in] saved NAME_SAVED bytes, which may lie anywhere
+ * @param[in] size how many there are
+ * @return 0: restored; 1: refused, the state is as it was */
+unsigned disturbed_pendulum_restore(disturbed_pendulum_state *s, const unsigned char *saved, size_t size);
+
+#ifdef __cplusplus
+}
+#endif
 
 /** @name Status bits: what happened, and what it asks of you. */
 /** @{ */
@@ -115,23 +144,11 @@
 
 /** @} */
 
-/** the period that is compiled in, in seconds */
-#define DISTURBED_PENDULUM_DT      0.001f
-
-/** the version of hgogen that made this file */
-#define DISTURBED_PENDULUM_VERSION "0.2.0"
-
-/** the model, as in its certificate */
-#define DISTURBED_PENDULUM_MODEL   "bbb9ececb691603d"
-
-/** a digest of the model, the observer, default gains, dt, the precision and the memory of a saved state */
-#define DISTURBED_PENDULUM_LAYOUT  "ccddfa6ecd4197ad"
-
-/** what init and reset leave in `ready` of a state, and init in that of parameters */
-#define DISTURBED_PENDULUM_READY   0xCDDFu
-
-/** how many bytes a saved state has */
-#define DISTURBED_PENDULUM_SAVED   (sizeof(disturbed_pendulum_state) + 12u)
+#define DISTURBED_PENDULUM_VERSION "0.2.0"                                  /**< of hgogen that made this file */
+#define DISTURBED_PENDULUM_MODEL   "bbb9ececb691603d"                       /**< digest of the model, as in its certificate */
+#define DISTURBED_PENDULUM_LAYOUT  "ccddfa6ecd4197ad"                       /**< digest of what a saved state needs to be the same */
+#define DISTURBED_PENDULUM_READY   0xCDDFu                                  /**< mark of what init and reset have made */
+#define DISTURBED_PENDULUM_SAVED   (sizeof(disturbed_pendulum_state) + 12u) /**< bytes of a saved state */
 
 /** what constant parameters begin with, which may lie in flash: nominal ones, tuned, with their mark */
 #define DISTURBED_PENDULUM_PARAMS_INIT { \
@@ -147,141 +164,16 @@
  *   x2' = -a*sin(x1) - b*x2 + x3
  *   x3' = 0
  *   y = x1
- *   a = 0.5, b = 0.5
- * Form: triangular, z1 = x1, z2 = x2, z3 = x3
- * Observer
+ * Form: triangular
+ * Observer: adaptive_lmi
  *   w_i' = w_(i+1) + c_i(w, u) + gamma^i k_i (y - w_1), w_(n+1) = 0
  *   gamma' = rise gamma while |y - w_1| > threshold, -sigma gamma^2 else, in [gamma_inf, gamma_sup]
  *   K = (8.9661, 16.5213, 9.1275), gamma_inf = 20.53, gamma_sup = 80
  *   P = ((1.2192, -0.6803, 0.1906), (-0.6803, 0.7829, -0.6874), (0.1906, -0.6874, 1.0244))
- *   in chains of integrators the plant is w' = A w + c(w, u), A the shift; c takes w clamped to its ranges
- *   rise = 50
- *   threshold = 0.1
- *   sigma = 0.05
  * Method: classical Runge-Kutta, dt = 0.001 s
- * Reference: Alessandri, On Hamilton-Jacobi approaches to state reconstruction for dynamic systems (2020),
- * theorems 5-7
- * Claims
- *   proved: triangular.structure
- *   proved: triangular.a_1: it is 1
- *   proved: triangular.a_2: it is 1
- *   proved: triangular.a_3: it is 1
- *   proved: triangular.lipschitz: L_b <= 0.7072
- *   proved: adaptive_lmi.definite: the smallest eigenvalue is at least 0.04047
- *   proved: adaptive_lmi.shrink: the smallest eigenvalue is at least 0.05695
- *   proved: adaptive_lmi.decay: the largest eigenvalue is at most -0.3242
- *   proved: adaptive_lmi.attenuation: mu <= 1.23e+4
- *   proved: adaptive_lmi.convergence: above 0.193
- *   proved: adaptive_lmi.theta: above 0.193
+ * Claims: 11 proved
  * Hypotheses of its theorem, and the evidence of the claims: disturbed_pendulum.md
  * @endverbatim
  */
-
-/** the measurement now */
-typedef struct {
-    float y; /**< measured angle [rad], -4 .. 4 */
-} disturbed_pendulum_output;
-
-/** the estimate of the plant's state; ranges are the declared ones, beyond which it may peak */
-typedef struct {
-    float x1; /**< angle [rad], -4 .. 4 */
-    float x2; /**< rate [rad/s], -50 .. 50 */
-    float x3; /**< unknown torque over inertia [1/s2], -5 .. 5 */
-} disturbed_pendulum_plant;
-
-/** parameters: change plant or gain, then call tune */
-typedef struct {
-    unsigned ready; /**< what init and PARAMS_INIT leave here; parameters without it are not used */
-    /** gains of the observer */
-    struct {
-        float rise;      /**< alpha, rate at which gamma rises [1/s], 0.05 .. 50000 */
-        float threshold; /**< d, output error above which gamma rises [rad], 0.0001 .. 100 */
-        float sigma;     /**< gamma falls like -sigma gamma^2, 0 .. 0.05 */
-    } gain; /**< gains of the observer */
-} disturbed_pendulum_params;
-
-/** what a step remembers: yours to copy, save and restore; ranges are limits, which no call leaves; what was
- * restored from beyond them is limited, or begins anew, where a call next computes with it */
-typedef struct {
-    unsigned ready;          /**< what init and reset leave here; a state without it begins anew */
-    float w[3];              /**< estimate, in chains of integrators: x1, x2, x3 */
-    float gamma;             /**< high-gain parameter, 20.53 .. 80 */
-    /** valid samples that show a fault, with the sign of the last error that does, -3.58298e+06 ..
-     * 3.58298e+06 */
-    float fault_count_y;
-    float fault_limit_y;     /**< fault count at which a guard acts, 3499 .. 3.58298e+06 */
-    float fault_count_range; /**< valid samples that show a fault, 0 .. 3.58298e+06 */
-    float fault_limit_range; /**< fault count at which a guard acts, 3499 .. 3.58298e+06 */
-    /** sum of the sizes of all fault counts and of fault limits beyond the first: checks them, 0 ..
-     * 1.43249e+07 */
-    float fault_checksum;
-    unsigned calls;          /**< 0 before the first call, 1 after it */
-    float y;                 /**< sample of the last call, or its estimate where there was none: y */
-    float y_valid;           /**< 1 where the last call had a valid sample: y */
-} disturbed_pendulum_state;
-
-#ifdef __cplusplus
-extern "C" {
-#endif
-
-/**
- * @brief nominal parameters, tuned, and a reset state
- * @param[out] s the state: what a step remembers
- * @param[out] p the parameters
- */
-void disturbed_pendulum_init(disturbed_pendulum_state *s, disturbed_pendulum_params *p);
-
-/**
- * @brief after a change of parameters: limits them to their ranges
- * @param[in,out] p the parameters
- * @return 0, or an or of the status bits
- */
-unsigned disturbed_pendulum_tune(disturbed_pendulum_params *p);
-
-/**
- * @brief the state as before the first call
- * @param[out] s the state: what a step remembers
- */
-void disturbed_pendulum_reset(disturbed_pendulum_state *s);
-
-/**
- * @brief one sampling period: predict
- * @param[in,out] s the state: what a step remembers
- * @param[in] p the parameters
- * @param[in] out the measurement now
- * @return 0, or an or of the status bits
- */
-unsigned disturbed_pendulum_step(disturbed_pendulum_state *s, const disturbed_pendulum_params *p,
-    const disturbed_pendulum_output *out);
-
-/**
- * @brief the estimate of the plant's state
- * @param[in] s the state: what a step remembers
- * @param[in] p the parameters
- * @param[out] x the estimate of the plant's state
- */
-void disturbed_pendulum_estimate(const disturbed_pendulum_state *s, const disturbed_pendulum_params *p,
-    disturbed_pendulum_plant *x);
-
-/**
- * @brief the state as DISTURBED_PENDULUM_SAVED bytes: DISTURBED_PENDULUM_LAYOUT, what lies in memory, a
- * checksum
- * @param[in] s the state: what a step remembers
- * @param[out] saved NAME_SAVED bytes, which may lie anywhere
- */
-void disturbed_pendulum_save(const disturbed_pendulum_state *s, unsigned char *saved);
-
-/**
- * @brief the state that was saved, where it was saved by this program and no bit of it is another
- * @param[out] s the state: what a step remembers
- * @param[in] saved NAME_SAVED bytes, which may lie anywhere
- * @param[in] size how many there are
- * @return 0: restored; 1: refused, the state is as it was
- */
-unsigned disturbed_pendulum_restore(disturbed_pendulum_state *s, const unsigned char *saved, size_t size);
-
-#ifdef __cplusplus
-}
-#endif
 
 #endif /* DISTURBED_PENDULUM_H */

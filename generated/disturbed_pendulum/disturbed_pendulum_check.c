@@ -23,7 +23,7 @@
 
 unsigned disturbed_pendulum_check(void);
 
-static const float given[64][1] = { /* out.y */
+static const float given[64][1] = { /* measurement.y */
     {-2.0f},
     {-1.6521739f},
     {-1.3043479f},
@@ -189,15 +189,15 @@ unsigned disturbed_pendulum_check(void)
     unsigned bad = (none >= none) ? 21u : 0u; /* compiled to take it for a number: sample 21 is lost */
     disturbed_pendulum_state s;
     disturbed_pendulum_params p;
-    disturbed_pendulum_output out;
+    disturbed_pendulum_output measurement;
     disturbed_pendulum_plant x;
     disturbed_pendulum_init(&s, &p);
     s.w[0] = 1.6f;
     s.w[1] = 20.0f;
     s.w[2] = 2.0f;
     for (unsigned k = 0u; k < 64u && bad == 0u; ++k) {
-        out.y = (k == 20u) ? none : given[k][0];
-        const unsigned status = disturbed_pendulum_step(&s, &p, &out);
+        measurement.y = (k == 20u) ? none : given[k][0];
+        const unsigned status = disturbed_pendulum_step(&s, &p, &measurement);
         disturbed_pendulum_estimate(&s, &p, &x);
         if (status != expected[k] || !disturbed_pendulum_near(x.x1, k, 0u)
             || !disturbed_pendulum_near(x.x2, k, 1u) || !disturbed_pendulum_near(x.x3, k, 2u)

@@ -1,4 +1,4 @@
-/* duffing: see duffing.h, which is the manual. */
+/* duffing: see duffing.h, and its manual duffing.md. */
 #include "duffing.h"
 
 #include <stdbool.h>
@@ -151,66 +151,298 @@ static void duffing_nominal(duffing_params *p)
     p->gain.theta = 5.0f;
 }
 
+static unsigned duffing_guard_input(const duffing_state *s, const duffing_input *in, float *u)
+{
+    unsigned status = 0u;
+    /* guard the input */
+    {
+        const float u_given = in->u;
+        const bool u_usable = duffing_within(u_given, 1e+15f);
+        const float u_taken = u_usable ? u_given : s->u;
+        *u = duffing_limit(u_taken, 1.0f);
+        if (!u_usable) {
+            status |= DUFFING_REUSED_U;
+        }
+        if (duffing_abs(u_taken) > 1.0f) {
+            status |= DUFFING_CLAMPED_U;
+        }
+    }
+    return status;
+}
+
+static unsigned duffing_guard_measurements(const duffing_state *s, const duffing_output *measurement,
+    float *valid, float *y, float *y_last)
+{
+    unsigned status = 0u;
+    /* guard the measurements */
+    {
+        const float reading = measurement->y;
+        const bool t1 = duffing_within(reading, 3e+38f);
+        const float z1 = s->z[0];
+        const bool t2 = t1 && duffing_within(reading, 6.0f) && duffing_within(reading - z1, 1e+16f);
+        const float t3 = t2 ? reading : z1;
+        *y = t3;
+        *y_last = (t2 && s->y_valid > 0.0f) ? s->y : t3;
+        *valid = t2 ? 1.0f : 0.0f;
+        if (!t1) {
+            status |= DUFFING_MISSING_Y;
+        }
+        if (t1 && !t2) {
+            status |= DUFFING_REJECTED_Y;
+        }
+    }
+    return status;
+}
+
+/* advance the estimate from the last call to now */
+static unsigned duffing_advance(duffing_state *s, const duffing_params *p, float u, float valid, float y,
+    float y_last)
+{
+    unsigned status = 0u;
+    float ahead = 0.0f;
+    bool beyond = false;
+    float fraction = 0.0f;
+    float share = 0.0f;
+    float z_at[2];
+    float z_sum[2];
+    /* z: one step of classical Runge-Kutta */
+    /* its tableau: */
+    /*     0 |  */
+    /*   1/2 | 1/2 */
+    /*   1/2 |   0 1/2 */
+    /*     1 |   0   0   1 */
+    /*   --------------------- */
+    /*       | 1/6 1/3 1/3 1/6 */
+    /* fraction is c of a stage; share is its b over that of the first; ahead is the next stage's a times
+     * dt */
+    z_sum[0] = 0.0f;
+    z_sum[1] = 0.0f;
+    z_at[0] = s->z[0];
+    z_at[1] = s->z[1];
+    {
+        static const float each_fraction[4] = {0.0f, 0.5f, 0.5f, 1.0f};
+        static const float each_share[4] = {1.0f, 2.0f, 2.0f, 1.0f};
+        static const float each_ahead[4] = {0.0005f, 0.0005f, 0.001f, 0.0f};
+        for (unsigned r = 0u; r < 4u; ++r) {
+            fraction = each_fraction[r];
+            share = each_share[r];
+            ahead = each_ahead[r];
+            /* a stage */
+            {
+                const float z_at1 = z_at[0];
+                const float z_at2 = z_at[1];
+                const float z_sum1 = z_sum[0];
+                const float z_sum2 = z_sum[1];
+                const float u_before = s->u;
+                float k_z[2];
+                duffing_rate(p, z_at1, z_at2, u_before + fraction*(u - u_before), y_last
+                    + fraction*(y - y_last), valid, k_z);
+                z_sum[0] = z_sum1 + share*k_z[0];
+                z_sum[1] = z_sum2 + share*k_z[1];
+                z_at[0] = s->z[0] + ahead*k_z[0];
+                z_at[1] = s->z[1] + ahead*k_z[1];
+            }
+        }
+    }
+    /* the slopes of all stages */
+    {
+        const float z1 = s->z[0];
+        const float z2 = s->z[1];
+        s->z[0] = z1 + 0.00016666666f*z_sum[0];
+        s->z[1] = z2 + 0.00016666666f*z_sum[1];
+    }
+    /* is a value beyond its box, or lost? */
+    beyond = !(duffing_within(s->z[0], 6.0f) && duffing_within(s->z[1], 15.0f));
+    if (duffing_acts(beyond)) {
+        status |= duffing_keep_in_box(s, p);
+    }
+    return status;
+}
+
+static unsigned duffing_suspect(const duffing_state *s, const duffing_output *measurement, bool *suspect,
+    float valid)
+{
+    unsigned status = 0u;
+    /* is the estimate where it cannot be for long? */
+    {
+        const float z1 = s->z[0];
+        const bool t1 = duffing_abs(z1) > 2.0f || duffing_abs(s->z[1]) > 3.0f;
+        if (t1) {
+            status |= DUFFING_OUTSIDE_BOX;
+        }
+        *suspect = duffing_abs(measurement->y - z1) > 0.4f || t1 || !(s->fault_checksum <= 0.0f)
+            || !(valid > 0.0f);
+    }
+    return status;
+}
+
+static bool duffing_plausible(const duffing_output *measurement, float valid)
+{
+    bool sampled = false;
+    /* is there a sample to judge by? */
+    {
+        const float reading = measurement->y;
+        sampled = valid > 0.0f || (duffing_within(reading, 3e+38f) && duffing_within(reading, 6.0f));
+    }
+    return sampled;
+}
+
+static bool duffing_counts_spoiled(const duffing_state *s)
+{
+    bool spoiled = false;
+    /* was a fault count or limit spoiled? */
+    {
+        const float fault_count_y = s->fault_count_y;
+        const float fault_limit_y = s->fault_limit_y;
+        const float fault_count_range = s->fault_count_range;
+        const float fault_limit_range = s->fault_limit_range;
+        const float t1 = fault_limit_y - 2486.0f + duffing_abs(fault_count_y)
+            + (fault_limit_range - 2486.0f + fault_count_range);
+        const bool t2 = duffing_abs(t1 - s->fault_checksum) < 0.5f
+            && duffing_within(fault_count_y, 2545664.0f) && fault_limit_y >= 2486.0f
+                && fault_limit_y <= 2545664.0f;
+        const bool t3 = t2 && fault_count_range >= 0.0f && fault_count_range <= 2545664.0f
+            && fault_limit_range >= 2486.0f && fault_limit_range <= 2545664.0f;
+        spoiled = !t3;
+    }
+    return spoiled;
+}
+
+static void duffing_find_signs(const duffing_state *s, const duffing_output *measurement, float *moves_y,
+    float *side_y)
+{
+    /* which signs show? */
+    {
+        const float t1 = measurement->y - s->z[0];
+        const bool t2 = duffing_within(t1, 0.4f);
+        const float fault_count_y = s->fault_count_y;
+        *moves_y = (t2 ? 0.0f : ((fault_count_y*t1 < 0.0f) ? -321.0f : 1.0f)) + (t2 ? -1.0f : 0.0f);
+        *side_y = (t2 ? 0.0f : t1) + (t2 ? fault_count_y : 0.0f);
+    }
+}
+
+/* a fault count is at its limit: restart from the sample, or project onto the ranges */
+static unsigned duffing_recover(duffing_state *s, const duffing_output *measurement)
+{
+    unsigned status = 0u;
+    bool lost = false;
+    bool over_range = false;
+    bool over_y = false;
+    /* by which sign, and is the estimate lost? */
+    {
+        const bool t1 = s->fault_limit_y <= duffing_abs(s->fault_count_y);
+        const float fault_limit_range = s->fault_limit_range;
+        const bool t2 = fault_limit_range <= s->fault_count_range;
+        const bool t3 = t2 && (fault_limit_range > 2486.0f || duffing_abs(s->z[0]) > 4.0f
+            || duffing_abs(s->z[1]) > 6.0f);
+        over_y = t1;
+        over_range = t2;
+        lost = t1 || t3;
+    }
+    if (over_y) {
+        /* the fault limit doubles */
+        {
+            const float fault_count_y = s->fault_count_y;
+            const float fault_limit_y = s->fault_limit_y;
+            const float t1 = duffing_min(fault_limit_y, 1272832.0f);
+            s->fault_count_y = (fault_count_y < 0.0f) ? -t1 : t1;
+            s->fault_limit_y = duffing_min(2.0f*fault_limit_y, 2545664.0f);
+        }
+    }
+    if (over_range) {
+        /* the fault limit doubles */
+        {
+            const float fault_limit_range = s->fault_limit_range;
+            s->fault_count_range = duffing_min(fault_limit_range, 1272832.0f);
+            s->fault_limit_range = duffing_min(2.0f*fault_limit_range, 2545664.0f);
+        }
+    }
+    if (lost) {
+        /* the estimate restarts */
+        s->z[0] = 0.0f;
+        s->z[1] = 0.0f;
+        /* from the sample of y */
+        {
+            const float z1 = s->z[0];
+            const float z2 = s->z[1];
+            s->z[0] = duffing_keep(measurement->y, -2.0f, 2.0f, z1, 1e+30f);
+            s->z[1] = duffing_keep(z2, -3.0f, 3.0f, z2, 1e+30f);
+        }
+        /* the estimate has restarted from the sample */
+        status |= DUFFING_RESTARTED_FROM_SAMPLE;
+    } else {
+        /* the estimate back onto its declared ranges */
+        {
+            const float z1 = s->z[0];
+            const float z2 = s->z[1];
+            s->z[0] = duffing_limit(z1, 2.0f);
+            s->z[1] = duffing_limit(z2, 3.0f);
+            status |= DUFFING_PROJECTED_ONTO_RANGES;
+        }
+    }
+    return status;
+}
+
+/* count the signs of a fault at a sample, and act where a count is at its limit */
+static unsigned duffing_count_faults(duffing_state *s, const duffing_output *measurement)
+{
+    unsigned status = 0u;
+    bool acts = false;
+    float moves_range = 0.0f;
+    float moves_y = 0.0f;
+    float side_y = 0.0f;
+    bool spoiled = false;
+    spoiled = duffing_counts_spoiled(s);
+    if (spoiled) {
+        duffing_clear_fault_counts(s);
+    }
+    /* is the estimate out of a range? */
+    moves_range = (duffing_abs(s->z[0]) > 2.2f || duffing_abs(s->z[1]) > 3.3f) ? 1.0f : -1.0f;
+    /* count of range */
+    {
+        const float fault_count_range = s->fault_count_range;
+        const float fault_limit_range = s->fault_limit_range;
+        const float t1 = duffing_clamp(fault_count_range + moves_range, 0.0f, 2545664.0f);
+        s->fault_count_range = t1;
+        s->fault_limit_range = (t1 <= 0.0f) ? 2486.0f : fault_limit_range;
+    }
+    duffing_find_signs(s, measurement, &moves_y, &side_y);
+    /* count of y */
+    {
+        const float fault_count_y = s->fault_count_y;
+        const float fault_limit_y = s->fault_limit_y;
+        const float t1 = duffing_clamp(duffing_abs(fault_count_y) + moves_y, 0.0f, 2545664.0f);
+        s->fault_count_y = (side_y < 0.0f) ? -t1 : t1;
+        s->fault_limit_y = (t1 <= 0.0f) ? 2486.0f : fault_limit_y;
+    }
+    /* does a guard act? */
+    acts = s->fault_limit_y <= duffing_abs(s->fault_count_y) || s->fault_limit_range <= s->fault_count_range;
+    if (acts) {
+        status |= duffing_recover(s, measurement);
+    }
+    /* the checksum of fault counts and limits */
+    s->fault_checksum = s->fault_limit_y - 2486.0f + duffing_abs(s->fault_count_y)
+        + (s->fault_limit_range - 2486.0f + s->fault_count_range);
+    return status;
+}
+
 unsigned duffing_step(duffing_state *s, const duffing_params *p, const duffing_input *in,
-    const duffing_output *out)
+    const duffing_output *measurement)
 {
     unsigned status = 0u;
     if ((s->ready != DUFFING_READY) || (p->ready != DUFFING_READY)) {
         status = duffing_ready(s, p);
     }
     if ((status & DUFFING_NO_PARAMETERS) == 0u) {
-        bool acts = false;
-        float ahead = 0.0f;
-        bool beyond = false;
-        float fraction = 0.0f;
-        bool lost = false;
-        float moves_range = 0.0f;
-        float moves_y = 0.0f;
-        bool over_range = false;
-        bool over_y = false;
         bool running = false;
         bool sampled = false;
-        float share = 0.0f;
-        float side_y = 0.0f;
-        bool spoiled = false;
         bool suspect = false;
         float u = 0.0f;
         float valid = 0.0f;
         float y = 0.0f;
         float y_last = 0.0f;
-        float z_at[2];
-        float z_sum[2];
-        /* guard the input */
-        {
-            const float u_given = in->u;
-            const bool u_usable = duffing_within(u_given, 1e+15f);
-            const float u_taken = u_usable ? u_given : s->u;
-            u = duffing_limit(u_taken, 1.0f);
-            if (!u_usable) {
-                status |= DUFFING_REUSED_U;
-            }
-            if (duffing_abs(u_taken) > 1.0f) {
-                status |= DUFFING_CLAMPED_U;
-            }
-        }
-        /* guard the measurements */
-        {
-            const float measurement = out->y;
-            const bool t1 = duffing_within(measurement, 3e+38f);
-            const float z1 = s->z[0];
-            const bool t2 = t1 && duffing_within(measurement, 6.0f)
-                && duffing_within(measurement - z1, 1e+16f);
-            const float t3 = t2 ? measurement : z1;
-            y = t3;
-            y_last = (t2 && s->y_valid > 0.0f) ? s->y : t3;
-            valid = t2 ? 1.0f : 0.0f;
-            if (!t1) {
-                status |= DUFFING_MISSING_Y;
-            }
-            if (t1 && !t2) {
-                status |= DUFFING_REJECTED_Y;
-            }
-        }
+        status |= duffing_guard_input(s, in, &u);
+        status |= duffing_guard_measurements(s, measurement, &valid, &y, &y_last);
         /* the first call advances no time */
         {
             const unsigned calls = s->calls;
@@ -218,48 +450,7 @@ unsigned duffing_step(duffing_state *s, const duffing_params *p, const duffing_i
             s->calls = 1u;
         }
         if (running) {
-            /* z: one step of classical Runge-Kutta */
-            z_sum[0] = 0.0f;
-            z_sum[1] = 0.0f;
-            z_at[0] = s->z[0];
-            z_at[1] = s->z[1];
-            {
-                static const float each_fraction[4] = {0.0f, 0.5f, 0.5f, 1.0f};
-                static const float each_share[4] = {1.0f, 2.0f, 2.0f, 1.0f};
-                static const float each_ahead[4] = {0.0005f, 0.0005f, 0.001f, 0.0f};
-                for (unsigned r = 0u; r < 4u; ++r) {
-                    fraction = each_fraction[r];
-                    share = each_share[r];
-                    ahead = each_ahead[r];
-                    /* a stage */
-                    {
-                        const float z_at1 = z_at[0];
-                        const float z_at2 = z_at[1];
-                        const float z_sum1 = z_sum[0];
-                        const float z_sum2 = z_sum[1];
-                        const float u_before = s->u;
-                        float k_z[2];
-                        duffing_rate(p, z_at1, z_at2, u_before + fraction*(u - u_before), y_last
-                            + fraction*(y - y_last), valid, k_z);
-                        z_sum[0] = z_sum1 + share*k_z[0];
-                        z_sum[1] = z_sum2 + share*k_z[1];
-                        z_at[0] = s->z[0] + ahead*k_z[0];
-                        z_at[1] = s->z[1] + ahead*k_z[1];
-                    }
-                }
-            }
-            /* the slopes of all stages */
-            {
-                const float z1 = s->z[0];
-                const float z2 = s->z[1];
-                s->z[0] = z1 + 0.00016666666f*z_sum[0];
-                s->z[1] = z2 + 0.00016666666f*z_sum[1];
-            }
-            /* is a value beyond its box, or lost? */
-            beyond = !(duffing_within(s->z[0], 6.0f) && duffing_within(s->z[1], 15.0f));
-            if (duffing_acts(beyond)) {
-                status |= duffing_keep_in_box(s, p);
-            }
+            status |= duffing_advance(s, p, u, valid, y, y_last);
         } else {
             status |= duffing_keep_in_box(s, p);
         }
@@ -268,129 +459,11 @@ unsigned duffing_step(duffing_state *s, const duffing_params *p, const duffing_i
         /* remember the sample */
         s->y = y;
         s->y_valid = valid;
-        /* is the estimate where it cannot be for long? */
-        {
-            const float z1 = s->z[0];
-            const bool t1 = duffing_abs(z1) > 2.0f || duffing_abs(s->z[1]) > 3.0f;
-            if (t1) {
-                status |= DUFFING_OUTSIDE_BOX;
-            }
-            suspect = duffing_abs(out->y - z1) > 0.4f || t1 || !(s->fault_checksum <= 0.0f)
-                || !(valid > 0.0f);
-        }
+        status |= duffing_suspect(s, measurement, &suspect, valid);
         if (suspect) {
-            /* is there a sample to judge by? */
-            {
-                const float measurement = out->y;
-                sampled = valid > 0.0f || (duffing_within(measurement, 3e+38f)
-                    && duffing_within(measurement, 6.0f));
-            }
+            sampled = duffing_plausible(measurement, valid);
             if (sampled) {
-                /* was a fault count or limit spoiled? */
-                {
-                    const float fault_count_y = s->fault_count_y;
-                    const float fault_limit_y = s->fault_limit_y;
-                    const float fault_count_range = s->fault_count_range;
-                    const float fault_limit_range = s->fault_limit_range;
-                    const float t1 = fault_limit_y - 2486.0f + duffing_abs(fault_count_y)
-                        + (fault_limit_range - 2486.0f + fault_count_range);
-                    const bool t2 = duffing_abs(t1 - s->fault_checksum) < 0.5f
-                        && duffing_within(fault_count_y, 2545664.0f) && fault_limit_y >= 2486.0f
-                            && fault_limit_y <= 2545664.0f;
-                    const bool t3 = t2 && fault_count_range >= 0.0f && fault_count_range <= 2545664.0f
-                        && fault_limit_range >= 2486.0f && fault_limit_range <= 2545664.0f;
-                    spoiled = !t3;
-                }
-                if (spoiled) {
-                    duffing_clear_fault_counts(s);
-                }
-                /* is the estimate out of a range? */
-                moves_range = (duffing_abs(s->z[0]) > 2.2f || duffing_abs(s->z[1]) > 3.3f) ? 1.0f : -1.0f;
-                /* count of range */
-                {
-                    const float fault_count_range = s->fault_count_range;
-                    const float fault_limit_range = s->fault_limit_range;
-                    const float t1 = duffing_clamp(fault_count_range + moves_range, 0.0f, 2545664.0f);
-                    s->fault_count_range = t1;
-                    s->fault_limit_range = (t1 <= 0.0f) ? 2486.0f : fault_limit_range;
-                }
-                /* which signs show? */
-                {
-                    const float t1 = out->y - s->z[0];
-                    const bool t2 = duffing_within(t1, 0.4f);
-                    const float fault_count_y = s->fault_count_y;
-                    moves_y = (t2 ? 0.0f : ((fault_count_y*t1 < 0.0f) ? -321.0f : 1.0f))
-                        + (t2 ? -1.0f : 0.0f);
-                    side_y = (t2 ? 0.0f : t1) + (t2 ? fault_count_y : 0.0f);
-                }
-                /* count of y */
-                {
-                    const float fault_count_y = s->fault_count_y;
-                    const float fault_limit_y = s->fault_limit_y;
-                    const float t1 = duffing_clamp(duffing_abs(fault_count_y) + moves_y, 0.0f, 2545664.0f);
-                    s->fault_count_y = (side_y < 0.0f) ? -t1 : t1;
-                    s->fault_limit_y = (t1 <= 0.0f) ? 2486.0f : fault_limit_y;
-                }
-                /* does a guard act? */
-                acts = s->fault_limit_y <= duffing_abs(s->fault_count_y)
-                    || s->fault_limit_range <= s->fault_count_range;
-                if (acts) {
-                    /* by which sign, and is the estimate lost? */
-                    {
-                        const bool t1 = s->fault_limit_y <= duffing_abs(s->fault_count_y);
-                        const float fault_limit_range = s->fault_limit_range;
-                        const bool t2 = fault_limit_range <= s->fault_count_range;
-                        const bool t3 = t2 && (fault_limit_range > 2486.0f || duffing_abs(s->z[0]) > 4.0f
-                            || duffing_abs(s->z[1]) > 6.0f);
-                        over_y = t1;
-                        over_range = t2;
-                        lost = t1 || t3;
-                    }
-                    if (over_y) {
-                        /* the fault limit doubles */
-                        {
-                            const float fault_count_y = s->fault_count_y;
-                            const float fault_limit_y = s->fault_limit_y;
-                            const float t1 = duffing_min(fault_limit_y, 1272832.0f);
-                            s->fault_count_y = (fault_count_y < 0.0f) ? -t1 : t1;
-                            s->fault_limit_y = duffing_min(2.0f*fault_limit_y, 2545664.0f);
-                        }
-                    }
-                    if (over_range) {
-                        /* the fault limit doubles */
-                        {
-                            const float fault_limit_range = s->fault_limit_range;
-                            s->fault_count_range = duffing_min(fault_limit_range, 1272832.0f);
-                            s->fault_limit_range = duffing_min(2.0f*fault_limit_range, 2545664.0f);
-                        }
-                    }
-                    if (lost) {
-                        /* the estimate restarts */
-                        s->z[0] = 0.0f;
-                        s->z[1] = 0.0f;
-                        /* from the sample of y */
-                        {
-                            const float z1 = s->z[0];
-                            const float z2 = s->z[1];
-                            s->z[0] = duffing_keep(out->y, -2.0f, 2.0f, z1, 1e+30f);
-                            s->z[1] = duffing_keep(z2, -3.0f, 3.0f, z2, 1e+30f);
-                        }
-                        /* the estimate has restarted from the sample */
-                        status |= DUFFING_RESTARTED_FROM_SAMPLE;
-                    } else {
-                        /* the estimate back onto its declared ranges */
-                        {
-                            const float z1 = s->z[0];
-                            const float z2 = s->z[1];
-                            s->z[0] = duffing_limit(z1, 2.0f);
-                            s->z[1] = duffing_limit(z2, 3.0f);
-                            status |= DUFFING_PROJECTED_ONTO_RANGES;
-                        }
-                    }
-                }
-                /* the checksum of fault counts and limits */
-                s->fault_checksum = s->fault_limit_y - 2486.0f + duffing_abs(s->fault_count_y)
-                    + (s->fault_limit_range - 2486.0f + s->fault_count_range);
+                status |= duffing_count_faults(s, measurement);
             }
         }
     }

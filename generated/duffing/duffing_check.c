@@ -23,7 +23,7 @@
 
 unsigned duffing_check(void);
 
-static const float given[64][2] = { /* in.u, out.y */
+static const float given[64][2] = { /* in.u, measurement.y */
     {-0.5f, -0.5f},
     {-0.44594595f, -0.41304347f},
     {-0.3918919f, -0.32608697f},
@@ -190,15 +190,15 @@ unsigned duffing_check(void)
     duffing_state s;
     duffing_params p;
     duffing_input in;
-    duffing_output out;
+    duffing_output measurement;
     duffing_plant x;
     duffing_init(&s, &p);
     s.z[0] = 0.8f;
     s.z[1] = 1.2f;
     for (unsigned k = 0u; k < 64u && bad == 0u; ++k) {
         in.u = (k == 40u) ? none : given[k][0];
-        out.y = (k == 20u) ? none : given[k][1];
-        const unsigned status = duffing_step(&s, &p, &in, &out);
+        measurement.y = (k == 20u) ? none : given[k][1];
+        const unsigned status = duffing_step(&s, &p, &in, &measurement);
         duffing_estimate(&s, &p, &x);
         if (status != expected[k] || !duffing_near(x.x, k, 0u) || !duffing_near(x.v, k, 1u)) {
             bad = k + 1u;

@@ -1,4 +1,4 @@
-/* fitzhugh_nagumo: see fitzhugh_nagumo.h, which is the manual. */
+/* fitzhugh_nagumo: see fitzhugh_nagumo.h, and its manual fitzhugh_nagumo.md. */
 #include "fitzhugh_nagumo.h"
 
 #include <stdbool.h>
@@ -348,21 +348,16 @@ static unsigned fitzhugh_nagumo_keep_in_box(fitzhugh_nagumo_state *s, const fitz
     return status;
 }
 
-/* part of a step: advance the estimate to now */
-static unsigned fitzhugh_nagumo_run_predict(fitzhugh_nagumo_state *s, const fitzhugh_nagumo_params *p,
-    const fitzhugh_nagumo_input *in)
+static unsigned fitzhugh_nagumo_guard_input(const fitzhugh_nagumo_state *s, const fitzhugh_nagumo_input *in,
+    float *u)
 {
     unsigned status = 0u;
-    bool beyond = false;
-    bool capped = false;
-    bool running = false;
-    float u = 0.0f;
     /* guard the input */
     {
         const float u_given = in->u;
         const bool u_usable = fitzhugh_nagumo_within(u_given, 1e+15f);
         const float u_taken = u_usable ? u_given : s->u;
-        u = fitzhugh_nagumo_limit(u_taken, 1.0f);
+        *u = fitzhugh_nagumo_limit(u_taken, 1.0f);
         if (!u_usable) {
             status |= FITZHUGH_NAGUMO_REUSED_U;
         }
@@ -370,6 +365,182 @@ static unsigned fitzhugh_nagumo_run_predict(fitzhugh_nagumo_state *s, const fitz
             status |= FITZHUGH_NAGUMO_CLAMPED_U;
         }
     }
+    return status;
+}
+
+/* advance the estimate from the last call to now */
+static unsigned fitzhugh_nagumo_advance(fitzhugh_nagumo_state *s, const fitzhugh_nagumo_params *p, float u)
+{
+    unsigned status = 0u;
+    bool beyond = false;
+    bool capped = false;
+    /* z by classical Runge-Kutta; P = L D L' by P <- Phi P Phi' + h Q_theta */
+    /* the tableau of z: */
+    /*     0 |  */
+    /*   1/2 | 1/2 */
+    /*   1/2 |   0 1/2 */
+    /*     1 |   0   0   1 */
+    /*   --------------------- */
+    /*       | 1/6 1/3 1/3 1/6 */
+    {
+        const float D1 = s->D[0];
+        const float D2 = s->D[1];
+        const float D3 = s->D[2];
+        const float L21 = s->L[0];
+        const float L31 = s->L[1];
+        const float L32 = s->L[2];
+        const float z1 = s->z[0];
+        const float z2 = s->z[1];
+        const float z3 = s->z[2];
+        const float u_before = s->u;
+        float k1_z[2];
+        fitzhugh_nagumo_flow(z1, z2, z3, u_before, k1_z);
+        const float t1 = u_before + 0.5f*(u - u_before);
+        float k2_z[2];
+        fitzhugh_nagumo_flow(z1 + 0.005f*k1_z[0], z2 + 0.005f*k1_z[1], z3, t1, k2_z);
+        const float t2 = z1 + 0.005f*k2_z[0];
+        float k3_z[2];
+        fitzhugh_nagumo_flow(t2, z2 + 0.005f*k2_z[1], z3, t1, k3_z);
+        float k4_z[2];
+        fitzhugh_nagumo_flow(z1 + 0.01f*k3_z[0], z2 + 0.01f*k3_z[1], z3, u, k4_z);
+        float F_1[3];
+        fitzhugh_nagumo_jacobian(t2, t1, F_1);
+        const float Phi_11 = 1.0f + 0.01f*F_1[0] + 5e-05f*(F_1[0]*F_1[0] + F_1[2]*F_1[1]);
+        const float Phi_12 = 0.01f*F_1[2] + 5e-05f*(F_1[0]*F_1[2] - 0.8f*F_1[2]);
+        const float Phi_13 = 4e-05f*F_1[2];
+        const float Phi_21 = 0.01f*F_1[1] + 5e-05f*(F_1[1]*F_1[0] - 0.8f*F_1[1]);
+        const float Phi_22 = 0.992f + 5e-05f*(F_1[1]*F_1[2] + 0.64f);
+        const float w1_1 = Phi_11 + Phi_12*L21 + Phi_13*L31;
+        const float w1_2 = Phi_12 + Phi_13*L32;
+        const float t3 = w1_1*D1;
+        const float t4 = w1_2*D2;
+        const float t5 = Phi_13*D3;
+        const float theta = s->theta;
+        const float t6 = 0.01f*theta;
+        const float t7 = t6*p->gain.Q[0];
+        const float d1 = w1_1*t3 + w1_2*t4 + Phi_13*t5 + t7;
+        const float t8 = Phi_21 + Phi_22*L21 + 0.007968f*L31;
+        const float t9 = Phi_22 + 0.007968f*L32;
+        const float l21 = (t8*t3 + t9*t4 + 0.007968f*t5)/d1;
+        const float l31 = (L31*t3 + L32*t4 + t5)/d1;
+        const float w2_1 = t8 - l21*w1_1;
+        const float w2_2 = t9 - l21*w1_2;
+        const float w2_3 = 0.007968f - l21*Phi_13;
+        const float t10 = w2_1*D1;
+        const float t11 = w2_2*D2;
+        const float t12 = w2_3*D3;
+        const float t13 = l21*t7;
+        const float t14 = t6*p->gain.Q[1];
+        const float d2 = w2_1*t10 + w2_2*t11 + w2_3*t12 + l21*t13 + theta*t14*theta;
+        const float t15 = L31 - l31*w1_1;
+        const float t16 = L32 - l31*w1_2;
+        const float t17 = 1.0f - l31*Phi_13;
+        const float l32 = (t15*t10 + t16*t11 + t17*t12 + l31*t13)/d2;
+        const float w3_1 = t15 - l32*w2_1;
+        const float w3_2 = t16 - l32*w2_2;
+        const float w3_3 = t17 - l32*w2_3;
+        const float w3_4 = l32*l21 - l31;
+        const float w3_6 = theta*theta;
+        const float t18 = l32*theta;
+        const float d3 = w3_1*D1*w3_1 + w3_2*D2*w3_2 + w3_3*D3*w3_3 + w3_4*t7*w3_4 + t18*t14*t18
+            + t6*p->gain.Q[2]*w3_6*w3_6;
+        s->z[0] = z1 + 0.0016666667f*(k1_z[0] + 2.0f*k2_z[0] + 2.0f*k3_z[0] + k4_z[0]);
+        s->z[1] = z2 + 0.0016666667f*(k1_z[1] + 2.0f*k2_z[1] + 2.0f*k3_z[1] + k4_z[1]);
+        s->L[0] = l21;
+        s->L[1] = l31;
+        s->L[2] = l32;
+        s->D[0] = d1;
+        s->D[1] = d2;
+        s->D[2] = d3;
+    }
+    /* largest variances */
+    {
+        const float D1 = s->D[0];
+        const float L21 = s->L[0];
+        const float D2 = s->D[1];
+        const float L31 = s->L[1];
+        const float L32 = s->L[2];
+        capped = D1 > 110.25f || L21*L21*D1 + D2 > 11820.959f
+            || L31*L31*D1 + L32*L32*D2 + s->D[2] > 262144.0f;
+    }
+    if (capped) {
+        /* cap */
+        {
+            const float D1 = s->D[0];
+            const float D2 = s->D[1];
+            const float D3 = s->D[2];
+            const float L21 = s->L[0];
+            const float L31 = s->L[1];
+            const float L32 = s->L[2];
+            const float t1 = fitzhugh_nagumo_min(1.0f, 11820.959f/(L21*L21*D1 + D2));
+            const float t2 = fitzhugh_nagumo_min(1.0f, 110.25f/D1);
+            const float t3 = fitzhugh_nagumo_min(1.0f, 262144.0f/(L31*L31*D1 + L32*L32*D2 + D3));
+            s->L[0] = t1*L21/t2;
+            s->L[1] = t3*L31/t2;
+            s->L[2] = t3*L32/t1;
+            s->D[0] = t2*t2*D1;
+            s->D[1] = t1*t1*D2;
+            s->D[2] = t3*t3*D3;
+            status |= FITZHUGH_NAGUMO_COVARIANCE_LIMITED;
+        }
+    }
+    for (unsigned k = 0u; k < 5u; ++k) {
+        fitzhugh_nagumo_predictor *const predictor = &s->predictor[k];
+        /* each predictor by Heun, without correction */
+        {
+            const float z1 = predictor->z[0];
+            const float z2 = predictor->z[1];
+            const float z3 = predictor->z[2];
+            float dz_1[2];
+            fitzhugh_nagumo_flow(z1, z2, z3, s->u, dz_1);
+            float dz_2[2];
+            fitzhugh_nagumo_flow(z1 + 0.01f*dz_1[0], z2 + 0.01f*dz_1[1], z3, u, dz_2);
+            predictor->z[0] = z1 + 0.005f*(dz_1[0] + dz_2[0]);
+            predictor->z[1] = z2 + 0.005f*(dz_1[1] + dz_2[1]);
+        }
+        /* is it beyond its box, or lost? */
+        {
+            const bool t1 = fitzhugh_nagumo_within(predictor->z[0], 10.5f)
+                && fitzhugh_nagumo_within(predictor->z[1], 80.0f);
+            beyond = !t1;
+        }
+        if (fitzhugh_nagumo_acts(beyond)) {
+            /* keep it in its box */
+            {
+                const float z1 = predictor->z[0];
+                const float z2 = predictor->z[1];
+                predictor->z[0] = fitzhugh_nagumo_keep(z1, -10.5f, 10.5f, 0.0f, 1e+15f);
+                predictor->z[1] = fitzhugh_nagumo_keep(z2, -80.0f, 80.0f, 0.0f, 1e+15f);
+            }
+        }
+    }
+    /* is a value beyond its box, or lost? */
+    {
+        const bool t1 = fitzhugh_nagumo_within(s->z[0], 10.5f) && fitzhugh_nagumo_within(s->z[1], 80.0f)
+            && fitzhugh_nagumo_within(s->z[2], 512.0f);
+        const bool t2 = t1 && fitzhugh_nagumo_within(s->L[0], 1.0354689e+10f)
+            && fitzhugh_nagumo_within(s->L[1], 4.8761905e+10f);
+        const float D1 = s->D[0];
+        const float D2 = s->D[1];
+        const bool t3 = t2 && fitzhugh_nagumo_within(s->L[2], 4.709162e+09f) && D1 >= 1e-15f && D1 <= 110.25f
+            && D2 >= 1e-16f && D2 <= 11820.959f;
+        const float D3 = s->D[2];
+        beyond = !(t3 && D3 >= 2.3e-18f && D3 <= 262144.0f);
+    }
+    if (fitzhugh_nagumo_acts(beyond)) {
+        status |= fitzhugh_nagumo_keep_in_box(s, p);
+    }
+    return status;
+}
+
+/* part of a step: advance the estimate to now */
+static unsigned fitzhugh_nagumo_run_predict(fitzhugh_nagumo_state *s, const fitzhugh_nagumo_params *p,
+    const fitzhugh_nagumo_input *in)
+{
+    unsigned status = 0u;
+    bool running = false;
+    float u = 0.0f;
+    status |= fitzhugh_nagumo_guard_input(s, in, &u);
     /* the first call advances no time */
     {
         const unsigned calls = s->calls;
@@ -377,155 +548,7 @@ static unsigned fitzhugh_nagumo_run_predict(fitzhugh_nagumo_state *s, const fitz
         s->calls = (calls < 2u) ? calls + 1u : 2u;
     }
     if (running) {
-        /* z by classical Runge-Kutta; P = L D L' by P <- Phi P Phi' + h Q_theta */
-        {
-            const float D1 = s->D[0];
-            const float D2 = s->D[1];
-            const float D3 = s->D[2];
-            const float L21 = s->L[0];
-            const float L31 = s->L[1];
-            const float L32 = s->L[2];
-            const float z1 = s->z[0];
-            const float z2 = s->z[1];
-            const float z3 = s->z[2];
-            const float u_before = s->u;
-            float k1_z[2];
-            fitzhugh_nagumo_flow(z1, z2, z3, u_before, k1_z);
-            const float t1 = u_before + 0.5f*(u - u_before);
-            float k2_z[2];
-            fitzhugh_nagumo_flow(z1 + 0.005f*k1_z[0], z2 + 0.005f*k1_z[1], z3, t1, k2_z);
-            const float t2 = z1 + 0.005f*k2_z[0];
-            float k3_z[2];
-            fitzhugh_nagumo_flow(t2, z2 + 0.005f*k2_z[1], z3, t1, k3_z);
-            float k4_z[2];
-            fitzhugh_nagumo_flow(z1 + 0.01f*k3_z[0], z2 + 0.01f*k3_z[1], z3, u, k4_z);
-            float F_1[3];
-            fitzhugh_nagumo_jacobian(t2, t1, F_1);
-            const float Phi_11 = 1.0f + 0.01f*F_1[0] + 5e-05f*(F_1[0]*F_1[0] + F_1[2]*F_1[1]);
-            const float Phi_12 = 0.01f*F_1[2] + 5e-05f*(F_1[0]*F_1[2] - 0.8f*F_1[2]);
-            const float Phi_13 = 4e-05f*F_1[2];
-            const float Phi_21 = 0.01f*F_1[1] + 5e-05f*(F_1[1]*F_1[0] - 0.8f*F_1[1]);
-            const float Phi_22 = 0.992f + 5e-05f*(F_1[1]*F_1[2] + 0.64f);
-            const float w1_1 = Phi_11 + Phi_12*L21 + Phi_13*L31;
-            const float w1_2 = Phi_12 + Phi_13*L32;
-            const float t3 = w1_1*D1;
-            const float t4 = w1_2*D2;
-            const float t5 = Phi_13*D3;
-            const float theta = s->theta;
-            const float t6 = 0.01f*theta;
-            const float t7 = t6*p->gain.Q[0];
-            const float d1 = w1_1*t3 + w1_2*t4 + Phi_13*t5 + t7;
-            const float t8 = Phi_21 + Phi_22*L21 + 0.007968f*L31;
-            const float t9 = Phi_22 + 0.007968f*L32;
-            const float l21 = (t8*t3 + t9*t4 + 0.007968f*t5)/d1;
-            const float l31 = (L31*t3 + L32*t4 + t5)/d1;
-            const float w2_1 = t8 - l21*w1_1;
-            const float w2_2 = t9 - l21*w1_2;
-            const float w2_3 = 0.007968f - l21*Phi_13;
-            const float t10 = w2_1*D1;
-            const float t11 = w2_2*D2;
-            const float t12 = w2_3*D3;
-            const float t13 = l21*t7;
-            const float t14 = t6*p->gain.Q[1];
-            const float d2 = w2_1*t10 + w2_2*t11 + w2_3*t12 + l21*t13 + theta*t14*theta;
-            const float t15 = L31 - l31*w1_1;
-            const float t16 = L32 - l31*w1_2;
-            const float t17 = 1.0f - l31*Phi_13;
-            const float l32 = (t15*t10 + t16*t11 + t17*t12 + l31*t13)/d2;
-            const float w3_1 = t15 - l32*w2_1;
-            const float w3_2 = t16 - l32*w2_2;
-            const float w3_3 = t17 - l32*w2_3;
-            const float w3_4 = l32*l21 - l31;
-            const float w3_6 = theta*theta;
-            const float t18 = l32*theta;
-            const float d3 = w3_1*D1*w3_1 + w3_2*D2*w3_2 + w3_3*D3*w3_3 + w3_4*t7*w3_4 + t18*t14*t18
-                + t6*p->gain.Q[2]*w3_6*w3_6;
-            s->z[0] = z1 + 0.0016666667f*(k1_z[0] + 2.0f*k2_z[0] + 2.0f*k3_z[0] + k4_z[0]);
-            s->z[1] = z2 + 0.0016666667f*(k1_z[1] + 2.0f*k2_z[1] + 2.0f*k3_z[1] + k4_z[1]);
-            s->L[0] = l21;
-            s->L[1] = l31;
-            s->L[2] = l32;
-            s->D[0] = d1;
-            s->D[1] = d2;
-            s->D[2] = d3;
-        }
-        /* largest variances */
-        {
-            const float D1 = s->D[0];
-            const float L21 = s->L[0];
-            const float D2 = s->D[1];
-            const float L31 = s->L[1];
-            const float L32 = s->L[2];
-            capped = D1 > 110.25f || L21*L21*D1 + D2 > 11820.959f
-                || L31*L31*D1 + L32*L32*D2 + s->D[2] > 262144.0f;
-        }
-        if (capped) {
-            /* cap */
-            {
-                const float D1 = s->D[0];
-                const float D2 = s->D[1];
-                const float D3 = s->D[2];
-                const float L21 = s->L[0];
-                const float L31 = s->L[1];
-                const float L32 = s->L[2];
-                const float t1 = fitzhugh_nagumo_min(1.0f, 11820.959f/(L21*L21*D1 + D2));
-                const float t2 = fitzhugh_nagumo_min(1.0f, 110.25f/D1);
-                const float t3 = fitzhugh_nagumo_min(1.0f, 262144.0f/(L31*L31*D1 + L32*L32*D2 + D3));
-                s->L[0] = t1*L21/t2;
-                s->L[1] = t3*L31/t2;
-                s->L[2] = t3*L32/t1;
-                s->D[0] = t2*t2*D1;
-                s->D[1] = t1*t1*D2;
-                s->D[2] = t3*t3*D3;
-                status |= FITZHUGH_NAGUMO_COVARIANCE_LIMITED;
-            }
-        }
-        for (unsigned k = 0u; k < 5u; ++k) {
-            fitzhugh_nagumo_predictor *const predictor = &s->predictor[k];
-            /* each predictor by Heun, without correction */
-            {
-                const float z1 = predictor->z[0];
-                const float z2 = predictor->z[1];
-                const float z3 = predictor->z[2];
-                float dz_1[2];
-                fitzhugh_nagumo_flow(z1, z2, z3, s->u, dz_1);
-                float dz_2[2];
-                fitzhugh_nagumo_flow(z1 + 0.01f*dz_1[0], z2 + 0.01f*dz_1[1], z3, u, dz_2);
-                predictor->z[0] = z1 + 0.005f*(dz_1[0] + dz_2[0]);
-                predictor->z[1] = z2 + 0.005f*(dz_1[1] + dz_2[1]);
-            }
-            /* is it beyond its box, or lost? */
-            {
-                const bool t1 = fitzhugh_nagumo_within(predictor->z[0], 10.5f)
-                    && fitzhugh_nagumo_within(predictor->z[1], 80.0f);
-                beyond = !t1;
-            }
-            if (fitzhugh_nagumo_acts(beyond)) {
-                /* keep it in its box */
-                {
-                    const float z1 = predictor->z[0];
-                    const float z2 = predictor->z[1];
-                    predictor->z[0] = fitzhugh_nagumo_keep(z1, -10.5f, 10.5f, 0.0f, 1e+15f);
-                    predictor->z[1] = fitzhugh_nagumo_keep(z2, -80.0f, 80.0f, 0.0f, 1e+15f);
-                }
-            }
-        }
-        /* is a value beyond its box, or lost? */
-        {
-            const bool t1 = fitzhugh_nagumo_within(s->z[0], 10.5f) && fitzhugh_nagumo_within(s->z[1], 80.0f)
-                && fitzhugh_nagumo_within(s->z[2], 512.0f);
-            const bool t2 = t1 && fitzhugh_nagumo_within(s->L[0], 1.0354689e+10f)
-                && fitzhugh_nagumo_within(s->L[1], 4.8761905e+10f);
-            const float D1 = s->D[0];
-            const float D2 = s->D[1];
-            const bool t3 = t2 && fitzhugh_nagumo_within(s->L[2], 4.709162e+09f) && D1 >= 1e-15f
-                && D1 <= 110.25f && D2 >= 1e-16f && D2 <= 11820.959f;
-            const float D3 = s->D[2];
-            beyond = !(t3 && D3 >= 2.3e-18f && D3 <= 262144.0f);
-        }
-        if (fitzhugh_nagumo_acts(beyond)) {
-            status |= fitzhugh_nagumo_keep_in_box(s, p);
-        }
+        status |= fitzhugh_nagumo_advance(s, p, u);
     } else {
         status |= fitzhugh_nagumo_keep_in_box(s, p);
         for (unsigned k = 0u; k < 5u; ++k) {
@@ -543,250 +566,307 @@ static unsigned fitzhugh_nagumo_run_predict(fitzhugh_nagumo_state *s, const fitz
     return status;
 }
 
-/* part of a step: correct with y */
-static unsigned fitzhugh_nagumo_run_update_y(fitzhugh_nagumo_state *s, const fitzhugh_nagumo_params *p,
-    const fitzhugh_nagumo_output *out)
+static unsigned fitzhugh_nagumo_guard_measurement_y(const fitzhugh_nagumo_state *s, float *e,
+    float *output_error, float reading, bool *valid)
+{
+    unsigned status = 0u;
+    /* guard the measurement of y */
+    {
+        const float t1 = reading - s->z[0];
+        const bool t2 = fitzhugh_nagumo_within(reading, 3e+38f);
+        const bool t3 = t2 && fitzhugh_nagumo_within(reading, 15.0f) && fitzhugh_nagumo_within(t1, 1e+16f);
+        *e = t1;
+        *output_error = t1;
+        *valid = t3;
+        if (!t2) {
+            status |= FITZHUGH_NAGUMO_MISSING_Y;
+        }
+        if (t2 && !t3) {
+            status |= FITZHUGH_NAGUMO_REJECTED_Y;
+        }
+    }
+    return status;
+}
+
+/* correct the estimate with a sample that can be used */
+static unsigned fitzhugh_nagumo_use_sample_y(fitzhugh_nagumo_state *s, const fitzhugh_nagumo_params *p,
+    float e, float reading)
+{
+    unsigned status = 0u;
+    bool beyond = false;
+    /* correct by the scalar update */
+    {
+        const float D1 = s->D[0];
+        const float L21 = s->L[0];
+        const float L31 = s->L[1];
+        const float z1 = s->z[0];
+        const float z2 = s->z[1];
+        const float z3 = s->z[2];
+        const float t1 = p->gain.R/(0.01f*s->theta);
+        const float K1 = D1/(t1 + D1);
+        const float K2 = L21*K1;
+        const float K3 = L31*K1;
+        s->z[0] = z1 + K1*e;
+        s->z[1] = z2 + K2*e;
+        s->z[2] = z3 + K3*e;
+        s->D[0] = K1*t1;
+    }
+    for (unsigned k = 0u; k < 5u; ++k) {
+        fitzhugh_nagumo_predictor *const predictor = &s->predictor[k];
+        /* its squared output error */
+        {
+            const float sum = predictor->sum;
+            const float t1 = reading - predictor->z[0];
+            predictor->sum = fitzhugh_nagumo_min(sum + 0.01f*t1*t1, 1e+30f);
+        }
+        /* one more sample */
+        {
+            const unsigned samples = predictor->samples;
+            predictor->samples = (samples < 126u) ? samples + 1u : 126u;
+        }
+    }
+    /* is a value beyond its box, or lost? */
+    {
+        const bool t1 = fitzhugh_nagumo_within(s->z[0], 10.5f) && fitzhugh_nagumo_within(s->z[1], 80.0f)
+            && fitzhugh_nagumo_within(s->z[2], 512.0f);
+        const float D1 = s->D[0];
+        beyond = !(t1 && D1 >= 1e-15f && D1 <= 110.25f);
+    }
+    if (fitzhugh_nagumo_acts(beyond)) {
+        status |= fitzhugh_nagumo_keep_in_box(s, p);
+    }
+    /* y is used */
+    s->used_y = 1u;
+    return status;
+}
+
+static unsigned fitzhugh_nagumo_suspect_y(const fitzhugh_nagumo_state *s, float output_error, bool *suspect,
+    bool valid)
+{
+    unsigned status = 0u;
+    /* is the estimate where it cannot be for long? */
+    {
+        const bool t1 = fitzhugh_nagumo_abs(s->z[0]) > 3.5f || fitzhugh_nagumo_abs(s->z[1]) > 10.0f
+            || fitzhugh_nagumo_abs(s->z[2]) > 8.0f;
+        if (t1) {
+            status |= FITZHUGH_NAGUMO_OUTSIDE_BOX;
+        }
+        *suspect = fitzhugh_nagumo_abs(output_error) > 1.0f || t1 || !(s->fault_checksum <= 0.0f) || !valid;
+    }
+    return status;
+}
+
+static bool fitzhugh_nagumo_plausible_y(float reading, bool valid)
+{
+    bool sampled = false;
+    /* is there a sample to judge by? */
+    sampled = valid || (fitzhugh_nagumo_within(reading, 3e+38f) && fitzhugh_nagumo_within(reading, 15.0f));
+    return sampled;
+}
+
+static bool fitzhugh_nagumo_counts_spoiled_y(const fitzhugh_nagumo_state *s)
+{
+    bool spoiled = false;
+    /* was a fault count or limit spoiled? */
+    {
+        const float fault_count_y = s->fault_count_y;
+        const float fault_limit_y = s->fault_limit_y;
+        const float fault_count_range = s->fault_count_range;
+        const float fault_limit_range = s->fault_limit_range;
+        const float t1 = fault_limit_y - 1023.0f + fitzhugh_nagumo_abs(fault_count_y)
+            + (fault_limit_range - 1023.0f + fault_count_range);
+        const bool t2 = fitzhugh_nagumo_abs(t1 - s->fault_checksum) < 0.5f
+            && fitzhugh_nagumo_within(fault_count_y, 1047552.0f);
+        const bool t3 = t2 && fault_limit_y >= 1023.0f && fault_limit_y <= 1047552.0f
+            && fault_count_range >= 0.0f && fault_count_range <= 1047552.0f;
+        spoiled = !(t3 && fault_limit_range >= 1023.0f && fault_limit_range <= 1047552.0f);
+    }
+    return spoiled;
+}
+
+static void fitzhugh_nagumo_find_signs_y(const fitzhugh_nagumo_state *s, float *moves_y, float output_error,
+    float *side_y)
+{
+    /* which signs show? */
+    {
+        const bool t1 = fitzhugh_nagumo_within(output_error, 1.0f);
+        const float fault_count_y = s->fault_count_y;
+        *moves_y = (t1 ? 0.0f : ((fault_count_y*output_error < 0.0f) ? -39.0f : 1.0f)) + (t1 ? -1.0f : 0.0f);
+        *side_y = (t1 ? 0.0f : output_error) + (t1 ? fault_count_y : 0.0f);
+    }
+}
+
+/* a fault count is at its limit: restart from the sample, or project onto the ranges */
+static unsigned fitzhugh_nagumo_recover_y(fitzhugh_nagumo_state *s, float reading)
+{
+    unsigned status = 0u;
+    bool lost = false;
+    bool over_range = false;
+    bool over_y = false;
+    /* by which sign, and is the estimate lost? */
+    {
+        const bool t1 = s->fault_limit_y <= fitzhugh_nagumo_abs(s->fault_count_y);
+        const float fault_limit_range = s->fault_limit_range;
+        const bool t2 = fault_limit_range <= s->fault_count_range;
+        const bool t3 = fitzhugh_nagumo_abs(s->z[0]) > 7.0f || fitzhugh_nagumo_abs(s->z[1]) > 20.0f
+            || fitzhugh_nagumo_abs(s->z[2]) > 16.0f;
+        over_y = t1;
+        over_range = t2;
+        lost = t1 || (t2 && (fault_limit_range > 1023.0f || t3));
+    }
+    if (over_y) {
+        /* the fault limit doubles */
+        {
+            const float fault_count_y = s->fault_count_y;
+            const float fault_limit_y = s->fault_limit_y;
+            const float t1 = fitzhugh_nagumo_min(fault_limit_y, 523776.0f);
+            s->fault_count_y = (fault_count_y < 0.0f) ? -t1 : t1;
+            s->fault_limit_y = fitzhugh_nagumo_min(2.0f*fault_limit_y, 1047552.0f);
+        }
+    }
+    if (over_range) {
+        /* the fault limit doubles */
+        {
+            const float fault_limit_range = s->fault_limit_range;
+            s->fault_count_range = fitzhugh_nagumo_min(fault_limit_range, 523776.0f);
+            s->fault_limit_range = fitzhugh_nagumo_min(2.0f*fault_limit_range, 1047552.0f);
+        }
+    }
+    if (lost) {
+        /* the estimate restarts */
+        s->z[0] = 0.0f;
+        s->z[1] = 0.0f;
+        s->z[2] = 0.0f;
+        /* from the sample of y */
+        {
+            const float z1 = s->z[0];
+            const float z2 = s->z[1];
+            const float z3 = s->z[2];
+            s->z[0] = fitzhugh_nagumo_keep(reading, -3.5f, 3.5f, z1, 1e+30f);
+            s->z[1] = fitzhugh_nagumo_keep(z2, -10.0f, 10.0f, z2, 1e+30f);
+            s->z[2] = fitzhugh_nagumo_keep(z3, -8.0f, 8.0f, z3, 1e+30f);
+        }
+        /* the estimate has restarted from the sample */
+        status |= FITZHUGH_NAGUMO_RESTARTED_FROM_SAMPLE;
+        fitzhugh_nagumo_clear_rest(s);
+    } else {
+        /* the estimate back onto its declared ranges */
+        {
+            const float z1 = s->z[0];
+            const float z2 = s->z[1];
+            const float z3 = s->z[2];
+            const float L31 = s->L[1];
+            const float D1 = s->D[0];
+            const float t1 = L31*D1;
+            const float t2 = z1 - fitzhugh_nagumo_limit(z1, 3.5f);
+            const float t3 = t2/D1;
+            const float L21 = s->L[0];
+            const float L32 = s->L[2];
+            const float D2 = s->D[1];
+            const float t4 = L32*D2;
+            const float t5 = L21*D1;
+            const float t6 = z2 - t5*t3;
+            const float t7 = t6 - fitzhugh_nagumo_limit(t6, 10.0f);
+            const float t8 = t7/(t5*L21 + D2);
+            const float t9 = z3 - t1*t3 - (t1*L21 + t4)*t8;
+            const float t10 = t9 - fitzhugh_nagumo_limit(t9, 8.0f);
+            const float t11 = t9 - t10 - z3;
+            const float t12 = (t11 > 0.0f) ? 512.0f - z3 : z3 + 512.0f;
+            const float t13 = t10/(t1*L31 + t4*L32 + s->D[2]);
+            const float t14 = t6 - t7 - (t5*L31 + D2*L32)*t13 - z2;
+            const float t15 = (t14 > 0.0f) ? 80.0f - z2 : z2 + 80.0f;
+            const float t16 = z1 - t2 - D1*L21*t8 - D1*L31*t13 - z1;
+            const float t17 = (t16 > 0.0f) ? 10.5f - z1 : z1 + 10.5f;
+            const float t18 = fitzhugh_nagumo_abs(t16);
+            const float t19 = (t17 < t18) ? t17/t18 : 1.0f;
+            const float t20 = fitzhugh_nagumo_abs(t14);
+            const float t21 = (t15 < t19*t20) ? t15/t20 : t19;
+            const float t22 = fitzhugh_nagumo_abs(t11);
+            const float t23 = (t12 < t21*t22) ? t12/t22 : t21;
+            s->z[0] = fitzhugh_nagumo_keep(z1 + t23*t16, -10.5f, 10.5f, z1, 1e+30f);
+            s->z[1] = fitzhugh_nagumo_keep(z2 + t23*t14, -80.0f, 80.0f, z2, 1e+30f);
+            s->z[2] = fitzhugh_nagumo_keep(z3 + t23*t11, -512.0f, 512.0f, z3, 1e+30f);
+            status |= FITZHUGH_NAGUMO_PROJECTED_ONTO_RANGES;
+        }
+    }
+    return status;
+}
+
+/* count the signs of a fault at a sample, and act where a count is at its limit */
+static unsigned fitzhugh_nagumo_count_faults_y(fitzhugh_nagumo_state *s, float output_error, float reading)
 {
     unsigned status = 0u;
     bool acts = false;
-    bool beyond = false;
-    float e = 0.0f;
-    bool fresh = false;
-    bool lost = false;
-    float measurement = 0.0f;
     float moves_range = 0.0f;
     float moves_y = 0.0f;
-    float output_error = 0.0f;
-    bool over_range = false;
-    bool over_y = false;
-    bool sampled = false;
     float side_y = 0.0f;
     bool spoiled = false;
+    spoiled = fitzhugh_nagumo_counts_spoiled_y(s);
+    if (spoiled) {
+        fitzhugh_nagumo_clear_fault_counts(s);
+    }
+    /* is the estimate out of a range? */
+    {
+        const bool t1 = fitzhugh_nagumo_abs(s->z[0]) > 3.85f || fitzhugh_nagumo_abs(s->z[1]) > 11.0f
+            || fitzhugh_nagumo_abs(s->z[2]) > 8.8f;
+        moves_range = t1 ? 1.0f : -1.0f;
+    }
+    /* count of range */
+    {
+        const float fault_count_range = s->fault_count_range;
+        const float fault_limit_range = s->fault_limit_range;
+        const float t1 = fitzhugh_nagumo_clamp(fault_count_range + moves_range, 0.0f, 1047552.0f);
+        s->fault_count_range = t1;
+        s->fault_limit_range = (t1 <= 0.0f) ? 1023.0f : fault_limit_range;
+    }
+    fitzhugh_nagumo_find_signs_y(s, &moves_y, output_error, &side_y);
+    /* count of y */
+    {
+        const float fault_count_y = s->fault_count_y;
+        const float fault_limit_y = s->fault_limit_y;
+        const float t1 = fitzhugh_nagumo_clamp(fitzhugh_nagumo_abs(fault_count_y) + moves_y, 0.0f,
+            1047552.0f);
+        s->fault_count_y = (side_y < 0.0f) ? -t1 : t1;
+        s->fault_limit_y = (t1 <= 0.0f) ? 1023.0f : fault_limit_y;
+    }
+    /* does a guard act? */
+    acts = s->fault_limit_y <= fitzhugh_nagumo_abs(s->fault_count_y)
+        || s->fault_limit_range <= s->fault_count_range;
+    if (acts) {
+        status |= fitzhugh_nagumo_recover_y(s, reading);
+    }
+    /* the checksum of fault counts and limits */
+    s->fault_checksum = s->fault_limit_y - 1023.0f + fitzhugh_nagumo_abs(s->fault_count_y)
+        + (s->fault_limit_range - 1023.0f + s->fault_count_range);
+    return status;
+}
+
+/* part of a step: correct with y */
+static unsigned fitzhugh_nagumo_run_update_y(fitzhugh_nagumo_state *s, const fitzhugh_nagumo_params *p,
+    const fitzhugh_nagumo_output *measurement)
+{
+    unsigned status = 0u;
+    float e = 0.0f;
+    bool fresh = false;
+    float output_error = 0.0f;
+    float reading = 0.0f;
+    bool sampled = false;
     bool suspect = false;
     bool valid = false;
     /* is a sample of y awaited? */
     fresh = s->used_y < 1u;
     if (fresh) {
         /* the measurement of y */
-        measurement = out->y;
-        /* guard the measurement of y */
-        {
-            const float t1 = measurement - s->z[0];
-            const bool t2 = fitzhugh_nagumo_within(measurement, 3e+38f);
-            const bool t3 = t2 && fitzhugh_nagumo_within(measurement, 15.0f)
-                && fitzhugh_nagumo_within(t1, 1e+16f);
-            e = t1;
-            output_error = t1;
-            valid = t3;
-            if (!t2) {
-                status |= FITZHUGH_NAGUMO_MISSING_Y;
-            }
-            if (t2 && !t3) {
-                status |= FITZHUGH_NAGUMO_REJECTED_Y;
-            }
-        }
+        reading = measurement->y;
+        status |= fitzhugh_nagumo_guard_measurement_y(s, &e, &output_error, reading, &valid);
         if (valid) {
-            /* correct by the scalar update */
-            {
-                const float D1 = s->D[0];
-                const float L21 = s->L[0];
-                const float L31 = s->L[1];
-                const float z1 = s->z[0];
-                const float z2 = s->z[1];
-                const float z3 = s->z[2];
-                const float t1 = p->gain.R/(0.01f*s->theta);
-                const float K1 = D1/(t1 + D1);
-                const float K2 = L21*K1;
-                const float K3 = L31*K1;
-                s->z[0] = z1 + K1*e;
-                s->z[1] = z2 + K2*e;
-                s->z[2] = z3 + K3*e;
-                s->D[0] = K1*t1;
-            }
-            for (unsigned k = 0u; k < 5u; ++k) {
-                fitzhugh_nagumo_predictor *const predictor = &s->predictor[k];
-                /* its squared output error */
-                {
-                    const float sum = predictor->sum;
-                    const float t1 = measurement - predictor->z[0];
-                    predictor->sum = fitzhugh_nagumo_min(sum + 0.01f*t1*t1, 1e+30f);
-                }
-                /* one more sample */
-                {
-                    const unsigned samples = predictor->samples;
-                    predictor->samples = (samples < 126u) ? samples + 1u : 126u;
-                }
-            }
-            /* is a value beyond its box, or lost? */
-            {
-                const bool t1 = fitzhugh_nagumo_within(s->z[0], 10.5f)
-                    && fitzhugh_nagumo_within(s->z[1], 80.0f) && fitzhugh_nagumo_within(s->z[2], 512.0f);
-                const float D1 = s->D[0];
-                beyond = !(t1 && D1 >= 1e-15f && D1 <= 110.25f);
-            }
-            if (fitzhugh_nagumo_acts(beyond)) {
-                status |= fitzhugh_nagumo_keep_in_box(s, p);
-            }
-            /* y is used */
-            s->used_y = 1u;
+            status |= fitzhugh_nagumo_use_sample_y(s, p, e, reading);
         }
-        /* is the estimate where it cannot be for long? */
-        {
-            const bool t1 = fitzhugh_nagumo_abs(s->z[0]) > 3.5f || fitzhugh_nagumo_abs(s->z[1]) > 10.0f
-                || fitzhugh_nagumo_abs(s->z[2]) > 8.0f;
-            if (t1) {
-                status |= FITZHUGH_NAGUMO_OUTSIDE_BOX;
-            }
-            suspect = fitzhugh_nagumo_abs(output_error) > 1.0f || t1 || !(s->fault_checksum <= 0.0f)
-                || !valid;
-        }
+        status |= fitzhugh_nagumo_suspect_y(s, output_error, &suspect, valid);
         if (suspect) {
-            /* is there a sample to judge by? */
-            sampled = valid || (fitzhugh_nagumo_within(measurement, 3e+38f)
-                && fitzhugh_nagumo_within(measurement, 15.0f));
+            sampled = fitzhugh_nagumo_plausible_y(reading, valid);
             if (sampled) {
-                /* was a fault count or limit spoiled? */
-                {
-                    const float fault_count_y = s->fault_count_y;
-                    const float fault_limit_y = s->fault_limit_y;
-                    const float fault_count_range = s->fault_count_range;
-                    const float fault_limit_range = s->fault_limit_range;
-                    const float t1 = fault_limit_y - 1023.0f + fitzhugh_nagumo_abs(fault_count_y)
-                        + (fault_limit_range - 1023.0f + fault_count_range);
-                    const bool t2 = fitzhugh_nagumo_abs(t1 - s->fault_checksum) < 0.5f
-                        && fitzhugh_nagumo_within(fault_count_y, 1047552.0f);
-                    const bool t3 = t2 && fault_limit_y >= 1023.0f && fault_limit_y <= 1047552.0f
-                        && fault_count_range >= 0.0f && fault_count_range <= 1047552.0f;
-                    spoiled = !(t3 && fault_limit_range >= 1023.0f && fault_limit_range <= 1047552.0f);
-                }
-                if (spoiled) {
-                    fitzhugh_nagumo_clear_fault_counts(s);
-                }
-                /* is the estimate out of a range? */
-                {
-                    const bool t1 = fitzhugh_nagumo_abs(s->z[0]) > 3.85f
-                        || fitzhugh_nagumo_abs(s->z[1]) > 11.0f || fitzhugh_nagumo_abs(s->z[2]) > 8.8f;
-                    moves_range = t1 ? 1.0f : -1.0f;
-                }
-                /* count of range */
-                {
-                    const float fault_count_range = s->fault_count_range;
-                    const float fault_limit_range = s->fault_limit_range;
-                    const float t1 = fitzhugh_nagumo_clamp(fault_count_range + moves_range, 0.0f, 1047552.0f);
-                    s->fault_count_range = t1;
-                    s->fault_limit_range = (t1 <= 0.0f) ? 1023.0f : fault_limit_range;
-                }
-                /* which signs show? */
-                {
-                    const bool t1 = fitzhugh_nagumo_within(output_error, 1.0f);
-                    const float fault_count_y = s->fault_count_y;
-                    moves_y = (t1 ? 0.0f : ((fault_count_y*output_error < 0.0f) ? -39.0f : 1.0f))
-                        + (t1 ? -1.0f : 0.0f);
-                    side_y = (t1 ? 0.0f : output_error) + (t1 ? fault_count_y : 0.0f);
-                }
-                /* count of y */
-                {
-                    const float fault_count_y = s->fault_count_y;
-                    const float fault_limit_y = s->fault_limit_y;
-                    const float t1 = fitzhugh_nagumo_clamp(fitzhugh_nagumo_abs(fault_count_y) + moves_y,
-                        0.0f, 1047552.0f);
-                    s->fault_count_y = (side_y < 0.0f) ? -t1 : t1;
-                    s->fault_limit_y = (t1 <= 0.0f) ? 1023.0f : fault_limit_y;
-                }
-                /* does a guard act? */
-                acts = s->fault_limit_y <= fitzhugh_nagumo_abs(s->fault_count_y)
-                    || s->fault_limit_range <= s->fault_count_range;
-                if (acts) {
-                    /* by which sign, and is the estimate lost? */
-                    {
-                        const bool t1 = s->fault_limit_y <= fitzhugh_nagumo_abs(s->fault_count_y);
-                        const float fault_limit_range = s->fault_limit_range;
-                        const bool t2 = fault_limit_range <= s->fault_count_range;
-                        const bool t3 = fitzhugh_nagumo_abs(s->z[0]) > 7.0f
-                            || fitzhugh_nagumo_abs(s->z[1]) > 20.0f || fitzhugh_nagumo_abs(s->z[2]) > 16.0f;
-                        over_y = t1;
-                        over_range = t2;
-                        lost = t1 || (t2 && (fault_limit_range > 1023.0f || t3));
-                    }
-                    if (over_y) {
-                        /* the fault limit doubles */
-                        {
-                            const float fault_count_y = s->fault_count_y;
-                            const float fault_limit_y = s->fault_limit_y;
-                            const float t1 = fitzhugh_nagumo_min(fault_limit_y, 523776.0f);
-                            s->fault_count_y = (fault_count_y < 0.0f) ? -t1 : t1;
-                            s->fault_limit_y = fitzhugh_nagumo_min(2.0f*fault_limit_y, 1047552.0f);
-                        }
-                    }
-                    if (over_range) {
-                        /* the fault limit doubles */
-                        {
-                            const float fault_limit_range = s->fault_limit_range;
-                            s->fault_count_range = fitzhugh_nagumo_min(fault_limit_range, 523776.0f);
-                            s->fault_limit_range = fitzhugh_nagumo_min(2.0f*fault_limit_range, 1047552.0f);
-                        }
-                    }
-                    if (lost) {
-                        /* the estimate restarts */
-                        s->z[0] = 0.0f;
-                        s->z[1] = 0.0f;
-                        s->z[2] = 0.0f;
-                        /* from the sample of y */
-                        {
-                            const float z1 = s->z[0];
-                            const float z2 = s->z[1];
-                            const float z3 = s->z[2];
-                            s->z[0] = fitzhugh_nagumo_keep(measurement, -3.5f, 3.5f, z1, 1e+30f);
-                            s->z[1] = fitzhugh_nagumo_keep(z2, -10.0f, 10.0f, z2, 1e+30f);
-                            s->z[2] = fitzhugh_nagumo_keep(z3, -8.0f, 8.0f, z3, 1e+30f);
-                        }
-                        /* the estimate has restarted from the sample */
-                        status |= FITZHUGH_NAGUMO_RESTARTED_FROM_SAMPLE;
-                        fitzhugh_nagumo_clear_rest(s);
-                    } else {
-                        /* the estimate back onto its declared ranges */
-                        {
-                            const float z1 = s->z[0];
-                            const float z2 = s->z[1];
-                            const float z3 = s->z[2];
-                            const float L31 = s->L[1];
-                            const float D1 = s->D[0];
-                            const float t1 = L31*D1;
-                            const float t2 = z1 - fitzhugh_nagumo_limit(z1, 3.5f);
-                            const float t3 = t2/D1;
-                            const float L21 = s->L[0];
-                            const float L32 = s->L[2];
-                            const float D2 = s->D[1];
-                            const float t4 = L32*D2;
-                            const float t5 = L21*D1;
-                            const float t6 = z2 - t5*t3;
-                            const float t7 = t6 - fitzhugh_nagumo_limit(t6, 10.0f);
-                            const float t8 = t7/(t5*L21 + D2);
-                            const float t9 = z3 - t1*t3 - (t1*L21 + t4)*t8;
-                            const float t10 = t9 - fitzhugh_nagumo_limit(t9, 8.0f);
-                            const float t11 = t9 - t10 - z3;
-                            const float t12 = (t11 > 0.0f) ? 512.0f - z3 : z3 + 512.0f;
-                            const float t13 = t10/(t1*L31 + t4*L32 + s->D[2]);
-                            const float t14 = t6 - t7 - (t5*L31 + D2*L32)*t13 - z2;
-                            const float t15 = (t14 > 0.0f) ? 80.0f - z2 : z2 + 80.0f;
-                            const float t16 = z1 - t2 - D1*L21*t8 - D1*L31*t13 - z1;
-                            const float t17 = (t16 > 0.0f) ? 10.5f - z1 : z1 + 10.5f;
-                            const float t18 = fitzhugh_nagumo_abs(t16);
-                            const float t19 = (t17 < t18) ? t17/t18 : 1.0f;
-                            const float t20 = fitzhugh_nagumo_abs(t14);
-                            const float t21 = (t15 < t19*t20) ? t15/t20 : t19;
-                            const float t22 = fitzhugh_nagumo_abs(t11);
-                            const float t23 = (t12 < t21*t22) ? t12/t22 : t21;
-                            s->z[0] = fitzhugh_nagumo_keep(z1 + t23*t16, -10.5f, 10.5f, z1, 1e+30f);
-                            s->z[1] = fitzhugh_nagumo_keep(z2 + t23*t14, -80.0f, 80.0f, z2, 1e+30f);
-                            s->z[2] = fitzhugh_nagumo_keep(z3 + t23*t11, -512.0f, 512.0f, z3, 1e+30f);
-                            status |= FITZHUGH_NAGUMO_PROJECTED_ONTO_RANGES;
-                        }
-                    }
-                }
-                /* the checksum of fault counts and limits */
-                s->fault_checksum = s->fault_limit_y - 1023.0f + fitzhugh_nagumo_abs(s->fault_count_y)
-                    + (s->fault_limit_range - 1023.0f + s->fault_count_range);
+                status |= fitzhugh_nagumo_count_faults_y(s, output_error, reading);
             }
         }
     } else {
@@ -911,14 +991,14 @@ unsigned fitzhugh_nagumo_predict(fitzhugh_nagumo_state *s, const fitzhugh_nagumo
 }
 
 unsigned fitzhugh_nagumo_update_y(fitzhugh_nagumo_state *s, const fitzhugh_nagumo_params *p,
-    const fitzhugh_nagumo_output *out)
+    const fitzhugh_nagumo_output *measurement)
 {
     unsigned status = 0u;
     if ((s->ready != FITZHUGH_NAGUMO_READY) || (p->ready != FITZHUGH_NAGUMO_READY)) {
         status = fitzhugh_nagumo_ready(s, p);
     }
     if ((status & FITZHUGH_NAGUMO_NO_PARAMETERS) == 0u) {
-        status |= fitzhugh_nagumo_run_update_y(s, p, out);
+        status |= fitzhugh_nagumo_run_update_y(s, p, measurement);
     }
     return status;
 }
@@ -936,7 +1016,7 @@ unsigned fitzhugh_nagumo_adapt(fitzhugh_nagumo_state *s, const fitzhugh_nagumo_p
 }
 
 unsigned fitzhugh_nagumo_step(fitzhugh_nagumo_state *s, const fitzhugh_nagumo_params *p,
-    const fitzhugh_nagumo_input *in, const fitzhugh_nagumo_output *out)
+    const fitzhugh_nagumo_input *in, const fitzhugh_nagumo_output *measurement)
 {
     unsigned status = 0u;
     if ((s->ready != FITZHUGH_NAGUMO_READY) || (p->ready != FITZHUGH_NAGUMO_READY)) {
@@ -944,7 +1024,7 @@ unsigned fitzhugh_nagumo_step(fitzhugh_nagumo_state *s, const fitzhugh_nagumo_pa
     }
     if ((status & FITZHUGH_NAGUMO_NO_PARAMETERS) == 0u) {
         status |= fitzhugh_nagumo_run_predict(s, p, in);
-        status |= fitzhugh_nagumo_run_update_y(s, p, out);
+        status |= fitzhugh_nagumo_run_update_y(s, p, measurement);
         status |= fitzhugh_nagumo_run_adapt(s, p);
     }
     return status;

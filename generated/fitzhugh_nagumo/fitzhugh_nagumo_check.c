@@ -23,7 +23,7 @@
 
 unsigned fitzhugh_nagumo_check(void);
 
-static const float given[64][2] = { /* in.u, out.y */
+static const float given[64][2] = { /* in.u, measurement.y */
     {-0.5f, -2.5f},
     {-0.44594595f, -2.0652175f},
     {-0.3918919f, -1.6304348f},
@@ -192,7 +192,7 @@ unsigned fitzhugh_nagumo_check(void)
     fitzhugh_nagumo_state s;
     fitzhugh_nagumo_params p;
     fitzhugh_nagumo_input in;
-    fitzhugh_nagumo_output out;
+    fitzhugh_nagumo_output measurement;
     fitzhugh_nagumo_plant x;
     fitzhugh_nagumo_init(&s, &p);
     s.z[0] = 1.4f;
@@ -200,8 +200,8 @@ unsigned fitzhugh_nagumo_check(void)
     s.z[2] = 3.2f;
     for (unsigned k = 0u; k < 64u && bad == 0u; ++k) {
         in.u = (k == 40u) ? none : given[k][0];
-        out.y = (k == 20u) ? none : given[k][1];
-        const unsigned status = fitzhugh_nagumo_step(&s, &p, &in, &out);
+        measurement.y = (k == 20u) ? none : given[k][1];
+        const unsigned status = fitzhugh_nagumo_step(&s, &p, &in, &measurement);
         fitzhugh_nagumo_estimate(&s, &p, &x);
         if (status != expected[k] || !fitzhugh_nagumo_near(x.x1, k, 0u) || !fitzhugh_nagumo_near(x.x2, k, 1u)
             || !fitzhugh_nagumo_near(x.eta, k, 2u) || !fitzhugh_nagumo_near(s.theta, k, 3u)

@@ -1,4 +1,4 @@
-/* flexible_joint: see flexible_joint.h, which is the manual. */
+/* flexible_joint: see flexible_joint.h, and its manual flexible_joint.md. */
 #include "flexible_joint.h"
 
 #include <stdbool.h>
@@ -196,66 +196,337 @@ static void flexible_joint_nominal(flexible_joint_params *p)
     p->gain.theta = 10.0f;
 }
 
+static unsigned flexible_joint_guard_input(const flexible_joint_state *s, const flexible_joint_input *in,
+    float *u)
+{
+    unsigned status = 0u;
+    /* guard the input */
+    {
+        const float u_given = in->u;
+        const bool u_usable = flexible_joint_within(u_given, 1e+15f);
+        const float u_taken = u_usable ? u_given : s->u;
+        *u = flexible_joint_limit(u_taken, 50.0f);
+        if (!u_usable) {
+            status |= FLEXIBLE_JOINT_REUSED_U;
+        }
+        if (flexible_joint_abs(u_taken) > 50.0f) {
+            status |= FLEXIBLE_JOINT_CLAMPED_U;
+        }
+    }
+    return status;
+}
+
+static unsigned flexible_joint_guard_measurements(const flexible_joint_state *s,
+    const flexible_joint_output *measurement, float *valid, float *y, float *y_last)
+{
+    unsigned status = 0u;
+    /* guard the measurements */
+    {
+        const float reading = measurement->y;
+        const bool t1 = flexible_joint_within(reading, 3e+38f);
+        const float z1 = s->z[0];
+        const bool t2 = t1 && flexible_joint_within(reading, 9.0f)
+            && flexible_joint_within(reading - z1, 1e+16f);
+        const float t3 = t2 ? reading : z1;
+        *y = t3;
+        *y_last = (t2 && s->y_valid > 0.0f) ? s->y : t3;
+        *valid = t2 ? 1.0f : 0.0f;
+        if (!t1) {
+            status |= FLEXIBLE_JOINT_MISSING_Y;
+        }
+        if (t1 && !t2) {
+            status |= FLEXIBLE_JOINT_REJECTED_Y;
+        }
+    }
+    return status;
+}
+
+/* advance the estimate from the last call to now */
+static unsigned flexible_joint_advance(flexible_joint_state *s, const flexible_joint_params *p, float u,
+    float valid, float y, float y_last)
+{
+    unsigned status = 0u;
+    float ahead = 0.0f;
+    bool beyond = false;
+    float fraction = 0.0f;
+    float share = 0.0f;
+    float z_at[4];
+    float z_sum[4];
+    /* z: one step of classical Runge-Kutta */
+    /* its tableau: */
+    /*     0 |  */
+    /*   1/2 | 1/2 */
+    /*   1/2 |   0 1/2 */
+    /*     1 |   0   0   1 */
+    /*   --------------------- */
+    /*       | 1/6 1/3 1/3 1/6 */
+    /* fraction is c of a stage; share is its b over that of the first; ahead is the next stage's a times
+     * dt */
+    z_sum[0] = 0.0f;
+    z_sum[1] = 0.0f;
+    z_sum[2] = 0.0f;
+    z_sum[3] = 0.0f;
+    z_at[0] = s->z[0];
+    z_at[1] = s->z[1];
+    z_at[2] = s->z[2];
+    z_at[3] = s->z[3];
+    {
+        static const float each_fraction[4] = {0.0f, 0.5f, 0.5f, 1.0f};
+        static const float each_share[4] = {1.0f, 2.0f, 2.0f, 1.0f};
+        static const float each_ahead[4] = {0.0005f, 0.0005f, 0.001f, 0.0f};
+        for (unsigned r = 0u; r < 4u; ++r) {
+            fraction = each_fraction[r];
+            share = each_share[r];
+            ahead = each_ahead[r];
+            /* a stage */
+            {
+                const float z_at1 = z_at[0];
+                const float z_at2 = z_at[1];
+                const float z_at3 = z_at[2];
+                const float z_at4 = z_at[3];
+                const float z_sum1 = z_sum[0];
+                const float z_sum2 = z_sum[1];
+                const float z_sum3 = z_sum[2];
+                const float z_sum4 = z_sum[3];
+                const float u_before = s->u;
+                float k_z[4];
+                flexible_joint_rate(p, z_at1, z_at2, z_at3, z_at4, u_before + fraction*(u - u_before), y_last
+                    + fraction*(y - y_last), valid, k_z);
+                z_sum[0] = z_sum1 + share*k_z[0];
+                z_sum[1] = z_sum2 + share*k_z[1];
+                z_sum[2] = z_sum3 + share*k_z[2];
+                z_sum[3] = z_sum4 + share*k_z[3];
+                z_at[0] = s->z[0] + ahead*k_z[0];
+                z_at[1] = s->z[1] + ahead*k_z[1];
+                z_at[2] = s->z[2] + ahead*k_z[2];
+                z_at[3] = s->z[3] + ahead*k_z[3];
+            }
+        }
+    }
+    /* the slopes of all stages */
+    {
+        const float z1 = s->z[0];
+        const float z2 = s->z[1];
+        const float z3 = s->z[2];
+        const float z4 = s->z[3];
+        s->z[0] = z1 + 0.00016666666f*z_sum[0];
+        s->z[1] = z2 + 0.00016666666f*z_sum[1];
+        s->z[2] = z3 + 0.00016666666f*z_sum[2];
+        s->z[3] = z4 + 0.00016666666f*z_sum[3];
+    }
+    /* is a value beyond its box, or lost? */
+    {
+        const bool t1 = flexible_joint_within(s->z[0], 9.0f) && flexible_joint_within(s->z[1], 100.0f)
+            && flexible_joint_within(s->z[2], 400.0f);
+        beyond = !(t1 && flexible_joint_within(s->z[3], 20000.0f));
+    }
+    if (flexible_joint_acts(beyond)) {
+        status |= flexible_joint_keep_in_box(s, p);
+    }
+    return status;
+}
+
+static unsigned flexible_joint_suspect(const flexible_joint_state *s,
+    const flexible_joint_output *measurement, bool *suspect, float valid)
+{
+    unsigned status = 0u;
+    /* is the estimate where it cannot be for long? */
+    {
+        const float z1 = s->z[0];
+        const bool t1 = flexible_joint_abs(z1) > 3.0f || flexible_joint_abs(s->z[1]) > 10.0f
+            || flexible_joint_abs(s->z[2]) > 4.0f;
+        const bool t2 = t1 || flexible_joint_abs(s->z[3]) > 20.0f;
+        if (t2) {
+            status |= FLEXIBLE_JOINT_OUTSIDE_BOX;
+        }
+        *suspect = flexible_joint_abs(measurement->y - z1) > 0.6f || t2 || !(s->fault_checksum <= 0.0f)
+            || !(valid > 0.0f);
+    }
+    return status;
+}
+
+static bool flexible_joint_plausible(const flexible_joint_output *measurement, float valid)
+{
+    bool sampled = false;
+    /* is there a sample to judge by? */
+    {
+        const float reading = measurement->y;
+        sampled = valid > 0.0f || (flexible_joint_within(reading, 3e+38f)
+            && flexible_joint_within(reading, 9.0f));
+    }
+    return sampled;
+}
+
+static bool flexible_joint_counts_spoiled(const flexible_joint_state *s)
+{
+    bool spoiled = false;
+    /* was a fault count or limit spoiled? */
+    {
+        const float fault_count_y = s->fault_count_y;
+        const float fault_limit_y = s->fault_limit_y;
+        const float fault_count_range = s->fault_count_range;
+        const float fault_limit_range = s->fault_limit_range;
+        const float t1 = fault_limit_y - 2303.0f + flexible_joint_abs(fault_count_y)
+            + (fault_limit_range - 2303.0f + fault_count_range);
+        const bool t2 = flexible_joint_abs(t1 - s->fault_checksum) < 0.5f
+            && flexible_joint_within(fault_count_y, 2358272.0f);
+        const bool t3 = t2 && fault_limit_y >= 2303.0f && fault_limit_y <= 2358272.0f
+            && fault_count_range >= 0.0f && fault_count_range <= 2358272.0f;
+        spoiled = !(t3 && fault_limit_range >= 2303.0f && fault_limit_range <= 2358272.0f);
+    }
+    return spoiled;
+}
+
+static void flexible_joint_find_signs(const flexible_joint_state *s,
+    const flexible_joint_output *measurement, float *moves_y, float *side_y)
+{
+    /* which signs show? */
+    {
+        const float t1 = measurement->y - s->z[0];
+        const bool t2 = flexible_joint_within(t1, 0.6f);
+        const float fault_count_y = s->fault_count_y;
+        *moves_y = (t2 ? 0.0f : ((fault_count_y*t1 < 0.0f) ? -179.0f : 1.0f)) + (t2 ? -1.0f : 0.0f);
+        *side_y = (t2 ? 0.0f : t1) + (t2 ? fault_count_y : 0.0f);
+    }
+}
+
+/* a fault count is at its limit: restart from the sample, or project onto the ranges */
+static unsigned flexible_joint_recover(flexible_joint_state *s, const flexible_joint_output *measurement)
+{
+    unsigned status = 0u;
+    bool lost = false;
+    bool over_range = false;
+    bool over_y = false;
+    /* by which sign, and is the estimate lost? */
+    {
+        const bool t1 = s->fault_limit_y <= flexible_joint_abs(s->fault_count_y);
+        const float fault_limit_range = s->fault_limit_range;
+        const bool t2 = fault_limit_range <= s->fault_count_range;
+        const bool t3 = flexible_joint_abs(s->z[0]) > 6.0f || flexible_joint_abs(s->z[1]) > 20.0f
+            || flexible_joint_abs(s->z[2]) > 8.0f;
+        over_y = t1;
+        over_range = t2;
+        lost = t1 || (t2 && (fault_limit_range > 2303.0f || t3 || flexible_joint_abs(s->z[3]) > 40.0f));
+    }
+    if (over_y) {
+        /* the fault limit doubles */
+        {
+            const float fault_count_y = s->fault_count_y;
+            const float fault_limit_y = s->fault_limit_y;
+            const float t1 = flexible_joint_min(fault_limit_y, 1179136.0f);
+            s->fault_count_y = (fault_count_y < 0.0f) ? -t1 : t1;
+            s->fault_limit_y = flexible_joint_min(2.0f*fault_limit_y, 2358272.0f);
+        }
+    }
+    if (over_range) {
+        /* the fault limit doubles */
+        {
+            const float fault_limit_range = s->fault_limit_range;
+            s->fault_count_range = flexible_joint_min(fault_limit_range, 1179136.0f);
+            s->fault_limit_range = flexible_joint_min(2.0f*fault_limit_range, 2358272.0f);
+        }
+    }
+    if (lost) {
+        /* the estimate restarts */
+        s->z[0] = 0.0f;
+        s->z[1] = 0.0f;
+        s->z[2] = 0.0f;
+        s->z[3] = 0.0f;
+        /* from the sample of y */
+        {
+            const float z1 = s->z[0];
+            const float z2 = s->z[1];
+            const float z3 = s->z[2];
+            const float z4 = s->z[3];
+            s->z[0] = flexible_joint_keep(measurement->y, -3.0f, 3.0f, z1, 1e+30f);
+            s->z[1] = flexible_joint_keep(z2, -10.0f, 10.0f, z2, 1e+30f);
+            s->z[2] = flexible_joint_keep(z3, -4.0f, 4.0f, z3, 1e+30f);
+            s->z[3] = flexible_joint_keep(z4, -20.0f, 20.0f, z4, 1e+30f);
+        }
+        /* the estimate has restarted from the sample */
+        status |= FLEXIBLE_JOINT_RESTARTED_FROM_SAMPLE;
+    } else {
+        /* the estimate back onto its declared ranges */
+        {
+            const float z1 = s->z[0];
+            const float z2 = s->z[1];
+            const float z3 = s->z[2];
+            const float z4 = s->z[3];
+            s->z[0] = flexible_joint_limit(z1, 3.0f);
+            s->z[1] = flexible_joint_limit(z2, 10.0f);
+            s->z[2] = flexible_joint_limit(z3, 4.0f);
+            s->z[3] = flexible_joint_limit(z4, 20.0f);
+            status |= FLEXIBLE_JOINT_PROJECTED_ONTO_RANGES;
+        }
+    }
+    return status;
+}
+
+/* count the signs of a fault at a sample, and act where a count is at its limit */
+static unsigned flexible_joint_count_faults(flexible_joint_state *s, const flexible_joint_output *measurement)
+{
+    unsigned status = 0u;
+    bool acts = false;
+    float moves_range = 0.0f;
+    float moves_y = 0.0f;
+    float side_y = 0.0f;
+    bool spoiled = false;
+    spoiled = flexible_joint_counts_spoiled(s);
+    if (spoiled) {
+        flexible_joint_clear_fault_counts(s);
+    }
+    /* is the estimate out of a range? */
+    {
+        const bool t1 = flexible_joint_abs(s->z[0]) > 3.3f || flexible_joint_abs(s->z[1]) > 11.0f
+            || flexible_joint_abs(s->z[2]) > 4.4f;
+        moves_range = (t1 || flexible_joint_abs(s->z[3]) > 22.0f) ? 1.0f : -1.0f;
+    }
+    /* count of range */
+    {
+        const float fault_count_range = s->fault_count_range;
+        const float fault_limit_range = s->fault_limit_range;
+        const float t1 = flexible_joint_clamp(fault_count_range + moves_range, 0.0f, 2358272.0f);
+        s->fault_count_range = t1;
+        s->fault_limit_range = (t1 <= 0.0f) ? 2303.0f : fault_limit_range;
+    }
+    flexible_joint_find_signs(s, measurement, &moves_y, &side_y);
+    /* count of y */
+    {
+        const float fault_count_y = s->fault_count_y;
+        const float fault_limit_y = s->fault_limit_y;
+        const float t1 = flexible_joint_clamp(flexible_joint_abs(fault_count_y) + moves_y, 0.0f, 2358272.0f);
+        s->fault_count_y = (side_y < 0.0f) ? -t1 : t1;
+        s->fault_limit_y = (t1 <= 0.0f) ? 2303.0f : fault_limit_y;
+    }
+    /* does a guard act? */
+    acts = s->fault_limit_y <= flexible_joint_abs(s->fault_count_y)
+        || s->fault_limit_range <= s->fault_count_range;
+    if (acts) {
+        status |= flexible_joint_recover(s, measurement);
+    }
+    /* the checksum of fault counts and limits */
+    s->fault_checksum = s->fault_limit_y - 2303.0f + flexible_joint_abs(s->fault_count_y)
+        + (s->fault_limit_range - 2303.0f + s->fault_count_range);
+    return status;
+}
+
 unsigned flexible_joint_step(flexible_joint_state *s, const flexible_joint_params *p,
-    const flexible_joint_input *in, const flexible_joint_output *out)
+    const flexible_joint_input *in, const flexible_joint_output *measurement)
 {
     unsigned status = 0u;
     if ((s->ready != FLEXIBLE_JOINT_READY) || (p->ready != FLEXIBLE_JOINT_READY)) {
         status = flexible_joint_ready(s, p);
     }
     if ((status & FLEXIBLE_JOINT_NO_PARAMETERS) == 0u) {
-        bool acts = false;
-        float ahead = 0.0f;
-        bool beyond = false;
-        float fraction = 0.0f;
-        bool lost = false;
-        float moves_range = 0.0f;
-        float moves_y = 0.0f;
-        bool over_range = false;
-        bool over_y = false;
         bool running = false;
         bool sampled = false;
-        float share = 0.0f;
-        float side_y = 0.0f;
-        bool spoiled = false;
         bool suspect = false;
         float u = 0.0f;
         float valid = 0.0f;
         float y = 0.0f;
         float y_last = 0.0f;
-        float z_at[4];
-        float z_sum[4];
-        /* guard the input */
-        {
-            const float u_given = in->u;
-            const bool u_usable = flexible_joint_within(u_given, 1e+15f);
-            const float u_taken = u_usable ? u_given : s->u;
-            u = flexible_joint_limit(u_taken, 50.0f);
-            if (!u_usable) {
-                status |= FLEXIBLE_JOINT_REUSED_U;
-            }
-            if (flexible_joint_abs(u_taken) > 50.0f) {
-                status |= FLEXIBLE_JOINT_CLAMPED_U;
-            }
-        }
-        /* guard the measurements */
-        {
-            const float measurement = out->y;
-            const bool t1 = flexible_joint_within(measurement, 3e+38f);
-            const float z1 = s->z[0];
-            const bool t2 = t1 && flexible_joint_within(measurement, 9.0f)
-                && flexible_joint_within(measurement - z1, 1e+16f);
-            const float t3 = t2 ? measurement : z1;
-            y = t3;
-            y_last = (t2 && s->y_valid > 0.0f) ? s->y : t3;
-            valid = t2 ? 1.0f : 0.0f;
-            if (!t1) {
-                status |= FLEXIBLE_JOINT_MISSING_Y;
-            }
-            if (t1 && !t2) {
-                status |= FLEXIBLE_JOINT_REJECTED_Y;
-            }
-        }
+        status |= flexible_joint_guard_input(s, in, &u);
+        status |= flexible_joint_guard_measurements(s, measurement, &valid, &y, &y_last);
         /* the first call advances no time */
         {
             const unsigned calls = s->calls;
@@ -263,68 +534,7 @@ unsigned flexible_joint_step(flexible_joint_state *s, const flexible_joint_param
             s->calls = 1u;
         }
         if (running) {
-            /* z: one step of classical Runge-Kutta */
-            z_sum[0] = 0.0f;
-            z_sum[1] = 0.0f;
-            z_sum[2] = 0.0f;
-            z_sum[3] = 0.0f;
-            z_at[0] = s->z[0];
-            z_at[1] = s->z[1];
-            z_at[2] = s->z[2];
-            z_at[3] = s->z[3];
-            {
-                static const float each_fraction[4] = {0.0f, 0.5f, 0.5f, 1.0f};
-                static const float each_share[4] = {1.0f, 2.0f, 2.0f, 1.0f};
-                static const float each_ahead[4] = {0.0005f, 0.0005f, 0.001f, 0.0f};
-                for (unsigned r = 0u; r < 4u; ++r) {
-                    fraction = each_fraction[r];
-                    share = each_share[r];
-                    ahead = each_ahead[r];
-                    /* a stage */
-                    {
-                        const float z_at1 = z_at[0];
-                        const float z_at2 = z_at[1];
-                        const float z_at3 = z_at[2];
-                        const float z_at4 = z_at[3];
-                        const float z_sum1 = z_sum[0];
-                        const float z_sum2 = z_sum[1];
-                        const float z_sum3 = z_sum[2];
-                        const float z_sum4 = z_sum[3];
-                        const float u_before = s->u;
-                        float k_z[4];
-                        flexible_joint_rate(p, z_at1, z_at2, z_at3, z_at4, u_before
-                            + fraction*(u - u_before), y_last + fraction*(y - y_last), valid, k_z);
-                        z_sum[0] = z_sum1 + share*k_z[0];
-                        z_sum[1] = z_sum2 + share*k_z[1];
-                        z_sum[2] = z_sum3 + share*k_z[2];
-                        z_sum[3] = z_sum4 + share*k_z[3];
-                        z_at[0] = s->z[0] + ahead*k_z[0];
-                        z_at[1] = s->z[1] + ahead*k_z[1];
-                        z_at[2] = s->z[2] + ahead*k_z[2];
-                        z_at[3] = s->z[3] + ahead*k_z[3];
-                    }
-                }
-            }
-            /* the slopes of all stages */
-            {
-                const float z1 = s->z[0];
-                const float z2 = s->z[1];
-                const float z3 = s->z[2];
-                const float z4 = s->z[3];
-                s->z[0] = z1 + 0.00016666666f*z_sum[0];
-                s->z[1] = z2 + 0.00016666666f*z_sum[1];
-                s->z[2] = z3 + 0.00016666666f*z_sum[2];
-                s->z[3] = z4 + 0.00016666666f*z_sum[3];
-            }
-            /* is a value beyond its box, or lost? */
-            {
-                const bool t1 = flexible_joint_within(s->z[0], 9.0f)
-                    && flexible_joint_within(s->z[1], 100.0f) && flexible_joint_within(s->z[2], 400.0f);
-                beyond = !(t1 && flexible_joint_within(s->z[3], 20000.0f));
-            }
-            if (flexible_joint_acts(beyond)) {
-                status |= flexible_joint_keep_in_box(s, p);
-            }
+            status |= flexible_joint_advance(s, p, u, valid, y, y_last);
         } else {
             status |= flexible_joint_keep_in_box(s, p);
         }
@@ -333,146 +543,11 @@ unsigned flexible_joint_step(flexible_joint_state *s, const flexible_joint_param
         /* remember the sample */
         s->y = y;
         s->y_valid = valid;
-        /* is the estimate where it cannot be for long? */
-        {
-            const float z1 = s->z[0];
-            const bool t1 = flexible_joint_abs(z1) > 3.0f || flexible_joint_abs(s->z[1]) > 10.0f
-                || flexible_joint_abs(s->z[2]) > 4.0f;
-            const bool t2 = t1 || flexible_joint_abs(s->z[3]) > 20.0f;
-            if (t2) {
-                status |= FLEXIBLE_JOINT_OUTSIDE_BOX;
-            }
-            suspect = flexible_joint_abs(out->y - z1) > 0.6f || t2 || !(s->fault_checksum <= 0.0f)
-                || !(valid > 0.0f);
-        }
+        status |= flexible_joint_suspect(s, measurement, &suspect, valid);
         if (suspect) {
-            /* is there a sample to judge by? */
-            {
-                const float measurement = out->y;
-                sampled = valid > 0.0f || (flexible_joint_within(measurement, 3e+38f)
-                    && flexible_joint_within(measurement, 9.0f));
-            }
+            sampled = flexible_joint_plausible(measurement, valid);
             if (sampled) {
-                /* was a fault count or limit spoiled? */
-                {
-                    const float fault_count_y = s->fault_count_y;
-                    const float fault_limit_y = s->fault_limit_y;
-                    const float fault_count_range = s->fault_count_range;
-                    const float fault_limit_range = s->fault_limit_range;
-                    const float t1 = fault_limit_y - 2303.0f + flexible_joint_abs(fault_count_y)
-                        + (fault_limit_range - 2303.0f + fault_count_range);
-                    const bool t2 = flexible_joint_abs(t1 - s->fault_checksum) < 0.5f
-                        && flexible_joint_within(fault_count_y, 2358272.0f);
-                    const bool t3 = t2 && fault_limit_y >= 2303.0f && fault_limit_y <= 2358272.0f
-                        && fault_count_range >= 0.0f && fault_count_range <= 2358272.0f;
-                    spoiled = !(t3 && fault_limit_range >= 2303.0f && fault_limit_range <= 2358272.0f);
-                }
-                if (spoiled) {
-                    flexible_joint_clear_fault_counts(s);
-                }
-                /* is the estimate out of a range? */
-                {
-                    const bool t1 = flexible_joint_abs(s->z[0]) > 3.3f || flexible_joint_abs(s->z[1]) > 11.0f
-                        || flexible_joint_abs(s->z[2]) > 4.4f;
-                    moves_range = (t1 || flexible_joint_abs(s->z[3]) > 22.0f) ? 1.0f : -1.0f;
-                }
-                /* count of range */
-                {
-                    const float fault_count_range = s->fault_count_range;
-                    const float fault_limit_range = s->fault_limit_range;
-                    const float t1 = flexible_joint_clamp(fault_count_range + moves_range, 0.0f, 2358272.0f);
-                    s->fault_count_range = t1;
-                    s->fault_limit_range = (t1 <= 0.0f) ? 2303.0f : fault_limit_range;
-                }
-                /* which signs show? */
-                {
-                    const float t1 = out->y - s->z[0];
-                    const bool t2 = flexible_joint_within(t1, 0.6f);
-                    const float fault_count_y = s->fault_count_y;
-                    moves_y = (t2 ? 0.0f : ((fault_count_y*t1 < 0.0f) ? -179.0f : 1.0f))
-                        + (t2 ? -1.0f : 0.0f);
-                    side_y = (t2 ? 0.0f : t1) + (t2 ? fault_count_y : 0.0f);
-                }
-                /* count of y */
-                {
-                    const float fault_count_y = s->fault_count_y;
-                    const float fault_limit_y = s->fault_limit_y;
-                    const float t1 = flexible_joint_clamp(flexible_joint_abs(fault_count_y) + moves_y, 0.0f,
-                        2358272.0f);
-                    s->fault_count_y = (side_y < 0.0f) ? -t1 : t1;
-                    s->fault_limit_y = (t1 <= 0.0f) ? 2303.0f : fault_limit_y;
-                }
-                /* does a guard act? */
-                acts = s->fault_limit_y <= flexible_joint_abs(s->fault_count_y)
-                    || s->fault_limit_range <= s->fault_count_range;
-                if (acts) {
-                    /* by which sign, and is the estimate lost? */
-                    {
-                        const bool t1 = s->fault_limit_y <= flexible_joint_abs(s->fault_count_y);
-                        const float fault_limit_range = s->fault_limit_range;
-                        const bool t2 = fault_limit_range <= s->fault_count_range;
-                        const bool t3 = flexible_joint_abs(s->z[0]) > 6.0f
-                            || flexible_joint_abs(s->z[1]) > 20.0f || flexible_joint_abs(s->z[2]) > 8.0f;
-                        over_y = t1;
-                        over_range = t2;
-                        lost = t1 || (t2 && (fault_limit_range > 2303.0f || t3
-                            || flexible_joint_abs(s->z[3]) > 40.0f));
-                    }
-                    if (over_y) {
-                        /* the fault limit doubles */
-                        {
-                            const float fault_count_y = s->fault_count_y;
-                            const float fault_limit_y = s->fault_limit_y;
-                            const float t1 = flexible_joint_min(fault_limit_y, 1179136.0f);
-                            s->fault_count_y = (fault_count_y < 0.0f) ? -t1 : t1;
-                            s->fault_limit_y = flexible_joint_min(2.0f*fault_limit_y, 2358272.0f);
-                        }
-                    }
-                    if (over_range) {
-                        /* the fault limit doubles */
-                        {
-                            const float fault_limit_range = s->fault_limit_range;
-                            s->fault_count_range = flexible_joint_min(fault_limit_range, 1179136.0f);
-                            s->fault_limit_range = flexible_joint_min(2.0f*fault_limit_range, 2358272.0f);
-                        }
-                    }
-                    if (lost) {
-                        /* the estimate restarts */
-                        s->z[0] = 0.0f;
-                        s->z[1] = 0.0f;
-                        s->z[2] = 0.0f;
-                        s->z[3] = 0.0f;
-                        /* from the sample of y */
-                        {
-                            const float z1 = s->z[0];
-                            const float z2 = s->z[1];
-                            const float z3 = s->z[2];
-                            const float z4 = s->z[3];
-                            s->z[0] = flexible_joint_keep(out->y, -3.0f, 3.0f, z1, 1e+30f);
-                            s->z[1] = flexible_joint_keep(z2, -10.0f, 10.0f, z2, 1e+30f);
-                            s->z[2] = flexible_joint_keep(z3, -4.0f, 4.0f, z3, 1e+30f);
-                            s->z[3] = flexible_joint_keep(z4, -20.0f, 20.0f, z4, 1e+30f);
-                        }
-                        /* the estimate has restarted from the sample */
-                        status |= FLEXIBLE_JOINT_RESTARTED_FROM_SAMPLE;
-                    } else {
-                        /* the estimate back onto its declared ranges */
-                        {
-                            const float z1 = s->z[0];
-                            const float z2 = s->z[1];
-                            const float z3 = s->z[2];
-                            const float z4 = s->z[3];
-                            s->z[0] = flexible_joint_limit(z1, 3.0f);
-                            s->z[1] = flexible_joint_limit(z2, 10.0f);
-                            s->z[2] = flexible_joint_limit(z3, 4.0f);
-                            s->z[3] = flexible_joint_limit(z4, 20.0f);
-                            status |= FLEXIBLE_JOINT_PROJECTED_ONTO_RANGES;
-                        }
-                    }
-                }
-                /* the checksum of fault counts and limits */
-                s->fault_checksum = s->fault_limit_y - 2303.0f + flexible_joint_abs(s->fault_count_y)
-                    + (s->fault_limit_range - 2303.0f + s->fault_count_range);
+                status |= flexible_joint_count_faults(s, measurement);
             }
         }
     }

@@ -23,7 +23,7 @@
 
 unsigned flexible_joint_check(void);
 
-static const float given[64][2] = { /* in.u, out.y */
+static const float given[64][2] = { /* in.u, measurement.y */
     {-25.0f, -0.5f},
     {-22.297297f, -0.41304347f},
     {-19.594595f, -0.32608697f},
@@ -190,7 +190,7 @@ unsigned flexible_joint_check(void)
     flexible_joint_state s;
     flexible_joint_params p;
     flexible_joint_input in;
-    flexible_joint_output out;
+    flexible_joint_output measurement;
     flexible_joint_plant x;
     flexible_joint_init(&s, &p);
     s.z[0] = 1.2f;
@@ -199,8 +199,8 @@ unsigned flexible_joint_check(void)
     s.z[3] = 8.0f;
     for (unsigned k = 0u; k < 64u && bad == 0u; ++k) {
         in.u = (k == 40u) ? none : given[k][0];
-        out.y = (k == 20u) ? none : given[k][1];
-        const unsigned status = flexible_joint_step(&s, &p, &in, &out);
+        measurement.y = (k == 20u) ? none : given[k][1];
+        const unsigned status = flexible_joint_step(&s, &p, &in, &measurement);
         flexible_joint_estimate(&s, &p, &x);
         if (status != expected[k] || !flexible_joint_near(x.q, k, 0u) || !flexible_joint_near(x.p, k, 1u)
             || !flexible_joint_near(x.r, k, 2u) || !flexible_joint_near(x.s, k, 3u)) {

@@ -1,4 +1,4 @@
-/* geared_motor: see geared_motor.h, which is the manual. */
+/* geared_motor: see geared_motor.h, and its manual geared_motor.md. */
 #include "geared_motor.h"
 
 #include <stdbool.h>
@@ -312,11 +312,8 @@ static void geared_motor_clear_rest(geared_motor_state *s)
     }
 }
 
-/* part of a step: keep the state in its box, or make it anew */
-static unsigned geared_motor_keep_in_box(geared_motor_state *s, const geared_motor_params *p)
+static bool geared_motor_value_lost(const geared_motor_state *s)
 {
-    unsigned status = 0u;
-    (void)p;
     bool lost = false;
     /* is a value lost? */
     {
@@ -332,6 +329,16 @@ static unsigned geared_motor_keep_in_box(geared_motor_state *s, const geared_mot
             && geared_motor_within(s->innovation, 1e+30f);
         lost = !(t5 && geared_motor_within(s->theta, 1e+30f));
     }
+    return lost;
+}
+
+/* part of a step: keep the state in its box, or make it anew */
+static unsigned geared_motor_keep_in_box(geared_motor_state *s, const geared_motor_params *p)
+{
+    unsigned status = 0u;
+    (void)p;
+    bool lost = false;
+    lost = geared_motor_value_lost(s);
     if (lost) {
         /* a value is lost: all restart */
         s->z[0] = 0.0f;
@@ -506,21 +513,15 @@ static unsigned geared_motor_project_onto_ranges(geared_motor_state *s, const ge
     return status;
 }
 
-/* part of a step: advance the estimate to now */
-static unsigned geared_motor_run_predict(geared_motor_state *s, const geared_motor_params *p,
-    const geared_motor_input *in)
+static unsigned geared_motor_guard_input(const geared_motor_state *s, const geared_motor_input *in, float *u)
 {
     unsigned status = 0u;
-    bool beyond = false;
-    bool capped = false;
-    bool running = false;
-    float u = 0.0f;
     /* guard the input */
     {
         const float v = in->v;
         const bool v_usable = geared_motor_within(v, 1e+15f);
         const float v_taken = v_usable ? v : s->u;
-        u = geared_motor_limit(v_taken, 12.0f);
+        *u = geared_motor_limit(v_taken, 12.0f);
         if (!v_usable) {
             status |= GEARED_MOTOR_REUSED_V;
         }
@@ -528,6 +529,262 @@ static unsigned geared_motor_run_predict(geared_motor_state *s, const geared_mot
             status |= GEARED_MOTOR_CLAMPED_V;
         }
     }
+    return status;
+}
+
+static bool geared_motor_beyond_box(const geared_motor_state *s)
+{
+    bool beyond = false;
+    /* is a value beyond its box, or lost? */
+    {
+        const bool t1 = geared_motor_within(s->z[0], 3200.0f) && geared_motor_within(s->z[1], 45.0f)
+            && geared_motor_within(s->z[2], 1200.0f);
+        const bool t2 = t1 && geared_motor_within(s->z[3], 3.2f)
+            && geared_motor_within(s->L[0], 1.40625e+07f) && geared_motor_within(s->L[1], 3.75e+08f);
+        const bool t3 = t2 && geared_motor_within(s->L[2], 1000000.0f)
+            && geared_motor_within(s->L[3], 2.6666666e+10f);
+        const bool t4 = t3 && geared_motor_within(s->L[4], 7.111111e+07f)
+            && geared_motor_within(s->L[5], 2666666.8f);
+        const float D1 = s->D[0];
+        const float D2 = s->D[1];
+        const float D3 = s->D[2];
+        const bool t5 = t4 && D1 >= 1e-18f && D1 <= 1.024e+07f && D2 >= 1e-15f && D2 <= 2025.0f
+            && D3 >= 1e-14f && D3 <= 1440000.0f;
+        const float D4 = s->D[3];
+        beyond = !(t5 && D4 >= 1e-20f && D4 <= 10.24f);
+    }
+    return beyond;
+}
+
+/* advance the estimate from the last call to now */
+static unsigned geared_motor_advance(geared_motor_state *s, const geared_motor_params *p, float u)
+{
+    unsigned status = 0u;
+    bool beyond = false;
+    bool capped = false;
+    /* z by classical Runge-Kutta; P = L D L' by P <- Phi P Phi' + h Q_theta */
+    /* the tableau of z: */
+    /*     0 |  */
+    /*   1/2 | 1/2 */
+    /*   1/2 |   0 1/2 */
+    /*     1 |   0   0   1 */
+    /*   --------------------- */
+    /*       | 1/6 1/3 1/3 1/6 */
+    {
+        const float D1 = s->D[0];
+        const float D2 = s->D[1];
+        const float D3 = s->D[2];
+        const float D4 = s->D[3];
+        const float L21 = s->L[0];
+        const float L31 = s->L[1];
+        const float L41 = s->L[2];
+        const float L32 = s->L[3];
+        const float L42 = s->L[4];
+        const float L43 = s->L[5];
+        const float z1 = s->z[0];
+        const float z2 = s->z[1];
+        const float z3 = s->z[2];
+        const float z4 = s->z[3];
+        const float u_before = s->u;
+        float k1_z[3];
+        geared_motor_flow(z2, z3, z4, u_before, k1_z);
+        const float t1 = u_before + 0.5f*(u - u_before);
+        float k2_z[3];
+        geared_motor_flow(z2 + 0.0005f*k1_z[1], z3 + 0.0005f*k1_z[2], z4, t1, k2_z);
+        const float t2 = z3 + 0.0005f*k2_z[2];
+        float k3_z[3];
+        geared_motor_flow(z2 + 0.0005f*k2_z[1], t2, z4, t1, k3_z);
+        float k4_z[3];
+        geared_motor_flow(z2 + 0.001f*k3_z[1], z3 + 0.001f*k3_z[2], z4, u, k4_z);
+        float F_1[1];
+        geared_motor_jacobian(t2, F_1);
+        const float Phi_13 = -0.001f - 5e-07f*F_1[0];
+        const float Phi_23 = 0.0025f + 5e-07f*(2.5f*F_1[0] - 125.0f);
+        const float Phi_32 = 5e-07f*(12500.0f - 250.0f*F_1[0]) - 0.25f;
+        const float Phi_33 = 1.0f + 0.001f*F_1[0] + 5e-07f*(F_1[0]*F_1[0] - 625.0f);
+        const float Phi_34 = 5.0f + 0.0025f*F_1[0];
+        const float w1_1 = 1.0f + 0.000125f*L21 + Phi_13*L31 - 0.0025f*L41;
+        const float w1_2 = 0.000125f + Phi_13*L32 - 0.0025f*L42;
+        const float w1_3 = Phi_13 - 0.0025f*L43;
+        const float theta = s->theta;
+        const float w1_5 = theta*theta;
+        const float t3 = w1_1*D1;
+        const float t4 = w1_2*D2;
+        const float t5 = w1_3*D3;
+        const float t6 = 0.001f*theta;
+        const float t7 = t6*p->gain.Q[0];
+        const float d1 = w1_1*t3 + w1_2*t4 + w1_3*t5 + 6.25e-06f*D4 + w1_5*t7*w1_5;
+        const float t8 = 0.9509375f*L21 + Phi_23*L31 + 0.00625f*L41;
+        const float t9 = 0.9509375f + Phi_23*L32 + 0.00625f*L42;
+        const float t10 = Phi_23 + 0.00625f*L43;
+        const float l21 = (t8*t3 + t9*t4 + t10*t5 - 1.5625e-05f*D4)/d1;
+        const float t11 = Phi_32*L21 + Phi_33*L31 + Phi_34*L41;
+        const float t12 = Phi_32 + Phi_33*L32 + Phi_34*L42;
+        const float t13 = Phi_33 + Phi_34*L43;
+        const float t14 = -0.0025f*D4;
+        const float l31 = (t11*t3 + t12*t4 + t13*t5 + Phi_34*t14)/d1;
+        const float l41 = (L41*t3 + L42*t4 + L43*t5 + t14)/d1;
+        const float w2_1 = t8 - l21*w1_1;
+        const float w2_2 = t9 - l21*w1_2;
+        const float w2_3 = t10 - l21*w1_3;
+        const float w2_4 = 0.00625f + 0.0025f*l21;
+        const float t15 = w2_1*D1;
+        const float t16 = w2_2*D2;
+        const float t17 = w2_3*D3;
+        const float t18 = w2_4*D4;
+        const float t19 = l21*w1_5;
+        const float t20 = t19*t7;
+        const float t21 = t6*p->gain.Q[1];
+        const float d2 = w2_1*t15 + w2_2*t16 + w2_3*t17 + w2_4*t18 + t19*t20 + t21;
+        const float t22 = t11 - l31*w1_1;
+        const float t23 = t12 - l31*w1_2;
+        const float t24 = t13 - l31*w1_3;
+        const float t25 = Phi_34 + 0.0025f*l31;
+        const float t26 = l31*w1_5;
+        const float l32 = (t22*t15 + t23*t16 + t24*t17 + t25*t18 + t26*t20)/d2;
+        const float t27 = L41 - l41*w1_1;
+        const float t28 = L42 - l41*w1_2;
+        const float t29 = L43 - l41*w1_3;
+        const float t30 = 1.0f + 0.0025f*l41;
+        const float t31 = l41*w1_5;
+        const float l42 = (t27*t15 + t28*t16 + t29*t17 + t30*t18 + t31*t20)/d2;
+        const float w3_1 = t22 - l32*w2_1;
+        const float w3_2 = t23 - l32*w2_2;
+        const float w3_3 = t24 - l32*w2_3;
+        const float w3_4 = t25 - l32*w2_4;
+        const float w3_5 = l32*t19 - t26;
+        const float t32 = w3_1*D1;
+        const float t33 = w3_2*D2;
+        const float t34 = w3_3*D3;
+        const float t35 = w3_4*D4;
+        const float t36 = w3_5*t7;
+        const float t37 = l32*t21;
+        const float t38 = t6*p->gain.Q[2];
+        const float d3 = w3_1*t32 + w3_2*t33 + w3_3*t34 + w3_4*t35 + w3_5*t36 + l32*t37 + theta*t38*theta;
+        const float t39 = t27 - l42*w2_1;
+        const float t40 = t28 - l42*w2_2;
+        const float t41 = t29 - l42*w2_3;
+        const float t42 = t30 - l42*w2_4;
+        const float t43 = l42*t19 - t31;
+        const float l43 = (t39*t32 + t40*t33 + t41*t34 + t42*t35 + t43*t36 + l42*t37)/d3;
+        const float w4_1 = t39 - l43*w3_1;
+        const float w4_2 = t40 - l43*w3_2;
+        const float w4_3 = t41 - l43*w3_3;
+        const float w4_4 = t42 - l43*w3_4;
+        const float w4_5 = t43 - l43*w3_5;
+        const float w4_6 = l43*l32 - l42;
+        const float t44 = l43*theta;
+        const float t45 = w4_1*D1*w4_1 + w4_2*D2*w4_2 + w4_3*D3*w4_3 + w4_4*D4*w4_4 + w4_5*t7*w4_5
+            + w4_6*t21*w4_6 + t44*t38*t44;
+        const float d4 = t45 + t6*p->gain.Q[3]*w1_5*w1_5;
+        s->z[0] = z1 + 0.00016666666f*(k1_z[0] + 2.0f*k2_z[0] + 2.0f*k3_z[0] + k4_z[0]);
+        s->z[1] = z2 + 0.00016666666f*(k1_z[1] + 2.0f*k2_z[1] + 2.0f*k3_z[1] + k4_z[1]);
+        s->z[2] = z3 + 0.00016666666f*(k1_z[2] + 2.0f*k2_z[2] + 2.0f*k3_z[2] + k4_z[2]);
+        s->L[0] = l21;
+        s->L[1] = l31;
+        s->L[2] = l41;
+        s->L[3] = l32;
+        s->L[4] = l42;
+        s->L[5] = l43;
+        s->D[0] = d1;
+        s->D[1] = d2;
+        s->D[2] = d3;
+        s->D[3] = d4;
+    }
+    /* largest variances */
+    {
+        const float D1 = s->D[0];
+        const float L21 = s->L[0];
+        const float D2 = s->D[1];
+        const float L31 = s->L[1];
+        const float L32 = s->L[3];
+        const float D3 = s->D[2];
+        const float L41 = s->L[2];
+        const float L42 = s->L[4];
+        const float L43 = s->L[5];
+        capped = D1 > 1.024e+07f || L21*L21*D1 + D2 > 2025.0f || L31*L31*D1 + L32*L32*D2 + D3 > 1440000.0f
+            || L41*L41*D1 + L42*L42*D2 + L43*L43*D3 + s->D[3] > 10.24f;
+    }
+    if (capped) {
+        /* cap */
+        {
+            const float D1 = s->D[0];
+            const float D2 = s->D[1];
+            const float D3 = s->D[2];
+            const float D4 = s->D[3];
+            const float L21 = s->L[0];
+            const float L31 = s->L[1];
+            const float L41 = s->L[2];
+            const float L32 = s->L[3];
+            const float L42 = s->L[4];
+            const float L43 = s->L[5];
+            const float t1 = geared_motor_min(1.0f, 2025.0f/(L21*L21*D1 + D2));
+            const float t2 = geared_motor_min(1.0f, 1.024e+07f/D1);
+            const float t3 = geared_motor_min(1.0f, 1440000.0f/(L31*L31*D1 + L32*L32*D2 + D3));
+            const float t4 = geared_motor_min(1.0f, 10.24f/(L41*L41*D1 + L42*L42*D2 + L43*L43*D3 + D4));
+            s->L[0] = t1*L21/t2;
+            s->L[1] = t3*L31/t2;
+            s->L[2] = t4*L41/t2;
+            s->L[3] = t3*L32/t1;
+            s->L[4] = t4*L42/t1;
+            s->L[5] = t4*L43/t3;
+            s->D[0] = t2*t2*D1;
+            s->D[1] = t1*t1*D2;
+            s->D[2] = t3*t3*D3;
+            s->D[3] = t4*t4*D4;
+            status |= GEARED_MOTOR_COVARIANCE_LIMITED;
+        }
+    }
+    for (unsigned k = 0u; k < 5u; ++k) {
+        geared_motor_predictor *const predictor = &s->predictor[k];
+        /* each predictor by Heun, without correction */
+        {
+            const float z1 = predictor->z[0];
+            const float z2 = predictor->z[1];
+            const float z3 = predictor->z[2];
+            const float z4 = predictor->z[3];
+            float dz_1[3];
+            geared_motor_flow(z2, z3, z4, s->u, dz_1);
+            float dz_2[3];
+            geared_motor_flow(z2 + 0.001f*dz_1[1], z3 + 0.001f*dz_1[2], z4, u, dz_2);
+            predictor->z[0] = z1 + 0.0005f*(dz_1[0] + dz_2[0]);
+            predictor->z[1] = z2 + 0.0005f*(dz_1[1] + dz_2[1]);
+            predictor->z[2] = z3 + 0.0005f*(dz_1[2] + dz_2[2]);
+        }
+        /* is it beyond its box, or lost? */
+        {
+            const bool t1 = geared_motor_within(predictor->z[0], 3200.0f)
+                && geared_motor_within(predictor->z[1], 45.0f) && geared_motor_within(predictor->z[2],
+                    1200.0f);
+            beyond = !t1;
+        }
+        if (geared_motor_acts(beyond)) {
+            /* keep it in its box */
+            {
+                const float z1 = predictor->z[0];
+                const float z2 = predictor->z[1];
+                const float z3 = predictor->z[2];
+                predictor->z[0] = geared_motor_keep(z1, -3200.0f, 3200.0f, 0.0f, 1e+15f);
+                predictor->z[1] = geared_motor_keep(z2, -45.0f, 45.0f, 0.0f, 1e+15f);
+                predictor->z[2] = geared_motor_keep(z3, -1200.0f, 1200.0f, 0.0f, 1e+15f);
+            }
+        }
+    }
+    beyond = geared_motor_beyond_box(s);
+    if (geared_motor_acts(beyond)) {
+        status |= geared_motor_keep_in_box(s, p);
+    }
+    return status;
+}
+
+/* part of a step: advance the estimate to now */
+static unsigned geared_motor_run_predict(geared_motor_state *s, const geared_motor_params *p,
+    const geared_motor_input *in)
+{
+    unsigned status = 0u;
+    bool running = false;
+    float u = 0.0f;
+    status |= geared_motor_guard_input(s, in, &u);
     /* the first call advances no time */
     {
         const unsigned calls = s->calls;
@@ -535,229 +792,7 @@ static unsigned geared_motor_run_predict(geared_motor_state *s, const geared_mot
         s->calls = (calls < 2u) ? calls + 1u : 2u;
     }
     if (running) {
-        /* z by classical Runge-Kutta; P = L D L' by P <- Phi P Phi' + h Q_theta */
-        {
-            const float D1 = s->D[0];
-            const float D2 = s->D[1];
-            const float D3 = s->D[2];
-            const float D4 = s->D[3];
-            const float L21 = s->L[0];
-            const float L31 = s->L[1];
-            const float L41 = s->L[2];
-            const float L32 = s->L[3];
-            const float L42 = s->L[4];
-            const float L43 = s->L[5];
-            const float z1 = s->z[0];
-            const float z2 = s->z[1];
-            const float z3 = s->z[2];
-            const float z4 = s->z[3];
-            const float u_before = s->u;
-            float k1_z[3];
-            geared_motor_flow(z2, z3, z4, u_before, k1_z);
-            const float t1 = u_before + 0.5f*(u - u_before);
-            float k2_z[3];
-            geared_motor_flow(z2 + 0.0005f*k1_z[1], z3 + 0.0005f*k1_z[2], z4, t1, k2_z);
-            const float t2 = z3 + 0.0005f*k2_z[2];
-            float k3_z[3];
-            geared_motor_flow(z2 + 0.0005f*k2_z[1], t2, z4, t1, k3_z);
-            float k4_z[3];
-            geared_motor_flow(z2 + 0.001f*k3_z[1], z3 + 0.001f*k3_z[2], z4, u, k4_z);
-            float F_1[1];
-            geared_motor_jacobian(t2, F_1);
-            const float Phi_13 = -0.001f - 5e-07f*F_1[0];
-            const float Phi_23 = 0.0025f + 5e-07f*(2.5f*F_1[0] - 125.0f);
-            const float Phi_32 = 5e-07f*(12500.0f - 250.0f*F_1[0]) - 0.25f;
-            const float Phi_33 = 1.0f + 0.001f*F_1[0] + 5e-07f*(F_1[0]*F_1[0] - 625.0f);
-            const float Phi_34 = 5.0f + 0.0025f*F_1[0];
-            const float w1_1 = 1.0f + 0.000125f*L21 + Phi_13*L31 - 0.0025f*L41;
-            const float w1_2 = 0.000125f + Phi_13*L32 - 0.0025f*L42;
-            const float w1_3 = Phi_13 - 0.0025f*L43;
-            const float theta = s->theta;
-            const float w1_5 = theta*theta;
-            const float t3 = w1_1*D1;
-            const float t4 = w1_2*D2;
-            const float t5 = w1_3*D3;
-            const float t6 = 0.001f*theta;
-            const float t7 = t6*p->gain.Q[0];
-            const float d1 = w1_1*t3 + w1_2*t4 + w1_3*t5 + 6.25e-06f*D4 + w1_5*t7*w1_5;
-            const float t8 = 0.9509375f*L21 + Phi_23*L31 + 0.00625f*L41;
-            const float t9 = 0.9509375f + Phi_23*L32 + 0.00625f*L42;
-            const float t10 = Phi_23 + 0.00625f*L43;
-            const float l21 = (t8*t3 + t9*t4 + t10*t5 - 1.5625e-05f*D4)/d1;
-            const float t11 = Phi_32*L21 + Phi_33*L31 + Phi_34*L41;
-            const float t12 = Phi_32 + Phi_33*L32 + Phi_34*L42;
-            const float t13 = Phi_33 + Phi_34*L43;
-            const float t14 = -0.0025f*D4;
-            const float l31 = (t11*t3 + t12*t4 + t13*t5 + Phi_34*t14)/d1;
-            const float l41 = (L41*t3 + L42*t4 + L43*t5 + t14)/d1;
-            const float w2_1 = t8 - l21*w1_1;
-            const float w2_2 = t9 - l21*w1_2;
-            const float w2_3 = t10 - l21*w1_3;
-            const float w2_4 = 0.00625f + 0.0025f*l21;
-            const float t15 = w2_1*D1;
-            const float t16 = w2_2*D2;
-            const float t17 = w2_3*D3;
-            const float t18 = w2_4*D4;
-            const float t19 = l21*w1_5;
-            const float t20 = t19*t7;
-            const float t21 = t6*p->gain.Q[1];
-            const float d2 = w2_1*t15 + w2_2*t16 + w2_3*t17 + w2_4*t18 + t19*t20 + t21;
-            const float t22 = t11 - l31*w1_1;
-            const float t23 = t12 - l31*w1_2;
-            const float t24 = t13 - l31*w1_3;
-            const float t25 = Phi_34 + 0.0025f*l31;
-            const float t26 = l31*w1_5;
-            const float l32 = (t22*t15 + t23*t16 + t24*t17 + t25*t18 + t26*t20)/d2;
-            const float t27 = L41 - l41*w1_1;
-            const float t28 = L42 - l41*w1_2;
-            const float t29 = L43 - l41*w1_3;
-            const float t30 = 1.0f + 0.0025f*l41;
-            const float t31 = l41*w1_5;
-            const float l42 = (t27*t15 + t28*t16 + t29*t17 + t30*t18 + t31*t20)/d2;
-            const float w3_1 = t22 - l32*w2_1;
-            const float w3_2 = t23 - l32*w2_2;
-            const float w3_3 = t24 - l32*w2_3;
-            const float w3_4 = t25 - l32*w2_4;
-            const float w3_5 = l32*t19 - t26;
-            const float t32 = w3_1*D1;
-            const float t33 = w3_2*D2;
-            const float t34 = w3_3*D3;
-            const float t35 = w3_4*D4;
-            const float t36 = w3_5*t7;
-            const float t37 = l32*t21;
-            const float t38 = t6*p->gain.Q[2];
-            const float d3 = w3_1*t32 + w3_2*t33 + w3_3*t34 + w3_4*t35 + w3_5*t36 + l32*t37 + theta*t38*theta;
-            const float t39 = t27 - l42*w2_1;
-            const float t40 = t28 - l42*w2_2;
-            const float t41 = t29 - l42*w2_3;
-            const float t42 = t30 - l42*w2_4;
-            const float t43 = l42*t19 - t31;
-            const float l43 = (t39*t32 + t40*t33 + t41*t34 + t42*t35 + t43*t36 + l42*t37)/d3;
-            const float w4_1 = t39 - l43*w3_1;
-            const float w4_2 = t40 - l43*w3_2;
-            const float w4_3 = t41 - l43*w3_3;
-            const float w4_4 = t42 - l43*w3_4;
-            const float w4_5 = t43 - l43*w3_5;
-            const float w4_6 = l43*l32 - l42;
-            const float t44 = l43*theta;
-            const float t45 = w4_1*D1*w4_1 + w4_2*D2*w4_2 + w4_3*D3*w4_3 + w4_4*D4*w4_4 + w4_5*t7*w4_5
-                + w4_6*t21*w4_6 + t44*t38*t44;
-            const float d4 = t45 + t6*p->gain.Q[3]*w1_5*w1_5;
-            s->z[0] = z1 + 0.00016666666f*(k1_z[0] + 2.0f*k2_z[0] + 2.0f*k3_z[0] + k4_z[0]);
-            s->z[1] = z2 + 0.00016666666f*(k1_z[1] + 2.0f*k2_z[1] + 2.0f*k3_z[1] + k4_z[1]);
-            s->z[2] = z3 + 0.00016666666f*(k1_z[2] + 2.0f*k2_z[2] + 2.0f*k3_z[2] + k4_z[2]);
-            s->L[0] = l21;
-            s->L[1] = l31;
-            s->L[2] = l41;
-            s->L[3] = l32;
-            s->L[4] = l42;
-            s->L[5] = l43;
-            s->D[0] = d1;
-            s->D[1] = d2;
-            s->D[2] = d3;
-            s->D[3] = d4;
-        }
-        /* largest variances */
-        {
-            const float D1 = s->D[0];
-            const float L21 = s->L[0];
-            const float D2 = s->D[1];
-            const float L31 = s->L[1];
-            const float L32 = s->L[3];
-            const float D3 = s->D[2];
-            const float L41 = s->L[2];
-            const float L42 = s->L[4];
-            const float L43 = s->L[5];
-            capped = D1 > 1.024e+07f || L21*L21*D1 + D2 > 2025.0f
-                || L31*L31*D1 + L32*L32*D2 + D3 > 1440000.0f || L41*L41*D1 + L42*L42*D2 + L43*L43*D3
-                    + s->D[3] > 10.24f;
-        }
-        if (capped) {
-            /* cap */
-            {
-                const float D1 = s->D[0];
-                const float D2 = s->D[1];
-                const float D3 = s->D[2];
-                const float D4 = s->D[3];
-                const float L21 = s->L[0];
-                const float L31 = s->L[1];
-                const float L41 = s->L[2];
-                const float L32 = s->L[3];
-                const float L42 = s->L[4];
-                const float L43 = s->L[5];
-                const float t1 = geared_motor_min(1.0f, 2025.0f/(L21*L21*D1 + D2));
-                const float t2 = geared_motor_min(1.0f, 1.024e+07f/D1);
-                const float t3 = geared_motor_min(1.0f, 1440000.0f/(L31*L31*D1 + L32*L32*D2 + D3));
-                const float t4 = geared_motor_min(1.0f, 10.24f/(L41*L41*D1 + L42*L42*D2 + L43*L43*D3 + D4));
-                s->L[0] = t1*L21/t2;
-                s->L[1] = t3*L31/t2;
-                s->L[2] = t4*L41/t2;
-                s->L[3] = t3*L32/t1;
-                s->L[4] = t4*L42/t1;
-                s->L[5] = t4*L43/t3;
-                s->D[0] = t2*t2*D1;
-                s->D[1] = t1*t1*D2;
-                s->D[2] = t3*t3*D3;
-                s->D[3] = t4*t4*D4;
-                status |= GEARED_MOTOR_COVARIANCE_LIMITED;
-            }
-        }
-        for (unsigned k = 0u; k < 5u; ++k) {
-            geared_motor_predictor *const predictor = &s->predictor[k];
-            /* each predictor by Heun, without correction */
-            {
-                const float z1 = predictor->z[0];
-                const float z2 = predictor->z[1];
-                const float z3 = predictor->z[2];
-                const float z4 = predictor->z[3];
-                float dz_1[3];
-                geared_motor_flow(z2, z3, z4, s->u, dz_1);
-                float dz_2[3];
-                geared_motor_flow(z2 + 0.001f*dz_1[1], z3 + 0.001f*dz_1[2], z4, u, dz_2);
-                predictor->z[0] = z1 + 0.0005f*(dz_1[0] + dz_2[0]);
-                predictor->z[1] = z2 + 0.0005f*(dz_1[1] + dz_2[1]);
-                predictor->z[2] = z3 + 0.0005f*(dz_1[2] + dz_2[2]);
-            }
-            /* is it beyond its box, or lost? */
-            {
-                const bool t1 = geared_motor_within(predictor->z[0], 3200.0f)
-                    && geared_motor_within(predictor->z[1], 45.0f)
-                        && geared_motor_within(predictor->z[2], 1200.0f);
-                beyond = !t1;
-            }
-            if (geared_motor_acts(beyond)) {
-                /* keep it in its box */
-                {
-                    const float z1 = predictor->z[0];
-                    const float z2 = predictor->z[1];
-                    const float z3 = predictor->z[2];
-                    predictor->z[0] = geared_motor_keep(z1, -3200.0f, 3200.0f, 0.0f, 1e+15f);
-                    predictor->z[1] = geared_motor_keep(z2, -45.0f, 45.0f, 0.0f, 1e+15f);
-                    predictor->z[2] = geared_motor_keep(z3, -1200.0f, 1200.0f, 0.0f, 1e+15f);
-                }
-            }
-        }
-        /* is a value beyond its box, or lost? */
-        {
-            const bool t1 = geared_motor_within(s->z[0], 3200.0f) && geared_motor_within(s->z[1], 45.0f)
-                && geared_motor_within(s->z[2], 1200.0f);
-            const bool t2 = t1 && geared_motor_within(s->z[3], 3.2f)
-                && geared_motor_within(s->L[0], 1.40625e+07f) && geared_motor_within(s->L[1], 3.75e+08f);
-            const bool t3 = t2 && geared_motor_within(s->L[2], 1000000.0f)
-                && geared_motor_within(s->L[3], 2.6666666e+10f);
-            const bool t4 = t3 && geared_motor_within(s->L[4], 7.111111e+07f)
-                && geared_motor_within(s->L[5], 2666666.8f);
-            const float D1 = s->D[0];
-            const float D2 = s->D[1];
-            const float D3 = s->D[2];
-            const bool t5 = t4 && D1 >= 1e-18f && D1 <= 1.024e+07f && D2 >= 1e-15f && D2 <= 2025.0f
-                && D3 >= 1e-14f && D3 <= 1440000.0f;
-            const float D4 = s->D[3];
-            beyond = !(t5 && D4 >= 1e-20f && D4 <= 10.24f);
-        }
-        if (geared_motor_acts(beyond)) {
-            status |= geared_motor_keep_in_box(s, p);
-        }
+        status |= geared_motor_advance(s, p, u);
     } else {
         status |= geared_motor_keep_in_box(s, p);
         for (unsigned k = 0u; k < 5u; ++k) {
@@ -777,21 +812,193 @@ static unsigned geared_motor_run_predict(geared_motor_state *s, const geared_mot
     return status;
 }
 
+static unsigned geared_motor_guard_measurement_y1(const geared_motor_state *s, float *e, float *output_error,
+    float reading, bool *valid)
+{
+    unsigned status = 0u;
+    /* guard the measurement of y1 */
+    {
+        const float t1 = reading - s->z[0];
+        const bool t2 = geared_motor_within(reading, 3e+38f);
+        const bool t3 = t2 && geared_motor_within(reading, 600.0f) && geared_motor_within(t1, 1e+16f);
+        *e = t1;
+        *output_error = t1;
+        *valid = t3;
+        if (!t2) {
+            status |= GEARED_MOTOR_MISSING_Y1;
+        }
+        if (t2 && !t3) {
+            status |= GEARED_MOTOR_REJECTED_Y1;
+        }
+    }
+    return status;
+}
+
+/* correct the estimate with a sample that can be used */
+static unsigned geared_motor_use_sample_y1(geared_motor_state *s, const geared_motor_params *p, float e,
+    float reading)
+{
+    unsigned status = 0u;
+    bool beyond = false;
+    /* correct by the scalar update */
+    {
+        const float D1 = s->D[0];
+        const float L21 = s->L[0];
+        const float L31 = s->L[1];
+        const float L41 = s->L[2];
+        const float z1 = s->z[0];
+        const float z2 = s->z[1];
+        const float z3 = s->z[2];
+        const float z4 = s->z[3];
+        const float theta = s->theta;
+        const float t1 = theta*theta*theta*p->gain.R[0]*1000.0f;
+        const float K1 = D1/(t1 + D1);
+        const float K2 = L21*K1;
+        const float K3 = L31*K1;
+        const float K4 = L41*K1;
+        s->z[0] = z1 + K1*e;
+        s->z[1] = z2 + K2*e;
+        s->z[2] = z3 + K3*e;
+        s->z[3] = z4 + K4*e;
+        s->D[0] = K1*t1;
+    }
+    for (unsigned k = 0u; k < 5u; ++k) {
+        geared_motor_predictor *const predictor = &s->predictor[k];
+        /* its squared output error */
+        {
+            const float sum1 = predictor->sum[0];
+            const float t1 = reading - predictor->z[0];
+            predictor->sum[0] = geared_motor_min(sum1 + 0.001f*t1*t1, 1e+30f);
+        }
+        /* one more sample */
+        {
+            const unsigned samples1 = predictor->samples[0];
+            predictor->samples[0] = (samples1 < 26u) ? samples1 + 1u : 26u;
+        }
+    }
+    /* is a value beyond its box, or lost? */
+    {
+        const bool t1 = geared_motor_within(s->z[0], 3200.0f) && geared_motor_within(s->z[1], 45.0f)
+            && geared_motor_within(s->z[2], 1200.0f);
+        const float D1 = s->D[0];
+        beyond = !(t1 && geared_motor_within(s->z[3], 3.2f) && D1 >= 1e-18f && D1 <= 1.024e+07f);
+    }
+    if (geared_motor_acts(beyond)) {
+        status |= geared_motor_keep_in_box(s, p);
+    }
+    /* y1 is used */
+    s->used_y1 = 1u;
+    return status;
+}
+
+static bool geared_motor_suspect_y1(const geared_motor_state *s, float output_error, bool valid)
+{
+    bool suspect = false;
+    /* is the estimate where it cannot be for long? */
+    {
+        const bool t1 = geared_motor_abs(s->z[0]) > 200.0f || geared_motor_abs(s->z[1]) > 15.0f
+            || geared_motor_abs(s->z[2]) > 300.0f;
+        const bool t2 = geared_motor_abs(output_error) > 40.0f || t1 || geared_motor_abs(s->z[3]) > 0.2f
+            || !(s->fault_checksum <= 0.0f);
+        suspect = t2 || !valid;
+    }
+    return suspect;
+}
+
+static bool geared_motor_plausible_y1(float reading, bool valid)
+{
+    bool sampled = false;
+    /* is there a sample to judge by? */
+    sampled = valid || (geared_motor_within(reading, 3e+38f) && geared_motor_within(reading, 600.0f));
+    return sampled;
+}
+
+static void geared_motor_find_signs_y1(const geared_motor_state *s, float *moves_y_y1, float output_error,
+    float *side_y_y1)
+{
+    /* which signs show? */
+    {
+        const bool t1 = geared_motor_within(output_error, 40.0f);
+        const float fault_count_y_y1 = s->fault_count_y_y1;
+        *moves_y_y1 = (t1 ? 0.0f : ((fault_count_y_y1*output_error < 0.0f) ? -40.0f : 1.0f))
+            + (t1 ? -1.0f : 0.0f);
+        *side_y_y1 = (t1 ? 0.0f : output_error) + (t1 ? fault_count_y_y1 : 0.0f);
+    }
+}
+
+/* a fault count is at its limit: restart from the sample, or project onto the ranges */
+static unsigned geared_motor_recover_y1(geared_motor_state *s, const geared_motor_params *p, float reading)
+{
+    unsigned status = 0u;
+    bool lost = false;
+    bool over_range = false;
+    bool over_y_y1 = false;
+    /* by which sign, and is the estimate lost? */
+    {
+        const bool t1 = s->fault_limit_y_y1 <= geared_motor_abs(s->fault_count_y_y1);
+        const float fault_limit_range = s->fault_limit_range;
+        const bool t2 = fault_limit_range <= s->fault_count_range;
+        const bool t3 = geared_motor_abs(s->z[0]) > 400.0f || geared_motor_abs(s->z[1]) > 30.0f
+            || geared_motor_abs(s->z[2]) > 600.0f;
+        over_y_y1 = t1;
+        over_range = t2;
+        lost = t1 || (t2 && (fault_limit_range > 160.0f || t3 || geared_motor_abs(s->z[3]) > 0.4f));
+    }
+    if (over_y_y1) {
+        /* the fault limit doubles */
+        {
+            const float fault_count_y_y1 = s->fault_count_y_y1;
+            const float fault_limit_y_y1 = s->fault_limit_y_y1;
+            const float t1 = geared_motor_min(fault_limit_y_y1, 40960.0f);
+            s->fault_count_y_y1 = (fault_count_y_y1 < 0.0f) ? -t1 : t1;
+            s->fault_limit_y_y1 = geared_motor_min(2.0f*fault_limit_y_y1, 81920.0f);
+        }
+    }
+    if (over_range) {
+        /* the fault limit doubles */
+        {
+            const float fault_limit_range = s->fault_limit_range;
+            s->fault_count_range = geared_motor_min(fault_limit_range, 81920.0f);
+            s->fault_limit_range = geared_motor_min(2.0f*fault_limit_range, 163840.0f);
+        }
+    }
+    if (lost) {
+        /* the estimate restarts */
+        s->z[0] = 0.0f;
+        s->z[1] = 0.0f;
+        s->z[2] = 0.0f;
+        s->z[3] = 0.0f;
+        /* from the sample of y1 */
+        {
+            const float z1 = s->z[0];
+            const float z2 = s->z[1];
+            const float z3 = s->z[2];
+            const float z4 = s->z[3];
+            s->z[0] = geared_motor_keep(reading, -200.0f, 200.0f, z1, 1e+30f);
+            s->z[1] = geared_motor_keep(z2, -15.0f, 15.0f, z2, 1e+30f);
+            s->z[2] = geared_motor_keep(z3, -300.0f, 300.0f, z3, 1e+30f);
+            s->z[3] = geared_motor_keep(z4, -0.2f, 0.2f, z4, 1e+30f);
+        }
+        /* the estimate has restarted from the sample */
+        status |= GEARED_MOTOR_RESTARTED_FROM_SAMPLE;
+        geared_motor_clear_rest(s);
+    } else {
+        status |= geared_motor_project_onto_ranges(s, p);
+    }
+    return status;
+}
+
 /* part of a step: correct with y1 */
 static unsigned geared_motor_run_update_y1(geared_motor_state *s, const geared_motor_params *p,
-    const geared_motor_output *out)
+    const geared_motor_output *measurement)
 {
     unsigned status = 0u;
     bool acts = false;
-    bool beyond = false;
     float e = 0.0f;
     bool fresh = false;
-    bool lost = false;
-    float measurement = 0.0f;
     float moves_y_y1 = 0.0f;
     float output_error = 0.0f;
-    bool over_range = false;
-    bool over_y_y1 = false;
+    float reading = 0.0f;
     bool sampled = false;
     float side_y_y1 = 0.0f;
     bool suspect = false;
@@ -800,94 +1007,17 @@ static unsigned geared_motor_run_update_y1(geared_motor_state *s, const geared_m
     fresh = s->used_y1 < 1u;
     if (fresh) {
         /* the measurement of y1 */
-        measurement = out->y1;
-        /* guard the measurement of y1 */
-        {
-            const float t1 = measurement - s->z[0];
-            const bool t2 = geared_motor_within(measurement, 3e+38f);
-            const bool t3 = t2 && geared_motor_within(measurement, 600.0f) && geared_motor_within(t1, 1e+16f);
-            e = t1;
-            output_error = t1;
-            valid = t3;
-            if (!t2) {
-                status |= GEARED_MOTOR_MISSING_Y1;
-            }
-            if (t2 && !t3) {
-                status |= GEARED_MOTOR_REJECTED_Y1;
-            }
-        }
+        reading = measurement->y1;
+        status |= geared_motor_guard_measurement_y1(s, &e, &output_error, reading, &valid);
         if (valid) {
-            /* correct by the scalar update */
-            {
-                const float D1 = s->D[0];
-                const float L21 = s->L[0];
-                const float L31 = s->L[1];
-                const float L41 = s->L[2];
-                const float z1 = s->z[0];
-                const float z2 = s->z[1];
-                const float z3 = s->z[2];
-                const float z4 = s->z[3];
-                const float theta = s->theta;
-                const float t1 = theta*theta*theta*p->gain.R[0]*1000.0f;
-                const float K1 = D1/(t1 + D1);
-                const float K2 = L21*K1;
-                const float K3 = L31*K1;
-                const float K4 = L41*K1;
-                s->z[0] = z1 + K1*e;
-                s->z[1] = z2 + K2*e;
-                s->z[2] = z3 + K3*e;
-                s->z[3] = z4 + K4*e;
-                s->D[0] = K1*t1;
-            }
-            for (unsigned k = 0u; k < 5u; ++k) {
-                geared_motor_predictor *const predictor = &s->predictor[k];
-                /* its squared output error */
-                {
-                    const float sum1 = predictor->sum[0];
-                    const float t1 = measurement - predictor->z[0];
-                    predictor->sum[0] = geared_motor_min(sum1 + 0.001f*t1*t1, 1e+30f);
-                }
-                /* one more sample */
-                {
-                    const unsigned samples1 = predictor->samples[0];
-                    predictor->samples[0] = (samples1 < 26u) ? samples1 + 1u : 26u;
-                }
-            }
-            /* is a value beyond its box, or lost? */
-            {
-                const bool t1 = geared_motor_within(s->z[0], 3200.0f) && geared_motor_within(s->z[1], 45.0f)
-                    && geared_motor_within(s->z[2], 1200.0f);
-                const float D1 = s->D[0];
-                beyond = !(t1 && geared_motor_within(s->z[3], 3.2f) && D1 >= 1e-18f && D1 <= 1.024e+07f);
-            }
-            if (geared_motor_acts(beyond)) {
-                status |= geared_motor_keep_in_box(s, p);
-            }
-            /* y1 is used */
-            s->used_y1 = 1u;
+            status |= geared_motor_use_sample_y1(s, p, e, reading);
         }
-        /* is the estimate where it cannot be for long? */
-        {
-            const bool t1 = geared_motor_abs(s->z[0]) > 200.0f || geared_motor_abs(s->z[1]) > 15.0f
-                || geared_motor_abs(s->z[2]) > 300.0f;
-            const bool t2 = geared_motor_abs(output_error) > 40.0f || t1 || geared_motor_abs(s->z[3]) > 0.2f
-                || !(s->fault_checksum <= 0.0f);
-            suspect = t2 || !valid;
-        }
+        suspect = geared_motor_suspect_y1(s, output_error, valid);
         if (suspect) {
-            /* is there a sample to judge by? */
-            sampled = valid || (geared_motor_within(measurement, 3e+38f)
-                && geared_motor_within(measurement, 600.0f));
+            sampled = geared_motor_plausible_y1(reading, valid);
             if (sampled) {
                 status |= geared_motor_count_range(s, p);
-                /* which signs show? */
-                {
-                    const bool t1 = geared_motor_within(output_error, 40.0f);
-                    const float fault_count_y_y1 = s->fault_count_y_y1;
-                    moves_y_y1 = (t1 ? 0.0f : ((fault_count_y_y1*output_error < 0.0f) ? -40.0f : 1.0f))
-                        + (t1 ? -1.0f : 0.0f);
-                    side_y_y1 = (t1 ? 0.0f : output_error) + (t1 ? fault_count_y_y1 : 0.0f);
-                }
+                geared_motor_find_signs_y1(s, &moves_y_y1, output_error, &side_y_y1);
                 /* count of y_y1 */
                 {
                     const float fault_count_y_y1 = s->fault_count_y_y1;
@@ -901,59 +1031,7 @@ static unsigned geared_motor_run_update_y1(geared_motor_state *s, const geared_m
                 acts = s->fault_limit_y_y1 <= geared_motor_abs(s->fault_count_y_y1)
                     || s->fault_limit_range <= s->fault_count_range;
                 if (acts) {
-                    /* by which sign, and is the estimate lost? */
-                    {
-                        const bool t1 = s->fault_limit_y_y1 <= geared_motor_abs(s->fault_count_y_y1);
-                        const float fault_limit_range = s->fault_limit_range;
-                        const bool t2 = fault_limit_range <= s->fault_count_range;
-                        const bool t3 = geared_motor_abs(s->z[0]) > 400.0f
-                            || geared_motor_abs(s->z[1]) > 30.0f || geared_motor_abs(s->z[2]) > 600.0f;
-                        over_y_y1 = t1;
-                        over_range = t2;
-                        lost = t1 || (t2 && (fault_limit_range > 160.0f || t3
-                            || geared_motor_abs(s->z[3]) > 0.4f));
-                    }
-                    if (over_y_y1) {
-                        /* the fault limit doubles */
-                        {
-                            const float fault_count_y_y1 = s->fault_count_y_y1;
-                            const float fault_limit_y_y1 = s->fault_limit_y_y1;
-                            const float t1 = geared_motor_min(fault_limit_y_y1, 40960.0f);
-                            s->fault_count_y_y1 = (fault_count_y_y1 < 0.0f) ? -t1 : t1;
-                            s->fault_limit_y_y1 = geared_motor_min(2.0f*fault_limit_y_y1, 81920.0f);
-                        }
-                    }
-                    if (over_range) {
-                        /* the fault limit doubles */
-                        {
-                            const float fault_limit_range = s->fault_limit_range;
-                            s->fault_count_range = geared_motor_min(fault_limit_range, 81920.0f);
-                            s->fault_limit_range = geared_motor_min(2.0f*fault_limit_range, 163840.0f);
-                        }
-                    }
-                    if (lost) {
-                        /* the estimate restarts */
-                        s->z[0] = 0.0f;
-                        s->z[1] = 0.0f;
-                        s->z[2] = 0.0f;
-                        s->z[3] = 0.0f;
-                        /* from the sample of y1 */
-                        {
-                            const float z1 = s->z[0];
-                            const float z2 = s->z[1];
-                            const float z3 = s->z[2];
-                            const float z4 = s->z[3];
-                            s->z[0] = geared_motor_keep(measurement, -200.0f, 200.0f, z1, 1e+30f);
-                            s->z[1] = geared_motor_keep(z2, -15.0f, 15.0f, z2, 1e+30f);
-                            s->z[2] = geared_motor_keep(z3, -300.0f, 300.0f, z3, 1e+30f);
-                            s->z[3] = geared_motor_keep(z4, -0.2f, 0.2f, z4, 1e+30f);
-                        }
-                        /* the estimate has restarted from the sample */
-                        status |= GEARED_MOTOR_RESTARTED_FROM_SAMPLE;
-                        geared_motor_clear_rest(s);
-                    } else {
-                        status |= geared_motor_project_onto_ranges(s, p);
-                    }
+                    status |= geared_motor_recover_y1(s, p, reading);
                 }
                 /* the checksum of fault counts and limits */
                 {
@@ -970,21 +1048,217 @@ static unsigned geared_motor_run_update_y1(geared_motor_state *s, const geared_m
     return status;
 }
 
+static unsigned geared_motor_guard_measurement_y2(const geared_motor_state *s, float *e, float *output_error,
+    float reading, bool *valid)
+{
+    unsigned status = 0u;
+    /* guard the measurement of y2 */
+    {
+        const float t1 = reading - s->z[1];
+        const bool t2 = geared_motor_within(reading, 3e+38f);
+        const bool t3 = t2 && geared_motor_within(reading, 45.0f) && geared_motor_within(t1, 1e+16f);
+        *e = t1;
+        *output_error = t1;
+        *valid = t3;
+        if (!t2) {
+            status |= GEARED_MOTOR_MISSING_Y2;
+        }
+        if (t2 && !t3) {
+            status |= GEARED_MOTOR_REJECTED_Y2;
+        }
+    }
+    return status;
+}
+
+/* correct the estimate with a sample that can be used */
+static unsigned geared_motor_use_sample_y2(geared_motor_state *s, const geared_motor_params *p, float e,
+    float reading)
+{
+    unsigned status = 0u;
+    bool beyond = false;
+    /* correct by the scalar update */
+    {
+        const float D1 = s->D[0];
+        const float D2 = s->D[1];
+        const float L21 = s->L[0];
+        const float L31 = s->L[1];
+        const float L41 = s->L[2];
+        const float L32 = s->L[3];
+        const float L42 = s->L[4];
+        const float z1 = s->z[0];
+        const float z2 = s->z[1];
+        const float z3 = s->z[2];
+        const float z4 = s->z[3];
+        const float t1 = D1*L21;
+        const float t2 = p->gain.R[1]/(0.001f*s->theta);
+        const float t3 = t2 + D2;
+        const float t4 = t3 + t1*L21;
+        const float K1 = t1/t4;
+        const float K2 = (D2 + L21*t1)/t4;
+        const float t5 = L32*D2;
+        const float K3 = (t5 + L31*t1)/t4;
+        const float t6 = L42*D2;
+        const float K4 = (t6 + L41*t1)/t4;
+        s->z[0] = z1 + K1*e;
+        s->z[1] = z2 + K2*e;
+        s->z[2] = z3 + K3*e;
+        s->z[3] = z4 + K4*e;
+        s->L[0] = L21 - L21*D2/t3;
+        s->L[1] = L31 - L21*t5/t3;
+        s->L[2] = L41 - L21*t6/t3;
+        s->D[0] = D1*t3/t4;
+        s->D[1] = D2*t2/t3;
+    }
+    for (unsigned k = 0u; k < 5u; ++k) {
+        geared_motor_predictor *const predictor = &s->predictor[k];
+        /* its squared output error */
+        {
+            const float sum2 = predictor->sum[1];
+            const float t1 = reading - predictor->z[1];
+            predictor->sum[1] = geared_motor_min(sum2 + 0.001f*t1*t1, 1e+30f);
+        }
+        /* one more sample */
+        {
+            const unsigned samples2 = predictor->samples[1];
+            predictor->samples[1] = (samples2 < 26u) ? samples2 + 1u : 26u;
+        }
+    }
+    /* is a value beyond its box, or lost? */
+    {
+        const bool t1 = geared_motor_within(s->z[0], 3200.0f) && geared_motor_within(s->z[1], 45.0f)
+            && geared_motor_within(s->z[2], 1200.0f);
+        const bool t2 = t1 && geared_motor_within(s->z[3], 3.2f)
+            && geared_motor_within(s->L[0], 1.40625e+07f) && geared_motor_within(s->L[1], 3.75e+08f);
+        const float D1 = s->D[0];
+        const float D2 = s->D[1];
+        const bool t3 = t2 && geared_motor_within(s->L[2], 1000000.0f) && D1 >= 1e-18f && D1 <= 1.024e+07f
+            && D2 >= 1e-15f && D2 <= 2025.0f;
+        beyond = !t3;
+    }
+    if (geared_motor_acts(beyond)) {
+        status |= geared_motor_keep_in_box(s, p);
+    }
+    /* y2 is used */
+    s->used_y2 = 1u;
+    return status;
+}
+
+static unsigned geared_motor_suspect_y2(const geared_motor_state *s, float output_error, bool *suspect,
+    bool valid)
+{
+    unsigned status = 0u;
+    /* is the estimate where it cannot be for long? */
+    {
+        const bool t1 = geared_motor_abs(s->z[0]) > 200.0f || geared_motor_abs(s->z[1]) > 15.0f
+            || geared_motor_abs(s->z[2]) > 300.0f;
+        const bool t2 = t1 || geared_motor_abs(s->z[3]) > 0.2f;
+        if (t2) {
+            status |= GEARED_MOTOR_OUTSIDE_BOX;
+        }
+        *suspect = geared_motor_abs(output_error) > 3.0f || t2 || !(s->fault_checksum <= 0.0f) || !valid;
+    }
+    return status;
+}
+
+static bool geared_motor_plausible_y2(float reading, bool valid)
+{
+    bool sampled = false;
+    /* is there a sample to judge by? */
+    sampled = valid || (geared_motor_within(reading, 3e+38f) && geared_motor_within(reading, 45.0f));
+    return sampled;
+}
+
+static void geared_motor_find_signs_y2(const geared_motor_state *s, const geared_motor_params *p,
+    float *moves_y_y2, float output_error, float *side_y_y2)
+{
+    /* which signs show? */
+    {
+        const float t1 = p->gain.R[1]/(0.001f*s->theta);
+        const float L21 = s->L[0];
+        const float t2 = geared_motor_sqrt(t1*t1/geared_motor_max(t1 - (L21*s->D[0]*L21 + s->D[1]),
+            9.536743e-07f*t1));
+        const bool t3 = geared_motor_within(output_error, geared_motor_max(3.0f,
+            geared_motor_min(3.0f*t2, 400.0f)));
+        const float fault_count_y_y2 = s->fault_count_y_y2;
+        *moves_y_y2 = (t3 ? 0.0f : ((fault_count_y_y2*output_error < 0.0f) ? -40.0f : 1.0f))
+            + (t3 ? -1.0f : 0.0f);
+        *side_y_y2 = (t3 ? 0.0f : output_error) + (t3 ? fault_count_y_y2 : 0.0f);
+    }
+}
+
+/* a fault count is at its limit: restart from the sample, or project onto the ranges */
+static unsigned geared_motor_recover_y2(geared_motor_state *s, const geared_motor_params *p, float reading)
+{
+    unsigned status = 0u;
+    bool lost = false;
+    bool over_range = false;
+    bool over_y_y2 = false;
+    /* by which sign, and is the estimate lost? */
+    {
+        const bool t1 = s->fault_limit_y_y2 <= geared_motor_abs(s->fault_count_y_y2);
+        const float fault_limit_range = s->fault_limit_range;
+        const bool t2 = fault_limit_range <= s->fault_count_range;
+        const bool t3 = geared_motor_abs(s->z[0]) > 400.0f || geared_motor_abs(s->z[1]) > 30.0f
+            || geared_motor_abs(s->z[2]) > 600.0f;
+        over_y_y2 = t1;
+        over_range = t2;
+        lost = t1 || (t2 && (fault_limit_range > 160.0f || t3 || geared_motor_abs(s->z[3]) > 0.4f));
+    }
+    if (over_y_y2) {
+        /* the fault limit doubles */
+        {
+            const float fault_count_y_y2 = s->fault_count_y_y2;
+            const float fault_limit_y_y2 = s->fault_limit_y_y2;
+            const float t1 = geared_motor_min(fault_limit_y_y2, 40960.0f);
+            s->fault_count_y_y2 = (fault_count_y_y2 < 0.0f) ? -t1 : t1;
+            s->fault_limit_y_y2 = geared_motor_min(2.0f*fault_limit_y_y2, 81920.0f);
+        }
+    }
+    if (over_range) {
+        /* the fault limit doubles */
+        {
+            const float fault_limit_range = s->fault_limit_range;
+            s->fault_count_range = geared_motor_min(fault_limit_range, 81920.0f);
+            s->fault_limit_range = geared_motor_min(2.0f*fault_limit_range, 163840.0f);
+        }
+    }
+    if (lost) {
+        /* the estimate restarts */
+        s->z[0] = 0.0f;
+        s->z[1] = 0.0f;
+        s->z[2] = 0.0f;
+        s->z[3] = 0.0f;
+        /* from the sample of y2 */
+        {
+            const float z1 = s->z[0];
+            const float z2 = s->z[1];
+            const float z3 = s->z[2];
+            const float z4 = s->z[3];
+            s->z[0] = geared_motor_keep(z1, -200.0f, 200.0f, z1, 1e+30f);
+            s->z[1] = geared_motor_keep(reading, -15.0f, 15.0f, z2, 1e+30f);
+            s->z[2] = geared_motor_keep(z3, -300.0f, 300.0f, z3, 1e+30f);
+            s->z[3] = geared_motor_keep(z4, -0.2f, 0.2f, z4, 1e+30f);
+        }
+        /* the estimate has restarted from the sample */
+        status |= GEARED_MOTOR_RESTARTED_FROM_SAMPLE;
+        geared_motor_clear_rest(s);
+    } else {
+        status |= geared_motor_project_onto_ranges(s, p);
+    }
+    return status;
+}
+
 /* part of a step: correct with y2 */
 static unsigned geared_motor_run_update_y2(geared_motor_state *s, const geared_motor_params *p,
-    const geared_motor_output *out)
+    const geared_motor_output *measurement)
 {
     unsigned status = 0u;
     bool acts = false;
-    bool beyond = false;
     float e = 0.0f;
     bool fresh = false;
-    bool lost = false;
-    float measurement = 0.0f;
     float moves_y_y2 = 0.0f;
     float output_error = 0.0f;
-    bool over_range = false;
-    bool over_y_y2 = false;
+    float reading = 0.0f;
     bool sampled = false;
     float side_y_y2 = 0.0f;
     bool suspect = false;
@@ -993,117 +1267,17 @@ static unsigned geared_motor_run_update_y2(geared_motor_state *s, const geared_m
     fresh = s->used_y2 < 1u;
     if (fresh) {
         /* the measurement of y2 */
-        measurement = out->y2;
-        /* guard the measurement of y2 */
-        {
-            const float t1 = measurement - s->z[1];
-            const bool t2 = geared_motor_within(measurement, 3e+38f);
-            const bool t3 = t2 && geared_motor_within(measurement, 45.0f) && geared_motor_within(t1, 1e+16f);
-            e = t1;
-            output_error = t1;
-            valid = t3;
-            if (!t2) {
-                status |= GEARED_MOTOR_MISSING_Y2;
-            }
-            if (t2 && !t3) {
-                status |= GEARED_MOTOR_REJECTED_Y2;
-            }
-        }
+        reading = measurement->y2;
+        status |= geared_motor_guard_measurement_y2(s, &e, &output_error, reading, &valid);
         if (valid) {
-            /* correct by the scalar update */
-            {
-                const float D1 = s->D[0];
-                const float D2 = s->D[1];
-                const float L21 = s->L[0];
-                const float L31 = s->L[1];
-                const float L41 = s->L[2];
-                const float L32 = s->L[3];
-                const float L42 = s->L[4];
-                const float z1 = s->z[0];
-                const float z2 = s->z[1];
-                const float z3 = s->z[2];
-                const float z4 = s->z[3];
-                const float t1 = D1*L21;
-                const float t2 = p->gain.R[1]/(0.001f*s->theta);
-                const float t3 = t2 + D2;
-                const float t4 = t3 + t1*L21;
-                const float K1 = t1/t4;
-                const float K2 = (D2 + L21*t1)/t4;
-                const float t5 = L32*D2;
-                const float K3 = (t5 + L31*t1)/t4;
-                const float t6 = L42*D2;
-                const float K4 = (t6 + L41*t1)/t4;
-                s->z[0] = z1 + K1*e;
-                s->z[1] = z2 + K2*e;
-                s->z[2] = z3 + K3*e;
-                s->z[3] = z4 + K4*e;
-                s->L[0] = L21 - L21*D2/t3;
-                s->L[1] = L31 - L21*t5/t3;
-                s->L[2] = L41 - L21*t6/t3;
-                s->D[0] = D1*t3/t4;
-                s->D[1] = D2*t2/t3;
-            }
-            for (unsigned k = 0u; k < 5u; ++k) {
-                geared_motor_predictor *const predictor = &s->predictor[k];
-                /* its squared output error */
-                {
-                    const float sum2 = predictor->sum[1];
-                    const float t1 = measurement - predictor->z[1];
-                    predictor->sum[1] = geared_motor_min(sum2 + 0.001f*t1*t1, 1e+30f);
-                }
-                /* one more sample */
-                {
-                    const unsigned samples2 = predictor->samples[1];
-                    predictor->samples[1] = (samples2 < 26u) ? samples2 + 1u : 26u;
-                }
-            }
-            /* is a value beyond its box, or lost? */
-            {
-                const bool t1 = geared_motor_within(s->z[0], 3200.0f) && geared_motor_within(s->z[1], 45.0f)
-                    && geared_motor_within(s->z[2], 1200.0f);
-                const bool t2 = t1 && geared_motor_within(s->z[3], 3.2f)
-                    && geared_motor_within(s->L[0], 1.40625e+07f) && geared_motor_within(s->L[1], 3.75e+08f);
-                const float D1 = s->D[0];
-                const float D2 = s->D[1];
-                const bool t3 = t2 && geared_motor_within(s->L[2], 1000000.0f) && D1 >= 1e-18f
-                    && D1 <= 1.024e+07f && D2 >= 1e-15f && D2 <= 2025.0f;
-                beyond = !t3;
-            }
-            if (geared_motor_acts(beyond)) {
-                status |= geared_motor_keep_in_box(s, p);
-            }
-            /* y2 is used */
-            s->used_y2 = 1u;
+            status |= geared_motor_use_sample_y2(s, p, e, reading);
         }
-        /* is the estimate where it cannot be for long? */
-        {
-            const bool t1 = geared_motor_abs(s->z[0]) > 200.0f || geared_motor_abs(s->z[1]) > 15.0f
-                || geared_motor_abs(s->z[2]) > 300.0f;
-            const bool t2 = t1 || geared_motor_abs(s->z[3]) > 0.2f;
-            if (t2) {
-                status |= GEARED_MOTOR_OUTSIDE_BOX;
-            }
-            suspect = geared_motor_abs(output_error) > 3.0f || t2 || !(s->fault_checksum <= 0.0f) || !valid;
-        }
+        status |= geared_motor_suspect_y2(s, output_error, &suspect, valid);
         if (suspect) {
-            /* is there a sample to judge by? */
-            sampled = valid || (geared_motor_within(measurement, 3e+38f)
-                && geared_motor_within(measurement, 45.0f));
+            sampled = geared_motor_plausible_y2(reading, valid);
             if (sampled) {
                 status |= geared_motor_count_range(s, p);
-                /* which signs show? */
-                {
-                    const float t1 = p->gain.R[1]/(0.001f*s->theta);
-                    const float L21 = s->L[0];
-                    const float t2 = geared_motor_sqrt(t1*t1/geared_motor_max(t1
-                        - (L21*s->D[0]*L21 + s->D[1]), 9.536743e-07f*t1));
-                    const bool t3 = geared_motor_within(output_error,
-                        geared_motor_max(3.0f, geared_motor_min(3.0f*t2, 400.0f)));
-                    const float fault_count_y_y2 = s->fault_count_y_y2;
-                    moves_y_y2 = (t3 ? 0.0f : ((fault_count_y_y2*output_error < 0.0f) ? -40.0f : 1.0f))
-                        + (t3 ? -1.0f : 0.0f);
-                    side_y_y2 = (t3 ? 0.0f : output_error) + (t3 ? fault_count_y_y2 : 0.0f);
-                }
+                geared_motor_find_signs_y2(s, p, &moves_y_y2, output_error, &side_y_y2);
                 /* count of y_y2 */
                 {
                     const float fault_count_y_y2 = s->fault_count_y_y2;
@@ -1117,59 +1291,7 @@ static unsigned geared_motor_run_update_y2(geared_motor_state *s, const geared_m
                 acts = s->fault_limit_y_y2 <= geared_motor_abs(s->fault_count_y_y2)
                     || s->fault_limit_range <= s->fault_count_range;
                 if (acts) {
-                    /* by which sign, and is the estimate lost? */
-                    {
-                        const bool t1 = s->fault_limit_y_y2 <= geared_motor_abs(s->fault_count_y_y2);
-                        const float fault_limit_range = s->fault_limit_range;
-                        const bool t2 = fault_limit_range <= s->fault_count_range;
-                        const bool t3 = geared_motor_abs(s->z[0]) > 400.0f
-                            || geared_motor_abs(s->z[1]) > 30.0f || geared_motor_abs(s->z[2]) > 600.0f;
-                        over_y_y2 = t1;
-                        over_range = t2;
-                        lost = t1 || (t2 && (fault_limit_range > 160.0f || t3
-                            || geared_motor_abs(s->z[3]) > 0.4f));
-                    }
-                    if (over_y_y2) {
-                        /* the fault limit doubles */
-                        {
-                            const float fault_count_y_y2 = s->fault_count_y_y2;
-                            const float fault_limit_y_y2 = s->fault_limit_y_y2;
-                            const float t1 = geared_motor_min(fault_limit_y_y2, 40960.0f);
-                            s->fault_count_y_y2 = (fault_count_y_y2 < 0.0f) ? -t1 : t1;
-                            s->fault_limit_y_y2 = geared_motor_min(2.0f*fault_limit_y_y2, 81920.0f);
-                        }
-                    }
-                    if (over_range) {
-                        /* the fault limit doubles */
-                        {
-                            const float fault_limit_range = s->fault_limit_range;
-                            s->fault_count_range = geared_motor_min(fault_limit_range, 81920.0f);
-                            s->fault_limit_range = geared_motor_min(2.0f*fault_limit_range, 163840.0f);
-                        }
-                    }
-                    if (lost) {
-                        /* the estimate restarts */
-                        s->z[0] = 0.0f;
-                        s->z[1] = 0.0f;
-                        s->z[2] = 0.0f;
-                        s->z[3] = 0.0f;
-                        /* from the sample of y2 */
-                        {
-                            const float z1 = s->z[0];
-                            const float z2 = s->z[1];
-                            const float z3 = s->z[2];
-                            const float z4 = s->z[3];
-                            s->z[0] = geared_motor_keep(z1, -200.0f, 200.0f, z1, 1e+30f);
-                            s->z[1] = geared_motor_keep(measurement, -15.0f, 15.0f, z2, 1e+30f);
-                            s->z[2] = geared_motor_keep(z3, -300.0f, 300.0f, z3, 1e+30f);
-                            s->z[3] = geared_motor_keep(z4, -0.2f, 0.2f, z4, 1e+30f);
-                        }
-                        /* the estimate has restarted from the sample */
-                        status |= GEARED_MOTOR_RESTARTED_FROM_SAMPLE;
-                        geared_motor_clear_rest(s);
-                    } else {
-                        status |= geared_motor_project_onto_ranges(s, p);
-                    }
+                    status |= geared_motor_recover_y2(s, p, reading);
                 }
                 /* the checksum of fault counts and limits */
                 {
@@ -1311,27 +1433,27 @@ unsigned geared_motor_predict(geared_motor_state *s, const geared_motor_params *
 }
 
 unsigned geared_motor_update_y1(geared_motor_state *s, const geared_motor_params *p,
-    const geared_motor_output *out)
+    const geared_motor_output *measurement)
 {
     unsigned status = 0u;
     if ((s->ready != GEARED_MOTOR_READY) || (p->ready != GEARED_MOTOR_READY)) {
         status = geared_motor_ready(s, p);
     }
     if ((status & GEARED_MOTOR_NO_PARAMETERS) == 0u) {
-        status |= geared_motor_run_update_y1(s, p, out);
+        status |= geared_motor_run_update_y1(s, p, measurement);
     }
     return status;
 }
 
 unsigned geared_motor_update_y2(geared_motor_state *s, const geared_motor_params *p,
-    const geared_motor_output *out)
+    const geared_motor_output *measurement)
 {
     unsigned status = 0u;
     if ((s->ready != GEARED_MOTOR_READY) || (p->ready != GEARED_MOTOR_READY)) {
         status = geared_motor_ready(s, p);
     }
     if ((status & GEARED_MOTOR_NO_PARAMETERS) == 0u) {
-        status |= geared_motor_run_update_y2(s, p, out);
+        status |= geared_motor_run_update_y2(s, p, measurement);
     }
     return status;
 }
@@ -1349,7 +1471,7 @@ unsigned geared_motor_adapt(geared_motor_state *s, const geared_motor_params *p)
 }
 
 unsigned geared_motor_step(geared_motor_state *s, const geared_motor_params *p, const geared_motor_input *in,
-    const geared_motor_output *out)
+    const geared_motor_output *measurement)
 {
     unsigned status = 0u;
     if ((s->ready != GEARED_MOTOR_READY) || (p->ready != GEARED_MOTOR_READY)) {
@@ -1357,8 +1479,8 @@ unsigned geared_motor_step(geared_motor_state *s, const geared_motor_params *p, 
     }
     if ((status & GEARED_MOTOR_NO_PARAMETERS) == 0u) {
         status |= geared_motor_run_predict(s, p, in);
-        status |= geared_motor_run_update_y1(s, p, out);
-        status |= geared_motor_run_update_y2(s, p, out);
+        status |= geared_motor_run_update_y1(s, p, measurement);
+        status |= geared_motor_run_update_y2(s, p, measurement);
         status |= geared_motor_run_adapt(s, p);
     }
     return status;

@@ -23,7 +23,7 @@
 
 unsigned geared_motor_check(void);
 
-static const float given[64][3] = { /* in.v, out.y1, out.y2 */
+static const float given[64][3] = { /* in.v, measurement.y1, measurement.y2 */
     {-6.0f, -0.5f, -0.5f},
     {-5.3513513f, -0.41304347f, -0.41304347f},
     {-4.7027025f, -0.32608697f, -0.32608697f},
@@ -192,7 +192,7 @@ unsigned geared_motor_check(void)
     geared_motor_state s;
     geared_motor_params p;
     geared_motor_input in;
-    geared_motor_output out;
+    geared_motor_output measurement;
     geared_motor_plant x;
     geared_motor_init(&s, &p);
     s.z[0] = 80.0f;
@@ -201,9 +201,9 @@ unsigned geared_motor_check(void)
     s.z[3] = 0.08f;
     for (unsigned k = 0u; k < 64u && bad == 0u; ++k) {
         in.v = (k == 40u) ? none : given[k][0];
-        out.y1 = (k == 20u) ? none : given[k][1];
-        out.y2 = (k == 20u) ? none : given[k][2];
-        const unsigned status = geared_motor_step(&s, &p, &in, &out);
+        measurement.y1 = (k == 20u) ? none : given[k][1];
+        measurement.y2 = (k == 20u) ? none : given[k][2];
+        const unsigned status = geared_motor_step(&s, &p, &in, &measurement);
         geared_motor_estimate(&s, &p, &x);
         if (status != expected[k] || !geared_motor_near(x.phi, k, 0u) || !geared_motor_near(x.i, k, 1u)
             || !geared_motor_near(x.w, k, 2u) || !geared_motor_near(x.T, k, 3u)

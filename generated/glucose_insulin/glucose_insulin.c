@@ -1,4 +1,4 @@
-/* glucose_insulin: see glucose_insulin.h, which is the manual. */
+/* glucose_insulin: see glucose_insulin.h, and its manual glucose_insulin.md. */
 #include "glucose_insulin.h"
 
 #include <stdbool.h>
@@ -191,21 +191,16 @@ static unsigned glucose_insulin_keep_in_box(glucose_insulin_state *s, const gluc
     return status;
 }
 
-/* part of a step: advance the estimate to now */
-static unsigned glucose_insulin_run_predict(glucose_insulin_state *s, const glucose_insulin_params *p,
-    const glucose_insulin_input *in)
+static unsigned glucose_insulin_guard_input(const glucose_insulin_state *s, const glucose_insulin_input *in,
+    float *u)
 {
     unsigned status = 0u;
-    bool beyond = false;
-    bool capped = false;
-    bool running = false;
-    float u = 0.0f;
     /* guard the input */
     {
         const float u_given = in->u;
         const bool u_usable = glucose_insulin_within(u_given, 1e+15f);
         const float u_taken = u_usable ? u_given : s->u;
-        u = glucose_insulin_clamp(u_taken, 0.0f, 10.0f);
+        *u = glucose_insulin_clamp(u_taken, 0.0f, 10.0f);
         if (!u_usable) {
             status |= GLUCOSE_INSULIN_REUSED_U;
         }
@@ -213,6 +208,153 @@ static unsigned glucose_insulin_run_predict(glucose_insulin_state *s, const gluc
             status |= GLUCOSE_INSULIN_CLAMPED_U;
         }
     }
+    return status;
+}
+
+/* advance the estimate from the last call to now */
+static unsigned glucose_insulin_advance(glucose_insulin_state *s, const glucose_insulin_params *p, float u)
+{
+    unsigned status = 0u;
+    bool beyond = false;
+    bool capped = false;
+    /* z by classical Runge-Kutta; P = L D L' by P <- Phi P Phi' + h Q_theta */
+    /* the tableau of z: */
+    /*     0 |  */
+    /*   1/2 | 1/2 */
+    /*   1/2 |   0 1/2 */
+    /*     1 |   0   0   1 */
+    /*   --------------------- */
+    /*       | 1/6 1/3 1/3 1/6 */
+    {
+        const float D1 = s->D[0];
+        const float D2 = s->D[1];
+        const float D3 = s->D[2];
+        const float L21 = s->L[0];
+        const float L31 = s->L[1];
+        const float L32 = s->L[2];
+        const float z1 = s->z[0];
+        const float z2 = s->z[1];
+        const float z3 = s->z[2];
+        const float u_before = s->u;
+        float k1_z[3];
+        glucose_insulin_flow(z1, z2, z3, u_before, k1_z);
+        const float t1 = u_before + 0.5f*(u - u_before);
+        float k2_z[3];
+        glucose_insulin_flow(z1 + 0.05f*k1_z[0], z2 + 0.05f*k1_z[1], z3 + 0.05f*k1_z[2], t1, k2_z);
+        const float t2 = z1 + 0.05f*k2_z[0];
+        const float t3 = z2 + 0.05f*k2_z[1];
+        float k3_z[3];
+        glucose_insulin_flow(t2, t3, z3 + 0.05f*k2_z[2], t1, k3_z);
+        float k4_z[3];
+        glucose_insulin_flow(z1 + 0.1f*k3_z[0], z2 + 0.1f*k3_z[1], z3 + 0.1f*k3_z[2], u, k4_z);
+        float F_1[2];
+        glucose_insulin_jacobian(t2, t3, F_1);
+        const float Phi_11 = 1.0f + 0.1f*F_1[0] + F_1[0]*F_1[0]*0.005f;
+        const float Phi_12 = 0.1f*F_1[1] + 0.005f*(F_1[0]*F_1[1] - 0.025f*F_1[1]);
+        const float Phi_13 = 6.5e-08f*F_1[1];
+        const float w1_1 = Phi_11 + Phi_12*L21 + Phi_13*L31;
+        const float w1_2 = Phi_12 + Phi_13*L32;
+        const float t4 = w1_1*D1;
+        const float t5 = w1_2*D2;
+        const float t6 = Phi_13*D3;
+        const float t7 = 0.1f*p->gain.Q[0];
+        const float d1 = w1_1*t4 + w1_2*t5 + Phi_13*t6 + t7;
+        const float t8 = 0.9975031f*L21 + 1.292525e-06f*L31;
+        const float t9 = 0.9975031f + 1.292525e-06f*L32;
+        const float l21 = (t8*t4 + t9*t5 + 1.292525e-06f*t6)/d1;
+        const float t10 = 0.9910405f*L31;
+        const float t11 = 0.9910405f*L32;
+        const float l31 = (t10*t4 + t11*t5 + 0.9910405f*t6)/d1;
+        const float w2_1 = t8 - l21*w1_1;
+        const float w2_2 = t9 - l21*w1_2;
+        const float w2_3 = 1.292525e-06f - l21*Phi_13;
+        const float t12 = w2_1*D1;
+        const float t13 = w2_2*D2;
+        const float t14 = w2_3*D3;
+        const float t15 = l21*t7;
+        const float t16 = 0.1f*p->gain.Q[1];
+        const float d2 = w2_1*t12 + w2_2*t13 + w2_3*t14 + l21*t15 + t16;
+        const float t17 = t10 - l31*w1_1;
+        const float t18 = t11 - l31*w1_2;
+        const float t19 = 0.9910405f - l31*Phi_13;
+        const float l32 = (t17*t12 + t18*t13 + t19*t14 + l31*t15)/d2;
+        const float w3_1 = t17 - l32*w2_1;
+        const float w3_2 = t18 - l32*w2_2;
+        const float w3_3 = t19 - l32*w2_3;
+        const float w3_4 = l32*l21 - l31;
+        const float d3 = w3_1*D1*w3_1 + w3_2*D2*w3_2 + w3_3*D3*w3_3 + w3_4*t7*w3_4 + l32*t16*l32
+            + 0.1f*p->gain.Q[2];
+        s->z[0] = z1 + 0.016666668f*(k1_z[0] + 2.0f*k2_z[0] + 2.0f*k3_z[0] + k4_z[0]);
+        s->z[1] = z2 + 0.016666668f*(k1_z[1] + 2.0f*k2_z[1] + 2.0f*k3_z[1] + k4_z[1]);
+        s->z[2] = z3 + 0.016666668f*(k1_z[2] + 2.0f*k2_z[2] + 2.0f*k3_z[2] + k4_z[2]);
+        s->L[0] = l21;
+        s->L[1] = l31;
+        s->L[2] = l32;
+        s->D[0] = d1;
+        s->D[1] = d2;
+        s->D[2] = d3;
+    }
+    /* largest variances */
+    {
+        const float D1 = s->D[0];
+        const float L21 = s->L[0];
+        const float D2 = s->D[1];
+        const float L31 = s->L[1];
+        const float L32 = s->L[2];
+        capped = D1 > 291600.0f || L21*L21*D1 + D2 > 0.005625f
+            || L31*L31*D1 + L32*L32*D2 + s->D[2] > 90000.0f;
+    }
+    if (capped) {
+        /* cap */
+        {
+            const float D1 = s->D[0];
+            const float D2 = s->D[1];
+            const float D3 = s->D[2];
+            const float L21 = s->L[0];
+            const float L31 = s->L[1];
+            const float L32 = s->L[2];
+            const float t1 = glucose_insulin_min(1.0f, 0.005625f/(L21*L21*D1 + D2));
+            const float t2 = glucose_insulin_min(1.0f, 291600.0f/D1);
+            const float t3 = glucose_insulin_min(1.0f, 90000.0f/(L31*L31*D1 + L32*L32*D2 + D3));
+            s->L[0] = t1*L21/t2;
+            s->L[1] = t3*L31/t2;
+            s->L[2] = t3*L32/t1;
+            s->D[0] = t2*t2*D1;
+            s->D[1] = t1*t1*D2;
+            s->D[2] = t3*t3*D3;
+            status |= GLUCOSE_INSULIN_COVARIANCE_LIMITED;
+        }
+    }
+    /* is a value beyond its box, or lost? */
+    {
+        const float z1 = s->z[0];
+        const float z2 = s->z[1];
+        const float z3 = s->z[2];
+        const bool t1 = z1 >= -320.0f && z1 <= 760.0f && z2 >= -0.1f && z2 <= 0.05f && z3 >= -400.0f
+            && z3 <= 200.0f && glucose_insulin_within(s->L[0], 138888.89f);
+        const bool t2 = t1 && glucose_insulin_within(s->L[1], 5.555556e+08f)
+            && glucose_insulin_within(s->L[2], 4e+12f);
+        const float D1 = s->D[0];
+        const float D2 = s->D[1];
+        const float D3 = s->D[2];
+        const bool t3 = t2 && D1 >= 4e-13f && D1 <= 291600.0f && D2 >= 8e-21f && D2 <= 0.005625f
+            && D3 >= 1e-13f && D3 <= 90000.0f;
+        beyond = !t3;
+    }
+    if (glucose_insulin_acts(beyond)) {
+        status |= glucose_insulin_keep_in_box(s, p);
+    }
+    return status;
+}
+
+/* part of a step: advance the estimate to now */
+static unsigned glucose_insulin_run_predict(glucose_insulin_state *s, const glucose_insulin_params *p,
+    const glucose_insulin_input *in)
+{
+    unsigned status = 0u;
+    bool running = false;
+    float u = 0.0f;
+    status |= glucose_insulin_guard_input(s, in, &u);
     /* the first call advances no time */
     {
         const unsigned calls = s->calls;
@@ -220,126 +362,7 @@ static unsigned glucose_insulin_run_predict(glucose_insulin_state *s, const gluc
         s->calls = 1u;
     }
     if (running) {
-        /* z by classical Runge-Kutta; P = L D L' by P <- Phi P Phi' + h Q_theta */
-        {
-            const float D1 = s->D[0];
-            const float D2 = s->D[1];
-            const float D3 = s->D[2];
-            const float L21 = s->L[0];
-            const float L31 = s->L[1];
-            const float L32 = s->L[2];
-            const float z1 = s->z[0];
-            const float z2 = s->z[1];
-            const float z3 = s->z[2];
-            const float u_before = s->u;
-            float k1_z[3];
-            glucose_insulin_flow(z1, z2, z3, u_before, k1_z);
-            const float t1 = u_before + 0.5f*(u - u_before);
-            float k2_z[3];
-            glucose_insulin_flow(z1 + 0.05f*k1_z[0], z2 + 0.05f*k1_z[1], z3 + 0.05f*k1_z[2], t1, k2_z);
-            const float t2 = z1 + 0.05f*k2_z[0];
-            const float t3 = z2 + 0.05f*k2_z[1];
-            float k3_z[3];
-            glucose_insulin_flow(t2, t3, z3 + 0.05f*k2_z[2], t1, k3_z);
-            float k4_z[3];
-            glucose_insulin_flow(z1 + 0.1f*k3_z[0], z2 + 0.1f*k3_z[1], z3 + 0.1f*k3_z[2], u, k4_z);
-            float F_1[2];
-            glucose_insulin_jacobian(t2, t3, F_1);
-            const float Phi_11 = 1.0f + 0.1f*F_1[0] + F_1[0]*F_1[0]*0.005f;
-            const float Phi_12 = 0.1f*F_1[1] + 0.005f*(F_1[0]*F_1[1] - 0.025f*F_1[1]);
-            const float Phi_13 = 6.5e-08f*F_1[1];
-            const float w1_1 = Phi_11 + Phi_12*L21 + Phi_13*L31;
-            const float w1_2 = Phi_12 + Phi_13*L32;
-            const float t4 = w1_1*D1;
-            const float t5 = w1_2*D2;
-            const float t6 = Phi_13*D3;
-            const float t7 = 0.1f*p->gain.Q[0];
-            const float d1 = w1_1*t4 + w1_2*t5 + Phi_13*t6 + t7;
-            const float t8 = 0.9975031f*L21 + 1.292525e-06f*L31;
-            const float t9 = 0.9975031f + 1.292525e-06f*L32;
-            const float l21 = (t8*t4 + t9*t5 + 1.292525e-06f*t6)/d1;
-            const float t10 = 0.9910405f*L31;
-            const float t11 = 0.9910405f*L32;
-            const float l31 = (t10*t4 + t11*t5 + 0.9910405f*t6)/d1;
-            const float w2_1 = t8 - l21*w1_1;
-            const float w2_2 = t9 - l21*w1_2;
-            const float w2_3 = 1.292525e-06f - l21*Phi_13;
-            const float t12 = w2_1*D1;
-            const float t13 = w2_2*D2;
-            const float t14 = w2_3*D3;
-            const float t15 = l21*t7;
-            const float t16 = 0.1f*p->gain.Q[1];
-            const float d2 = w2_1*t12 + w2_2*t13 + w2_3*t14 + l21*t15 + t16;
-            const float t17 = t10 - l31*w1_1;
-            const float t18 = t11 - l31*w1_2;
-            const float t19 = 0.9910405f - l31*Phi_13;
-            const float l32 = (t17*t12 + t18*t13 + t19*t14 + l31*t15)/d2;
-            const float w3_1 = t17 - l32*w2_1;
-            const float w3_2 = t18 - l32*w2_2;
-            const float w3_3 = t19 - l32*w2_3;
-            const float w3_4 = l32*l21 - l31;
-            const float d3 = w3_1*D1*w3_1 + w3_2*D2*w3_2 + w3_3*D3*w3_3 + w3_4*t7*w3_4 + l32*t16*l32
-                + 0.1f*p->gain.Q[2];
-            s->z[0] = z1 + 0.016666668f*(k1_z[0] + 2.0f*k2_z[0] + 2.0f*k3_z[0] + k4_z[0]);
-            s->z[1] = z2 + 0.016666668f*(k1_z[1] + 2.0f*k2_z[1] + 2.0f*k3_z[1] + k4_z[1]);
-            s->z[2] = z3 + 0.016666668f*(k1_z[2] + 2.0f*k2_z[2] + 2.0f*k3_z[2] + k4_z[2]);
-            s->L[0] = l21;
-            s->L[1] = l31;
-            s->L[2] = l32;
-            s->D[0] = d1;
-            s->D[1] = d2;
-            s->D[2] = d3;
-        }
-        /* largest variances */
-        {
-            const float D1 = s->D[0];
-            const float L21 = s->L[0];
-            const float D2 = s->D[1];
-            const float L31 = s->L[1];
-            const float L32 = s->L[2];
-            capped = D1 > 291600.0f || L21*L21*D1 + D2 > 0.005625f
-                || L31*L31*D1 + L32*L32*D2 + s->D[2] > 90000.0f;
-        }
-        if (capped) {
-            /* cap */
-            {
-                const float D1 = s->D[0];
-                const float D2 = s->D[1];
-                const float D3 = s->D[2];
-                const float L21 = s->L[0];
-                const float L31 = s->L[1];
-                const float L32 = s->L[2];
-                const float t1 = glucose_insulin_min(1.0f, 0.005625f/(L21*L21*D1 + D2));
-                const float t2 = glucose_insulin_min(1.0f, 291600.0f/D1);
-                const float t3 = glucose_insulin_min(1.0f, 90000.0f/(L31*L31*D1 + L32*L32*D2 + D3));
-                s->L[0] = t1*L21/t2;
-                s->L[1] = t3*L31/t2;
-                s->L[2] = t3*L32/t1;
-                s->D[0] = t2*t2*D1;
-                s->D[1] = t1*t1*D2;
-                s->D[2] = t3*t3*D3;
-                status |= GLUCOSE_INSULIN_COVARIANCE_LIMITED;
-            }
-        }
-        /* is a value beyond its box, or lost? */
-        {
-            const float z1 = s->z[0];
-            const float z2 = s->z[1];
-            const float z3 = s->z[2];
-            const bool t1 = z1 >= -320.0f && z1 <= 760.0f && z2 >= -0.1f && z2 <= 0.05f && z3 >= -400.0f
-                && z3 <= 200.0f && glucose_insulin_within(s->L[0], 138888.89f);
-            const bool t2 = t1 && glucose_insulin_within(s->L[1], 5.555556e+08f)
-                && glucose_insulin_within(s->L[2], 4e+12f);
-            const float D1 = s->D[0];
-            const float D2 = s->D[1];
-            const float D3 = s->D[2];
-            const bool t3 = t2 && D1 >= 4e-13f && D1 <= 291600.0f && D2 >= 8e-21f && D2 <= 0.005625f
-                && D3 >= 1e-13f && D3 <= 90000.0f;
-            beyond = !t3;
-        }
-        if (glucose_insulin_acts(beyond)) {
-            status |= glucose_insulin_keep_in_box(s, p);
-        }
+        status |= glucose_insulin_advance(s, p, u);
     } else {
         status |= glucose_insulin_keep_in_box(s, p);
     }
@@ -350,250 +373,302 @@ static unsigned glucose_insulin_run_predict(glucose_insulin_state *s, const gluc
     return status;
 }
 
-/* part of a step: correct with y */
-static unsigned glucose_insulin_run_update_y(glucose_insulin_state *s, const glucose_insulin_params *p,
-    const glucose_insulin_output *out)
+static unsigned glucose_insulin_guard_measurement_y(const glucose_insulin_state *s, float *e,
+    float *output_error, float reading, bool *valid)
+{
+    unsigned status = 0u;
+    /* guard the measurement of y */
+    {
+        const float t1 = reading - s->z[0];
+        const bool t2 = glucose_insulin_within(reading, 3e+38f);
+        const bool t3 = t2 && reading >= -320.0f && reading <= 760.0f && glucose_insulin_within(t1, 1e+16f);
+        *e = t1;
+        *output_error = t1;
+        *valid = t3;
+        if (!t2) {
+            status |= GLUCOSE_INSULIN_MISSING_Y;
+        }
+        if (t2 && !t3) {
+            status |= GLUCOSE_INSULIN_REJECTED_Y;
+        }
+    }
+    return status;
+}
+
+/* correct the estimate with a sample that can be used */
+static unsigned glucose_insulin_use_sample_y(glucose_insulin_state *s, const glucose_insulin_params *p,
+    float e)
+{
+    unsigned status = 0u;
+    bool beyond = false;
+    /* correct by the scalar update */
+    {
+        const float D1 = s->D[0];
+        const float L21 = s->L[0];
+        const float L31 = s->L[1];
+        const float z1 = s->z[0];
+        const float z2 = s->z[1];
+        const float z3 = s->z[2];
+        const float t1 = p->gain.R/0.1f;
+        const float K1 = D1/(t1 + D1);
+        const float K2 = L21*K1;
+        const float K3 = L31*K1;
+        s->z[0] = z1 + K1*e;
+        s->z[1] = z2 + K2*e;
+        s->z[2] = z3 + K3*e;
+        s->D[0] = K1*t1;
+    }
+    /* is a value beyond its box, or lost? */
+    {
+        const float z1 = s->z[0];
+        const float z2 = s->z[1];
+        const float z3 = s->z[2];
+        const float D1 = s->D[0];
+        const bool t1 = z1 >= -320.0f && z1 <= 760.0f && z2 >= -0.1f && z2 <= 0.05f && z3 >= -400.0f
+            && z3 <= 200.0f && D1 >= 4e-13f && D1 <= 291600.0f;
+        beyond = !t1;
+    }
+    if (glucose_insulin_acts(beyond)) {
+        status |= glucose_insulin_keep_in_box(s, p);
+    }
+    /* y is used */
+    s->used_y = 1u;
+    return status;
+}
+
+static unsigned glucose_insulin_suspect_y(const glucose_insulin_state *s, float output_error, bool *suspect,
+    bool valid)
+{
+    unsigned status = 0u;
+    /* is the estimate where it cannot be for long? */
+    {
+        const float z1 = s->z[0];
+        const float z2 = s->z[1];
+        const float z3 = s->z[2];
+        const bool t1 = z1 < 40.0f || z1 > 400.0f || z2 < -0.05f || z2 > 0.0f || z3 < -200.0f || z3 > 0.0f;
+        if (t1) {
+            status |= GLUCOSE_INSULIN_OUTSIDE_BOX;
+        }
+        *suspect = glucose_insulin_abs(output_error) > 36.0f || t1 || !(s->fault_checksum <= 0.0f) || !valid;
+    }
+    return status;
+}
+
+static bool glucose_insulin_plausible_y(float reading, bool valid)
+{
+    bool sampled = false;
+    /* is there a sample to judge by? */
+    sampled = valid || (glucose_insulin_within(reading, 3e+38f) && reading >= -320.0f && reading <= 760.0f);
+    return sampled;
+}
+
+static bool glucose_insulin_counts_spoiled_y(const glucose_insulin_state *s)
+{
+    bool spoiled = false;
+    /* was a fault count or limit spoiled? */
+    {
+        const float fault_count_y = s->fault_count_y;
+        const float fault_limit_y = s->fault_limit_y;
+        const float fault_count_range = s->fault_count_range;
+        const float fault_limit_range = s->fault_limit_range;
+        const float t1 = fault_limit_y - 450.0f + glucose_insulin_abs(fault_count_y)
+            + (fault_limit_range - 450.0f + fault_count_range);
+        const bool t2 = glucose_insulin_abs(t1 - s->fault_checksum) < 0.5f
+            && glucose_insulin_within(fault_count_y, 460800.0f);
+        const bool t3 = t2 && fault_limit_y >= 450.0f && fault_limit_y <= 460800.0f
+            && fault_count_range >= 0.0f && fault_count_range <= 460800.0f;
+        spoiled = !(t3 && fault_limit_range >= 450.0f && fault_limit_range <= 460800.0f);
+    }
+    return spoiled;
+}
+
+static void glucose_insulin_find_signs_y(const glucose_insulin_state *s, float *moves_y, float output_error,
+    float *side_y)
+{
+    /* which signs show? */
+    {
+        const bool t1 = glucose_insulin_within(output_error, 36.0f);
+        const float fault_count_y = s->fault_count_y;
+        *moves_y = (t1 ? 0.0f : ((fault_count_y*output_error < 0.0f) ? -225.0f : 1.0f)) + (t1 ? -1.0f : 0.0f);
+        *side_y = (t1 ? 0.0f : output_error) + (t1 ? fault_count_y : 0.0f);
+    }
+}
+
+/* a fault count is at its limit: restart from the sample, or project onto the ranges */
+static unsigned glucose_insulin_recover_y(glucose_insulin_state *s, float reading)
+{
+    unsigned status = 0u;
+    bool lost = false;
+    bool over_range = false;
+    bool over_y = false;
+    /* by which sign, and is the estimate lost? */
+    {
+        const bool t1 = s->fault_limit_y <= glucose_insulin_abs(s->fault_count_y);
+        const float fault_limit_range = s->fault_limit_range;
+        const bool t2 = fault_limit_range <= s->fault_count_range;
+        const float z1 = s->z[0];
+        const float z2 = s->z[1];
+        const float z3 = s->z[2];
+        const bool t3 = fault_limit_range > 450.0f || z1 < -140.0f || z1 > 580.0f || z2 < -0.075f
+            || z2 > 0.025f || z3 < -300.0f || z3 > 100.0f;
+        over_y = t1;
+        over_range = t2;
+        lost = t1 || (t2 && t3);
+    }
+    if (over_y) {
+        /* the fault limit doubles */
+        {
+            const float fault_count_y = s->fault_count_y;
+            const float fault_limit_y = s->fault_limit_y;
+            const float t1 = glucose_insulin_min(fault_limit_y, 230400.0f);
+            s->fault_count_y = (fault_count_y < 0.0f) ? -t1 : t1;
+            s->fault_limit_y = glucose_insulin_min(2.0f*fault_limit_y, 460800.0f);
+        }
+    }
+    if (over_range) {
+        /* the fault limit doubles */
+        {
+            const float fault_limit_range = s->fault_limit_range;
+            s->fault_count_range = glucose_insulin_min(fault_limit_range, 230400.0f);
+            s->fault_limit_range = glucose_insulin_min(2.0f*fault_limit_range, 460800.0f);
+        }
+    }
+    if (lost) {
+        /* the estimate restarts */
+        s->z[0] = 40.0f;
+        s->z[1] = 0.0f;
+        s->z[2] = 0.0f;
+        /* from the sample of y */
+        {
+            const float z1 = s->z[0];
+            const float z2 = s->z[1];
+            const float z3 = s->z[2];
+            s->z[0] = glucose_insulin_keep(reading, 40.0f, 400.0f, z1, 1e+30f);
+            s->z[1] = glucose_insulin_keep(z2, -0.05f, 0.0f, z2, 1e+30f);
+            s->z[2] = glucose_insulin_keep(z3, -200.0f, 0.0f, z3, 1e+30f);
+        }
+        /* the estimate has restarted from the sample */
+        status |= GLUCOSE_INSULIN_RESTARTED_FROM_SAMPLE;
+        glucose_insulin_clear_rest(s);
+    } else {
+        /* the estimate back onto its declared ranges */
+        {
+            const float z1 = s->z[0];
+            const float z2 = s->z[1];
+            const float z3 = s->z[2];
+            const float L31 = s->L[1];
+            const float D1 = s->D[0];
+            const float t1 = L31*D1;
+            const float t2 = z1 - glucose_insulin_clamp(z1, 40.0f, 400.0f);
+            const float t3 = t2/D1;
+            const float L21 = s->L[0];
+            const float L32 = s->L[2];
+            const float D2 = s->D[1];
+            const float t4 = L32*D2;
+            const float t5 = L21*D1;
+            const float t6 = z2 - t5*t3;
+            const float t7 = t6 - glucose_insulin_clamp(t6, -0.05f, 0.0f);
+            const float t8 = t7/(t5*L21 + D2);
+            const float t9 = z3 - t1*t3 - (t1*L21 + t4)*t8;
+            const float t10 = t9 - glucose_insulin_clamp(t9, -200.0f, 0.0f);
+            const float t11 = t9 - t10 - z3;
+            const float t12 = (t11 > 0.0f) ? 200.0f - z3 : z3 + 400.0f;
+            const float t13 = t10/(t1*L31 + t4*L32 + s->D[2]);
+            const float t14 = t6 - t7 - (t5*L31 + D2*L32)*t13 - z2;
+            const float t15 = (t14 > 0.0f) ? 0.05f - z2 : z2 + 0.1f;
+            const float t16 = z1 - t2 - D1*L21*t8 - D1*L31*t13 - z1;
+            const float t17 = (t16 > 0.0f) ? 760.0f - z1 : z1 + 320.0f;
+            const float t18 = glucose_insulin_abs(t16);
+            const float t19 = (t17 < t18) ? t17/t18 : 1.0f;
+            const float t20 = glucose_insulin_abs(t14);
+            const float t21 = (t15 < t19*t20) ? t15/t20 : t19;
+            const float t22 = glucose_insulin_abs(t11);
+            const float t23 = (t12 < t21*t22) ? t12/t22 : t21;
+            s->z[0] = glucose_insulin_keep(z1 + t23*t16, -320.0f, 760.0f, z1, 1e+30f);
+            s->z[1] = glucose_insulin_keep(z2 + t23*t14, -0.1f, 0.05f, z2, 1e+30f);
+            s->z[2] = glucose_insulin_keep(z3 + t23*t11, -400.0f, 200.0f, z3, 1e+30f);
+            status |= GLUCOSE_INSULIN_PROJECTED_ONTO_RANGES;
+        }
+    }
+    return status;
+}
+
+/* count the signs of a fault at a sample, and act where a count is at its limit */
+static unsigned glucose_insulin_count_faults_y(glucose_insulin_state *s, float output_error, float reading)
 {
     unsigned status = 0u;
     bool acts = false;
-    bool beyond = false;
-    float e = 0.0f;
-    bool fresh = false;
-    bool lost = false;
-    float measurement = 0.0f;
     float moves_range = 0.0f;
     float moves_y = 0.0f;
-    float output_error = 0.0f;
-    bool over_range = false;
-    bool over_y = false;
-    bool sampled = false;
     float side_y = 0.0f;
     bool spoiled = false;
+    spoiled = glucose_insulin_counts_spoiled_y(s);
+    if (spoiled) {
+        glucose_insulin_clear_fault_counts(s);
+    }
+    /* is the estimate out of a range? */
+    {
+        const float z1 = s->z[0];
+        const float z2 = s->z[1];
+        const float z3 = s->z[2];
+        moves_range = (z1 < 22.0f || z1 > 418.0f || z2 < -0.0525f || z2 > 0.0025f || z3 < -210.0f
+            || z3 > 10.0f) ? 1.0f : -1.0f;
+    }
+    /* count of range */
+    {
+        const float fault_count_range = s->fault_count_range;
+        const float fault_limit_range = s->fault_limit_range;
+        const float t1 = glucose_insulin_clamp(fault_count_range + moves_range, 0.0f, 460800.0f);
+        s->fault_count_range = t1;
+        s->fault_limit_range = (t1 <= 0.0f) ? 450.0f : fault_limit_range;
+    }
+    glucose_insulin_find_signs_y(s, &moves_y, output_error, &side_y);
+    /* count of y */
+    {
+        const float fault_count_y = s->fault_count_y;
+        const float fault_limit_y = s->fault_limit_y;
+        const float t1 = glucose_insulin_clamp(glucose_insulin_abs(fault_count_y) + moves_y, 0.0f, 460800.0f);
+        s->fault_count_y = (side_y < 0.0f) ? -t1 : t1;
+        s->fault_limit_y = (t1 <= 0.0f) ? 450.0f : fault_limit_y;
+    }
+    /* does a guard act? */
+    acts = s->fault_limit_y <= glucose_insulin_abs(s->fault_count_y)
+        || s->fault_limit_range <= s->fault_count_range;
+    if (acts) {
+        status |= glucose_insulin_recover_y(s, reading);
+    }
+    /* the checksum of fault counts and limits */
+    s->fault_checksum = s->fault_limit_y - 450.0f + glucose_insulin_abs(s->fault_count_y)
+        + (s->fault_limit_range - 450.0f + s->fault_count_range);
+    return status;
+}
+
+/* part of a step: correct with y */
+static unsigned glucose_insulin_run_update_y(glucose_insulin_state *s, const glucose_insulin_params *p,
+    const glucose_insulin_output *measurement)
+{
+    unsigned status = 0u;
+    float e = 0.0f;
+    bool fresh = false;
+    float output_error = 0.0f;
+    float reading = 0.0f;
+    bool sampled = false;
     bool suspect = false;
     bool valid = false;
     /* is a sample of y awaited? */
     fresh = s->used_y < 1u;
     if (fresh) {
         /* the measurement of y */
-        measurement = out->y;
-        /* guard the measurement of y */
-        {
-            const float t1 = measurement - s->z[0];
-            const bool t2 = glucose_insulin_within(measurement, 3e+38f);
-            const bool t3 = t2 && measurement >= -320.0f && measurement <= 760.0f
-                && glucose_insulin_within(t1, 1e+16f);
-            e = t1;
-            output_error = t1;
-            valid = t3;
-            if (!t2) {
-                status |= GLUCOSE_INSULIN_MISSING_Y;
-            }
-            if (t2 && !t3) {
-                status |= GLUCOSE_INSULIN_REJECTED_Y;
-            }
-        }
+        reading = measurement->y;
+        status |= glucose_insulin_guard_measurement_y(s, &e, &output_error, reading, &valid);
         if (valid) {
-            /* correct by the scalar update */
-            {
-                const float D1 = s->D[0];
-                const float L21 = s->L[0];
-                const float L31 = s->L[1];
-                const float z1 = s->z[0];
-                const float z2 = s->z[1];
-                const float z3 = s->z[2];
-                const float t1 = p->gain.R/0.1f;
-                const float K1 = D1/(t1 + D1);
-                const float K2 = L21*K1;
-                const float K3 = L31*K1;
-                s->z[0] = z1 + K1*e;
-                s->z[1] = z2 + K2*e;
-                s->z[2] = z3 + K3*e;
-                s->D[0] = K1*t1;
-            }
-            /* is a value beyond its box, or lost? */
-            {
-                const float z1 = s->z[0];
-                const float z2 = s->z[1];
-                const float z3 = s->z[2];
-                const float D1 = s->D[0];
-                const bool t1 = z1 >= -320.0f && z1 <= 760.0f && z2 >= -0.1f && z2 <= 0.05f && z3 >= -400.0f
-                    && z3 <= 200.0f && D1 >= 4e-13f && D1 <= 291600.0f;
-                beyond = !t1;
-            }
-            if (glucose_insulin_acts(beyond)) {
-                status |= glucose_insulin_keep_in_box(s, p);
-            }
-            /* y is used */
-            s->used_y = 1u;
+            status |= glucose_insulin_use_sample_y(s, p, e);
         }
-        /* is the estimate where it cannot be for long? */
-        {
-            const float z1 = s->z[0];
-            const float z2 = s->z[1];
-            const float z3 = s->z[2];
-            const bool t1 = z1 < 40.0f || z1 > 400.0f || z2 < -0.05f || z2 > 0.0f || z3 < -200.0f
-                || z3 > 0.0f;
-            if (t1) {
-                status |= GLUCOSE_INSULIN_OUTSIDE_BOX;
-            }
-            suspect = glucose_insulin_abs(output_error) > 36.0f || t1 || !(s->fault_checksum <= 0.0f)
-                || !valid;
-        }
+        status |= glucose_insulin_suspect_y(s, output_error, &suspect, valid);
         if (suspect) {
-            /* is there a sample to judge by? */
-            {
-                const bool t1 = glucose_insulin_within(measurement, 3e+38f) && measurement >= -320.0f
-                    && measurement <= 760.0f;
-                sampled = valid || t1;
-            }
+            sampled = glucose_insulin_plausible_y(reading, valid);
             if (sampled) {
-                /* was a fault count or limit spoiled? */
-                {
-                    const float fault_count_y = s->fault_count_y;
-                    const float fault_limit_y = s->fault_limit_y;
-                    const float fault_count_range = s->fault_count_range;
-                    const float fault_limit_range = s->fault_limit_range;
-                    const float t1 = fault_limit_y - 450.0f + glucose_insulin_abs(fault_count_y)
-                        + (fault_limit_range - 450.0f + fault_count_range);
-                    const bool t2 = glucose_insulin_abs(t1 - s->fault_checksum) < 0.5f
-                        && glucose_insulin_within(fault_count_y, 460800.0f);
-                    const bool t3 = t2 && fault_limit_y >= 450.0f && fault_limit_y <= 460800.0f
-                        && fault_count_range >= 0.0f && fault_count_range <= 460800.0f;
-                    spoiled = !(t3 && fault_limit_range >= 450.0f && fault_limit_range <= 460800.0f);
-                }
-                if (spoiled) {
-                    glucose_insulin_clear_fault_counts(s);
-                }
-                /* is the estimate out of a range? */
-                {
-                    const float z1 = s->z[0];
-                    const float z2 = s->z[1];
-                    const float z3 = s->z[2];
-                    moves_range = (z1 < 22.0f || z1 > 418.0f || z2 < -0.0525f || z2 > 0.0025f || z3 < -210.0f
-                        || z3 > 10.0f) ? 1.0f : -1.0f;
-                }
-                /* count of range */
-                {
-                    const float fault_count_range = s->fault_count_range;
-                    const float fault_limit_range = s->fault_limit_range;
-                    const float t1 = glucose_insulin_clamp(fault_count_range + moves_range, 0.0f, 460800.0f);
-                    s->fault_count_range = t1;
-                    s->fault_limit_range = (t1 <= 0.0f) ? 450.0f : fault_limit_range;
-                }
-                /* which signs show? */
-                {
-                    const bool t1 = glucose_insulin_within(output_error, 36.0f);
-                    const float fault_count_y = s->fault_count_y;
-                    moves_y = (t1 ? 0.0f : ((fault_count_y*output_error < 0.0f) ? -225.0f : 1.0f))
-                        + (t1 ? -1.0f : 0.0f);
-                    side_y = (t1 ? 0.0f : output_error) + (t1 ? fault_count_y : 0.0f);
-                }
-                /* count of y */
-                {
-                    const float fault_count_y = s->fault_count_y;
-                    const float fault_limit_y = s->fault_limit_y;
-                    const float t1 = glucose_insulin_clamp(glucose_insulin_abs(fault_count_y) + moves_y,
-                        0.0f, 460800.0f);
-                    s->fault_count_y = (side_y < 0.0f) ? -t1 : t1;
-                    s->fault_limit_y = (t1 <= 0.0f) ? 450.0f : fault_limit_y;
-                }
-                /* does a guard act? */
-                acts = s->fault_limit_y <= glucose_insulin_abs(s->fault_count_y)
-                    || s->fault_limit_range <= s->fault_count_range;
-                if (acts) {
-                    /* by which sign, and is the estimate lost? */
-                    {
-                        const bool t1 = s->fault_limit_y <= glucose_insulin_abs(s->fault_count_y);
-                        const float fault_limit_range = s->fault_limit_range;
-                        const bool t2 = fault_limit_range <= s->fault_count_range;
-                        const float z1 = s->z[0];
-                        const float z2 = s->z[1];
-                        const float z3 = s->z[2];
-                        const bool t3 = fault_limit_range > 450.0f || z1 < -140.0f || z1 > 580.0f
-                            || z2 < -0.075f || z2 > 0.025f || z3 < -300.0f || z3 > 100.0f;
-                        over_y = t1;
-                        over_range = t2;
-                        lost = t1 || (t2 && t3);
-                    }
-                    if (over_y) {
-                        /* the fault limit doubles */
-                        {
-                            const float fault_count_y = s->fault_count_y;
-                            const float fault_limit_y = s->fault_limit_y;
-                            const float t1 = glucose_insulin_min(fault_limit_y, 230400.0f);
-                            s->fault_count_y = (fault_count_y < 0.0f) ? -t1 : t1;
-                            s->fault_limit_y = glucose_insulin_min(2.0f*fault_limit_y, 460800.0f);
-                        }
-                    }
-                    if (over_range) {
-                        /* the fault limit doubles */
-                        {
-                            const float fault_limit_range = s->fault_limit_range;
-                            s->fault_count_range = glucose_insulin_min(fault_limit_range, 230400.0f);
-                            s->fault_limit_range = glucose_insulin_min(2.0f*fault_limit_range, 460800.0f);
-                        }
-                    }
-                    if (lost) {
-                        /* the estimate restarts */
-                        s->z[0] = 40.0f;
-                        s->z[1] = 0.0f;
-                        s->z[2] = 0.0f;
-                        /* from the sample of y */
-                        {
-                            const float z1 = s->z[0];
-                            const float z2 = s->z[1];
-                            const float z3 = s->z[2];
-                            s->z[0] = glucose_insulin_keep(measurement, 40.0f, 400.0f, z1, 1e+30f);
-                            s->z[1] = glucose_insulin_keep(z2, -0.05f, 0.0f, z2, 1e+30f);
-                            s->z[2] = glucose_insulin_keep(z3, -200.0f, 0.0f, z3, 1e+30f);
-                        }
-                        /* the estimate has restarted from the sample */
-                        status |= GLUCOSE_INSULIN_RESTARTED_FROM_SAMPLE;
-                        glucose_insulin_clear_rest(s);
-                    } else {
-                        /* the estimate back onto its declared ranges */
-                        {
-                            const float z1 = s->z[0];
-                            const float z2 = s->z[1];
-                            const float z3 = s->z[2];
-                            const float L31 = s->L[1];
-                            const float D1 = s->D[0];
-                            const float t1 = L31*D1;
-                            const float t2 = z1 - glucose_insulin_clamp(z1, 40.0f, 400.0f);
-                            const float t3 = t2/D1;
-                            const float L21 = s->L[0];
-                            const float L32 = s->L[2];
-                            const float D2 = s->D[1];
-                            const float t4 = L32*D2;
-                            const float t5 = L21*D1;
-                            const float t6 = z2 - t5*t3;
-                            const float t7 = t6 - glucose_insulin_clamp(t6, -0.05f, 0.0f);
-                            const float t8 = t7/(t5*L21 + D2);
-                            const float t9 = z3 - t1*t3 - (t1*L21 + t4)*t8;
-                            const float t10 = t9 - glucose_insulin_clamp(t9, -200.0f, 0.0f);
-                            const float t11 = t9 - t10 - z3;
-                            const float t12 = (t11 > 0.0f) ? 200.0f - z3 : z3 + 400.0f;
-                            const float t13 = t10/(t1*L31 + t4*L32 + s->D[2]);
-                            const float t14 = t6 - t7 - (t5*L31 + D2*L32)*t13 - z2;
-                            const float t15 = (t14 > 0.0f) ? 0.05f - z2 : z2 + 0.1f;
-                            const float t16 = z1 - t2 - D1*L21*t8 - D1*L31*t13 - z1;
-                            const float t17 = (t16 > 0.0f) ? 760.0f - z1 : z1 + 320.0f;
-                            const float t18 = glucose_insulin_abs(t16);
-                            const float t19 = (t17 < t18) ? t17/t18 : 1.0f;
-                            const float t20 = glucose_insulin_abs(t14);
-                            const float t21 = (t15 < t19*t20) ? t15/t20 : t19;
-                            const float t22 = glucose_insulin_abs(t11);
-                            const float t23 = (t12 < t21*t22) ? t12/t22 : t21;
-                            s->z[0] = glucose_insulin_keep(z1 + t23*t16, -320.0f, 760.0f, z1, 1e+30f);
-                            s->z[1] = glucose_insulin_keep(z2 + t23*t14, -0.1f, 0.05f, z2, 1e+30f);
-                            s->z[2] = glucose_insulin_keep(z3 + t23*t11, -400.0f, 200.0f, z3, 1e+30f);
-                            status |= GLUCOSE_INSULIN_PROJECTED_ONTO_RANGES;
-                        }
-                    }
-                }
-                /* the checksum of fault counts and limits */
-                s->fault_checksum = s->fault_limit_y - 450.0f + glucose_insulin_abs(s->fault_count_y)
-                    + (s->fault_limit_range - 450.0f + s->fault_count_range);
+                status |= glucose_insulin_count_faults_y(s, output_error, reading);
             }
         }
     } else {
@@ -628,20 +703,20 @@ unsigned glucose_insulin_predict(glucose_insulin_state *s, const glucose_insulin
 }
 
 unsigned glucose_insulin_update_y(glucose_insulin_state *s, const glucose_insulin_params *p,
-    const glucose_insulin_output *out)
+    const glucose_insulin_output *measurement)
 {
     unsigned status = 0u;
     if ((s->ready != GLUCOSE_INSULIN_READY) || (p->ready != GLUCOSE_INSULIN_READY)) {
         status = glucose_insulin_ready(s, p);
     }
     if ((status & GLUCOSE_INSULIN_NO_PARAMETERS) == 0u) {
-        status |= glucose_insulin_run_update_y(s, p, out);
+        status |= glucose_insulin_run_update_y(s, p, measurement);
     }
     return status;
 }
 
 unsigned glucose_insulin_step(glucose_insulin_state *s, const glucose_insulin_params *p,
-    const glucose_insulin_input *in, const glucose_insulin_output *out)
+    const glucose_insulin_input *in, const glucose_insulin_output *measurement)
 {
     unsigned status = 0u;
     if ((s->ready != GLUCOSE_INSULIN_READY) || (p->ready != GLUCOSE_INSULIN_READY)) {
@@ -649,7 +724,7 @@ unsigned glucose_insulin_step(glucose_insulin_state *s, const glucose_insulin_pa
     }
     if ((status & GLUCOSE_INSULIN_NO_PARAMETERS) == 0u) {
         status |= glucose_insulin_run_predict(s, p, in);
-        status |= glucose_insulin_run_update_y(s, p, out);
+        status |= glucose_insulin_run_update_y(s, p, measurement);
     }
     return status;
 }

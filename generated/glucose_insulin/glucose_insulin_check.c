@@ -23,7 +23,7 @@
 
 unsigned glucose_insulin_check(void);
 
-static const float given[64][2] = { /* in.u, out.y */
+static const float given[64][2] = { /* in.u, measurement.y */
     {2.5f, -0.5f},
     {2.7702703f, -0.41304347f},
     {3.0405405f, -0.32608697f},
@@ -190,7 +190,7 @@ unsigned glucose_insulin_check(void)
     glucose_insulin_state s;
     glucose_insulin_params p;
     glucose_insulin_input in;
-    glucose_insulin_output out;
+    glucose_insulin_output measurement;
     glucose_insulin_plant x;
     glucose_insulin_init(&s, &p);
     s.z[0] = 292.0f;
@@ -198,8 +198,8 @@ unsigned glucose_insulin_check(void)
     s.z[2] = -60.0f;
     for (unsigned k = 0u; k < 64u && bad == 0u; ++k) {
         in.u = (k == 40u) ? none : given[k][0];
-        out.y = (k == 20u) ? none : given[k][1];
-        const unsigned status = glucose_insulin_step(&s, &p, &in, &out);
+        measurement.y = (k == 20u) ? none : given[k][1];
+        const unsigned status = glucose_insulin_step(&s, &p, &in, &measurement);
         glucose_insulin_estimate(&s, &p, &x);
         if (status != expected[k] || !glucose_insulin_near(x.G, k, 0u) || !glucose_insulin_near(x.X, k, 1u)
             || !glucose_insulin_near(x.I_, k, 2u)) {

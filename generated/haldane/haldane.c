@@ -1,4 +1,4 @@
-/* haldane: see haldane.h, which is the manual. */
+/* haldane: see haldane.h, and its manual haldane.md. */
 #include "haldane.h"
 
 #include <stdbool.h>
@@ -205,6 +205,13 @@ static unsigned haldane_run_predict(haldane_state *s, const haldane_params *p, c
     }
     if (running) {
         /* z by classical Runge-Kutta; P = L D L' by P <- Phi P Phi' + h Q_theta */
+        /* the tableau of z: */
+        /*     0 |  */
+        /*   1/2 | 1/2 */
+        /*   1/2 |   0 1/2 */
+        /*     1 |   0   0   1 */
+        /*   --------------------- */
+        /*       | 1/6 1/3 1/3 1/6 */
         {
             const float D1 = s->D[0];
             const float D2 = s->D[1];
@@ -288,217 +295,273 @@ static unsigned haldane_run_predict(haldane_state *s, const haldane_params *p, c
     return status;
 }
 
-/* part of a step: correct with y */
-static unsigned haldane_run_update_y(haldane_state *s, const haldane_params *p, const haldane_output *out)
+static unsigned haldane_guard_measurement_y(const haldane_state *s, float *e, float *output_error,
+    float reading, bool *valid)
+{
+    unsigned status = 0u;
+    /* guard the measurement of y */
+    {
+        const float t1 = reading - s->z[0];
+        const bool t2 = haldane_within(reading, 3e+38f);
+        const bool t3 = t2 && reading >= -9.0f && reading <= 19.5f && haldane_within(t1, 1e+16f);
+        *e = t1;
+        *output_error = t1;
+        *valid = t3;
+        if (!t2) {
+            status |= HALDANE_MISSING_Y;
+        }
+        if (t2 && !t3) {
+            status |= HALDANE_REJECTED_Y;
+        }
+    }
+    return status;
+}
+
+/* correct the estimate with a sample that can be used */
+static unsigned haldane_use_sample_y(haldane_state *s, const haldane_params *p, float e)
+{
+    unsigned status = 0u;
+    bool beyond = false;
+    /* correct by the scalar update */
+    {
+        const float D1 = s->D[0];
+        const float L21 = s->L;
+        const float z1 = s->z[0];
+        const float z2 = s->z[1];
+        const float t1 = p->gain.R/0.01f;
+        const float K1 = D1/(t1 + D1);
+        const float K2 = L21*K1;
+        s->z[0] = z1 + K1*e;
+        s->z[1] = z2 + K2*e;
+        s->D[0] = K1*t1;
+    }
+    /* is a value beyond its box, or lost? */
+    {
+        const float z1 = s->z[0];
+        const float z2 = s->z[1];
+        const float D1 = s->D[0];
+        beyond = !(z1 >= -9.0f && z1 <= 19.5f && z2 >= -20.0f && z2 <= 40.0f && D1 >= 1e-16f
+            && D1 <= 203.0625f);
+    }
+    if (haldane_acts(beyond)) {
+        status |= haldane_keep_in_box(s, p);
+    }
+    /* y is used */
+    s->used_y = 1u;
+    return status;
+}
+
+static unsigned haldane_suspect_y(const haldane_state *s, float output_error, bool *suspect, bool valid)
+{
+    unsigned status = 0u;
+    /* is the estimate where it cannot be for long? */
+    {
+        const float z1 = s->z[0];
+        const float z2 = s->z[1];
+        const bool t1 = z1 < 0.5f || z1 > 10.0f || z2 < 0.0f || z2 > 20.0f;
+        if (t1) {
+            status |= HALDANE_OUTSIDE_BOX;
+        }
+        *suspect = haldane_abs(output_error) > 0.95f || t1 || !(s->fault_checksum <= 0.0f) || !valid;
+    }
+    return status;
+}
+
+static bool haldane_plausible_y(float reading, bool valid)
+{
+    bool sampled = false;
+    /* is there a sample to judge by? */
+    sampled = valid || (haldane_within(reading, 3e+38f) && reading >= -9.0f && reading <= 19.5f);
+    return sampled;
+}
+
+static bool haldane_counts_spoiled_y(const haldane_state *s)
+{
+    bool spoiled = false;
+    /* was a fault count or limit spoiled? */
+    {
+        const float fault_count_y = s->fault_count_y;
+        const float fault_limit_y = s->fault_limit_y;
+        const float fault_count_range = s->fault_count_range;
+        const float fault_limit_range = s->fault_limit_range;
+        const float t1 = fault_limit_y - 897.0f + haldane_abs(fault_count_y)
+            + (fault_limit_range - 897.0f + fault_count_range);
+        const bool t2 = haldane_abs(t1 - s->fault_checksum) < 0.5f
+            && haldane_within(fault_count_y, 918528.0f) && fault_limit_y >= 897.0f
+                && fault_limit_y <= 918528.0f;
+        const bool t3 = t2 && fault_count_range >= 0.0f && fault_count_range <= 918528.0f
+            && fault_limit_range >= 897.0f && fault_limit_range <= 918528.0f;
+        spoiled = !t3;
+    }
+    return spoiled;
+}
+
+static void haldane_find_signs_y(const haldane_state *s, float *moves_y, float output_error, float *side_y)
+{
+    /* which signs show? */
+    {
+        const bool t1 = haldane_within(output_error, 0.95f);
+        const float fault_count_y = s->fault_count_y;
+        *moves_y = (t1 ? 0.0f : ((fault_count_y*output_error < 0.0f) ? -448.0f : 1.0f)) + (t1 ? -1.0f : 0.0f);
+        *side_y = (t1 ? 0.0f : output_error) + (t1 ? fault_count_y : 0.0f);
+    }
+}
+
+/* a fault count is at its limit: restart from the sample, or project onto the ranges */
+static unsigned haldane_recover_y(haldane_state *s, float reading)
+{
+    unsigned status = 0u;
+    bool lost = false;
+    bool over_range = false;
+    bool over_y = false;
+    /* by which sign, and is the estimate lost? */
+    {
+        const bool t1 = s->fault_limit_y <= haldane_abs(s->fault_count_y);
+        const float fault_limit_range = s->fault_limit_range;
+        const bool t2 = fault_limit_range <= s->fault_count_range;
+        const float z1 = s->z[0];
+        const float z2 = s->z[1];
+        const bool t3 = t2 && (fault_limit_range > 897.0f || z1 < -4.25f || z1 > 14.75f || z2 < -10.0f
+            || z2 > 30.0f);
+        over_y = t1;
+        over_range = t2;
+        lost = t1 || t3;
+    }
+    if (over_y) {
+        /* the fault limit doubles */
+        {
+            const float fault_count_y = s->fault_count_y;
+            const float fault_limit_y = s->fault_limit_y;
+            const float t1 = haldane_min(fault_limit_y, 459264.0f);
+            s->fault_count_y = (fault_count_y < 0.0f) ? -t1 : t1;
+            s->fault_limit_y = haldane_min(2.0f*fault_limit_y, 918528.0f);
+        }
+    }
+    if (over_range) {
+        /* the fault limit doubles */
+        {
+            const float fault_limit_range = s->fault_limit_range;
+            s->fault_count_range = haldane_min(fault_limit_range, 459264.0f);
+            s->fault_limit_range = haldane_min(2.0f*fault_limit_range, 918528.0f);
+        }
+    }
+    if (lost) {
+        /* the estimate restarts */
+        s->z[0] = 0.5f;
+        s->z[1] = 0.0f;
+        /* from the sample of y */
+        {
+            const float z1 = s->z[0];
+            const float z2 = s->z[1];
+            s->z[0] = haldane_keep(reading, 0.5f, 10.0f, z1, 1e+30f);
+            s->z[1] = haldane_keep(z2, 0.0f, 20.0f, z2, 1e+30f);
+        }
+        /* the estimate has restarted from the sample */
+        status |= HALDANE_RESTARTED_FROM_SAMPLE;
+        /* as after a reset */
+        s->L = 0.0f;
+        s->D[0] = 20.0f;
+        s->D[1] = 100.0f;
+    } else {
+        /* the estimate back onto its declared ranges */
+        {
+            const float z1 = s->z[0];
+            const float z2 = s->z[1];
+            const float L21 = s->L;
+            const float D1 = s->D[0];
+            const float t1 = L21*D1;
+            const float t2 = z1 - haldane_clamp(z1, 0.5f, 10.0f);
+            const float t3 = z2 - t2/D1*t1;
+            const float t4 = t3 - haldane_clamp(t3, 0.0f, 20.0f);
+            const float t5 = t3 - t4 - z2;
+            const float t6 = (t5 > 0.0f) ? 40.0f - z2 : z2 + 20.0f;
+            const float t7 = z1 - t2 - D1*L21*(t4/(t1*L21 + s->D[1])) - z1;
+            const float t8 = (t7 > 0.0f) ? 19.5f - z1 : z1 + 9.0f;
+            const float t9 = haldane_abs(t7);
+            const float t10 = (t8 < t9) ? t8/t9 : 1.0f;
+            const float t11 = haldane_abs(t5);
+            const float t12 = (t6 < t10*t11) ? t6/t11 : t10;
+            s->z[0] = haldane_keep(z1 + t12*t7, -9.0f, 19.5f, z1, 1e+30f);
+            s->z[1] = haldane_keep(z2 + t12*t5, -20.0f, 40.0f, z2, 1e+30f);
+            status |= HALDANE_PROJECTED_ONTO_RANGES;
+        }
+    }
+    return status;
+}
+
+/* count the signs of a fault at a sample, and act where a count is at its limit */
+static unsigned haldane_count_faults_y(haldane_state *s, float output_error, float reading)
 {
     unsigned status = 0u;
     bool acts = false;
-    bool beyond = false;
-    float e = 0.0f;
-    bool fresh = false;
-    bool lost = false;
-    float measurement = 0.0f;
     float moves_range = 0.0f;
     float moves_y = 0.0f;
-    float output_error = 0.0f;
-    bool over_range = false;
-    bool over_y = false;
-    bool sampled = false;
     float side_y = 0.0f;
     bool spoiled = false;
+    spoiled = haldane_counts_spoiled_y(s);
+    if (spoiled) {
+        haldane_clear_fault_counts(s);
+    }
+    /* is the estimate out of a range? */
+    {
+        const float z1 = s->z[0];
+        const float z2 = s->z[1];
+        moves_range = (z1 < 0.025f || z1 > 10.475f || z2 < -1.0f || z2 > 21.0f) ? 1.0f : -1.0f;
+    }
+    /* count of range */
+    {
+        const float fault_count_range = s->fault_count_range;
+        const float fault_limit_range = s->fault_limit_range;
+        const float t1 = haldane_clamp(fault_count_range + moves_range, 0.0f, 918528.0f);
+        s->fault_count_range = t1;
+        s->fault_limit_range = (t1 <= 0.0f) ? 897.0f : fault_limit_range;
+    }
+    haldane_find_signs_y(s, &moves_y, output_error, &side_y);
+    /* count of y */
+    {
+        const float fault_count_y = s->fault_count_y;
+        const float fault_limit_y = s->fault_limit_y;
+        const float t1 = haldane_clamp(haldane_abs(fault_count_y) + moves_y, 0.0f, 918528.0f);
+        s->fault_count_y = (side_y < 0.0f) ? -t1 : t1;
+        s->fault_limit_y = (t1 <= 0.0f) ? 897.0f : fault_limit_y;
+    }
+    /* does a guard act? */
+    acts = s->fault_limit_y <= haldane_abs(s->fault_count_y) || s->fault_limit_range <= s->fault_count_range;
+    if (acts) {
+        status |= haldane_recover_y(s, reading);
+    }
+    /* the checksum of fault counts and limits */
+    s->fault_checksum = s->fault_limit_y - 897.0f + haldane_abs(s->fault_count_y)
+        + (s->fault_limit_range - 897.0f + s->fault_count_range);
+    return status;
+}
+
+/* part of a step: correct with y */
+static unsigned haldane_run_update_y(haldane_state *s, const haldane_params *p,
+    const haldane_output *measurement)
+{
+    unsigned status = 0u;
+    float e = 0.0f;
+    bool fresh = false;
+    float output_error = 0.0f;
+    float reading = 0.0f;
+    bool sampled = false;
     bool suspect = false;
     bool valid = false;
     /* is a sample of y awaited? */
     fresh = s->used_y < 1u;
     if (fresh) {
         /* the measurement of y */
-        measurement = out->y;
-        /* guard the measurement of y */
-        {
-            const float t1 = measurement - s->z[0];
-            const bool t2 = haldane_within(measurement, 3e+38f);
-            const bool t3 = t2 && measurement >= -9.0f && measurement <= 19.5f && haldane_within(t1, 1e+16f);
-            e = t1;
-            output_error = t1;
-            valid = t3;
-            if (!t2) {
-                status |= HALDANE_MISSING_Y;
-            }
-            if (t2 && !t3) {
-                status |= HALDANE_REJECTED_Y;
-            }
-        }
+        reading = measurement->y;
+        status |= haldane_guard_measurement_y(s, &e, &output_error, reading, &valid);
         if (valid) {
-            /* correct by the scalar update */
-            {
-                const float D1 = s->D[0];
-                const float L21 = s->L;
-                const float z1 = s->z[0];
-                const float z2 = s->z[1];
-                const float t1 = p->gain.R/0.01f;
-                const float K1 = D1/(t1 + D1);
-                const float K2 = L21*K1;
-                s->z[0] = z1 + K1*e;
-                s->z[1] = z2 + K2*e;
-                s->D[0] = K1*t1;
-            }
-            /* is a value beyond its box, or lost? */
-            {
-                const float z1 = s->z[0];
-                const float z2 = s->z[1];
-                const float D1 = s->D[0];
-                beyond = !(z1 >= -9.0f && z1 <= 19.5f && z2 >= -20.0f && z2 <= 40.0f && D1 >= 1e-16f
-                    && D1 <= 203.0625f);
-            }
-            if (haldane_acts(beyond)) {
-                status |= haldane_keep_in_box(s, p);
-            }
-            /* y is used */
-            s->used_y = 1u;
+            status |= haldane_use_sample_y(s, p, e);
         }
-        /* is the estimate where it cannot be for long? */
-        {
-            const float z1 = s->z[0];
-            const float z2 = s->z[1];
-            const bool t1 = z1 < 0.5f || z1 > 10.0f || z2 < 0.0f || z2 > 20.0f;
-            if (t1) {
-                status |= HALDANE_OUTSIDE_BOX;
-            }
-            suspect = haldane_abs(output_error) > 0.95f || t1 || !(s->fault_checksum <= 0.0f) || !valid;
-        }
+        status |= haldane_suspect_y(s, output_error, &suspect, valid);
         if (suspect) {
-            /* is there a sample to judge by? */
-            sampled = valid || (haldane_within(measurement, 3e+38f) && measurement >= -9.0f
-                && measurement <= 19.5f);
+            sampled = haldane_plausible_y(reading, valid);
             if (sampled) {
-                /* was a fault count or limit spoiled? */
-                {
-                    const float fault_count_y = s->fault_count_y;
-                    const float fault_limit_y = s->fault_limit_y;
-                    const float fault_count_range = s->fault_count_range;
-                    const float fault_limit_range = s->fault_limit_range;
-                    const float t1 = fault_limit_y - 897.0f + haldane_abs(fault_count_y)
-                        + (fault_limit_range - 897.0f + fault_count_range);
-                    const bool t2 = haldane_abs(t1 - s->fault_checksum) < 0.5f
-                        && haldane_within(fault_count_y, 918528.0f) && fault_limit_y >= 897.0f
-                            && fault_limit_y <= 918528.0f;
-                    const bool t3 = t2 && fault_count_range >= 0.0f && fault_count_range <= 918528.0f
-                        && fault_limit_range >= 897.0f && fault_limit_range <= 918528.0f;
-                    spoiled = !t3;
-                }
-                if (spoiled) {
-                    haldane_clear_fault_counts(s);
-                }
-                /* is the estimate out of a range? */
-                {
-                    const float z1 = s->z[0];
-                    const float z2 = s->z[1];
-                    moves_range = (z1 < 0.025f || z1 > 10.475f || z2 < -1.0f || z2 > 21.0f) ? 1.0f : -1.0f;
-                }
-                /* count of range */
-                {
-                    const float fault_count_range = s->fault_count_range;
-                    const float fault_limit_range = s->fault_limit_range;
-                    const float t1 = haldane_clamp(fault_count_range + moves_range, 0.0f, 918528.0f);
-                    s->fault_count_range = t1;
-                    s->fault_limit_range = (t1 <= 0.0f) ? 897.0f : fault_limit_range;
-                }
-                /* which signs show? */
-                {
-                    const bool t1 = haldane_within(output_error, 0.95f);
-                    const float fault_count_y = s->fault_count_y;
-                    moves_y = (t1 ? 0.0f : ((fault_count_y*output_error < 0.0f) ? -448.0f : 1.0f))
-                        + (t1 ? -1.0f : 0.0f);
-                    side_y = (t1 ? 0.0f : output_error) + (t1 ? fault_count_y : 0.0f);
-                }
-                /* count of y */
-                {
-                    const float fault_count_y = s->fault_count_y;
-                    const float fault_limit_y = s->fault_limit_y;
-                    const float t1 = haldane_clamp(haldane_abs(fault_count_y) + moves_y, 0.0f, 918528.0f);
-                    s->fault_count_y = (side_y < 0.0f) ? -t1 : t1;
-                    s->fault_limit_y = (t1 <= 0.0f) ? 897.0f : fault_limit_y;
-                }
-                /* does a guard act? */
-                acts = s->fault_limit_y <= haldane_abs(s->fault_count_y)
-                    || s->fault_limit_range <= s->fault_count_range;
-                if (acts) {
-                    /* by which sign, and is the estimate lost? */
-                    {
-                        const bool t1 = s->fault_limit_y <= haldane_abs(s->fault_count_y);
-                        const float fault_limit_range = s->fault_limit_range;
-                        const bool t2 = fault_limit_range <= s->fault_count_range;
-                        const float z1 = s->z[0];
-                        const float z2 = s->z[1];
-                        const bool t3 = t2 && (fault_limit_range > 897.0f || z1 < -4.25f || z1 > 14.75f
-                            || z2 < -10.0f || z2 > 30.0f);
-                        over_y = t1;
-                        over_range = t2;
-                        lost = t1 || t3;
-                    }
-                    if (over_y) {
-                        /* the fault limit doubles */
-                        {
-                            const float fault_count_y = s->fault_count_y;
-                            const float fault_limit_y = s->fault_limit_y;
-                            const float t1 = haldane_min(fault_limit_y, 459264.0f);
-                            s->fault_count_y = (fault_count_y < 0.0f) ? -t1 : t1;
-                            s->fault_limit_y = haldane_min(2.0f*fault_limit_y, 918528.0f);
-                        }
-                    }
-                    if (over_range) {
-                        /* the fault limit doubles */
-                        {
-                            const float fault_limit_range = s->fault_limit_range;
-                            s->fault_count_range = haldane_min(fault_limit_range, 459264.0f);
-                            s->fault_limit_range = haldane_min(2.0f*fault_limit_range, 918528.0f);
-                        }
-                    }
-                    if (lost) {
-                        /* the estimate restarts */
-                        s->z[0] = 0.5f;
-                        s->z[1] = 0.0f;
-                        /* from the sample of y */
-                        {
-                            const float z1 = s->z[0];
-                            const float z2 = s->z[1];
-                            s->z[0] = haldane_keep(measurement, 0.5f, 10.0f, z1, 1e+30f);
-                            s->z[1] = haldane_keep(z2, 0.0f, 20.0f, z2, 1e+30f);
-                        }
-                        /* the estimate has restarted from the sample */
-                        status |= HALDANE_RESTARTED_FROM_SAMPLE;
-                        /* as after a reset */
-                        s->L = 0.0f;
-                        s->D[0] = 20.0f;
-                        s->D[1] = 100.0f;
-                    } else {
-                        /* the estimate back onto its declared ranges */
-                        {
-                            const float z1 = s->z[0];
-                            const float z2 = s->z[1];
-                            const float L21 = s->L;
-                            const float D1 = s->D[0];
-                            const float t1 = L21*D1;
-                            const float t2 = z1 - haldane_clamp(z1, 0.5f, 10.0f);
-                            const float t3 = z2 - t2/D1*t1;
-                            const float t4 = t3 - haldane_clamp(t3, 0.0f, 20.0f);
-                            const float t5 = t3 - t4 - z2;
-                            const float t6 = (t5 > 0.0f) ? 40.0f - z2 : z2 + 20.0f;
-                            const float t7 = z1 - t2 - D1*L21*(t4/(t1*L21 + s->D[1])) - z1;
-                            const float t8 = (t7 > 0.0f) ? 19.5f - z1 : z1 + 9.0f;
-                            const float t9 = haldane_abs(t7);
-                            const float t10 = (t8 < t9) ? t8/t9 : 1.0f;
-                            const float t11 = haldane_abs(t5);
-                            const float t12 = (t6 < t10*t11) ? t6/t11 : t10;
-                            s->z[0] = haldane_keep(z1 + t12*t7, -9.0f, 19.5f, z1, 1e+30f);
-                            s->z[1] = haldane_keep(z2 + t12*t5, -20.0f, 40.0f, z2, 1e+30f);
-                            status |= HALDANE_PROJECTED_ONTO_RANGES;
-                        }
-                    }
-                }
-                /* the checksum of fault counts and limits */
-                s->fault_checksum = s->fault_limit_y - 897.0f + haldane_abs(s->fault_count_y)
-                    + (s->fault_limit_range - 897.0f + s->fault_count_range);
+                status |= haldane_count_faults_y(s, output_error, reading);
             }
         }
     } else {
@@ -530,20 +593,20 @@ unsigned haldane_predict(haldane_state *s, const haldane_params *p, const haldan
     return status;
 }
 
-unsigned haldane_update_y(haldane_state *s, const haldane_params *p, const haldane_output *out)
+unsigned haldane_update_y(haldane_state *s, const haldane_params *p, const haldane_output *measurement)
 {
     unsigned status = 0u;
     if ((s->ready != HALDANE_READY) || (p->ready != HALDANE_READY)) {
         status = haldane_ready(s, p);
     }
     if ((status & HALDANE_NO_PARAMETERS) == 0u) {
-        status |= haldane_run_update_y(s, p, out);
+        status |= haldane_run_update_y(s, p, measurement);
     }
     return status;
 }
 
 unsigned haldane_step(haldane_state *s, const haldane_params *p, const haldane_input *in,
-    const haldane_output *out)
+    const haldane_output *measurement)
 {
     unsigned status = 0u;
     if ((s->ready != HALDANE_READY) || (p->ready != HALDANE_READY)) {
@@ -551,7 +614,7 @@ unsigned haldane_step(haldane_state *s, const haldane_params *p, const haldane_i
     }
     if ((status & HALDANE_NO_PARAMETERS) == 0u) {
         status |= haldane_run_predict(s, p, in);
-        status |= haldane_run_update_y(s, p, out);
+        status |= haldane_run_update_y(s, p, measurement);
     }
     return status;
 }

@@ -23,7 +23,7 @@
 
 unsigned haldane_check(void);
 
-static const float given[64][2] = { /* in.D, out.y */
+static const float given[64][2] = { /* in.D, measurement.y */
     {0.125f, -0.5f},
     {0.13851352f, -0.41304347f},
     {0.15202703f, -0.32608697f},
@@ -190,15 +190,15 @@ unsigned haldane_check(void)
     haldane_state s;
     haldane_params p;
     haldane_input in;
-    haldane_output out;
+    haldane_output measurement;
     haldane_plant x;
     haldane_init(&s, &p);
     s.z[0] = 7.15f;
     s.z[1] = 14.0f;
     for (unsigned k = 0u; k < 64u && bad == 0u; ++k) {
         in.D = (k == 40u) ? none : given[k][0];
-        out.y = (k == 20u) ? none : given[k][1];
-        const unsigned status = haldane_step(&s, &p, &in, &out);
+        measurement.y = (k == 20u) ? none : given[k][1];
+        const unsigned status = haldane_step(&s, &p, &in, &measurement);
         haldane_estimate(&s, &p, &x);
         if (status != expected[k] || !haldane_near(x.X, k, 0u) || !haldane_near(x.S, k, 1u)) {
             bad = k + 1u;

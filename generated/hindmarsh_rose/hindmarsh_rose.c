@@ -1,4 +1,4 @@
-/* hindmarsh_rose: see hindmarsh_rose.h, which is the manual. */
+/* hindmarsh_rose: see hindmarsh_rose.h, and its manual hindmarsh_rose.md. */
 #include "hindmarsh_rose.h"
 
 #include <stdbool.h>
@@ -169,66 +169,332 @@ static void hindmarsh_rose_nominal(hindmarsh_rose_params *p)
     p->gain.theta = 10.0f;
 }
 
+static unsigned hindmarsh_rose_guard_input(const hindmarsh_rose_state *s, const hindmarsh_rose_input *in,
+    float *u)
+{
+    unsigned status = 0u;
+    /* guard the input */
+    {
+        const float u_given = in->u;
+        const bool u_usable = hindmarsh_rose_within(u_given, 1e+15f);
+        const float u_taken = u_usable ? u_given : s->u;
+        *u = hindmarsh_rose_clamp(u_taken, 0.0f, 4.0f);
+        if (!u_usable) {
+            status |= HINDMARSH_ROSE_REUSED_U;
+        }
+        if (u_taken < 0.0f || u_taken > 4.0f) {
+            status |= HINDMARSH_ROSE_CLAMPED_U;
+        }
+    }
+    return status;
+}
+
+static unsigned hindmarsh_rose_guard_measurements(const hindmarsh_rose_state *s,
+    const hindmarsh_rose_output *measurement, float *valid, float *y, float *y_last)
+{
+    unsigned status = 0u;
+    /* guard the measurements */
+    {
+        const float reading = measurement->y;
+        const bool t1 = hindmarsh_rose_within(reading, 3e+38f);
+        const float z1 = s->z[0];
+        const bool t2 = t1 && reading >= -7.0f && reading <= 8.0f
+            && hindmarsh_rose_within(reading - z1, 1e+16f);
+        const float t3 = t2 ? reading : z1;
+        *y = t3;
+        *y_last = (t2 && s->y_valid > 0.0f) ? s->y : t3;
+        *valid = t2 ? 1.0f : 0.0f;
+        if (!t1) {
+            status |= HINDMARSH_ROSE_MISSING_Y;
+        }
+        if (t1 && !t2) {
+            status |= HINDMARSH_ROSE_REJECTED_Y;
+        }
+    }
+    return status;
+}
+
+/* advance the estimate from the last call to now */
+static unsigned hindmarsh_rose_advance(hindmarsh_rose_state *s, const hindmarsh_rose_params *p, float u,
+    float valid, float y, float y_last)
+{
+    unsigned status = 0u;
+    float ahead = 0.0f;
+    bool beyond = false;
+    float fraction = 0.0f;
+    float share = 0.0f;
+    float z_at[3];
+    float z_sum[3];
+    /* z: one step of classical Runge-Kutta */
+    /* its tableau: */
+    /*     0 |  */
+    /*   1/2 | 1/2 */
+    /*   1/2 |   0 1/2 */
+    /*     1 |   0   0   1 */
+    /*   --------------------- */
+    /*       | 1/6 1/3 1/3 1/6 */
+    /* fraction is c of a stage; share is its b over that of the first; ahead is the next stage's a times
+     * dt */
+    z_sum[0] = 0.0f;
+    z_sum[1] = 0.0f;
+    z_sum[2] = 0.0f;
+    z_at[0] = s->z[0];
+    z_at[1] = s->z[1];
+    z_at[2] = s->z[2];
+    {
+        static const float each_fraction[4] = {0.0f, 0.5f, 0.5f, 1.0f};
+        static const float each_share[4] = {1.0f, 2.0f, 2.0f, 1.0f};
+        static const float each_ahead[4] = {0.0025f, 0.0025f, 0.005f, 0.0f};
+        for (unsigned r = 0u; r < 4u; ++r) {
+            fraction = each_fraction[r];
+            share = each_share[r];
+            ahead = each_ahead[r];
+            /* a stage */
+            {
+                const float z_at1 = z_at[0];
+                const float z_at2 = z_at[1];
+                const float z_at3 = z_at[2];
+                const float z_sum1 = z_sum[0];
+                const float z_sum2 = z_sum[1];
+                const float z_sum3 = z_sum[2];
+                const float u_before = s->u;
+                float k_z[3];
+                hindmarsh_rose_rate(p, z_at1, z_at2, z_at3, u_before + fraction*(u - u_before), y_last
+                    + fraction*(y - y_last), valid, k_z);
+                z_sum[0] = z_sum1 + share*k_z[0];
+                z_sum[1] = z_sum2 + share*k_z[1];
+                z_sum[2] = z_sum3 + share*k_z[2];
+                z_at[0] = s->z[0] + ahead*k_z[0];
+                z_at[1] = s->z[1] + ahead*k_z[1];
+                z_at[2] = s->z[2] + ahead*k_z[2];
+            }
+        }
+    }
+    /* the slopes of all stages */
+    {
+        const float z1 = s->z[0];
+        const float z2 = s->z[1];
+        const float z3 = s->z[2];
+        s->z[0] = z1 + 0.00083333335f*z_sum[0];
+        s->z[1] = z2 + 0.00083333335f*z_sum[1];
+        s->z[2] = z3 + 0.00083333335f*z_sum[2];
+    }
+    /* is a value beyond its box, or lost? */
+    {
+        const float z1 = s->z[0];
+        const float z2 = s->z[1];
+        const float z3 = s->z[2];
+        const bool t1 = z1 >= -249.5f && z1 <= 250.5f && z2 >= -1109.0f && z2 <= 1091.0f && z3 >= -247.5f
+            && z3 <= 252.5f;
+        beyond = !t1;
+    }
+    if (hindmarsh_rose_acts(beyond)) {
+        status |= hindmarsh_rose_keep_in_box(s, p);
+    }
+    return status;
+}
+
+static unsigned hindmarsh_rose_suspect(const hindmarsh_rose_state *s,
+    const hindmarsh_rose_output *measurement, bool *suspect, float valid)
+{
+    unsigned status = 0u;
+    /* is the estimate where it cannot be for long? */
+    {
+        const float z1 = s->z[0];
+        const float z2 = s->z[1];
+        const float z3 = s->z[2];
+        const bool t1 = z1 < -2.0f || z1 > 3.0f || z2 < -20.0f || z2 > 2.0f || z3 < 0.0f || z3 > 5.0f;
+        if (t1) {
+            status |= HINDMARSH_ROSE_OUTSIDE_BOX;
+        }
+        *suspect = hindmarsh_rose_abs(measurement->y - z1) > 0.5f || t1 || !(s->fault_checksum <= 0.0f)
+            || !(valid > 0.0f);
+    }
+    return status;
+}
+
+static bool hindmarsh_rose_plausible(const hindmarsh_rose_output *measurement, float valid)
+{
+    bool sampled = false;
+    /* is there a sample to judge by? */
+    {
+        const float reading = measurement->y;
+        sampled = valid > 0.0f || (hindmarsh_rose_within(reading, 3e+38f) && reading >= -7.0f
+            && reading <= 8.0f);
+    }
+    return sampled;
+}
+
+static bool hindmarsh_rose_counts_spoiled(const hindmarsh_rose_state *s)
+{
+    bool spoiled = false;
+    /* was a fault count or limit spoiled? */
+    {
+        const float fault_count_y = s->fault_count_y;
+        const float fault_limit_y = s->fault_limit_y;
+        const float fault_count_range = s->fault_count_range;
+        const float fault_limit_range = s->fault_limit_range;
+        const float t1 = fault_limit_y - 1101.0f + hindmarsh_rose_abs(fault_count_y)
+            + (fault_limit_range - 1101.0f + fault_count_range);
+        const bool t2 = hindmarsh_rose_abs(t1 - s->fault_checksum) < 0.5f
+            && hindmarsh_rose_within(fault_count_y, 1127424.0f);
+        const bool t3 = t2 && fault_limit_y >= 1101.0f && fault_limit_y <= 1127424.0f
+            && fault_count_range >= 0.0f && fault_count_range <= 1127424.0f;
+        spoiled = !(t3 && fault_limit_range >= 1101.0f && fault_limit_range <= 1127424.0f);
+    }
+    return spoiled;
+}
+
+static void hindmarsh_rose_find_signs(const hindmarsh_rose_state *s,
+    const hindmarsh_rose_output *measurement, float *moves_y, float *side_y)
+{
+    /* which signs show? */
+    {
+        const float t1 = measurement->y - s->z[0];
+        const bool t2 = hindmarsh_rose_within(t1, 0.5f);
+        const float fault_count_y = s->fault_count_y;
+        *moves_y = (t2 ? 0.0f : ((fault_count_y*t1 < 0.0f) ? -550.0f : 1.0f)) + (t2 ? -1.0f : 0.0f);
+        *side_y = (t2 ? 0.0f : t1) + (t2 ? fault_count_y : 0.0f);
+    }
+}
+
+/* a fault count is at its limit: restart from the sample, or project onto the ranges */
+static unsigned hindmarsh_rose_recover(hindmarsh_rose_state *s, const hindmarsh_rose_output *measurement)
+{
+    unsigned status = 0u;
+    bool lost = false;
+    bool over_range = false;
+    bool over_y = false;
+    /* by which sign, and is the estimate lost? */
+    {
+        const bool t1 = s->fault_limit_y <= hindmarsh_rose_abs(s->fault_count_y);
+        const float fault_limit_range = s->fault_limit_range;
+        const bool t2 = fault_limit_range <= s->fault_count_range;
+        const float z1 = s->z[0];
+        const float z2 = s->z[1];
+        const float z3 = s->z[2];
+        const bool t3 = fault_limit_range > 1101.0f || z1 < -4.5f || z1 > 5.5f || z2 < -31.0f || z2 > 13.0f
+            || z3 < -2.5f || z3 > 7.5f;
+        over_y = t1;
+        over_range = t2;
+        lost = t1 || (t2 && t3);
+    }
+    if (over_y) {
+        /* the fault limit doubles */
+        {
+            const float fault_count_y = s->fault_count_y;
+            const float fault_limit_y = s->fault_limit_y;
+            const float t1 = hindmarsh_rose_min(fault_limit_y, 563712.0f);
+            s->fault_count_y = (fault_count_y < 0.0f) ? -t1 : t1;
+            s->fault_limit_y = hindmarsh_rose_min(2.0f*fault_limit_y, 1127424.0f);
+        }
+    }
+    if (over_range) {
+        /* the fault limit doubles */
+        {
+            const float fault_limit_range = s->fault_limit_range;
+            s->fault_count_range = hindmarsh_rose_min(fault_limit_range, 563712.0f);
+            s->fault_limit_range = hindmarsh_rose_min(2.0f*fault_limit_range, 1127424.0f);
+        }
+    }
+    if (lost) {
+        /* the estimate restarts */
+        s->z[0] = 0.0f;
+        s->z[1] = 0.0f;
+        s->z[2] = 0.0f;
+        /* from the sample of y */
+        {
+            const float z1 = s->z[0];
+            const float z2 = s->z[1];
+            const float z3 = s->z[2];
+            s->z[0] = hindmarsh_rose_keep(measurement->y, -2.0f, 3.0f, z1, 1e+30f);
+            s->z[1] = hindmarsh_rose_keep(z2, -20.0f, 2.0f, z2, 1e+30f);
+            s->z[2] = hindmarsh_rose_keep(z3, 0.0f, 5.0f, z3, 1e+30f);
+        }
+        /* the estimate has restarted from the sample */
+        status |= HINDMARSH_ROSE_RESTARTED_FROM_SAMPLE;
+    } else {
+        /* the estimate back onto its declared ranges */
+        {
+            const float z1 = s->z[0];
+            const float z2 = s->z[1];
+            const float z3 = s->z[2];
+            s->z[0] = hindmarsh_rose_clamp(z1, -2.0f, 3.0f);
+            s->z[1] = hindmarsh_rose_clamp(z2, -20.0f, 2.0f);
+            s->z[2] = hindmarsh_rose_clamp(z3, 0.0f, 5.0f);
+            status |= HINDMARSH_ROSE_PROJECTED_ONTO_RANGES;
+        }
+    }
+    return status;
+}
+
+/* count the signs of a fault at a sample, and act where a count is at its limit */
+static unsigned hindmarsh_rose_count_faults(hindmarsh_rose_state *s, const hindmarsh_rose_output *measurement)
+{
+    unsigned status = 0u;
+    bool acts = false;
+    float moves_range = 0.0f;
+    float moves_y = 0.0f;
+    float side_y = 0.0f;
+    bool spoiled = false;
+    spoiled = hindmarsh_rose_counts_spoiled(s);
+    if (spoiled) {
+        hindmarsh_rose_clear_fault_counts(s);
+    }
+    /* is the estimate out of a range? */
+    {
+        const float z1 = s->z[0];
+        const float z2 = s->z[1];
+        const float z3 = s->z[2];
+        moves_range = (z1 < -2.25f || z1 > 3.25f || z2 < -21.1f || z2 > 3.1f || z3 < -0.25f || z3 > 5.25f)
+            ? 1.0f : -1.0f;
+    }
+    /* count of range */
+    {
+        const float fault_count_range = s->fault_count_range;
+        const float fault_limit_range = s->fault_limit_range;
+        const float t1 = hindmarsh_rose_clamp(fault_count_range + moves_range, 0.0f, 1127424.0f);
+        s->fault_count_range = t1;
+        s->fault_limit_range = (t1 <= 0.0f) ? 1101.0f : fault_limit_range;
+    }
+    hindmarsh_rose_find_signs(s, measurement, &moves_y, &side_y);
+    /* count of y */
+    {
+        const float fault_count_y = s->fault_count_y;
+        const float fault_limit_y = s->fault_limit_y;
+        const float t1 = hindmarsh_rose_clamp(hindmarsh_rose_abs(fault_count_y) + moves_y, 0.0f, 1127424.0f);
+        s->fault_count_y = (side_y < 0.0f) ? -t1 : t1;
+        s->fault_limit_y = (t1 <= 0.0f) ? 1101.0f : fault_limit_y;
+    }
+    /* does a guard act? */
+    acts = s->fault_limit_y <= hindmarsh_rose_abs(s->fault_count_y)
+        || s->fault_limit_range <= s->fault_count_range;
+    if (acts) {
+        status |= hindmarsh_rose_recover(s, measurement);
+    }
+    /* the checksum of fault counts and limits */
+    s->fault_checksum = s->fault_limit_y - 1101.0f + hindmarsh_rose_abs(s->fault_count_y)
+        + (s->fault_limit_range - 1101.0f + s->fault_count_range);
+    return status;
+}
+
 unsigned hindmarsh_rose_step(hindmarsh_rose_state *s, const hindmarsh_rose_params *p,
-    const hindmarsh_rose_input *in, const hindmarsh_rose_output *out)
+    const hindmarsh_rose_input *in, const hindmarsh_rose_output *measurement)
 {
     unsigned status = 0u;
     if ((s->ready != HINDMARSH_ROSE_READY) || (p->ready != HINDMARSH_ROSE_READY)) {
         status = hindmarsh_rose_ready(s, p);
     }
     if ((status & HINDMARSH_ROSE_NO_PARAMETERS) == 0u) {
-        bool acts = false;
-        float ahead = 0.0f;
-        bool beyond = false;
-        float fraction = 0.0f;
-        bool lost = false;
-        float moves_range = 0.0f;
-        float moves_y = 0.0f;
-        bool over_range = false;
-        bool over_y = false;
         bool running = false;
         bool sampled = false;
-        float share = 0.0f;
-        float side_y = 0.0f;
-        bool spoiled = false;
         bool suspect = false;
         float u = 0.0f;
         float valid = 0.0f;
         float y = 0.0f;
         float y_last = 0.0f;
-        float z_at[3];
-        float z_sum[3];
-        /* guard the input */
-        {
-            const float u_given = in->u;
-            const bool u_usable = hindmarsh_rose_within(u_given, 1e+15f);
-            const float u_taken = u_usable ? u_given : s->u;
-            u = hindmarsh_rose_clamp(u_taken, 0.0f, 4.0f);
-            if (!u_usable) {
-                status |= HINDMARSH_ROSE_REUSED_U;
-            }
-            if (u_taken < 0.0f || u_taken > 4.0f) {
-                status |= HINDMARSH_ROSE_CLAMPED_U;
-            }
-        }
-        /* guard the measurements */
-        {
-            const float measurement = out->y;
-            const bool t1 = hindmarsh_rose_within(measurement, 3e+38f);
-            const float z1 = s->z[0];
-            const bool t2 = t1 && measurement >= -7.0f && measurement <= 8.0f
-                && hindmarsh_rose_within(measurement - z1, 1e+16f);
-            const float t3 = t2 ? measurement : z1;
-            y = t3;
-            y_last = (t2 && s->y_valid > 0.0f) ? s->y : t3;
-            valid = t2 ? 1.0f : 0.0f;
-            if (!t1) {
-                status |= HINDMARSH_ROSE_MISSING_Y;
-            }
-            if (t1 && !t2) {
-                status |= HINDMARSH_ROSE_REJECTED_Y;
-            }
-        }
+        status |= hindmarsh_rose_guard_input(s, in, &u);
+        status |= hindmarsh_rose_guard_measurements(s, measurement, &valid, &y, &y_last);
         /* the first call advances no time */
         {
             const unsigned calls = s->calls;
@@ -236,63 +502,7 @@ unsigned hindmarsh_rose_step(hindmarsh_rose_state *s, const hindmarsh_rose_param
             s->calls = 1u;
         }
         if (running) {
-            /* z: one step of classical Runge-Kutta */
-            z_sum[0] = 0.0f;
-            z_sum[1] = 0.0f;
-            z_sum[2] = 0.0f;
-            z_at[0] = s->z[0];
-            z_at[1] = s->z[1];
-            z_at[2] = s->z[2];
-            {
-                static const float each_fraction[4] = {0.0f, 0.5f, 0.5f, 1.0f};
-                static const float each_share[4] = {1.0f, 2.0f, 2.0f, 1.0f};
-                static const float each_ahead[4] = {0.0025f, 0.0025f, 0.005f, 0.0f};
-                for (unsigned r = 0u; r < 4u; ++r) {
-                    fraction = each_fraction[r];
-                    share = each_share[r];
-                    ahead = each_ahead[r];
-                    /* a stage */
-                    {
-                        const float z_at1 = z_at[0];
-                        const float z_at2 = z_at[1];
-                        const float z_at3 = z_at[2];
-                        const float z_sum1 = z_sum[0];
-                        const float z_sum2 = z_sum[1];
-                        const float z_sum3 = z_sum[2];
-                        const float u_before = s->u;
-                        float k_z[3];
-                        hindmarsh_rose_rate(p, z_at1, z_at2, z_at3, u_before + fraction*(u - u_before),
-                            y_last + fraction*(y - y_last), valid, k_z);
-                        z_sum[0] = z_sum1 + share*k_z[0];
-                        z_sum[1] = z_sum2 + share*k_z[1];
-                        z_sum[2] = z_sum3 + share*k_z[2];
-                        z_at[0] = s->z[0] + ahead*k_z[0];
-                        z_at[1] = s->z[1] + ahead*k_z[1];
-                        z_at[2] = s->z[2] + ahead*k_z[2];
-                    }
-                }
-            }
-            /* the slopes of all stages */
-            {
-                const float z1 = s->z[0];
-                const float z2 = s->z[1];
-                const float z3 = s->z[2];
-                s->z[0] = z1 + 0.00083333335f*z_sum[0];
-                s->z[1] = z2 + 0.00083333335f*z_sum[1];
-                s->z[2] = z3 + 0.00083333335f*z_sum[2];
-            }
-            /* is a value beyond its box, or lost? */
-            {
-                const float z1 = s->z[0];
-                const float z2 = s->z[1];
-                const float z3 = s->z[2];
-                const bool t1 = z1 >= -249.5f && z1 <= 250.5f && z2 >= -1109.0f && z2 <= 1091.0f
-                    && z3 >= -247.5f && z3 <= 252.5f;
-                beyond = !t1;
-            }
-            if (hindmarsh_rose_acts(beyond)) {
-                status |= hindmarsh_rose_keep_in_box(s, p);
-            }
+            status |= hindmarsh_rose_advance(s, p, u, valid, y, y_last);
         } else {
             status |= hindmarsh_rose_keep_in_box(s, p);
         }
@@ -301,145 +511,11 @@ unsigned hindmarsh_rose_step(hindmarsh_rose_state *s, const hindmarsh_rose_param
         /* remember the sample */
         s->y = y;
         s->y_valid = valid;
-        /* is the estimate where it cannot be for long? */
-        {
-            const float z1 = s->z[0];
-            const float z2 = s->z[1];
-            const float z3 = s->z[2];
-            const bool t1 = z1 < -2.0f || z1 > 3.0f || z2 < -20.0f || z2 > 2.0f || z3 < 0.0f || z3 > 5.0f;
-            if (t1) {
-                status |= HINDMARSH_ROSE_OUTSIDE_BOX;
-            }
-            suspect = hindmarsh_rose_abs(out->y - z1) > 0.5f || t1 || !(s->fault_checksum <= 0.0f)
-                || !(valid > 0.0f);
-        }
+        status |= hindmarsh_rose_suspect(s, measurement, &suspect, valid);
         if (suspect) {
-            /* is there a sample to judge by? */
-            {
-                const float measurement = out->y;
-                sampled = valid > 0.0f || (hindmarsh_rose_within(measurement, 3e+38f) && measurement >= -7.0f
-                    && measurement <= 8.0f);
-            }
+            sampled = hindmarsh_rose_plausible(measurement, valid);
             if (sampled) {
-                /* was a fault count or limit spoiled? */
-                {
-                    const float fault_count_y = s->fault_count_y;
-                    const float fault_limit_y = s->fault_limit_y;
-                    const float fault_count_range = s->fault_count_range;
-                    const float fault_limit_range = s->fault_limit_range;
-                    const float t1 = fault_limit_y - 1101.0f + hindmarsh_rose_abs(fault_count_y)
-                        + (fault_limit_range - 1101.0f + fault_count_range);
-                    const bool t2 = hindmarsh_rose_abs(t1 - s->fault_checksum) < 0.5f
-                        && hindmarsh_rose_within(fault_count_y, 1127424.0f);
-                    const bool t3 = t2 && fault_limit_y >= 1101.0f && fault_limit_y <= 1127424.0f
-                        && fault_count_range >= 0.0f && fault_count_range <= 1127424.0f;
-                    spoiled = !(t3 && fault_limit_range >= 1101.0f && fault_limit_range <= 1127424.0f);
-                }
-                if (spoiled) {
-                    hindmarsh_rose_clear_fault_counts(s);
-                }
-                /* is the estimate out of a range? */
-                {
-                    const float z1 = s->z[0];
-                    const float z2 = s->z[1];
-                    const float z3 = s->z[2];
-                    moves_range = (z1 < -2.25f || z1 > 3.25f || z2 < -21.1f || z2 > 3.1f || z3 < -0.25f
-                        || z3 > 5.25f) ? 1.0f : -1.0f;
-                }
-                /* count of range */
-                {
-                    const float fault_count_range = s->fault_count_range;
-                    const float fault_limit_range = s->fault_limit_range;
-                    const float t1 = hindmarsh_rose_clamp(fault_count_range + moves_range, 0.0f, 1127424.0f);
-                    s->fault_count_range = t1;
-                    s->fault_limit_range = (t1 <= 0.0f) ? 1101.0f : fault_limit_range;
-                }
-                /* which signs show? */
-                {
-                    const float t1 = out->y - s->z[0];
-                    const bool t2 = hindmarsh_rose_within(t1, 0.5f);
-                    const float fault_count_y = s->fault_count_y;
-                    moves_y = (t2 ? 0.0f : ((fault_count_y*t1 < 0.0f) ? -550.0f : 1.0f))
-                        + (t2 ? -1.0f : 0.0f);
-                    side_y = (t2 ? 0.0f : t1) + (t2 ? fault_count_y : 0.0f);
-                }
-                /* count of y */
-                {
-                    const float fault_count_y = s->fault_count_y;
-                    const float fault_limit_y = s->fault_limit_y;
-                    const float t1 = hindmarsh_rose_clamp(hindmarsh_rose_abs(fault_count_y) + moves_y, 0.0f,
-                        1127424.0f);
-                    s->fault_count_y = (side_y < 0.0f) ? -t1 : t1;
-                    s->fault_limit_y = (t1 <= 0.0f) ? 1101.0f : fault_limit_y;
-                }
-                /* does a guard act? */
-                acts = s->fault_limit_y <= hindmarsh_rose_abs(s->fault_count_y)
-                    || s->fault_limit_range <= s->fault_count_range;
-                if (acts) {
-                    /* by which sign, and is the estimate lost? */
-                    {
-                        const bool t1 = s->fault_limit_y <= hindmarsh_rose_abs(s->fault_count_y);
-                        const float fault_limit_range = s->fault_limit_range;
-                        const bool t2 = fault_limit_range <= s->fault_count_range;
-                        const float z1 = s->z[0];
-                        const float z2 = s->z[1];
-                        const float z3 = s->z[2];
-                        const bool t3 = fault_limit_range > 1101.0f || z1 < -4.5f || z1 > 5.5f || z2 < -31.0f
-                            || z2 > 13.0f || z3 < -2.5f || z3 > 7.5f;
-                        over_y = t1;
-                        over_range = t2;
-                        lost = t1 || (t2 && t3);
-                    }
-                    if (over_y) {
-                        /* the fault limit doubles */
-                        {
-                            const float fault_count_y = s->fault_count_y;
-                            const float fault_limit_y = s->fault_limit_y;
-                            const float t1 = hindmarsh_rose_min(fault_limit_y, 563712.0f);
-                            s->fault_count_y = (fault_count_y < 0.0f) ? -t1 : t1;
-                            s->fault_limit_y = hindmarsh_rose_min(2.0f*fault_limit_y, 1127424.0f);
-                        }
-                    }
-                    if (over_range) {
-                        /* the fault limit doubles */
-                        {
-                            const float fault_limit_range = s->fault_limit_range;
-                            s->fault_count_range = hindmarsh_rose_min(fault_limit_range, 563712.0f);
-                            s->fault_limit_range = hindmarsh_rose_min(2.0f*fault_limit_range, 1127424.0f);
-                        }
-                    }
-                    if (lost) {
-                        /* the estimate restarts */
-                        s->z[0] = 0.0f;
-                        s->z[1] = 0.0f;
-                        s->z[2] = 0.0f;
-                        /* from the sample of y */
-                        {
-                            const float z1 = s->z[0];
-                            const float z2 = s->z[1];
-                            const float z3 = s->z[2];
-                            s->z[0] = hindmarsh_rose_keep(out->y, -2.0f, 3.0f, z1, 1e+30f);
-                            s->z[1] = hindmarsh_rose_keep(z2, -20.0f, 2.0f, z2, 1e+30f);
-                            s->z[2] = hindmarsh_rose_keep(z3, 0.0f, 5.0f, z3, 1e+30f);
-                        }
-                        /* the estimate has restarted from the sample */
-                        status |= HINDMARSH_ROSE_RESTARTED_FROM_SAMPLE;
-                    } else {
-                        /* the estimate back onto its declared ranges */
-                        {
-                            const float z1 = s->z[0];
-                            const float z2 = s->z[1];
-                            const float z3 = s->z[2];
-                            s->z[0] = hindmarsh_rose_clamp(z1, -2.0f, 3.0f);
-                            s->z[1] = hindmarsh_rose_clamp(z2, -20.0f, 2.0f);
-                            s->z[2] = hindmarsh_rose_clamp(z3, 0.0f, 5.0f);
-                            status |= HINDMARSH_ROSE_PROJECTED_ONTO_RANGES;
-                        }
-                    }
-                }
-                /* the checksum of fault counts and limits */
-                s->fault_checksum = s->fault_limit_y - 1101.0f + hindmarsh_rose_abs(s->fault_count_y)
-                    + (s->fault_limit_range - 1101.0f + s->fault_count_range);
+                status |= hindmarsh_rose_count_faults(s, measurement);
             }
         }
     }

@@ -23,7 +23,7 @@
 
 unsigned hindmarsh_rose_check(void);
 
-static const float given[64][2] = { /* in.u, out.y */
+static const float given[64][2] = { /* in.u, measurement.y */
     {1.0f, -0.5f},
     {1.1081082f, -0.41304347f},
     {1.2162162f, -0.32608697f},
@@ -190,7 +190,7 @@ unsigned hindmarsh_rose_check(void)
     hindmarsh_rose_state s;
     hindmarsh_rose_params p;
     hindmarsh_rose_input in;
-    hindmarsh_rose_output out;
+    hindmarsh_rose_output measurement;
     hindmarsh_rose_plant x;
     hindmarsh_rose_init(&s, &p);
     s.z[0] = 1.5f;
@@ -198,8 +198,8 @@ unsigned hindmarsh_rose_check(void)
     s.z[2] = 3.5f;
     for (unsigned k = 0u; k < 64u && bad == 0u; ++k) {
         in.u = (k == 40u) ? none : given[k][0];
-        out.y = (k == 20u) ? none : given[k][1];
-        const unsigned status = hindmarsh_rose_step(&s, &p, &in, &out);
+        measurement.y = (k == 20u) ? none : given[k][1];
+        const unsigned status = hindmarsh_rose_step(&s, &p, &in, &measurement);
         hindmarsh_rose_estimate(&s, &p, &x);
         if (status != expected[k] || !hindmarsh_rose_near(x.x, k, 0u) || !hindmarsh_rose_near(x.w, k, 1u)
             || !hindmarsh_rose_near(x.z, k, 2u)) {

@@ -1,4 +1,4 @@
-/* hyperjerk: see hyperjerk.h, which is the manual. */
+/* hyperjerk: see hyperjerk.h, and its manual hyperjerk.md. */
 #include "hyperjerk.h"
 
 #include <stdbool.h>
@@ -202,53 +202,340 @@ static void hyperjerk_nominal(hyperjerk_params *p)
     p->gain.theta = 10.0f;
 }
 
-unsigned hyperjerk_step(hyperjerk_state *s, const hyperjerk_params *p, const hyperjerk_output *out)
+static unsigned hyperjerk_guard_measurements(const hyperjerk_state *s, const hyperjerk_output *measurement,
+    float *valid, float *y, float *y_last)
+{
+    unsigned status = 0u;
+    /* guard the measurements */
+    {
+        const float reading = measurement->y;
+        const bool t1 = hyperjerk_within(reading, 3e+38f);
+        const float w1 = s->w[0];
+        const bool t2 = t1 && hyperjerk_within(reading, 9.0f) && hyperjerk_within(reading - w1, 1e+16f);
+        const float t3 = t2 ? reading : w1;
+        *y = t3;
+        *y_last = (t2 && s->y_valid > 0.0f) ? s->y : t3;
+        *valid = t2 ? 1.0f : 0.0f;
+        if (!t1) {
+            status |= HYPERJERK_MISSING_Y;
+        }
+        if (t1 && !t2) {
+            status |= HYPERJERK_REJECTED_Y;
+        }
+    }
+    return status;
+}
+
+/* advance the estimate from the last call to now */
+static unsigned hyperjerk_advance(hyperjerk_state *s, const hyperjerk_params *p, float valid, float y,
+    float y_last)
+{
+    unsigned status = 0u;
+    float ahead = 0.0f;
+    bool beyond = false;
+    float eta_at[4];
+    float eta_sum[4];
+    float fraction = 0.0f;
+    float share = 0.0f;
+    float w_at[4];
+    float w_sum[4];
+    /* w, eta: one step of classical Runge-Kutta */
+    /* its tableau: */
+    /*     0 |  */
+    /*   1/2 | 1/2 */
+    /*   1/2 |   0 1/2 */
+    /*     1 |   0   0   1 */
+    /*   --------------------- */
+    /*       | 1/6 1/3 1/3 1/6 */
+    /* fraction is c of a stage; share is its b over that of the first; ahead is the next stage's a times
+     * dt */
+    w_sum[0] = 0.0f;
+    w_sum[1] = 0.0f;
+    w_sum[2] = 0.0f;
+    w_sum[3] = 0.0f;
+    eta_sum[0] = 0.0f;
+    eta_sum[1] = 0.0f;
+    eta_sum[2] = 0.0f;
+    eta_sum[3] = 0.0f;
+    w_at[0] = s->w[0];
+    w_at[1] = s->w[1];
+    w_at[2] = s->w[2];
+    w_at[3] = s->w[3];
+    eta_at[0] = s->eta[0];
+    eta_at[1] = s->eta[1];
+    eta_at[2] = s->eta[2];
+    eta_at[3] = s->eta[3];
+    {
+        static const float each_fraction[4] = {0.0f, 0.5f, 0.5f, 1.0f};
+        static const float each_share[4] = {1.0f, 2.0f, 2.0f, 1.0f};
+        static const float each_ahead[4] = {0.0005f, 0.0005f, 0.001f, 0.0f};
+        for (unsigned r = 0u; r < 4u; ++r) {
+            fraction = each_fraction[r];
+            share = each_share[r];
+            ahead = each_ahead[r];
+            /* a stage */
+            {
+                const float eta_sum1 = eta_sum[0];
+                const float eta_sum2 = eta_sum[1];
+                const float eta_sum3 = eta_sum[2];
+                const float eta_sum4 = eta_sum[3];
+                const float w_sum1 = w_sum[0];
+                const float w_sum2 = w_sum[1];
+                const float w_sum3 = w_sum[2];
+                const float w_sum4 = w_sum[3];
+                float k_w[4];
+                float k_eta[4];
+                hyperjerk_rate(p, w_at, eta_at, y_last + fraction*(y - y_last), valid, k_w, k_eta);
+                w_sum[0] = w_sum1 + share*k_w[0];
+                w_sum[1] = w_sum2 + share*k_w[1];
+                w_sum[2] = w_sum3 + share*k_w[2];
+                w_sum[3] = w_sum4 + share*k_w[3];
+                eta_sum[0] = eta_sum1 + share*k_eta[0];
+                eta_sum[1] = eta_sum2 + share*k_eta[1];
+                eta_sum[2] = eta_sum3 + share*k_eta[2];
+                eta_sum[3] = eta_sum4 + share*k_eta[3];
+                w_at[0] = s->w[0] + ahead*k_w[0];
+                w_at[1] = s->w[1] + ahead*k_w[1];
+                w_at[2] = s->w[2] + ahead*k_w[2];
+                w_at[3] = s->w[3] + ahead*k_w[3];
+                eta_at[0] = s->eta[0] + ahead*k_eta[0];
+                eta_at[1] = s->eta[1] + ahead*k_eta[1];
+                eta_at[2] = s->eta[2] + ahead*k_eta[2];
+                eta_at[3] = s->eta[3] + ahead*k_eta[3];
+            }
+        }
+    }
+    /* the slopes of all stages */
+    {
+        const float eta1 = s->eta[0];
+        const float eta2 = s->eta[1];
+        const float eta3 = s->eta[2];
+        const float eta4 = s->eta[3];
+        const float w1 = s->w[0];
+        const float w2 = s->w[1];
+        const float w3 = s->w[2];
+        const float w4 = s->w[3];
+        s->w[0] = w1 + 0.00016666666f*w_sum[0];
+        s->w[1] = w2 + 0.00016666666f*w_sum[1];
+        s->w[2] = w3 + 0.00016666666f*w_sum[2];
+        s->w[3] = w4 + 0.00016666666f*w_sum[3];
+        s->eta[0] = eta1 + 0.00016666666f*eta_sum[0];
+        s->eta[1] = eta2 + 0.00016666666f*eta_sum[1];
+        s->eta[2] = eta3 + 0.00016666666f*eta_sum[2];
+        s->eta[3] = eta4 + 0.00016666666f*eta_sum[3];
+    }
+    /* is a value beyond its box, or lost? */
+    {
+        const bool t1 = hyperjerk_within(s->w[0], 9.0f) && hyperjerk_within(s->w[1], 40.0f)
+            && hyperjerk_within(s->w[2], 600.0f);
+        const bool t2 = t1 && hyperjerk_within(s->w[3], 12000.0f) && hyperjerk_within(s->eta[0], 1e+30f)
+            && hyperjerk_within(s->eta[1], 1e+30f);
+        beyond = !(t2 && hyperjerk_within(s->eta[2], 1e+30f) && hyperjerk_within(s->eta[3], 1e+30f));
+    }
+    if (hyperjerk_acts(beyond)) {
+        status |= hyperjerk_keep_in_box(s, p);
+    }
+    return status;
+}
+
+static unsigned hyperjerk_suspect(const hyperjerk_state *s, const hyperjerk_output *measurement,
+    bool *suspect, float valid)
+{
+    unsigned status = 0u;
+    /* is the estimate where it cannot be for long? */
+    {
+        const float w1 = s->w[0];
+        const bool t1 = hyperjerk_abs(w1) > 3.0f || hyperjerk_abs(s->w[1]) > 4.0f
+            || hyperjerk_abs(s->w[2]) > 6.0f || hyperjerk_abs(s->w[3]) > 12.0f;
+        if (t1) {
+            status |= HYPERJERK_OUTSIDE_BOX;
+        }
+        *suspect = hyperjerk_abs(measurement->y - w1) > 0.6f || t1 || !(s->fault_checksum <= 0.0f)
+            || !(valid > 0.0f);
+    }
+    return status;
+}
+
+static bool hyperjerk_plausible(const hyperjerk_output *measurement, float valid)
+{
+    bool sampled = false;
+    /* is there a sample to judge by? */
+    {
+        const float reading = measurement->y;
+        sampled = valid > 0.0f || (hyperjerk_within(reading, 3e+38f) && hyperjerk_within(reading, 9.0f));
+    }
+    return sampled;
+}
+
+static bool hyperjerk_counts_spoiled(const hyperjerk_state *s)
+{
+    bool spoiled = false;
+    /* was a fault count or limit spoiled? */
+    {
+        const float fault_count_y = s->fault_count_y;
+        const float fault_limit_y = s->fault_limit_y;
+        const float fault_count_range = s->fault_count_range;
+        const float fault_limit_range = s->fault_limit_range;
+        const float t1 = fault_limit_y - 7523.0f + hyperjerk_abs(fault_count_y)
+            + (fault_limit_range - 7523.0f + fault_count_range);
+        const bool t2 = hyperjerk_abs(t1 - s->fault_checksum) < 0.5f
+            && hyperjerk_within(fault_count_y, 4194304.0f) && fault_limit_y >= 7523.0f
+                && fault_limit_y <= 4194304.0f;
+        const bool t3 = t2 && fault_count_range >= 0.0f && fault_count_range <= 4194304.0f
+            && fault_limit_range >= 7523.0f && fault_limit_range <= 4194304.0f;
+        spoiled = !t3;
+    }
+    return spoiled;
+}
+
+static void hyperjerk_find_signs(const hyperjerk_state *s, const hyperjerk_output *measurement,
+    float *moves_y, float *side_y)
+{
+    /* which signs show? */
+    {
+        const float t1 = measurement->y - s->w[0];
+        const bool t2 = hyperjerk_within(t1, 0.6f);
+        const float fault_count_y = s->fault_count_y;
+        *moves_y = (t2 ? 0.0f : ((fault_count_y*t1 < 0.0f) ? -448.0f : 1.0f)) + (t2 ? -1.0f : 0.0f);
+        *side_y = (t2 ? 0.0f : t1) + (t2 ? fault_count_y : 0.0f);
+    }
+}
+
+/* a fault count is at its limit: restart from the sample, or project onto the ranges */
+static unsigned hyperjerk_recover(hyperjerk_state *s, const hyperjerk_output *measurement)
+{
+    unsigned status = 0u;
+    bool lost = false;
+    bool over_range = false;
+    bool over_y = false;
+    /* by which sign, and is the estimate lost? */
+    {
+        const bool t1 = s->fault_limit_y <= hyperjerk_abs(s->fault_count_y);
+        const float fault_limit_range = s->fault_limit_range;
+        const bool t2 = fault_limit_range <= s->fault_count_range;
+        const bool t3 = hyperjerk_abs(s->w[0]) > 6.0f || hyperjerk_abs(s->w[1]) > 8.0f
+            || hyperjerk_abs(s->w[2]) > 12.0f;
+        over_y = t1;
+        over_range = t2;
+        lost = t1 || (t2 && (fault_limit_range > 7523.0f || t3 || hyperjerk_abs(s->w[3]) > 24.0f));
+    }
+    if (over_y) {
+        /* the fault limit doubles */
+        {
+            const float fault_count_y = s->fault_count_y;
+            const float fault_limit_y = s->fault_limit_y;
+            const float t1 = hyperjerk_min(fault_limit_y, 2097152.0f);
+            s->fault_count_y = (fault_count_y < 0.0f) ? -t1 : t1;
+            s->fault_limit_y = hyperjerk_min(2.0f*fault_limit_y, 4194304.0f);
+        }
+    }
+    if (over_range) {
+        /* the fault limit doubles */
+        {
+            const float fault_limit_range = s->fault_limit_range;
+            s->fault_count_range = hyperjerk_min(fault_limit_range, 2097152.0f);
+            s->fault_limit_range = hyperjerk_min(2.0f*fault_limit_range, 4194304.0f);
+        }
+    }
+    if (lost) {
+        /* the estimate restarts */
+        s->w[0] = 0.0f;
+        s->w[1] = 0.0f;
+        s->w[2] = 0.0f;
+        s->w[3] = 0.0f;
+        /* from the sample of y */
+        {
+            const float w1 = s->w[0];
+            const float w2 = s->w[1];
+            const float w3 = s->w[2];
+            const float w4 = s->w[3];
+            s->w[0] = hyperjerk_keep(measurement->y, -3.0f, 3.0f, w1, 1e+30f);
+            s->w[1] = hyperjerk_keep(w2, -4.0f, 4.0f, w2, 1e+30f);
+            s->w[2] = hyperjerk_keep(w3, -6.0f, 6.0f, w3, 1e+30f);
+            s->w[3] = hyperjerk_keep(w4, -12.0f, 12.0f, w4, 1e+30f);
+        }
+        /* the estimate has restarted from the sample */
+        status |= HYPERJERK_RESTARTED_FROM_SAMPLE;
+        hyperjerk_clear_rest(s);
+    } else {
+        /* the estimate back onto its declared ranges */
+        {
+            const float w1 = s->w[0];
+            const float w2 = s->w[1];
+            const float w3 = s->w[2];
+            const float w4 = s->w[3];
+            s->w[0] = hyperjerk_limit(w1, 3.0f);
+            s->w[1] = hyperjerk_limit(w2, 4.0f);
+            s->w[2] = hyperjerk_limit(w3, 6.0f);
+            s->w[3] = hyperjerk_limit(w4, 12.0f);
+            status |= HYPERJERK_PROJECTED_ONTO_RANGES;
+        }
+    }
+    return status;
+}
+
+/* count the signs of a fault at a sample, and act where a count is at its limit */
+static unsigned hyperjerk_count_faults(hyperjerk_state *s, const hyperjerk_output *measurement)
+{
+    unsigned status = 0u;
+    bool acts = false;
+    float moves_range = 0.0f;
+    float moves_y = 0.0f;
+    float side_y = 0.0f;
+    bool spoiled = false;
+    spoiled = hyperjerk_counts_spoiled(s);
+    if (spoiled) {
+        hyperjerk_clear_fault_counts(s);
+    }
+    /* is the estimate out of a range? */
+    {
+        const bool t1 = hyperjerk_abs(s->w[0]) > 3.3f || hyperjerk_abs(s->w[1]) > 4.4f
+            || hyperjerk_abs(s->w[2]) > 6.6f;
+        moves_range = (t1 || hyperjerk_abs(s->w[3]) > 13.2f) ? 1.0f : -1.0f;
+    }
+    /* count of range */
+    {
+        const float fault_count_range = s->fault_count_range;
+        const float fault_limit_range = s->fault_limit_range;
+        const float t1 = hyperjerk_clamp(fault_count_range + moves_range, 0.0f, 4194304.0f);
+        s->fault_count_range = t1;
+        s->fault_limit_range = (t1 <= 0.0f) ? 7523.0f : fault_limit_range;
+    }
+    hyperjerk_find_signs(s, measurement, &moves_y, &side_y);
+    /* count of y */
+    {
+        const float fault_count_y = s->fault_count_y;
+        const float fault_limit_y = s->fault_limit_y;
+        const float t1 = hyperjerk_clamp(hyperjerk_abs(fault_count_y) + moves_y, 0.0f, 4194304.0f);
+        s->fault_count_y = (side_y < 0.0f) ? -t1 : t1;
+        s->fault_limit_y = (t1 <= 0.0f) ? 7523.0f : fault_limit_y;
+    }
+    /* does a guard act? */
+    acts = s->fault_limit_y <= hyperjerk_abs(s->fault_count_y)
+        || s->fault_limit_range <= s->fault_count_range;
+    if (acts) {
+        status |= hyperjerk_recover(s, measurement);
+    }
+    /* the checksum of fault counts and limits */
+    s->fault_checksum = s->fault_limit_y - 7523.0f + hyperjerk_abs(s->fault_count_y)
+        + (s->fault_limit_range - 7523.0f + s->fault_count_range);
+    return status;
+}
+
+unsigned hyperjerk_step(hyperjerk_state *s, const hyperjerk_params *p, const hyperjerk_output *measurement)
 {
     unsigned status = 0u;
     if ((s->ready != HYPERJERK_READY) || (p->ready != HYPERJERK_READY)) {
         status = hyperjerk_ready(s, p);
     }
     if ((status & HYPERJERK_NO_PARAMETERS) == 0u) {
-        bool acts = false;
-        float ahead = 0.0f;
-        bool beyond = false;
-        float eta_at[4];
-        float eta_sum[4];
-        float fraction = 0.0f;
-        bool lost = false;
-        float moves_range = 0.0f;
-        float moves_y = 0.0f;
-        bool over_range = false;
-        bool over_y = false;
         bool running = false;
         bool sampled = false;
-        float share = 0.0f;
-        float side_y = 0.0f;
-        bool spoiled = false;
         bool suspect = false;
         float valid = 0.0f;
-        float w_at[4];
-        float w_sum[4];
         float y = 0.0f;
         float y_last = 0.0f;
-        /* guard the measurements */
-        {
-            const float measurement = out->y;
-            const bool t1 = hyperjerk_within(measurement, 3e+38f);
-            const float w1 = s->w[0];
-            const bool t2 = t1 && hyperjerk_within(measurement, 9.0f)
-                && hyperjerk_within(measurement - w1, 1e+16f);
-            const float t3 = t2 ? measurement : w1;
-            y = t3;
-            y_last = (t2 && s->y_valid > 0.0f) ? s->y : t3;
-            valid = t2 ? 1.0f : 0.0f;
-            if (!t1) {
-                status |= HYPERJERK_MISSING_Y;
-            }
-            if (t1 && !t2) {
-                status |= HYPERJERK_REJECTED_Y;
-            }
-        }
+        status |= hyperjerk_guard_measurements(s, measurement, &valid, &y, &y_last);
         /* the first call advances no time */
         {
             const unsigned calls = s->calls;
@@ -256,240 +543,18 @@ unsigned hyperjerk_step(hyperjerk_state *s, const hyperjerk_params *p, const hyp
             s->calls = 1u;
         }
         if (running) {
-            /* w, eta: one step of classical Runge-Kutta */
-            w_sum[0] = 0.0f;
-            w_sum[1] = 0.0f;
-            w_sum[2] = 0.0f;
-            w_sum[3] = 0.0f;
-            eta_sum[0] = 0.0f;
-            eta_sum[1] = 0.0f;
-            eta_sum[2] = 0.0f;
-            eta_sum[3] = 0.0f;
-            w_at[0] = s->w[0];
-            w_at[1] = s->w[1];
-            w_at[2] = s->w[2];
-            w_at[3] = s->w[3];
-            eta_at[0] = s->eta[0];
-            eta_at[1] = s->eta[1];
-            eta_at[2] = s->eta[2];
-            eta_at[3] = s->eta[3];
-            {
-                static const float each_fraction[4] = {0.0f, 0.5f, 0.5f, 1.0f};
-                static const float each_share[4] = {1.0f, 2.0f, 2.0f, 1.0f};
-                static const float each_ahead[4] = {0.0005f, 0.0005f, 0.001f, 0.0f};
-                for (unsigned r = 0u; r < 4u; ++r) {
-                    fraction = each_fraction[r];
-                    share = each_share[r];
-                    ahead = each_ahead[r];
-                    /* a stage */
-                    {
-                        const float eta_sum1 = eta_sum[0];
-                        const float eta_sum2 = eta_sum[1];
-                        const float eta_sum3 = eta_sum[2];
-                        const float eta_sum4 = eta_sum[3];
-                        const float w_sum1 = w_sum[0];
-                        const float w_sum2 = w_sum[1];
-                        const float w_sum3 = w_sum[2];
-                        const float w_sum4 = w_sum[3];
-                        float k_w[4];
-                        float k_eta[4];
-                        hyperjerk_rate(p, w_at, eta_at, y_last + fraction*(y - y_last), valid, k_w, k_eta);
-                        w_sum[0] = w_sum1 + share*k_w[0];
-                        w_sum[1] = w_sum2 + share*k_w[1];
-                        w_sum[2] = w_sum3 + share*k_w[2];
-                        w_sum[3] = w_sum4 + share*k_w[3];
-                        eta_sum[0] = eta_sum1 + share*k_eta[0];
-                        eta_sum[1] = eta_sum2 + share*k_eta[1];
-                        eta_sum[2] = eta_sum3 + share*k_eta[2];
-                        eta_sum[3] = eta_sum4 + share*k_eta[3];
-                        w_at[0] = s->w[0] + ahead*k_w[0];
-                        w_at[1] = s->w[1] + ahead*k_w[1];
-                        w_at[2] = s->w[2] + ahead*k_w[2];
-                        w_at[3] = s->w[3] + ahead*k_w[3];
-                        eta_at[0] = s->eta[0] + ahead*k_eta[0];
-                        eta_at[1] = s->eta[1] + ahead*k_eta[1];
-                        eta_at[2] = s->eta[2] + ahead*k_eta[2];
-                        eta_at[3] = s->eta[3] + ahead*k_eta[3];
-                    }
-                }
-            }
-            /* the slopes of all stages */
-            {
-                const float eta1 = s->eta[0];
-                const float eta2 = s->eta[1];
-                const float eta3 = s->eta[2];
-                const float eta4 = s->eta[3];
-                const float w1 = s->w[0];
-                const float w2 = s->w[1];
-                const float w3 = s->w[2];
-                const float w4 = s->w[3];
-                s->w[0] = w1 + 0.00016666666f*w_sum[0];
-                s->w[1] = w2 + 0.00016666666f*w_sum[1];
-                s->w[2] = w3 + 0.00016666666f*w_sum[2];
-                s->w[3] = w4 + 0.00016666666f*w_sum[3];
-                s->eta[0] = eta1 + 0.00016666666f*eta_sum[0];
-                s->eta[1] = eta2 + 0.00016666666f*eta_sum[1];
-                s->eta[2] = eta3 + 0.00016666666f*eta_sum[2];
-                s->eta[3] = eta4 + 0.00016666666f*eta_sum[3];
-            }
-            /* is a value beyond its box, or lost? */
-            {
-                const bool t1 = hyperjerk_within(s->w[0], 9.0f) && hyperjerk_within(s->w[1], 40.0f)
-                    && hyperjerk_within(s->w[2], 600.0f);
-                const bool t2 = t1 && hyperjerk_within(s->w[3], 12000.0f)
-                    && hyperjerk_within(s->eta[0], 1e+30f) && hyperjerk_within(s->eta[1], 1e+30f);
-                beyond = !(t2 && hyperjerk_within(s->eta[2], 1e+30f) && hyperjerk_within(s->eta[3], 1e+30f));
-            }
-            if (hyperjerk_acts(beyond)) {
-                status |= hyperjerk_keep_in_box(s, p);
-            }
+            status |= hyperjerk_advance(s, p, valid, y, y_last);
         } else {
             status |= hyperjerk_keep_in_box(s, p);
         }
         /* remember the sample */
         s->y = y;
         s->y_valid = valid;
-        /* is the estimate where it cannot be for long? */
-        {
-            const float w1 = s->w[0];
-            const bool t1 = hyperjerk_abs(w1) > 3.0f || hyperjerk_abs(s->w[1]) > 4.0f
-                || hyperjerk_abs(s->w[2]) > 6.0f || hyperjerk_abs(s->w[3]) > 12.0f;
-            if (t1) {
-                status |= HYPERJERK_OUTSIDE_BOX;
-            }
-            suspect = hyperjerk_abs(out->y - w1) > 0.6f || t1 || !(s->fault_checksum <= 0.0f)
-                || !(valid > 0.0f);
-        }
+        status |= hyperjerk_suspect(s, measurement, &suspect, valid);
         if (suspect) {
-            /* is there a sample to judge by? */
-            {
-                const float measurement = out->y;
-                sampled = valid > 0.0f || (hyperjerk_within(measurement, 3e+38f)
-                    && hyperjerk_within(measurement, 9.0f));
-            }
+            sampled = hyperjerk_plausible(measurement, valid);
             if (sampled) {
-                /* was a fault count or limit spoiled? */
-                {
-                    const float fault_count_y = s->fault_count_y;
-                    const float fault_limit_y = s->fault_limit_y;
-                    const float fault_count_range = s->fault_count_range;
-                    const float fault_limit_range = s->fault_limit_range;
-                    const float t1 = fault_limit_y - 7523.0f + hyperjerk_abs(fault_count_y)
-                        + (fault_limit_range - 7523.0f + fault_count_range);
-                    const bool t2 = hyperjerk_abs(t1 - s->fault_checksum) < 0.5f
-                        && hyperjerk_within(fault_count_y, 4194304.0f) && fault_limit_y >= 7523.0f
-                            && fault_limit_y <= 4194304.0f;
-                    const bool t3 = t2 && fault_count_range >= 0.0f && fault_count_range <= 4194304.0f
-                        && fault_limit_range >= 7523.0f && fault_limit_range <= 4194304.0f;
-                    spoiled = !t3;
-                }
-                if (spoiled) {
-                    hyperjerk_clear_fault_counts(s);
-                }
-                /* is the estimate out of a range? */
-                {
-                    const bool t1 = hyperjerk_abs(s->w[0]) > 3.3f || hyperjerk_abs(s->w[1]) > 4.4f
-                        || hyperjerk_abs(s->w[2]) > 6.6f;
-                    moves_range = (t1 || hyperjerk_abs(s->w[3]) > 13.2f) ? 1.0f : -1.0f;
-                }
-                /* count of range */
-                {
-                    const float fault_count_range = s->fault_count_range;
-                    const float fault_limit_range = s->fault_limit_range;
-                    const float t1 = hyperjerk_clamp(fault_count_range + moves_range, 0.0f, 4194304.0f);
-                    s->fault_count_range = t1;
-                    s->fault_limit_range = (t1 <= 0.0f) ? 7523.0f : fault_limit_range;
-                }
-                /* which signs show? */
-                {
-                    const float t1 = out->y - s->w[0];
-                    const bool t2 = hyperjerk_within(t1, 0.6f);
-                    const float fault_count_y = s->fault_count_y;
-                    moves_y = (t2 ? 0.0f : ((fault_count_y*t1 < 0.0f) ? -448.0f : 1.0f))
-                        + (t2 ? -1.0f : 0.0f);
-                    side_y = (t2 ? 0.0f : t1) + (t2 ? fault_count_y : 0.0f);
-                }
-                /* count of y */
-                {
-                    const float fault_count_y = s->fault_count_y;
-                    const float fault_limit_y = s->fault_limit_y;
-                    const float t1 = hyperjerk_clamp(hyperjerk_abs(fault_count_y) + moves_y, 0.0f,
-                        4194304.0f);
-                    s->fault_count_y = (side_y < 0.0f) ? -t1 : t1;
-                    s->fault_limit_y = (t1 <= 0.0f) ? 7523.0f : fault_limit_y;
-                }
-                /* does a guard act? */
-                acts = s->fault_limit_y <= hyperjerk_abs(s->fault_count_y)
-                    || s->fault_limit_range <= s->fault_count_range;
-                if (acts) {
-                    /* by which sign, and is the estimate lost? */
-                    {
-                        const bool t1 = s->fault_limit_y <= hyperjerk_abs(s->fault_count_y);
-                        const float fault_limit_range = s->fault_limit_range;
-                        const bool t2 = fault_limit_range <= s->fault_count_range;
-                        const bool t3 = hyperjerk_abs(s->w[0]) > 6.0f || hyperjerk_abs(s->w[1]) > 8.0f
-                            || hyperjerk_abs(s->w[2]) > 12.0f;
-                        over_y = t1;
-                        over_range = t2;
-                        lost = t1 || (t2 && (fault_limit_range > 7523.0f || t3
-                            || hyperjerk_abs(s->w[3]) > 24.0f));
-                    }
-                    if (over_y) {
-                        /* the fault limit doubles */
-                        {
-                            const float fault_count_y = s->fault_count_y;
-                            const float fault_limit_y = s->fault_limit_y;
-                            const float t1 = hyperjerk_min(fault_limit_y, 2097152.0f);
-                            s->fault_count_y = (fault_count_y < 0.0f) ? -t1 : t1;
-                            s->fault_limit_y = hyperjerk_min(2.0f*fault_limit_y, 4194304.0f);
-                        }
-                    }
-                    if (over_range) {
-                        /* the fault limit doubles */
-                        {
-                            const float fault_limit_range = s->fault_limit_range;
-                            s->fault_count_range = hyperjerk_min(fault_limit_range, 2097152.0f);
-                            s->fault_limit_range = hyperjerk_min(2.0f*fault_limit_range, 4194304.0f);
-                        }
-                    }
-                    if (lost) {
-                        /* the estimate restarts */
-                        s->w[0] = 0.0f;
-                        s->w[1] = 0.0f;
-                        s->w[2] = 0.0f;
-                        s->w[3] = 0.0f;
-                        /* from the sample of y */
-                        {
-                            const float w1 = s->w[0];
-                            const float w2 = s->w[1];
-                            const float w3 = s->w[2];
-                            const float w4 = s->w[3];
-                            s->w[0] = hyperjerk_keep(out->y, -3.0f, 3.0f, w1, 1e+30f);
-                            s->w[1] = hyperjerk_keep(w2, -4.0f, 4.0f, w2, 1e+30f);
-                            s->w[2] = hyperjerk_keep(w3, -6.0f, 6.0f, w3, 1e+30f);
-                            s->w[3] = hyperjerk_keep(w4, -12.0f, 12.0f, w4, 1e+30f);
-                        }
-                        /* the estimate has restarted from the sample */
-                        status |= HYPERJERK_RESTARTED_FROM_SAMPLE;
-                        hyperjerk_clear_rest(s);
-                    } else {
-                        /* the estimate back onto its declared ranges */
-                        {
-                            const float w1 = s->w[0];
-                            const float w2 = s->w[1];
-                            const float w3 = s->w[2];
-                            const float w4 = s->w[3];
-                            s->w[0] = hyperjerk_limit(w1, 3.0f);
-                            s->w[1] = hyperjerk_limit(w2, 4.0f);
-                            s->w[2] = hyperjerk_limit(w3, 6.0f);
-                            s->w[3] = hyperjerk_limit(w4, 12.0f);
-                            status |= HYPERJERK_PROJECTED_ONTO_RANGES;
-                        }
-                    }
-                }
-                /* the checksum of fault counts and limits */
-                s->fault_checksum = s->fault_limit_y - 7523.0f + hyperjerk_abs(s->fault_count_y)
-                    + (s->fault_limit_range - 7523.0f + s->fault_count_range);
+                status |= hyperjerk_count_faults(s, measurement);
             }
         }
     }

@@ -23,7 +23,7 @@
 
 unsigned hyperjerk_check(void);
 
-static const float given[64][1] = { /* out.y */
+static const float given[64][1] = { /* measurement.y */
     {-0.5f},
     {-0.41304347f},
     {-0.32608697f},
@@ -189,7 +189,7 @@ unsigned hyperjerk_check(void)
     unsigned bad = (none >= none) ? 21u : 0u; /* compiled to take it for a number: sample 21 is lost */
     hyperjerk_state s;
     hyperjerk_params p;
-    hyperjerk_output out;
+    hyperjerk_output measurement;
     hyperjerk_plant x;
     hyperjerk_init(&s, &p);
     s.w[0] = 1.2f;
@@ -197,8 +197,8 @@ unsigned hyperjerk_check(void)
     s.w[2] = 2.4f;
     s.w[3] = 4.8f;
     for (unsigned k = 0u; k < 64u && bad == 0u; ++k) {
-        out.y = (k == 20u) ? none : given[k][0];
-        const unsigned status = hyperjerk_step(&s, &p, &out);
+        measurement.y = (k == 20u) ? none : given[k][0];
+        const unsigned status = hyperjerk_step(&s, &p, &measurement);
         hyperjerk_estimate(&s, &p, &x);
         if (status != expected[k] || !hyperjerk_near(x.x1, k, 0u) || !hyperjerk_near(x.x2, k, 1u)
             || !hyperjerk_near(x.x3, k, 2u) || !hyperjerk_near(x.x4, k, 3u)) {

@@ -23,7 +23,7 @@
 
 unsigned induction_motor_check(void);
 
-static const float given[64][4] = { /* in.ua, in.ub, out.y1, out.y2 */
+static const float given[64][4] = { /* in.ua, in.ub, measurement.y1, measurement.y2 */
     {-200.0f, -200.0f, -0.5f, -0.5f},
     {-178.37837f, -178.37837f, -0.41304347f, -0.41304347f},
     {-156.75676f, -156.75676f, -0.32608697f, -0.32608697f},
@@ -192,7 +192,7 @@ unsigned induction_motor_check(void)
     induction_motor_state s;
     induction_motor_params p;
     induction_motor_input in;
-    induction_motor_output out;
+    induction_motor_output measurement;
     induction_motor_plant x;
     induction_motor_init(&s, &p);
     s.z[0] = 8.0f;
@@ -203,9 +203,9 @@ unsigned induction_motor_check(void)
     for (unsigned k = 0u; k < 64u && bad == 0u; ++k) {
         in.ua = (k == 40u) ? none : given[k][0];
         in.ub = (k == 40u) ? none : given[k][1];
-        out.y1 = (k == 20u) ? none : given[k][2];
-        out.y2 = (k == 20u) ? none : given[k][3];
-        const uint32_t status = induction_motor_step(&s, &p, &in, &out);
+        measurement.y1 = (k == 20u) ? none : given[k][2];
+        measurement.y2 = (k == 20u) ? none : given[k][3];
+        const uint32_t status = induction_motor_step(&s, &p, &in, &measurement);
         induction_motor_estimate(&s, &p, &x);
         if (status != expected[k] || !induction_motor_near(x.ia, k, 0u) || !induction_motor_near(x.ib, k, 1u)
             || !induction_motor_near(x.fa, k, 2u) || !induction_motor_near(x.fb, k, 3u)

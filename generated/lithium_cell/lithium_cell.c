@@ -1,4 +1,4 @@
-/* lithium_cell: see lithium_cell.h, which is the manual. */
+/* lithium_cell: see lithium_cell.h, and its manual lithium_cell.md. */
 #include "lithium_cell.h"
 
 #include <stdbool.h>
@@ -258,6 +258,13 @@ static unsigned lithium_cell_run_predict(lithium_cell_state *s, const lithium_ce
     }
     if (running) {
         /* z by classical Runge-Kutta; P = L D L' by P <- Phi P Phi' + h Q_theta */
+        /* the tableau of z: */
+        /*     0 |  */
+        /*   1/2 | 1/2 */
+        /*   1/2 |   0 1/2 */
+        /*     1 |   0   0   1 */
+        /*   --------------------- */
+        /*       | 1/6 1/3 1/3 1/6 */
         {
             const float D1 = s->D[0];
             const float D2 = s->D[1];
@@ -329,253 +336,307 @@ static unsigned lithium_cell_run_predict(lithium_cell_state *s, const lithium_ce
     return status;
 }
 
-/* part of a step: correct with y */
-static unsigned lithium_cell_run_update_y(lithium_cell_state *s, const lithium_cell_params *p,
-    const lithium_cell_output *out)
+static unsigned lithium_cell_guard_measurement_y(const lithium_cell_state *s, float *e, float *output_error,
+    float reading, bool *valid)
+{
+    unsigned status = 0u;
+    /* guard the measurement of y */
+    {
+        const float z1 = s->z[0];
+        const float t1 = lithium_cell_clamp(z1, 0.03f, 0.97f);
+        const float t2 = reading - (lithium_cell_table_ocv(t1) - 0.03f*s->u + lithium_cell_slope_ocv(t1)*
+            (z1 - t1));
+        const bool t3 = lithium_cell_within(reading, 3e+38f);
+        const bool t4 = t3 && reading >= 1.675f && reading <= 5.56f && lithium_cell_within(t2, 1e+16f);
+        *e = t2;
+        *output_error = t2;
+        *valid = t4;
+        if (!t3) {
+            status |= LITHIUM_CELL_MISSING_Y;
+        }
+        if (t3 && !t4) {
+            status |= LITHIUM_CELL_REJECTED_Y;
+        }
+    }
+    return status;
+}
+
+/* correct the estimate with a sample that can be used */
+static unsigned lithium_cell_use_sample_y(lithium_cell_state *s, const lithium_cell_params *p, float e)
+{
+    unsigned status = 0u;
+    bool beyond = false;
+    /* correct by the scalar update */
+    {
+        const float D1 = s->D[0];
+        const float L21 = s->L;
+        const float z1 = s->z[0];
+        const float z2 = s->z[1];
+        const float t1 = lithium_cell_slope_ocv(lithium_cell_clamp(z1, 0.03f, 0.97f));
+        const float t2 = D1*t1;
+        const float R = p->gain.R;
+        const float t3 = R + t2*t1;
+        const float K1 = t2/t3;
+        const float K2 = L21*K1;
+        s->z[0] = z1 + K1*e;
+        s->z[1] = z2 + K2*e;
+        s->D[0] = D1*R/t3;
+    }
+    /* is a value beyond its box, or lost? */
+    {
+        const float z1 = s->z[0];
+        const float D1 = s->D[0];
+        const bool t1 = z1 >= -0.91f && z1 <= 1.91f && lithium_cell_within(s->z[1], 1.5f) && D1 >= 1e-20f
+            && D1 <= 1.9881f;
+        beyond = !t1;
+    }
+    if (lithium_cell_acts(beyond)) {
+        status |= lithium_cell_keep_in_box(s, p);
+    }
+    /* y is used */
+    s->used_y = 1u;
+    return status;
+}
+
+static unsigned lithium_cell_suspect_y(const lithium_cell_state *s, float output_error, bool *suspect,
+    bool valid)
+{
+    unsigned status = 0u;
+    /* is the estimate where it cannot be for long? */
+    {
+        const float z1 = s->z[0];
+        const bool t1 = z1 < 0.03f || z1 > 0.97f || lithium_cell_abs(s->z[1]) > 0.5f;
+        if (t1) {
+            status |= LITHIUM_CELL_OUTSIDE_BOX;
+        }
+        *suspect = lithium_cell_abs(output_error) > 0.1295f || t1 || !(s->fault_checksum <= 0.0f) || !valid;
+    }
+    return status;
+}
+
+static bool lithium_cell_plausible_y(float reading, bool valid)
+{
+    bool sampled = false;
+    /* is there a sample to judge by? */
+    sampled = valid || (lithium_cell_within(reading, 3e+38f) && reading >= 1.675f && reading <= 5.56f);
+    return sampled;
+}
+
+static bool lithium_cell_counts_spoiled_y(const lithium_cell_state *s)
+{
+    bool spoiled = false;
+    /* was a fault count or limit spoiled? */
+    {
+        const float fault_count_y = s->fault_count_y;
+        const float fault_limit_y = s->fault_limit_y;
+        const float fault_count_range = s->fault_count_range;
+        const float fault_limit_range = s->fault_limit_range;
+        const float t1 = fault_limit_y - 952.0f + lithium_cell_abs(fault_count_y)
+            + (fault_limit_range - 952.0f + fault_count_range);
+        const bool t2 = lithium_cell_abs(t1 - s->fault_checksum) < 0.5f
+            && lithium_cell_within(fault_count_y, 974848.0f);
+        const bool t3 = t2 && fault_limit_y >= 952.0f && fault_limit_y <= 974848.0f
+            && fault_count_range >= 0.0f && fault_count_range <= 974848.0f;
+        spoiled = !(t3 && fault_limit_range >= 952.0f && fault_limit_range <= 974848.0f);
+    }
+    return spoiled;
+}
+
+static void lithium_cell_find_signs_y(const lithium_cell_state *s, float *moves_y, float output_error,
+    float *side_y)
+{
+    /* which signs show? */
+    {
+        const bool t1 = lithium_cell_within(output_error, 0.1295f);
+        const float fault_count_y = s->fault_count_y;
+        *moves_y = (t1 ? 0.0f : ((fault_count_y*output_error < 0.0f) ? -476.0f : 1.0f)) + (t1 ? -1.0f : 0.0f);
+        *side_y = (t1 ? 0.0f : output_error) + (t1 ? fault_count_y : 0.0f);
+    }
+}
+
+/* a fault count is at its limit: restart from the sample, or project onto the ranges */
+static unsigned lithium_cell_recover_y(lithium_cell_state *s, float reading)
+{
+    unsigned status = 0u;
+    bool lost = false;
+    bool over_range = false;
+    bool over_y = false;
+    /* by which sign, and is the estimate lost? */
+    {
+        const bool t1 = s->fault_limit_y <= lithium_cell_abs(s->fault_count_y);
+        const float fault_limit_range = s->fault_limit_range;
+        const bool t2 = fault_limit_range <= s->fault_count_range;
+        const float z1 = s->z[0];
+        const bool t3 = t2 && (fault_limit_range > 952.0f || z1 < -0.44f || z1 > 1.44f
+            || lithium_cell_abs(s->z[1]) > 1.0f);
+        over_y = t1;
+        over_range = t2;
+        lost = t1 || t3;
+    }
+    if (over_y) {
+        /* the fault limit doubles */
+        {
+            const float fault_count_y = s->fault_count_y;
+            const float fault_limit_y = s->fault_limit_y;
+            const float t1 = lithium_cell_min(fault_limit_y, 487424.0f);
+            s->fault_count_y = (fault_count_y < 0.0f) ? -t1 : t1;
+            s->fault_limit_y = lithium_cell_min(2.0f*fault_limit_y, 974848.0f);
+        }
+    }
+    if (over_range) {
+        /* the fault limit doubles */
+        {
+            const float fault_limit_range = s->fault_limit_range;
+            s->fault_count_range = lithium_cell_min(fault_limit_range, 487424.0f);
+            s->fault_limit_range = lithium_cell_min(2.0f*fault_limit_range, 974848.0f);
+        }
+    }
+    if (lost) {
+        /* the estimate restarts */
+        s->z[0] = 0.03f;
+        s->z[1] = 0.0f;
+        /* from the sample of y */
+        {
+            const float z1 = s->z[0];
+            const float z2 = s->z[1];
+            const float t1 = lithium_cell_clamp(z1, 0.03f, 0.97f);
+            const float t2 = lithium_cell_slope_ocv(t1);
+            const float t3 = 7.9524f*t2;
+            const float t4 = (reading - (lithium_cell_table_ocv(t1) - 0.03f*s->u
+                + t2*(z1 - t1)))/lithium_cell_max(t2*t3, 1.677025e-12f);
+            s->z[0] = lithium_cell_keep(z1 + t3*t4, 0.03f, 0.97f, z1, 1e+30f);
+            s->z[1] = lithium_cell_keep(z2, -0.5f, 0.5f, z2, 1e+30f);
+        }
+        /* from the sample of y */
+        {
+            const float z1 = s->z[0];
+            const float z2 = s->z[1];
+            const float t1 = lithium_cell_clamp(z1, 0.03f, 0.97f);
+            const float t2 = lithium_cell_slope_ocv(t1);
+            const float t3 = 7.9524f*t2;
+            const float t4 = (reading - (lithium_cell_table_ocv(t1) - 0.03f*s->u
+                + t2*(z1 - t1)))/lithium_cell_max(t2*t3, 1.677025e-12f);
+            s->z[0] = lithium_cell_keep(z1 + t3*t4, 0.03f, 0.97f, z1, 1e+30f);
+            s->z[1] = lithium_cell_keep(z2, -0.5f, 0.5f, z2, 1e+30f);
+        }
+        /* from the sample of y */
+        {
+            const float z1 = s->z[0];
+            const float z2 = s->z[1];
+            const float t1 = lithium_cell_clamp(z1, 0.03f, 0.97f);
+            const float t2 = lithium_cell_slope_ocv(t1);
+            const float t3 = 7.9524f*t2;
+            const float t4 = (reading - (lithium_cell_table_ocv(t1) - 0.03f*s->u
+                + t2*(z1 - t1)))/lithium_cell_max(t2*t3, 1.677025e-12f);
+            s->z[0] = lithium_cell_keep(z1 + t3*t4, 0.03f, 0.97f, z1, 1e+30f);
+            s->z[1] = lithium_cell_keep(z2, -0.5f, 0.5f, z2, 1e+30f);
+        }
+        /* the estimate has restarted from the sample */
+        status |= LITHIUM_CELL_RESTARTED_FROM_SAMPLE;
+        /* as after a reset */
+        s->L = 0.0f;
+        s->D[0] = 0.05f;
+        s->D[1] = 0.1f;
+    } else {
+        /* the estimate back onto its declared ranges */
+        {
+            const float z1 = s->z[0];
+            const float z2 = s->z[1];
+            const float L21 = s->L;
+            const float D1 = s->D[0];
+            const float t1 = L21*D1;
+            const float t2 = z1 - lithium_cell_clamp(z1, 0.03f, 0.97f);
+            const float t3 = z2 - t2/D1*t1;
+            const float t4 = t3 - lithium_cell_limit(t3, 0.5f);
+            const float t5 = t3 - t4 - z2;
+            const float t6 = (t5 > 0.0f) ? 1.5f - z2 : z2 + 1.5f;
+            const float t7 = z1 - t2 - D1*L21*(t4/(t1*L21 + s->D[1])) - z1;
+            const float t8 = (t7 > 0.0f) ? 1.91f - z1 : z1 + 0.91f;
+            const float t9 = lithium_cell_abs(t7);
+            const float t10 = (t8 < t9) ? t8/t9 : 1.0f;
+            const float t11 = lithium_cell_abs(t5);
+            const float t12 = (t6 < t10*t11) ? t6/t11 : t10;
+            s->z[0] = lithium_cell_keep(z1 + t12*t7, -0.91f, 1.91f, z1, 1e+30f);
+            s->z[1] = lithium_cell_keep(z2 + t12*t5, -1.5f, 1.5f, z2, 1e+30f);
+            status |= LITHIUM_CELL_PROJECTED_ONTO_RANGES;
+        }
+    }
+    return status;
+}
+
+/* count the signs of a fault at a sample, and act where a count is at its limit */
+static unsigned lithium_cell_count_faults_y(lithium_cell_state *s, float output_error, float reading)
 {
     unsigned status = 0u;
     bool acts = false;
-    bool beyond = false;
-    float e = 0.0f;
-    bool fresh = false;
-    bool lost = false;
-    float measurement = 0.0f;
     float moves_range = 0.0f;
     float moves_y = 0.0f;
-    float output_error = 0.0f;
-    bool over_range = false;
-    bool over_y = false;
-    bool sampled = false;
     float side_y = 0.0f;
     bool spoiled = false;
+    spoiled = lithium_cell_counts_spoiled_y(s);
+    if (spoiled) {
+        lithium_cell_clear_fault_counts(s);
+    }
+    /* is the estimate out of a range? */
+    {
+        const float z1 = s->z[0];
+        moves_range = (z1 < -0.017f || z1 > 1.017f || lithium_cell_abs(s->z[1]) > 0.55f) ? 1.0f : -1.0f;
+    }
+    /* count of range */
+    {
+        const float fault_count_range = s->fault_count_range;
+        const float fault_limit_range = s->fault_limit_range;
+        const float t1 = lithium_cell_clamp(fault_count_range + moves_range, 0.0f, 974848.0f);
+        s->fault_count_range = t1;
+        s->fault_limit_range = (t1 <= 0.0f) ? 952.0f : fault_limit_range;
+    }
+    lithium_cell_find_signs_y(s, &moves_y, output_error, &side_y);
+    /* count of y */
+    {
+        const float fault_count_y = s->fault_count_y;
+        const float fault_limit_y = s->fault_limit_y;
+        const float t1 = lithium_cell_clamp(lithium_cell_abs(fault_count_y) + moves_y, 0.0f, 974848.0f);
+        s->fault_count_y = (side_y < 0.0f) ? -t1 : t1;
+        s->fault_limit_y = (t1 <= 0.0f) ? 952.0f : fault_limit_y;
+    }
+    /* does a guard act? */
+    acts = s->fault_limit_y <= lithium_cell_abs(s->fault_count_y)
+        || s->fault_limit_range <= s->fault_count_range;
+    if (acts) {
+        status |= lithium_cell_recover_y(s, reading);
+    }
+    /* the checksum of fault counts and limits */
+    s->fault_checksum = s->fault_limit_y - 952.0f + lithium_cell_abs(s->fault_count_y)
+        + (s->fault_limit_range - 952.0f + s->fault_count_range);
+    return status;
+}
+
+/* part of a step: correct with y */
+static unsigned lithium_cell_run_update_y(lithium_cell_state *s, const lithium_cell_params *p,
+    const lithium_cell_output *measurement)
+{
+    unsigned status = 0u;
+    float e = 0.0f;
+    bool fresh = false;
+    float output_error = 0.0f;
+    float reading = 0.0f;
+    bool sampled = false;
     bool suspect = false;
     bool valid = false;
     /* is a sample of y awaited? */
     fresh = s->used_y < 1u;
     if (fresh) {
         /* the measurement of y */
-        measurement = out->y;
-        /* guard the measurement of y */
-        {
-            const float z1 = s->z[0];
-            const float t1 = lithium_cell_clamp(z1, 0.03f, 0.97f);
-            const float t2 = measurement - (lithium_cell_table_ocv(t1) - 0.03f*s->u
-                + lithium_cell_slope_ocv(t1)*(z1 - t1));
-            const bool t3 = lithium_cell_within(measurement, 3e+38f);
-            const bool t4 = t3 && measurement >= 1.675f && measurement <= 5.56f
-                && lithium_cell_within(t2, 1e+16f);
-            e = t2;
-            output_error = t2;
-            valid = t4;
-            if (!t3) {
-                status |= LITHIUM_CELL_MISSING_Y;
-            }
-            if (t3 && !t4) {
-                status |= LITHIUM_CELL_REJECTED_Y;
-            }
-        }
+        reading = measurement->y;
+        status |= lithium_cell_guard_measurement_y(s, &e, &output_error, reading, &valid);
         if (valid) {
-            /* correct by the scalar update */
-            {
-                const float D1 = s->D[0];
-                const float L21 = s->L;
-                const float z1 = s->z[0];
-                const float z2 = s->z[1];
-                const float t1 = lithium_cell_slope_ocv(lithium_cell_clamp(z1, 0.03f, 0.97f));
-                const float t2 = D1*t1;
-                const float R = p->gain.R;
-                const float t3 = R + t2*t1;
-                const float K1 = t2/t3;
-                const float K2 = L21*K1;
-                s->z[0] = z1 + K1*e;
-                s->z[1] = z2 + K2*e;
-                s->D[0] = D1*R/t3;
-            }
-            /* is a value beyond its box, or lost? */
-            {
-                const float z1 = s->z[0];
-                const float D1 = s->D[0];
-                const bool t1 = z1 >= -0.91f && z1 <= 1.91f && lithium_cell_within(s->z[1], 1.5f)
-                    && D1 >= 1e-20f && D1 <= 1.9881f;
-                beyond = !t1;
-            }
-            if (lithium_cell_acts(beyond)) {
-                status |= lithium_cell_keep_in_box(s, p);
-            }
-            /* y is used */
-            s->used_y = 1u;
+            status |= lithium_cell_use_sample_y(s, p, e);
         }
-        /* is the estimate where it cannot be for long? */
-        {
-            const float z1 = s->z[0];
-            const bool t1 = z1 < 0.03f || z1 > 0.97f || lithium_cell_abs(s->z[1]) > 0.5f;
-            if (t1) {
-                status |= LITHIUM_CELL_OUTSIDE_BOX;
-            }
-            suspect = lithium_cell_abs(output_error) > 0.1295f || t1 || !(s->fault_checksum <= 0.0f)
-                || !valid;
-        }
+        status |= lithium_cell_suspect_y(s, output_error, &suspect, valid);
         if (suspect) {
-            /* is there a sample to judge by? */
-            sampled = valid || (lithium_cell_within(measurement, 3e+38f) && measurement >= 1.675f
-                && measurement <= 5.56f);
+            sampled = lithium_cell_plausible_y(reading, valid);
             if (sampled) {
-                /* was a fault count or limit spoiled? */
-                {
-                    const float fault_count_y = s->fault_count_y;
-                    const float fault_limit_y = s->fault_limit_y;
-                    const float fault_count_range = s->fault_count_range;
-                    const float fault_limit_range = s->fault_limit_range;
-                    const float t1 = fault_limit_y - 952.0f + lithium_cell_abs(fault_count_y)
-                        + (fault_limit_range - 952.0f + fault_count_range);
-                    const bool t2 = lithium_cell_abs(t1 - s->fault_checksum) < 0.5f
-                        && lithium_cell_within(fault_count_y, 974848.0f);
-                    const bool t3 = t2 && fault_limit_y >= 952.0f && fault_limit_y <= 974848.0f
-                        && fault_count_range >= 0.0f && fault_count_range <= 974848.0f;
-                    spoiled = !(t3 && fault_limit_range >= 952.0f && fault_limit_range <= 974848.0f);
-                }
-                if (spoiled) {
-                    lithium_cell_clear_fault_counts(s);
-                }
-                /* is the estimate out of a range? */
-                {
-                    const float z1 = s->z[0];
-                    moves_range = (z1 < -0.017f || z1 > 1.017f || lithium_cell_abs(s->z[1]) > 0.55f) ? 1.0f
-                        : -1.0f;
-                }
-                /* count of range */
-                {
-                    const float fault_count_range = s->fault_count_range;
-                    const float fault_limit_range = s->fault_limit_range;
-                    const float t1 = lithium_cell_clamp(fault_count_range + moves_range, 0.0f, 974848.0f);
-                    s->fault_count_range = t1;
-                    s->fault_limit_range = (t1 <= 0.0f) ? 952.0f : fault_limit_range;
-                }
-                /* which signs show? */
-                {
-                    const bool t1 = lithium_cell_within(output_error, 0.1295f);
-                    const float fault_count_y = s->fault_count_y;
-                    moves_y = (t1 ? 0.0f : ((fault_count_y*output_error < 0.0f) ? -476.0f : 1.0f))
-                        + (t1 ? -1.0f : 0.0f);
-                    side_y = (t1 ? 0.0f : output_error) + (t1 ? fault_count_y : 0.0f);
-                }
-                /* count of y */
-                {
-                    const float fault_count_y = s->fault_count_y;
-                    const float fault_limit_y = s->fault_limit_y;
-                    const float t1 = lithium_cell_clamp(lithium_cell_abs(fault_count_y) + moves_y, 0.0f,
-                        974848.0f);
-                    s->fault_count_y = (side_y < 0.0f) ? -t1 : t1;
-                    s->fault_limit_y = (t1 <= 0.0f) ? 952.0f : fault_limit_y;
-                }
-                /* does a guard act? */
-                acts = s->fault_limit_y <= lithium_cell_abs(s->fault_count_y)
-                    || s->fault_limit_range <= s->fault_count_range;
-                if (acts) {
-                    /* by which sign, and is the estimate lost? */
-                    {
-                        const bool t1 = s->fault_limit_y <= lithium_cell_abs(s->fault_count_y);
-                        const float fault_limit_range = s->fault_limit_range;
-                        const bool t2 = fault_limit_range <= s->fault_count_range;
-                        const float z1 = s->z[0];
-                        const bool t3 = t2 && (fault_limit_range > 952.0f || z1 < -0.44f || z1 > 1.44f
-                            || lithium_cell_abs(s->z[1]) > 1.0f);
-                        over_y = t1;
-                        over_range = t2;
-                        lost = t1 || t3;
-                    }
-                    if (over_y) {
-                        /* the fault limit doubles */
-                        {
-                            const float fault_count_y = s->fault_count_y;
-                            const float fault_limit_y = s->fault_limit_y;
-                            const float t1 = lithium_cell_min(fault_limit_y, 487424.0f);
-                            s->fault_count_y = (fault_count_y < 0.0f) ? -t1 : t1;
-                            s->fault_limit_y = lithium_cell_min(2.0f*fault_limit_y, 974848.0f);
-                        }
-                    }
-                    if (over_range) {
-                        /* the fault limit doubles */
-                        {
-                            const float fault_limit_range = s->fault_limit_range;
-                            s->fault_count_range = lithium_cell_min(fault_limit_range, 487424.0f);
-                            s->fault_limit_range = lithium_cell_min(2.0f*fault_limit_range, 974848.0f);
-                        }
-                    }
-                    if (lost) {
-                        /* the estimate restarts */
-                        s->z[0] = 0.03f;
-                        s->z[1] = 0.0f;
-                        /* from the sample of y */
-                        {
-                            const float z1 = s->z[0];
-                            const float z2 = s->z[1];
-                            const float t1 = lithium_cell_clamp(z1, 0.03f, 0.97f);
-                            const float t2 = lithium_cell_slope_ocv(t1);
-                            const float t3 = 7.9524f*t2;
-                            const float t4 = (measurement - (lithium_cell_table_ocv(t1) - 0.03f*s->u
-                                + t2*(z1 - t1)))/lithium_cell_max(t2*t3, 1.677025e-12f);
-                            s->z[0] = lithium_cell_keep(z1 + t3*t4, 0.03f, 0.97f, z1, 1e+30f);
-                            s->z[1] = lithium_cell_keep(z2, -0.5f, 0.5f, z2, 1e+30f);
-                        }
-                        /* from the sample of y */
-                        {
-                            const float z1 = s->z[0];
-                            const float z2 = s->z[1];
-                            const float t1 = lithium_cell_clamp(z1, 0.03f, 0.97f);
-                            const float t2 = lithium_cell_slope_ocv(t1);
-                            const float t3 = 7.9524f*t2;
-                            const float t4 = (measurement - (lithium_cell_table_ocv(t1) - 0.03f*s->u
-                                + t2*(z1 - t1)))/lithium_cell_max(t2*t3, 1.677025e-12f);
-                            s->z[0] = lithium_cell_keep(z1 + t3*t4, 0.03f, 0.97f, z1, 1e+30f);
-                            s->z[1] = lithium_cell_keep(z2, -0.5f, 0.5f, z2, 1e+30f);
-                        }
-                        /* from the sample of y */
-                        {
-                            const float z1 = s->z[0];
-                            const float z2 = s->z[1];
-                            const float t1 = lithium_cell_clamp(z1, 0.03f, 0.97f);
-                            const float t2 = lithium_cell_slope_ocv(t1);
-                            const float t3 = 7.9524f*t2;
-                            const float t4 = (measurement - (lithium_cell_table_ocv(t1) - 0.03f*s->u
-                                + t2*(z1 - t1)))/lithium_cell_max(t2*t3, 1.677025e-12f);
-                            s->z[0] = lithium_cell_keep(z1 + t3*t4, 0.03f, 0.97f, z1, 1e+30f);
-                            s->z[1] = lithium_cell_keep(z2, -0.5f, 0.5f, z2, 1e+30f);
-                        }
-                        /* the estimate has restarted from the sample */
-                        status |= LITHIUM_CELL_RESTARTED_FROM_SAMPLE;
-                        /* as after a reset */
-                        s->L = 0.0f;
-                        s->D[0] = 0.05f;
-                        s->D[1] = 0.1f;
-                    } else {
-                        /* the estimate back onto its declared ranges */
-                        {
-                            const float z1 = s->z[0];
-                            const float z2 = s->z[1];
-                            const float L21 = s->L;
-                            const float D1 = s->D[0];
-                            const float t1 = L21*D1;
-                            const float t2 = z1 - lithium_cell_clamp(z1, 0.03f, 0.97f);
-                            const float t3 = z2 - t2/D1*t1;
-                            const float t4 = t3 - lithium_cell_limit(t3, 0.5f);
-                            const float t5 = t3 - t4 - z2;
-                            const float t6 = (t5 > 0.0f) ? 1.5f - z2 : z2 + 1.5f;
-                            const float t7 = z1 - t2 - D1*L21*(t4/(t1*L21 + s->D[1])) - z1;
-                            const float t8 = (t7 > 0.0f) ? 1.91f - z1 : z1 + 0.91f;
-                            const float t9 = lithium_cell_abs(t7);
-                            const float t10 = (t8 < t9) ? t8/t9 : 1.0f;
-                            const float t11 = lithium_cell_abs(t5);
-                            const float t12 = (t6 < t10*t11) ? t6/t11 : t10;
-                            s->z[0] = lithium_cell_keep(z1 + t12*t7, -0.91f, 1.91f, z1, 1e+30f);
-                            s->z[1] = lithium_cell_keep(z2 + t12*t5, -1.5f, 1.5f, z2, 1e+30f);
-                            status |= LITHIUM_CELL_PROJECTED_ONTO_RANGES;
-                        }
-                    }
-                }
-                /* the checksum of fault counts and limits */
-                s->fault_checksum = s->fault_limit_y - 952.0f + lithium_cell_abs(s->fault_count_y)
-                    + (s->fault_limit_range - 952.0f + s->fault_count_range);
+                status |= lithium_cell_count_faults_y(s, output_error, reading);
             }
         }
     } else {
@@ -609,20 +670,20 @@ unsigned lithium_cell_predict(lithium_cell_state *s, const lithium_cell_params *
 }
 
 unsigned lithium_cell_update_y(lithium_cell_state *s, const lithium_cell_params *p,
-    const lithium_cell_output *out)
+    const lithium_cell_output *measurement)
 {
     unsigned status = 0u;
     if ((s->ready != LITHIUM_CELL_READY) || (p->ready != LITHIUM_CELL_READY)) {
         status = lithium_cell_ready(s, p);
     }
     if ((status & LITHIUM_CELL_NO_PARAMETERS) == 0u) {
-        status |= lithium_cell_run_update_y(s, p, out);
+        status |= lithium_cell_run_update_y(s, p, measurement);
     }
     return status;
 }
 
 unsigned lithium_cell_step(lithium_cell_state *s, const lithium_cell_params *p, const lithium_cell_input *in,
-    const lithium_cell_output *out)
+    const lithium_cell_output *measurement)
 {
     unsigned status = 0u;
     if ((s->ready != LITHIUM_CELL_READY) || (p->ready != LITHIUM_CELL_READY)) {
@@ -630,7 +691,7 @@ unsigned lithium_cell_step(lithium_cell_state *s, const lithium_cell_params *p, 
     }
     if ((status & LITHIUM_CELL_NO_PARAMETERS) == 0u) {
         status |= lithium_cell_run_predict(s, p, in);
-        status |= lithium_cell_run_update_y(s, p, out);
+        status |= lithium_cell_run_update_y(s, p, measurement);
     }
     return status;
 }

@@ -23,7 +23,7 @@
 
 unsigned lithium_cell_check(void);
 
-static const float given[64][2] = { /* in.i, out.y */
+static const float given[64][2] = { /* in.i, measurement.y */
     {-2.5f, -0.5f},
     {-2.2297297f, -0.41304347f},
     {-1.9594594f, -0.32608697f},
@@ -190,15 +190,15 @@ unsigned lithium_cell_check(void)
     lithium_cell_state s;
     lithium_cell_params p;
     lithium_cell_input in;
-    lithium_cell_output out;
+    lithium_cell_output measurement;
     lithium_cell_plant x;
     lithium_cell_init(&s, &p);
     s.z[0] = 0.688f;
     s.z[1] = 0.2f;
     for (unsigned k = 0u; k < 64u && bad == 0u; ++k) {
         in.i = (k == 40u) ? none : given[k][0];
-        out.y = (k == 20u) ? none : given[k][1];
-        const unsigned status = lithium_cell_step(&s, &p, &in, &out);
+        measurement.y = (k == 20u) ? none : given[k][1];
+        const unsigned status = lithium_cell_step(&s, &p, &in, &measurement);
         lithium_cell_estimate(&s, &p, &x);
         if (status != expected[k] || !lithium_cell_near(x.soc, k, 0u)
             || !lithium_cell_near(x.offset, k, 1u)) {

@@ -1,4 +1,4 @@
-/* lorenz: see lorenz.h, which is the manual. */
+/* lorenz: see lorenz.h, and its manual lorenz.md. */
 #include "lorenz.h"
 
 #include <stdbool.h>
@@ -210,6 +210,13 @@ static unsigned lorenz_run_predict(lorenz_state *s, const lorenz_params *p)
     }
     if (running) {
         /* z by classical Runge-Kutta; P = L D L' by P <- Phi P Phi' + h Q_theta */
+        /* the tableau of z: */
+        /*     0 |  */
+        /*   1/2 | 1/2 */
+        /*   1/2 |   0 1/2 */
+        /*     1 |   0   0   1 */
+        /*   --------------------- */
+        /*       | 1/6 1/3 1/3 1/6 */
         {
             const float D1 = s->D[0];
             const float D2 = s->D[1];
@@ -339,235 +346,289 @@ static unsigned lorenz_run_predict(lorenz_state *s, const lorenz_params *p)
     return status;
 }
 
-/* part of a step: correct with y */
-static unsigned lorenz_run_update_y(lorenz_state *s, const lorenz_params *p, const lorenz_output *out)
+static unsigned lorenz_guard_measurement_y(const lorenz_state *s, float *e, float *output_error,
+    float reading, bool *valid)
+{
+    unsigned status = 0u;
+    /* guard the measurement of y */
+    {
+        const float t1 = reading - s->z[0];
+        const bool t2 = lorenz_within(reading, 3e+38f);
+        const bool t3 = t2 && lorenz_within(reading, 60.0f) && lorenz_within(t1, 1e+16f);
+        *e = t1;
+        *output_error = t1;
+        *valid = t3;
+        if (!t2) {
+            status |= LORENZ_MISSING_Y;
+        }
+        if (t2 && !t3) {
+            status |= LORENZ_REJECTED_Y;
+        }
+    }
+    return status;
+}
+
+/* correct the estimate with a sample that can be used */
+static unsigned lorenz_use_sample_y(lorenz_state *s, const lorenz_params *p, float e)
+{
+    unsigned status = 0u;
+    bool beyond = false;
+    /* correct by the scalar update */
+    {
+        const float D1 = s->D[0];
+        const float L21 = s->L[0];
+        const float L31 = s->L[1];
+        const float z1 = s->z[0];
+        const float z2 = s->z[1];
+        const float z3 = s->z[2];
+        const float t1 = p->gain.R/0.001f;
+        const float K1 = D1/(t1 + D1);
+        const float K2 = L21*K1;
+        const float K3 = L31*K1;
+        s->z[0] = z1 + K1*e;
+        s->z[1] = z2 + K2*e;
+        s->z[2] = z3 + K3*e;
+        s->D[0] = K1*t1;
+    }
+    /* is a value beyond its box, or lost? */
+    {
+        const float z3 = s->z[2];
+        const bool t1 = lorenz_within(s->z[0], 60.0f) && lorenz_within(s->z[1], 90.0f) && z3 >= -50.0f
+            && z3 <= 100.0f;
+        const float D1 = s->D[0];
+        beyond = !(t1 && D1 >= 1e-16f && D1 <= 3600.0f);
+    }
+    if (lorenz_acts(beyond)) {
+        status |= lorenz_keep_in_box(s, p);
+    }
+    /* y is used */
+    s->used_y = 1u;
+    return status;
+}
+
+static unsigned lorenz_suspect_y(const lorenz_state *s, float output_error, bool *suspect, bool valid)
+{
+    unsigned status = 0u;
+    /* is the estimate where it cannot be for long? */
+    {
+        const float z3 = s->z[2];
+        const bool t1 = lorenz_abs(s->z[0]) > 20.0f || lorenz_abs(s->z[1]) > 30.0f || z3 < 0.0f || z3 > 50.0f;
+        if (t1) {
+            status |= LORENZ_OUTSIDE_BOX;
+        }
+        *suspect = lorenz_abs(output_error) > 4.0f || t1 || !(s->fault_checksum <= 0.0f) || !valid;
+    }
+    return status;
+}
+
+static bool lorenz_plausible_y(float reading, bool valid)
+{
+    bool sampled = false;
+    /* is there a sample to judge by? */
+    sampled = valid || (lorenz_within(reading, 3e+38f) && lorenz_within(reading, 60.0f));
+    return sampled;
+}
+
+static bool lorenz_counts_spoiled_y(const lorenz_state *s)
+{
+    bool spoiled = false;
+    /* was a fault count or limit spoiled? */
+    {
+        const float fault_count_y = s->fault_count_y;
+        const float fault_limit_y = s->fault_limit_y;
+        const float fault_count_range = s->fault_count_range;
+        const float fault_limit_range = s->fault_limit_range;
+        const float t1 = fault_limit_y - 178.0f + lorenz_abs(fault_count_y)
+            + (fault_limit_range - 178.0f + fault_count_range);
+        const bool t2 = lorenz_abs(t1 - s->fault_checksum) < 0.5f && lorenz_within(fault_count_y, 182272.0f)
+            && fault_limit_y >= 178.0f && fault_limit_y <= 182272.0f;
+        const bool t3 = t2 && fault_count_range >= 0.0f && fault_count_range <= 182272.0f
+            && fault_limit_range >= 178.0f && fault_limit_range <= 182272.0f;
+        spoiled = !t3;
+    }
+    return spoiled;
+}
+
+static void lorenz_find_signs_y(const lorenz_state *s, float *moves_y, float output_error, float *side_y)
+{
+    /* which signs show? */
+    {
+        const bool t1 = lorenz_within(output_error, 4.0f);
+        const float fault_count_y = s->fault_count_y;
+        *moves_y = (t1 ? 0.0f : ((fault_count_y*output_error < 0.0f) ? -89.0f : 1.0f)) + (t1 ? -1.0f : 0.0f);
+        *side_y = (t1 ? 0.0f : output_error) + (t1 ? fault_count_y : 0.0f);
+    }
+}
+
+/* a fault count is at its limit: restart from the sample, or project onto the ranges */
+static unsigned lorenz_recover_y(lorenz_state *s, float reading)
+{
+    unsigned status = 0u;
+    bool lost = false;
+    bool over_range = false;
+    bool over_y = false;
+    /* by which sign, and is the estimate lost? */
+    {
+        const bool t1 = s->fault_limit_y <= lorenz_abs(s->fault_count_y);
+        const float fault_limit_range = s->fault_limit_range;
+        const bool t2 = fault_limit_range <= s->fault_count_range;
+        const float z3 = s->z[2];
+        const bool t3 = fault_limit_range > 178.0f || lorenz_abs(s->z[0]) > 40.0f
+            || lorenz_abs(s->z[1]) > 60.0f || z3 < -25.0f || z3 > 75.0f;
+        over_y = t1;
+        over_range = t2;
+        lost = t1 || (t2 && t3);
+    }
+    if (over_y) {
+        /* the fault limit doubles */
+        {
+            const float fault_count_y = s->fault_count_y;
+            const float fault_limit_y = s->fault_limit_y;
+            const float t1 = lorenz_min(fault_limit_y, 91136.0f);
+            s->fault_count_y = (fault_count_y < 0.0f) ? -t1 : t1;
+            s->fault_limit_y = lorenz_min(2.0f*fault_limit_y, 182272.0f);
+        }
+    }
+    if (over_range) {
+        /* the fault limit doubles */
+        {
+            const float fault_limit_range = s->fault_limit_range;
+            s->fault_count_range = lorenz_min(fault_limit_range, 91136.0f);
+            s->fault_limit_range = lorenz_min(2.0f*fault_limit_range, 182272.0f);
+        }
+    }
+    if (lost) {
+        /* the estimate restarts */
+        s->z[0] = 0.0f;
+        s->z[1] = 0.0f;
+        s->z[2] = 0.0f;
+        /* from the sample of y */
+        {
+            const float z1 = s->z[0];
+            const float z2 = s->z[1];
+            const float z3 = s->z[2];
+            s->z[0] = lorenz_keep(reading, -20.0f, 20.0f, z1, 1e+30f);
+            s->z[1] = lorenz_keep(z2, -30.0f, 30.0f, z2, 1e+30f);
+            s->z[2] = lorenz_keep(z3, 0.0f, 50.0f, z3, 1e+30f);
+        }
+        /* the estimate has restarted from the sample */
+        status |= LORENZ_RESTARTED_FROM_SAMPLE;
+        lorenz_clear_rest(s);
+    } else {
+        /* the estimate back onto its declared ranges */
+        {
+            const float z1 = s->z[0];
+            const float z2 = s->z[1];
+            const float z3 = s->z[2];
+            const float L31 = s->L[1];
+            const float D1 = s->D[0];
+            const float t1 = L31*D1;
+            const float t2 = z1 - lorenz_limit(z1, 20.0f);
+            const float t3 = t2/D1;
+            const float L21 = s->L[0];
+            const float L32 = s->L[2];
+            const float D2 = s->D[1];
+            const float t4 = L32*D2;
+            const float t5 = L21*D1;
+            const float t6 = z2 - t5*t3;
+            const float t7 = t6 - lorenz_limit(t6, 30.0f);
+            const float t8 = t7/(t5*L21 + D2);
+            const float t9 = z3 - t1*t3 - (t1*L21 + t4)*t8;
+            const float t10 = t9 - lorenz_clamp(t9, 0.0f, 50.0f);
+            const float t11 = t9 - t10 - z3;
+            const float t12 = (t11 > 0.0f) ? 100.0f - z3 : z3 + 50.0f;
+            const float t13 = t10/(t1*L31 + t4*L32 + s->D[2]);
+            const float t14 = t6 - t7 - (t5*L31 + D2*L32)*t13 - z2;
+            const float t15 = (t14 > 0.0f) ? 90.0f - z2 : z2 + 90.0f;
+            const float t16 = z1 - t2 - D1*L21*t8 - D1*L31*t13 - z1;
+            const float t17 = (t16 > 0.0f) ? 60.0f - z1 : z1 + 60.0f;
+            const float t18 = lorenz_abs(t16);
+            const float t19 = (t17 < t18) ? t17/t18 : 1.0f;
+            const float t20 = lorenz_abs(t14);
+            const float t21 = (t15 < t19*t20) ? t15/t20 : t19;
+            const float t22 = lorenz_abs(t11);
+            const float t23 = (t12 < t21*t22) ? t12/t22 : t21;
+            s->z[0] = lorenz_keep(z1 + t23*t16, -60.0f, 60.0f, z1, 1e+30f);
+            s->z[1] = lorenz_keep(z2 + t23*t14, -90.0f, 90.0f, z2, 1e+30f);
+            s->z[2] = lorenz_keep(z3 + t23*t11, -50.0f, 100.0f, z3, 1e+30f);
+            status |= LORENZ_PROJECTED_ONTO_RANGES;
+        }
+    }
+    return status;
+}
+
+/* count the signs of a fault at a sample, and act where a count is at its limit */
+static unsigned lorenz_count_faults_y(lorenz_state *s, float output_error, float reading)
 {
     unsigned status = 0u;
     bool acts = false;
-    bool beyond = false;
-    float e = 0.0f;
-    bool fresh = false;
-    bool lost = false;
-    float measurement = 0.0f;
     float moves_range = 0.0f;
     float moves_y = 0.0f;
-    float output_error = 0.0f;
-    bool over_range = false;
-    bool over_y = false;
-    bool sampled = false;
     float side_y = 0.0f;
     bool spoiled = false;
+    spoiled = lorenz_counts_spoiled_y(s);
+    if (spoiled) {
+        lorenz_clear_fault_counts(s);
+    }
+    /* is the estimate out of a range? */
+    {
+        const float z3 = s->z[2];
+        moves_range = (lorenz_abs(s->z[0]) > 22.0f || lorenz_abs(s->z[1]) > 33.0f || z3 < -2.5f
+            || z3 > 52.5f) ? 1.0f : -1.0f;
+    }
+    /* count of range */
+    {
+        const float fault_count_range = s->fault_count_range;
+        const float fault_limit_range = s->fault_limit_range;
+        const float t1 = lorenz_clamp(fault_count_range + moves_range, 0.0f, 182272.0f);
+        s->fault_count_range = t1;
+        s->fault_limit_range = (t1 <= 0.0f) ? 178.0f : fault_limit_range;
+    }
+    lorenz_find_signs_y(s, &moves_y, output_error, &side_y);
+    /* count of y */
+    {
+        const float fault_count_y = s->fault_count_y;
+        const float fault_limit_y = s->fault_limit_y;
+        const float t1 = lorenz_clamp(lorenz_abs(fault_count_y) + moves_y, 0.0f, 182272.0f);
+        s->fault_count_y = (side_y < 0.0f) ? -t1 : t1;
+        s->fault_limit_y = (t1 <= 0.0f) ? 178.0f : fault_limit_y;
+    }
+    /* does a guard act? */
+    acts = s->fault_limit_y <= lorenz_abs(s->fault_count_y) || s->fault_limit_range <= s->fault_count_range;
+    if (acts) {
+        status |= lorenz_recover_y(s, reading);
+    }
+    /* the checksum of fault counts and limits */
+    s->fault_checksum = s->fault_limit_y - 178.0f + lorenz_abs(s->fault_count_y)
+        + (s->fault_limit_range - 178.0f + s->fault_count_range);
+    return status;
+}
+
+/* part of a step: correct with y */
+static unsigned lorenz_run_update_y(lorenz_state *s, const lorenz_params *p, const lorenz_output *measurement)
+{
+    unsigned status = 0u;
+    float e = 0.0f;
+    bool fresh = false;
+    float output_error = 0.0f;
+    float reading = 0.0f;
+    bool sampled = false;
     bool suspect = false;
     bool valid = false;
     /* is a sample of y awaited? */
     fresh = s->used_y < 1u;
     if (fresh) {
         /* the measurement of y */
-        measurement = out->y;
-        /* guard the measurement of y */
-        {
-            const float t1 = measurement - s->z[0];
-            const bool t2 = lorenz_within(measurement, 3e+38f);
-            const bool t3 = t2 && lorenz_within(measurement, 60.0f) && lorenz_within(t1, 1e+16f);
-            e = t1;
-            output_error = t1;
-            valid = t3;
-            if (!t2) {
-                status |= LORENZ_MISSING_Y;
-            }
-            if (t2 && !t3) {
-                status |= LORENZ_REJECTED_Y;
-            }
-        }
+        reading = measurement->y;
+        status |= lorenz_guard_measurement_y(s, &e, &output_error, reading, &valid);
         if (valid) {
-            /* correct by the scalar update */
-            {
-                const float D1 = s->D[0];
-                const float L21 = s->L[0];
-                const float L31 = s->L[1];
-                const float z1 = s->z[0];
-                const float z2 = s->z[1];
-                const float z3 = s->z[2];
-                const float t1 = p->gain.R/0.001f;
-                const float K1 = D1/(t1 + D1);
-                const float K2 = L21*K1;
-                const float K3 = L31*K1;
-                s->z[0] = z1 + K1*e;
-                s->z[1] = z2 + K2*e;
-                s->z[2] = z3 + K3*e;
-                s->D[0] = K1*t1;
-            }
-            /* is a value beyond its box, or lost? */
-            {
-                const float z3 = s->z[2];
-                const bool t1 = lorenz_within(s->z[0], 60.0f) && lorenz_within(s->z[1], 90.0f)
-                    && z3 >= -50.0f && z3 <= 100.0f;
-                const float D1 = s->D[0];
-                beyond = !(t1 && D1 >= 1e-16f && D1 <= 3600.0f);
-            }
-            if (lorenz_acts(beyond)) {
-                status |= lorenz_keep_in_box(s, p);
-            }
-            /* y is used */
-            s->used_y = 1u;
+            status |= lorenz_use_sample_y(s, p, e);
         }
-        /* is the estimate where it cannot be for long? */
-        {
-            const float z3 = s->z[2];
-            const bool t1 = lorenz_abs(s->z[0]) > 20.0f || lorenz_abs(s->z[1]) > 30.0f || z3 < 0.0f
-                || z3 > 50.0f;
-            if (t1) {
-                status |= LORENZ_OUTSIDE_BOX;
-            }
-            suspect = lorenz_abs(output_error) > 4.0f || t1 || !(s->fault_checksum <= 0.0f) || !valid;
-        }
+        status |= lorenz_suspect_y(s, output_error, &suspect, valid);
         if (suspect) {
-            /* is there a sample to judge by? */
-            sampled = valid || (lorenz_within(measurement, 3e+38f) && lorenz_within(measurement, 60.0f));
+            sampled = lorenz_plausible_y(reading, valid);
             if (sampled) {
-                /* was a fault count or limit spoiled? */
-                {
-                    const float fault_count_y = s->fault_count_y;
-                    const float fault_limit_y = s->fault_limit_y;
-                    const float fault_count_range = s->fault_count_range;
-                    const float fault_limit_range = s->fault_limit_range;
-                    const float t1 = fault_limit_y - 178.0f + lorenz_abs(fault_count_y)
-                        + (fault_limit_range - 178.0f + fault_count_range);
-                    const bool t2 = lorenz_abs(t1 - s->fault_checksum) < 0.5f
-                        && lorenz_within(fault_count_y, 182272.0f) && fault_limit_y >= 178.0f
-                            && fault_limit_y <= 182272.0f;
-                    const bool t3 = t2 && fault_count_range >= 0.0f && fault_count_range <= 182272.0f
-                        && fault_limit_range >= 178.0f && fault_limit_range <= 182272.0f;
-                    spoiled = !t3;
-                }
-                if (spoiled) {
-                    lorenz_clear_fault_counts(s);
-                }
-                /* is the estimate out of a range? */
-                {
-                    const float z3 = s->z[2];
-                    moves_range = (lorenz_abs(s->z[0]) > 22.0f || lorenz_abs(s->z[1]) > 33.0f || z3 < -2.5f
-                        || z3 > 52.5f) ? 1.0f : -1.0f;
-                }
-                /* count of range */
-                {
-                    const float fault_count_range = s->fault_count_range;
-                    const float fault_limit_range = s->fault_limit_range;
-                    const float t1 = lorenz_clamp(fault_count_range + moves_range, 0.0f, 182272.0f);
-                    s->fault_count_range = t1;
-                    s->fault_limit_range = (t1 <= 0.0f) ? 178.0f : fault_limit_range;
-                }
-                /* which signs show? */
-                {
-                    const bool t1 = lorenz_within(output_error, 4.0f);
-                    const float fault_count_y = s->fault_count_y;
-                    moves_y = (t1 ? 0.0f : ((fault_count_y*output_error < 0.0f) ? -89.0f : 1.0f))
-                        + (t1 ? -1.0f : 0.0f);
-                    side_y = (t1 ? 0.0f : output_error) + (t1 ? fault_count_y : 0.0f);
-                }
-                /* count of y */
-                {
-                    const float fault_count_y = s->fault_count_y;
-                    const float fault_limit_y = s->fault_limit_y;
-                    const float t1 = lorenz_clamp(lorenz_abs(fault_count_y) + moves_y, 0.0f, 182272.0f);
-                    s->fault_count_y = (side_y < 0.0f) ? -t1 : t1;
-                    s->fault_limit_y = (t1 <= 0.0f) ? 178.0f : fault_limit_y;
-                }
-                /* does a guard act? */
-                acts = s->fault_limit_y <= lorenz_abs(s->fault_count_y)
-                    || s->fault_limit_range <= s->fault_count_range;
-                if (acts) {
-                    /* by which sign, and is the estimate lost? */
-                    {
-                        const bool t1 = s->fault_limit_y <= lorenz_abs(s->fault_count_y);
-                        const float fault_limit_range = s->fault_limit_range;
-                        const bool t2 = fault_limit_range <= s->fault_count_range;
-                        const float z3 = s->z[2];
-                        const bool t3 = fault_limit_range > 178.0f || lorenz_abs(s->z[0]) > 40.0f
-                            || lorenz_abs(s->z[1]) > 60.0f || z3 < -25.0f || z3 > 75.0f;
-                        over_y = t1;
-                        over_range = t2;
-                        lost = t1 || (t2 && t3);
-                    }
-                    if (over_y) {
-                        /* the fault limit doubles */
-                        {
-                            const float fault_count_y = s->fault_count_y;
-                            const float fault_limit_y = s->fault_limit_y;
-                            const float t1 = lorenz_min(fault_limit_y, 91136.0f);
-                            s->fault_count_y = (fault_count_y < 0.0f) ? -t1 : t1;
-                            s->fault_limit_y = lorenz_min(2.0f*fault_limit_y, 182272.0f);
-                        }
-                    }
-                    if (over_range) {
-                        /* the fault limit doubles */
-                        {
-                            const float fault_limit_range = s->fault_limit_range;
-                            s->fault_count_range = lorenz_min(fault_limit_range, 91136.0f);
-                            s->fault_limit_range = lorenz_min(2.0f*fault_limit_range, 182272.0f);
-                        }
-                    }
-                    if (lost) {
-                        /* the estimate restarts */
-                        s->z[0] = 0.0f;
-                        s->z[1] = 0.0f;
-                        s->z[2] = 0.0f;
-                        /* from the sample of y */
-                        {
-                            const float z1 = s->z[0];
-                            const float z2 = s->z[1];
-                            const float z3 = s->z[2];
-                            s->z[0] = lorenz_keep(measurement, -20.0f, 20.0f, z1, 1e+30f);
-                            s->z[1] = lorenz_keep(z2, -30.0f, 30.0f, z2, 1e+30f);
-                            s->z[2] = lorenz_keep(z3, 0.0f, 50.0f, z3, 1e+30f);
-                        }
-                        /* the estimate has restarted from the sample */
-                        status |= LORENZ_RESTARTED_FROM_SAMPLE;
-                        lorenz_clear_rest(s);
-                    } else {
-                        /* the estimate back onto its declared ranges */
-                        {
-                            const float z1 = s->z[0];
-                            const float z2 = s->z[1];
-                            const float z3 = s->z[2];
-                            const float L31 = s->L[1];
-                            const float D1 = s->D[0];
-                            const float t1 = L31*D1;
-                            const float t2 = z1 - lorenz_limit(z1, 20.0f);
-                            const float t3 = t2/D1;
-                            const float L21 = s->L[0];
-                            const float L32 = s->L[2];
-                            const float D2 = s->D[1];
-                            const float t4 = L32*D2;
-                            const float t5 = L21*D1;
-                            const float t6 = z2 - t5*t3;
-                            const float t7 = t6 - lorenz_limit(t6, 30.0f);
-                            const float t8 = t7/(t5*L21 + D2);
-                            const float t9 = z3 - t1*t3 - (t1*L21 + t4)*t8;
-                            const float t10 = t9 - lorenz_clamp(t9, 0.0f, 50.0f);
-                            const float t11 = t9 - t10 - z3;
-                            const float t12 = (t11 > 0.0f) ? 100.0f - z3 : z3 + 50.0f;
-                            const float t13 = t10/(t1*L31 + t4*L32 + s->D[2]);
-                            const float t14 = t6 - t7 - (t5*L31 + D2*L32)*t13 - z2;
-                            const float t15 = (t14 > 0.0f) ? 90.0f - z2 : z2 + 90.0f;
-                            const float t16 = z1 - t2 - D1*L21*t8 - D1*L31*t13 - z1;
-                            const float t17 = (t16 > 0.0f) ? 60.0f - z1 : z1 + 60.0f;
-                            const float t18 = lorenz_abs(t16);
-                            const float t19 = (t17 < t18) ? t17/t18 : 1.0f;
-                            const float t20 = lorenz_abs(t14);
-                            const float t21 = (t15 < t19*t20) ? t15/t20 : t19;
-                            const float t22 = lorenz_abs(t11);
-                            const float t23 = (t12 < t21*t22) ? t12/t22 : t21;
-                            s->z[0] = lorenz_keep(z1 + t23*t16, -60.0f, 60.0f, z1, 1e+30f);
-                            s->z[1] = lorenz_keep(z2 + t23*t14, -90.0f, 90.0f, z2, 1e+30f);
-                            s->z[2] = lorenz_keep(z3 + t23*t11, -50.0f, 100.0f, z3, 1e+30f);
-                            status |= LORENZ_PROJECTED_ONTO_RANGES;
-                        }
-                    }
-                }
-                /* the checksum of fault counts and limits */
-                s->fault_checksum = s->fault_limit_y - 178.0f + lorenz_abs(s->fault_count_y)
-                    + (s->fault_limit_range - 178.0f + s->fault_count_range);
+                status |= lorenz_count_faults_y(s, output_error, reading);
             }
         }
     } else {
@@ -600,19 +661,19 @@ unsigned lorenz_predict(lorenz_state *s, const lorenz_params *p)
     return status;
 }
 
-unsigned lorenz_update_y(lorenz_state *s, const lorenz_params *p, const lorenz_output *out)
+unsigned lorenz_update_y(lorenz_state *s, const lorenz_params *p, const lorenz_output *measurement)
 {
     unsigned status = 0u;
     if ((s->ready != LORENZ_READY) || (p->ready != LORENZ_READY)) {
         status = lorenz_ready(s, p);
     }
     if ((status & LORENZ_NO_PARAMETERS) == 0u) {
-        status |= lorenz_run_update_y(s, p, out);
+        status |= lorenz_run_update_y(s, p, measurement);
     }
     return status;
 }
 
-unsigned lorenz_step(lorenz_state *s, const lorenz_params *p, const lorenz_output *out)
+unsigned lorenz_step(lorenz_state *s, const lorenz_params *p, const lorenz_output *measurement)
 {
     unsigned status = 0u;
     if ((s->ready != LORENZ_READY) || (p->ready != LORENZ_READY)) {
@@ -620,7 +681,7 @@ unsigned lorenz_step(lorenz_state *s, const lorenz_params *p, const lorenz_outpu
     }
     if ((status & LORENZ_NO_PARAMETERS) == 0u) {
         status |= lorenz_run_predict(s, p);
-        status |= lorenz_run_update_y(s, p, out);
+        status |= lorenz_run_update_y(s, p, measurement);
     }
     return status;
 }

@@ -23,7 +23,7 @@
 
 unsigned lorenz_check(void);
 
-static const float given[64][1] = { /* out.y */
+static const float given[64][1] = { /* measurement.y */
     {-0.5f},
     {-0.41304347f},
     {-0.32608697f},
@@ -189,15 +189,15 @@ unsigned lorenz_check(void)
     unsigned bad = (none >= none) ? 21u : 0u; /* compiled to take it for a number: sample 21 is lost */
     lorenz_state s;
     lorenz_params p;
-    lorenz_output out;
+    lorenz_output measurement;
     lorenz_plant x;
     lorenz_init(&s, &p);
     s.z[0] = 8.0f;
     s.z[1] = 12.0f;
     s.z[2] = 35.0f;
     for (unsigned k = 0u; k < 64u && bad == 0u; ++k) {
-        out.y = (k == 20u) ? none : given[k][0];
-        const unsigned status = lorenz_step(&s, &p, &out);
+        measurement.y = (k == 20u) ? none : given[k][0];
+        const unsigned status = lorenz_step(&s, &p, &measurement);
         lorenz_estimate(&s, &p, &x);
         if (status != expected[k] || !lorenz_near(x.x, k, 0u) || !lorenz_near(x.y_, k, 1u)
             || !lorenz_near(x.z, k, 2u)) {

@@ -1,4 +1,4 @@
-/* lotka_volterra: see lotka_volterra.h, which is the manual. */
+/* lotka_volterra: see lotka_volterra.h, and its manual lotka_volterra.md. */
 #include "lotka_volterra.h"
 
 #include <stdbool.h>
@@ -188,6 +188,13 @@ static unsigned lotka_volterra_run_predict(lotka_volterra_state *s, const lotka_
     }
     if (running) {
         /* z by classical Runge-Kutta; P = L D L' by P <- Phi P Phi' + h Q_theta */
+        /* the tableau of z: */
+        /*     0 |  */
+        /*   1/2 | 1/2 */
+        /*   1/2 |   0 1/2 */
+        /*     1 |   0   0   1 */
+        /*   --------------------- */
+        /*       | 1/6 1/3 1/3 1/6 */
         {
             const float D1 = s->D[0];
             const float D2 = s->D[1];
@@ -267,220 +274,276 @@ static unsigned lotka_volterra_run_predict(lotka_volterra_state *s, const lotka_
     return status;
 }
 
-/* part of a step: correct with y */
-static unsigned lotka_volterra_run_update_y(lotka_volterra_state *s, const lotka_volterra_params *p,
-    const lotka_volterra_output *out)
+static unsigned lotka_volterra_guard_measurement_y(const lotka_volterra_state *s, float *e,
+    float *output_error, float reading, bool *valid)
+{
+    unsigned status = 0u;
+    /* guard the measurement of y */
+    {
+        const float t1 = reading - s->z[0];
+        const bool t2 = lotka_volterra_within(reading, 3e+38f);
+        const bool t3 = t2 && reading >= -78.0f && reading <= 159.0f && lotka_volterra_within(t1, 1e+16f);
+        *e = t1;
+        *output_error = t1;
+        *valid = t3;
+        if (!t2) {
+            status |= LOTKA_VOLTERRA_MISSING_Y;
+        }
+        if (t2 && !t3) {
+            status |= LOTKA_VOLTERRA_REJECTED_Y;
+        }
+    }
+    return status;
+}
+
+/* correct the estimate with a sample that can be used */
+static unsigned lotka_volterra_use_sample_y(lotka_volterra_state *s, const lotka_volterra_params *p, float e)
+{
+    unsigned status = 0u;
+    bool beyond = false;
+    /* correct by the scalar update */
+    {
+        const float D1 = s->D[0];
+        const float L21 = s->L;
+        const float z1 = s->z[0];
+        const float z2 = s->z[1];
+        const float t1 = p->gain.R/0.01f;
+        const float K1 = D1/(t1 + D1);
+        const float K2 = L21*K1;
+        s->z[0] = z1 + K1*e;
+        s->z[1] = z2 + K2*e;
+        s->D[0] = K1*t1;
+    }
+    /* is a value beyond its box, or lost? */
+    {
+        const float z1 = s->z[0];
+        const float z2 = s->z[1];
+        const float D1 = s->D[0];
+        const bool t1 = z1 >= -78.0f && z1 <= 159.0f && z2 >= -79.0f && z2 <= 38.0f && D1 >= 1e-14f
+            && D1 <= 14042.25f;
+        beyond = !t1;
+    }
+    if (lotka_volterra_acts(beyond)) {
+        status |= lotka_volterra_keep_in_box(s, p);
+    }
+    /* y is used */
+    s->used_y = 1u;
+    return status;
+}
+
+static unsigned lotka_volterra_suspect_y(const lotka_volterra_state *s, float output_error, bool *suspect,
+    bool valid)
+{
+    unsigned status = 0u;
+    /* is the estimate where it cannot be for long? */
+    {
+        const float z1 = s->z[0];
+        const float z2 = s->z[1];
+        const bool t1 = z1 < 1.0f || z1 > 80.0f || z2 < -40.0f || z2 > -1.0f;
+        if (t1) {
+            status |= LOTKA_VOLTERRA_OUTSIDE_BOX;
+        }
+        *suspect = lotka_volterra_abs(output_error) > 7.9f || t1 || !(s->fault_checksum <= 0.0f) || !valid;
+    }
+    return status;
+}
+
+static bool lotka_volterra_plausible_y(float reading, bool valid)
+{
+    bool sampled = false;
+    /* is there a sample to judge by? */
+    sampled = valid || (lotka_volterra_within(reading, 3e+38f) && reading >= -78.0f && reading <= 159.0f);
+    return sampled;
+}
+
+static bool lotka_volterra_counts_spoiled_y(const lotka_volterra_state *s)
+{
+    bool spoiled = false;
+    /* was a fault count or limit spoiled? */
+    {
+        const float fault_count_y = s->fault_count_y;
+        const float fault_limit_y = s->fault_limit_y;
+        const float fault_count_range = s->fault_count_range;
+        const float fault_limit_range = s->fault_limit_range;
+        const float t1 = fault_limit_y - 478.0f + lotka_volterra_abs(fault_count_y)
+            + (fault_limit_range - 478.0f + fault_count_range);
+        const bool t2 = lotka_volterra_abs(t1 - s->fault_checksum) < 0.5f
+            && lotka_volterra_within(fault_count_y, 489472.0f);
+        const bool t3 = t2 && fault_limit_y >= 478.0f && fault_limit_y <= 489472.0f
+            && fault_count_range >= 0.0f && fault_count_range <= 489472.0f;
+        spoiled = !(t3 && fault_limit_range >= 478.0f && fault_limit_range <= 489472.0f);
+    }
+    return spoiled;
+}
+
+static void lotka_volterra_find_signs_y(const lotka_volterra_state *s, float *moves_y, float output_error,
+    float *side_y)
+{
+    /* which signs show? */
+    {
+        const bool t1 = lotka_volterra_within(output_error, 7.9f);
+        const float fault_count_y = s->fault_count_y;
+        *moves_y = (t1 ? 0.0f : ((fault_count_y*output_error < 0.0f) ? -239.0f : 1.0f)) + (t1 ? -1.0f : 0.0f);
+        *side_y = (t1 ? 0.0f : output_error) + (t1 ? fault_count_y : 0.0f);
+    }
+}
+
+/* a fault count is at its limit: restart from the sample, or project onto the ranges */
+static unsigned lotka_volterra_recover_y(lotka_volterra_state *s, float reading)
+{
+    unsigned status = 0u;
+    bool lost = false;
+    bool over_range = false;
+    bool over_y = false;
+    /* by which sign, and is the estimate lost? */
+    {
+        const bool t1 = s->fault_limit_y <= lotka_volterra_abs(s->fault_count_y);
+        const float fault_limit_range = s->fault_limit_range;
+        const bool t2 = fault_limit_range <= s->fault_count_range;
+        const float z1 = s->z[0];
+        const float z2 = s->z[1];
+        const bool t3 = t2 && (fault_limit_range > 478.0f || z1 < -38.5f || z1 > 119.5f || z2 < -59.5f
+            || z2 > 18.5f);
+        over_y = t1;
+        over_range = t2;
+        lost = t1 || t3;
+    }
+    if (over_y) {
+        /* the fault limit doubles */
+        {
+            const float fault_count_y = s->fault_count_y;
+            const float fault_limit_y = s->fault_limit_y;
+            const float t1 = lotka_volterra_min(fault_limit_y, 244736.0f);
+            s->fault_count_y = (fault_count_y < 0.0f) ? -t1 : t1;
+            s->fault_limit_y = lotka_volterra_min(2.0f*fault_limit_y, 489472.0f);
+        }
+    }
+    if (over_range) {
+        /* the fault limit doubles */
+        {
+            const float fault_limit_range = s->fault_limit_range;
+            s->fault_count_range = lotka_volterra_min(fault_limit_range, 244736.0f);
+            s->fault_limit_range = lotka_volterra_min(2.0f*fault_limit_range, 489472.0f);
+        }
+    }
+    if (lost) {
+        /* the estimate restarts */
+        s->z[0] = 1.0f;
+        s->z[1] = -1.0f;
+        /* from the sample of y */
+        {
+            const float z1 = s->z[0];
+            const float z2 = s->z[1];
+            s->z[0] = lotka_volterra_keep(reading, 1.0f, 80.0f, z1, 1e+30f);
+            s->z[1] = lotka_volterra_keep(z2, -40.0f, -1.0f, z2, 1e+30f);
+        }
+        /* the estimate has restarted from the sample */
+        status |= LOTKA_VOLTERRA_RESTARTED_FROM_SAMPLE;
+        /* as after a reset */
+        s->L = 0.0f;
+        s->D[0] = 2000.0f;
+        s->D[1] = 400.0f;
+    } else {
+        /* the estimate back onto its declared ranges */
+        {
+            const float z1 = s->z[0];
+            const float z2 = s->z[1];
+            const float L21 = s->L;
+            const float D1 = s->D[0];
+            const float t1 = L21*D1;
+            const float t2 = z1 - lotka_volterra_clamp(z1, 1.0f, 80.0f);
+            const float t3 = z2 - t2/D1*t1;
+            const float t4 = t3 - lotka_volterra_clamp(t3, -40.0f, -1.0f);
+            const float t5 = t3 - t4 - z2;
+            const float t6 = (t5 > 0.0f) ? 38.0f - z2 : z2 + 79.0f;
+            const float t7 = z1 - t2 - D1*L21*(t4/(t1*L21 + s->D[1])) - z1;
+            const float t8 = (t7 > 0.0f) ? 159.0f - z1 : z1 + 78.0f;
+            const float t9 = lotka_volterra_abs(t7);
+            const float t10 = (t8 < t9) ? t8/t9 : 1.0f;
+            const float t11 = lotka_volterra_abs(t5);
+            const float t12 = (t6 < t10*t11) ? t6/t11 : t10;
+            s->z[0] = lotka_volterra_keep(z1 + t12*t7, -78.0f, 159.0f, z1, 1e+30f);
+            s->z[1] = lotka_volterra_keep(z2 + t12*t5, -79.0f, 38.0f, z2, 1e+30f);
+            status |= LOTKA_VOLTERRA_PROJECTED_ONTO_RANGES;
+        }
+    }
+    return status;
+}
+
+/* count the signs of a fault at a sample, and act where a count is at its limit */
+static unsigned lotka_volterra_count_faults_y(lotka_volterra_state *s, float output_error, float reading)
 {
     unsigned status = 0u;
     bool acts = false;
-    bool beyond = false;
-    float e = 0.0f;
-    bool fresh = false;
-    bool lost = false;
-    float measurement = 0.0f;
     float moves_range = 0.0f;
     float moves_y = 0.0f;
-    float output_error = 0.0f;
-    bool over_range = false;
-    bool over_y = false;
-    bool sampled = false;
     float side_y = 0.0f;
     bool spoiled = false;
+    spoiled = lotka_volterra_counts_spoiled_y(s);
+    if (spoiled) {
+        lotka_volterra_clear_fault_counts(s);
+    }
+    /* is the estimate out of a range? */
+    {
+        const float z1 = s->z[0];
+        const float z2 = s->z[1];
+        moves_range = (z1 < -2.95f || z1 > 83.95f || z2 < -41.95f || z2 > 0.95f) ? 1.0f : -1.0f;
+    }
+    /* count of range */
+    {
+        const float fault_count_range = s->fault_count_range;
+        const float fault_limit_range = s->fault_limit_range;
+        const float t1 = lotka_volterra_clamp(fault_count_range + moves_range, 0.0f, 489472.0f);
+        s->fault_count_range = t1;
+        s->fault_limit_range = (t1 <= 0.0f) ? 478.0f : fault_limit_range;
+    }
+    lotka_volterra_find_signs_y(s, &moves_y, output_error, &side_y);
+    /* count of y */
+    {
+        const float fault_count_y = s->fault_count_y;
+        const float fault_limit_y = s->fault_limit_y;
+        const float t1 = lotka_volterra_clamp(lotka_volterra_abs(fault_count_y) + moves_y, 0.0f, 489472.0f);
+        s->fault_count_y = (side_y < 0.0f) ? -t1 : t1;
+        s->fault_limit_y = (t1 <= 0.0f) ? 478.0f : fault_limit_y;
+    }
+    /* does a guard act? */
+    acts = s->fault_limit_y <= lotka_volterra_abs(s->fault_count_y)
+        || s->fault_limit_range <= s->fault_count_range;
+    if (acts) {
+        status |= lotka_volterra_recover_y(s, reading);
+    }
+    /* the checksum of fault counts and limits */
+    s->fault_checksum = s->fault_limit_y - 478.0f + lotka_volterra_abs(s->fault_count_y)
+        + (s->fault_limit_range - 478.0f + s->fault_count_range);
+    return status;
+}
+
+/* part of a step: correct with y */
+static unsigned lotka_volterra_run_update_y(lotka_volterra_state *s, const lotka_volterra_params *p,
+    const lotka_volterra_output *measurement)
+{
+    unsigned status = 0u;
+    float e = 0.0f;
+    bool fresh = false;
+    float output_error = 0.0f;
+    float reading = 0.0f;
+    bool sampled = false;
     bool suspect = false;
     bool valid = false;
     /* is a sample of y awaited? */
     fresh = s->used_y < 1u;
     if (fresh) {
         /* the measurement of y */
-        measurement = out->y;
-        /* guard the measurement of y */
-        {
-            const float t1 = measurement - s->z[0];
-            const bool t2 = lotka_volterra_within(measurement, 3e+38f);
-            const bool t3 = t2 && measurement >= -78.0f && measurement <= 159.0f
-                && lotka_volterra_within(t1, 1e+16f);
-            e = t1;
-            output_error = t1;
-            valid = t3;
-            if (!t2) {
-                status |= LOTKA_VOLTERRA_MISSING_Y;
-            }
-            if (t2 && !t3) {
-                status |= LOTKA_VOLTERRA_REJECTED_Y;
-            }
-        }
+        reading = measurement->y;
+        status |= lotka_volterra_guard_measurement_y(s, &e, &output_error, reading, &valid);
         if (valid) {
-            /* correct by the scalar update */
-            {
-                const float D1 = s->D[0];
-                const float L21 = s->L;
-                const float z1 = s->z[0];
-                const float z2 = s->z[1];
-                const float t1 = p->gain.R/0.01f;
-                const float K1 = D1/(t1 + D1);
-                const float K2 = L21*K1;
-                s->z[0] = z1 + K1*e;
-                s->z[1] = z2 + K2*e;
-                s->D[0] = K1*t1;
-            }
-            /* is a value beyond its box, or lost? */
-            {
-                const float z1 = s->z[0];
-                const float z2 = s->z[1];
-                const float D1 = s->D[0];
-                const bool t1 = z1 >= -78.0f && z1 <= 159.0f && z2 >= -79.0f && z2 <= 38.0f && D1 >= 1e-14f
-                    && D1 <= 14042.25f;
-                beyond = !t1;
-            }
-            if (lotka_volterra_acts(beyond)) {
-                status |= lotka_volterra_keep_in_box(s, p);
-            }
-            /* y is used */
-            s->used_y = 1u;
+            status |= lotka_volterra_use_sample_y(s, p, e);
         }
-        /* is the estimate where it cannot be for long? */
-        {
-            const float z1 = s->z[0];
-            const float z2 = s->z[1];
-            const bool t1 = z1 < 1.0f || z1 > 80.0f || z2 < -40.0f || z2 > -1.0f;
-            if (t1) {
-                status |= LOTKA_VOLTERRA_OUTSIDE_BOX;
-            }
-            suspect = lotka_volterra_abs(output_error) > 7.9f || t1 || !(s->fault_checksum <= 0.0f) || !valid;
-        }
+        status |= lotka_volterra_suspect_y(s, output_error, &suspect, valid);
         if (suspect) {
-            /* is there a sample to judge by? */
-            sampled = valid || (lotka_volterra_within(measurement, 3e+38f) && measurement >= -78.0f
-                && measurement <= 159.0f);
+            sampled = lotka_volterra_plausible_y(reading, valid);
             if (sampled) {
-                /* was a fault count or limit spoiled? */
-                {
-                    const float fault_count_y = s->fault_count_y;
-                    const float fault_limit_y = s->fault_limit_y;
-                    const float fault_count_range = s->fault_count_range;
-                    const float fault_limit_range = s->fault_limit_range;
-                    const float t1 = fault_limit_y - 478.0f + lotka_volterra_abs(fault_count_y)
-                        + (fault_limit_range - 478.0f + fault_count_range);
-                    const bool t2 = lotka_volterra_abs(t1 - s->fault_checksum) < 0.5f
-                        && lotka_volterra_within(fault_count_y, 489472.0f);
-                    const bool t3 = t2 && fault_limit_y >= 478.0f && fault_limit_y <= 489472.0f
-                        && fault_count_range >= 0.0f && fault_count_range <= 489472.0f;
-                    spoiled = !(t3 && fault_limit_range >= 478.0f && fault_limit_range <= 489472.0f);
-                }
-                if (spoiled) {
-                    lotka_volterra_clear_fault_counts(s);
-                }
-                /* is the estimate out of a range? */
-                {
-                    const float z1 = s->z[0];
-                    const float z2 = s->z[1];
-                    moves_range = (z1 < -2.95f || z1 > 83.95f || z2 < -41.95f || z2 > 0.95f) ? 1.0f : -1.0f;
-                }
-                /* count of range */
-                {
-                    const float fault_count_range = s->fault_count_range;
-                    const float fault_limit_range = s->fault_limit_range;
-                    const float t1 = lotka_volterra_clamp(fault_count_range + moves_range, 0.0f, 489472.0f);
-                    s->fault_count_range = t1;
-                    s->fault_limit_range = (t1 <= 0.0f) ? 478.0f : fault_limit_range;
-                }
-                /* which signs show? */
-                {
-                    const bool t1 = lotka_volterra_within(output_error, 7.9f);
-                    const float fault_count_y = s->fault_count_y;
-                    moves_y = (t1 ? 0.0f : ((fault_count_y*output_error < 0.0f) ? -239.0f : 1.0f))
-                        + (t1 ? -1.0f : 0.0f);
-                    side_y = (t1 ? 0.0f : output_error) + (t1 ? fault_count_y : 0.0f);
-                }
-                /* count of y */
-                {
-                    const float fault_count_y = s->fault_count_y;
-                    const float fault_limit_y = s->fault_limit_y;
-                    const float t1 = lotka_volterra_clamp(lotka_volterra_abs(fault_count_y) + moves_y, 0.0f,
-                        489472.0f);
-                    s->fault_count_y = (side_y < 0.0f) ? -t1 : t1;
-                    s->fault_limit_y = (t1 <= 0.0f) ? 478.0f : fault_limit_y;
-                }
-                /* does a guard act? */
-                acts = s->fault_limit_y <= lotka_volterra_abs(s->fault_count_y)
-                    || s->fault_limit_range <= s->fault_count_range;
-                if (acts) {
-                    /* by which sign, and is the estimate lost? */
-                    {
-                        const bool t1 = s->fault_limit_y <= lotka_volterra_abs(s->fault_count_y);
-                        const float fault_limit_range = s->fault_limit_range;
-                        const bool t2 = fault_limit_range <= s->fault_count_range;
-                        const float z1 = s->z[0];
-                        const float z2 = s->z[1];
-                        const bool t3 = t2 && (fault_limit_range > 478.0f || z1 < -38.5f || z1 > 119.5f
-                            || z2 < -59.5f || z2 > 18.5f);
-                        over_y = t1;
-                        over_range = t2;
-                        lost = t1 || t3;
-                    }
-                    if (over_y) {
-                        /* the fault limit doubles */
-                        {
-                            const float fault_count_y = s->fault_count_y;
-                            const float fault_limit_y = s->fault_limit_y;
-                            const float t1 = lotka_volterra_min(fault_limit_y, 244736.0f);
-                            s->fault_count_y = (fault_count_y < 0.0f) ? -t1 : t1;
-                            s->fault_limit_y = lotka_volterra_min(2.0f*fault_limit_y, 489472.0f);
-                        }
-                    }
-                    if (over_range) {
-                        /* the fault limit doubles */
-                        {
-                            const float fault_limit_range = s->fault_limit_range;
-                            s->fault_count_range = lotka_volterra_min(fault_limit_range, 244736.0f);
-                            s->fault_limit_range = lotka_volterra_min(2.0f*fault_limit_range, 489472.0f);
-                        }
-                    }
-                    if (lost) {
-                        /* the estimate restarts */
-                        s->z[0] = 1.0f;
-                        s->z[1] = -1.0f;
-                        /* from the sample of y */
-                        {
-                            const float z1 = s->z[0];
-                            const float z2 = s->z[1];
-                            s->z[0] = lotka_volterra_keep(measurement, 1.0f, 80.0f, z1, 1e+30f);
-                            s->z[1] = lotka_volterra_keep(z2, -40.0f, -1.0f, z2, 1e+30f);
-                        }
-                        /* the estimate has restarted from the sample */
-                        status |= LOTKA_VOLTERRA_RESTARTED_FROM_SAMPLE;
-                        /* as after a reset */
-                        s->L = 0.0f;
-                        s->D[0] = 2000.0f;
-                        s->D[1] = 400.0f;
-                    } else {
-                        /* the estimate back onto its declared ranges */
-                        {
-                            const float z1 = s->z[0];
-                            const float z2 = s->z[1];
-                            const float L21 = s->L;
-                            const float D1 = s->D[0];
-                            const float t1 = L21*D1;
-                            const float t2 = z1 - lotka_volterra_clamp(z1, 1.0f, 80.0f);
-                            const float t3 = z2 - t2/D1*t1;
-                            const float t4 = t3 - lotka_volterra_clamp(t3, -40.0f, -1.0f);
-                            const float t5 = t3 - t4 - z2;
-                            const float t6 = (t5 > 0.0f) ? 38.0f - z2 : z2 + 79.0f;
-                            const float t7 = z1 - t2 - D1*L21*(t4/(t1*L21 + s->D[1])) - z1;
-                            const float t8 = (t7 > 0.0f) ? 159.0f - z1 : z1 + 78.0f;
-                            const float t9 = lotka_volterra_abs(t7);
-                            const float t10 = (t8 < t9) ? t8/t9 : 1.0f;
-                            const float t11 = lotka_volterra_abs(t5);
-                            const float t12 = (t6 < t10*t11) ? t6/t11 : t10;
-                            s->z[0] = lotka_volterra_keep(z1 + t12*t7, -78.0f, 159.0f, z1, 1e+30f);
-                            s->z[1] = lotka_volterra_keep(z2 + t12*t5, -79.0f, 38.0f, z2, 1e+30f);
-                            status |= LOTKA_VOLTERRA_PROJECTED_ONTO_RANGES;
-                        }
-                    }
-                }
-                /* the checksum of fault counts and limits */
-                s->fault_checksum = s->fault_limit_y - 478.0f + lotka_volterra_abs(s->fault_count_y)
-                    + (s->fault_limit_range - 478.0f + s->fault_count_range);
+                status |= lotka_volterra_count_faults_y(s, output_error, reading);
             }
         }
     } else {
@@ -513,20 +576,20 @@ unsigned lotka_volterra_predict(lotka_volterra_state *s, const lotka_volterra_pa
 }
 
 unsigned lotka_volterra_update_y(lotka_volterra_state *s, const lotka_volterra_params *p,
-    const lotka_volterra_output *out)
+    const lotka_volterra_output *measurement)
 {
     unsigned status = 0u;
     if ((s->ready != LOTKA_VOLTERRA_READY) || (p->ready != LOTKA_VOLTERRA_READY)) {
         status = lotka_volterra_ready(s, p);
     }
     if ((status & LOTKA_VOLTERRA_NO_PARAMETERS) == 0u) {
-        status |= lotka_volterra_run_update_y(s, p, out);
+        status |= lotka_volterra_run_update_y(s, p, measurement);
     }
     return status;
 }
 
 unsigned lotka_volterra_step(lotka_volterra_state *s, const lotka_volterra_params *p,
-    const lotka_volterra_output *out)
+    const lotka_volterra_output *measurement)
 {
     unsigned status = 0u;
     if ((s->ready != LOTKA_VOLTERRA_READY) || (p->ready != LOTKA_VOLTERRA_READY)) {
@@ -534,7 +597,7 @@ unsigned lotka_volterra_step(lotka_volterra_state *s, const lotka_volterra_param
     }
     if ((status & LOTKA_VOLTERRA_NO_PARAMETERS) == 0u) {
         status |= lotka_volterra_run_predict(s, p);
-        status |= lotka_volterra_run_update_y(s, p, out);
+        status |= lotka_volterra_run_update_y(s, p, measurement);
     }
     return status;
 }

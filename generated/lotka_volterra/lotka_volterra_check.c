@@ -23,7 +23,7 @@
 
 unsigned lotka_volterra_check(void);
 
-static const float given[64][1] = { /* out.y */
+static const float given[64][1] = { /* measurement.y */
     {-0.5f},
     {-0.41304347f},
     {-0.32608697f},
@@ -189,14 +189,14 @@ unsigned lotka_volterra_check(void)
     unsigned bad = (none >= none) ? 21u : 0u; /* compiled to take it for a number: sample 21 is lost */
     lotka_volterra_state s;
     lotka_volterra_params p;
-    lotka_volterra_output out;
+    lotka_volterra_output measurement;
     lotka_volterra_plant x;
     lotka_volterra_init(&s, &p);
     s.z[0] = 56.3f;
     s.z[1] = -12.7f;
     for (unsigned k = 0u; k < 64u && bad == 0u; ++k) {
-        out.y = (k == 20u) ? none : given[k][0];
-        const unsigned status = lotka_volterra_step(&s, &p, &out);
+        measurement.y = (k == 20u) ? none : given[k][0];
+        const unsigned status = lotka_volterra_step(&s, &p, &measurement);
         lotka_volterra_estimate(&s, &p, &x);
         if (status != expected[k] || !lotka_volterra_near(x.N, k, 0u) || !lotka_volterra_near(x.P, k, 1u)) {
             bad = k + 1u;

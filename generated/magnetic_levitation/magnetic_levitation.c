@@ -1,4 +1,4 @@
-/* magnetic_levitation: see magnetic_levitation.h, which is the manual. */
+/* magnetic_levitation: see magnetic_levitation.h, and its manual magnetic_levitation.md. */
 #include "magnetic_levitation.h"
 
 #include <stdbool.h>
@@ -198,21 +198,16 @@ static unsigned magnetic_levitation_keep_in_box(magnetic_levitation_state *s,
     return status;
 }
 
-/* part of a step: advance the estimate to now */
-static unsigned magnetic_levitation_run_predict(magnetic_levitation_state *s,
-    const magnetic_levitation_params *p, const magnetic_levitation_input *in)
+static unsigned magnetic_levitation_guard_input(const magnetic_levitation_state *s,
+    const magnetic_levitation_input *in, float *u)
 {
     unsigned status = 0u;
-    bool beyond = false;
-    bool capped = false;
-    bool running = false;
-    float u = 0.0f;
     /* guard the input */
     {
         const float u_given = in->u;
         const bool u_usable = magnetic_levitation_within(u_given, 1e+15f);
         const float u_taken = u_usable ? u_given : s->u;
-        u = magnetic_levitation_clamp(u_taken, 0.0f, 100.0f);
+        *u = magnetic_levitation_clamp(u_taken, 0.0f, 100.0f);
         if (!u_usable) {
             status |= MAGNETIC_LEVITATION_REUSED_U;
         }
@@ -220,6 +215,154 @@ static unsigned magnetic_levitation_run_predict(magnetic_levitation_state *s,
             status |= MAGNETIC_LEVITATION_CLAMPED_U;
         }
     }
+    return status;
+}
+
+/* advance the estimate from the last call to now */
+static unsigned magnetic_levitation_advance(magnetic_levitation_state *s,
+    const magnetic_levitation_params *p, float u)
+{
+    unsigned status = 0u;
+    bool beyond = false;
+    bool capped = false;
+    /* z by classical Runge-Kutta; P = L D L' by P <- Phi P Phi' + h Q_theta */
+    /* the tableau of z: */
+    /*     0 |  */
+    /*   1/2 | 1/2 */
+    /*   1/2 |   0 1/2 */
+    /*     1 |   0   0   1 */
+    /*   --------------------- */
+    /*       | 1/6 1/3 1/3 1/6 */
+    {
+        const float D1 = s->D[0];
+        const float D2 = s->D[1];
+        const float D3 = s->D[2];
+        const float L21 = s->L[0];
+        const float L31 = s->L[1];
+        const float L32 = s->L[2];
+        const float z1 = s->z[0];
+        const float z2 = s->z[1];
+        const float z3 = s->z[2];
+        const float u_before = s->u;
+        float k1_z[3];
+        magnetic_levitation_flow(z1, z2, z3, u_before, k1_z);
+        const float t1 = u_before + 0.5f*(u - u_before);
+        float k2_z[3];
+        magnetic_levitation_flow(z1 + 2.5e-05f*k1_z[0], z2 + 2.5e-05f*k1_z[1], z3 + 2.5e-05f*k1_z[2], t1,
+            k2_z);
+        const float t2 = z1 + 2.5e-05f*k2_z[0];
+        const float t3 = z3 + 2.5e-05f*k2_z[2];
+        float k3_z[3];
+        magnetic_levitation_flow(t2, z2 + 2.5e-05f*k2_z[1], t3, t1, k3_z);
+        float k4_z[3];
+        magnetic_levitation_flow(z1 + 5e-05f*k3_z[0], z2 + 5e-05f*k3_z[1], z3 + 5e-05f*k3_z[2], u, k4_z);
+        float F_1[2];
+        magnetic_levitation_jacobian(t2, t3, F_1);
+        const float Phi_11 = 1.0f + 1.25e-09f*F_1[0];
+        const float Phi_13 = 1.25e-09f*F_1[1];
+        const float Phi_21 = 5e-05f*F_1[0];
+        const float Phi_23 = 5e-05f*F_1[1] - 2.5e-08f*F_1[1];
+        const float w1_1 = Phi_11 + 5e-05f*L21 + Phi_13*L31;
+        const float w1_2 = 5e-05f + Phi_13*L32;
+        const float t4 = w1_1*D1;
+        const float t5 = w1_2*D2;
+        const float t6 = Phi_13*D3;
+        const float t7 = 5e-05f*p->gain.Q[0];
+        const float d1 = w1_1*t4 + w1_2*t5 + Phi_13*t6 + t7;
+        const float t8 = Phi_21 + Phi_11*L21 + Phi_23*L31;
+        const float t9 = Phi_11 + Phi_23*L32;
+        const float l21 = (t8*t4 + t9*t5 + Phi_23*t6)/d1;
+        const float t10 = 0.9990005f*L31;
+        const float t11 = 0.9990005f*L32;
+        const float l31 = (t10*t4 + t11*t5 + 0.9990005f*t6)/d1;
+        const float w2_1 = t8 - l21*w1_1;
+        const float w2_2 = t9 - l21*w1_2;
+        const float w2_3 = Phi_23 - l21*Phi_13;
+        const float t12 = w2_1*D1;
+        const float t13 = w2_2*D2;
+        const float t14 = w2_3*D3;
+        const float t15 = l21*t7;
+        const float t16 = 5e-05f*p->gain.Q[1];
+        const float d2 = w2_1*t12 + w2_2*t13 + w2_3*t14 + l21*t15 + t16;
+        const float t17 = t10 - l31*w1_1;
+        const float t18 = t11 - l31*w1_2;
+        const float t19 = 0.9990005f - l31*Phi_13;
+        const float l32 = (t17*t12 + t18*t13 + t19*t14 + l31*t15)/d2;
+        const float w3_1 = t17 - l32*w2_1;
+        const float w3_2 = t18 - l32*w2_2;
+        const float w3_3 = t19 - l32*w2_3;
+        const float w3_4 = l32*l21 - l31;
+        const float d3 = w3_1*D1*w3_1 + w3_2*D2*w3_2 + w3_3*D3*w3_3 + w3_4*t7*w3_4 + l32*t16*l32
+            + 5e-05f*p->gain.Q[2];
+        s->z[0] = z1 + 8.333333e-06f*(k1_z[0] + 2.0f*k2_z[0] + 2.0f*k3_z[0] + k4_z[0]);
+        s->z[1] = z2 + 8.333333e-06f*(k1_z[1] + 2.0f*k2_z[1] + 2.0f*k3_z[1] + k4_z[1]);
+        s->z[2] = z3 + 8.333333e-06f*(k1_z[2] + 2.0f*k2_z[2] + 2.0f*k3_z[2] + k4_z[2]);
+        s->L[0] = l21;
+        s->L[1] = l31;
+        s->L[2] = l32;
+        s->D[0] = d1;
+        s->D[1] = d2;
+        s->D[2] = d3;
+    }
+    /* largest variances */
+    {
+        const float D1 = s->D[0];
+        const float L21 = s->L[0];
+        const float D2 = s->D[1];
+        const float L31 = s->L[1];
+        const float L32 = s->L[2];
+        capped = D1 > 0.00140625f || L21*L21*D1 + D2 > 9.0f || L31*L31*D1 + L32*L32*D2 + s->D[2] > 18.9225f;
+    }
+    if (capped) {
+        /* cap */
+        {
+            const float D1 = s->D[0];
+            const float D2 = s->D[1];
+            const float D3 = s->D[2];
+            const float L21 = s->L[0];
+            const float L31 = s->L[1];
+            const float L32 = s->L[2];
+            const float t1 = magnetic_levitation_min(1.0f, 9.0f/(L21*L21*D1 + D2));
+            const float t2 = magnetic_levitation_min(1.0f, 0.00140625f/D1);
+            const float t3 = magnetic_levitation_min(1.0f, 18.9225f/(L31*L31*D1 + L32*L32*D2 + D3));
+            s->L[0] = t1*L21/t2;
+            s->L[1] = t3*L31/t2;
+            s->L[2] = t3*L32/t1;
+            s->D[0] = t2*t2*D1;
+            s->D[1] = t1*t1*D2;
+            s->D[2] = t3*t3*D3;
+            status |= MAGNETIC_LEVITATION_COVARIANCE_LIMITED;
+        }
+    }
+    /* is a value beyond its box, or lost? */
+    {
+        const float z1 = s->z[0];
+        const float z3 = s->z[2];
+        const bool t1 = z1 >= -0.02f && z1 <= 0.055f && magnetic_levitation_within(s->z[1], 3.0f)
+            && z3 >= -2.8f && z3 <= 5.9f;
+        const bool t2 = t1 && magnetic_levitation_within(s->L[0], 8e+10f)
+            && magnetic_levitation_within(s->L[1], 1.16e+11f);
+        const float D1 = s->D[0];
+        const float D2 = s->D[1];
+        const bool t3 = t2 && magnetic_levitation_within(s->L[2], 1.45e+09f) && D1 >= 1e-24f
+            && D1 <= 0.00140625f && D2 >= 1.5e-17f && D2 <= 9.0f;
+        const float D3 = s->D[2];
+        beyond = !(t3 && D3 >= 3.5e-17f && D3 <= 18.9225f);
+    }
+    if (magnetic_levitation_acts(beyond)) {
+        status |= magnetic_levitation_keep_in_box(s, p);
+    }
+    return status;
+}
+
+/* part of a step: advance the estimate to now */
+static unsigned magnetic_levitation_run_predict(magnetic_levitation_state *s,
+    const magnetic_levitation_params *p, const magnetic_levitation_input *in)
+{
+    unsigned status = 0u;
+    bool running = false;
+    float u = 0.0f;
+    status |= magnetic_levitation_guard_input(s, in, &u);
     /* the first call advances no time */
     {
         const unsigned calls = s->calls;
@@ -227,127 +370,7 @@ static unsigned magnetic_levitation_run_predict(magnetic_levitation_state *s,
         s->calls = 1u;
     }
     if (running) {
-        /* z by classical Runge-Kutta; P = L D L' by P <- Phi P Phi' + h Q_theta */
-        {
-            const float D1 = s->D[0];
-            const float D2 = s->D[1];
-            const float D3 = s->D[2];
-            const float L21 = s->L[0];
-            const float L31 = s->L[1];
-            const float L32 = s->L[2];
-            const float z1 = s->z[0];
-            const float z2 = s->z[1];
-            const float z3 = s->z[2];
-            const float u_before = s->u;
-            float k1_z[3];
-            magnetic_levitation_flow(z1, z2, z3, u_before, k1_z);
-            const float t1 = u_before + 0.5f*(u - u_before);
-            float k2_z[3];
-            magnetic_levitation_flow(z1 + 2.5e-05f*k1_z[0], z2 + 2.5e-05f*k1_z[1], z3 + 2.5e-05f*k1_z[2], t1,
-                k2_z);
-            const float t2 = z1 + 2.5e-05f*k2_z[0];
-            const float t3 = z3 + 2.5e-05f*k2_z[2];
-            float k3_z[3];
-            magnetic_levitation_flow(t2, z2 + 2.5e-05f*k2_z[1], t3, t1, k3_z);
-            float k4_z[3];
-            magnetic_levitation_flow(z1 + 5e-05f*k3_z[0], z2 + 5e-05f*k3_z[1], z3 + 5e-05f*k3_z[2], u, k4_z);
-            float F_1[2];
-            magnetic_levitation_jacobian(t2, t3, F_1);
-            const float Phi_11 = 1.0f + 1.25e-09f*F_1[0];
-            const float Phi_13 = 1.25e-09f*F_1[1];
-            const float Phi_21 = 5e-05f*F_1[0];
-            const float Phi_23 = 5e-05f*F_1[1] - 2.5e-08f*F_1[1];
-            const float w1_1 = Phi_11 + 5e-05f*L21 + Phi_13*L31;
-            const float w1_2 = 5e-05f + Phi_13*L32;
-            const float t4 = w1_1*D1;
-            const float t5 = w1_2*D2;
-            const float t6 = Phi_13*D3;
-            const float t7 = 5e-05f*p->gain.Q[0];
-            const float d1 = w1_1*t4 + w1_2*t5 + Phi_13*t6 + t7;
-            const float t8 = Phi_21 + Phi_11*L21 + Phi_23*L31;
-            const float t9 = Phi_11 + Phi_23*L32;
-            const float l21 = (t8*t4 + t9*t5 + Phi_23*t6)/d1;
-            const float t10 = 0.9990005f*L31;
-            const float t11 = 0.9990005f*L32;
-            const float l31 = (t10*t4 + t11*t5 + 0.9990005f*t6)/d1;
-            const float w2_1 = t8 - l21*w1_1;
-            const float w2_2 = t9 - l21*w1_2;
-            const float w2_3 = Phi_23 - l21*Phi_13;
-            const float t12 = w2_1*D1;
-            const float t13 = w2_2*D2;
-            const float t14 = w2_3*D3;
-            const float t15 = l21*t7;
-            const float t16 = 5e-05f*p->gain.Q[1];
-            const float d2 = w2_1*t12 + w2_2*t13 + w2_3*t14 + l21*t15 + t16;
-            const float t17 = t10 - l31*w1_1;
-            const float t18 = t11 - l31*w1_2;
-            const float t19 = 0.9990005f - l31*Phi_13;
-            const float l32 = (t17*t12 + t18*t13 + t19*t14 + l31*t15)/d2;
-            const float w3_1 = t17 - l32*w2_1;
-            const float w3_2 = t18 - l32*w2_2;
-            const float w3_3 = t19 - l32*w2_3;
-            const float w3_4 = l32*l21 - l31;
-            const float d3 = w3_1*D1*w3_1 + w3_2*D2*w3_2 + w3_3*D3*w3_3 + w3_4*t7*w3_4 + l32*t16*l32
-                + 5e-05f*p->gain.Q[2];
-            s->z[0] = z1 + 8.333333e-06f*(k1_z[0] + 2.0f*k2_z[0] + 2.0f*k3_z[0] + k4_z[0]);
-            s->z[1] = z2 + 8.333333e-06f*(k1_z[1] + 2.0f*k2_z[1] + 2.0f*k3_z[1] + k4_z[1]);
-            s->z[2] = z3 + 8.333333e-06f*(k1_z[2] + 2.0f*k2_z[2] + 2.0f*k3_z[2] + k4_z[2]);
-            s->L[0] = l21;
-            s->L[1] = l31;
-            s->L[2] = l32;
-            s->D[0] = d1;
-            s->D[1] = d2;
-            s->D[2] = d3;
-        }
-        /* largest variances */
-        {
-            const float D1 = s->D[0];
-            const float L21 = s->L[0];
-            const float D2 = s->D[1];
-            const float L31 = s->L[1];
-            const float L32 = s->L[2];
-            capped = D1 > 0.00140625f || L21*L21*D1 + D2 > 9.0f
-                || L31*L31*D1 + L32*L32*D2 + s->D[2] > 18.9225f;
-        }
-        if (capped) {
-            /* cap */
-            {
-                const float D1 = s->D[0];
-                const float D2 = s->D[1];
-                const float D3 = s->D[2];
-                const float L21 = s->L[0];
-                const float L31 = s->L[1];
-                const float L32 = s->L[2];
-                const float t1 = magnetic_levitation_min(1.0f, 9.0f/(L21*L21*D1 + D2));
-                const float t2 = magnetic_levitation_min(1.0f, 0.00140625f/D1);
-                const float t3 = magnetic_levitation_min(1.0f, 18.9225f/(L31*L31*D1 + L32*L32*D2 + D3));
-                s->L[0] = t1*L21/t2;
-                s->L[1] = t3*L31/t2;
-                s->L[2] = t3*L32/t1;
-                s->D[0] = t2*t2*D1;
-                s->D[1] = t1*t1*D2;
-                s->D[2] = t3*t3*D3;
-                status |= MAGNETIC_LEVITATION_COVARIANCE_LIMITED;
-            }
-        }
-        /* is a value beyond its box, or lost? */
-        {
-            const float z1 = s->z[0];
-            const float z3 = s->z[2];
-            const bool t1 = z1 >= -0.02f && z1 <= 0.055f && magnetic_levitation_within(s->z[1], 3.0f)
-                && z3 >= -2.8f && z3 <= 5.9f;
-            const bool t2 = t1 && magnetic_levitation_within(s->L[0], 8e+10f)
-                && magnetic_levitation_within(s->L[1], 1.16e+11f);
-            const float D1 = s->D[0];
-            const float D2 = s->D[1];
-            const bool t3 = t2 && magnetic_levitation_within(s->L[2], 1.45e+09f) && D1 >= 1e-24f
-                && D1 <= 0.00140625f && D2 >= 1.5e-17f && D2 <= 9.0f;
-            const float D3 = s->D[2];
-            beyond = !(t3 && D3 >= 3.5e-17f && D3 <= 18.9225f);
-        }
-        if (magnetic_levitation_acts(beyond)) {
-            status |= magnetic_levitation_keep_in_box(s, p);
-        }
+        status |= magnetic_levitation_advance(s, p, u);
     } else {
         status |= magnetic_levitation_keep_in_box(s, p);
     }
@@ -358,249 +381,305 @@ static unsigned magnetic_levitation_run_predict(magnetic_levitation_state *s,
     return status;
 }
 
-/* part of a step: correct with y */
-static unsigned magnetic_levitation_run_update_y(magnetic_levitation_state *s,
-    const magnetic_levitation_params *p, const magnetic_levitation_output *out)
+static unsigned magnetic_levitation_guard_measurement_y(const magnetic_levitation_state *s, float *e,
+    float *output_error, float reading, bool *valid)
+{
+    unsigned status = 0u;
+    /* guard the measurement of y */
+    {
+        const float t1 = reading - s->z[0];
+        const bool t2 = magnetic_levitation_within(reading, 3e+38f);
+        const bool t3 = t2 && reading >= -0.02f && reading <= 0.055f
+            && magnetic_levitation_within(t1, 1e+16f);
+        *e = t1;
+        *output_error = t1;
+        *valid = t3;
+        if (!t2) {
+            status |= MAGNETIC_LEVITATION_MISSING_Y;
+        }
+        if (t2 && !t3) {
+            status |= MAGNETIC_LEVITATION_REJECTED_Y;
+        }
+    }
+    return status;
+}
+
+/* correct the estimate with a sample that can be used */
+static unsigned magnetic_levitation_use_sample_y(magnetic_levitation_state *s,
+    const magnetic_levitation_params *p, float e)
+{
+    unsigned status = 0u;
+    bool beyond = false;
+    /* correct by the scalar update */
+    {
+        const float D1 = s->D[0];
+        const float L21 = s->L[0];
+        const float L31 = s->L[1];
+        const float z1 = s->z[0];
+        const float z2 = s->z[1];
+        const float z3 = s->z[2];
+        const float t1 = p->gain.R/5e-05f;
+        const float K1 = D1/(t1 + D1);
+        const float K2 = L21*K1;
+        const float K3 = L31*K1;
+        s->z[0] = z1 + K1*e;
+        s->z[1] = z2 + K2*e;
+        s->z[2] = z3 + K3*e;
+        s->D[0] = K1*t1;
+    }
+    /* is a value beyond its box, or lost? */
+    {
+        const float z1 = s->z[0];
+        const float z3 = s->z[2];
+        const bool t1 = z1 >= -0.02f && z1 <= 0.055f && magnetic_levitation_within(s->z[1], 3.0f)
+            && z3 >= -2.8f && z3 <= 5.9f;
+        const float D1 = s->D[0];
+        beyond = !(t1 && D1 >= 1e-24f && D1 <= 0.00140625f);
+    }
+    if (magnetic_levitation_acts(beyond)) {
+        status |= magnetic_levitation_keep_in_box(s, p);
+    }
+    /* y is used */
+    s->used_y = 1u;
+    return status;
+}
+
+static unsigned magnetic_levitation_suspect_y(const magnetic_levitation_state *s, float output_error,
+    bool *suspect, bool valid)
+{
+    unsigned status = 0u;
+    /* is the estimate where it cannot be for long? */
+    {
+        const float z1 = s->z[0];
+        const float z3 = s->z[2];
+        const bool t1 = z1 < 0.005f || z1 > 0.03f || magnetic_levitation_abs(s->z[1]) > 1.0f || z3 < 0.1f
+            || z3 > 3.0f;
+        if (t1) {
+            status |= MAGNETIC_LEVITATION_OUTSIDE_BOX;
+        }
+        *suspect = magnetic_levitation_abs(output_error) > 0.0025f || t1 || !(s->fault_checksum <= 0.0f)
+            || !valid;
+    }
+    return status;
+}
+
+static bool magnetic_levitation_plausible_y(float reading, bool valid)
+{
+    bool sampled = false;
+    /* is there a sample to judge by? */
+    sampled = valid || (magnetic_levitation_within(reading, 3e+38f) && reading >= -0.02f
+        && reading <= 0.055f);
+    return sampled;
+}
+
+static bool magnetic_levitation_counts_spoiled_y(const magnetic_levitation_state *s)
+{
+    bool spoiled = false;
+    /* was a fault count or limit spoiled? */
+    {
+        const float fault_count_y = s->fault_count_y;
+        const float fault_limit_y = s->fault_limit_y;
+        const float fault_count_range = s->fault_count_range;
+        const float fault_limit_range = s->fault_limit_range;
+        const float t1 = fault_limit_y - 1571.0f + magnetic_levitation_abs(fault_count_y)
+            + (fault_limit_range - 1571.0f + fault_count_range);
+        const bool t2 = magnetic_levitation_abs(t1 - s->fault_checksum) < 0.5f
+            && magnetic_levitation_within(fault_count_y, 1608704.0f);
+        const bool t3 = t2 && fault_limit_y >= 1571.0f && fault_limit_y <= 1608704.0f
+            && fault_count_range >= 0.0f && fault_count_range <= 1608704.0f;
+        spoiled = !(t3 && fault_limit_range >= 1571.0f && fault_limit_range <= 1608704.0f);
+    }
+    return spoiled;
+}
+
+static void magnetic_levitation_find_signs_y(const magnetic_levitation_state *s, float *moves_y,
+    float output_error, float *side_y)
+{
+    /* which signs show? */
+    {
+        const bool t1 = magnetic_levitation_within(output_error, 0.0025f);
+        const float fault_count_y = s->fault_count_y;
+        *moves_y = (t1 ? 0.0f : ((fault_count_y*output_error < 0.0f) ? -785.0f : 1.0f)) + (t1 ? -1.0f : 0.0f);
+        *side_y = (t1 ? 0.0f : output_error) + (t1 ? fault_count_y : 0.0f);
+    }
+}
+
+/* a fault count is at its limit: restart from the sample, or project onto the ranges */
+static unsigned magnetic_levitation_recover_y(magnetic_levitation_state *s, float reading)
+{
+    unsigned status = 0u;
+    bool lost = false;
+    bool over_range = false;
+    bool over_y = false;
+    /* by which sign, and is the estimate lost? */
+    {
+        const bool t1 = s->fault_limit_y <= magnetic_levitation_abs(s->fault_count_y);
+        const float fault_limit_range = s->fault_limit_range;
+        const bool t2 = fault_limit_range <= s->fault_count_range;
+        const float z1 = s->z[0];
+        const float z3 = s->z[2];
+        const bool t3 = z1 < -0.0075f || z1 > 0.0425f || magnetic_levitation_abs(s->z[1]) > 2.0f
+            || z3 < -1.35f || z3 > 4.45f;
+        over_y = t1;
+        over_range = t2;
+        lost = t1 || (t2 && (fault_limit_range > 1571.0f || t3));
+    }
+    if (over_y) {
+        /* the fault limit doubles */
+        {
+            const float fault_count_y = s->fault_count_y;
+            const float fault_limit_y = s->fault_limit_y;
+            const float t1 = magnetic_levitation_min(fault_limit_y, 804352.0f);
+            s->fault_count_y = (fault_count_y < 0.0f) ? -t1 : t1;
+            s->fault_limit_y = magnetic_levitation_min(2.0f*fault_limit_y, 1608704.0f);
+        }
+    }
+    if (over_range) {
+        /* the fault limit doubles */
+        {
+            const float fault_limit_range = s->fault_limit_range;
+            s->fault_count_range = magnetic_levitation_min(fault_limit_range, 804352.0f);
+            s->fault_limit_range = magnetic_levitation_min(2.0f*fault_limit_range, 1608704.0f);
+        }
+    }
+    if (lost) {
+        /* the estimate restarts */
+        s->z[0] = 0.005f;
+        s->z[1] = 0.0f;
+        s->z[2] = 0.1f;
+        /* from the sample of y */
+        {
+            const float z1 = s->z[0];
+            const float z2 = s->z[1];
+            const float z3 = s->z[2];
+            s->z[0] = magnetic_levitation_keep(reading, 0.005f, 0.03f, z1, 1e+30f);
+            s->z[1] = magnetic_levitation_keep(z2, -1.0f, 1.0f, z2, 1e+30f);
+            s->z[2] = magnetic_levitation_keep(z3, 0.1f, 3.0f, z3, 1e+30f);
+        }
+        /* the estimate has restarted from the sample */
+        status |= MAGNETIC_LEVITATION_RESTARTED_FROM_SAMPLE;
+        magnetic_levitation_clear_rest(s);
+    } else {
+        /* the estimate back onto its declared ranges */
+        {
+            const float z1 = s->z[0];
+            const float z2 = s->z[1];
+            const float z3 = s->z[2];
+            const float L31 = s->L[1];
+            const float D1 = s->D[0];
+            const float t1 = L31*D1;
+            const float t2 = z1 - magnetic_levitation_clamp(z1, 0.005f, 0.03f);
+            const float t3 = t2/D1;
+            const float L21 = s->L[0];
+            const float L32 = s->L[2];
+            const float D2 = s->D[1];
+            const float t4 = L32*D2;
+            const float t5 = L21*D1;
+            const float t6 = z2 - t5*t3;
+            const float t7 = t6 - magnetic_levitation_limit(t6, 1.0f);
+            const float t8 = t7/(t5*L21 + D2);
+            const float t9 = z3 - t1*t3 - (t1*L21 + t4)*t8;
+            const float t10 = t9 - magnetic_levitation_clamp(t9, 0.1f, 3.0f);
+            const float t11 = t9 - t10 - z3;
+            const float t12 = (t11 > 0.0f) ? 5.9f - z3 : z3 + 2.8f;
+            const float t13 = t10/(t1*L31 + t4*L32 + s->D[2]);
+            const float t14 = t6 - t7 - (t5*L31 + D2*L32)*t13 - z2;
+            const float t15 = (t14 > 0.0f) ? 3.0f - z2 : z2 + 3.0f;
+            const float t16 = z1 - t2 - D1*L21*t8 - D1*L31*t13 - z1;
+            const float t17 = (t16 > 0.0f) ? 0.055f - z1 : z1 + 0.02f;
+            const float t18 = magnetic_levitation_abs(t16);
+            const float t19 = (t17 < t18) ? t17/t18 : 1.0f;
+            const float t20 = magnetic_levitation_abs(t14);
+            const float t21 = (t15 < t19*t20) ? t15/t20 : t19;
+            const float t22 = magnetic_levitation_abs(t11);
+            const float t23 = (t12 < t21*t22) ? t12/t22 : t21;
+            s->z[0] = magnetic_levitation_keep(z1 + t23*t16, -0.02f, 0.055f, z1, 1e+30f);
+            s->z[1] = magnetic_levitation_keep(z2 + t23*t14, -3.0f, 3.0f, z2, 1e+30f);
+            s->z[2] = magnetic_levitation_keep(z3 + t23*t11, -2.8f, 5.9f, z3, 1e+30f);
+            status |= MAGNETIC_LEVITATION_PROJECTED_ONTO_RANGES;
+        }
+    }
+    return status;
+}
+
+/* count the signs of a fault at a sample, and act where a count is at its limit */
+static unsigned magnetic_levitation_count_faults_y(magnetic_levitation_state *s, float output_error,
+    float reading)
 {
     unsigned status = 0u;
     bool acts = false;
-    bool beyond = false;
-    float e = 0.0f;
-    bool fresh = false;
-    bool lost = false;
-    float measurement = 0.0f;
     float moves_range = 0.0f;
     float moves_y = 0.0f;
-    float output_error = 0.0f;
-    bool over_range = false;
-    bool over_y = false;
-    bool sampled = false;
     float side_y = 0.0f;
     bool spoiled = false;
+    spoiled = magnetic_levitation_counts_spoiled_y(s);
+    if (spoiled) {
+        magnetic_levitation_clear_fault_counts(s);
+    }
+    /* is the estimate out of a range? */
+    {
+        const float z1 = s->z[0];
+        const float z3 = s->z[2];
+        const bool t1 = z1 < 0.00375f || z1 > 0.03125f || magnetic_levitation_abs(s->z[1]) > 1.1f
+            || z3 < -0.045f || z3 > 3.145f;
+        moves_range = t1 ? 1.0f : -1.0f;
+    }
+    /* count of range */
+    {
+        const float fault_count_range = s->fault_count_range;
+        const float fault_limit_range = s->fault_limit_range;
+        const float t1 = magnetic_levitation_clamp(fault_count_range + moves_range, 0.0f, 1608704.0f);
+        s->fault_count_range = t1;
+        s->fault_limit_range = (t1 <= 0.0f) ? 1571.0f : fault_limit_range;
+    }
+    magnetic_levitation_find_signs_y(s, &moves_y, output_error, &side_y);
+    /* count of y */
+    {
+        const float fault_count_y = s->fault_count_y;
+        const float fault_limit_y = s->fault_limit_y;
+        const float t1 = magnetic_levitation_clamp(magnetic_levitation_abs(fault_count_y) + moves_y, 0.0f,
+            1608704.0f);
+        s->fault_count_y = (side_y < 0.0f) ? -t1 : t1;
+        s->fault_limit_y = (t1 <= 0.0f) ? 1571.0f : fault_limit_y;
+    }
+    /* does a guard act? */
+    acts = s->fault_limit_y <= magnetic_levitation_abs(s->fault_count_y)
+        || s->fault_limit_range <= s->fault_count_range;
+    if (acts) {
+        status |= magnetic_levitation_recover_y(s, reading);
+    }
+    /* the checksum of fault counts and limits */
+    s->fault_checksum = s->fault_limit_y - 1571.0f + magnetic_levitation_abs(s->fault_count_y)
+        + (s->fault_limit_range - 1571.0f + s->fault_count_range);
+    return status;
+}
+
+/* part of a step: correct with y */
+static unsigned magnetic_levitation_run_update_y(magnetic_levitation_state *s,
+    const magnetic_levitation_params *p, const magnetic_levitation_output *measurement)
+{
+    unsigned status = 0u;
+    float e = 0.0f;
+    bool fresh = false;
+    float output_error = 0.0f;
+    float reading = 0.0f;
+    bool sampled = false;
     bool suspect = false;
     bool valid = false;
     /* is a sample of y awaited? */
     fresh = s->used_y < 1u;
     if (fresh) {
         /* the measurement of y */
-        measurement = out->y;
-        /* guard the measurement of y */
-        {
-            const float t1 = measurement - s->z[0];
-            const bool t2 = magnetic_levitation_within(measurement, 3e+38f);
-            const bool t3 = t2 && measurement >= -0.02f && measurement <= 0.055f
-                && magnetic_levitation_within(t1, 1e+16f);
-            e = t1;
-            output_error = t1;
-            valid = t3;
-            if (!t2) {
-                status |= MAGNETIC_LEVITATION_MISSING_Y;
-            }
-            if (t2 && !t3) {
-                status |= MAGNETIC_LEVITATION_REJECTED_Y;
-            }
-        }
+        reading = measurement->y;
+        status |= magnetic_levitation_guard_measurement_y(s, &e, &output_error, reading, &valid);
         if (valid) {
-            /* correct by the scalar update */
-            {
-                const float D1 = s->D[0];
-                const float L21 = s->L[0];
-                const float L31 = s->L[1];
-                const float z1 = s->z[0];
-                const float z2 = s->z[1];
-                const float z3 = s->z[2];
-                const float t1 = p->gain.R/5e-05f;
-                const float K1 = D1/(t1 + D1);
-                const float K2 = L21*K1;
-                const float K3 = L31*K1;
-                s->z[0] = z1 + K1*e;
-                s->z[1] = z2 + K2*e;
-                s->z[2] = z3 + K3*e;
-                s->D[0] = K1*t1;
-            }
-            /* is a value beyond its box, or lost? */
-            {
-                const float z1 = s->z[0];
-                const float z3 = s->z[2];
-                const bool t1 = z1 >= -0.02f && z1 <= 0.055f && magnetic_levitation_within(s->z[1], 3.0f)
-                    && z3 >= -2.8f && z3 <= 5.9f;
-                const float D1 = s->D[0];
-                beyond = !(t1 && D1 >= 1e-24f && D1 <= 0.00140625f);
-            }
-            if (magnetic_levitation_acts(beyond)) {
-                status |= magnetic_levitation_keep_in_box(s, p);
-            }
-            /* y is used */
-            s->used_y = 1u;
+            status |= magnetic_levitation_use_sample_y(s, p, e);
         }
-        /* is the estimate where it cannot be for long? */
-        {
-            const float z1 = s->z[0];
-            const float z3 = s->z[2];
-            const bool t1 = z1 < 0.005f || z1 > 0.03f || magnetic_levitation_abs(s->z[1]) > 1.0f || z3 < 0.1f
-                || z3 > 3.0f;
-            if (t1) {
-                status |= MAGNETIC_LEVITATION_OUTSIDE_BOX;
-            }
-            suspect = magnetic_levitation_abs(output_error) > 0.0025f || t1 || !(s->fault_checksum <= 0.0f)
-                || !valid;
-        }
+        status |= magnetic_levitation_suspect_y(s, output_error, &suspect, valid);
         if (suspect) {
-            /* is there a sample to judge by? */
-            {
-                const bool t1 = magnetic_levitation_within(measurement, 3e+38f) && measurement >= -0.02f
-                    && measurement <= 0.055f;
-                sampled = valid || t1;
-            }
+            sampled = magnetic_levitation_plausible_y(reading, valid);
             if (sampled) {
-                /* was a fault count or limit spoiled? */
-                {
-                    const float fault_count_y = s->fault_count_y;
-                    const float fault_limit_y = s->fault_limit_y;
-                    const float fault_count_range = s->fault_count_range;
-                    const float fault_limit_range = s->fault_limit_range;
-                    const float t1 = fault_limit_y - 1571.0f + magnetic_levitation_abs(fault_count_y)
-                        + (fault_limit_range - 1571.0f + fault_count_range);
-                    const bool t2 = magnetic_levitation_abs(t1 - s->fault_checksum) < 0.5f
-                        && magnetic_levitation_within(fault_count_y, 1608704.0f);
-                    const bool t3 = t2 && fault_limit_y >= 1571.0f && fault_limit_y <= 1608704.0f
-                        && fault_count_range >= 0.0f && fault_count_range <= 1608704.0f;
-                    spoiled = !(t3 && fault_limit_range >= 1571.0f && fault_limit_range <= 1608704.0f);
-                }
-                if (spoiled) {
-                    magnetic_levitation_clear_fault_counts(s);
-                }
-                /* is the estimate out of a range? */
-                {
-                    const float z1 = s->z[0];
-                    const float z3 = s->z[2];
-                    const bool t1 = z1 < 0.00375f || z1 > 0.03125f || magnetic_levitation_abs(s->z[1]) > 1.1f
-                        || z3 < -0.045f || z3 > 3.145f;
-                    moves_range = t1 ? 1.0f : -1.0f;
-                }
-                /* count of range */
-                {
-                    const float fault_count_range = s->fault_count_range;
-                    const float fault_limit_range = s->fault_limit_range;
-                    const float t1 = magnetic_levitation_clamp(fault_count_range + moves_range, 0.0f,
-                        1608704.0f);
-                    s->fault_count_range = t1;
-                    s->fault_limit_range = (t1 <= 0.0f) ? 1571.0f : fault_limit_range;
-                }
-                /* which signs show? */
-                {
-                    const bool t1 = magnetic_levitation_within(output_error, 0.0025f);
-                    const float fault_count_y = s->fault_count_y;
-                    moves_y = (t1 ? 0.0f : ((fault_count_y*output_error < 0.0f) ? -785.0f : 1.0f))
-                        + (t1 ? -1.0f : 0.0f);
-                    side_y = (t1 ? 0.0f : output_error) + (t1 ? fault_count_y : 0.0f);
-                }
-                /* count of y */
-                {
-                    const float fault_count_y = s->fault_count_y;
-                    const float fault_limit_y = s->fault_limit_y;
-                    const float t1 = magnetic_levitation_clamp(magnetic_levitation_abs(fault_count_y)
-                        + moves_y, 0.0f, 1608704.0f);
-                    s->fault_count_y = (side_y < 0.0f) ? -t1 : t1;
-                    s->fault_limit_y = (t1 <= 0.0f) ? 1571.0f : fault_limit_y;
-                }
-                /* does a guard act? */
-                acts = s->fault_limit_y <= magnetic_levitation_abs(s->fault_count_y)
-                    || s->fault_limit_range <= s->fault_count_range;
-                if (acts) {
-                    /* by which sign, and is the estimate lost? */
-                    {
-                        const bool t1 = s->fault_limit_y <= magnetic_levitation_abs(s->fault_count_y);
-                        const float fault_limit_range = s->fault_limit_range;
-                        const bool t2 = fault_limit_range <= s->fault_count_range;
-                        const float z1 = s->z[0];
-                        const float z3 = s->z[2];
-                        const bool t3 = z1 < -0.0075f || z1 > 0.0425f
-                            || magnetic_levitation_abs(s->z[1]) > 2.0f || z3 < -1.35f || z3 > 4.45f;
-                        over_y = t1;
-                        over_range = t2;
-                        lost = t1 || (t2 && (fault_limit_range > 1571.0f || t3));
-                    }
-                    if (over_y) {
-                        /* the fault limit doubles */
-                        {
-                            const float fault_count_y = s->fault_count_y;
-                            const float fault_limit_y = s->fault_limit_y;
-                            const float t1 = magnetic_levitation_min(fault_limit_y, 804352.0f);
-                            s->fault_count_y = (fault_count_y < 0.0f) ? -t1 : t1;
-                            s->fault_limit_y = magnetic_levitation_min(2.0f*fault_limit_y, 1608704.0f);
-                        }
-                    }
-                    if (over_range) {
-                        /* the fault limit doubles */
-                        {
-                            const float fault_limit_range = s->fault_limit_range;
-                            s->fault_count_range = magnetic_levitation_min(fault_limit_range, 804352.0f);
-                            s->fault_limit_range = magnetic_levitation_min(2.0f*fault_limit_range,
-                                1608704.0f);
-                        }
-                    }
-                    if (lost) {
-                        /* the estimate restarts */
-                        s->z[0] = 0.005f;
-                        s->z[1] = 0.0f;
-                        s->z[2] = 0.1f;
-                        /* from the sample of y */
-                        {
-                            const float z1 = s->z[0];
-                            const float z2 = s->z[1];
-                            const float z3 = s->z[2];
-                            s->z[0] = magnetic_levitation_keep(measurement, 0.005f, 0.03f, z1, 1e+30f);
-                            s->z[1] = magnetic_levitation_keep(z2, -1.0f, 1.0f, z2, 1e+30f);
-                            s->z[2] = magnetic_levitation_keep(z3, 0.1f, 3.0f, z3, 1e+30f);
-                        }
-                        /* the estimate has restarted from the sample */
-                        status |= MAGNETIC_LEVITATION_RESTARTED_FROM_SAMPLE;
-                        magnetic_levitation_clear_rest(s);
-                    } else {
-                        /* the estimate back onto its declared ranges */
-                        {
-                            const float z1 = s->z[0];
-                            const float z2 = s->z[1];
-                            const float z3 = s->z[2];
-                            const float L31 = s->L[1];
-                            const float D1 = s->D[0];
-                            const float t1 = L31*D1;
-                            const float t2 = z1 - magnetic_levitation_clamp(z1, 0.005f, 0.03f);
-                            const float t3 = t2/D1;
-                            const float L21 = s->L[0];
-                            const float L32 = s->L[2];
-                            const float D2 = s->D[1];
-                            const float t4 = L32*D2;
-                            const float t5 = L21*D1;
-                            const float t6 = z2 - t5*t3;
-                            const float t7 = t6 - magnetic_levitation_limit(t6, 1.0f);
-                            const float t8 = t7/(t5*L21 + D2);
-                            const float t9 = z3 - t1*t3 - (t1*L21 + t4)*t8;
-                            const float t10 = t9 - magnetic_levitation_clamp(t9, 0.1f, 3.0f);
-                            const float t11 = t9 - t10 - z3;
-                            const float t12 = (t11 > 0.0f) ? 5.9f - z3 : z3 + 2.8f;
-                            const float t13 = t10/(t1*L31 + t4*L32 + s->D[2]);
-                            const float t14 = t6 - t7 - (t5*L31 + D2*L32)*t13 - z2;
-                            const float t15 = (t14 > 0.0f) ? 3.0f - z2 : z2 + 3.0f;
-                            const float t16 = z1 - t2 - D1*L21*t8 - D1*L31*t13 - z1;
-                            const float t17 = (t16 > 0.0f) ? 0.055f - z1 : z1 + 0.02f;
-                            const float t18 = magnetic_levitation_abs(t16);
-                            const float t19 = (t17 < t18) ? t17/t18 : 1.0f;
-                            const float t20 = magnetic_levitation_abs(t14);
-                            const float t21 = (t15 < t19*t20) ? t15/t20 : t19;
-                            const float t22 = magnetic_levitation_abs(t11);
-                            const float t23 = (t12 < t21*t22) ? t12/t22 : t21;
-                            s->z[0] = magnetic_levitation_keep(z1 + t23*t16, -0.02f, 0.055f, z1, 1e+30f);
-                            s->z[1] = magnetic_levitation_keep(z2 + t23*t14, -3.0f, 3.0f, z2, 1e+30f);
-                            s->z[2] = magnetic_levitation_keep(z3 + t23*t11, -2.8f, 5.9f, z3, 1e+30f);
-                            status |= MAGNETIC_LEVITATION_PROJECTED_ONTO_RANGES;
-                        }
-                    }
-                }
-                /* the checksum of fault counts and limits */
-                s->fault_checksum = s->fault_limit_y - 1571.0f + magnetic_levitation_abs(s->fault_count_y)
-                    + (s->fault_limit_range - 1571.0f + s->fault_count_range);
+                status |= magnetic_levitation_count_faults_y(s, output_error, reading);
             }
         }
     } else {
@@ -635,20 +714,20 @@ unsigned magnetic_levitation_predict(magnetic_levitation_state *s, const magneti
 }
 
 unsigned magnetic_levitation_update_y(magnetic_levitation_state *s, const magnetic_levitation_params *p,
-    const magnetic_levitation_output *out)
+    const magnetic_levitation_output *measurement)
 {
     unsigned status = 0u;
     if ((s->ready != MAGNETIC_LEVITATION_READY) || (p->ready != MAGNETIC_LEVITATION_READY)) {
         status = magnetic_levitation_ready(s, p);
     }
     if ((status & MAGNETIC_LEVITATION_NO_PARAMETERS) == 0u) {
-        status |= magnetic_levitation_run_update_y(s, p, out);
+        status |= magnetic_levitation_run_update_y(s, p, measurement);
     }
     return status;
 }
 
 unsigned magnetic_levitation_step(magnetic_levitation_state *s, const magnetic_levitation_params *p,
-    const magnetic_levitation_input *in, const magnetic_levitation_output *out)
+    const magnetic_levitation_input *in, const magnetic_levitation_output *measurement)
 {
     unsigned status = 0u;
     if ((s->ready != MAGNETIC_LEVITATION_READY) || (p->ready != MAGNETIC_LEVITATION_READY)) {
@@ -656,7 +735,7 @@ unsigned magnetic_levitation_step(magnetic_levitation_state *s, const magnetic_l
     }
     if ((status & MAGNETIC_LEVITATION_NO_PARAMETERS) == 0u) {
         status |= magnetic_levitation_run_predict(s, p, in);
-        status |= magnetic_levitation_run_update_y(s, p, out);
+        status |= magnetic_levitation_run_update_y(s, p, measurement);
     }
     return status;
 }

@@ -23,7 +23,7 @@
 
 unsigned magnetic_levitation_check(void);
 
-static const float given[64][2] = { /* in.u, out.y */
+static const float given[64][2] = { /* in.u, measurement.y */
     {25.0f, -0.5f},
     {27.702703f, -0.41304347f},
     {30.405405f, -0.32608697f},
@@ -190,7 +190,7 @@ unsigned magnetic_levitation_check(void)
     magnetic_levitation_state s;
     magnetic_levitation_params p;
     magnetic_levitation_input in;
-    magnetic_levitation_output out;
+    magnetic_levitation_output measurement;
     magnetic_levitation_plant x;
     magnetic_levitation_init(&s, &p);
     s.z[0] = 0.0225f;
@@ -198,8 +198,8 @@ unsigned magnetic_levitation_check(void)
     s.z[2] = 2.13f;
     for (unsigned k = 0u; k < 64u && bad == 0u; ++k) {
         in.u = (k == 40u) ? none : given[k][0];
-        out.y = (k == 20u) ? none : given[k][1];
-        const unsigned status = magnetic_levitation_step(&s, &p, &in, &out);
+        measurement.y = (k == 20u) ? none : given[k][1];
+        const unsigned status = magnetic_levitation_step(&s, &p, &in, &measurement);
         magnetic_levitation_estimate(&s, &p, &x);
         if (status != expected[k] || !magnetic_levitation_near(x.x, k, 0u)
             || !magnetic_levitation_near(x.v, k, 1u) || !magnetic_levitation_near(x.i, k, 2u)) {

@@ -1,4 +1,4 @@
-/* not_iss: see not_iss.h, which is the manual. */
+/* not_iss: see not_iss.h, and its manual not_iss.md. */
 #include "not_iss.h"
 
 #include <stdbool.h>
@@ -76,6 +76,12 @@ static bool not_iss_within(float v, float limit)
 #if defined(__GNUC__)
 #pragma GCC diagnostic pop
 #endif
+
+/* whether v is a number in [low, high] */
+static bool not_iss_inside(float v, float low, float high)
+{
+    return v >= low && v <= high;
+}
 
 /* v in [-most, most] */
 static float not_iss_limit(float v, float most)
@@ -276,92 +282,506 @@ static void not_iss_nominal(not_iss_params *p)
     p->gain.curvature = 5.0f;
 }
 
+static unsigned not_iss_guard_input(const not_iss_state *s, const not_iss_input *in, float *u)
+{
+    unsigned status = 0u;
+    /* guard the input */
+    {
+        const float w = in->w;
+        const bool w_usable = not_iss_within(w, 1e+15f);
+        const float w_taken = w_usable ? w : s->u;
+        *u = not_iss_clamp(w_taken, 0.0f, 1.0f);
+        if (!w_usable) {
+            status |= NOT_ISS_REUSED_W;
+        }
+        if (w_taken < 0.0f || w_taken > 1.0f) {
+            status |= NOT_ISS_CLAMPED_W;
+        }
+    }
+    return status;
+}
+
+static unsigned not_iss_guard_measurements(const not_iss_state *s, const not_iss_output *measurement,
+    float *valid, float *y, float *y_last)
+{
+    unsigned status = 0u;
+    /* guard the measurements */
+    {
+        const float reading_y1 = measurement->y1;
+        const bool t1 = not_iss_within(reading_y1, 3e+38f);
+        const float u_before = s->u;
+        const float z1 = s->z[0];
+        const float t2 = not_iss_clamp(z1, 0.0f, 2.0f);
+        const float t3 = u_before*t2;
+        const float z2 = s->z[1];
+        const float t4 = not_iss_clamp(z2, 0.0f, 4.0f);
+        const float t5 = u_before*z1 + t3*t4 + (t4*u_before*(z1 - t2) + t3*(z2 - t4));
+        const bool t6 = t1 && not_iss_inside(reading_y1, -10.0f, 20.0f)
+            && not_iss_within(reading_y1 - t5, 1e+16f);
+        const float t7 = t6 ? reading_y1 : t5;
+        const float reading_y2 = measurement->y2;
+        const bool t8 = not_iss_within(reading_y2, 3e+38f);
+        const bool t9 = t8 && not_iss_inside(reading_y2, -4.0f, 8.0f)
+            && not_iss_within(reading_y2 - z2, 1e+16f);
+        const float t10 = t9 ? reading_y2 : z2;
+        y[0] = t7;
+        y[1] = t10;
+        y_last[0] = (t6 && s->y_valid[0] > 0.0f) ? s->y[0] : t7;
+        y_last[1] = (t9 && s->y_valid[1] > 0.0f) ? s->y[1] : t10;
+        valid[0] = t6 ? 1.0f : 0.0f;
+        valid[1] = t9 ? 1.0f : 0.0f;
+        if (!t1) {
+            status |= NOT_ISS_MISSING_Y1;
+        }
+        if (t1 && !t6) {
+            status |= NOT_ISS_REJECTED_Y1;
+        }
+        if (!t8) {
+            status |= NOT_ISS_MISSING_Y2;
+        }
+        if (t8 && !t9) {
+            status |= NOT_ISS_REJECTED_Y2;
+        }
+    }
+    return status;
+}
+
+/* advance the estimate from the last call to now */
+static unsigned not_iss_advance(not_iss_state *s, const not_iss_params *p, float u, const float *valid,
+    const float *y, const float *y_last)
+{
+    unsigned status = 0u;
+    float P_at[3];
+    float P_sum[3];
+    float ahead = 0.0f;
+    bool beyond = false;
+    bool broken = false;
+    float fraction = 0.0f;
+    float share = 0.0f;
+    float z_at[2];
+    float z_sum[2];
+    /* z, P: one step of classical Runge-Kutta */
+    /* its tableau: */
+    /*     0 |  */
+    /*   1/2 | 1/2 */
+    /*   1/2 |   0 1/2 */
+    /*     1 |   0   0   1 */
+    /*   --------------------- */
+    /*       | 1/6 1/3 1/3 1/6 */
+    /* fraction is c of a stage; share is its b over that of the first; ahead is the next stage's a times
+     * dt */
+    z_sum[0] = 0.0f;
+    z_sum[1] = 0.0f;
+    P_sum[0] = 0.0f;
+    P_sum[1] = 0.0f;
+    P_sum[2] = 0.0f;
+    z_at[0] = s->z[0];
+    z_at[1] = s->z[1];
+    P_at[0] = s->P[0];
+    P_at[1] = s->P[1];
+    P_at[2] = s->P[2];
+    {
+        static const float each_fraction[4] = {0.0f, 0.5f, 0.5f, 1.0f};
+        static const float each_share[4] = {1.0f, 2.0f, 2.0f, 1.0f};
+        static const float each_ahead[4] = {0.005f, 0.005f, 0.01f, 0.0f};
+        for (unsigned r = 0u; r < 4u; ++r) {
+            fraction = each_fraction[r];
+            share = each_share[r];
+            ahead = each_ahead[r];
+            /* a stage */
+            {
+                const float P_sum1 = P_sum[0];
+                const float P_sum2 = P_sum[1];
+                const float P_sum3 = P_sum[2];
+                const float z_sum1 = z_sum[0];
+                const float z_sum2 = z_sum[1];
+                const float u_before = s->u;
+                const float y_last1 = y_last[0];
+                const float y_last2 = y_last[1];
+                const float y_1[2] = {
+                    y_last1 + fraction*(y[0] - y_last1),
+                    y_last2 + fraction*(y[1] - y_last2)
+                };
+                float k_z[2];
+                float k_P[3];
+                not_iss_rate(p, z_at, P_at, u_before + fraction*(u - u_before), y_1, valid, k_z, k_P);
+                z_sum[0] = z_sum1 + share*k_z[0];
+                z_sum[1] = z_sum2 + share*k_z[1];
+                P_sum[0] = P_sum1 + share*k_P[0];
+                P_sum[1] = P_sum2 + share*k_P[1];
+                P_sum[2] = P_sum3 + share*k_P[2];
+                z_at[0] = s->z[0] + ahead*k_z[0];
+                z_at[1] = s->z[1] + ahead*k_z[1];
+                P_at[0] = s->P[0] + ahead*k_P[0];
+                P_at[1] = s->P[1] + ahead*k_P[1];
+                P_at[2] = s->P[2] + ahead*k_P[2];
+            }
+        }
+    }
+    /* the slopes of all stages */
+    {
+        const float P11 = s->P[0];
+        const float P21 = s->P[1];
+        const float P22 = s->P[2];
+        const float z1 = s->z[0];
+        const float z2 = s->z[1];
+        s->z[0] = z1 + 0.0016666667f*z_sum[0];
+        s->z[1] = z2 + 0.0016666667f*z_sum[1];
+        s->P[0] = P11 + 0.0016666667f*P_sum[0];
+        s->P[1] = P21 + 0.0016666667f*P_sum[1];
+        s->P[2] = P22 + 0.0016666667f*P_sum[2];
+    }
+    /* is it positive definite? */
+    {
+        const float P11 = s->P[0];
+        const float t1 = s->P[1]/P11;
+        broken = !(P11 > 0.0f && s->P[2] - t1*t1*P11 > 0.0f);
+    }
+    if (broken) {
+        /* a covariance that is none restarts */
+        s->P[0] = 0.01f;
+        s->P[1] = 0.0f;
+        s->P[2] = 0.01f;
+        status |= NOT_ISS_COVARIANCE_RESTARTED;
+    }
+    /* is a value beyond its box, or lost? */
+    {
+        const float z1 = s->z[0];
+        const float z2 = s->z[1];
+        const bool t1 = z1 >= -2.0f && z1 <= 4.0f && z2 >= -4.0f && z2 <= 8.0f
+            && not_iss_within(s->P[0], 1e+30f) && not_iss_within(s->P[1], 1e+30f);
+        beyond = !(t1 && not_iss_within(s->P[2], 1e+30f));
+    }
+    if (not_iss_acts(beyond)) {
+        status |= not_iss_keep_in_box(s, p);
+    }
+    return status;
+}
+
+static unsigned not_iss_suspect(const not_iss_state *s, const not_iss_output *measurement, bool *suspect,
+    const float *valid)
+{
+    unsigned status = 0u;
+    /* is the estimate where it cannot be for long? */
+    {
+        const float z1 = s->z[0];
+        const float z2 = s->z[1];
+        const bool t1 = z1 < 0.0f || z1 > 2.0f || z2 < 0.0f || z2 > 4.0f;
+        const float u_before = s->u;
+        const float t2 = not_iss_clamp(z1, 0.0f, 2.0f);
+        const float t3 = u_before*t2;
+        const float t4 = not_iss_clamp(z2, 0.0f, 4.0f);
+        const float t5 = not_iss_abs(measurement->y1 - (u_before*z1 + t3*t4
+            + (t4*u_before*(z1 - t2) + t3*(z2 - t4))));
+        if (t1) {
+            status |= NOT_ISS_OUTSIDE_BOX;
+        }
+        *suspect = not_iss_abs(measurement->y2 - z2) > 0.4f || t5 > 1.0f || t1
+            || !(s->fault_checksum <= 0.0f) || !(valid[1] > 0.0f) || !(valid[0] > 0.0f);
+    }
+    return status;
+}
+
+static bool not_iss_plausible(const not_iss_output *measurement, const float *valid)
+{
+    bool sampled = false;
+    /* is there a sample to judge by? */
+    {
+        const float reading_y2 = measurement->y2;
+        const bool t1 = valid[1] > 0.0f || (not_iss_within(reading_y2, 3e+38f) && reading_y2 >= -4.0f
+            && reading_y2 <= 8.0f);
+        const float reading_y1 = measurement->y1;
+        const bool t2 = valid[0] > 0.0f || (not_iss_within(reading_y1, 3e+38f) && reading_y1 >= -10.0f
+            && reading_y1 <= 20.0f);
+        sampled = t1 || t2;
+    }
+    return sampled;
+}
+
+static bool not_iss_counts_spoiled(const not_iss_state *s)
+{
+    bool spoiled = false;
+    /* was a fault count or limit spoiled? */
+    {
+        const float fault_count_y_y2 = s->fault_count_y_y2;
+        const float fault_limit_y_y2 = s->fault_limit_y_y2;
+        const float fault_count_y_y1 = s->fault_count_y_y1;
+        const float fault_limit_y_y1 = s->fault_limit_y_y1;
+        const float t1 = fault_limit_y_y2 - 276.0f + not_iss_abs(fault_count_y_y2)
+            + (fault_limit_y_y1 - 276.0f + not_iss_abs(fault_count_y_y1));
+        const float fault_count_range = s->fault_count_range;
+        const float fault_limit_range = s->fault_limit_range;
+        const bool t2 = not_iss_abs(fault_limit_range - 551.0f + fault_count_range + t1
+            - s->fault_checksum) < 0.5f && not_iss_within(fault_count_y_y2, 282624.0f);
+        const bool t3 = t2 && fault_limit_y_y2 >= 276.0f && fault_limit_y_y2 <= 282624.0f
+            && not_iss_within(fault_count_y_y1, 282624.0f);
+        const bool t4 = t3 && fault_limit_y_y1 >= 276.0f && fault_limit_y_y1 <= 282624.0f
+            && fault_count_range >= 0.0f && fault_count_range <= 564224.0f;
+        spoiled = !(t4 && fault_limit_range >= 551.0f && fault_limit_range <= 564224.0f);
+    }
+    return spoiled;
+}
+
+static void not_iss_find_signs(const not_iss_state *s, const not_iss_params *p,
+    const not_iss_output *measurement, float *moves_y_y1, float *moves_y_y2, float *side_y_y1,
+        float *side_y_y2, const float *valid)
+{
+    /* which signs show? */
+    {
+        const float reading_y2 = measurement->y2;
+        const bool t1 = valid[1] > 0.0f || (not_iss_within(reading_y2, 3e+38f) && reading_y2 >= -4.0f
+            && reading_y2 <= 8.0f);
+        const float z2 = s->z[1];
+        const float t2 = reading_y2 - z2;
+        const bool t3 = not_iss_within(t2, not_iss_max(0.4f,
+            not_iss_min(3.0f*not_iss_sqrt(1.0f/p->gain.R[1]/0.01f + s->P[2]), 1.0f)));
+        const float fault_count_y_y2 = s->fault_count_y_y2;
+        const float reading_y1 = measurement->y1;
+        const bool t4 = valid[0] > 0.0f || (not_iss_within(reading_y1, 3e+38f) && reading_y1 >= -10.0f
+            && reading_y1 <= 20.0f);
+        const float u_before = s->u;
+        const float z1 = s->z[0];
+        const float t5 = not_iss_clamp(z1, 0.0f, 2.0f);
+        const float t6 = u_before*t5;
+        const float t7 = not_iss_clamp(z2, 0.0f, 4.0f);
+        const float t8 = reading_y1 - (u_before*z1 + t6*t7 + (t7*u_before*(z1 - t5) + t6*(z2 - t7)));
+        const bool t9 = not_iss_within(t8, 1.0f);
+        const float fault_count_y_y1 = s->fault_count_y_y1;
+        *moves_y_y2 = t1 ? (t3 ? 0.0f : ((fault_count_y_y2*t2 < 0.0f) ? -100.0f : 1.0f))
+            + (t3 ? -1.0f : 0.0f) : 0.0f;
+        *side_y_y2 = (!t3 && t1) ? t2 : fault_count_y_y2;
+        *moves_y_y1 = t4 ? (t9 ? 0.0f : ((fault_count_y_y1*t8 < 0.0f) ? -100.0f : 1.0f))
+            + (t9 ? -1.0f : 0.0f) : 0.0f;
+        *side_y_y1 = (!t9 && t4) ? t8 : fault_count_y_y1;
+    }
+}
+
+static void not_iss_choose_recovery(const not_iss_state *s, bool *lost, bool *over_range, bool *over_y_y1,
+    bool *over_y_y2)
+{
+    /* by which sign, and is the estimate lost? */
+    {
+        const bool t1 = s->fault_limit_y_y2 <= not_iss_abs(s->fault_count_y_y2);
+        const bool t2 = s->fault_limit_y_y1 <= not_iss_abs(s->fault_count_y_y1);
+        const float fault_limit_range = s->fault_limit_range;
+        const bool t3 = fault_limit_range <= s->fault_count_range;
+        const float z1 = s->z[0];
+        const float z2 = s->z[1];
+        *over_y_y2 = t1;
+        *over_y_y1 = t2;
+        *over_range = t3;
+        *lost = t1 || t2 || (t3 && (fault_limit_range > 551.0f || z1 < -1.0f || z1 > 3.0f || z2 < -2.0f
+            || z2 > 6.0f));
+    }
+}
+
+static void not_iss_fit_y2(not_iss_state *s, const not_iss_output *measurement, const float *valid)
+{
+    /* from the sample of y2 */
+    {
+        const float z1 = s->z[0];
+        const float z2 = s->z[1];
+        const float reading_y2 = measurement->y2;
+        const bool t1 = valid[1] > 0.0f || (not_iss_within(reading_y2, 3e+38f) && reading_y2 >= -4.0f
+            && reading_y2 <= 8.0f);
+        s->z[0] = t1 ? not_iss_keep(z1, 0.0f, 2.0f, z1, 1e+30f) : z1;
+        s->z[1] = t1 ? not_iss_keep(reading_y2, 0.0f, 4.0f, z2, 1e+30f) : z2;
+    }
+}
+
+static void not_iss_fit_y1(not_iss_state *s, const not_iss_output *measurement, const float *valid)
+{
+    /* from the sample of y1 */
+    {
+        const float z1 = s->z[0];
+        const float z2 = s->z[1];
+        const float reading_y1 = measurement->y1;
+        const bool t1 = valid[0] > 0.0f || (not_iss_within(reading_y1, 3e+38f) && reading_y1 >= -10.0f
+            && reading_y1 <= 20.0f);
+        const float t2 = not_iss_clamp(z2, 0.0f, 4.0f);
+        const float u_before = s->u;
+        const float t3 = (t2 + 1.0f)*u_before;
+        const float t4 = 36.0f*t3;
+        const float t5 = not_iss_clamp(z1, 0.0f, 2.0f);
+        const float t6 = u_before*t5;
+        const float t7 = t5*u_before;
+        const float t8 = 144.0f*t7;
+        const float t9 = (reading_y1 - (u_before*z1 + t6*t2
+            + (t2*u_before*(z1 - t5) + t6*(z2 - t2))))/not_iss_max(t3*t4 + t7*t8, 1e-10f);
+        s->z[0] = t1 ? not_iss_keep(z1 + t4*t9, 0.0f, 2.0f, z1, 1e+30f) : z1;
+        s->z[1] = t1 ? not_iss_keep(z2 + t8*t9, 0.0f, 4.0f, z2, 1e+30f) : z2;
+    }
+}
+
+/* the estimate becomes the nearest one that fits the sample, the rest as after a reset */
+static unsigned not_iss_restart_from_sample(not_iss_state *s, const not_iss_output *measurement,
+    const float *valid)
+{
+    unsigned status = 0u;
+    /* the estimate restarts */
+    s->z[0] = 0.0f;
+    s->z[1] = 0.0f;
+    not_iss_fit_y2(s, measurement, valid);
+    not_iss_fit_y1(s, measurement, valid);
+    not_iss_fit_y2(s, measurement, valid);
+    not_iss_fit_y1(s, measurement, valid);
+    not_iss_fit_y2(s, measurement, valid);
+    not_iss_fit_y1(s, measurement, valid);
+    /* the estimate has restarted from the sample */
+    status |= NOT_ISS_RESTARTED_FROM_SAMPLE;
+    /* as after a reset */
+    s->P[0] = 0.01f;
+    s->P[1] = 0.0f;
+    s->P[2] = 0.01f;
+    return status;
+}
+
+/* a fault count is at its limit: restart from the sample, or project onto the ranges */
+static unsigned not_iss_recover(not_iss_state *s, const not_iss_output *measurement, const float *valid)
+{
+    unsigned status = 0u;
+    bool lost = false;
+    bool over_range = false;
+    bool over_y_y1 = false;
+    bool over_y_y2 = false;
+    not_iss_choose_recovery(s, &lost, &over_range, &over_y_y1, &over_y_y2);
+    if (over_y_y2) {
+        /* the fault limit doubles */
+        {
+            const float fault_count_y_y2 = s->fault_count_y_y2;
+            const float fault_limit_y_y2 = s->fault_limit_y_y2;
+            const float t1 = not_iss_min(fault_limit_y_y2, 141312.0f);
+            s->fault_count_y_y2 = (fault_count_y_y2 < 0.0f) ? -t1 : t1;
+            s->fault_limit_y_y2 = not_iss_min(2.0f*fault_limit_y_y2, 282624.0f);
+        }
+    }
+    if (over_y_y1) {
+        /* the fault limit doubles */
+        {
+            const float fault_count_y_y1 = s->fault_count_y_y1;
+            const float fault_limit_y_y1 = s->fault_limit_y_y1;
+            const float t1 = not_iss_min(fault_limit_y_y1, 141312.0f);
+            s->fault_count_y_y1 = (fault_count_y_y1 < 0.0f) ? -t1 : t1;
+            s->fault_limit_y_y1 = not_iss_min(2.0f*fault_limit_y_y1, 282624.0f);
+        }
+    }
+    if (over_range) {
+        /* the fault limit doubles */
+        {
+            const float fault_limit_range = s->fault_limit_range;
+            s->fault_count_range = not_iss_min(fault_limit_range, 282112.0f);
+            s->fault_limit_range = not_iss_min(2.0f*fault_limit_range, 564224.0f);
+        }
+    }
+    if (lost) {
+        status |= not_iss_restart_from_sample(s, measurement, valid);
+    } else {
+        /* the estimate back onto its declared ranges */
+        {
+            const float z1 = s->z[0];
+            const float z2 = s->z[1];
+            const float P21 = s->P[1];
+            const float t1 = z1 - not_iss_clamp(z1, 0.0f, 2.0f);
+            const float t2 = z2 - t1/s->P[0]*P21;
+            const float t3 = t2 - not_iss_clamp(t2, 0.0f, 4.0f);
+            const float t4 = t2 - t3 - z2;
+            const float t5 = (t4 > 0.0f) ? 8.0f - z2 : z2 + 4.0f;
+            const float t6 = z1 - t1 - t3/s->P[2]*P21 - z1;
+            const float t7 = (t6 > 0.0f) ? 4.0f - z1 : z1 + 2.0f;
+            const float t8 = not_iss_abs(t6);
+            const float t9 = (t7 < t8) ? t7/t8 : 1.0f;
+            const float t10 = not_iss_abs(t4);
+            const float t11 = (t5 < t9*t10) ? t5/t10 : t9;
+            s->z[0] = not_iss_keep(z1 + t11*t6, -2.0f, 4.0f, z1, 1e+30f);
+            s->z[1] = not_iss_keep(z2 + t11*t4, -4.0f, 8.0f, z2, 1e+30f);
+            status |= NOT_ISS_PROJECTED_ONTO_RANGES;
+        }
+    }
+    return status;
+}
+
+/* count the signs of a fault at a sample, and act where a count is at its limit */
+static unsigned not_iss_count_faults(not_iss_state *s, const not_iss_params *p,
+    const not_iss_output *measurement, const float *valid)
+{
+    unsigned status = 0u;
+    bool acts = false;
+    float moves_range = 0.0f;
+    float moves_y_y1 = 0.0f;
+    float moves_y_y2 = 0.0f;
+    float side_y_y1 = 0.0f;
+    float side_y_y2 = 0.0f;
+    bool spoiled = false;
+    spoiled = not_iss_counts_spoiled(s);
+    if (spoiled) {
+        not_iss_clear_fault_counts(s);
+    }
+    /* is the estimate out of a range? */
+    {
+        const float z1 = s->z[0];
+        const float z2 = s->z[1];
+        moves_range = (z1 < -0.1f || z1 > 2.1f || z2 < -0.2f || z2 > 4.2f) ? 2.0f : -2.0f;
+    }
+    /* count of range */
+    {
+        const float fault_count_range = s->fault_count_range;
+        const float fault_limit_range = s->fault_limit_range;
+        const float t1 = not_iss_clamp(fault_count_range + moves_range, 0.0f, 564224.0f);
+        s->fault_count_range = t1;
+        s->fault_limit_range = (t1 <= 0.0f) ? 551.0f : fault_limit_range;
+    }
+    not_iss_find_signs(s, p, measurement, &moves_y_y1, &moves_y_y2, &side_y_y1, &side_y_y2, valid);
+    /* count of y_y2 */
+    {
+        const float fault_count_y_y2 = s->fault_count_y_y2;
+        const float fault_limit_y_y2 = s->fault_limit_y_y2;
+        const float t1 = not_iss_clamp(not_iss_abs(fault_count_y_y2) + moves_y_y2, 0.0f, 282624.0f);
+        s->fault_count_y_y2 = (side_y_y2 < 0.0f) ? -t1 : t1;
+        s->fault_limit_y_y2 = (t1 <= 0.0f) ? 276.0f : fault_limit_y_y2;
+    }
+    /* count of y_y1 */
+    {
+        const float fault_count_y_y1 = s->fault_count_y_y1;
+        const float fault_limit_y_y1 = s->fault_limit_y_y1;
+        const float t1 = not_iss_clamp(not_iss_abs(fault_count_y_y1) + moves_y_y1, 0.0f, 282624.0f);
+        s->fault_count_y_y1 = (side_y_y1 < 0.0f) ? -t1 : t1;
+        s->fault_limit_y_y1 = (t1 <= 0.0f) ? 276.0f : fault_limit_y_y1;
+    }
+    /* does a guard act? */
+    {
+        const bool t1 = s->fault_limit_y_y2 <= not_iss_abs(s->fault_count_y_y2)
+            || s->fault_limit_y_y1 <= not_iss_abs(s->fault_count_y_y1);
+        acts = t1 || s->fault_limit_range <= s->fault_count_range;
+    }
+    if (acts) {
+        status |= not_iss_recover(s, measurement, valid);
+    }
+    /* the checksum of fault counts and limits */
+    {
+        const float t1 = s->fault_limit_y_y2 - 276.0f + not_iss_abs(s->fault_count_y_y2)
+            + (s->fault_limit_y_y1 - 276.0f + not_iss_abs(s->fault_count_y_y1));
+        s->fault_checksum = s->fault_limit_range - 551.0f + s->fault_count_range + t1;
+    }
+    return status;
+}
+
 unsigned not_iss_step(not_iss_state *s, const not_iss_params *p, const not_iss_input *in,
-    const not_iss_output *out)
+    const not_iss_output *measurement)
 {
     unsigned status = 0u;
     if ((s->ready != NOT_ISS_READY) || (p->ready != NOT_ISS_READY)) {
         status = not_iss_ready(s, p);
     }
     if ((status & NOT_ISS_NO_PARAMETERS) == 0u) {
-        float P_at[3];
-        float P_sum[3];
-        bool acts = false;
-        float ahead = 0.0f;
-        bool beyond = false;
-        bool broken = false;
-        float fraction = 0.0f;
-        bool lost = false;
-        float moves_range = 0.0f;
-        float moves_y_y1 = 0.0f;
-        float moves_y_y2 = 0.0f;
-        bool over_range = false;
-        bool over_y_y1 = false;
-        bool over_y_y2 = false;
         bool running = false;
         bool sampled = false;
-        float share = 0.0f;
-        float side_y_y1 = 0.0f;
-        float side_y_y2 = 0.0f;
-        bool spoiled = false;
         bool suspect = false;
         float u = 0.0f;
         float valid[2];
         float y[2];
         float y_last[2];
-        float z_at[2];
-        float z_sum[2];
-        /* guard the input */
-        {
-            const float w = in->w;
-            const bool w_usable = not_iss_within(w, 1e+15f);
-            const float w_taken = w_usable ? w : s->u;
-            u = not_iss_clamp(w_taken, 0.0f, 1.0f);
-            if (!w_usable) {
-                status |= NOT_ISS_REUSED_W;
-            }
-            if (w_taken < 0.0f || w_taken > 1.0f) {
-                status |= NOT_ISS_CLAMPED_W;
-            }
-        }
-        /* guard the measurements */
-        {
-            const float measurement_y1 = out->y1;
-            const bool t1 = not_iss_within(measurement_y1, 3e+38f);
-            const float u_before = s->u;
-            const float z1 = s->z[0];
-            const float t2 = not_iss_clamp(z1, 0.0f, 2.0f);
-            const float t3 = u_before*t2;
-            const float z2 = s->z[1];
-            const float t4 = not_iss_clamp(z2, 0.0f, 4.0f);
-            const float t5 = u_before*z1 + t3*t4 + (t4*u_before*(z1 - t2) + t3*(z2 - t4));
-            const bool t6 = t1 && measurement_y1 >= -10.0f && measurement_y1 <= 20.0f
-                && not_iss_within(measurement_y1 - t5, 1e+16f);
-            const float t7 = t6 ? measurement_y1 : t5;
-            const float measurement_y2 = out->y2;
-            const bool t8 = not_iss_within(measurement_y2, 3e+38f);
-            const bool t9 = t8 && measurement_y2 >= -4.0f && measurement_y2 <= 8.0f
-                && not_iss_within(measurement_y2 - z2, 1e+16f);
-            const float t10 = t9 ? measurement_y2 : z2;
-            y[0] = t7;
-            y[1] = t10;
-            y_last[0] = (t6 && s->y_valid[0] > 0.0f) ? s->y[0] : t7;
-            y_last[1] = (t9 && s->y_valid[1] > 0.0f) ? s->y[1] : t10;
-            valid[0] = t6 ? 1.0f : 0.0f;
-            valid[1] = t9 ? 1.0f : 0.0f;
-            if (!t1) {
-                status |= NOT_ISS_MISSING_Y1;
-            }
-            if (t1 && !t6) {
-                status |= NOT_ISS_REJECTED_Y1;
-            }
-            if (!t8) {
-                status |= NOT_ISS_MISSING_Y2;
-            }
-            if (t8 && !t9) {
-                status |= NOT_ISS_REJECTED_Y2;
-            }
-        }
+        status |= not_iss_guard_input(s, in, &u);
+        status |= not_iss_guard_measurements(s, measurement, valid, y, y_last);
         /* the first call advances no time */
         {
             const unsigned calls = s->calls;
@@ -369,92 +789,7 @@ unsigned not_iss_step(not_iss_state *s, const not_iss_params *p, const not_iss_i
             s->calls = 1u;
         }
         if (running) {
-            /* z, P: one step of classical Runge-Kutta */
-            z_sum[0] = 0.0f;
-            z_sum[1] = 0.0f;
-            P_sum[0] = 0.0f;
-            P_sum[1] = 0.0f;
-            P_sum[2] = 0.0f;
-            z_at[0] = s->z[0];
-            z_at[1] = s->z[1];
-            P_at[0] = s->P[0];
-            P_at[1] = s->P[1];
-            P_at[2] = s->P[2];
-            {
-                static const float each_fraction[4] = {0.0f, 0.5f, 0.5f, 1.0f};
-                static const float each_share[4] = {1.0f, 2.0f, 2.0f, 1.0f};
-                static const float each_ahead[4] = {0.005f, 0.005f, 0.01f, 0.0f};
-                for (unsigned r = 0u; r < 4u; ++r) {
-                    fraction = each_fraction[r];
-                    share = each_share[r];
-                    ahead = each_ahead[r];
-                    /* a stage */
-                    {
-                        const float P_sum1 = P_sum[0];
-                        const float P_sum2 = P_sum[1];
-                        const float P_sum3 = P_sum[2];
-                        const float z_sum1 = z_sum[0];
-                        const float z_sum2 = z_sum[1];
-                        const float u_before = s->u;
-                        const float y_last1 = y_last[0];
-                        const float y_last2 = y_last[1];
-                        const float y_1[2] = {
-                            y_last1 + fraction*(y[0] - y_last1),
-                            y_last2 + fraction*(y[1] - y_last2)
-                        };
-                        float k_z[2];
-                        float k_P[3];
-                        not_iss_rate(p, z_at, P_at, u_before + fraction*(u - u_before), y_1, valid, k_z, k_P);
-                        z_sum[0] = z_sum1 + share*k_z[0];
-                        z_sum[1] = z_sum2 + share*k_z[1];
-                        P_sum[0] = P_sum1 + share*k_P[0];
-                        P_sum[1] = P_sum2 + share*k_P[1];
-                        P_sum[2] = P_sum3 + share*k_P[2];
-                        z_at[0] = s->z[0] + ahead*k_z[0];
-                        z_at[1] = s->z[1] + ahead*k_z[1];
-                        P_at[0] = s->P[0] + ahead*k_P[0];
-                        P_at[1] = s->P[1] + ahead*k_P[1];
-                        P_at[2] = s->P[2] + ahead*k_P[2];
-                    }
-                }
-            }
-            /* the slopes of all stages */
-            {
-                const float P11 = s->P[0];
-                const float P21 = s->P[1];
-                const float P22 = s->P[2];
-                const float z1 = s->z[0];
-                const float z2 = s->z[1];
-                s->z[0] = z1 + 0.0016666667f*z_sum[0];
-                s->z[1] = z2 + 0.0016666667f*z_sum[1];
-                s->P[0] = P11 + 0.0016666667f*P_sum[0];
-                s->P[1] = P21 + 0.0016666667f*P_sum[1];
-                s->P[2] = P22 + 0.0016666667f*P_sum[2];
-            }
-            /* is it positive definite? */
-            {
-                const float P11 = s->P[0];
-                const float t1 = s->P[1]/P11;
-                broken = !(P11 > 0.0f && s->P[2] - t1*t1*P11 > 0.0f);
-            }
-            if (broken) {
-                /* a covariance that is none restarts */
-                s->P[0] = 0.01f;
-                s->P[1] = 0.0f;
-                s->P[2] = 0.01f;
-                status |= NOT_ISS_COVARIANCE_RESTARTED;
-            }
-            /* is a value beyond its box, or lost? */
-            {
-                const float z1 = s->z[0];
-                const float z2 = s->z[1];
-                const bool t1 = z1 >= -2.0f && z1 <= 4.0f && z2 >= -4.0f && z2 <= 8.0f
-                    && not_iss_within(s->P[0], 1e+30f) && not_iss_within(s->P[1], 1e+30f);
-                beyond = !(t1 && not_iss_within(s->P[2], 1e+30f));
-            }
-            if (not_iss_acts(beyond)) {
-                status |= not_iss_keep_in_box(s, p);
-            }
+            status |= not_iss_advance(s, p, u, valid, y, y_last);
         } else {
             status |= not_iss_keep_in_box(s, p);
         }
@@ -465,298 +800,11 @@ unsigned not_iss_step(not_iss_state *s, const not_iss_params *p, const not_iss_i
         s->y[1] = y[1];
         s->y_valid[0] = valid[0];
         s->y_valid[1] = valid[1];
-        /* is the estimate where it cannot be for long? */
-        {
-            const float z1 = s->z[0];
-            const float z2 = s->z[1];
-            const bool t1 = z1 < 0.0f || z1 > 2.0f || z2 < 0.0f || z2 > 4.0f;
-            const float u_before = s->u;
-            const float t2 = not_iss_clamp(z1, 0.0f, 2.0f);
-            const float t3 = u_before*t2;
-            const float t4 = not_iss_clamp(z2, 0.0f, 4.0f);
-            const bool t5 = not_iss_abs(out->y2 - z2) > 0.4f || not_iss_abs(out->y1
-                - (u_before*z1 + t3*t4 + (t4*u_before*(z1 - t2) + t3*(z2 - t4)))) > 1.0f;
-            if (t1) {
-                status |= NOT_ISS_OUTSIDE_BOX;
-            }
-            suspect = t5 || t1 || !(s->fault_checksum <= 0.0f) || !(valid[1] > 0.0f) || !(valid[0] > 0.0f);
-        }
+        status |= not_iss_suspect(s, measurement, &suspect, valid);
         if (suspect) {
-            /* is there a sample to judge by? */
-            {
-                const float measurement_y2 = out->y2;
-                const bool t1 = valid[1] > 0.0f || (not_iss_within(measurement_y2, 3e+38f)
-                    && measurement_y2 >= -4.0f && measurement_y2 <= 8.0f);
-                const float measurement_y1 = out->y1;
-                const bool t2 = not_iss_within(measurement_y1, 3e+38f) && measurement_y1 >= -10.0f
-                    && measurement_y1 <= 20.0f;
-                sampled = t1 || valid[0] > 0.0f || t2;
-            }
+            sampled = not_iss_plausible(measurement, valid);
             if (sampled) {
-                /* was a fault count or limit spoiled? */
-                {
-                    const float fault_count_y_y2 = s->fault_count_y_y2;
-                    const float fault_limit_y_y2 = s->fault_limit_y_y2;
-                    const float fault_count_y_y1 = s->fault_count_y_y1;
-                    const float fault_limit_y_y1 = s->fault_limit_y_y1;
-                    const float t1 = fault_limit_y_y2 - 276.0f + not_iss_abs(fault_count_y_y2)
-                        + (fault_limit_y_y1 - 276.0f + not_iss_abs(fault_count_y_y1));
-                    const float fault_count_range = s->fault_count_range;
-                    const float fault_limit_range = s->fault_limit_range;
-                    const bool t2 = not_iss_abs(fault_limit_range - 551.0f + fault_count_range + t1
-                        - s->fault_checksum) < 0.5f && not_iss_within(fault_count_y_y2, 282624.0f);
-                    const bool t3 = t2 && fault_limit_y_y2 >= 276.0f && fault_limit_y_y2 <= 282624.0f
-                        && not_iss_within(fault_count_y_y1, 282624.0f);
-                    const bool t4 = t3 && fault_limit_y_y1 >= 276.0f && fault_limit_y_y1 <= 282624.0f
-                        && fault_count_range >= 0.0f && fault_count_range <= 564224.0f;
-                    spoiled = !(t4 && fault_limit_range >= 551.0f && fault_limit_range <= 564224.0f);
-                }
-                if (spoiled) {
-                    not_iss_clear_fault_counts(s);
-                }
-                /* is the estimate out of a range? */
-                {
-                    const float z1 = s->z[0];
-                    const float z2 = s->z[1];
-                    moves_range = (z1 < -0.1f || z1 > 2.1f || z2 < -0.2f || z2 > 4.2f) ? 2.0f : -2.0f;
-                }
-                /* count of range */
-                {
-                    const float fault_count_range = s->fault_count_range;
-                    const float fault_limit_range = s->fault_limit_range;
-                    const float t1 = not_iss_clamp(fault_count_range + moves_range, 0.0f, 564224.0f);
-                    s->fault_count_range = t1;
-                    s->fault_limit_range = (t1 <= 0.0f) ? 551.0f : fault_limit_range;
-                }
-                /* which signs show? */
-                {
-                    const float measurement_y2 = out->y2;
-                    const bool t1 = valid[1] > 0.0f || (not_iss_within(measurement_y2, 3e+38f)
-                        && measurement_y2 >= -4.0f && measurement_y2 <= 8.0f);
-                    const float z2 = s->z[1];
-                    const float t2 = measurement_y2 - z2;
-                    const bool t3 = not_iss_within(t2, not_iss_max(0.4f,
-                        not_iss_min(3.0f*not_iss_sqrt(1.0f/p->gain.R[1]/0.01f + s->P[2]), 1.0f)));
-                    const float fault_count_y_y2 = s->fault_count_y_y2;
-                    const float measurement_y1 = out->y1;
-                    const bool t4 = not_iss_within(measurement_y1, 3e+38f) && measurement_y1 >= -10.0f
-                        && measurement_y1 <= 20.0f;
-                    const bool t5 = valid[0] > 0.0f || t4;
-                    const float u_before = s->u;
-                    const float z1 = s->z[0];
-                    const float t6 = not_iss_clamp(z1, 0.0f, 2.0f);
-                    const float t7 = u_before*t6;
-                    const float t8 = not_iss_clamp(z2, 0.0f, 4.0f);
-                    const float t9 = measurement_y1 - (u_before*z1 + t7*t8
-                        + (t8*u_before*(z1 - t6) + t7*(z2 - t8)));
-                    const bool t10 = not_iss_within(t9, 1.0f);
-                    const float fault_count_y_y1 = s->fault_count_y_y1;
-                    moves_y_y2 = t1 ? (t3 ? 0.0f : ((fault_count_y_y2*t2 < 0.0f) ? -100.0f : 1.0f))
-                        + (t3 ? -1.0f : 0.0f) : 0.0f;
-                    side_y_y2 = (!t3 && t1) ? t2 : fault_count_y_y2;
-                    moves_y_y1 = t5 ? (t10 ? 0.0f : ((fault_count_y_y1*t9 < 0.0f) ? -100.0f : 1.0f))
-                        + (t10 ? -1.0f : 0.0f) : 0.0f;
-                    side_y_y1 = (!t10 && t5) ? t9 : fault_count_y_y1;
-                }
-                /* count of y_y2 */
-                {
-                    const float fault_count_y_y2 = s->fault_count_y_y2;
-                    const float fault_limit_y_y2 = s->fault_limit_y_y2;
-                    const float t1 = not_iss_clamp(not_iss_abs(fault_count_y_y2) + moves_y_y2, 0.0f,
-                        282624.0f);
-                    s->fault_count_y_y2 = (side_y_y2 < 0.0f) ? -t1 : t1;
-                    s->fault_limit_y_y2 = (t1 <= 0.0f) ? 276.0f : fault_limit_y_y2;
-                }
-                /* count of y_y1 */
-                {
-                    const float fault_count_y_y1 = s->fault_count_y_y1;
-                    const float fault_limit_y_y1 = s->fault_limit_y_y1;
-                    const float t1 = not_iss_clamp(not_iss_abs(fault_count_y_y1) + moves_y_y1, 0.0f,
-                        282624.0f);
-                    s->fault_count_y_y1 = (side_y_y1 < 0.0f) ? -t1 : t1;
-                    s->fault_limit_y_y1 = (t1 <= 0.0f) ? 276.0f : fault_limit_y_y1;
-                }
-                /* does a guard act? */
-                {
-                    const bool t1 = s->fault_limit_y_y2 <= not_iss_abs(s->fault_count_y_y2)
-                        || s->fault_limit_y_y1 <= not_iss_abs(s->fault_count_y_y1);
-                    acts = t1 || s->fault_limit_range <= s->fault_count_range;
-                }
-                if (acts) {
-                    /* by which sign, and is the estimate lost? */
-                    {
-                        const bool t1 = s->fault_limit_y_y2 <= not_iss_abs(s->fault_count_y_y2);
-                        const bool t2 = s->fault_limit_y_y1 <= not_iss_abs(s->fault_count_y_y1);
-                        const float fault_limit_range = s->fault_limit_range;
-                        const bool t3 = fault_limit_range <= s->fault_count_range;
-                        const float z1 = s->z[0];
-                        const float z2 = s->z[1];
-                        over_y_y2 = t1;
-                        over_y_y1 = t2;
-                        over_range = t3;
-                        lost = t1 || t2 || (t3 && (fault_limit_range > 551.0f || z1 < -1.0f || z1 > 3.0f
-                            || z2 < -2.0f || z2 > 6.0f));
-                    }
-                    if (over_y_y2) {
-                        /* the fault limit doubles */
-                        {
-                            const float fault_count_y_y2 = s->fault_count_y_y2;
-                            const float fault_limit_y_y2 = s->fault_limit_y_y2;
-                            const float t1 = not_iss_min(fault_limit_y_y2, 141312.0f);
-                            s->fault_count_y_y2 = (fault_count_y_y2 < 0.0f) ? -t1 : t1;
-                            s->fault_limit_y_y2 = not_iss_min(2.0f*fault_limit_y_y2, 282624.0f);
-                        }
-                    }
-                    if (over_y_y1) {
-                        /* the fault limit doubles */
-                        {
-                            const float fault_count_y_y1 = s->fault_count_y_y1;
-                            const float fault_limit_y_y1 = s->fault_limit_y_y1;
-                            const float t1 = not_iss_min(fault_limit_y_y1, 141312.0f);
-                            s->fault_count_y_y1 = (fault_count_y_y1 < 0.0f) ? -t1 : t1;
-                            s->fault_limit_y_y1 = not_iss_min(2.0f*fault_limit_y_y1, 282624.0f);
-                        }
-                    }
-                    if (over_range) {
-                        /* the fault limit doubles */
-                        {
-                            const float fault_limit_range = s->fault_limit_range;
-                            s->fault_count_range = not_iss_min(fault_limit_range, 282112.0f);
-                            s->fault_limit_range = not_iss_min(2.0f*fault_limit_range, 564224.0f);
-                        }
-                    }
-                    if (lost) {
-                        /* the estimate restarts */
-                        s->z[0] = 0.0f;
-                        s->z[1] = 0.0f;
-                        /* from the sample of y2 */
-                        {
-                            const float z1 = s->z[0];
-                            const float z2 = s->z[1];
-                            const float measurement_y2 = out->y2;
-                            const bool t1 = valid[1] > 0.0f || (not_iss_within(measurement_y2, 3e+38f)
-                                && measurement_y2 >= -4.0f && measurement_y2 <= 8.0f);
-                            s->z[0] = t1 ? not_iss_keep(z1, 0.0f, 2.0f, z1, 1e+30f) : z1;
-                            s->z[1] = t1 ? not_iss_keep(measurement_y2, 0.0f, 4.0f, z2, 1e+30f) : z2;
-                        }
-                        /* from the sample of y1 */
-                        {
-                            const float z1 = s->z[0];
-                            const float z2 = s->z[1];
-                            const float measurement_y1 = out->y1;
-                            const bool t1 = not_iss_within(measurement_y1, 3e+38f)
-                                && measurement_y1 >= -10.0f && measurement_y1 <= 20.0f;
-                            const bool t2 = valid[0] > 0.0f || t1;
-                            const float t3 = not_iss_clamp(z2, 0.0f, 4.0f);
-                            const float u_before = s->u;
-                            const float t4 = (t3 + 1.0f)*u_before;
-                            const float t5 = 36.0f*t4;
-                            const float t6 = not_iss_clamp(z1, 0.0f, 2.0f);
-                            const float t7 = u_before*t6;
-                            const float t8 = t6*u_before;
-                            const float t9 = 144.0f*t8;
-                            const float t10 = (measurement_y1 - (u_before*z1 + t7*t3
-                                + (t3*u_before*(z1 - t6) + t7*(z2 - t3))))/not_iss_max(t4*t5 + t8*t9, 1e-10f);
-                            s->z[0] = t2 ? not_iss_keep(z1 + t5*t10, 0.0f, 2.0f, z1, 1e+30f) : z1;
-                            s->z[1] = t2 ? not_iss_keep(z2 + t9*t10, 0.0f, 4.0f, z2, 1e+30f) : z2;
-                        }
-                        /* from the sample of y2 */
-                        {
-                            const float z1 = s->z[0];
-                            const float z2 = s->z[1];
-                            const float measurement_y2 = out->y2;
-                            const bool t1 = valid[1] > 0.0f || (not_iss_within(measurement_y2, 3e+38f)
-                                && measurement_y2 >= -4.0f && measurement_y2 <= 8.0f);
-                            s->z[0] = t1 ? not_iss_keep(z1, 0.0f, 2.0f, z1, 1e+30f) : z1;
-                            s->z[1] = t1 ? not_iss_keep(measurement_y2, 0.0f, 4.0f, z2, 1e+30f) : z2;
-                        }
-                        /* from the sample of y1 */
-                        {
-                            const float z1 = s->z[0];
-                            const float z2 = s->z[1];
-                            const float measurement_y1 = out->y1;
-                            const bool t1 = not_iss_within(measurement_y1, 3e+38f)
-                                && measurement_y1 >= -10.0f && measurement_y1 <= 20.0f;
-                            const bool t2 = valid[0] > 0.0f || t1;
-                            const float t3 = not_iss_clamp(z2, 0.0f, 4.0f);
-                            const float u_before = s->u;
-                            const float t4 = (t3 + 1.0f)*u_before;
-                            const float t5 = 36.0f*t4;
-                            const float t6 = not_iss_clamp(z1, 0.0f, 2.0f);
-                            const float t7 = u_before*t6;
-                            const float t8 = t6*u_before;
-                            const float t9 = 144.0f*t8;
-                            const float t10 = (measurement_y1 - (u_before*z1 + t7*t3
-                                + (t3*u_before*(z1 - t6) + t7*(z2 - t3))))/not_iss_max(t4*t5 + t8*t9, 1e-10f);
-                            s->z[0] = t2 ? not_iss_keep(z1 + t5*t10, 0.0f, 2.0f, z1, 1e+30f) : z1;
-                            s->z[1] = t2 ? not_iss_keep(z2 + t9*t10, 0.0f, 4.0f, z2, 1e+30f) : z2;
-                        }
-                        /* from the sample of y2 */
-                        {
-                            const float z1 = s->z[0];
-                            const float z2 = s->z[1];
-                            const float measurement_y2 = out->y2;
-                            const bool t1 = valid[1] > 0.0f || (not_iss_within(measurement_y2, 3e+38f)
-                                && measurement_y2 >= -4.0f && measurement_y2 <= 8.0f);
-                            s->z[0] = t1 ? not_iss_keep(z1, 0.0f, 2.0f, z1, 1e+30f) : z1;
-                            s->z[1] = t1 ? not_iss_keep(measurement_y2, 0.0f, 4.0f, z2, 1e+30f) : z2;
-                        }
-                        /* from the sample of y1 */
-                        {
-                            const float z1 = s->z[0];
-                            const float z2 = s->z[1];
-                            const float measurement_y1 = out->y1;
-                            const bool t1 = not_iss_within(measurement_y1, 3e+38f)
-                                && measurement_y1 >= -10.0f && measurement_y1 <= 20.0f;
-                            const bool t2 = valid[0] > 0.0f || t1;
-                            const float t3 = not_iss_clamp(z2, 0.0f, 4.0f);
-                            const float u_before = s->u;
-                            const float t4 = (t3 + 1.0f)*u_before;
-                            const float t5 = 36.0f*t4;
-                            const float t6 = not_iss_clamp(z1, 0.0f, 2.0f);
-                            const float t7 = u_before*t6;
-                            const float t8 = t6*u_before;
-                            const float t9 = 144.0f*t8;
-                            const float t10 = (measurement_y1 - (u_before*z1 + t7*t3
-                                + (t3*u_before*(z1 - t6) + t7*(z2 - t3))))/not_iss_max(t4*t5 + t8*t9, 1e-10f);
-                            s->z[0] = t2 ? not_iss_keep(z1 + t5*t10, 0.0f, 2.0f, z1, 1e+30f) : z1;
-                            s->z[1] = t2 ? not_iss_keep(z2 + t9*t10, 0.0f, 4.0f, z2, 1e+30f) : z2;
-                        }
-                        /* the estimate has restarted from the sample */
-                        status |= NOT_ISS_RESTARTED_FROM_SAMPLE;
-                        /* as after a reset */
-                        s->P[0] = 0.01f;
-                        s->P[1] = 0.0f;
-                        s->P[2] = 0.01f;
-                    } else {
-                        /* the estimate back onto its declared ranges */
-                        {
-                            const float z1 = s->z[0];
-                            const float z2 = s->z[1];
-                            const float P21 = s->P[1];
-                            const float t1 = z1 - not_iss_clamp(z1, 0.0f, 2.0f);
-                            const float t2 = z2 - t1/s->P[0]*P21;
-                            const float t3 = t2 - not_iss_clamp(t2, 0.0f, 4.0f);
-                            const float t4 = t2 - t3 - z2;
-                            const float t5 = (t4 > 0.0f) ? 8.0f - z2 : z2 + 4.0f;
-                            const float t6 = z1 - t1 - t3/s->P[2]*P21 - z1;
-                            const float t7 = (t6 > 0.0f) ? 4.0f - z1 : z1 + 2.0f;
-                            const float t8 = not_iss_abs(t6);
-                            const float t9 = (t7 < t8) ? t7/t8 : 1.0f;
-                            const float t10 = not_iss_abs(t4);
-                            const float t11 = (t5 < t9*t10) ? t5/t10 : t9;
-                            s->z[0] = not_iss_keep(z1 + t11*t6, -2.0f, 4.0f, z1, 1e+30f);
-                            s->z[1] = not_iss_keep(z2 + t11*t4, -4.0f, 8.0f, z2, 1e+30f);
-                            status |= NOT_ISS_PROJECTED_ONTO_RANGES;
-                        }
-                    }
-                }
-                /* the checksum of fault counts and limits */
-                {
-                    const float t1 = s->fault_limit_y_y2 - 276.0f + not_iss_abs(s->fault_count_y_y2)
-                        + (s->fault_limit_y_y1 - 276.0f + not_iss_abs(s->fault_count_y_y1));
-                    s->fault_checksum = s->fault_limit_range - 551.0f + s->fault_count_range + t1;
-                }
+                status |= not_iss_count_faults(s, p, measurement, valid);
             }
         }
     }

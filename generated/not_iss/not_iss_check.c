@@ -23,7 +23,7 @@
 
 unsigned not_iss_check(void);
 
-static const float given[64][3] = { /* in.w, out.y1, out.y2 */
+static const float given[64][3] = { /* in.w, measurement.y1, measurement.y2 */
     {0.25f, -0.5f, -0.5f},
     {0.27702704f, -0.41304347f, -0.41304347f},
     {0.30405405f, -0.32608697f, -0.32608697f},
@@ -190,16 +190,16 @@ unsigned not_iss_check(void)
     not_iss_state s;
     not_iss_params p;
     not_iss_input in;
-    not_iss_output out;
+    not_iss_output measurement;
     not_iss_plant x;
     not_iss_init(&s, &p);
     s.z[0] = 1.4f;
     s.z[1] = 2.8f;
     for (unsigned k = 0u; k < 64u && bad == 0u; ++k) {
         in.w = (k == 40u) ? none : given[k][0];
-        out.y1 = (k == 20u) ? none : given[k][1];
-        out.y2 = (k == 20u) ? none : given[k][2];
-        const unsigned status = not_iss_step(&s, &p, &in, &out);
+        measurement.y1 = (k == 20u) ? none : given[k][1];
+        measurement.y2 = (k == 20u) ? none : given[k][2];
+        const unsigned status = not_iss_step(&s, &p, &in, &measurement);
         not_iss_estimate(&s, &p, &x);
         if (status != expected[k] || !not_iss_near(x.x1, k, 0u) || !not_iss_near(x.x2, k, 1u)) {
             bad = k + 1u;

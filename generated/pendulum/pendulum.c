@@ -1,4 +1,4 @@
-/* pendulum: see pendulum.h, which is the manual. */
+/* pendulum: see pendulum.h, and its manual pendulum.md. */
 #include "pendulum.h"
 
 #include <stdbool.h>
@@ -181,66 +181,298 @@ static void pendulum_nominal(pendulum_params *p)
     p->gain.theta = 20.0f;
 }
 
+static unsigned pendulum_guard_input(const pendulum_state *s, const pendulum_input *in, float *u)
+{
+    unsigned status = 0u;
+    /* guard the input */
+    {
+        const float tau = in->tau;
+        const bool tau_usable = pendulum_within(tau, 1e+15f);
+        const float tau_taken = tau_usable ? tau : s->u;
+        *u = pendulum_limit(tau_taken, 1.0f);
+        if (!tau_usable) {
+            status |= PENDULUM_REUSED_TAU;
+        }
+        if (pendulum_abs(tau_taken) > 1.0f) {
+            status |= PENDULUM_CLAMPED_TAU;
+        }
+    }
+    return status;
+}
+
+static unsigned pendulum_guard_measurements(const pendulum_state *s, const pendulum_output *measurement,
+    float *valid, float *y, float *y_last)
+{
+    unsigned status = 0u;
+    /* guard the measurements */
+    {
+        const float reading = measurement->y;
+        const bool t1 = pendulum_within(reading, 3e+38f);
+        const float z1 = s->z[0];
+        const bool t2 = t1 && pendulum_within(reading, 12.0f) && pendulum_within(reading - z1, 1e+16f);
+        const float t3 = t2 ? reading : z1;
+        *y = t3;
+        *y_last = (t2 && s->y_valid > 0.0f) ? s->y : t3;
+        *valid = t2 ? 1.0f : 0.0f;
+        if (!t1) {
+            status |= PENDULUM_MISSING_Y;
+        }
+        if (t1 && !t2) {
+            status |= PENDULUM_REJECTED_Y;
+        }
+    }
+    return status;
+}
+
+/* advance the estimate from the last call to now */
+static unsigned pendulum_advance(pendulum_state *s, const pendulum_params *p, float u, float valid, float y,
+    float y_last)
+{
+    unsigned status = 0u;
+    float ahead = 0.0f;
+    bool beyond = false;
+    float fraction = 0.0f;
+    float share = 0.0f;
+    float z_at[2];
+    float z_sum[2];
+    /* z: one step of classical Runge-Kutta */
+    /* its tableau: */
+    /*     0 |  */
+    /*   1/2 | 1/2 */
+    /*   1/2 |   0 1/2 */
+    /*     1 |   0   0   1 */
+    /*   --------------------- */
+    /*       | 1/6 1/3 1/3 1/6 */
+    /* fraction is c of a stage; share is its b over that of the first; ahead is the next stage's a times
+     * dt */
+    z_sum[0] = 0.0f;
+    z_sum[1] = 0.0f;
+    z_at[0] = s->z[0];
+    z_at[1] = s->z[1];
+    {
+        static const float each_fraction[4] = {0.0f, 0.5f, 0.5f, 1.0f};
+        static const float each_share[4] = {1.0f, 2.0f, 2.0f, 1.0f};
+        static const float each_ahead[4] = {0.0005f, 0.0005f, 0.001f, 0.0f};
+        for (unsigned r = 0u; r < 4u; ++r) {
+            fraction = each_fraction[r];
+            share = each_share[r];
+            ahead = each_ahead[r];
+            /* a stage */
+            {
+                const float z_at1 = z_at[0];
+                const float z_at2 = z_at[1];
+                const float z_sum1 = z_sum[0];
+                const float z_sum2 = z_sum[1];
+                const float u_before = s->u;
+                float k_z[2];
+                pendulum_rate(p, z_at1, z_at2, u_before + fraction*(u - u_before), y_last
+                    + fraction*(y - y_last), valid, k_z);
+                z_sum[0] = z_sum1 + share*k_z[0];
+                z_sum[1] = z_sum2 + share*k_z[1];
+                z_at[0] = s->z[0] + ahead*k_z[0];
+                z_at[1] = s->z[1] + ahead*k_z[1];
+            }
+        }
+    }
+    /* the slopes of all stages */
+    {
+        const float z1 = s->z[0];
+        const float z2 = s->z[1];
+        s->z[0] = z1 + 0.00016666666f*z_sum[0];
+        s->z[1] = z2 + 0.00016666666f*z_sum[1];
+    }
+    /* is a value beyond its box, or lost? */
+    beyond = !(pendulum_within(s->z[0], 12.0f) && pendulum_within(s->z[1], 400.0f));
+    if (pendulum_acts(beyond)) {
+        status |= pendulum_keep_in_box(s, p);
+    }
+    return status;
+}
+
+static unsigned pendulum_suspect(const pendulum_state *s, const pendulum_output *measurement, bool *suspect,
+    float valid)
+{
+    unsigned status = 0u;
+    /* is the estimate where it cannot be for long? */
+    {
+        const float z1 = s->z[0];
+        const bool t1 = pendulum_abs(z1) > 4.0f || pendulum_abs(s->z[1]) > 20.0f;
+        if (t1) {
+            status |= PENDULUM_OUTSIDE_BOX;
+        }
+        *suspect = pendulum_abs(measurement->y - z1) > 0.8f || t1 || !(s->fault_checksum <= 0.0f)
+            || !(valid > 0.0f);
+    }
+    return status;
+}
+
+static bool pendulum_plausible(const pendulum_output *measurement, float valid)
+{
+    bool sampled = false;
+    /* is there a sample to judge by? */
+    {
+        const float reading = measurement->y;
+        sampled = valid > 0.0f || (pendulum_within(reading, 3e+38f) && pendulum_within(reading, 12.0f));
+    }
+    return sampled;
+}
+
+static bool pendulum_counts_spoiled(const pendulum_state *s)
+{
+    bool spoiled = false;
+    /* was a fault count or limit spoiled? */
+    {
+        const float fault_count_y = s->fault_count_y;
+        const float fault_limit_y = s->fault_limit_y;
+        const float fault_count_range = s->fault_count_range;
+        const float fault_limit_range = s->fault_limit_range;
+        const float t1 = fault_limit_y - 761.0f + pendulum_abs(fault_count_y)
+            + (fault_limit_range - 761.0f + fault_count_range);
+        const bool t2 = pendulum_abs(t1 - s->fault_checksum) < 0.5f
+            && pendulum_within(fault_count_y, 779264.0f) && fault_limit_y >= 761.0f
+                && fault_limit_y <= 779264.0f;
+        const bool t3 = t2 && fault_count_range >= 0.0f && fault_count_range <= 779264.0f
+            && fault_limit_range >= 761.0f && fault_limit_range <= 779264.0f;
+        spoiled = !t3;
+    }
+    return spoiled;
+}
+
+static void pendulum_find_signs(const pendulum_state *s, const pendulum_output *measurement, float *moves_y,
+    float *side_y)
+{
+    /* which signs show? */
+    {
+        const float t1 = measurement->y - s->z[0];
+        const bool t2 = pendulum_within(t1, 0.8f);
+        const float fault_count_y = s->fault_count_y;
+        *moves_y = (t2 ? 0.0f : ((fault_count_y*t1 < 0.0f) ? -280.0f : 1.0f)) + (t2 ? -1.0f : 0.0f);
+        *side_y = (t2 ? 0.0f : t1) + (t2 ? fault_count_y : 0.0f);
+    }
+}
+
+/* a fault count is at its limit: restart from the sample, or project onto the ranges */
+static unsigned pendulum_recover(pendulum_state *s, const pendulum_output *measurement)
+{
+    unsigned status = 0u;
+    bool lost = false;
+    bool over_range = false;
+    bool over_y = false;
+    /* by which sign, and is the estimate lost? */
+    {
+        const bool t1 = s->fault_limit_y <= pendulum_abs(s->fault_count_y);
+        const float fault_limit_range = s->fault_limit_range;
+        const bool t2 = fault_limit_range <= s->fault_count_range;
+        const bool t3 = t2 && (fault_limit_range > 761.0f || pendulum_abs(s->z[0]) > 8.0f
+            || pendulum_abs(s->z[1]) > 40.0f);
+        over_y = t1;
+        over_range = t2;
+        lost = t1 || t3;
+    }
+    if (over_y) {
+        /* the fault limit doubles */
+        {
+            const float fault_count_y = s->fault_count_y;
+            const float fault_limit_y = s->fault_limit_y;
+            const float t1 = pendulum_min(fault_limit_y, 389632.0f);
+            s->fault_count_y = (fault_count_y < 0.0f) ? -t1 : t1;
+            s->fault_limit_y = pendulum_min(2.0f*fault_limit_y, 779264.0f);
+        }
+    }
+    if (over_range) {
+        /* the fault limit doubles */
+        {
+            const float fault_limit_range = s->fault_limit_range;
+            s->fault_count_range = pendulum_min(fault_limit_range, 389632.0f);
+            s->fault_limit_range = pendulum_min(2.0f*fault_limit_range, 779264.0f);
+        }
+    }
+    if (lost) {
+        /* the estimate restarts */
+        s->z[0] = 0.0f;
+        s->z[1] = 0.0f;
+        /* from the sample of y */
+        {
+            const float z1 = s->z[0];
+            const float z2 = s->z[1];
+            s->z[0] = pendulum_keep(measurement->y, -4.0f, 4.0f, z1, 1e+30f);
+            s->z[1] = pendulum_keep(z2, -20.0f, 20.0f, z2, 1e+30f);
+        }
+        /* the estimate has restarted from the sample */
+        status |= PENDULUM_RESTARTED_FROM_SAMPLE;
+    } else {
+        /* the estimate back onto its declared ranges */
+        {
+            const float z1 = s->z[0];
+            const float z2 = s->z[1];
+            s->z[0] = pendulum_limit(z1, 4.0f);
+            s->z[1] = pendulum_limit(z2, 20.0f);
+            status |= PENDULUM_PROJECTED_ONTO_RANGES;
+        }
+    }
+    return status;
+}
+
+/* count the signs of a fault at a sample, and act where a count is at its limit */
+static unsigned pendulum_count_faults(pendulum_state *s, const pendulum_output *measurement)
+{
+    unsigned status = 0u;
+    bool acts = false;
+    float moves_range = 0.0f;
+    float moves_y = 0.0f;
+    float side_y = 0.0f;
+    bool spoiled = false;
+    spoiled = pendulum_counts_spoiled(s);
+    if (spoiled) {
+        pendulum_clear_fault_counts(s);
+    }
+    /* is the estimate out of a range? */
+    moves_range = (pendulum_abs(s->z[0]) > 4.4f || pendulum_abs(s->z[1]) > 22.0f) ? 1.0f : -1.0f;
+    /* count of range */
+    {
+        const float fault_count_range = s->fault_count_range;
+        const float fault_limit_range = s->fault_limit_range;
+        const float t1 = pendulum_clamp(fault_count_range + moves_range, 0.0f, 779264.0f);
+        s->fault_count_range = t1;
+        s->fault_limit_range = (t1 <= 0.0f) ? 761.0f : fault_limit_range;
+    }
+    pendulum_find_signs(s, measurement, &moves_y, &side_y);
+    /* count of y */
+    {
+        const float fault_count_y = s->fault_count_y;
+        const float fault_limit_y = s->fault_limit_y;
+        const float t1 = pendulum_clamp(pendulum_abs(fault_count_y) + moves_y, 0.0f, 779264.0f);
+        s->fault_count_y = (side_y < 0.0f) ? -t1 : t1;
+        s->fault_limit_y = (t1 <= 0.0f) ? 761.0f : fault_limit_y;
+    }
+    /* does a guard act? */
+    acts = s->fault_limit_y <= pendulum_abs(s->fault_count_y) || s->fault_limit_range <= s->fault_count_range;
+    if (acts) {
+        status |= pendulum_recover(s, measurement);
+    }
+    /* the checksum of fault counts and limits */
+    s->fault_checksum = s->fault_limit_y - 761.0f + pendulum_abs(s->fault_count_y)
+        + (s->fault_limit_range - 761.0f + s->fault_count_range);
+    return status;
+}
+
 unsigned pendulum_step(pendulum_state *s, const pendulum_params *p, const pendulum_input *in,
-    const pendulum_output *out)
+    const pendulum_output *measurement)
 {
     unsigned status = 0u;
     if ((s->ready != PENDULUM_READY) || (p->ready != PENDULUM_READY)) {
         status = pendulum_ready(s, p);
     }
     if ((status & PENDULUM_NO_PARAMETERS) == 0u) {
-        bool acts = false;
-        float ahead = 0.0f;
-        bool beyond = false;
-        float fraction = 0.0f;
-        bool lost = false;
-        float moves_range = 0.0f;
-        float moves_y = 0.0f;
-        bool over_range = false;
-        bool over_y = false;
         bool running = false;
         bool sampled = false;
-        float share = 0.0f;
-        float side_y = 0.0f;
-        bool spoiled = false;
         bool suspect = false;
         float u = 0.0f;
         float valid = 0.0f;
         float y = 0.0f;
         float y_last = 0.0f;
-        float z_at[2];
-        float z_sum[2];
-        /* guard the input */
-        {
-            const float tau = in->tau;
-            const bool tau_usable = pendulum_within(tau, 1e+15f);
-            const float tau_taken = tau_usable ? tau : s->u;
-            u = pendulum_limit(tau_taken, 1.0f);
-            if (!tau_usable) {
-                status |= PENDULUM_REUSED_TAU;
-            }
-            if (pendulum_abs(tau_taken) > 1.0f) {
-                status |= PENDULUM_CLAMPED_TAU;
-            }
-        }
-        /* guard the measurements */
-        {
-            const float measurement = out->y;
-            const bool t1 = pendulum_within(measurement, 3e+38f);
-            const float z1 = s->z[0];
-            const bool t2 = t1 && pendulum_within(measurement, 12.0f)
-                && pendulum_within(measurement - z1, 1e+16f);
-            const float t3 = t2 ? measurement : z1;
-            y = t3;
-            y_last = (t2 && s->y_valid > 0.0f) ? s->y : t3;
-            valid = t2 ? 1.0f : 0.0f;
-            if (!t1) {
-                status |= PENDULUM_MISSING_Y;
-            }
-            if (t1 && !t2) {
-                status |= PENDULUM_REJECTED_Y;
-            }
-        }
+        status |= pendulum_guard_input(s, in, &u);
+        status |= pendulum_guard_measurements(s, measurement, &valid, &y, &y_last);
         /* the first call advances no time */
         {
             const unsigned calls = s->calls;
@@ -248,48 +480,7 @@ unsigned pendulum_step(pendulum_state *s, const pendulum_params *p, const pendul
             s->calls = 1u;
         }
         if (running) {
-            /* z: one step of classical Runge-Kutta */
-            z_sum[0] = 0.0f;
-            z_sum[1] = 0.0f;
-            z_at[0] = s->z[0];
-            z_at[1] = s->z[1];
-            {
-                static const float each_fraction[4] = {0.0f, 0.5f, 0.5f, 1.0f};
-                static const float each_share[4] = {1.0f, 2.0f, 2.0f, 1.0f};
-                static const float each_ahead[4] = {0.0005f, 0.0005f, 0.001f, 0.0f};
-                for (unsigned r = 0u; r < 4u; ++r) {
-                    fraction = each_fraction[r];
-                    share = each_share[r];
-                    ahead = each_ahead[r];
-                    /* a stage */
-                    {
-                        const float z_at1 = z_at[0];
-                        const float z_at2 = z_at[1];
-                        const float z_sum1 = z_sum[0];
-                        const float z_sum2 = z_sum[1];
-                        const float u_before = s->u;
-                        float k_z[2];
-                        pendulum_rate(p, z_at1, z_at2, u_before + fraction*(u - u_before), y_last
-                            + fraction*(y - y_last), valid, k_z);
-                        z_sum[0] = z_sum1 + share*k_z[0];
-                        z_sum[1] = z_sum2 + share*k_z[1];
-                        z_at[0] = s->z[0] + ahead*k_z[0];
-                        z_at[1] = s->z[1] + ahead*k_z[1];
-                    }
-                }
-            }
-            /* the slopes of all stages */
-            {
-                const float z1 = s->z[0];
-                const float z2 = s->z[1];
-                s->z[0] = z1 + 0.00016666666f*z_sum[0];
-                s->z[1] = z2 + 0.00016666666f*z_sum[1];
-            }
-            /* is a value beyond its box, or lost? */
-            beyond = !(pendulum_within(s->z[0], 12.0f) && pendulum_within(s->z[1], 400.0f));
-            if (pendulum_acts(beyond)) {
-                status |= pendulum_keep_in_box(s, p);
-            }
+            status |= pendulum_advance(s, p, u, valid, y, y_last);
         } else {
             status |= pendulum_keep_in_box(s, p);
         }
@@ -298,129 +489,11 @@ unsigned pendulum_step(pendulum_state *s, const pendulum_params *p, const pendul
         /* remember the sample */
         s->y = y;
         s->y_valid = valid;
-        /* is the estimate where it cannot be for long? */
-        {
-            const float z1 = s->z[0];
-            const bool t1 = pendulum_abs(z1) > 4.0f || pendulum_abs(s->z[1]) > 20.0f;
-            if (t1) {
-                status |= PENDULUM_OUTSIDE_BOX;
-            }
-            suspect = pendulum_abs(out->y - z1) > 0.8f || t1 || !(s->fault_checksum <= 0.0f)
-                || !(valid > 0.0f);
-        }
+        status |= pendulum_suspect(s, measurement, &suspect, valid);
         if (suspect) {
-            /* is there a sample to judge by? */
-            {
-                const float measurement = out->y;
-                sampled = valid > 0.0f || (pendulum_within(measurement, 3e+38f)
-                    && pendulum_within(measurement, 12.0f));
-            }
+            sampled = pendulum_plausible(measurement, valid);
             if (sampled) {
-                /* was a fault count or limit spoiled? */
-                {
-                    const float fault_count_y = s->fault_count_y;
-                    const float fault_limit_y = s->fault_limit_y;
-                    const float fault_count_range = s->fault_count_range;
-                    const float fault_limit_range = s->fault_limit_range;
-                    const float t1 = fault_limit_y - 761.0f + pendulum_abs(fault_count_y)
-                        + (fault_limit_range - 761.0f + fault_count_range);
-                    const bool t2 = pendulum_abs(t1 - s->fault_checksum) < 0.5f
-                        && pendulum_within(fault_count_y, 779264.0f) && fault_limit_y >= 761.0f
-                            && fault_limit_y <= 779264.0f;
-                    const bool t3 = t2 && fault_count_range >= 0.0f && fault_count_range <= 779264.0f
-                        && fault_limit_range >= 761.0f && fault_limit_range <= 779264.0f;
-                    spoiled = !t3;
-                }
-                if (spoiled) {
-                    pendulum_clear_fault_counts(s);
-                }
-                /* is the estimate out of a range? */
-                moves_range = (pendulum_abs(s->z[0]) > 4.4f || pendulum_abs(s->z[1]) > 22.0f) ? 1.0f : -1.0f;
-                /* count of range */
-                {
-                    const float fault_count_range = s->fault_count_range;
-                    const float fault_limit_range = s->fault_limit_range;
-                    const float t1 = pendulum_clamp(fault_count_range + moves_range, 0.0f, 779264.0f);
-                    s->fault_count_range = t1;
-                    s->fault_limit_range = (t1 <= 0.0f) ? 761.0f : fault_limit_range;
-                }
-                /* which signs show? */
-                {
-                    const float t1 = out->y - s->z[0];
-                    const bool t2 = pendulum_within(t1, 0.8f);
-                    const float fault_count_y = s->fault_count_y;
-                    moves_y = (t2 ? 0.0f : ((fault_count_y*t1 < 0.0f) ? -280.0f : 1.0f))
-                        + (t2 ? -1.0f : 0.0f);
-                    side_y = (t2 ? 0.0f : t1) + (t2 ? fault_count_y : 0.0f);
-                }
-                /* count of y */
-                {
-                    const float fault_count_y = s->fault_count_y;
-                    const float fault_limit_y = s->fault_limit_y;
-                    const float t1 = pendulum_clamp(pendulum_abs(fault_count_y) + moves_y, 0.0f, 779264.0f);
-                    s->fault_count_y = (side_y < 0.0f) ? -t1 : t1;
-                    s->fault_limit_y = (t1 <= 0.0f) ? 761.0f : fault_limit_y;
-                }
-                /* does a guard act? */
-                acts = s->fault_limit_y <= pendulum_abs(s->fault_count_y)
-                    || s->fault_limit_range <= s->fault_count_range;
-                if (acts) {
-                    /* by which sign, and is the estimate lost? */
-                    {
-                        const bool t1 = s->fault_limit_y <= pendulum_abs(s->fault_count_y);
-                        const float fault_limit_range = s->fault_limit_range;
-                        const bool t2 = fault_limit_range <= s->fault_count_range;
-                        const bool t3 = t2 && (fault_limit_range > 761.0f || pendulum_abs(s->z[0]) > 8.0f
-                            || pendulum_abs(s->z[1]) > 40.0f);
-                        over_y = t1;
-                        over_range = t2;
-                        lost = t1 || t3;
-                    }
-                    if (over_y) {
-                        /* the fault limit doubles */
-                        {
-                            const float fault_count_y = s->fault_count_y;
-                            const float fault_limit_y = s->fault_limit_y;
-                            const float t1 = pendulum_min(fault_limit_y, 389632.0f);
-                            s->fault_count_y = (fault_count_y < 0.0f) ? -t1 : t1;
-                            s->fault_limit_y = pendulum_min(2.0f*fault_limit_y, 779264.0f);
-                        }
-                    }
-                    if (over_range) {
-                        /* the fault limit doubles */
-                        {
-                            const float fault_limit_range = s->fault_limit_range;
-                            s->fault_count_range = pendulum_min(fault_limit_range, 389632.0f);
-                            s->fault_limit_range = pendulum_min(2.0f*fault_limit_range, 779264.0f);
-                        }
-                    }
-                    if (lost) {
-                        /* the estimate restarts */
-                        s->z[0] = 0.0f;
-                        s->z[1] = 0.0f;
-                        /* from the sample of y */
-                        {
-                            const float z1 = s->z[0];
-                            const float z2 = s->z[1];
-                            s->z[0] = pendulum_keep(out->y, -4.0f, 4.0f, z1, 1e+30f);
-                            s->z[1] = pendulum_keep(z2, -20.0f, 20.0f, z2, 1e+30f);
-                        }
-                        /* the estimate has restarted from the sample */
-                        status |= PENDULUM_RESTARTED_FROM_SAMPLE;
-                    } else {
-                        /* the estimate back onto its declared ranges */
-                        {
-                            const float z1 = s->z[0];
-                            const float z2 = s->z[1];
-                            s->z[0] = pendulum_limit(z1, 4.0f);
-                            s->z[1] = pendulum_limit(z2, 20.0f);
-                            status |= PENDULUM_PROJECTED_ONTO_RANGES;
-                        }
-                    }
-                }
-                /* the checksum of fault counts and limits */
-                s->fault_checksum = s->fault_limit_y - 761.0f + pendulum_abs(s->fault_count_y)
-                    + (s->fault_limit_range - 761.0f + s->fault_count_range);
+                status |= pendulum_count_faults(s, measurement);
             }
         }
     }

@@ -23,7 +23,7 @@
 
 unsigned pendulum_check(void);
 
-static const float given[64][2] = { /* in.tau, out.y */
+static const float given[64][2] = { /* in.tau, measurement.y */
     {-0.5f, -0.5f},
     {-0.44594595f, -0.41304347f},
     {-0.3918919f, -0.32608697f},
@@ -190,15 +190,15 @@ unsigned pendulum_check(void)
     pendulum_state s;
     pendulum_params p;
     pendulum_input in;
-    pendulum_output out;
+    pendulum_output measurement;
     pendulum_plant x;
     pendulum_init(&s, &p);
     s.z[0] = 1.6f;
     s.z[1] = 8.0f;
     for (unsigned k = 0u; k < 64u && bad == 0u; ++k) {
         in.tau = (k == 40u) ? none : given[k][0];
-        out.y = (k == 20u) ? none : given[k][1];
-        const unsigned status = pendulum_step(&s, &p, &in, &out);
+        measurement.y = (k == 20u) ? none : given[k][1];
+        const unsigned status = pendulum_step(&s, &p, &in, &measurement);
         pendulum_estimate(&s, &p, &x);
         if (status != expected[k] || !pendulum_near(x.q, k, 0u) || !pendulum_near(x.w, k, 1u)) {
             bad = k + 1u;

@@ -1,4 +1,4 @@
-/* pmsm: see pmsm.h, which is the manual. */
+/* pmsm: see pmsm.h, and its manual pmsm.md. */
 #include "pmsm.h"
 
 #include <stdbool.h>
@@ -282,14 +282,9 @@ static uint32_t pmsm_project_onto_ranges(pmsm_state *s, const pmsm_params *p)
     return status;
 }
 
-/* part of a step: advance the estimate to now */
-static uint32_t pmsm_run_predict(pmsm_state *s, const pmsm_params *p, const pmsm_input *in)
+static uint32_t pmsm_guard_input(const pmsm_state *s, const pmsm_input *in, float *u)
 {
     uint32_t status = 0u;
-    bool beyond = false;
-    bool capped = false;
-    bool running = false;
-    float u[2];
     /* guard the input */
     {
         const float vd = in->vd;
@@ -313,6 +308,157 @@ static uint32_t pmsm_run_predict(pmsm_state *s, const pmsm_params *p, const pmsm
             status |= PMSM_CLAMPED_VQ;
         }
     }
+    return status;
+}
+
+/* advance the estimate from the last call to now */
+static uint32_t pmsm_advance(pmsm_state *s, const pmsm_params *p, const float *u)
+{
+    uint32_t status = 0u;
+    bool beyond = false;
+    bool capped = false;
+    /* z by classical Runge-Kutta; P = L D L' by P <- Phi P Phi' + h Q_theta */
+    /* the tableau of z: */
+    /*     0 |  */
+    /*   1/2 | 1/2 */
+    /*   1/2 |   0 1/2 */
+    /*     1 |   0   0   1 */
+    /*   --------------------- */
+    /*       | 1/6 1/3 1/3 1/6 */
+    {
+        const float D1 = s->D[0];
+        const float D2 = s->D[1];
+        const float D3 = s->D[2];
+        const float L21 = s->L[0];
+        const float L31 = s->L[1];
+        const float L32 = s->L[2];
+        const float z1 = s->z[0];
+        const float z2 = s->z[1];
+        const float z3 = s->z[2];
+        const float u_before1 = s->u[0];
+        const float u_before2 = s->u[1];
+        float k1_z[3];
+        pmsm_flow(z1, z2, z3, u_before1, u_before2, k1_z);
+        const float u1 = u[0];
+        const float t1 = u_before1 + 0.5f*(u1 - u_before1);
+        const float u2 = u[1];
+        const float t2 = u_before2 + 0.5f*(u2 - u_before2);
+        float k2_z[3];
+        pmsm_flow(z1 + 5e-05f*k1_z[0], z2 + 5e-05f*k1_z[1], z3 + 5e-05f*k1_z[2], t1, t2, k2_z);
+        const float t3 = z1 + 5e-05f*k2_z[0];
+        const float t4 = z2 + 5e-05f*k2_z[1];
+        const float t5 = z3 + 5e-05f*k2_z[2];
+        float k3_z[3];
+        pmsm_flow(t3, t4, t5, t1, t2, k3_z);
+        float k4_z[3];
+        pmsm_flow(z1 + 0.0001f*k3_z[0], z2 + 0.0001f*k3_z[1], z3 + 0.0001f*k3_z[2], u1, u2, k4_z);
+        float F_1[4];
+        pmsm_jacobian(t3, t4, t5, F_1);
+        const float Phi_11 = 0.98f + 5e-09f*(40000.0f + F_1[1]*F_1[0]);
+        const float Phi_12 = 0.0001f*F_1[1] + 5e-09f*(500.0f*F_1[2] - 400.0f*F_1[1]);
+        const float Phi_13 = 0.0001f*F_1[2] + 5e-09f*(F_1[1]*F_1[3] - 200.0f*F_1[2] - 0.5f*F_1[2]);
+        const float Phi_21 = 0.0001f*F_1[0] - 2e-06f*F_1[0];
+        const float t6 = 500.0f*F_1[3];
+        const float Phi_22 = 0.98f + 5e-09f*(F_1[0]*F_1[1] + 40000.0f + t6);
+        const float Phi_23 = 0.0001f*F_1[3] + 5e-09f*(F_1[0]*F_1[2] - 200.0f*F_1[3] - 0.5f*F_1[3]);
+        const float Phi_31 = 2.5e-06f*F_1[0];
+        const float Phi_33 = 0.99995f + 5e-09f*(t6 + 0.25f);
+        const float w1_1 = Phi_11 + Phi_12*L21 + Phi_13*L31;
+        const float w1_2 = Phi_12 + Phi_13*L32;
+        const float t7 = w1_1*D1;
+        const float t8 = w1_2*D2;
+        const float t9 = Phi_13*D3;
+        const float t10 = 0.0001f*p->gain.Q[0];
+        const float d1 = w1_1*t7 + w1_2*t8 + Phi_13*t9 + t10;
+        const float t11 = Phi_21 + Phi_22*L21 + Phi_23*L31;
+        const float t12 = Phi_22 + Phi_23*L32;
+        const float l21 = (t11*t7 + t12*t8 + Phi_23*t9)/d1;
+        const float t13 = Phi_31 + 0.04949875f*L21 + Phi_33*L31;
+        const float t14 = 0.04949875f + Phi_33*L32;
+        const float l31 = (t13*t7 + t14*t8 + Phi_33*t9)/d1;
+        const float w2_1 = t11 - l21*w1_1;
+        const float w2_2 = t12 - l21*w1_2;
+        const float w2_3 = Phi_23 - l21*Phi_13;
+        const float t15 = w2_1*D1;
+        const float t16 = w2_2*D2;
+        const float t17 = w2_3*D3;
+        const float t18 = l21*t10;
+        const float t19 = 0.0001f*p->gain.Q[1];
+        const float d2 = w2_1*t15 + w2_2*t16 + w2_3*t17 + l21*t18 + t19;
+        const float t20 = t13 - l31*w1_1;
+        const float t21 = t14 - l31*w1_2;
+        const float t22 = Phi_33 - l31*Phi_13;
+        const float l32 = (t20*t15 + t21*t16 + t22*t17 + l31*t18)/d2;
+        const float w3_1 = t20 - l32*w2_1;
+        const float w3_2 = t21 - l32*w2_2;
+        const float w3_3 = t22 - l32*w2_3;
+        const float w3_4 = l32*l21 - l31;
+        const float d3 = w3_1*D1*w3_1 + w3_2*D2*w3_2 + w3_3*D3*w3_3 + w3_4*t10*w3_4 + l32*t19*l32
+            + 0.0001f*p->gain.Q[2];
+        s->z[0] = z1 + 1.6666667e-05f*(k1_z[0] + 2.0f*k2_z[0] + 2.0f*k3_z[0] + k4_z[0]);
+        s->z[1] = z2 + 1.6666667e-05f*(k1_z[1] + 2.0f*k2_z[1] + 2.0f*k3_z[1] + k4_z[1]);
+        s->z[2] = z3 + 1.6666667e-05f*(k1_z[2] + 2.0f*k2_z[2] + 2.0f*k3_z[2] + k4_z[2]);
+        s->L[0] = l21;
+        s->L[1] = l31;
+        s->L[2] = l32;
+        s->D[0] = d1;
+        s->D[1] = d2;
+        s->D[2] = d3;
+    }
+    /* largest variances */
+    {
+        const float D1 = s->D[0];
+        const float L21 = s->L[0];
+        const float D2 = s->D[1];
+        const float L31 = s->L[1];
+        const float L32 = s->L[2];
+        capped = D1 > 3600.0f || L21*L21*D1 + D2 > 3600.0f || L31*L31*D1 + L32*L32*D2 + s->D[2] > 810000.0f;
+    }
+    if (capped) {
+        /* cap */
+        {
+            const float D1 = s->D[0];
+            const float D2 = s->D[1];
+            const float D3 = s->D[2];
+            const float L21 = s->L[0];
+            const float L31 = s->L[1];
+            const float L32 = s->L[2];
+            const float t1 = pmsm_min(1.0f, 3600.0f/(L21*L21*D1 + D2));
+            const float t2 = pmsm_min(1.0f, 3600.0f/D1);
+            const float t3 = pmsm_min(1.0f, 810000.0f/(L31*L31*D1 + L32*L32*D2 + D3));
+            s->L[0] = t1*L21/t2;
+            s->L[1] = t3*L31/t2;
+            s->L[2] = t3*L32/t1;
+            s->D[0] = t2*t2*D1;
+            s->D[1] = t1*t1*D2;
+            s->D[2] = t3*t3*D3;
+            status |= PMSM_COVARIANCE_LIMITED;
+        }
+    }
+    /* is a value beyond its box, or lost? */
+    {
+        const bool t1 = pmsm_within(s->z[0], 60.0f) && pmsm_within(s->z[1], 60.0f)
+            && pmsm_within(s->z[2], 900.0f) && pmsm_within(s->L[0], 1e+09f);
+        const float D1 = s->D[0];
+        const bool t2 = t1 && pmsm_within(s->L[1], 1.5e+10f) && pmsm_within(s->L[2], 1.5e+10f)
+            && D1 >= 1e-16f && D1 <= 3600.0f;
+        const float D2 = s->D[1];
+        const float D3 = s->D[2];
+        beyond = !(t2 && D2 >= 8e-16f && D2 <= 3600.0f && D3 >= 2e-13f && D3 <= 810000.0f);
+    }
+    if (pmsm_acts(beyond)) {
+        status |= pmsm_keep_in_box(s, p);
+    }
+    return status;
+}
+
+/* part of a step: advance the estimate to now */
+static uint32_t pmsm_run_predict(pmsm_state *s, const pmsm_params *p, const pmsm_input *in)
+{
+    uint32_t status = 0u;
+    bool running = false;
+    float u[2];
+    status |= pmsm_guard_input(s, in, u);
     /* the first call advances no time */
     {
         const unsigned calls = s->calls;
@@ -320,132 +466,7 @@ static uint32_t pmsm_run_predict(pmsm_state *s, const pmsm_params *p, const pmsm
         s->calls = 1u;
     }
     if (running) {
-        /* z by classical Runge-Kutta; P = L D L' by P <- Phi P Phi' + h Q_theta */
-        {
-            const float D1 = s->D[0];
-            const float D2 = s->D[1];
-            const float D3 = s->D[2];
-            const float L21 = s->L[0];
-            const float L31 = s->L[1];
-            const float L32 = s->L[2];
-            const float z1 = s->z[0];
-            const float z2 = s->z[1];
-            const float z3 = s->z[2];
-            const float u_before1 = s->u[0];
-            const float u_before2 = s->u[1];
-            float k1_z[3];
-            pmsm_flow(z1, z2, z3, u_before1, u_before2, k1_z);
-            const float u1 = u[0];
-            const float t1 = u_before1 + 0.5f*(u1 - u_before1);
-            const float u2 = u[1];
-            const float t2 = u_before2 + 0.5f*(u2 - u_before2);
-            float k2_z[3];
-            pmsm_flow(z1 + 5e-05f*k1_z[0], z2 + 5e-05f*k1_z[1], z3 + 5e-05f*k1_z[2], t1, t2, k2_z);
-            const float t3 = z1 + 5e-05f*k2_z[0];
-            const float t4 = z2 + 5e-05f*k2_z[1];
-            const float t5 = z3 + 5e-05f*k2_z[2];
-            float k3_z[3];
-            pmsm_flow(t3, t4, t5, t1, t2, k3_z);
-            float k4_z[3];
-            pmsm_flow(z1 + 0.0001f*k3_z[0], z2 + 0.0001f*k3_z[1], z3 + 0.0001f*k3_z[2], u1, u2, k4_z);
-            float F_1[4];
-            pmsm_jacobian(t3, t4, t5, F_1);
-            const float Phi_11 = 0.98f + 5e-09f*(40000.0f + F_1[1]*F_1[0]);
-            const float Phi_12 = 0.0001f*F_1[1] + 5e-09f*(500.0f*F_1[2] - 400.0f*F_1[1]);
-            const float Phi_13 = 0.0001f*F_1[2] + 5e-09f*(F_1[1]*F_1[3] - 200.0f*F_1[2] - 0.5f*F_1[2]);
-            const float Phi_21 = 0.0001f*F_1[0] - 2e-06f*F_1[0];
-            const float t6 = 500.0f*F_1[3];
-            const float Phi_22 = 0.98f + 5e-09f*(F_1[0]*F_1[1] + 40000.0f + t6);
-            const float Phi_23 = 0.0001f*F_1[3] + 5e-09f*(F_1[0]*F_1[2] - 200.0f*F_1[3] - 0.5f*F_1[3]);
-            const float Phi_31 = 2.5e-06f*F_1[0];
-            const float Phi_33 = 0.99995f + 5e-09f*(t6 + 0.25f);
-            const float w1_1 = Phi_11 + Phi_12*L21 + Phi_13*L31;
-            const float w1_2 = Phi_12 + Phi_13*L32;
-            const float t7 = w1_1*D1;
-            const float t8 = w1_2*D2;
-            const float t9 = Phi_13*D3;
-            const float t10 = 0.0001f*p->gain.Q[0];
-            const float d1 = w1_1*t7 + w1_2*t8 + Phi_13*t9 + t10;
-            const float t11 = Phi_21 + Phi_22*L21 + Phi_23*L31;
-            const float t12 = Phi_22 + Phi_23*L32;
-            const float l21 = (t11*t7 + t12*t8 + Phi_23*t9)/d1;
-            const float t13 = Phi_31 + 0.04949875f*L21 + Phi_33*L31;
-            const float t14 = 0.04949875f + Phi_33*L32;
-            const float l31 = (t13*t7 + t14*t8 + Phi_33*t9)/d1;
-            const float w2_1 = t11 - l21*w1_1;
-            const float w2_2 = t12 - l21*w1_2;
-            const float w2_3 = Phi_23 - l21*Phi_13;
-            const float t15 = w2_1*D1;
-            const float t16 = w2_2*D2;
-            const float t17 = w2_3*D3;
-            const float t18 = l21*t10;
-            const float t19 = 0.0001f*p->gain.Q[1];
-            const float d2 = w2_1*t15 + w2_2*t16 + w2_3*t17 + l21*t18 + t19;
-            const float t20 = t13 - l31*w1_1;
-            const float t21 = t14 - l31*w1_2;
-            const float t22 = Phi_33 - l31*Phi_13;
-            const float l32 = (t20*t15 + t21*t16 + t22*t17 + l31*t18)/d2;
-            const float w3_1 = t20 - l32*w2_1;
-            const float w3_2 = t21 - l32*w2_2;
-            const float w3_3 = t22 - l32*w2_3;
-            const float w3_4 = l32*l21 - l31;
-            const float d3 = w3_1*D1*w3_1 + w3_2*D2*w3_2 + w3_3*D3*w3_3 + w3_4*t10*w3_4 + l32*t19*l32
-                + 0.0001f*p->gain.Q[2];
-            s->z[0] = z1 + 1.6666667e-05f*(k1_z[0] + 2.0f*k2_z[0] + 2.0f*k3_z[0] + k4_z[0]);
-            s->z[1] = z2 + 1.6666667e-05f*(k1_z[1] + 2.0f*k2_z[1] + 2.0f*k3_z[1] + k4_z[1]);
-            s->z[2] = z3 + 1.6666667e-05f*(k1_z[2] + 2.0f*k2_z[2] + 2.0f*k3_z[2] + k4_z[2]);
-            s->L[0] = l21;
-            s->L[1] = l31;
-            s->L[2] = l32;
-            s->D[0] = d1;
-            s->D[1] = d2;
-            s->D[2] = d3;
-        }
-        /* largest variances */
-        {
-            const float D1 = s->D[0];
-            const float L21 = s->L[0];
-            const float D2 = s->D[1];
-            const float L31 = s->L[1];
-            const float L32 = s->L[2];
-            capped = D1 > 3600.0f || L21*L21*D1 + D2 > 3600.0f
-                || L31*L31*D1 + L32*L32*D2 + s->D[2] > 810000.0f;
-        }
-        if (capped) {
-            /* cap */
-            {
-                const float D1 = s->D[0];
-                const float D2 = s->D[1];
-                const float D3 = s->D[2];
-                const float L21 = s->L[0];
-                const float L31 = s->L[1];
-                const float L32 = s->L[2];
-                const float t1 = pmsm_min(1.0f, 3600.0f/(L21*L21*D1 + D2));
-                const float t2 = pmsm_min(1.0f, 3600.0f/D1);
-                const float t3 = pmsm_min(1.0f, 810000.0f/(L31*L31*D1 + L32*L32*D2 + D3));
-                s->L[0] = t1*L21/t2;
-                s->L[1] = t3*L31/t2;
-                s->L[2] = t3*L32/t1;
-                s->D[0] = t2*t2*D1;
-                s->D[1] = t1*t1*D2;
-                s->D[2] = t3*t3*D3;
-                status |= PMSM_COVARIANCE_LIMITED;
-            }
-        }
-        /* is a value beyond its box, or lost? */
-        {
-            const bool t1 = pmsm_within(s->z[0], 60.0f) && pmsm_within(s->z[1], 60.0f)
-                && pmsm_within(s->z[2], 900.0f) && pmsm_within(s->L[0], 1e+09f);
-            const float D1 = s->D[0];
-            const bool t2 = t1 && pmsm_within(s->L[1], 1.5e+10f) && pmsm_within(s->L[2], 1.5e+10f)
-                && D1 >= 1e-16f && D1 <= 3600.0f;
-            const float D2 = s->D[1];
-            const float D3 = s->D[2];
-            beyond = !(t2 && D2 >= 8e-16f && D2 <= 3600.0f && D3 >= 2e-13f && D3 <= 810000.0f);
-        }
-        if (pmsm_acts(beyond)) {
-            status |= pmsm_keep_in_box(s, p);
-        }
+        status |= pmsm_advance(s, p, u);
     } else {
         status |= pmsm_keep_in_box(s, p);
     }
@@ -458,20 +479,166 @@ static uint32_t pmsm_run_predict(pmsm_state *s, const pmsm_params *p, const pmsm
     return status;
 }
 
+static uint32_t pmsm_guard_measurement_y1(const pmsm_state *s, float *e, float *output_error, float reading,
+    bool *valid)
+{
+    uint32_t status = 0u;
+    /* guard the measurement of y1 */
+    {
+        const float t1 = reading - s->z[0];
+        const bool t2 = pmsm_within(reading, 3e+38f);
+        const bool t3 = t2 && pmsm_within(reading, 60.0f) && pmsm_within(t1, 1e+16f);
+        *e = t1;
+        *output_error = t1;
+        *valid = t3;
+        if (!t2) {
+            status |= PMSM_MISSING_Y1;
+        }
+        if (t2 && !t3) {
+            status |= PMSM_REJECTED_Y1;
+        }
+    }
+    return status;
+}
+
+/* correct the estimate with a sample that can be used */
+static uint32_t pmsm_use_sample_y1(pmsm_state *s, const pmsm_params *p, float e)
+{
+    uint32_t status = 0u;
+    bool beyond = false;
+    /* correct by the scalar update */
+    {
+        const float D1 = s->D[0];
+        const float L21 = s->L[0];
+        const float L31 = s->L[1];
+        const float z1 = s->z[0];
+        const float z2 = s->z[1];
+        const float z3 = s->z[2];
+        const float t1 = p->gain.R[0]/0.0001f;
+        const float K1 = D1/(t1 + D1);
+        const float K2 = L21*K1;
+        const float K3 = L31*K1;
+        s->z[0] = z1 + K1*e;
+        s->z[1] = z2 + K2*e;
+        s->z[2] = z3 + K3*e;
+        s->D[0] = K1*t1;
+    }
+    /* is a value beyond its box, or lost? */
+    {
+        const float D1 = s->D[0];
+        const bool t1 = pmsm_within(s->z[0], 60.0f) && pmsm_within(s->z[1], 60.0f)
+            && pmsm_within(s->z[2], 900.0f) && D1 >= 1e-16f && D1 <= 3600.0f;
+        beyond = !t1;
+    }
+    if (pmsm_acts(beyond)) {
+        status |= pmsm_keep_in_box(s, p);
+    }
+    /* y1 is used */
+    s->used_y1 = 1u;
+    return status;
+}
+
+static bool pmsm_suspect_y1(const pmsm_state *s, float output_error, bool valid)
+{
+    bool suspect = false;
+    /* is the estimate where it cannot be for long? */
+    {
+        const bool t1 = pmsm_abs(output_error) > 4.0f || pmsm_abs(s->z[0]) > 20.0f
+            || pmsm_abs(s->z[1]) > 20.0f || pmsm_abs(s->z[2]) > 300.0f;
+        suspect = t1 || !(s->fault_checksum <= 0.0f) || !valid;
+    }
+    return suspect;
+}
+
+static bool pmsm_plausible_y1(float reading, bool valid)
+{
+    bool sampled = false;
+    /* is there a sample to judge by? */
+    sampled = valid || (pmsm_within(reading, 3e+38f) && pmsm_within(reading, 60.0f));
+    return sampled;
+}
+
+static void pmsm_find_signs_y1(const pmsm_state *s, float *moves_y_y1, float output_error, float *side_y_y1)
+{
+    /* which signs show? */
+    {
+        const bool t1 = pmsm_within(output_error, 4.0f);
+        const float fault_count_y_y1 = s->fault_count_y_y1;
+        *moves_y_y1 = (t1 ? 0.0f : ((fault_count_y_y1*output_error < 0.0f) ? -63.0f : 1.0f))
+            + (t1 ? -1.0f : 0.0f);
+        *side_y_y1 = (t1 ? 0.0f : output_error) + (t1 ? fault_count_y_y1 : 0.0f);
+    }
+}
+
+/* a fault count is at its limit: restart from the sample, or project onto the ranges */
+static uint32_t pmsm_recover_y1(pmsm_state *s, const pmsm_params *p, float reading)
+{
+    uint32_t status = 0u;
+    bool lost = false;
+    bool over_range = false;
+    bool over_y_y1 = false;
+    /* by which sign, and is the estimate lost? */
+    {
+        const bool t1 = s->fault_limit_y_y1 <= pmsm_abs(s->fault_count_y_y1);
+        const float fault_limit_range = s->fault_limit_range;
+        const bool t2 = fault_limit_range <= s->fault_count_range;
+        const bool t3 = fault_limit_range > 251.0f || pmsm_abs(s->z[0]) > 40.0f || pmsm_abs(s->z[1]) > 40.0f
+            || pmsm_abs(s->z[2]) > 600.0f;
+        over_y_y1 = t1;
+        over_range = t2;
+        lost = t1 || (t2 && t3);
+    }
+    if (over_y_y1) {
+        /* the fault limit doubles */
+        {
+            const float fault_count_y_y1 = s->fault_count_y_y1;
+            const float fault_limit_y_y1 = s->fault_limit_y_y1;
+            const float t1 = pmsm_min(fault_limit_y_y1, 64512.0f);
+            s->fault_count_y_y1 = (fault_count_y_y1 < 0.0f) ? -t1 : t1;
+            s->fault_limit_y_y1 = pmsm_min(2.0f*fault_limit_y_y1, 129024.0f);
+        }
+    }
+    if (over_range) {
+        /* the fault limit doubles */
+        {
+            const float fault_limit_range = s->fault_limit_range;
+            s->fault_count_range = pmsm_min(fault_limit_range, 128512.0f);
+            s->fault_limit_range = pmsm_min(2.0f*fault_limit_range, 257024.0f);
+        }
+    }
+    if (lost) {
+        /* the estimate restarts */
+        s->z[0] = 0.0f;
+        s->z[1] = 0.0f;
+        s->z[2] = 0.0f;
+        /* from the sample of y1 */
+        {
+            const float z1 = s->z[0];
+            const float z2 = s->z[1];
+            const float z3 = s->z[2];
+            s->z[0] = pmsm_keep(reading, -20.0f, 20.0f, z1, 1e+30f);
+            s->z[1] = pmsm_keep(z2, -20.0f, 20.0f, z2, 1e+30f);
+            s->z[2] = pmsm_keep(z3, -300.0f, 300.0f, z3, 1e+30f);
+        }
+        /* the estimate has restarted from the sample */
+        status |= PMSM_RESTARTED_FROM_SAMPLE;
+        pmsm_clear_rest(s);
+    } else {
+        status |= pmsm_project_onto_ranges(s, p);
+    }
+    return status;
+}
+
 /* part of a step: correct with y1 */
-static uint32_t pmsm_run_update_y1(pmsm_state *s, const pmsm_params *p, const pmsm_output *out)
+static uint32_t pmsm_run_update_y1(pmsm_state *s, const pmsm_params *p, const pmsm_output *measurement)
 {
     uint32_t status = 0u;
     bool acts = false;
-    bool beyond = false;
     float e = 0.0f;
     bool fresh = false;
-    bool lost = false;
-    float measurement = 0.0f;
     float moves_y_y1 = 0.0f;
     float output_error = 0.0f;
-    bool over_range = false;
-    bool over_y_y1 = false;
+    float reading = 0.0f;
     bool sampled = false;
     float side_y_y1 = 0.0f;
     bool suspect = false;
@@ -480,72 +647,17 @@ static uint32_t pmsm_run_update_y1(pmsm_state *s, const pmsm_params *p, const pm
     fresh = s->used_y1 < 1u;
     if (fresh) {
         /* the measurement of y1 */
-        measurement = out->y1;
-        /* guard the measurement of y1 */
-        {
-            const float t1 = measurement - s->z[0];
-            const bool t2 = pmsm_within(measurement, 3e+38f);
-            const bool t3 = t2 && pmsm_within(measurement, 60.0f) && pmsm_within(t1, 1e+16f);
-            e = t1;
-            output_error = t1;
-            valid = t3;
-            if (!t2) {
-                status |= PMSM_MISSING_Y1;
-            }
-            if (t2 && !t3) {
-                status |= PMSM_REJECTED_Y1;
-            }
-        }
+        reading = measurement->y1;
+        status |= pmsm_guard_measurement_y1(s, &e, &output_error, reading, &valid);
         if (valid) {
-            /* correct by the scalar update */
-            {
-                const float D1 = s->D[0];
-                const float L21 = s->L[0];
-                const float L31 = s->L[1];
-                const float z1 = s->z[0];
-                const float z2 = s->z[1];
-                const float z3 = s->z[2];
-                const float t1 = p->gain.R[0]/0.0001f;
-                const float K1 = D1/(t1 + D1);
-                const float K2 = L21*K1;
-                const float K3 = L31*K1;
-                s->z[0] = z1 + K1*e;
-                s->z[1] = z2 + K2*e;
-                s->z[2] = z3 + K3*e;
-                s->D[0] = K1*t1;
-            }
-            /* is a value beyond its box, or lost? */
-            {
-                const float D1 = s->D[0];
-                const bool t1 = pmsm_within(s->z[0], 60.0f) && pmsm_within(s->z[1], 60.0f)
-                    && pmsm_within(s->z[2], 900.0f) && D1 >= 1e-16f && D1 <= 3600.0f;
-                beyond = !t1;
-            }
-            if (pmsm_acts(beyond)) {
-                status |= pmsm_keep_in_box(s, p);
-            }
-            /* y1 is used */
-            s->used_y1 = 1u;
+            status |= pmsm_use_sample_y1(s, p, e);
         }
-        /* is the estimate where it cannot be for long? */
-        {
-            const bool t1 = pmsm_abs(output_error) > 4.0f || pmsm_abs(s->z[0]) > 20.0f
-                || pmsm_abs(s->z[1]) > 20.0f || pmsm_abs(s->z[2]) > 300.0f;
-            suspect = t1 || !(s->fault_checksum <= 0.0f) || !valid;
-        }
+        suspect = pmsm_suspect_y1(s, output_error, valid);
         if (suspect) {
-            /* is there a sample to judge by? */
-            sampled = valid || (pmsm_within(measurement, 3e+38f) && pmsm_within(measurement, 60.0f));
+            sampled = pmsm_plausible_y1(reading, valid);
             if (sampled) {
                 status |= pmsm_count_range(s, p);
-                /* which signs show? */
-                {
-                    const bool t1 = pmsm_within(output_error, 4.0f);
-                    const float fault_count_y_y1 = s->fault_count_y_y1;
-                    moves_y_y1 = (t1 ? 0.0f : ((fault_count_y_y1*output_error < 0.0f) ? -63.0f : 1.0f))
-                        + (t1 ? -1.0f : 0.0f);
-                    side_y_y1 = (t1 ? 0.0f : output_error) + (t1 ? fault_count_y_y1 : 0.0f);
-                }
+                pmsm_find_signs_y1(s, &moves_y_y1, output_error, &side_y_y1);
                 /* count of y_y1 */
                 {
                     const float fault_count_y_y1 = s->fault_count_y_y1;
@@ -558,55 +670,7 @@ static uint32_t pmsm_run_update_y1(pmsm_state *s, const pmsm_params *p, const pm
                 acts = s->fault_limit_y_y1 <= pmsm_abs(s->fault_count_y_y1)
                     || s->fault_limit_range <= s->fault_count_range;
                 if (acts) {
-                    /* by which sign, and is the estimate lost? */
-                    {
-                        const bool t1 = s->fault_limit_y_y1 <= pmsm_abs(s->fault_count_y_y1);
-                        const float fault_limit_range = s->fault_limit_range;
-                        const bool t2 = fault_limit_range <= s->fault_count_range;
-                        const bool t3 = fault_limit_range > 251.0f || pmsm_abs(s->z[0]) > 40.0f
-                            || pmsm_abs(s->z[1]) > 40.0f || pmsm_abs(s->z[2]) > 600.0f;
-                        over_y_y1 = t1;
-                        over_range = t2;
-                        lost = t1 || (t2 && t3);
-                    }
-                    if (over_y_y1) {
-                        /* the fault limit doubles */
-                        {
-                            const float fault_count_y_y1 = s->fault_count_y_y1;
-                            const float fault_limit_y_y1 = s->fault_limit_y_y1;
-                            const float t1 = pmsm_min(fault_limit_y_y1, 64512.0f);
-                            s->fault_count_y_y1 = (fault_count_y_y1 < 0.0f) ? -t1 : t1;
-                            s->fault_limit_y_y1 = pmsm_min(2.0f*fault_limit_y_y1, 129024.0f);
-                        }
-                    }
-                    if (over_range) {
-                        /* the fault limit doubles */
-                        {
-                            const float fault_limit_range = s->fault_limit_range;
-                            s->fault_count_range = pmsm_min(fault_limit_range, 128512.0f);
-                            s->fault_limit_range = pmsm_min(2.0f*fault_limit_range, 257024.0f);
-                        }
-                    }
-                    if (lost) {
-                        /* the estimate restarts */
-                        s->z[0] = 0.0f;
-                        s->z[1] = 0.0f;
-                        s->z[2] = 0.0f;
-                        /* from the sample of y1 */
-                        {
-                            const float z1 = s->z[0];
-                            const float z2 = s->z[1];
-                            const float z3 = s->z[2];
-                            s->z[0] = pmsm_keep(measurement, -20.0f, 20.0f, z1, 1e+30f);
-                            s->z[1] = pmsm_keep(z2, -20.0f, 20.0f, z2, 1e+30f);
-                            s->z[2] = pmsm_keep(z3, -300.0f, 300.0f, z3, 1e+30f);
-                        }
-                        /* the estimate has restarted from the sample */
-                        status |= PMSM_RESTARTED_FROM_SAMPLE;
-                        pmsm_clear_rest(s);
-                    } else {
-                        status |= pmsm_project_onto_ranges(s, p);
-                    }
+                    status |= pmsm_recover_y1(s, p, reading);
                 }
                 /* the checksum of fault counts and limits */
                 {
@@ -623,20 +687,172 @@ static uint32_t pmsm_run_update_y1(pmsm_state *s, const pmsm_params *p, const pm
     return status;
 }
 
+static uint32_t pmsm_guard_measurement_y2(const pmsm_state *s, float *e, float *output_error, float reading,
+    bool *valid)
+{
+    uint32_t status = 0u;
+    /* guard the measurement of y2 */
+    {
+        const float t1 = reading - s->z[1];
+        const bool t2 = pmsm_within(reading, 3e+38f);
+        const bool t3 = t2 && pmsm_within(reading, 60.0f) && pmsm_within(t1, 1e+16f);
+        *e = t1;
+        *output_error = t1;
+        *valid = t3;
+        if (!t2) {
+            status |= PMSM_MISSING_Y2;
+        }
+        if (t2 && !t3) {
+            status |= PMSM_REJECTED_Y2;
+        }
+    }
+    return status;
+}
+
+/* correct the estimate with a sample that can be used */
+static uint32_t pmsm_use_sample_y2(pmsm_state *s, const pmsm_params *p, float e)
+{
+    uint32_t status = 0u;
+    bool beyond = false;
+    /* correct by the scalar update */
+    {
+        const float D1 = s->D[0];
+        const float D2 = s->D[1];
+        const float L21 = s->L[0];
+        const float L31 = s->L[1];
+        const float L32 = s->L[2];
+        const float z1 = s->z[0];
+        const float z2 = s->z[1];
+        const float z3 = s->z[2];
+        const float t1 = D1*L21;
+        const float t2 = p->gain.R[1]/0.0001f;
+        const float t3 = t2 + D2;
+        const float t4 = t3 + t1*L21;
+        const float K1 = t1/t4;
+        const float K2 = (D2 + L21*t1)/t4;
+        const float t5 = L32*D2;
+        const float K3 = (t5 + L31*t1)/t4;
+        s->z[0] = z1 + K1*e;
+        s->z[1] = z2 + K2*e;
+        s->z[2] = z3 + K3*e;
+        s->L[0] = L21 - L21*D2/t3;
+        s->L[1] = L31 - L21*t5/t3;
+        s->D[0] = D1*t3/t4;
+        s->D[1] = D2*t2/t3;
+    }
+    /* is a value beyond its box, or lost? */
+    {
+        const bool t1 = pmsm_within(s->z[0], 60.0f) && pmsm_within(s->z[1], 60.0f)
+            && pmsm_within(s->z[2], 900.0f) && pmsm_within(s->L[0], 1e+09f);
+        const float D1 = s->D[0];
+        const float D2 = s->D[1];
+        const bool t2 = t1 && pmsm_within(s->L[1], 1.5e+10f) && D1 >= 1e-16f && D1 <= 3600.0f && D2 >= 8e-16f
+            && D2 <= 3600.0f;
+        beyond = !t2;
+    }
+    if (pmsm_acts(beyond)) {
+        status |= pmsm_keep_in_box(s, p);
+    }
+    /* y2 is used */
+    s->used_y2 = 1u;
+    return status;
+}
+
+static uint32_t pmsm_suspect_y2(const pmsm_state *s, float output_error, bool *suspect, bool valid)
+{
+    uint32_t status = 0u;
+    /* is the estimate where it cannot be for long? */
+    {
+        const bool t1 = pmsm_abs(s->z[0]) > 20.0f || pmsm_abs(s->z[1]) > 20.0f || pmsm_abs(s->z[2]) > 300.0f;
+        if (t1) {
+            status |= PMSM_OUTSIDE_BOX;
+        }
+        *suspect = pmsm_abs(output_error) > 4.0f || t1 || !(s->fault_checksum <= 0.0f) || !valid;
+    }
+    return status;
+}
+
+static void pmsm_find_signs_y2(const pmsm_state *s, float *moves_y_y2, float output_error, float *side_y_y2)
+{
+    /* which signs show? */
+    {
+        const bool t1 = pmsm_within(output_error, 4.0f);
+        const float fault_count_y_y2 = s->fault_count_y_y2;
+        *moves_y_y2 = (t1 ? 0.0f : ((fault_count_y_y2*output_error < 0.0f) ? -63.0f : 1.0f))
+            + (t1 ? -1.0f : 0.0f);
+        *side_y_y2 = (t1 ? 0.0f : output_error) + (t1 ? fault_count_y_y2 : 0.0f);
+    }
+}
+
+/* a fault count is at its limit: restart from the sample, or project onto the ranges */
+static uint32_t pmsm_recover_y2(pmsm_state *s, const pmsm_params *p, float reading)
+{
+    uint32_t status = 0u;
+    bool lost = false;
+    bool over_range = false;
+    bool over_y_y2 = false;
+    /* by which sign, and is the estimate lost? */
+    {
+        const bool t1 = s->fault_limit_y_y2 <= pmsm_abs(s->fault_count_y_y2);
+        const float fault_limit_range = s->fault_limit_range;
+        const bool t2 = fault_limit_range <= s->fault_count_range;
+        const bool t3 = fault_limit_range > 251.0f || pmsm_abs(s->z[0]) > 40.0f || pmsm_abs(s->z[1]) > 40.0f
+            || pmsm_abs(s->z[2]) > 600.0f;
+        over_y_y2 = t1;
+        over_range = t2;
+        lost = t1 || (t2 && t3);
+    }
+    if (over_y_y2) {
+        /* the fault limit doubles */
+        {
+            const float fault_count_y_y2 = s->fault_count_y_y2;
+            const float fault_limit_y_y2 = s->fault_limit_y_y2;
+            const float t1 = pmsm_min(fault_limit_y_y2, 64512.0f);
+            s->fault_count_y_y2 = (fault_count_y_y2 < 0.0f) ? -t1 : t1;
+            s->fault_limit_y_y2 = pmsm_min(2.0f*fault_limit_y_y2, 129024.0f);
+        }
+    }
+    if (over_range) {
+        /* the fault limit doubles */
+        {
+            const float fault_limit_range = s->fault_limit_range;
+            s->fault_count_range = pmsm_min(fault_limit_range, 128512.0f);
+            s->fault_limit_range = pmsm_min(2.0f*fault_limit_range, 257024.0f);
+        }
+    }
+    if (lost) {
+        /* the estimate restarts */
+        s->z[0] = 0.0f;
+        s->z[1] = 0.0f;
+        s->z[2] = 0.0f;
+        /* from the sample of y2 */
+        {
+            const float z1 = s->z[0];
+            const float z2 = s->z[1];
+            const float z3 = s->z[2];
+            s->z[0] = pmsm_keep(z1, -20.0f, 20.0f, z1, 1e+30f);
+            s->z[1] = pmsm_keep(reading, -20.0f, 20.0f, z2, 1e+30f);
+            s->z[2] = pmsm_keep(z3, -300.0f, 300.0f, z3, 1e+30f);
+        }
+        /* the estimate has restarted from the sample */
+        status |= PMSM_RESTARTED_FROM_SAMPLE;
+        pmsm_clear_rest(s);
+    } else {
+        status |= pmsm_project_onto_ranges(s, p);
+    }
+    return status;
+}
+
 /* part of a step: correct with y2 */
-static uint32_t pmsm_run_update_y2(pmsm_state *s, const pmsm_params *p, const pmsm_output *out)
+static uint32_t pmsm_run_update_y2(pmsm_state *s, const pmsm_params *p, const pmsm_output *measurement)
 {
     uint32_t status = 0u;
     bool acts = false;
-    bool beyond = false;
     float e = 0.0f;
     bool fresh = false;
-    bool lost = false;
-    float measurement = 0.0f;
     float moves_y_y2 = 0.0f;
     float output_error = 0.0f;
-    bool over_range = false;
-    bool over_y_y2 = false;
+    float reading = 0.0f;
     bool sampled = false;
     float side_y_y2 = 0.0f;
     bool suspect = false;
@@ -645,87 +861,17 @@ static uint32_t pmsm_run_update_y2(pmsm_state *s, const pmsm_params *p, const pm
     fresh = s->used_y2 < 1u;
     if (fresh) {
         /* the measurement of y2 */
-        measurement = out->y2;
-        /* guard the measurement of y2 */
-        {
-            const float t1 = measurement - s->z[1];
-            const bool t2 = pmsm_within(measurement, 3e+38f);
-            const bool t3 = t2 && pmsm_within(measurement, 60.0f) && pmsm_within(t1, 1e+16f);
-            e = t1;
-            output_error = t1;
-            valid = t3;
-            if (!t2) {
-                status |= PMSM_MISSING_Y2;
-            }
-            if (t2 && !t3) {
-                status |= PMSM_REJECTED_Y2;
-            }
-        }
+        reading = measurement->y2;
+        status |= pmsm_guard_measurement_y2(s, &e, &output_error, reading, &valid);
         if (valid) {
-            /* correct by the scalar update */
-            {
-                const float D1 = s->D[0];
-                const float D2 = s->D[1];
-                const float L21 = s->L[0];
-                const float L31 = s->L[1];
-                const float L32 = s->L[2];
-                const float z1 = s->z[0];
-                const float z2 = s->z[1];
-                const float z3 = s->z[2];
-                const float t1 = D1*L21;
-                const float t2 = p->gain.R[1]/0.0001f;
-                const float t3 = t2 + D2;
-                const float t4 = t3 + t1*L21;
-                const float K1 = t1/t4;
-                const float K2 = (D2 + L21*t1)/t4;
-                const float t5 = L32*D2;
-                const float K3 = (t5 + L31*t1)/t4;
-                s->z[0] = z1 + K1*e;
-                s->z[1] = z2 + K2*e;
-                s->z[2] = z3 + K3*e;
-                s->L[0] = L21 - L21*D2/t3;
-                s->L[1] = L31 - L21*t5/t3;
-                s->D[0] = D1*t3/t4;
-                s->D[1] = D2*t2/t3;
-            }
-            /* is a value beyond its box, or lost? */
-            {
-                const bool t1 = pmsm_within(s->z[0], 60.0f) && pmsm_within(s->z[1], 60.0f)
-                    && pmsm_within(s->z[2], 900.0f) && pmsm_within(s->L[0], 1e+09f);
-                const float D1 = s->D[0];
-                const float D2 = s->D[1];
-                const bool t2 = t1 && pmsm_within(s->L[1], 1.5e+10f) && D1 >= 1e-16f && D1 <= 3600.0f
-                    && D2 >= 8e-16f && D2 <= 3600.0f;
-                beyond = !t2;
-            }
-            if (pmsm_acts(beyond)) {
-                status |= pmsm_keep_in_box(s, p);
-            }
-            /* y2 is used */
-            s->used_y2 = 1u;
+            status |= pmsm_use_sample_y2(s, p, e);
         }
-        /* is the estimate where it cannot be for long? */
-        {
-            const bool t1 = pmsm_abs(s->z[0]) > 20.0f || pmsm_abs(s->z[1]) > 20.0f
-                || pmsm_abs(s->z[2]) > 300.0f;
-            if (t1) {
-                status |= PMSM_OUTSIDE_BOX;
-            }
-            suspect = pmsm_abs(output_error) > 4.0f || t1 || !(s->fault_checksum <= 0.0f) || !valid;
-        }
+        status |= pmsm_suspect_y2(s, output_error, &suspect, valid);
         if (suspect) {
-            /* is there a sample to judge by? */
-            sampled = valid || (pmsm_within(measurement, 3e+38f) && pmsm_within(measurement, 60.0f));
+            sampled = pmsm_plausible_y1(reading, valid);
             if (sampled) {
                 status |= pmsm_count_range(s, p);
-                /* which signs show? */
-                {
-                    const bool t1 = pmsm_within(output_error, 4.0f);
-                    const float fault_count_y_y2 = s->fault_count_y_y2;
-                    moves_y_y2 = (t1 ? 0.0f : ((fault_count_y_y2*output_error < 0.0f) ? -63.0f : 1.0f))
-                        + (t1 ? -1.0f : 0.0f);
-                    side_y_y2 = (t1 ? 0.0f : output_error) + (t1 ? fault_count_y_y2 : 0.0f);
-                }
+                pmsm_find_signs_y2(s, &moves_y_y2, output_error, &side_y_y2);
                 /* count of y_y2 */
                 {
                     const float fault_count_y_y2 = s->fault_count_y_y2;
@@ -738,55 +884,7 @@ static uint32_t pmsm_run_update_y2(pmsm_state *s, const pmsm_params *p, const pm
                 acts = s->fault_limit_y_y2 <= pmsm_abs(s->fault_count_y_y2)
                     || s->fault_limit_range <= s->fault_count_range;
                 if (acts) {
-                    /* by which sign, and is the estimate lost? */
-                    {
-                        const bool t1 = s->fault_limit_y_y2 <= pmsm_abs(s->fault_count_y_y2);
-                        const float fault_limit_range = s->fault_limit_range;
-                        const bool t2 = fault_limit_range <= s->fault_count_range;
-                        const bool t3 = fault_limit_range > 251.0f || pmsm_abs(s->z[0]) > 40.0f
-                            || pmsm_abs(s->z[1]) > 40.0f || pmsm_abs(s->z[2]) > 600.0f;
-                        over_y_y2 = t1;
-                        over_range = t2;
-                        lost = t1 || (t2 && t3);
-                    }
-                    if (over_y_y2) {
-                        /* the fault limit doubles */
-                        {
-                            const float fault_count_y_y2 = s->fault_count_y_y2;
-                            const float fault_limit_y_y2 = s->fault_limit_y_y2;
-                            const float t1 = pmsm_min(fault_limit_y_y2, 64512.0f);
-                            s->fault_count_y_y2 = (fault_count_y_y2 < 0.0f) ? -t1 : t1;
-                            s->fault_limit_y_y2 = pmsm_min(2.0f*fault_limit_y_y2, 129024.0f);
-                        }
-                    }
-                    if (over_range) {
-                        /* the fault limit doubles */
-                        {
-                            const float fault_limit_range = s->fault_limit_range;
-                            s->fault_count_range = pmsm_min(fault_limit_range, 128512.0f);
-                            s->fault_limit_range = pmsm_min(2.0f*fault_limit_range, 257024.0f);
-                        }
-                    }
-                    if (lost) {
-                        /* the estimate restarts */
-                        s->z[0] = 0.0f;
-                        s->z[1] = 0.0f;
-                        s->z[2] = 0.0f;
-                        /* from the sample of y2 */
-                        {
-                            const float z1 = s->z[0];
-                            const float z2 = s->z[1];
-                            const float z3 = s->z[2];
-                            s->z[0] = pmsm_keep(z1, -20.0f, 20.0f, z1, 1e+30f);
-                            s->z[1] = pmsm_keep(measurement, -20.0f, 20.0f, z2, 1e+30f);
-                            s->z[2] = pmsm_keep(z3, -300.0f, 300.0f, z3, 1e+30f);
-                        }
-                        /* the estimate has restarted from the sample */
-                        status |= PMSM_RESTARTED_FROM_SAMPLE;
-                        pmsm_clear_rest(s);
-                    } else {
-                        status |= pmsm_project_onto_ranges(s, p);
-                    }
+                    status |= pmsm_recover_y2(s, p, reading);
                 }
                 /* the checksum of fault counts and limits */
                 {
@@ -827,31 +925,31 @@ uint32_t pmsm_predict(pmsm_state *s, const pmsm_params *p, const pmsm_input *in)
     return status;
 }
 
-uint32_t pmsm_update_y1(pmsm_state *s, const pmsm_params *p, const pmsm_output *out)
+uint32_t pmsm_update_y1(pmsm_state *s, const pmsm_params *p, const pmsm_output *measurement)
 {
     uint32_t status = 0u;
     if ((s->ready != PMSM_READY) || (p->ready != PMSM_READY)) {
         status = pmsm_ready(s, p);
     }
     if ((status & PMSM_NO_PARAMETERS) == 0u) {
-        status |= pmsm_run_update_y1(s, p, out);
+        status |= pmsm_run_update_y1(s, p, measurement);
     }
     return status;
 }
 
-uint32_t pmsm_update_y2(pmsm_state *s, const pmsm_params *p, const pmsm_output *out)
+uint32_t pmsm_update_y2(pmsm_state *s, const pmsm_params *p, const pmsm_output *measurement)
 {
     uint32_t status = 0u;
     if ((s->ready != PMSM_READY) || (p->ready != PMSM_READY)) {
         status = pmsm_ready(s, p);
     }
     if ((status & PMSM_NO_PARAMETERS) == 0u) {
-        status |= pmsm_run_update_y2(s, p, out);
+        status |= pmsm_run_update_y2(s, p, measurement);
     }
     return status;
 }
 
-uint32_t pmsm_step(pmsm_state *s, const pmsm_params *p, const pmsm_input *in, const pmsm_output *out)
+uint32_t pmsm_step(pmsm_state *s, const pmsm_params *p, const pmsm_input *in, const pmsm_output *measurement)
 {
     uint32_t status = 0u;
     if ((s->ready != PMSM_READY) || (p->ready != PMSM_READY)) {
@@ -859,8 +957,8 @@ uint32_t pmsm_step(pmsm_state *s, const pmsm_params *p, const pmsm_input *in, co
     }
     if ((status & PMSM_NO_PARAMETERS) == 0u) {
         status |= pmsm_run_predict(s, p, in);
-        status |= pmsm_run_update_y1(s, p, out);
-        status |= pmsm_run_update_y2(s, p, out);
+        status |= pmsm_run_update_y1(s, p, measurement);
+        status |= pmsm_run_update_y2(s, p, measurement);
     }
     return status;
 }

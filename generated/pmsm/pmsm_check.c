@@ -23,7 +23,7 @@
 
 unsigned pmsm_check(void);
 
-static const float given[64][4] = { /* in.vd, in.vq, out.y1, out.y2 */
+static const float given[64][4] = { /* in.vd, in.vq, measurement.y1, measurement.y2 */
     {-2500.0f, -2500.0f, -0.5f, -0.5f},
     {-2229.7297f, -2229.7297f, -0.41304347f, -0.41304347f},
     {-1959.4595f, -1959.4595f, -0.32608697f, -0.32608697f},
@@ -190,7 +190,7 @@ unsigned pmsm_check(void)
     pmsm_state s;
     pmsm_params p;
     pmsm_input in;
-    pmsm_output out;
+    pmsm_output measurement;
     pmsm_plant x;
     pmsm_init(&s, &p);
     s.z[0] = 8.0f;
@@ -199,9 +199,9 @@ unsigned pmsm_check(void)
     for (unsigned k = 0u; k < 64u && bad == 0u; ++k) {
         in.vd = (k == 40u) ? none : given[k][0];
         in.vq = (k == 40u) ? none : given[k][1];
-        out.y1 = (k == 20u) ? none : given[k][2];
-        out.y2 = (k == 20u) ? none : given[k][3];
-        const uint32_t status = pmsm_step(&s, &p, &in, &out);
+        measurement.y1 = (k == 20u) ? none : given[k][2];
+        measurement.y2 = (k == 20u) ? none : given[k][3];
+        const uint32_t status = pmsm_step(&s, &p, &in, &measurement);
         pmsm_estimate(&s, &p, &x);
         if (status != expected[k] || !pmsm_near(x.i_d, k, 0u) || !pmsm_near(x.i_q, k, 1u)
             || !pmsm_near(x.w, k, 2u)) {

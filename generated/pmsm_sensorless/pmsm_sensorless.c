@@ -1,4 +1,4 @@
-/* pmsm_sensorless: see pmsm_sensorless.h, which is the manual. */
+/* pmsm_sensorless: see pmsm_sensorless.h, and its manual pmsm_sensorless.md. */
 #include "pmsm_sensorless.h"
 
 #include <stdbool.h>
@@ -65,6 +65,12 @@ static bool pmsm_sensorless_within(float v, float limit)
 #if defined(__GNUC__)
 #pragma GCC diagnostic pop
 #endif
+
+/* whether v is a number in [low, high] */
+static bool pmsm_sensorless_inside(float v, float low, float high)
+{
+    return v >= low && v <= high;
+}
 
 /* v in [-most, most] */
 static float pmsm_sensorless_limit(float v, float most)
@@ -166,11 +172,8 @@ static void pmsm_sensorless_clear_rest(pmsm_sensorless_state *s)
     s->D[4] = 10000.0f;
 }
 
-/* part of a step: keep the state in its box, or make it anew */
-static uint32_t pmsm_sensorless_keep_in_box(pmsm_sensorless_state *s, const pmsm_sensorless_params *p)
+static bool pmsm_sensorless_value_lost(const pmsm_sensorless_state *s)
 {
-    uint32_t status = 0u;
-    (void)p;
     bool lost = false;
     /* is a value lost? */
     {
@@ -188,6 +191,16 @@ static uint32_t pmsm_sensorless_keep_in_box(pmsm_sensorless_state *s, const pmsm
             && pmsm_sensorless_within(s->D[1], 1e+30f) && pmsm_sensorless_within(s->D[2], 1e+30f);
         lost = !(t6 && pmsm_sensorless_within(s->D[3], 1e+30f) && pmsm_sensorless_within(s->D[4], 1e+30f));
     }
+    return lost;
+}
+
+/* part of a step: keep the state in its box, or make it anew */
+static uint32_t pmsm_sensorless_keep_in_box(pmsm_sensorless_state *s, const pmsm_sensorless_params *p)
+{
+    uint32_t status = 0u;
+    (void)p;
+    bool lost = false;
+    lost = pmsm_sensorless_value_lost(s);
     if (lost) {
         /* a value is lost: all restart */
         s->z[0] = 0.0f;
@@ -388,15 +401,10 @@ static uint32_t pmsm_sensorless_project_onto_ranges(pmsm_sensorless_state *s, co
     return status;
 }
 
-/* part of a step: advance the estimate to now */
-static uint32_t pmsm_sensorless_run_predict(pmsm_sensorless_state *s, const pmsm_sensorless_params *p,
-    const pmsm_sensorless_input *in)
+static uint32_t pmsm_sensorless_guard_input(const pmsm_sensorless_state *s, const pmsm_sensorless_input *in,
+    float *u)
 {
     uint32_t status = 0u;
-    bool beyond = false;
-    bool capped = false;
-    bool running = false;
-    float u[2];
     /* guard the input */
     {
         const float u_a = in->u_a;
@@ -420,6 +428,346 @@ static uint32_t pmsm_sensorless_run_predict(pmsm_sensorless_state *s, const pmsm
             status |= PMSM_SENSORLESS_CLAMPED_U_B;
         }
     }
+    return status;
+}
+
+static bool pmsm_sensorless_beyond_box(const pmsm_sensorless_state *s)
+{
+    bool beyond = false;
+    /* is a value beyond its box, or lost? */
+    {
+        const bool t1 = pmsm_sensorless_within(s->z[0], 60.0f) && pmsm_sensorless_within(s->z[1], 60.0f)
+            && pmsm_sensorless_within(s->z[2], 0.6f);
+        const bool t2 = t1 && pmsm_sensorless_within(s->z[3], 0.6f)
+            && pmsm_sensorless_inside(s->z[4], -560.0f, 1180.0f);
+        const bool t3 = t2 && pmsm_sensorless_within(s->L[0], 1e+09f)
+            && pmsm_sensorless_within(s->L[1], 1e+07f) && pmsm_sensorless_within(s->L[2], 1e+07f);
+        const bool t4 = t3 && pmsm_sensorless_within(s->L[3], 1.45e+10f)
+            && pmsm_sensorless_within(s->L[4], 1e+07f) && pmsm_sensorless_within(s->L[5], 1e+07f);
+        const bool t5 = t4 && pmsm_sensorless_within(s->L[6], 1.45e+10f)
+            && pmsm_sensorless_within(s->L[7], 1e+09f) && pmsm_sensorless_within(s->L[8], 1.45e+12f);
+        const bool t6 = t5 && pmsm_sensorless_within(s->L[9], 1.45e+12f)
+            && pmsm_sensorless_inside(s->D[0], 1e-16f, 3600.0f);
+        const bool t7 = t6 && pmsm_sensorless_inside(s->D[1], 1e-16f, 3600.0f)
+            && pmsm_sensorless_inside(s->D[2], 1e-20f, 0.36f);
+        const bool t8 = t7 && pmsm_sensorless_inside(s->D[3], 1e-20f, 0.36f)
+            && pmsm_sensorless_inside(s->D[4], 1e-13f, 756900.0f);
+        beyond = !t8;
+    }
+    return beyond;
+}
+
+/* advance the estimate from the last call to now */
+static uint32_t pmsm_sensorless_advance(pmsm_sensorless_state *s, const pmsm_sensorless_params *p,
+    const float *u)
+{
+    uint32_t status = 0u;
+    bool beyond = false;
+    bool capped = false;
+    /* z by classical Runge-Kutta; P = L D L' by P <- Phi P Phi' + h Q_theta */
+    /* the tableau of z: */
+    /*     0 |  */
+    /*   1/2 | 1/2 */
+    /*   1/2 |   0 1/2 */
+    /*     1 |   0   0   1 */
+    /*   --------------------- */
+    /*       | 1/6 1/3 1/3 1/6 */
+    {
+        const float D1 = s->D[0];
+        const float D2 = s->D[1];
+        const float D3 = s->D[2];
+        const float D4 = s->D[3];
+        const float D5 = s->D[4];
+        const float L21 = s->L[0];
+        const float L31 = s->L[1];
+        const float L41 = s->L[2];
+        const float L51 = s->L[3];
+        const float L32 = s->L[4];
+        const float L42 = s->L[5];
+        const float L52 = s->L[6];
+        const float L43 = s->L[7];
+        const float L53 = s->L[8];
+        const float L54 = s->L[9];
+        const float z1 = s->z[0];
+        const float z2 = s->z[1];
+        const float z3 = s->z[2];
+        const float z4 = s->z[3];
+        const float z5 = s->z[4];
+        const float u_before1 = s->u[0];
+        const float u_before2 = s->u[1];
+        float k1_z[5];
+        pmsm_sensorless_flow(z1, z2, z3, z4, z5, u_before1, u_before2, k1_z);
+        const float u1 = u[0];
+        const float t1 = u_before1 + 0.5f*(u1 - u_before1);
+        const float u2 = u[1];
+        const float t2 = u_before2 + 0.5f*(u2 - u_before2);
+        float k2_z[5];
+        pmsm_sensorless_flow(z1 + 5e-05f*k1_z[0], z2 + 5e-05f*k1_z[1], z3 + 5e-05f*k1_z[2], z4
+            + 5e-05f*k1_z[3], z5 + 5e-05f*k1_z[4], t1, t2, k2_z);
+        const float t3 = z1 + 5e-05f*k2_z[0];
+        const float t4 = z2 + 5e-05f*k2_z[1];
+        const float t5 = z3 + 5e-05f*k2_z[2];
+        const float t6 = z4 + 5e-05f*k2_z[3];
+        const float t7 = z5 + 5e-05f*k2_z[4];
+        float k3_z[5];
+        pmsm_sensorless_flow(t3, t4, t5, t6, t7, t1, t2, k3_z);
+        float k4_z[5];
+        pmsm_sensorless_flow(z1 + 0.0001f*k3_z[0], z2 + 0.0001f*k3_z[1], z3 + 0.0001f*k3_z[2], z4
+            + 0.0001f*k3_z[3], z5 + 0.0001f*k3_z[4], u1, u2, k4_z);
+        float F_1[12];
+        pmsm_sensorless_jacobian(t3, t4, t5, t6, t7, F_1);
+        const float Phi_11 = 0.975f + 5e-09f*(62500.0f + F_1[8]*F_1[0]);
+        const float Phi_12 = F_1[8]*F_1[1]*5e-09f;
+        const float Phi_13 = 5e-09f*(F_1[5]*F_1[3] + F_1[8]*F_1[4]);
+        const float Phi_14 = 0.0001f*F_1[5] + 5e-09f*(F_1[8]*F_1[7] - 250.0f*F_1[5]);
+        const float Phi_15 = 0.0001f*F_1[8] + 5e-09f*(F_1[5]*F_1[11] - 250.0f*F_1[8] - 5.0f*F_1[8]);
+        const float Phi_21 = F_1[9]*F_1[0]*5e-09f;
+        const float Phi_22 = 0.975f + 5e-09f*(62500.0f + F_1[9]*F_1[1]);
+        const float Phi_23 = 0.0001f*F_1[2] + 5e-09f*(F_1[9]*F_1[4] - 250.0f*F_1[2]);
+        const float Phi_24 = 5e-09f*(F_1[2]*F_1[6] + F_1[9]*F_1[7]);
+        const float Phi_25 = 0.0001f*F_1[9] + 5e-09f*(F_1[2]*F_1[10] - 250.0f*F_1[9] - 5.0f*F_1[9]);
+        const float Phi_31 = F_1[10]*F_1[0]*5e-09f;
+        const float Phi_32 = F_1[10]*F_1[1]*5e-09f;
+        const float Phi_33 = 1.0f + 5e-09f*(F_1[6]*F_1[3] + F_1[10]*F_1[4]);
+        const float Phi_34 = 0.0001f*F_1[6] + F_1[10]*F_1[7]*5e-09f;
+        const float Phi_35 = 0.0001f*F_1[10] + 5e-09f*(F_1[6]*F_1[11] - 5.0f*F_1[10]);
+        const float Phi_41 = F_1[11]*F_1[0]*5e-09f;
+        const float Phi_42 = F_1[11]*F_1[1]*5e-09f;
+        const float Phi_43 = 0.0001f*F_1[3] + F_1[11]*F_1[4]*5e-09f;
+        const float Phi_44 = 1.0f + 5e-09f*(F_1[3]*F_1[6] + F_1[11]*F_1[7]);
+        const float Phi_45 = 0.0001f*F_1[11] + 5e-09f*(F_1[3]*F_1[10] - 5.0f*F_1[11]);
+        const float Phi_51 = 0.0001f*F_1[0] + 5e-09f*(-250.0f*F_1[0] - 5.0f*F_1[0]);
+        const float Phi_52 = 0.0001f*F_1[1] + 5e-09f*(-250.0f*F_1[1] - 5.0f*F_1[1]);
+        const float Phi_53 = 0.0001f*F_1[4] + 5e-09f*(F_1[1]*F_1[2] + F_1[7]*F_1[3] - 5.0f*F_1[4]);
+        const float Phi_54 = 0.0001f*F_1[7] + 5e-09f*(F_1[0]*F_1[5] + F_1[4]*F_1[6] - 5.0f*F_1[7]);
+        const float Phi_55 = 0.9995f + 5e-09f*(F_1[0]*F_1[8] + F_1[1]*F_1[9] + F_1[4]*F_1[10]
+            + F_1[7]*F_1[11] + 25.0f);
+        const float w1_1 = Phi_11 + Phi_12*L21 + Phi_13*L31 + Phi_14*L41 + Phi_15*L51;
+        const float w1_2 = Phi_12 + Phi_13*L32 + Phi_14*L42 + Phi_15*L52;
+        const float w1_3 = Phi_13 + Phi_14*L43 + Phi_15*L53;
+        const float w1_4 = Phi_14 + Phi_15*L54;
+        const float t8 = w1_1*D1;
+        const float t9 = w1_2*D2;
+        const float t10 = w1_3*D3;
+        const float t11 = w1_4*D4;
+        const float t12 = Phi_15*D5;
+        const float t13 = 0.0001f*p->gain.Q[0];
+        const float d1 = w1_1*t8 + w1_2*t9 + w1_3*t10 + w1_4*t11 + Phi_15*t12 + t13;
+        const float t14 = Phi_21 + Phi_22*L21 + Phi_23*L31 + Phi_24*L41 + Phi_25*L51;
+        const float t15 = Phi_22 + Phi_23*L32 + Phi_24*L42 + Phi_25*L52;
+        const float t16 = Phi_23 + Phi_24*L43 + Phi_25*L53;
+        const float t17 = Phi_24 + Phi_25*L54;
+        const float l21 = (t14*t8 + t15*t9 + t16*t10 + t17*t11 + Phi_25*t12)/d1;
+        const float t18 = Phi_31 + Phi_32*L21 + Phi_33*L31 + Phi_34*L41 + Phi_35*L51;
+        const float t19 = Phi_32 + Phi_33*L32 + Phi_34*L42 + Phi_35*L52;
+        const float t20 = Phi_33 + Phi_34*L43 + Phi_35*L53;
+        const float t21 = Phi_34 + Phi_35*L54;
+        const float l31 = (t18*t8 + t19*t9 + t20*t10 + t21*t11 + Phi_35*t12)/d1;
+        const float t22 = Phi_41 + Phi_42*L21 + Phi_43*L31 + Phi_44*L41 + Phi_45*L51;
+        const float t23 = Phi_42 + Phi_43*L32 + Phi_44*L42 + Phi_45*L52;
+        const float t24 = Phi_43 + Phi_44*L43 + Phi_45*L53;
+        const float t25 = Phi_44 + Phi_45*L54;
+        const float l41 = (t22*t8 + t23*t9 + t24*t10 + t25*t11 + Phi_45*t12)/d1;
+        const float t26 = Phi_51 + Phi_52*L21 + Phi_53*L31 + Phi_54*L41 + Phi_55*L51;
+        const float t27 = Phi_52 + Phi_53*L32 + Phi_54*L42 + Phi_55*L52;
+        const float t28 = Phi_53 + Phi_54*L43 + Phi_55*L53;
+        const float t29 = Phi_54 + Phi_55*L54;
+        const float l51 = (t26*t8 + t27*t9 + t28*t10 + t29*t11 + Phi_55*t12)/d1;
+        const float w2_1 = t14 - l21*w1_1;
+        const float w2_2 = t15 - l21*w1_2;
+        const float w2_3 = t16 - l21*w1_3;
+        const float w2_4 = t17 - l21*w1_4;
+        const float w2_5 = Phi_25 - l21*Phi_15;
+        const float t30 = w2_1*D1;
+        const float t31 = w2_2*D2;
+        const float t32 = w2_3*D3;
+        const float t33 = w2_4*D4;
+        const float t34 = w2_5*D5;
+        const float t35 = l21*t13;
+        const float t36 = 0.0001f*p->gain.Q[1];
+        const float d2 = w2_1*t30 + w2_2*t31 + w2_3*t32 + w2_4*t33 + w2_5*t34 + l21*t35 + t36;
+        const float t37 = t18 - l31*w1_1;
+        const float t38 = t19 - l31*w1_2;
+        const float t39 = t20 - l31*w1_3;
+        const float t40 = t21 - l31*w1_4;
+        const float t41 = Phi_35 - l31*Phi_15;
+        const float l32 = (t37*t30 + t38*t31 + t39*t32 + t40*t33 + t41*t34 + l31*t35)/d2;
+        const float t42 = t22 - l41*w1_1;
+        const float t43 = t23 - l41*w1_2;
+        const float t44 = t24 - l41*w1_3;
+        const float t45 = t25 - l41*w1_4;
+        const float t46 = Phi_45 - l41*Phi_15;
+        const float l42 = (t42*t30 + t43*t31 + t44*t32 + t45*t33 + t46*t34 + l41*t35)/d2;
+        const float t47 = t26 - l51*w1_1;
+        const float t48 = t27 - l51*w1_2;
+        const float t49 = t28 - l51*w1_3;
+        const float t50 = t29 - l51*w1_4;
+        const float t51 = Phi_55 - l51*Phi_15;
+        const float l52 = (t47*t30 + t48*t31 + t49*t32 + t50*t33 + t51*t34 + l51*t35)/d2;
+        const float w3_1 = t37 - l32*w2_1;
+        const float w3_2 = t38 - l32*w2_2;
+        const float w3_3 = t39 - l32*w2_3;
+        const float w3_4 = t40 - l32*w2_4;
+        const float w3_5 = t41 - l32*w2_5;
+        const float w3_6 = l32*l21 - l31;
+        const float t52 = w3_1*D1;
+        const float t53 = w3_2*D2;
+        const float t54 = w3_3*D3;
+        const float t55 = w3_4*D4;
+        const float t56 = w3_5*D5;
+        const float t57 = w3_6*t13;
+        const float t58 = l32*t36;
+        const float t59 = 0.0001f*p->gain.Q[2];
+        const float d3 = w3_1*t52 + w3_2*t53 + w3_3*t54 + w3_4*t55 + w3_5*t56 + w3_6*t57 + l32*t58 + t59;
+        const float t60 = t42 - l42*w2_1;
+        const float t61 = t43 - l42*w2_2;
+        const float t62 = t44 - l42*w2_3;
+        const float t63 = t45 - l42*w2_4;
+        const float t64 = t46 - l42*w2_5;
+        const float t65 = l42*l21 - l41;
+        const float l43 = (t60*t52 + t61*t53 + t62*t54 + t63*t55 + t64*t56 + t65*t57 + l42*t58)/d3;
+        const float t66 = t47 - l52*w2_1;
+        const float t67 = t48 - l52*w2_2;
+        const float t68 = t49 - l52*w2_3;
+        const float t69 = t50 - l52*w2_4;
+        const float t70 = t51 - l52*w2_5;
+        const float t71 = l52*l21 - l51;
+        const float l53 = (t66*t52 + t67*t53 + t68*t54 + t69*t55 + t70*t56 + t71*t57 + l52*t58)/d3;
+        const float w4_1 = t60 - l43*w3_1;
+        const float w4_2 = t61 - l43*w3_2;
+        const float w4_3 = t62 - l43*w3_3;
+        const float w4_4 = t63 - l43*w3_4;
+        const float w4_5 = t64 - l43*w3_5;
+        const float w4_6 = t65 - l43*w3_6;
+        const float w4_7 = l43*l32 - l42;
+        const float t72 = w4_1*D1;
+        const float t73 = w4_2*D2;
+        const float t74 = w4_3*D3;
+        const float t75 = w4_4*D4;
+        const float t76 = w4_5*D5;
+        const float t77 = w4_6*t13;
+        const float t78 = w4_7*t36;
+        const float t79 = l43*t59;
+        const float t80 = 0.0001f*p->gain.Q[3];
+        const float d4 = w4_1*t72 + w4_2*t73 + w4_3*t74 + w4_4*t75 + w4_5*t76 + w4_6*t77 + w4_7*t78 + l43*t79
+            + t80;
+        const float t81 = t66 - l53*w3_1;
+        const float t82 = t67 - l53*w3_2;
+        const float t83 = t68 - l53*w3_3;
+        const float t84 = t69 - l53*w3_4;
+        const float t85 = t70 - l53*w3_5;
+        const float t86 = t71 - l53*w3_6;
+        const float t87 = l53*l32 - l52;
+        const float l54 = (t81*t72 + t82*t73 + t83*t74 + t84*t75 + t85*t76 + t86*t77 + t87*t78 + l53*t79)/d4;
+        const float w5_1 = t81 - l54*w4_1;
+        const float w5_2 = t82 - l54*w4_2;
+        const float w5_3 = t83 - l54*w4_3;
+        const float w5_4 = t84 - l54*w4_4;
+        const float w5_5 = t85 - l54*w4_5;
+        const float w5_6 = t86 - l54*w4_6;
+        const float w5_7 = t87 - l54*w4_7;
+        const float w5_8 = l54*l43 - l53;
+        const float t88 = w5_1*D1*w5_1 + w5_2*D2*w5_2 + w5_3*D3*w5_3 + w5_4*D4*w5_4 + w5_5*D5*w5_5
+            + w5_6*t13*w5_6 + w5_7*t36*w5_7;
+        const float d5 = t88 + w5_8*t59*w5_8 + l54*t80*l54 + 0.0001f*p->gain.Q[4];
+        s->z[0] = z1 + 1.6666667e-05f*(k1_z[0] + 2.0f*k2_z[0] + 2.0f*k3_z[0] + k4_z[0]);
+        s->z[1] = z2 + 1.6666667e-05f*(k1_z[1] + 2.0f*k2_z[1] + 2.0f*k3_z[1] + k4_z[1]);
+        s->z[2] = z3 + 1.6666667e-05f*(k1_z[2] + 2.0f*k2_z[2] + 2.0f*k3_z[2] + k4_z[2]);
+        s->z[3] = z4 + 1.6666667e-05f*(k1_z[3] + 2.0f*k2_z[3] + 2.0f*k3_z[3] + k4_z[3]);
+        s->z[4] = z5 + 1.6666667e-05f*(k1_z[4] + 2.0f*k2_z[4] + 2.0f*k3_z[4] + k4_z[4]);
+        s->L[0] = l21;
+        s->L[1] = l31;
+        s->L[2] = l41;
+        s->L[3] = l51;
+        s->L[4] = l32;
+        s->L[5] = l42;
+        s->L[6] = l52;
+        s->L[7] = l43;
+        s->L[8] = l53;
+        s->L[9] = l54;
+        s->D[0] = d1;
+        s->D[1] = d2;
+        s->D[2] = d3;
+        s->D[3] = d4;
+        s->D[4] = d5;
+    }
+    /* largest variances */
+    {
+        const float D1 = s->D[0];
+        const float L21 = s->L[0];
+        const float D2 = s->D[1];
+        const float L31 = s->L[1];
+        const float L32 = s->L[4];
+        const float D3 = s->D[2];
+        const float L41 = s->L[2];
+        const float L42 = s->L[5];
+        const float L43 = s->L[7];
+        const float D4 = s->D[3];
+        const bool t1 = D1 > 3600.0f || L21*L21*D1 + D2 > 3600.0f || L31*L31*D1 + L32*L32*D2 + D3 > 0.36f
+            || L41*L41*D1 + L42*L42*D2 + L43*L43*D3 + D4 > 0.36f;
+        const float L51 = s->L[3];
+        const float L52 = s->L[6];
+        const float L53 = s->L[8];
+        const float L54 = s->L[9];
+        capped = t1 || L51*L51*D1 + L52*L52*D2 + L53*L53*D3 + L54*L54*D4 + s->D[4] > 756900.0f;
+    }
+    if (capped) {
+        /* cap */
+        {
+            const float D1 = s->D[0];
+            const float D2 = s->D[1];
+            const float D3 = s->D[2];
+            const float D4 = s->D[3];
+            const float D5 = s->D[4];
+            const float L21 = s->L[0];
+            const float L31 = s->L[1];
+            const float L41 = s->L[2];
+            const float L51 = s->L[3];
+            const float L32 = s->L[4];
+            const float L42 = s->L[5];
+            const float L52 = s->L[6];
+            const float L43 = s->L[7];
+            const float L53 = s->L[8];
+            const float L54 = s->L[9];
+            const float t1 = pmsm_sensorless_min(1.0f, 3600.0f/(L21*L21*D1 + D2));
+            const float t2 = pmsm_sensorless_min(1.0f, 3600.0f/D1);
+            const float t3 = pmsm_sensorless_min(1.0f, 0.36f/(L31*L31*D1 + L32*L32*D2 + D3));
+            const float t4 = pmsm_sensorless_min(1.0f, 0.36f/(L41*L41*D1 + L42*L42*D2 + L43*L43*D3 + D4));
+            const float t5 = pmsm_sensorless_min(1.0f, 756900.0f/(L51*L51*D1 + L52*L52*D2 + L53*L53*D3
+                + L54*L54*D4 + D5));
+            s->L[0] = t1*L21/t2;
+            s->L[1] = t3*L31/t2;
+            s->L[2] = t4*L41/t2;
+            s->L[3] = t5*L51/t2;
+            s->L[4] = t3*L32/t1;
+            s->L[5] = t4*L42/t1;
+            s->L[6] = t5*L52/t1;
+            s->L[7] = t4*L43/t3;
+            s->L[8] = t5*L53/t3;
+            s->L[9] = t5*L54/t4;
+            s->D[0] = t2*t2*D1;
+            s->D[1] = t1*t1*D2;
+            s->D[2] = t3*t3*D3;
+            s->D[3] = t4*t4*D4;
+            s->D[4] = t5*t5*D5;
+            status |= PMSM_SENSORLESS_COVARIANCE_LIMITED;
+        }
+    }
+    beyond = pmsm_sensorless_beyond_box(s);
+    if (pmsm_sensorless_acts(beyond)) {
+        status |= pmsm_sensorless_keep_in_box(s, p);
+    }
+    return status;
+}
+
+/* part of a step: advance the estimate to now */
+static uint32_t pmsm_sensorless_run_predict(pmsm_sensorless_state *s, const pmsm_sensorless_params *p,
+    const pmsm_sensorless_input *in)
+{
+    uint32_t status = 0u;
+    bool running = false;
+    float u[2];
+    status |= pmsm_sensorless_guard_input(s, in, u);
     /* the first call advances no time */
     {
         const unsigned calls = s->calls;
@@ -427,314 +775,7 @@ static uint32_t pmsm_sensorless_run_predict(pmsm_sensorless_state *s, const pmsm
         s->calls = 1u;
     }
     if (running) {
-        /* z by classical Runge-Kutta; P = L D L' by P <- Phi P Phi' + h Q_theta */
-        {
-            const float D1 = s->D[0];
-            const float D2 = s->D[1];
-            const float D3 = s->D[2];
-            const float D4 = s->D[3];
-            const float D5 = s->D[4];
-            const float L21 = s->L[0];
-            const float L31 = s->L[1];
-            const float L41 = s->L[2];
-            const float L51 = s->L[3];
-            const float L32 = s->L[4];
-            const float L42 = s->L[5];
-            const float L52 = s->L[6];
-            const float L43 = s->L[7];
-            const float L53 = s->L[8];
-            const float L54 = s->L[9];
-            const float z1 = s->z[0];
-            const float z2 = s->z[1];
-            const float z3 = s->z[2];
-            const float z4 = s->z[3];
-            const float z5 = s->z[4];
-            const float u_before1 = s->u[0];
-            const float u_before2 = s->u[1];
-            float k1_z[5];
-            pmsm_sensorless_flow(z1, z2, z3, z4, z5, u_before1, u_before2, k1_z);
-            const float u1 = u[0];
-            const float t1 = u_before1 + 0.5f*(u1 - u_before1);
-            const float u2 = u[1];
-            const float t2 = u_before2 + 0.5f*(u2 - u_before2);
-            float k2_z[5];
-            pmsm_sensorless_flow(z1 + 5e-05f*k1_z[0], z2 + 5e-05f*k1_z[1], z3 + 5e-05f*k1_z[2], z4
-                + 5e-05f*k1_z[3], z5 + 5e-05f*k1_z[4], t1, t2, k2_z);
-            const float t3 = z1 + 5e-05f*k2_z[0];
-            const float t4 = z2 + 5e-05f*k2_z[1];
-            const float t5 = z3 + 5e-05f*k2_z[2];
-            const float t6 = z4 + 5e-05f*k2_z[3];
-            const float t7 = z5 + 5e-05f*k2_z[4];
-            float k3_z[5];
-            pmsm_sensorless_flow(t3, t4, t5, t6, t7, t1, t2, k3_z);
-            float k4_z[5];
-            pmsm_sensorless_flow(z1 + 0.0001f*k3_z[0], z2 + 0.0001f*k3_z[1], z3 + 0.0001f*k3_z[2], z4
-                + 0.0001f*k3_z[3], z5 + 0.0001f*k3_z[4], u1, u2, k4_z);
-            float F_1[12];
-            pmsm_sensorless_jacobian(t3, t4, t5, t6, t7, F_1);
-            const float Phi_11 = 0.975f + 5e-09f*(62500.0f + F_1[8]*F_1[0]);
-            const float Phi_12 = F_1[8]*F_1[1]*5e-09f;
-            const float Phi_13 = 5e-09f*(F_1[5]*F_1[3] + F_1[8]*F_1[4]);
-            const float Phi_14 = 0.0001f*F_1[5] + 5e-09f*(F_1[8]*F_1[7] - 250.0f*F_1[5]);
-            const float Phi_15 = 0.0001f*F_1[8] + 5e-09f*(F_1[5]*F_1[11] - 250.0f*F_1[8] - 5.0f*F_1[8]);
-            const float Phi_21 = F_1[9]*F_1[0]*5e-09f;
-            const float Phi_22 = 0.975f + 5e-09f*(62500.0f + F_1[9]*F_1[1]);
-            const float Phi_23 = 0.0001f*F_1[2] + 5e-09f*(F_1[9]*F_1[4] - 250.0f*F_1[2]);
-            const float Phi_24 = 5e-09f*(F_1[2]*F_1[6] + F_1[9]*F_1[7]);
-            const float Phi_25 = 0.0001f*F_1[9] + 5e-09f*(F_1[2]*F_1[10] - 250.0f*F_1[9] - 5.0f*F_1[9]);
-            const float Phi_31 = F_1[10]*F_1[0]*5e-09f;
-            const float Phi_32 = F_1[10]*F_1[1]*5e-09f;
-            const float Phi_33 = 1.0f + 5e-09f*(F_1[6]*F_1[3] + F_1[10]*F_1[4]);
-            const float Phi_34 = 0.0001f*F_1[6] + F_1[10]*F_1[7]*5e-09f;
-            const float Phi_35 = 0.0001f*F_1[10] + 5e-09f*(F_1[6]*F_1[11] - 5.0f*F_1[10]);
-            const float Phi_41 = F_1[11]*F_1[0]*5e-09f;
-            const float Phi_42 = F_1[11]*F_1[1]*5e-09f;
-            const float Phi_43 = 0.0001f*F_1[3] + F_1[11]*F_1[4]*5e-09f;
-            const float Phi_44 = 1.0f + 5e-09f*(F_1[3]*F_1[6] + F_1[11]*F_1[7]);
-            const float Phi_45 = 0.0001f*F_1[11] + 5e-09f*(F_1[3]*F_1[10] - 5.0f*F_1[11]);
-            const float Phi_51 = 0.0001f*F_1[0] + 5e-09f*(-250.0f*F_1[0] - 5.0f*F_1[0]);
-            const float Phi_52 = 0.0001f*F_1[1] + 5e-09f*(-250.0f*F_1[1] - 5.0f*F_1[1]);
-            const float Phi_53 = 0.0001f*F_1[4] + 5e-09f*(F_1[1]*F_1[2] + F_1[7]*F_1[3] - 5.0f*F_1[4]);
-            const float Phi_54 = 0.0001f*F_1[7] + 5e-09f*(F_1[0]*F_1[5] + F_1[4]*F_1[6] - 5.0f*F_1[7]);
-            const float Phi_55 = 0.9995f + 5e-09f*(F_1[0]*F_1[8] + F_1[1]*F_1[9] + F_1[4]*F_1[10]
-                + F_1[7]*F_1[11] + 25.0f);
-            const float w1_1 = Phi_11 + Phi_12*L21 + Phi_13*L31 + Phi_14*L41 + Phi_15*L51;
-            const float w1_2 = Phi_12 + Phi_13*L32 + Phi_14*L42 + Phi_15*L52;
-            const float w1_3 = Phi_13 + Phi_14*L43 + Phi_15*L53;
-            const float w1_4 = Phi_14 + Phi_15*L54;
-            const float t8 = w1_1*D1;
-            const float t9 = w1_2*D2;
-            const float t10 = w1_3*D3;
-            const float t11 = w1_4*D4;
-            const float t12 = Phi_15*D5;
-            const float t13 = 0.0001f*p->gain.Q[0];
-            const float d1 = w1_1*t8 + w1_2*t9 + w1_3*t10 + w1_4*t11 + Phi_15*t12 + t13;
-            const float t14 = Phi_21 + Phi_22*L21 + Phi_23*L31 + Phi_24*L41 + Phi_25*L51;
-            const float t15 = Phi_22 + Phi_23*L32 + Phi_24*L42 + Phi_25*L52;
-            const float t16 = Phi_23 + Phi_24*L43 + Phi_25*L53;
-            const float t17 = Phi_24 + Phi_25*L54;
-            const float l21 = (t14*t8 + t15*t9 + t16*t10 + t17*t11 + Phi_25*t12)/d1;
-            const float t18 = Phi_31 + Phi_32*L21 + Phi_33*L31 + Phi_34*L41 + Phi_35*L51;
-            const float t19 = Phi_32 + Phi_33*L32 + Phi_34*L42 + Phi_35*L52;
-            const float t20 = Phi_33 + Phi_34*L43 + Phi_35*L53;
-            const float t21 = Phi_34 + Phi_35*L54;
-            const float l31 = (t18*t8 + t19*t9 + t20*t10 + t21*t11 + Phi_35*t12)/d1;
-            const float t22 = Phi_41 + Phi_42*L21 + Phi_43*L31 + Phi_44*L41 + Phi_45*L51;
-            const float t23 = Phi_42 + Phi_43*L32 + Phi_44*L42 + Phi_45*L52;
-            const float t24 = Phi_43 + Phi_44*L43 + Phi_45*L53;
-            const float t25 = Phi_44 + Phi_45*L54;
-            const float l41 = (t22*t8 + t23*t9 + t24*t10 + t25*t11 + Phi_45*t12)/d1;
-            const float t26 = Phi_51 + Phi_52*L21 + Phi_53*L31 + Phi_54*L41 + Phi_55*L51;
-            const float t27 = Phi_52 + Phi_53*L32 + Phi_54*L42 + Phi_55*L52;
-            const float t28 = Phi_53 + Phi_54*L43 + Phi_55*L53;
-            const float t29 = Phi_54 + Phi_55*L54;
-            const float l51 = (t26*t8 + t27*t9 + t28*t10 + t29*t11 + Phi_55*t12)/d1;
-            const float w2_1 = t14 - l21*w1_1;
-            const float w2_2 = t15 - l21*w1_2;
-            const float w2_3 = t16 - l21*w1_3;
-            const float w2_4 = t17 - l21*w1_4;
-            const float w2_5 = Phi_25 - l21*Phi_15;
-            const float t30 = w2_1*D1;
-            const float t31 = w2_2*D2;
-            const float t32 = w2_3*D3;
-            const float t33 = w2_4*D4;
-            const float t34 = w2_5*D5;
-            const float t35 = l21*t13;
-            const float t36 = 0.0001f*p->gain.Q[1];
-            const float d2 = w2_1*t30 + w2_2*t31 + w2_3*t32 + w2_4*t33 + w2_5*t34 + l21*t35 + t36;
-            const float t37 = t18 - l31*w1_1;
-            const float t38 = t19 - l31*w1_2;
-            const float t39 = t20 - l31*w1_3;
-            const float t40 = t21 - l31*w1_4;
-            const float t41 = Phi_35 - l31*Phi_15;
-            const float l32 = (t37*t30 + t38*t31 + t39*t32 + t40*t33 + t41*t34 + l31*t35)/d2;
-            const float t42 = t22 - l41*w1_1;
-            const float t43 = t23 - l41*w1_2;
-            const float t44 = t24 - l41*w1_3;
-            const float t45 = t25 - l41*w1_4;
-            const float t46 = Phi_45 - l41*Phi_15;
-            const float l42 = (t42*t30 + t43*t31 + t44*t32 + t45*t33 + t46*t34 + l41*t35)/d2;
-            const float t47 = t26 - l51*w1_1;
-            const float t48 = t27 - l51*w1_2;
-            const float t49 = t28 - l51*w1_3;
-            const float t50 = t29 - l51*w1_4;
-            const float t51 = Phi_55 - l51*Phi_15;
-            const float l52 = (t47*t30 + t48*t31 + t49*t32 + t50*t33 + t51*t34 + l51*t35)/d2;
-            const float w3_1 = t37 - l32*w2_1;
-            const float w3_2 = t38 - l32*w2_2;
-            const float w3_3 = t39 - l32*w2_3;
-            const float w3_4 = t40 - l32*w2_4;
-            const float w3_5 = t41 - l32*w2_5;
-            const float w3_6 = l32*l21 - l31;
-            const float t52 = w3_1*D1;
-            const float t53 = w3_2*D2;
-            const float t54 = w3_3*D3;
-            const float t55 = w3_4*D4;
-            const float t56 = w3_5*D5;
-            const float t57 = w3_6*t13;
-            const float t58 = l32*t36;
-            const float t59 = 0.0001f*p->gain.Q[2];
-            const float d3 = w3_1*t52 + w3_2*t53 + w3_3*t54 + w3_4*t55 + w3_5*t56 + w3_6*t57 + l32*t58 + t59;
-            const float t60 = t42 - l42*w2_1;
-            const float t61 = t43 - l42*w2_2;
-            const float t62 = t44 - l42*w2_3;
-            const float t63 = t45 - l42*w2_4;
-            const float t64 = t46 - l42*w2_5;
-            const float t65 = l42*l21 - l41;
-            const float l43 = (t60*t52 + t61*t53 + t62*t54 + t63*t55 + t64*t56 + t65*t57 + l42*t58)/d3;
-            const float t66 = t47 - l52*w2_1;
-            const float t67 = t48 - l52*w2_2;
-            const float t68 = t49 - l52*w2_3;
-            const float t69 = t50 - l52*w2_4;
-            const float t70 = t51 - l52*w2_5;
-            const float t71 = l52*l21 - l51;
-            const float l53 = (t66*t52 + t67*t53 + t68*t54 + t69*t55 + t70*t56 + t71*t57 + l52*t58)/d3;
-            const float w4_1 = t60 - l43*w3_1;
-            const float w4_2 = t61 - l43*w3_2;
-            const float w4_3 = t62 - l43*w3_3;
-            const float w4_4 = t63 - l43*w3_4;
-            const float w4_5 = t64 - l43*w3_5;
-            const float w4_6 = t65 - l43*w3_6;
-            const float w4_7 = l43*l32 - l42;
-            const float t72 = w4_1*D1;
-            const float t73 = w4_2*D2;
-            const float t74 = w4_3*D3;
-            const float t75 = w4_4*D4;
-            const float t76 = w4_5*D5;
-            const float t77 = w4_6*t13;
-            const float t78 = w4_7*t36;
-            const float t79 = l43*t59;
-            const float t80 = 0.0001f*p->gain.Q[3];
-            const float d4 = w4_1*t72 + w4_2*t73 + w4_3*t74 + w4_4*t75 + w4_5*t76 + w4_6*t77 + w4_7*t78
-                + l43*t79 + t80;
-            const float t81 = t66 - l53*w3_1;
-            const float t82 = t67 - l53*w3_2;
-            const float t83 = t68 - l53*w3_3;
-            const float t84 = t69 - l53*w3_4;
-            const float t85 = t70 - l53*w3_5;
-            const float t86 = t71 - l53*w3_6;
-            const float t87 = l53*l32 - l52;
-            const float l54 = (t81*t72 + t82*t73 + t83*t74 + t84*t75 + t85*t76 + t86*t77 + t87*t78
-                + l53*t79)/d4;
-            const float w5_1 = t81 - l54*w4_1;
-            const float w5_2 = t82 - l54*w4_2;
-            const float w5_3 = t83 - l54*w4_3;
-            const float w5_4 = t84 - l54*w4_4;
-            const float w5_5 = t85 - l54*w4_5;
-            const float w5_6 = t86 - l54*w4_6;
-            const float w5_7 = t87 - l54*w4_7;
-            const float w5_8 = l54*l43 - l53;
-            const float t88 = w5_1*D1*w5_1 + w5_2*D2*w5_2 + w5_3*D3*w5_3 + w5_4*D4*w5_4 + w5_5*D5*w5_5
-                + w5_6*t13*w5_6 + w5_7*t36*w5_7;
-            const float d5 = t88 + w5_8*t59*w5_8 + l54*t80*l54 + 0.0001f*p->gain.Q[4];
-            s->z[0] = z1 + 1.6666667e-05f*(k1_z[0] + 2.0f*k2_z[0] + 2.0f*k3_z[0] + k4_z[0]);
-            s->z[1] = z2 + 1.6666667e-05f*(k1_z[1] + 2.0f*k2_z[1] + 2.0f*k3_z[1] + k4_z[1]);
-            s->z[2] = z3 + 1.6666667e-05f*(k1_z[2] + 2.0f*k2_z[2] + 2.0f*k3_z[2] + k4_z[2]);
-            s->z[3] = z4 + 1.6666667e-05f*(k1_z[3] + 2.0f*k2_z[3] + 2.0f*k3_z[3] + k4_z[3]);
-            s->z[4] = z5 + 1.6666667e-05f*(k1_z[4] + 2.0f*k2_z[4] + 2.0f*k3_z[4] + k4_z[4]);
-            s->L[0] = l21;
-            s->L[1] = l31;
-            s->L[2] = l41;
-            s->L[3] = l51;
-            s->L[4] = l32;
-            s->L[5] = l42;
-            s->L[6] = l52;
-            s->L[7] = l43;
-            s->L[8] = l53;
-            s->L[9] = l54;
-            s->D[0] = d1;
-            s->D[1] = d2;
-            s->D[2] = d3;
-            s->D[3] = d4;
-            s->D[4] = d5;
-        }
-        /* largest variances */
-        {
-            const float D1 = s->D[0];
-            const float L21 = s->L[0];
-            const float D2 = s->D[1];
-            const float L31 = s->L[1];
-            const float L32 = s->L[4];
-            const float D3 = s->D[2];
-            const float L41 = s->L[2];
-            const float L42 = s->L[5];
-            const float L43 = s->L[7];
-            const float D4 = s->D[3];
-            const bool t1 = D1 > 3600.0f || L21*L21*D1 + D2 > 3600.0f || L31*L31*D1 + L32*L32*D2 + D3 > 0.36f
-                || L41*L41*D1 + L42*L42*D2 + L43*L43*D3 + D4 > 0.36f;
-            const float L51 = s->L[3];
-            const float L52 = s->L[6];
-            const float L53 = s->L[8];
-            const float L54 = s->L[9];
-            capped = t1 || L51*L51*D1 + L52*L52*D2 + L53*L53*D3 + L54*L54*D4 + s->D[4] > 756900.0f;
-        }
-        if (capped) {
-            /* cap */
-            {
-                const float D1 = s->D[0];
-                const float D2 = s->D[1];
-                const float D3 = s->D[2];
-                const float D4 = s->D[3];
-                const float D5 = s->D[4];
-                const float L21 = s->L[0];
-                const float L31 = s->L[1];
-                const float L41 = s->L[2];
-                const float L51 = s->L[3];
-                const float L32 = s->L[4];
-                const float L42 = s->L[5];
-                const float L52 = s->L[6];
-                const float L43 = s->L[7];
-                const float L53 = s->L[8];
-                const float L54 = s->L[9];
-                const float t1 = pmsm_sensorless_min(1.0f, 3600.0f/(L21*L21*D1 + D2));
-                const float t2 = pmsm_sensorless_min(1.0f, 3600.0f/D1);
-                const float t3 = pmsm_sensorless_min(1.0f, 0.36f/(L31*L31*D1 + L32*L32*D2 + D3));
-                const float t4 = pmsm_sensorless_min(1.0f, 0.36f/(L41*L41*D1 + L42*L42*D2 + L43*L43*D3 + D4));
-                const float t5 = pmsm_sensorless_min(1.0f, 756900.0f/(L51*L51*D1 + L52*L52*D2 + L53*L53*D3
-                    + L54*L54*D4 + D5));
-                s->L[0] = t1*L21/t2;
-                s->L[1] = t3*L31/t2;
-                s->L[2] = t4*L41/t2;
-                s->L[3] = t5*L51/t2;
-                s->L[4] = t3*L32/t1;
-                s->L[5] = t4*L42/t1;
-                s->L[6] = t5*L52/t1;
-                s->L[7] = t4*L43/t3;
-                s->L[8] = t5*L53/t3;
-                s->L[9] = t5*L54/t4;
-                s->D[0] = t2*t2*D1;
-                s->D[1] = t1*t1*D2;
-                s->D[2] = t3*t3*D3;
-                s->D[3] = t4*t4*D4;
-                s->D[4] = t5*t5*D5;
-                status |= PMSM_SENSORLESS_COVARIANCE_LIMITED;
-            }
-        }
-        /* is a value beyond its box, or lost? */
-        {
-            const bool t1 = pmsm_sensorless_within(s->z[0], 60.0f) && pmsm_sensorless_within(s->z[1], 60.0f)
-                && pmsm_sensorless_within(s->z[2], 0.6f);
-            const float z5 = s->z[4];
-            const bool t2 = t1 && pmsm_sensorless_within(s->z[3], 0.6f) && z5 >= -560.0f && z5 <= 1180.0f
-                && pmsm_sensorless_within(s->L[0], 1e+09f);
-            const bool t3 = t2 && pmsm_sensorless_within(s->L[1], 1e+07f)
-                && pmsm_sensorless_within(s->L[2], 1e+07f) && pmsm_sensorless_within(s->L[3], 1.45e+10f);
-            const bool t4 = t3 && pmsm_sensorless_within(s->L[4], 1e+07f)
-                && pmsm_sensorless_within(s->L[5], 1e+07f) && pmsm_sensorless_within(s->L[6], 1.45e+10f);
-            const bool t5 = t4 && pmsm_sensorless_within(s->L[7], 1e+09f)
-                && pmsm_sensorless_within(s->L[8], 1.45e+12f) && pmsm_sensorless_within(s->L[9], 1.45e+12f);
-            const float D1 = s->D[0];
-            const float D2 = s->D[1];
-            const float D3 = s->D[2];
-            const bool t6 = t5 && D1 >= 1e-16f && D1 <= 3600.0f && D2 >= 1e-16f && D2 <= 3600.0f
-                && D3 >= 1e-20f && D3 <= 0.36f;
-            const float D4 = s->D[3];
-            const float D5 = s->D[4];
-            beyond = !(t6 && D4 >= 1e-20f && D4 <= 0.36f && D5 >= 1e-13f && D5 <= 756900.0f);
-        }
-        if (pmsm_sensorless_acts(beyond)) {
-            status |= pmsm_sensorless_keep_in_box(s, p);
-        }
+        status |= pmsm_sensorless_advance(s, p, u);
     } else {
         status |= pmsm_sensorless_keep_in_box(s, p);
     }
@@ -747,21 +788,193 @@ static uint32_t pmsm_sensorless_run_predict(pmsm_sensorless_state *s, const pmsm
     return status;
 }
 
+static uint32_t pmsm_sensorless_guard_measurement_y_a(const pmsm_sensorless_state *s, float *e,
+    float *output_error, float reading, bool *valid)
+{
+    uint32_t status = 0u;
+    /* guard the measurement of y_a */
+    {
+        const float t1 = reading - s->z[0];
+        const bool t2 = pmsm_sensorless_within(reading, 3e+38f);
+        const bool t3 = t2 && pmsm_sensorless_within(reading, 75.0f) && pmsm_sensorless_within(t1, 1e+16f);
+        *e = t1;
+        *output_error = t1;
+        *valid = t3;
+        if (!t2) {
+            status |= PMSM_SENSORLESS_MISSING_Y_A;
+        }
+        if (t2 && !t3) {
+            status |= PMSM_SENSORLESS_REJECTED_Y_A;
+        }
+    }
+    return status;
+}
+
+/* correct the estimate with a sample that can be used */
+static uint32_t pmsm_sensorless_use_sample_y_a(pmsm_sensorless_state *s, const pmsm_sensorless_params *p,
+    float e)
+{
+    uint32_t status = 0u;
+    bool beyond = false;
+    /* correct by the scalar update */
+    {
+        const float D1 = s->D[0];
+        const float L21 = s->L[0];
+        const float L31 = s->L[1];
+        const float L41 = s->L[2];
+        const float L51 = s->L[3];
+        const float z1 = s->z[0];
+        const float z2 = s->z[1];
+        const float z3 = s->z[2];
+        const float z4 = s->z[3];
+        const float z5 = s->z[4];
+        const float t1 = p->gain.R[0]/0.0001f;
+        const float K1 = D1/(t1 + D1);
+        const float K2 = L21*K1;
+        const float K3 = L31*K1;
+        const float K4 = L41*K1;
+        const float K5 = L51*K1;
+        s->z[0] = z1 + K1*e;
+        s->z[1] = z2 + K2*e;
+        s->z[2] = z3 + K3*e;
+        s->z[3] = z4 + K4*e;
+        s->z[4] = z5 + K5*e;
+        s->D[0] = K1*t1;
+    }
+    /* is a value beyond its box, or lost? */
+    {
+        const bool t1 = pmsm_sensorless_within(s->z[0], 60.0f) && pmsm_sensorless_within(s->z[1], 60.0f)
+            && pmsm_sensorless_within(s->z[2], 0.6f);
+        const float z5 = s->z[4];
+        const float D1 = s->D[0];
+        const bool t2 = t1 && pmsm_sensorless_within(s->z[3], 0.6f) && z5 >= -560.0f && z5 <= 1180.0f
+            && D1 >= 1e-16f && D1 <= 3600.0f;
+        beyond = !t2;
+    }
+    if (pmsm_sensorless_acts(beyond)) {
+        status |= pmsm_sensorless_keep_in_box(s, p);
+    }
+    /* y_a is used */
+    s->used_y_a = 1u;
+    return status;
+}
+
+static bool pmsm_sensorless_suspect_y_a(const pmsm_sensorless_state *s, float output_error, bool valid)
+{
+    bool suspect = false;
+    /* is the estimate where it cannot be for long? */
+    {
+        const bool t1 = pmsm_sensorless_abs(s->z[0]) > 20.0f || pmsm_sensorless_abs(s->z[1]) > 20.0f
+            || pmsm_sensorless_abs(s->z[2]) > 0.2f;
+        const float z5 = s->z[4];
+        const bool t2 = pmsm_sensorless_abs(output_error) > 5.0f || t1 || pmsm_sensorless_abs(s->z[3]) > 0.2f
+            || z5 < 20.0f || z5 > 600.0f;
+        suspect = t2 || !(s->fault_checksum <= 0.0f) || !valid;
+    }
+    return suspect;
+}
+
+static bool pmsm_sensorless_plausible_y_a(float reading, bool valid)
+{
+    bool sampled = false;
+    /* is there a sample to judge by? */
+    sampled = valid || (pmsm_sensorless_within(reading, 3e+38f) && pmsm_sensorless_within(reading, 75.0f));
+    return sampled;
+}
+
+static void pmsm_sensorless_find_signs_y_a(const pmsm_sensorless_state *s, float *moves_y_y_a,
+    float output_error, float *side_y_y_a)
+{
+    /* which signs show? */
+    {
+        const bool t1 = pmsm_sensorless_within(output_error, 5.0f);
+        const float fault_count_y_y_a = s->fault_count_y_y_a;
+        *moves_y_y_a = (t1 ? 0.0f : ((fault_count_y_y_a*output_error < 0.0f) ? -70.0f : 1.0f))
+            + (t1 ? -1.0f : 0.0f);
+        *side_y_y_a = (t1 ? 0.0f : output_error) + (t1 ? fault_count_y_y_a : 0.0f);
+    }
+}
+
+/* a fault count is at its limit: restart from the sample, or project onto the ranges */
+static uint32_t pmsm_sensorless_recover_y_a(pmsm_sensorless_state *s, const pmsm_sensorless_params *p,
+    float reading)
+{
+    uint32_t status = 0u;
+    bool lost = false;
+    bool over_range = false;
+    bool over_y_y_a = false;
+    /* by which sign, and is the estimate lost? */
+    {
+        const bool t1 = s->fault_limit_y_y_a <= pmsm_sensorless_abs(s->fault_count_y_y_a);
+        const float fault_limit_range = s->fault_limit_range;
+        const bool t2 = fault_limit_range <= s->fault_count_range;
+        const bool t3 = pmsm_sensorless_abs(s->z[0]) > 40.0f || pmsm_sensorless_abs(s->z[1]) > 40.0f
+            || pmsm_sensorless_abs(s->z[2]) > 0.4f;
+        const float z5 = s->z[4];
+        const bool t4 = fault_limit_range > 280.0f || t3 || pmsm_sensorless_abs(s->z[3]) > 0.4f
+            || z5 < -270.0f || z5 > 890.0f;
+        over_y_y_a = t1;
+        over_range = t2;
+        lost = t1 || (t2 && t4);
+    }
+    if (over_y_y_a) {
+        /* the fault limit doubles */
+        {
+            const float fault_count_y_y_a = s->fault_count_y_y_a;
+            const float fault_limit_y_y_a = s->fault_limit_y_y_a;
+            const float t1 = pmsm_sensorless_min(fault_limit_y_y_a, 71680.0f);
+            s->fault_count_y_y_a = (fault_count_y_y_a < 0.0f) ? -t1 : t1;
+            s->fault_limit_y_y_a = pmsm_sensorless_min(2.0f*fault_limit_y_y_a, 143360.0f);
+        }
+    }
+    if (over_range) {
+        /* the fault limit doubles */
+        {
+            const float fault_limit_range = s->fault_limit_range;
+            s->fault_count_range = pmsm_sensorless_min(fault_limit_range, 143360.0f);
+            s->fault_limit_range = pmsm_sensorless_min(2.0f*fault_limit_range, 286720.0f);
+        }
+    }
+    if (lost) {
+        /* the estimate restarts */
+        s->z[0] = 0.0f;
+        s->z[1] = 0.0f;
+        s->z[2] = 0.0f;
+        s->z[3] = 0.0f;
+        s->z[4] = 20.0f;
+        /* from the sample of y_a */
+        {
+            const float z1 = s->z[0];
+            const float z2 = s->z[1];
+            const float z3 = s->z[2];
+            const float z4 = s->z[3];
+            const float z5 = s->z[4];
+            s->z[0] = pmsm_sensorless_keep(reading, -20.0f, 20.0f, z1, 1e+30f);
+            s->z[1] = pmsm_sensorless_keep(z2, -20.0f, 20.0f, z2, 1e+30f);
+            s->z[2] = pmsm_sensorless_keep(z3, -0.2f, 0.2f, z3, 1e+30f);
+            s->z[3] = pmsm_sensorless_keep(z4, -0.2f, 0.2f, z4, 1e+30f);
+            s->z[4] = pmsm_sensorless_keep(z5, 20.0f, 600.0f, z5, 1e+30f);
+        }
+        /* the estimate has restarted from the sample */
+        status |= PMSM_SENSORLESS_RESTARTED_FROM_SAMPLE;
+        pmsm_sensorless_clear_rest(s);
+    } else {
+        status |= pmsm_sensorless_project_onto_ranges(s, p);
+    }
+    return status;
+}
+
 /* part of a step: correct with y_a */
 static uint32_t pmsm_sensorless_run_update_y_a(pmsm_sensorless_state *s, const pmsm_sensorless_params *p,
-    const pmsm_sensorless_output *out)
+    const pmsm_sensorless_output *measurement)
 {
     uint32_t status = 0u;
     bool acts = false;
-    bool beyond = false;
     float e = 0.0f;
     bool fresh = false;
-    bool lost = false;
-    float measurement = 0.0f;
     float moves_y_y_a = 0.0f;
     float output_error = 0.0f;
-    bool over_range = false;
-    bool over_y_y_a = false;
+    float reading = 0.0f;
     bool sampled = false;
     float side_y_y_a = 0.0f;
     bool suspect = false;
@@ -770,88 +983,17 @@ static uint32_t pmsm_sensorless_run_update_y_a(pmsm_sensorless_state *s, const p
     fresh = s->used_y_a < 1u;
     if (fresh) {
         /* the measurement of y_a */
-        measurement = out->y_a;
-        /* guard the measurement of y_a */
-        {
-            const float t1 = measurement - s->z[0];
-            const bool t2 = pmsm_sensorless_within(measurement, 3e+38f);
-            const bool t3 = t2 && pmsm_sensorless_within(measurement, 75.0f)
-                && pmsm_sensorless_within(t1, 1e+16f);
-            e = t1;
-            output_error = t1;
-            valid = t3;
-            if (!t2) {
-                status |= PMSM_SENSORLESS_MISSING_Y_A;
-            }
-            if (t2 && !t3) {
-                status |= PMSM_SENSORLESS_REJECTED_Y_A;
-            }
-        }
+        reading = measurement->y_a;
+        status |= pmsm_sensorless_guard_measurement_y_a(s, &e, &output_error, reading, &valid);
         if (valid) {
-            /* correct by the scalar update */
-            {
-                const float D1 = s->D[0];
-                const float L21 = s->L[0];
-                const float L31 = s->L[1];
-                const float L41 = s->L[2];
-                const float L51 = s->L[3];
-                const float z1 = s->z[0];
-                const float z2 = s->z[1];
-                const float z3 = s->z[2];
-                const float z4 = s->z[3];
-                const float z5 = s->z[4];
-                const float t1 = p->gain.R[0]/0.0001f;
-                const float K1 = D1/(t1 + D1);
-                const float K2 = L21*K1;
-                const float K3 = L31*K1;
-                const float K4 = L41*K1;
-                const float K5 = L51*K1;
-                s->z[0] = z1 + K1*e;
-                s->z[1] = z2 + K2*e;
-                s->z[2] = z3 + K3*e;
-                s->z[3] = z4 + K4*e;
-                s->z[4] = z5 + K5*e;
-                s->D[0] = K1*t1;
-            }
-            /* is a value beyond its box, or lost? */
-            {
-                const bool t1 = pmsm_sensorless_within(s->z[0], 60.0f)
-                    && pmsm_sensorless_within(s->z[1], 60.0f) && pmsm_sensorless_within(s->z[2], 0.6f);
-                const float z5 = s->z[4];
-                const float D1 = s->D[0];
-                const bool t2 = t1 && pmsm_sensorless_within(s->z[3], 0.6f) && z5 >= -560.0f && z5 <= 1180.0f
-                    && D1 >= 1e-16f && D1 <= 3600.0f;
-                beyond = !t2;
-            }
-            if (pmsm_sensorless_acts(beyond)) {
-                status |= pmsm_sensorless_keep_in_box(s, p);
-            }
-            /* y_a is used */
-            s->used_y_a = 1u;
+            status |= pmsm_sensorless_use_sample_y_a(s, p, e);
         }
-        /* is the estimate where it cannot be for long? */
-        {
-            const bool t1 = pmsm_sensorless_abs(s->z[0]) > 20.0f || pmsm_sensorless_abs(s->z[1]) > 20.0f
-                || pmsm_sensorless_abs(s->z[2]) > 0.2f;
-            const float z5 = s->z[4];
-            const bool t2 = pmsm_sensorless_abs(output_error) > 5.0f || t1
-                || pmsm_sensorless_abs(s->z[3]) > 0.2f || z5 < 20.0f || z5 > 600.0f;
-            suspect = t2 || !(s->fault_checksum <= 0.0f) || !valid;
-        }
+        suspect = pmsm_sensorless_suspect_y_a(s, output_error, valid);
         if (suspect) {
-            /* is there a sample to judge by? */
-            sampled = valid || (pmsm_sensorless_within(measurement, 3e+38f)
-                && pmsm_sensorless_within(measurement, 75.0f));
+            sampled = pmsm_sensorless_plausible_y_a(reading, valid);
             if (sampled) {
                 status |= pmsm_sensorless_count_range(s, p);
-                /* which signs show? */
-                {
-                    const bool t1 = pmsm_sensorless_within(output_error, 5.0f);
-                    const float fault_count_y_y_a = s->fault_count_y_y_a;
-                    moves_y_y_a = (t1 ? 0.0f : ((fault_count_y_y_a*output_error < 0.0f) ? -70.0f : 1.0f))
-                        + (t1 ? -1.0f : 0.0f);
-                    side_y_y_a = (t1 ? 0.0f : output_error) + (t1 ? fault_count_y_y_a : 0.0f);
-                }
+                pmsm_sensorless_find_signs_y_a(s, &moves_y_y_a, output_error, &side_y_y_a);
                 /* count of y_y_a */
                 {
                     const float fault_count_y_y_a = s->fault_count_y_y_a;
@@ -865,64 +1007,7 @@ static uint32_t pmsm_sensorless_run_update_y_a(pmsm_sensorless_state *s, const p
                 acts = s->fault_limit_y_y_a <= pmsm_sensorless_abs(s->fault_count_y_y_a)
                     || s->fault_limit_range <= s->fault_count_range;
                 if (acts) {
-                    /* by which sign, and is the estimate lost? */
-                    {
-                        const bool t1 = s->fault_limit_y_y_a <= pmsm_sensorless_abs(s->fault_count_y_y_a);
-                        const float fault_limit_range = s->fault_limit_range;
-                        const bool t2 = fault_limit_range <= s->fault_count_range;
-                        const bool t3 = pmsm_sensorless_abs(s->z[0]) > 40.0f
-                            || pmsm_sensorless_abs(s->z[1]) > 40.0f || pmsm_sensorless_abs(s->z[2]) > 0.4f;
-                        const float z5 = s->z[4];
-                        const bool t4 = fault_limit_range > 280.0f || t3
-                            || pmsm_sensorless_abs(s->z[3]) > 0.4f || z5 < -270.0f || z5 > 890.0f;
-                        over_y_y_a = t1;
-                        over_range = t2;
-                        lost = t1 || (t2 && t4);
-                    }
-                    if (over_y_y_a) {
-                        /* the fault limit doubles */
-                        {
-                            const float fault_count_y_y_a = s->fault_count_y_y_a;
-                            const float fault_limit_y_y_a = s->fault_limit_y_y_a;
-                            const float t1 = pmsm_sensorless_min(fault_limit_y_y_a, 71680.0f);
-                            s->fault_count_y_y_a = (fault_count_y_y_a < 0.0f) ? -t1 : t1;
-                            s->fault_limit_y_y_a = pmsm_sensorless_min(2.0f*fault_limit_y_y_a, 143360.0f);
-                        }
-                    }
-                    if (over_range) {
-                        /* the fault limit doubles */
-                        {
-                            const float fault_limit_range = s->fault_limit_range;
-                            s->fault_count_range = pmsm_sensorless_min(fault_limit_range, 143360.0f);
-                            s->fault_limit_range = pmsm_sensorless_min(2.0f*fault_limit_range, 286720.0f);
-                        }
-                    }
-                    if (lost) {
-                        /* the estimate restarts */
-                        s->z[0] = 0.0f;
-                        s->z[1] = 0.0f;
-                        s->z[2] = 0.0f;
-                        s->z[3] = 0.0f;
-                        s->z[4] = 20.0f;
-                        /* from the sample of y_a */
-                        {
-                            const float z1 = s->z[0];
-                            const float z2 = s->z[1];
-                            const float z3 = s->z[2];
-                            const float z4 = s->z[3];
-                            const float z5 = s->z[4];
-                            s->z[0] = pmsm_sensorless_keep(measurement, -20.0f, 20.0f, z1, 1e+30f);
-                            s->z[1] = pmsm_sensorless_keep(z2, -20.0f, 20.0f, z2, 1e+30f);
-                            s->z[2] = pmsm_sensorless_keep(z3, -0.2f, 0.2f, z3, 1e+30f);
-                            s->z[3] = pmsm_sensorless_keep(z4, -0.2f, 0.2f, z4, 1e+30f);
-                            s->z[4] = pmsm_sensorless_keep(z5, 20.0f, 600.0f, z5, 1e+30f);
-                        }
-                        /* the estimate has restarted from the sample */
-                        status |= PMSM_SENSORLESS_RESTARTED_FROM_SAMPLE;
-                        pmsm_sensorless_clear_rest(s);
-                    } else {
-                        status |= pmsm_sensorless_project_onto_ranges(s, p);
-                    }
+                    status |= pmsm_sensorless_recover_y_a(s, p, reading);
                 }
                 /* the checksum of fault counts and limits */
                 {
@@ -940,21 +1025,206 @@ static uint32_t pmsm_sensorless_run_update_y_a(pmsm_sensorless_state *s, const p
     return status;
 }
 
+static uint32_t pmsm_sensorless_guard_measurement_y_b(const pmsm_sensorless_state *s, float *e,
+    float *output_error, float reading, bool *valid)
+{
+    uint32_t status = 0u;
+    /* guard the measurement of y_b */
+    {
+        const float t1 = reading - s->z[1];
+        const bool t2 = pmsm_sensorless_within(reading, 3e+38f);
+        const bool t3 = t2 && pmsm_sensorless_within(reading, 75.0f) && pmsm_sensorless_within(t1, 1e+16f);
+        *e = t1;
+        *output_error = t1;
+        *valid = t3;
+        if (!t2) {
+            status |= PMSM_SENSORLESS_MISSING_Y_B;
+        }
+        if (t2 && !t3) {
+            status |= PMSM_SENSORLESS_REJECTED_Y_B;
+        }
+    }
+    return status;
+}
+
+/* correct the estimate with a sample that can be used */
+static uint32_t pmsm_sensorless_use_sample_y_b(pmsm_sensorless_state *s, const pmsm_sensorless_params *p,
+    float e)
+{
+    uint32_t status = 0u;
+    bool beyond = false;
+    /* correct by the scalar update */
+    {
+        const float D1 = s->D[0];
+        const float D2 = s->D[1];
+        const float L21 = s->L[0];
+        const float L31 = s->L[1];
+        const float L41 = s->L[2];
+        const float L51 = s->L[3];
+        const float L32 = s->L[4];
+        const float L42 = s->L[5];
+        const float L52 = s->L[6];
+        const float z1 = s->z[0];
+        const float z2 = s->z[1];
+        const float z3 = s->z[2];
+        const float z4 = s->z[3];
+        const float z5 = s->z[4];
+        const float t1 = D1*L21;
+        const float t2 = p->gain.R[1]/0.0001f;
+        const float t3 = t2 + D2;
+        const float t4 = t3 + t1*L21;
+        const float K1 = t1/t4;
+        const float K2 = (D2 + L21*t1)/t4;
+        const float t5 = L32*D2;
+        const float K3 = (t5 + L31*t1)/t4;
+        const float t6 = L42*D2;
+        const float K4 = (t6 + L41*t1)/t4;
+        const float t7 = L52*D2;
+        const float K5 = (t7 + L51*t1)/t4;
+        s->z[0] = z1 + K1*e;
+        s->z[1] = z2 + K2*e;
+        s->z[2] = z3 + K3*e;
+        s->z[3] = z4 + K4*e;
+        s->z[4] = z5 + K5*e;
+        s->L[0] = L21 - L21*D2/t3;
+        s->L[1] = L31 - L21*t5/t3;
+        s->L[2] = L41 - L21*t6/t3;
+        s->L[3] = L51 - L21*t7/t3;
+        s->D[0] = D1*t3/t4;
+        s->D[1] = D2*t2/t3;
+    }
+    /* is a value beyond its box, or lost? */
+    {
+        const bool t1 = pmsm_sensorless_within(s->z[0], 60.0f) && pmsm_sensorless_within(s->z[1], 60.0f)
+            && pmsm_sensorless_within(s->z[2], 0.6f);
+        const float z5 = s->z[4];
+        const bool t2 = t1 && pmsm_sensorless_within(s->z[3], 0.6f) && z5 >= -560.0f && z5 <= 1180.0f
+            && pmsm_sensorless_within(s->L[0], 1e+09f);
+        const bool t3 = t2 && pmsm_sensorless_within(s->L[1], 1e+07f)
+            && pmsm_sensorless_within(s->L[2], 1e+07f) && pmsm_sensorless_within(s->L[3], 1.45e+10f);
+        const float D1 = s->D[0];
+        const float D2 = s->D[1];
+        beyond = !(t3 && D1 >= 1e-16f && D1 <= 3600.0f && D2 >= 1e-16f && D2 <= 3600.0f);
+    }
+    if (pmsm_sensorless_acts(beyond)) {
+        status |= pmsm_sensorless_keep_in_box(s, p);
+    }
+    /* y_b is used */
+    s->used_y_b = 1u;
+    return status;
+}
+
+static uint32_t pmsm_sensorless_suspect_y_b(const pmsm_sensorless_state *s, float output_error,
+    bool *suspect, bool valid)
+{
+    uint32_t status = 0u;
+    /* is the estimate where it cannot be for long? */
+    {
+        const bool t1 = pmsm_sensorless_abs(s->z[0]) > 20.0f || pmsm_sensorless_abs(s->z[1]) > 20.0f
+            || pmsm_sensorless_abs(s->z[2]) > 0.2f;
+        const float z5 = s->z[4];
+        const bool t2 = t1 || pmsm_sensorless_abs(s->z[3]) > 0.2f || z5 < 20.0f || z5 > 600.0f;
+        if (t2) {
+            status |= PMSM_SENSORLESS_OUTSIDE_BOX;
+        }
+        *suspect = pmsm_sensorless_abs(output_error) > 5.0f || t2 || !(s->fault_checksum <= 0.0f) || !valid;
+    }
+    return status;
+}
+
+static void pmsm_sensorless_find_signs_y_b(const pmsm_sensorless_state *s, float *moves_y_y_b,
+    float output_error, float *side_y_y_b)
+{
+    /* which signs show? */
+    {
+        const bool t1 = pmsm_sensorless_within(output_error, 5.0f);
+        const float fault_count_y_y_b = s->fault_count_y_y_b;
+        *moves_y_y_b = (t1 ? 0.0f : ((fault_count_y_y_b*output_error < 0.0f) ? -70.0f : 1.0f))
+            + (t1 ? -1.0f : 0.0f);
+        *side_y_y_b = (t1 ? 0.0f : output_error) + (t1 ? fault_count_y_y_b : 0.0f);
+    }
+}
+
+/* a fault count is at its limit: restart from the sample, or project onto the ranges */
+static uint32_t pmsm_sensorless_recover_y_b(pmsm_sensorless_state *s, const pmsm_sensorless_params *p,
+    float reading)
+{
+    uint32_t status = 0u;
+    bool lost = false;
+    bool over_range = false;
+    bool over_y_y_b = false;
+    /* by which sign, and is the estimate lost? */
+    {
+        const bool t1 = s->fault_limit_y_y_b <= pmsm_sensorless_abs(s->fault_count_y_y_b);
+        const float fault_limit_range = s->fault_limit_range;
+        const bool t2 = fault_limit_range <= s->fault_count_range;
+        const bool t3 = pmsm_sensorless_abs(s->z[0]) > 40.0f || pmsm_sensorless_abs(s->z[1]) > 40.0f
+            || pmsm_sensorless_abs(s->z[2]) > 0.4f;
+        const float z5 = s->z[4];
+        const bool t4 = fault_limit_range > 280.0f || t3 || pmsm_sensorless_abs(s->z[3]) > 0.4f
+            || z5 < -270.0f || z5 > 890.0f;
+        over_y_y_b = t1;
+        over_range = t2;
+        lost = t1 || (t2 && t4);
+    }
+    if (over_y_y_b) {
+        /* the fault limit doubles */
+        {
+            const float fault_count_y_y_b = s->fault_count_y_y_b;
+            const float fault_limit_y_y_b = s->fault_limit_y_y_b;
+            const float t1 = pmsm_sensorless_min(fault_limit_y_y_b, 71680.0f);
+            s->fault_count_y_y_b = (fault_count_y_y_b < 0.0f) ? -t1 : t1;
+            s->fault_limit_y_y_b = pmsm_sensorless_min(2.0f*fault_limit_y_y_b, 143360.0f);
+        }
+    }
+    if (over_range) {
+        /* the fault limit doubles */
+        {
+            const float fault_limit_range = s->fault_limit_range;
+            s->fault_count_range = pmsm_sensorless_min(fault_limit_range, 143360.0f);
+            s->fault_limit_range = pmsm_sensorless_min(2.0f*fault_limit_range, 286720.0f);
+        }
+    }
+    if (lost) {
+        /* the estimate restarts */
+        s->z[0] = 0.0f;
+        s->z[1] = 0.0f;
+        s->z[2] = 0.0f;
+        s->z[3] = 0.0f;
+        s->z[4] = 20.0f;
+        /* from the sample of y_b */
+        {
+            const float z1 = s->z[0];
+            const float z2 = s->z[1];
+            const float z3 = s->z[2];
+            const float z4 = s->z[3];
+            const float z5 = s->z[4];
+            s->z[0] = pmsm_sensorless_keep(z1, -20.0f, 20.0f, z1, 1e+30f);
+            s->z[1] = pmsm_sensorless_keep(reading, -20.0f, 20.0f, z2, 1e+30f);
+            s->z[2] = pmsm_sensorless_keep(z3, -0.2f, 0.2f, z3, 1e+30f);
+            s->z[3] = pmsm_sensorless_keep(z4, -0.2f, 0.2f, z4, 1e+30f);
+            s->z[4] = pmsm_sensorless_keep(z5, 20.0f, 600.0f, z5, 1e+30f);
+        }
+        /* the estimate has restarted from the sample */
+        status |= PMSM_SENSORLESS_RESTARTED_FROM_SAMPLE;
+        pmsm_sensorless_clear_rest(s);
+    } else {
+        status |= pmsm_sensorless_project_onto_ranges(s, p);
+    }
+    return status;
+}
+
 /* part of a step: correct with y_b */
 static uint32_t pmsm_sensorless_run_update_y_b(pmsm_sensorless_state *s, const pmsm_sensorless_params *p,
-    const pmsm_sensorless_output *out)
+    const pmsm_sensorless_output *measurement)
 {
     uint32_t status = 0u;
     bool acts = false;
-    bool beyond = false;
     float e = 0.0f;
     bool fresh = false;
-    bool lost = false;
-    float measurement = 0.0f;
     float moves_y_y_b = 0.0f;
     float output_error = 0.0f;
-    bool over_range = false;
-    bool over_y_y_b = false;
+    float reading = 0.0f;
     bool sampled = false;
     float side_y_y_b = 0.0f;
     bool suspect = false;
@@ -963,109 +1233,17 @@ static uint32_t pmsm_sensorless_run_update_y_b(pmsm_sensorless_state *s, const p
     fresh = s->used_y_b < 1u;
     if (fresh) {
         /* the measurement of y_b */
-        measurement = out->y_b;
-        /* guard the measurement of y_b */
-        {
-            const float t1 = measurement - s->z[1];
-            const bool t2 = pmsm_sensorless_within(measurement, 3e+38f);
-            const bool t3 = t2 && pmsm_sensorless_within(measurement, 75.0f)
-                && pmsm_sensorless_within(t1, 1e+16f);
-            e = t1;
-            output_error = t1;
-            valid = t3;
-            if (!t2) {
-                status |= PMSM_SENSORLESS_MISSING_Y_B;
-            }
-            if (t2 && !t3) {
-                status |= PMSM_SENSORLESS_REJECTED_Y_B;
-            }
-        }
+        reading = measurement->y_b;
+        status |= pmsm_sensorless_guard_measurement_y_b(s, &e, &output_error, reading, &valid);
         if (valid) {
-            /* correct by the scalar update */
-            {
-                const float D1 = s->D[0];
-                const float D2 = s->D[1];
-                const float L21 = s->L[0];
-                const float L31 = s->L[1];
-                const float L41 = s->L[2];
-                const float L51 = s->L[3];
-                const float L32 = s->L[4];
-                const float L42 = s->L[5];
-                const float L52 = s->L[6];
-                const float z1 = s->z[0];
-                const float z2 = s->z[1];
-                const float z3 = s->z[2];
-                const float z4 = s->z[3];
-                const float z5 = s->z[4];
-                const float t1 = D1*L21;
-                const float t2 = p->gain.R[1]/0.0001f;
-                const float t3 = t2 + D2;
-                const float t4 = t3 + t1*L21;
-                const float K1 = t1/t4;
-                const float K2 = (D2 + L21*t1)/t4;
-                const float t5 = L32*D2;
-                const float K3 = (t5 + L31*t1)/t4;
-                const float t6 = L42*D2;
-                const float K4 = (t6 + L41*t1)/t4;
-                const float t7 = L52*D2;
-                const float K5 = (t7 + L51*t1)/t4;
-                s->z[0] = z1 + K1*e;
-                s->z[1] = z2 + K2*e;
-                s->z[2] = z3 + K3*e;
-                s->z[3] = z4 + K4*e;
-                s->z[4] = z5 + K5*e;
-                s->L[0] = L21 - L21*D2/t3;
-                s->L[1] = L31 - L21*t5/t3;
-                s->L[2] = L41 - L21*t6/t3;
-                s->L[3] = L51 - L21*t7/t3;
-                s->D[0] = D1*t3/t4;
-                s->D[1] = D2*t2/t3;
-            }
-            /* is a value beyond its box, or lost? */
-            {
-                const bool t1 = pmsm_sensorless_within(s->z[0], 60.0f)
-                    && pmsm_sensorless_within(s->z[1], 60.0f) && pmsm_sensorless_within(s->z[2], 0.6f);
-                const float z5 = s->z[4];
-                const bool t2 = t1 && pmsm_sensorless_within(s->z[3], 0.6f) && z5 >= -560.0f && z5 <= 1180.0f
-                    && pmsm_sensorless_within(s->L[0], 1e+09f);
-                const bool t3 = t2 && pmsm_sensorless_within(s->L[1], 1e+07f)
-                    && pmsm_sensorless_within(s->L[2], 1e+07f) && pmsm_sensorless_within(s->L[3], 1.45e+10f);
-                const float D1 = s->D[0];
-                const float D2 = s->D[1];
-                beyond = !(t3 && D1 >= 1e-16f && D1 <= 3600.0f && D2 >= 1e-16f && D2 <= 3600.0f);
-            }
-            if (pmsm_sensorless_acts(beyond)) {
-                status |= pmsm_sensorless_keep_in_box(s, p);
-            }
-            /* y_b is used */
-            s->used_y_b = 1u;
+            status |= pmsm_sensorless_use_sample_y_b(s, p, e);
         }
-        /* is the estimate where it cannot be for long? */
-        {
-            const bool t1 = pmsm_sensorless_abs(s->z[0]) > 20.0f || pmsm_sensorless_abs(s->z[1]) > 20.0f
-                || pmsm_sensorless_abs(s->z[2]) > 0.2f;
-            const float z5 = s->z[4];
-            const bool t2 = t1 || pmsm_sensorless_abs(s->z[3]) > 0.2f || z5 < 20.0f || z5 > 600.0f;
-            if (t2) {
-                status |= PMSM_SENSORLESS_OUTSIDE_BOX;
-            }
-            suspect = pmsm_sensorless_abs(output_error) > 5.0f || t2 || !(s->fault_checksum <= 0.0f)
-                || !valid;
-        }
+        status |= pmsm_sensorless_suspect_y_b(s, output_error, &suspect, valid);
         if (suspect) {
-            /* is there a sample to judge by? */
-            sampled = valid || (pmsm_sensorless_within(measurement, 3e+38f)
-                && pmsm_sensorless_within(measurement, 75.0f));
+            sampled = pmsm_sensorless_plausible_y_a(reading, valid);
             if (sampled) {
                 status |= pmsm_sensorless_count_range(s, p);
-                /* which signs show? */
-                {
-                    const bool t1 = pmsm_sensorless_within(output_error, 5.0f);
-                    const float fault_count_y_y_b = s->fault_count_y_y_b;
-                    moves_y_y_b = (t1 ? 0.0f : ((fault_count_y_y_b*output_error < 0.0f) ? -70.0f : 1.0f))
-                        + (t1 ? -1.0f : 0.0f);
-                    side_y_y_b = (t1 ? 0.0f : output_error) + (t1 ? fault_count_y_y_b : 0.0f);
-                }
+                pmsm_sensorless_find_signs_y_b(s, &moves_y_y_b, output_error, &side_y_y_b);
                 /* count of y_y_b */
                 {
                     const float fault_count_y_y_b = s->fault_count_y_y_b;
@@ -1079,64 +1257,7 @@ static uint32_t pmsm_sensorless_run_update_y_b(pmsm_sensorless_state *s, const p
                 acts = s->fault_limit_y_y_b <= pmsm_sensorless_abs(s->fault_count_y_y_b)
                     || s->fault_limit_range <= s->fault_count_range;
                 if (acts) {
-                    /* by which sign, and is the estimate lost? */
-                    {
-                        const bool t1 = s->fault_limit_y_y_b <= pmsm_sensorless_abs(s->fault_count_y_y_b);
-                        const float fault_limit_range = s->fault_limit_range;
-                        const bool t2 = fault_limit_range <= s->fault_count_range;
-                        const bool t3 = pmsm_sensorless_abs(s->z[0]) > 40.0f
-                            || pmsm_sensorless_abs(s->z[1]) > 40.0f || pmsm_sensorless_abs(s->z[2]) > 0.4f;
-                        const float z5 = s->z[4];
-                        const bool t4 = fault_limit_range > 280.0f || t3
-                            || pmsm_sensorless_abs(s->z[3]) > 0.4f || z5 < -270.0f || z5 > 890.0f;
-                        over_y_y_b = t1;
-                        over_range = t2;
-                        lost = t1 || (t2 && t4);
-                    }
-                    if (over_y_y_b) {
-                        /* the fault limit doubles */
-                        {
-                            const float fault_count_y_y_b = s->fault_count_y_y_b;
-                            const float fault_limit_y_y_b = s->fault_limit_y_y_b;
-                            const float t1 = pmsm_sensorless_min(fault_limit_y_y_b, 71680.0f);
-                            s->fault_count_y_y_b = (fault_count_y_y_b < 0.0f) ? -t1 : t1;
-                            s->fault_limit_y_y_b = pmsm_sensorless_min(2.0f*fault_limit_y_y_b, 143360.0f);
-                        }
-                    }
-                    if (over_range) {
-                        /* the fault limit doubles */
-                        {
-                            const float fault_limit_range = s->fault_limit_range;
-                            s->fault_count_range = pmsm_sensorless_min(fault_limit_range, 143360.0f);
-                            s->fault_limit_range = pmsm_sensorless_min(2.0f*fault_limit_range, 286720.0f);
-                        }
-                    }
-                    if (lost) {
-                        /* the estimate restarts */
-                        s->z[0] = 0.0f;
-                        s->z[1] = 0.0f;
-                        s->z[2] = 0.0f;
-                        s->z[3] = 0.0f;
-                        s->z[4] = 20.0f;
-                        /* from the sample of y_b */
-                        {
-                            const float z1 = s->z[0];
-                            const float z2 = s->z[1];
-                            const float z3 = s->z[2];
-                            const float z4 = s->z[3];
-                            const float z5 = s->z[4];
-                            s->z[0] = pmsm_sensorless_keep(z1, -20.0f, 20.0f, z1, 1e+30f);
-                            s->z[1] = pmsm_sensorless_keep(measurement, -20.0f, 20.0f, z2, 1e+30f);
-                            s->z[2] = pmsm_sensorless_keep(z3, -0.2f, 0.2f, z3, 1e+30f);
-                            s->z[3] = pmsm_sensorless_keep(z4, -0.2f, 0.2f, z4, 1e+30f);
-                            s->z[4] = pmsm_sensorless_keep(z5, 20.0f, 600.0f, z5, 1e+30f);
-                        }
-                        /* the estimate has restarted from the sample */
-                        status |= PMSM_SENSORLESS_RESTARTED_FROM_SAMPLE;
-                        pmsm_sensorless_clear_rest(s);
-                    } else {
-                        status |= pmsm_sensorless_project_onto_ranges(s, p);
-                    }
+                    status |= pmsm_sensorless_recover_y_b(s, p, reading);
                 }
                 /* the checksum of fault counts and limits */
                 {
@@ -1182,33 +1303,33 @@ uint32_t pmsm_sensorless_predict(pmsm_sensorless_state *s, const pmsm_sensorless
 }
 
 uint32_t pmsm_sensorless_update_y_a(pmsm_sensorless_state *s, const pmsm_sensorless_params *p,
-    const pmsm_sensorless_output *out)
+    const pmsm_sensorless_output *measurement)
 {
     uint32_t status = 0u;
     if ((s->ready != PMSM_SENSORLESS_READY) || (p->ready != PMSM_SENSORLESS_READY)) {
         status = pmsm_sensorless_ready(s, p);
     }
     if ((status & PMSM_SENSORLESS_NO_PARAMETERS) == 0u) {
-        status |= pmsm_sensorless_run_update_y_a(s, p, out);
+        status |= pmsm_sensorless_run_update_y_a(s, p, measurement);
     }
     return status;
 }
 
 uint32_t pmsm_sensorless_update_y_b(pmsm_sensorless_state *s, const pmsm_sensorless_params *p,
-    const pmsm_sensorless_output *out)
+    const pmsm_sensorless_output *measurement)
 {
     uint32_t status = 0u;
     if ((s->ready != PMSM_SENSORLESS_READY) || (p->ready != PMSM_SENSORLESS_READY)) {
         status = pmsm_sensorless_ready(s, p);
     }
     if ((status & PMSM_SENSORLESS_NO_PARAMETERS) == 0u) {
-        status |= pmsm_sensorless_run_update_y_b(s, p, out);
+        status |= pmsm_sensorless_run_update_y_b(s, p, measurement);
     }
     return status;
 }
 
 uint32_t pmsm_sensorless_step(pmsm_sensorless_state *s, const pmsm_sensorless_params *p,
-    const pmsm_sensorless_input *in, const pmsm_sensorless_output *out)
+    const pmsm_sensorless_input *in, const pmsm_sensorless_output *measurement)
 {
     uint32_t status = 0u;
     if ((s->ready != PMSM_SENSORLESS_READY) || (p->ready != PMSM_SENSORLESS_READY)) {
@@ -1216,8 +1337,8 @@ uint32_t pmsm_sensorless_step(pmsm_sensorless_state *s, const pmsm_sensorless_pa
     }
     if ((status & PMSM_SENSORLESS_NO_PARAMETERS) == 0u) {
         status |= pmsm_sensorless_run_predict(s, p, in);
-        status |= pmsm_sensorless_run_update_y_a(s, p, out);
-        status |= pmsm_sensorless_run_update_y_b(s, p, out);
+        status |= pmsm_sensorless_run_update_y_a(s, p, measurement);
+        status |= pmsm_sensorless_run_update_y_b(s, p, measurement);
     }
     return status;
 }

@@ -23,7 +23,7 @@
 
 unsigned pmsm_sensorless_check(void);
 
-static const float given[64][4] = { /* in.u_a, in.u_b, out.y_a, out.y_b */
+static const float given[64][4] = { /* in.u_a, in.u_b, measurement.y_a, measurement.y_b */
     {-30.0f, -30.0f, -12.5f, -12.5f},
     {-26.756756f, -26.756756f, -10.326087f, -10.326087f},
     {-23.513514f, -23.513514f, -8.152174f, -8.152174f},
@@ -192,7 +192,7 @@ unsigned pmsm_sensorless_check(void)
     pmsm_sensorless_state s;
     pmsm_sensorless_params p;
     pmsm_sensorless_input in;
-    pmsm_sensorless_output out;
+    pmsm_sensorless_output measurement;
     pmsm_sensorless_plant x;
     pmsm_sensorless_init(&s, &p);
     s.z[0] = 8.0f;
@@ -203,9 +203,9 @@ unsigned pmsm_sensorless_check(void)
     for (unsigned k = 0u; k < 64u && bad == 0u; ++k) {
         in.u_a = (k == 40u) ? none : given[k][0];
         in.u_b = (k == 40u) ? none : given[k][1];
-        out.y_a = (k == 20u) ? none : given[k][2];
-        out.y_b = (k == 20u) ? none : given[k][3];
-        const uint32_t status = pmsm_sensorless_step(&s, &p, &in, &out);
+        measurement.y_a = (k == 20u) ? none : given[k][2];
+        measurement.y_b = (k == 20u) ? none : given[k][3];
+        const uint32_t status = pmsm_sensorless_step(&s, &p, &in, &measurement);
         pmsm_sensorless_estimate(&s, &p, &x);
         if (status != expected[k] || !pmsm_sensorless_near(x.i_a, k, 0u)
             || !pmsm_sensorless_near(x.i_b, k, 1u) || !pmsm_sensorless_near(x.f_a, k, 2u)

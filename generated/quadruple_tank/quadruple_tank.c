@@ -1,4 +1,4 @@
-/* quadruple_tank: see quadruple_tank.h, which is the manual. */
+/* quadruple_tank: see quadruple_tank.h, and its manual quadruple_tank.md. */
 #include "quadruple_tank.h"
 
 #include <stdbool.h>
@@ -71,6 +71,12 @@ static bool quadruple_tank_within(float v, float limit)
 #if defined(__GNUC__)
 #pragma GCC diagnostic pop
 #endif
+
+/* whether v is a number in [low, high] */
+static bool quadruple_tank_inside(float v, float low, float high)
+{
+    return v >= low && v <= high;
+}
 
 /* v in [-most, most] */
 static float quadruple_tank_limit(float v, float most)
@@ -205,11 +211,8 @@ static void quadruple_tank_clear_rest(quadruple_tank_state *s)
     s->D[3] = 100.0f;
 }
 
-/* part of a step: keep the state in its box, or make it anew */
-static uint32_t quadruple_tank_keep_in_box(quadruple_tank_state *s, const quadruple_tank_params *p)
+static bool quadruple_tank_value_lost(const quadruple_tank_state *s)
 {
-    uint32_t status = 0u;
-    (void)p;
     bool lost = false;
     /* is a value lost? */
     {
@@ -223,6 +226,16 @@ static uint32_t quadruple_tank_keep_in_box(quadruple_tank_state *s, const quadru
             && quadruple_tank_within(s->D[0], 1e+30f) && quadruple_tank_within(s->D[1], 1e+30f);
         lost = !(t4 && quadruple_tank_within(s->D[2], 1e+30f) && quadruple_tank_within(s->D[3], 1e+30f));
     }
+    return lost;
+}
+
+/* part of a step: keep the state in its box, or make it anew */
+static uint32_t quadruple_tank_keep_in_box(quadruple_tank_state *s, const quadruple_tank_params *p)
+{
+    uint32_t status = 0u;
+    (void)p;
+    bool lost = false;
+    lost = quadruple_tank_value_lost(s);
     if (lost) {
         /* a value is lost: all restart */
         s->z[0] = 1.0f;
@@ -277,12 +290,8 @@ static uint32_t quadruple_tank_keep_in_box(quadruple_tank_state *s, const quadru
     return status;
 }
 
-/* part of a step: check the fault counts, and count the range */
-static uint32_t quadruple_tank_count_range(quadruple_tank_state *s, const quadruple_tank_params *p)
+static bool quadruple_tank_counts_spoiled(const quadruple_tank_state *s)
 {
-    uint32_t status = 0u;
-    (void)p;
-    float moves_range = 0.0f;
     bool spoiled = false;
     /* was a fault count or limit spoiled? */
     {
@@ -304,6 +313,17 @@ static uint32_t quadruple_tank_count_range(quadruple_tank_state *s, const quadru
             && fault_limit_range >= 229.0f && fault_limit_range <= 234496.0f;
         spoiled = !t5;
     }
+    return spoiled;
+}
+
+/* part of a step: check the fault counts, and count the range */
+static uint32_t quadruple_tank_count_range(quadruple_tank_state *s, const quadruple_tank_params *p)
+{
+    uint32_t status = 0u;
+    (void)p;
+    float moves_range = 0.0f;
+    bool spoiled = false;
+    spoiled = quadruple_tank_counts_spoiled(s);
     if (spoiled) {
         quadruple_tank_clear_fault_counts(s);
     }
@@ -390,15 +410,10 @@ static uint32_t quadruple_tank_project_onto_ranges(quadruple_tank_state *s, cons
     return status;
 }
 
-/* part of a step: advance the estimate to now */
-static uint32_t quadruple_tank_run_predict(quadruple_tank_state *s, const quadruple_tank_params *p,
-    const quadruple_tank_input *in)
+static uint32_t quadruple_tank_guard_input(const quadruple_tank_state *s, const quadruple_tank_input *in,
+    float *u)
 {
     uint32_t status = 0u;
-    bool beyond = false;
-    bool capped = false;
-    bool running = false;
-    float u[2];
     /* guard the input */
     {
         const float v1 = in->v1;
@@ -422,6 +437,228 @@ static uint32_t quadruple_tank_run_predict(quadruple_tank_state *s, const quadru
             status |= QUADRUPLE_TANK_CLAMPED_V2;
         }
     }
+    return status;
+}
+
+static bool quadruple_tank_beyond_box(const quadruple_tank_state *s)
+{
+    bool beyond = false;
+    /* is a value beyond its box, or lost? */
+    {
+        const bool t1 = quadruple_tank_inside(s->z[0], -18.0f, 39.0f)
+            && quadruple_tank_inside(s->z[1], -18.0f, 39.0f);
+        const bool t2 = t1 && quadruple_tank_inside(s->z[2], -19.0f, 39.5f)
+            && quadruple_tank_inside(s->z[3], -19.0f, 39.5f);
+        const bool t3 = t2 && quadruple_tank_within(s->L[0], 1e+09f)
+            && quadruple_tank_within(s->L[1], 1.0263158e+09f);
+        const bool t4 = t3 && quadruple_tank_within(s->L[2], 1.0263158e+09f)
+            && quadruple_tank_within(s->L[3], 1.0263158e+09f);
+        const bool t5 = t4 && quadruple_tank_within(s->L[4], 1.0263158e+09f)
+            && quadruple_tank_within(s->L[5], 1e+09f);
+        const bool t6 = t5 && quadruple_tank_inside(s->D[0], 4e-16f, 812.25f)
+            && quadruple_tank_inside(s->D[1], 6e-15f, 812.25f);
+        const bool t7 = t6 && quadruple_tank_inside(s->D[2], 6e-15f, 855.5625f)
+            && quadruple_tank_inside(s->D[3], 6e-15f, 855.5625f);
+        beyond = !t7;
+    }
+    return beyond;
+}
+
+/* advance the estimate from the last call to now */
+static uint32_t quadruple_tank_advance(quadruple_tank_state *s, const quadruple_tank_params *p,
+    const float *u)
+{
+    uint32_t status = 0u;
+    bool beyond = false;
+    bool capped = false;
+    /* z by classical Runge-Kutta; P = L D L' by P <- Phi P Phi' + h Q_theta */
+    /* the tableau of z: */
+    /*     0 |  */
+    /*   1/2 | 1/2 */
+    /*   1/2 |   0 1/2 */
+    /*     1 |   0   0   1 */
+    /*   --------------------- */
+    /*       | 1/6 1/3 1/3 1/6 */
+    {
+        const float D1 = s->D[0];
+        const float D2 = s->D[1];
+        const float D3 = s->D[2];
+        const float D4 = s->D[3];
+        const float L21 = s->L[0];
+        const float L31 = s->L[1];
+        const float L41 = s->L[2];
+        const float L32 = s->L[3];
+        const float L42 = s->L[4];
+        const float L43 = s->L[5];
+        const float z1 = s->z[0];
+        const float z2 = s->z[1];
+        const float z3 = s->z[2];
+        const float z4 = s->z[3];
+        const float u_before1 = s->u[0];
+        const float u_before2 = s->u[1];
+        float k1_z[4];
+        quadruple_tank_flow(z1, z2, z3, z4, u_before1, u_before2, k1_z);
+        const float u1 = u[0];
+        const float t1 = u_before1 + 0.5f*(u1 - u_before1);
+        const float u2 = u[1];
+        const float t2 = u_before2 + 0.5f*(u2 - u_before2);
+        float k2_z[4];
+        quadruple_tank_flow(z1 + 0.5f*k1_z[0], z2 + 0.5f*k1_z[1], z3 + 0.5f*k1_z[2], z4 + 0.5f*k1_z[3], t1,
+            t2, k2_z);
+        const float t3 = z1 + 0.5f*k2_z[0];
+        const float t4 = z2 + 0.5f*k2_z[1];
+        const float t5 = z3 + 0.5f*k2_z[2];
+        const float t6 = z4 + 0.5f*k2_z[3];
+        float k3_z[4];
+        quadruple_tank_flow(t3, t4, t5, t6, t1, t2, k3_z);
+        float k4_z[4];
+        quadruple_tank_flow(z1 + k3_z[0], z2 + k3_z[1], z3 + k3_z[2], z4 + k3_z[3], u1, u2, k4_z);
+        float F_1[6];
+        quadruple_tank_jacobian(t3, t4, t5, t6, F_1);
+        const float Phi_11 = 1.0f + F_1[0] + F_1[0]*F_1[0]*0.5f;
+        const float Phi_13 = F_1[2] + 0.5f*(F_1[0]*F_1[2] + F_1[2]*F_1[3]);
+        const float Phi_22 = 1.0f + F_1[1] + F_1[1]*F_1[1]*0.5f;
+        const float Phi_24 = F_1[4] + 0.5f*(F_1[1]*F_1[4] + F_1[4]*F_1[5]);
+        const float Phi_33 = 1.0f + F_1[3] + F_1[3]*F_1[3]*0.5f;
+        const float Phi_44 = 1.0f + F_1[5] + F_1[5]*F_1[5]*0.5f;
+        const float w1_1 = Phi_11 + Phi_13*L31;
+        const float w1_2 = Phi_13*L32;
+        const float t7 = w1_1*D1;
+        const float t8 = w1_2*D2;
+        const float t9 = Phi_13*D3;
+        const float Q1 = p->gain.Q[0];
+        const float d1 = w1_1*t7 + w1_2*t8 + Phi_13*t9 + Q1;
+        const float t10 = Phi_22*L21 + Phi_24*L41;
+        const float t11 = Phi_22 + Phi_24*L42;
+        const float t12 = Phi_24*L43;
+        const float l21 = (t10*t7 + t11*t8 + t12*t9)/d1;
+        const float t13 = Phi_33*L31;
+        const float t14 = Phi_33*L32;
+        const float l31 = (t13*t7 + t14*t8 + Phi_33*t9)/d1;
+        const float t15 = Phi_44*L41;
+        const float t16 = Phi_44*L42;
+        const float t17 = Phi_44*L43;
+        const float l41 = (t15*t7 + t16*t8 + t17*t9)/d1;
+        const float w2_1 = t10 - l21*w1_1;
+        const float w2_2 = t11 - l21*w1_2;
+        const float w2_3 = t12 - l21*Phi_13;
+        const float t18 = w2_1*D1;
+        const float t19 = w2_2*D2;
+        const float t20 = w2_3*D3;
+        const float t21 = Phi_24*D4;
+        const float t22 = l21*Q1;
+        const float Q2 = p->gain.Q[1];
+        const float d2 = w2_1*t18 + w2_2*t19 + w2_3*t20 + Phi_24*t21 + l21*t22 + Q2;
+        const float t23 = t13 - l31*w1_1;
+        const float t24 = t14 - l31*w1_2;
+        const float t25 = Phi_33 - l31*Phi_13;
+        const float l32 = (t23*t18 + t24*t19 + t25*t20 + l31*t22)/d2;
+        const float t26 = t15 - l41*w1_1;
+        const float t27 = t16 - l41*w1_2;
+        const float t28 = t17 - l41*Phi_13;
+        const float l42 = (t26*t18 + t27*t19 + t28*t20 + Phi_44*t21 + l41*t22)/d2;
+        const float w3_1 = t23 - l32*w2_1;
+        const float w3_2 = t24 - l32*w2_2;
+        const float w3_3 = t25 - l32*w2_3;
+        const float w3_5 = l32*l21 - l31;
+        const float t29 = w3_1*D1;
+        const float t30 = w3_2*D2;
+        const float t31 = w3_3*D3;
+        const float t32 = l32*Phi_24;
+        const float t33 = t32*D4;
+        const float t34 = w3_5*Q1;
+        const float t35 = l32*Q2;
+        const float Q3 = p->gain.Q[2];
+        const float d3 = w3_1*t29 + w3_2*t30 + w3_3*t31 + t32*t33 + w3_5*t34 + l32*t35 + Q3;
+        const float t36 = t26 - l42*w2_1;
+        const float t37 = t27 - l42*w2_2;
+        const float t38 = t28 - l42*w2_3;
+        const float t39 = Phi_44 - l42*Phi_24;
+        const float t40 = l42*l21 - l41;
+        const float l43 = (t36*t29 + t37*t30 + t38*t31 - t39*t33 + t40*t34 + l42*t35)/d3;
+        const float w4_1 = t36 - l43*w3_1;
+        const float w4_2 = t37 - l43*w3_2;
+        const float w4_3 = t38 - l43*w3_3;
+        const float w4_4 = t39 + l43*t32;
+        const float w4_5 = t40 - l43*w3_5;
+        const float w4_6 = l43*l32 - l42;
+        const float t41 = w4_1*D1*w4_1 + w4_2*D2*w4_2 + w4_3*D3*w4_3 + w4_4*D4*w4_4 + w4_5*Q1*w4_5
+            + w4_6*Q2*w4_6 + l43*Q3*l43;
+        const float d4 = t41 + p->gain.Q[3];
+        s->z[0] = z1 + 0.16666667f*(k1_z[0] + 2.0f*k2_z[0] + 2.0f*k3_z[0] + k4_z[0]);
+        s->z[1] = z2 + 0.16666667f*(k1_z[1] + 2.0f*k2_z[1] + 2.0f*k3_z[1] + k4_z[1]);
+        s->z[2] = z3 + 0.16666667f*(k1_z[2] + 2.0f*k2_z[2] + 2.0f*k3_z[2] + k4_z[2]);
+        s->z[3] = z4 + 0.16666667f*(k1_z[3] + 2.0f*k2_z[3] + 2.0f*k3_z[3] + k4_z[3]);
+        s->L[0] = l21;
+        s->L[1] = l31;
+        s->L[2] = l41;
+        s->L[3] = l32;
+        s->L[4] = l42;
+        s->L[5] = l43;
+        s->D[0] = d1;
+        s->D[1] = d2;
+        s->D[2] = d3;
+        s->D[3] = d4;
+    }
+    /* largest variances */
+    {
+        const float D1 = s->D[0];
+        const float L21 = s->L[0];
+        const float D2 = s->D[1];
+        const float L31 = s->L[1];
+        const float L32 = s->L[3];
+        const float D3 = s->D[2];
+        const float L41 = s->L[2];
+        const float L42 = s->L[4];
+        const float L43 = s->L[5];
+        capped = D1 > 812.25f || L21*L21*D1 + D2 > 812.25f || L31*L31*D1 + L32*L32*D2 + D3 > 855.5625f
+            || L41*L41*D1 + L42*L42*D2 + L43*L43*D3 + s->D[3] > 855.5625f;
+    }
+    if (capped) {
+        /* cap */
+        {
+            const float D1 = s->D[0];
+            const float D2 = s->D[1];
+            const float D3 = s->D[2];
+            const float D4 = s->D[3];
+            const float L21 = s->L[0];
+            const float L31 = s->L[1];
+            const float L41 = s->L[2];
+            const float L32 = s->L[3];
+            const float L42 = s->L[4];
+            const float L43 = s->L[5];
+            const float t1 = quadruple_tank_min(1.0f, 812.25f/(L21*L21*D1 + D2));
+            const float t2 = quadruple_tank_min(1.0f, 812.25f/D1);
+            const float t3 = quadruple_tank_min(1.0f, 855.5625f/(L31*L31*D1 + L32*L32*D2 + D3));
+            const float t4 = quadruple_tank_min(1.0f, 855.5625f/(L41*L41*D1 + L42*L42*D2 + L43*L43*D3 + D4));
+            s->L[0] = t1*L21/t2;
+            s->L[1] = t3*L31/t2;
+            s->L[2] = t4*L41/t2;
+            s->L[3] = t3*L32/t1;
+            s->L[4] = t4*L42/t1;
+            s->L[5] = t4*L43/t3;
+            s->D[0] = t2*t2*D1;
+            s->D[1] = t1*t1*D2;
+            s->D[2] = t3*t3*D3;
+            s->D[3] = t4*t4*D4;
+            status |= QUADRUPLE_TANK_COVARIANCE_LIMITED;
+        }
+    }
+    beyond = quadruple_tank_beyond_box(s);
+    if (quadruple_tank_acts(beyond)) {
+        status |= quadruple_tank_keep_in_box(s, p);
+    }
+    return status;
+}
+
+/* part of a step: advance the estimate to now */
+static uint32_t quadruple_tank_run_predict(quadruple_tank_state *s, const quadruple_tank_params *p,
+    const quadruple_tank_input *in)
+{
+    uint32_t status = 0u;
+    bool running = false;
+    float u[2];
+    status |= quadruple_tank_guard_input(s, in, u);
     /* the first call advances no time */
     {
         const unsigned calls = s->calls;
@@ -429,198 +666,7 @@ static uint32_t quadruple_tank_run_predict(quadruple_tank_state *s, const quadru
         s->calls = 1u;
     }
     if (running) {
-        /* z by classical Runge-Kutta; P = L D L' by P <- Phi P Phi' + h Q_theta */
-        {
-            const float D1 = s->D[0];
-            const float D2 = s->D[1];
-            const float D3 = s->D[2];
-            const float D4 = s->D[3];
-            const float L21 = s->L[0];
-            const float L31 = s->L[1];
-            const float L41 = s->L[2];
-            const float L32 = s->L[3];
-            const float L42 = s->L[4];
-            const float L43 = s->L[5];
-            const float z1 = s->z[0];
-            const float z2 = s->z[1];
-            const float z3 = s->z[2];
-            const float z4 = s->z[3];
-            const float u_before1 = s->u[0];
-            const float u_before2 = s->u[1];
-            float k1_z[4];
-            quadruple_tank_flow(z1, z2, z3, z4, u_before1, u_before2, k1_z);
-            const float u1 = u[0];
-            const float t1 = u_before1 + 0.5f*(u1 - u_before1);
-            const float u2 = u[1];
-            const float t2 = u_before2 + 0.5f*(u2 - u_before2);
-            float k2_z[4];
-            quadruple_tank_flow(z1 + 0.5f*k1_z[0], z2 + 0.5f*k1_z[1], z3 + 0.5f*k1_z[2], z4 + 0.5f*k1_z[3],
-                t1, t2, k2_z);
-            const float t3 = z1 + 0.5f*k2_z[0];
-            const float t4 = z2 + 0.5f*k2_z[1];
-            const float t5 = z3 + 0.5f*k2_z[2];
-            const float t6 = z4 + 0.5f*k2_z[3];
-            float k3_z[4];
-            quadruple_tank_flow(t3, t4, t5, t6, t1, t2, k3_z);
-            float k4_z[4];
-            quadruple_tank_flow(z1 + k3_z[0], z2 + k3_z[1], z3 + k3_z[2], z4 + k3_z[3], u1, u2, k4_z);
-            float F_1[6];
-            quadruple_tank_jacobian(t3, t4, t5, t6, F_1);
-            const float Phi_11 = 1.0f + F_1[0] + F_1[0]*F_1[0]*0.5f;
-            const float Phi_13 = F_1[2] + 0.5f*(F_1[0]*F_1[2] + F_1[2]*F_1[3]);
-            const float Phi_22 = 1.0f + F_1[1] + F_1[1]*F_1[1]*0.5f;
-            const float Phi_24 = F_1[4] + 0.5f*(F_1[1]*F_1[4] + F_1[4]*F_1[5]);
-            const float Phi_33 = 1.0f + F_1[3] + F_1[3]*F_1[3]*0.5f;
-            const float Phi_44 = 1.0f + F_1[5] + F_1[5]*F_1[5]*0.5f;
-            const float w1_1 = Phi_11 + Phi_13*L31;
-            const float w1_2 = Phi_13*L32;
-            const float t7 = w1_1*D1;
-            const float t8 = w1_2*D2;
-            const float t9 = Phi_13*D3;
-            const float Q1 = p->gain.Q[0];
-            const float d1 = w1_1*t7 + w1_2*t8 + Phi_13*t9 + Q1;
-            const float t10 = Phi_22*L21 + Phi_24*L41;
-            const float t11 = Phi_22 + Phi_24*L42;
-            const float t12 = Phi_24*L43;
-            const float l21 = (t10*t7 + t11*t8 + t12*t9)/d1;
-            const float t13 = Phi_33*L31;
-            const float t14 = Phi_33*L32;
-            const float l31 = (t13*t7 + t14*t8 + Phi_33*t9)/d1;
-            const float t15 = Phi_44*L41;
-            const float t16 = Phi_44*L42;
-            const float t17 = Phi_44*L43;
-            const float l41 = (t15*t7 + t16*t8 + t17*t9)/d1;
-            const float w2_1 = t10 - l21*w1_1;
-            const float w2_2 = t11 - l21*w1_2;
-            const float w2_3 = t12 - l21*Phi_13;
-            const float t18 = w2_1*D1;
-            const float t19 = w2_2*D2;
-            const float t20 = w2_3*D3;
-            const float t21 = Phi_24*D4;
-            const float t22 = l21*Q1;
-            const float Q2 = p->gain.Q[1];
-            const float d2 = w2_1*t18 + w2_2*t19 + w2_3*t20 + Phi_24*t21 + l21*t22 + Q2;
-            const float t23 = t13 - l31*w1_1;
-            const float t24 = t14 - l31*w1_2;
-            const float t25 = Phi_33 - l31*Phi_13;
-            const float l32 = (t23*t18 + t24*t19 + t25*t20 + l31*t22)/d2;
-            const float t26 = t15 - l41*w1_1;
-            const float t27 = t16 - l41*w1_2;
-            const float t28 = t17 - l41*Phi_13;
-            const float l42 = (t26*t18 + t27*t19 + t28*t20 + Phi_44*t21 + l41*t22)/d2;
-            const float w3_1 = t23 - l32*w2_1;
-            const float w3_2 = t24 - l32*w2_2;
-            const float w3_3 = t25 - l32*w2_3;
-            const float w3_5 = l32*l21 - l31;
-            const float t29 = w3_1*D1;
-            const float t30 = w3_2*D2;
-            const float t31 = w3_3*D3;
-            const float t32 = l32*Phi_24;
-            const float t33 = t32*D4;
-            const float t34 = w3_5*Q1;
-            const float t35 = l32*Q2;
-            const float Q3 = p->gain.Q[2];
-            const float d3 = w3_1*t29 + w3_2*t30 + w3_3*t31 + t32*t33 + w3_5*t34 + l32*t35 + Q3;
-            const float t36 = t26 - l42*w2_1;
-            const float t37 = t27 - l42*w2_2;
-            const float t38 = t28 - l42*w2_3;
-            const float t39 = Phi_44 - l42*Phi_24;
-            const float t40 = l42*l21 - l41;
-            const float l43 = (t36*t29 + t37*t30 + t38*t31 - t39*t33 + t40*t34 + l42*t35)/d3;
-            const float w4_1 = t36 - l43*w3_1;
-            const float w4_2 = t37 - l43*w3_2;
-            const float w4_3 = t38 - l43*w3_3;
-            const float w4_4 = t39 + l43*t32;
-            const float w4_5 = t40 - l43*w3_5;
-            const float w4_6 = l43*l32 - l42;
-            const float t41 = w4_1*D1*w4_1 + w4_2*D2*w4_2 + w4_3*D3*w4_3 + w4_4*D4*w4_4 + w4_5*Q1*w4_5
-                + w4_6*Q2*w4_6 + l43*Q3*l43;
-            const float d4 = t41 + p->gain.Q[3];
-            s->z[0] = z1 + 0.16666667f*(k1_z[0] + 2.0f*k2_z[0] + 2.0f*k3_z[0] + k4_z[0]);
-            s->z[1] = z2 + 0.16666667f*(k1_z[1] + 2.0f*k2_z[1] + 2.0f*k3_z[1] + k4_z[1]);
-            s->z[2] = z3 + 0.16666667f*(k1_z[2] + 2.0f*k2_z[2] + 2.0f*k3_z[2] + k4_z[2]);
-            s->z[3] = z4 + 0.16666667f*(k1_z[3] + 2.0f*k2_z[3] + 2.0f*k3_z[3] + k4_z[3]);
-            s->L[0] = l21;
-            s->L[1] = l31;
-            s->L[2] = l41;
-            s->L[3] = l32;
-            s->L[4] = l42;
-            s->L[5] = l43;
-            s->D[0] = d1;
-            s->D[1] = d2;
-            s->D[2] = d3;
-            s->D[3] = d4;
-        }
-        /* largest variances */
-        {
-            const float D1 = s->D[0];
-            const float L21 = s->L[0];
-            const float D2 = s->D[1];
-            const float L31 = s->L[1];
-            const float L32 = s->L[3];
-            const float D3 = s->D[2];
-            const float L41 = s->L[2];
-            const float L42 = s->L[4];
-            const float L43 = s->L[5];
-            capped = D1 > 812.25f || L21*L21*D1 + D2 > 812.25f || L31*L31*D1 + L32*L32*D2 + D3 > 855.5625f
-                || L41*L41*D1 + L42*L42*D2 + L43*L43*D3 + s->D[3] > 855.5625f;
-        }
-        if (capped) {
-            /* cap */
-            {
-                const float D1 = s->D[0];
-                const float D2 = s->D[1];
-                const float D3 = s->D[2];
-                const float D4 = s->D[3];
-                const float L21 = s->L[0];
-                const float L31 = s->L[1];
-                const float L41 = s->L[2];
-                const float L32 = s->L[3];
-                const float L42 = s->L[4];
-                const float L43 = s->L[5];
-                const float t1 = quadruple_tank_min(1.0f, 812.25f/(L21*L21*D1 + D2));
-                const float t2 = quadruple_tank_min(1.0f, 812.25f/D1);
-                const float t3 = quadruple_tank_min(1.0f, 855.5625f/(L31*L31*D1 + L32*L32*D2 + D3));
-                const float t4 = quadruple_tank_min(1.0f, 855.5625f/(L41*L41*D1 + L42*L42*D2 + L43*L43*D3
-                    + D4));
-                s->L[0] = t1*L21/t2;
-                s->L[1] = t3*L31/t2;
-                s->L[2] = t4*L41/t2;
-                s->L[3] = t3*L32/t1;
-                s->L[4] = t4*L42/t1;
-                s->L[5] = t4*L43/t3;
-                s->D[0] = t2*t2*D1;
-                s->D[1] = t1*t1*D2;
-                s->D[2] = t3*t3*D3;
-                s->D[3] = t4*t4*D4;
-                status |= QUADRUPLE_TANK_COVARIANCE_LIMITED;
-            }
-        }
-        /* is a value beyond its box, or lost? */
-        {
-            const float z1 = s->z[0];
-            const float z2 = s->z[1];
-            const float z3 = s->z[2];
-            const float z4 = s->z[3];
-            const bool t1 = z1 >= -18.0f && z1 <= 39.0f && z2 >= -18.0f && z2 <= 39.0f && z3 >= -19.0f
-                && z3 <= 39.5f && z4 >= -19.0f && z4 <= 39.5f;
-            const bool t2 = t1 && quadruple_tank_within(s->L[0], 1e+09f)
-                && quadruple_tank_within(s->L[1], 1.0263158e+09f);
-            const bool t3 = t2 && quadruple_tank_within(s->L[2], 1.0263158e+09f)
-                && quadruple_tank_within(s->L[3], 1.0263158e+09f);
-            const bool t4 = t3 && quadruple_tank_within(s->L[4], 1.0263158e+09f)
-                && quadruple_tank_within(s->L[5], 1e+09f);
-            const float D1 = s->D[0];
-            const float D2 = s->D[1];
-            const float D3 = s->D[2];
-            const bool t5 = t4 && D1 >= 4e-16f && D1 <= 812.25f && D2 >= 6e-15f && D2 <= 812.25f
-                && D3 >= 6e-15f && D3 <= 855.5625f;
-            const float D4 = s->D[3];
-            beyond = !(t5 && D4 >= 6e-15f && D4 <= 855.5625f);
-        }
-        if (quadruple_tank_acts(beyond)) {
-            status |= quadruple_tank_keep_in_box(s, p);
-        }
+        status |= quadruple_tank_advance(s, p, u);
     } else {
         status |= quadruple_tank_keep_in_box(s, p);
     }
@@ -633,21 +679,188 @@ static uint32_t quadruple_tank_run_predict(quadruple_tank_state *s, const quadru
     return status;
 }
 
+static uint32_t quadruple_tank_guard_measurement_y1(const quadruple_tank_state *s, float *e,
+    float *output_error, float reading, bool *valid)
+{
+    uint32_t status = 0u;
+    /* guard the measurement of y1 */
+    {
+        const float t1 = reading - s->z[0];
+        const bool t2 = quadruple_tank_within(reading, 3e+38f);
+        const bool t3 = t2 && reading >= -18.0f && reading <= 39.0f && quadruple_tank_within(t1, 1e+16f);
+        *e = t1;
+        *output_error = t1;
+        *valid = t3;
+        if (!t2) {
+            status |= QUADRUPLE_TANK_MISSING_Y1;
+        }
+        if (t2 && !t3) {
+            status |= QUADRUPLE_TANK_REJECTED_Y1;
+        }
+    }
+    return status;
+}
+
+/* correct the estimate with a sample that can be used */
+static uint32_t quadruple_tank_use_sample_y1(quadruple_tank_state *s, const quadruple_tank_params *p, float e)
+{
+    uint32_t status = 0u;
+    bool beyond = false;
+    /* correct by the scalar update */
+    {
+        const float D1 = s->D[0];
+        const float L21 = s->L[0];
+        const float L31 = s->L[1];
+        const float L41 = s->L[2];
+        const float z1 = s->z[0];
+        const float z2 = s->z[1];
+        const float z3 = s->z[2];
+        const float z4 = s->z[3];
+        const float R1 = p->gain.R[0];
+        const float K1 = D1/(R1 + D1);
+        const float K2 = L21*K1;
+        const float K3 = L31*K1;
+        const float K4 = L41*K1;
+        s->z[0] = z1 + K1*e;
+        s->z[1] = z2 + K2*e;
+        s->z[2] = z3 + K3*e;
+        s->z[3] = z4 + K4*e;
+        s->D[0] = K1*R1;
+    }
+    /* is a value beyond its box, or lost? */
+    {
+        const float z1 = s->z[0];
+        const float z2 = s->z[1];
+        const float z3 = s->z[2];
+        const float z4 = s->z[3];
+        const bool t1 = z1 >= -18.0f && z1 <= 39.0f && z2 >= -18.0f && z2 <= 39.0f && z3 >= -19.0f
+            && z3 <= 39.5f && z4 >= -19.0f && z4 <= 39.5f;
+        const float D1 = s->D[0];
+        beyond = !(t1 && D1 >= 4e-16f && D1 <= 812.25f);
+    }
+    if (quadruple_tank_acts(beyond)) {
+        status |= quadruple_tank_keep_in_box(s, p);
+    }
+    /* y1 is used */
+    s->used_y1 = 1u;
+    return status;
+}
+
+static bool quadruple_tank_suspect_y1(const quadruple_tank_state *s, float output_error, bool valid)
+{
+    bool suspect = false;
+    /* is the estimate where it cannot be for long? */
+    {
+        const float z1 = s->z[0];
+        const float z2 = s->z[1];
+        const float z3 = s->z[2];
+        const float z4 = s->z[3];
+        const bool t1 = z1 < 1.0f || z1 > 20.0f || z2 < 1.0f || z2 > 20.0f || z3 < 0.5f || z3 > 20.0f
+            || z4 < 0.5f || z4 > 20.0f;
+        suspect = quadruple_tank_abs(output_error) > 1.9f || t1 || !(s->fault_checksum <= 0.0f) || !valid;
+    }
+    return suspect;
+}
+
+static bool quadruple_tank_plausible_y1(float reading, bool valid)
+{
+    bool sampled = false;
+    /* is there a sample to judge by? */
+    sampled = valid || (quadruple_tank_within(reading, 3e+38f) && reading >= -18.0f && reading <= 39.0f);
+    return sampled;
+}
+
+static void quadruple_tank_find_signs_y1(const quadruple_tank_state *s, float *moves_y_y1,
+    float output_error, float *side_y_y1)
+{
+    /* which signs show? */
+    {
+        const bool t1 = quadruple_tank_within(output_error, 1.9f);
+        const float fault_count_y_y1 = s->fault_count_y_y1;
+        *moves_y_y1 = (t1 ? 0.0f : ((fault_count_y_y1*output_error < 0.0f) ? -57.0f : 1.0f))
+            + (t1 ? -1.0f : 0.0f);
+        *side_y_y1 = (t1 ? 0.0f : output_error) + (t1 ? fault_count_y_y1 : 0.0f);
+    }
+}
+
+/* a fault count is at its limit: restart from the sample, or project onto the ranges */
+static uint32_t quadruple_tank_recover_y1(quadruple_tank_state *s, const quadruple_tank_params *p,
+    float reading)
+{
+    uint32_t status = 0u;
+    bool lost = false;
+    bool over_range = false;
+    bool over_y_y1 = false;
+    /* by which sign, and is the estimate lost? */
+    {
+        const bool t1 = s->fault_limit_y_y1 <= quadruple_tank_abs(s->fault_count_y_y1);
+        const float fault_limit_range = s->fault_limit_range;
+        const bool t2 = fault_limit_range <= s->fault_count_range;
+        const float z1 = s->z[0];
+        const float z2 = s->z[1];
+        const float z3 = s->z[2];
+        const float z4 = s->z[3];
+        const bool t3 = z1 < -8.5f || z1 > 29.5f || z2 < -8.5f || z2 > 29.5f || z3 < -9.25f || z3 > 29.75f
+            || z4 < -9.25f || z4 > 29.75f;
+        over_y_y1 = t1;
+        over_range = t2;
+        lost = t1 || (t2 && (fault_limit_range > 229.0f || t3));
+    }
+    if (over_y_y1) {
+        /* the fault limit doubles */
+        {
+            const float fault_count_y_y1 = s->fault_count_y_y1;
+            const float fault_limit_y_y1 = s->fault_limit_y_y1;
+            const float t1 = quadruple_tank_min(fault_limit_y_y1, 58880.0f);
+            s->fault_count_y_y1 = (fault_count_y_y1 < 0.0f) ? -t1 : t1;
+            s->fault_limit_y_y1 = quadruple_tank_min(2.0f*fault_limit_y_y1, 117760.0f);
+        }
+    }
+    if (over_range) {
+        /* the fault limit doubles */
+        {
+            const float fault_limit_range = s->fault_limit_range;
+            s->fault_count_range = quadruple_tank_min(fault_limit_range, 117248.0f);
+            s->fault_limit_range = quadruple_tank_min(2.0f*fault_limit_range, 234496.0f);
+        }
+    }
+    if (lost) {
+        /* the estimate restarts */
+        s->z[0] = 1.0f;
+        s->z[1] = 1.0f;
+        s->z[2] = 0.5f;
+        s->z[3] = 0.5f;
+        /* from the sample of y1 */
+        {
+            const float z1 = s->z[0];
+            const float z2 = s->z[1];
+            const float z3 = s->z[2];
+            const float z4 = s->z[3];
+            s->z[0] = quadruple_tank_keep(reading, 1.0f, 20.0f, z1, 1e+30f);
+            s->z[1] = quadruple_tank_keep(z2, 1.0f, 20.0f, z2, 1e+30f);
+            s->z[2] = quadruple_tank_keep(z3, 0.5f, 20.0f, z3, 1e+30f);
+            s->z[3] = quadruple_tank_keep(z4, 0.5f, 20.0f, z4, 1e+30f);
+        }
+        /* the estimate has restarted from the sample */
+        status |= QUADRUPLE_TANK_RESTARTED_FROM_SAMPLE;
+        quadruple_tank_clear_rest(s);
+    } else {
+        status |= quadruple_tank_project_onto_ranges(s, p);
+    }
+    return status;
+}
+
 /* part of a step: correct with y1 */
 static uint32_t quadruple_tank_run_update_y1(quadruple_tank_state *s, const quadruple_tank_params *p,
-    const quadruple_tank_output *out)
+    const quadruple_tank_output *measurement)
 {
     uint32_t status = 0u;
     bool acts = false;
-    bool beyond = false;
     float e = 0.0f;
     bool fresh = false;
-    bool lost = false;
-    float measurement = 0.0f;
     float moves_y_y1 = 0.0f;
     float output_error = 0.0f;
-    bool over_range = false;
-    bool over_y_y1 = false;
+    float reading = 0.0f;
     bool sampled = false;
     float side_y_y1 = 0.0f;
     bool suspect = false;
@@ -656,86 +869,17 @@ static uint32_t quadruple_tank_run_update_y1(quadruple_tank_state *s, const quad
     fresh = s->used_y1 < 1u;
     if (fresh) {
         /* the measurement of y1 */
-        measurement = out->y1;
-        /* guard the measurement of y1 */
-        {
-            const float t1 = measurement - s->z[0];
-            const bool t2 = quadruple_tank_within(measurement, 3e+38f);
-            const bool t3 = t2 && measurement >= -18.0f && measurement <= 39.0f
-                && quadruple_tank_within(t1, 1e+16f);
-            e = t1;
-            output_error = t1;
-            valid = t3;
-            if (!t2) {
-                status |= QUADRUPLE_TANK_MISSING_Y1;
-            }
-            if (t2 && !t3) {
-                status |= QUADRUPLE_TANK_REJECTED_Y1;
-            }
-        }
+        reading = measurement->y1;
+        status |= quadruple_tank_guard_measurement_y1(s, &e, &output_error, reading, &valid);
         if (valid) {
-            /* correct by the scalar update */
-            {
-                const float D1 = s->D[0];
-                const float L21 = s->L[0];
-                const float L31 = s->L[1];
-                const float L41 = s->L[2];
-                const float z1 = s->z[0];
-                const float z2 = s->z[1];
-                const float z3 = s->z[2];
-                const float z4 = s->z[3];
-                const float R1 = p->gain.R[0];
-                const float K1 = D1/(R1 + D1);
-                const float K2 = L21*K1;
-                const float K3 = L31*K1;
-                const float K4 = L41*K1;
-                s->z[0] = z1 + K1*e;
-                s->z[1] = z2 + K2*e;
-                s->z[2] = z3 + K3*e;
-                s->z[3] = z4 + K4*e;
-                s->D[0] = K1*R1;
-            }
-            /* is a value beyond its box, or lost? */
-            {
-                const float z1 = s->z[0];
-                const float z2 = s->z[1];
-                const float z3 = s->z[2];
-                const float z4 = s->z[3];
-                const bool t1 = z1 >= -18.0f && z1 <= 39.0f && z2 >= -18.0f && z2 <= 39.0f && z3 >= -19.0f
-                    && z3 <= 39.5f && z4 >= -19.0f && z4 <= 39.5f;
-                const float D1 = s->D[0];
-                beyond = !(t1 && D1 >= 4e-16f && D1 <= 812.25f);
-            }
-            if (quadruple_tank_acts(beyond)) {
-                status |= quadruple_tank_keep_in_box(s, p);
-            }
-            /* y1 is used */
-            s->used_y1 = 1u;
+            status |= quadruple_tank_use_sample_y1(s, p, e);
         }
-        /* is the estimate where it cannot be for long? */
-        {
-            const float z1 = s->z[0];
-            const float z2 = s->z[1];
-            const float z3 = s->z[2];
-            const float z4 = s->z[3];
-            const bool t1 = z1 < 1.0f || z1 > 20.0f || z2 < 1.0f || z2 > 20.0f || z3 < 0.5f || z3 > 20.0f
-                || z4 < 0.5f || z4 > 20.0f;
-            suspect = quadruple_tank_abs(output_error) > 1.9f || t1 || !(s->fault_checksum <= 0.0f) || !valid;
-        }
+        suspect = quadruple_tank_suspect_y1(s, output_error, valid);
         if (suspect) {
-            /* is there a sample to judge by? */
-            sampled = valid || (quadruple_tank_within(measurement, 3e+38f) && measurement >= -18.0f
-                && measurement <= 39.0f);
+            sampled = quadruple_tank_plausible_y1(reading, valid);
             if (sampled) {
                 status |= quadruple_tank_count_range(s, p);
-                /* which signs show? */
-                {
-                    const bool t1 = quadruple_tank_within(output_error, 1.9f);
-                    const float fault_count_y_y1 = s->fault_count_y_y1;
-                    moves_y_y1 = (t1 ? 0.0f : ((fault_count_y_y1*output_error < 0.0f) ? -57.0f : 1.0f))
-                        + (t1 ? -1.0f : 0.0f);
-                    side_y_y1 = (t1 ? 0.0f : output_error) + (t1 ? fault_count_y_y1 : 0.0f);
-                }
+                quadruple_tank_find_signs_y1(s, &moves_y_y1, output_error, &side_y_y1);
                 /* count of y_y1 */
                 {
                     const float fault_count_y_y1 = s->fault_count_y_y1;
@@ -749,62 +893,7 @@ static uint32_t quadruple_tank_run_update_y1(quadruple_tank_state *s, const quad
                 acts = s->fault_limit_y_y1 <= quadruple_tank_abs(s->fault_count_y_y1)
                     || s->fault_limit_range <= s->fault_count_range;
                 if (acts) {
-                    /* by which sign, and is the estimate lost? */
-                    {
-                        const bool t1 = s->fault_limit_y_y1 <= quadruple_tank_abs(s->fault_count_y_y1);
-                        const float fault_limit_range = s->fault_limit_range;
-                        const bool t2 = fault_limit_range <= s->fault_count_range;
-                        const float z1 = s->z[0];
-                        const float z2 = s->z[1];
-                        const float z3 = s->z[2];
-                        const float z4 = s->z[3];
-                        const bool t3 = z1 < -8.5f || z1 > 29.5f || z2 < -8.5f || z2 > 29.5f || z3 < -9.25f
-                            || z3 > 29.75f || z4 < -9.25f || z4 > 29.75f;
-                        over_y_y1 = t1;
-                        over_range = t2;
-                        lost = t1 || (t2 && (fault_limit_range > 229.0f || t3));
-                    }
-                    if (over_y_y1) {
-                        /* the fault limit doubles */
-                        {
-                            const float fault_count_y_y1 = s->fault_count_y_y1;
-                            const float fault_limit_y_y1 = s->fault_limit_y_y1;
-                            const float t1 = quadruple_tank_min(fault_limit_y_y1, 58880.0f);
-                            s->fault_count_y_y1 = (fault_count_y_y1 < 0.0f) ? -t1 : t1;
-                            s->fault_limit_y_y1 = quadruple_tank_min(2.0f*fault_limit_y_y1, 117760.0f);
-                        }
-                    }
-                    if (over_range) {
-                        /* the fault limit doubles */
-                        {
-                            const float fault_limit_range = s->fault_limit_range;
-                            s->fault_count_range = quadruple_tank_min(fault_limit_range, 117248.0f);
-                            s->fault_limit_range = quadruple_tank_min(2.0f*fault_limit_range, 234496.0f);
-                        }
-                    }
-                    if (lost) {
-                        /* the estimate restarts */
-                        s->z[0] = 1.0f;
-                        s->z[1] = 1.0f;
-                        s->z[2] = 0.5f;
-                        s->z[3] = 0.5f;
-                        /* from the sample of y1 */
-                        {
-                            const float z1 = s->z[0];
-                            const float z2 = s->z[1];
-                            const float z3 = s->z[2];
-                            const float z4 = s->z[3];
-                            s->z[0] = quadruple_tank_keep(measurement, 1.0f, 20.0f, z1, 1e+30f);
-                            s->z[1] = quadruple_tank_keep(z2, 1.0f, 20.0f, z2, 1e+30f);
-                            s->z[2] = quadruple_tank_keep(z3, 0.5f, 20.0f, z3, 1e+30f);
-                            s->z[3] = quadruple_tank_keep(z4, 0.5f, 20.0f, z4, 1e+30f);
-                        }
-                        /* the estimate has restarted from the sample */
-                        status |= QUADRUPLE_TANK_RESTARTED_FROM_SAMPLE;
-                        quadruple_tank_clear_rest(s);
-                    } else {
-                        status |= quadruple_tank_project_onto_ranges(s, p);
-                    }
+                    status |= quadruple_tank_recover_y1(s, p, reading);
                 }
                 /* the checksum of fault counts and limits */
                 {
@@ -821,21 +910,201 @@ static uint32_t quadruple_tank_run_update_y1(quadruple_tank_state *s, const quad
     return status;
 }
 
+static uint32_t quadruple_tank_guard_measurement_y2(const quadruple_tank_state *s, float *e,
+    float *output_error, float reading, bool *valid)
+{
+    uint32_t status = 0u;
+    /* guard the measurement of y2 */
+    {
+        const float t1 = reading - s->z[1];
+        const bool t2 = quadruple_tank_within(reading, 3e+38f);
+        const bool t3 = t2 && reading >= -18.0f && reading <= 39.0f && quadruple_tank_within(t1, 1e+16f);
+        *e = t1;
+        *output_error = t1;
+        *valid = t3;
+        if (!t2) {
+            status |= QUADRUPLE_TANK_MISSING_Y2;
+        }
+        if (t2 && !t3) {
+            status |= QUADRUPLE_TANK_REJECTED_Y2;
+        }
+    }
+    return status;
+}
+
+/* correct the estimate with a sample that can be used */
+static uint32_t quadruple_tank_use_sample_y2(quadruple_tank_state *s, const quadruple_tank_params *p, float e)
+{
+    uint32_t status = 0u;
+    bool beyond = false;
+    /* correct by the scalar update */
+    {
+        const float D1 = s->D[0];
+        const float D2 = s->D[1];
+        const float L21 = s->L[0];
+        const float L31 = s->L[1];
+        const float L41 = s->L[2];
+        const float L32 = s->L[3];
+        const float L42 = s->L[4];
+        const float z1 = s->z[0];
+        const float z2 = s->z[1];
+        const float z3 = s->z[2];
+        const float z4 = s->z[3];
+        const float t1 = D1*L21;
+        const float R2 = p->gain.R[1];
+        const float t2 = R2 + D2;
+        const float t3 = t2 + t1*L21;
+        const float K1 = t1/t3;
+        const float K2 = (D2 + L21*t1)/t3;
+        const float t4 = L32*D2;
+        const float K3 = (t4 + L31*t1)/t3;
+        const float t5 = L42*D2;
+        const float K4 = (t5 + L41*t1)/t3;
+        s->z[0] = z1 + K1*e;
+        s->z[1] = z2 + K2*e;
+        s->z[2] = z3 + K3*e;
+        s->z[3] = z4 + K4*e;
+        s->L[0] = L21 - L21*D2/t2;
+        s->L[1] = L31 - L21*t4/t2;
+        s->L[2] = L41 - L21*t5/t2;
+        s->D[0] = D1*t2/t3;
+        s->D[1] = D2*R2/t2;
+    }
+    /* is a value beyond its box, or lost? */
+    {
+        const float z1 = s->z[0];
+        const float z2 = s->z[1];
+        const float z3 = s->z[2];
+        const float z4 = s->z[3];
+        const bool t1 = z1 >= -18.0f && z1 <= 39.0f && z2 >= -18.0f && z2 <= 39.0f && z3 >= -19.0f
+            && z3 <= 39.5f && z4 >= -19.0f && z4 <= 39.5f;
+        const bool t2 = t1 && quadruple_tank_within(s->L[0], 1e+09f)
+            && quadruple_tank_within(s->L[1], 1.0263158e+09f);
+        const float D1 = s->D[0];
+        const float D2 = s->D[1];
+        const bool t3 = t2 && quadruple_tank_within(s->L[2], 1.0263158e+09f) && D1 >= 4e-16f && D1 <= 812.25f
+            && D2 >= 6e-15f && D2 <= 812.25f;
+        beyond = !t3;
+    }
+    if (quadruple_tank_acts(beyond)) {
+        status |= quadruple_tank_keep_in_box(s, p);
+    }
+    /* y2 is used */
+    s->used_y2 = 1u;
+    return status;
+}
+
+static uint32_t quadruple_tank_suspect_y2(const quadruple_tank_state *s, float output_error, bool *suspect,
+    bool valid)
+{
+    uint32_t status = 0u;
+    /* is the estimate where it cannot be for long? */
+    {
+        const float z1 = s->z[0];
+        const float z2 = s->z[1];
+        const float z3 = s->z[2];
+        const float z4 = s->z[3];
+        const bool t1 = z1 < 1.0f || z1 > 20.0f || z2 < 1.0f || z2 > 20.0f || z3 < 0.5f || z3 > 20.0f
+            || z4 < 0.5f || z4 > 20.0f;
+        if (t1) {
+            status |= QUADRUPLE_TANK_OUTSIDE_BOX;
+        }
+        *suspect = quadruple_tank_abs(output_error) > 1.9f || t1 || !(s->fault_checksum <= 0.0f) || !valid;
+    }
+    return status;
+}
+
+static void quadruple_tank_find_signs_y2(const quadruple_tank_state *s, float *moves_y_y2,
+    float output_error, float *side_y_y2)
+{
+    /* which signs show? */
+    {
+        const bool t1 = quadruple_tank_within(output_error, 1.9f);
+        const float fault_count_y_y2 = s->fault_count_y_y2;
+        *moves_y_y2 = (t1 ? 0.0f : ((fault_count_y_y2*output_error < 0.0f) ? -57.0f : 1.0f))
+            + (t1 ? -1.0f : 0.0f);
+        *side_y_y2 = (t1 ? 0.0f : output_error) + (t1 ? fault_count_y_y2 : 0.0f);
+    }
+}
+
+/* a fault count is at its limit: restart from the sample, or project onto the ranges */
+static uint32_t quadruple_tank_recover_y2(quadruple_tank_state *s, const quadruple_tank_params *p,
+    float reading)
+{
+    uint32_t status = 0u;
+    bool lost = false;
+    bool over_range = false;
+    bool over_y_y2 = false;
+    /* by which sign, and is the estimate lost? */
+    {
+        const bool t1 = s->fault_limit_y_y2 <= quadruple_tank_abs(s->fault_count_y_y2);
+        const float fault_limit_range = s->fault_limit_range;
+        const bool t2 = fault_limit_range <= s->fault_count_range;
+        const float z1 = s->z[0];
+        const float z2 = s->z[1];
+        const float z3 = s->z[2];
+        const float z4 = s->z[3];
+        const bool t3 = z1 < -8.5f || z1 > 29.5f || z2 < -8.5f || z2 > 29.5f || z3 < -9.25f || z3 > 29.75f
+            || z4 < -9.25f || z4 > 29.75f;
+        over_y_y2 = t1;
+        over_range = t2;
+        lost = t1 || (t2 && (fault_limit_range > 229.0f || t3));
+    }
+    if (over_y_y2) {
+        /* the fault limit doubles */
+        {
+            const float fault_count_y_y2 = s->fault_count_y_y2;
+            const float fault_limit_y_y2 = s->fault_limit_y_y2;
+            const float t1 = quadruple_tank_min(fault_limit_y_y2, 58880.0f);
+            s->fault_count_y_y2 = (fault_count_y_y2 < 0.0f) ? -t1 : t1;
+            s->fault_limit_y_y2 = quadruple_tank_min(2.0f*fault_limit_y_y2, 117760.0f);
+        }
+    }
+    if (over_range) {
+        /* the fault limit doubles */
+        {
+            const float fault_limit_range = s->fault_limit_range;
+            s->fault_count_range = quadruple_tank_min(fault_limit_range, 117248.0f);
+            s->fault_limit_range = quadruple_tank_min(2.0f*fault_limit_range, 234496.0f);
+        }
+    }
+    if (lost) {
+        /* the estimate restarts */
+        s->z[0] = 1.0f;
+        s->z[1] = 1.0f;
+        s->z[2] = 0.5f;
+        s->z[3] = 0.5f;
+        /* from the sample of y2 */
+        {
+            const float z1 = s->z[0];
+            const float z2 = s->z[1];
+            const float z3 = s->z[2];
+            const float z4 = s->z[3];
+            s->z[0] = quadruple_tank_keep(z1, 1.0f, 20.0f, z1, 1e+30f);
+            s->z[1] = quadruple_tank_keep(reading, 1.0f, 20.0f, z2, 1e+30f);
+            s->z[2] = quadruple_tank_keep(z3, 0.5f, 20.0f, z3, 1e+30f);
+            s->z[3] = quadruple_tank_keep(z4, 0.5f, 20.0f, z4, 1e+30f);
+        }
+        /* the estimate has restarted from the sample */
+        status |= QUADRUPLE_TANK_RESTARTED_FROM_SAMPLE;
+        quadruple_tank_clear_rest(s);
+    } else {
+        status |= quadruple_tank_project_onto_ranges(s, p);
+    }
+    return status;
+}
+
 /* part of a step: correct with y2 */
 static uint32_t quadruple_tank_run_update_y2(quadruple_tank_state *s, const quadruple_tank_params *p,
-    const quadruple_tank_output *out)
+    const quadruple_tank_output *measurement)
 {
     uint32_t status = 0u;
     bool acts = false;
-    bool beyond = false;
     float e = 0.0f;
     bool fresh = false;
-    bool lost = false;
-    float measurement = 0.0f;
     float moves_y_y2 = 0.0f;
     float output_error = 0.0f;
-    bool over_range = false;
-    bool over_y_y2 = false;
+    float reading = 0.0f;
     bool sampled = false;
     float side_y_y2 = 0.0f;
     bool suspect = false;
@@ -844,106 +1113,17 @@ static uint32_t quadruple_tank_run_update_y2(quadruple_tank_state *s, const quad
     fresh = s->used_y2 < 1u;
     if (fresh) {
         /* the measurement of y2 */
-        measurement = out->y2;
-        /* guard the measurement of y2 */
-        {
-            const float t1 = measurement - s->z[1];
-            const bool t2 = quadruple_tank_within(measurement, 3e+38f);
-            const bool t3 = t2 && measurement >= -18.0f && measurement <= 39.0f
-                && quadruple_tank_within(t1, 1e+16f);
-            e = t1;
-            output_error = t1;
-            valid = t3;
-            if (!t2) {
-                status |= QUADRUPLE_TANK_MISSING_Y2;
-            }
-            if (t2 && !t3) {
-                status |= QUADRUPLE_TANK_REJECTED_Y2;
-            }
-        }
+        reading = measurement->y2;
+        status |= quadruple_tank_guard_measurement_y2(s, &e, &output_error, reading, &valid);
         if (valid) {
-            /* correct by the scalar update */
-            {
-                const float D1 = s->D[0];
-                const float D2 = s->D[1];
-                const float L21 = s->L[0];
-                const float L31 = s->L[1];
-                const float L41 = s->L[2];
-                const float L32 = s->L[3];
-                const float L42 = s->L[4];
-                const float z1 = s->z[0];
-                const float z2 = s->z[1];
-                const float z3 = s->z[2];
-                const float z4 = s->z[3];
-                const float t1 = D1*L21;
-                const float R2 = p->gain.R[1];
-                const float t2 = R2 + D2;
-                const float t3 = t2 + t1*L21;
-                const float K1 = t1/t3;
-                const float K2 = (D2 + L21*t1)/t3;
-                const float t4 = L32*D2;
-                const float K3 = (t4 + L31*t1)/t3;
-                const float t5 = L42*D2;
-                const float K4 = (t5 + L41*t1)/t3;
-                s->z[0] = z1 + K1*e;
-                s->z[1] = z2 + K2*e;
-                s->z[2] = z3 + K3*e;
-                s->z[3] = z4 + K4*e;
-                s->L[0] = L21 - L21*D2/t2;
-                s->L[1] = L31 - L21*t4/t2;
-                s->L[2] = L41 - L21*t5/t2;
-                s->D[0] = D1*t2/t3;
-                s->D[1] = D2*R2/t2;
-            }
-            /* is a value beyond its box, or lost? */
-            {
-                const float z1 = s->z[0];
-                const float z2 = s->z[1];
-                const float z3 = s->z[2];
-                const float z4 = s->z[3];
-                const bool t1 = z1 >= -18.0f && z1 <= 39.0f && z2 >= -18.0f && z2 <= 39.0f && z3 >= -19.0f
-                    && z3 <= 39.5f && z4 >= -19.0f && z4 <= 39.5f;
-                const bool t2 = t1 && quadruple_tank_within(s->L[0], 1e+09f)
-                    && quadruple_tank_within(s->L[1], 1.0263158e+09f);
-                const float D1 = s->D[0];
-                const float D2 = s->D[1];
-                const bool t3 = t2 && quadruple_tank_within(s->L[2], 1.0263158e+09f) && D1 >= 4e-16f
-                    && D1 <= 812.25f && D2 >= 6e-15f && D2 <= 812.25f;
-                beyond = !t3;
-            }
-            if (quadruple_tank_acts(beyond)) {
-                status |= quadruple_tank_keep_in_box(s, p);
-            }
-            /* y2 is used */
-            s->used_y2 = 1u;
+            status |= quadruple_tank_use_sample_y2(s, p, e);
         }
-        /* is the estimate where it cannot be for long? */
-        {
-            const float z1 = s->z[0];
-            const float z2 = s->z[1];
-            const float z3 = s->z[2];
-            const float z4 = s->z[3];
-            const bool t1 = z1 < 1.0f || z1 > 20.0f || z2 < 1.0f || z2 > 20.0f || z3 < 0.5f || z3 > 20.0f
-                || z4 < 0.5f || z4 > 20.0f;
-            if (t1) {
-                status |= QUADRUPLE_TANK_OUTSIDE_BOX;
-            }
-            suspect = quadruple_tank_abs(output_error) > 1.9f || t1 || !(s->fault_checksum <= 0.0f) || !valid;
-        }
+        status |= quadruple_tank_suspect_y2(s, output_error, &suspect, valid);
         if (suspect) {
-            /* is there a sample to judge by? */
-            sampled = valid || (quadruple_tank_within(measurement, 3e+38f) && measurement >= -18.0f
-                && measurement <= 39.0f);
+            sampled = quadruple_tank_plausible_y1(reading, valid);
             if (sampled) {
                 status |= quadruple_tank_count_range(s, p);
-                /* which signs show? */
-                {
-                    const bool t1 = quadruple_tank_within(output_error, 1.9f);
-                    const float fault_count_y_y2 = s->fault_count_y_y2;
-                    moves_y_y2 = (t1 ? 0.0f : ((fault_count_y_y2*output_error < 0.0f) ? -57.0f : 1.0f))
-                        + (t1 ? -1.0f : 0.0f);
-                    side_y_y2 = (t1 ? 0.0f : output_error) + (t1 ? fault_count_y_y2 : 0.0f);
-                }
+                quadruple_tank_find_signs_y2(s, &moves_y_y2, output_error, &side_y_y2);
                 /* count of y_y2 */
                 {
                     const float fault_count_y_y2 = s->fault_count_y_y2;
@@ -957,62 +1137,7 @@ static uint32_t quadruple_tank_run_update_y2(quadruple_tank_state *s, const quad
                 acts = s->fault_limit_y_y2 <= quadruple_tank_abs(s->fault_count_y_y2)
                     || s->fault_limit_range <= s->fault_count_range;
                 if (acts) {
-                    /* by which sign, and is the estimate lost? */
-                    {
-                        const bool t1 = s->fault_limit_y_y2 <= quadruple_tank_abs(s->fault_count_y_y2);
-                        const float fault_limit_range = s->fault_limit_range;
-                        const bool t2 = fault_limit_range <= s->fault_count_range;
-                        const float z1 = s->z[0];
-                        const float z2 = s->z[1];
-                        const float z3 = s->z[2];
-                        const float z4 = s->z[3];
-                        const bool t3 = z1 < -8.5f || z1 > 29.5f || z2 < -8.5f || z2 > 29.5f || z3 < -9.25f
-                            || z3 > 29.75f || z4 < -9.25f || z4 > 29.75f;
-                        over_y_y2 = t1;
-                        over_range = t2;
-                        lost = t1 || (t2 && (fault_limit_range > 229.0f || t3));
-                    }
-                    if (over_y_y2) {
-                        /* the fault limit doubles */
-                        {
-                            const float fault_count_y_y2 = s->fault_count_y_y2;
-                            const float fault_limit_y_y2 = s->fault_limit_y_y2;
-                            const float t1 = quadruple_tank_min(fault_limit_y_y2, 58880.0f);
-                            s->fault_count_y_y2 = (fault_count_y_y2 < 0.0f) ? -t1 : t1;
-                            s->fault_limit_y_y2 = quadruple_tank_min(2.0f*fault_limit_y_y2, 117760.0f);
-                        }
-                    }
-                    if (over_range) {
-                        /* the fault limit doubles */
-                        {
-                            const float fault_limit_range = s->fault_limit_range;
-                            s->fault_count_range = quadruple_tank_min(fault_limit_range, 117248.0f);
-                            s->fault_limit_range = quadruple_tank_min(2.0f*fault_limit_range, 234496.0f);
-                        }
-                    }
-                    if (lost) {
-                        /* the estimate restarts */
-                        s->z[0] = 1.0f;
-                        s->z[1] = 1.0f;
-                        s->z[2] = 0.5f;
-                        s->z[3] = 0.5f;
-                        /* from the sample of y2 */
-                        {
-                            const float z1 = s->z[0];
-                            const float z2 = s->z[1];
-                            const float z3 = s->z[2];
-                            const float z4 = s->z[3];
-                            s->z[0] = quadruple_tank_keep(z1, 1.0f, 20.0f, z1, 1e+30f);
-                            s->z[1] = quadruple_tank_keep(measurement, 1.0f, 20.0f, z2, 1e+30f);
-                            s->z[2] = quadruple_tank_keep(z3, 0.5f, 20.0f, z3, 1e+30f);
-                            s->z[3] = quadruple_tank_keep(z4, 0.5f, 20.0f, z4, 1e+30f);
-                        }
-                        /* the estimate has restarted from the sample */
-                        status |= QUADRUPLE_TANK_RESTARTED_FROM_SAMPLE;
-                        quadruple_tank_clear_rest(s);
-                    } else {
-                        status |= quadruple_tank_project_onto_ranges(s, p);
-                    }
+                    status |= quadruple_tank_recover_y2(s, p, reading);
                 }
                 /* the checksum of fault counts and limits */
                 {
@@ -1056,33 +1181,33 @@ uint32_t quadruple_tank_predict(quadruple_tank_state *s, const quadruple_tank_pa
 }
 
 uint32_t quadruple_tank_update_y1(quadruple_tank_state *s, const quadruple_tank_params *p,
-    const quadruple_tank_output *out)
+    const quadruple_tank_output *measurement)
 {
     uint32_t status = 0u;
     if ((s->ready != QUADRUPLE_TANK_READY) || (p->ready != QUADRUPLE_TANK_READY)) {
         status = quadruple_tank_ready(s, p);
     }
     if ((status & QUADRUPLE_TANK_NO_PARAMETERS) == 0u) {
-        status |= quadruple_tank_run_update_y1(s, p, out);
+        status |= quadruple_tank_run_update_y1(s, p, measurement);
     }
     return status;
 }
 
 uint32_t quadruple_tank_update_y2(quadruple_tank_state *s, const quadruple_tank_params *p,
-    const quadruple_tank_output *out)
+    const quadruple_tank_output *measurement)
 {
     uint32_t status = 0u;
     if ((s->ready != QUADRUPLE_TANK_READY) || (p->ready != QUADRUPLE_TANK_READY)) {
         status = quadruple_tank_ready(s, p);
     }
     if ((status & QUADRUPLE_TANK_NO_PARAMETERS) == 0u) {
-        status |= quadruple_tank_run_update_y2(s, p, out);
+        status |= quadruple_tank_run_update_y2(s, p, measurement);
     }
     return status;
 }
 
 uint32_t quadruple_tank_step(quadruple_tank_state *s, const quadruple_tank_params *p,
-    const quadruple_tank_input *in, const quadruple_tank_output *out)
+    const quadruple_tank_input *in, const quadruple_tank_output *measurement)
 {
     uint32_t status = 0u;
     if ((s->ready != QUADRUPLE_TANK_READY) || (p->ready != QUADRUPLE_TANK_READY)) {
@@ -1090,8 +1215,8 @@ uint32_t quadruple_tank_step(quadruple_tank_state *s, const quadruple_tank_param
     }
     if ((status & QUADRUPLE_TANK_NO_PARAMETERS) == 0u) {
         status |= quadruple_tank_run_predict(s, p, in);
-        status |= quadruple_tank_run_update_y1(s, p, out);
-        status |= quadruple_tank_run_update_y2(s, p, out);
+        status |= quadruple_tank_run_update_y1(s, p, measurement);
+        status |= quadruple_tank_run_update_y2(s, p, measurement);
     }
     return status;
 }

@@ -23,7 +23,7 @@
 
 unsigned quadruple_tank_check(void);
 
-static const float given[64][4] = { /* in.v1, in.v2, out.y1, out.y2 */
+static const float given[64][4] = { /* in.v1, in.v2, measurement.y1, measurement.y2 */
     {1.5f, 1.5f, -0.5f, -0.5f},
     {1.6621622f, 1.6621622f, -0.41304347f, -0.41304347f},
     {1.8243244f, 1.8243244f, -0.32608697f, -0.32608697f},
@@ -190,7 +190,7 @@ unsigned quadruple_tank_check(void)
     quadruple_tank_state s;
     quadruple_tank_params p;
     quadruple_tank_input in;
-    quadruple_tank_output out;
+    quadruple_tank_output measurement;
     quadruple_tank_plant x;
     quadruple_tank_init(&s, &p);
     s.z[0] = 14.3f;
@@ -200,9 +200,9 @@ unsigned quadruple_tank_check(void)
     for (unsigned k = 0u; k < 64u && bad == 0u; ++k) {
         in.v1 = (k == 40u) ? none : given[k][0];
         in.v2 = (k == 40u) ? none : given[k][1];
-        out.y1 = (k == 20u) ? none : given[k][2];
-        out.y2 = (k == 20u) ? none : given[k][3];
-        const uint32_t status = quadruple_tank_step(&s, &p, &in, &out);
+        measurement.y1 = (k == 20u) ? none : given[k][2];
+        measurement.y2 = (k == 20u) ? none : given[k][3];
+        const uint32_t status = quadruple_tank_step(&s, &p, &in, &measurement);
         quadruple_tank_estimate(&s, &p, &x);
         if (status != expected[k] || !quadruple_tank_near(x.h1, k, 0u) || !quadruple_tank_near(x.h2, k, 1u)
             || !quadruple_tank_near(x.h3, k, 2u) || !quadruple_tank_near(x.h4, k, 3u)) {

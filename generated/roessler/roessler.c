@@ -1,4 +1,4 @@
-/* roessler: see roessler.h, which is the manual. */
+/* roessler: see roessler.h, and its manual roessler.md. */
 #include "roessler.h"
 
 #include <stdbool.h>
@@ -159,51 +159,298 @@ static void roessler_nominal(roessler_params *p)
     p->gain.theta = 5.0f;
 }
 
-unsigned roessler_step(roessler_state *s, const roessler_params *p, const roessler_output *out)
+static unsigned roessler_guard_measurements(const roessler_state *s, const roessler_output *measurement,
+    float *valid, float *y, float *y_last)
+{
+    unsigned status = 0u;
+    /* guard the measurements */
+    {
+        const float reading = measurement->y;
+        const bool t1 = roessler_within(reading, 3e+38f);
+        const float z1 = s->z[0];
+        const bool t2 = t1 && roessler_within(reading, 36.0f) && roessler_within(reading - z1, 1e+16f);
+        const float t3 = t2 ? reading : z1;
+        *y = t3;
+        *y_last = (t2 && s->y_valid > 0.0f) ? s->y : t3;
+        *valid = t2 ? 1.0f : 0.0f;
+        if (!t1) {
+            status |= ROESSLER_MISSING_Y;
+        }
+        if (t1 && !t2) {
+            status |= ROESSLER_REJECTED_Y;
+        }
+    }
+    return status;
+}
+
+/* advance the estimate from the last call to now */
+static unsigned roessler_advance(roessler_state *s, const roessler_params *p, float valid, float y,
+    float y_last)
+{
+    unsigned status = 0u;
+    float ahead = 0.0f;
+    bool beyond = false;
+    float fraction = 0.0f;
+    float share = 0.0f;
+    float z_at[3];
+    float z_sum[3];
+    /* z: one step of classical Runge-Kutta */
+    /* its tableau: */
+    /*     0 |  */
+    /*   1/2 | 1/2 */
+    /*   1/2 |   0 1/2 */
+    /*     1 |   0   0   1 */
+    /*   --------------------- */
+    /*       | 1/6 1/3 1/3 1/6 */
+    /* fraction is c of a stage; share is its b over that of the first; ahead is the next stage's a times
+     * dt */
+    z_sum[0] = 0.0f;
+    z_sum[1] = 0.0f;
+    z_sum[2] = 0.0f;
+    z_at[0] = s->z[0];
+    z_at[1] = s->z[1];
+    z_at[2] = s->z[2];
+    {
+        static const float each_fraction[4] = {0.0f, 0.5f, 0.5f, 1.0f};
+        static const float each_share[4] = {1.0f, 2.0f, 2.0f, 1.0f};
+        static const float each_ahead[4] = {0.0005f, 0.0005f, 0.001f, 0.0f};
+        for (unsigned r = 0u; r < 4u; ++r) {
+            fraction = each_fraction[r];
+            share = each_share[r];
+            ahead = each_ahead[r];
+            /* a stage */
+            {
+                const float z_at1 = z_at[0];
+                const float z_at2 = z_at[1];
+                const float z_at3 = z_at[2];
+                const float z_sum1 = z_sum[0];
+                const float z_sum2 = z_sum[1];
+                const float z_sum3 = z_sum[2];
+                float k_z[3];
+                roessler_rate(p, z_at1, z_at2, z_at3, y_last + fraction*(y - y_last), valid, k_z);
+                z_sum[0] = z_sum1 + share*k_z[0];
+                z_sum[1] = z_sum2 + share*k_z[1];
+                z_sum[2] = z_sum3 + share*k_z[2];
+                z_at[0] = s->z[0] + ahead*k_z[0];
+                z_at[1] = s->z[1] + ahead*k_z[1];
+                z_at[2] = s->z[2] + ahead*k_z[2];
+            }
+        }
+    }
+    /* the slopes of all stages */
+    {
+        const float z1 = s->z[0];
+        const float z2 = s->z[1];
+        const float z3 = s->z[2];
+        s->z[0] = z1 + 0.00016666666f*z_sum[0];
+        s->z[1] = z2 + 0.00016666666f*z_sum[1];
+        s->z[2] = z3 + 0.00016666666f*z_sum[2];
+    }
+    /* is a value beyond its box, or lost? */
+    {
+        const float z3 = s->z[2];
+        const bool t1 = roessler_within(s->z[0], 36.0f) && roessler_within(s->z[1], 60.0f) && z3 >= -325.0f
+            && z3 <= 300.0f;
+        beyond = !t1;
+    }
+    if (roessler_acts(beyond)) {
+        status |= roessler_keep_in_box(s, p);
+    }
+    return status;
+}
+
+static unsigned roessler_suspect(const roessler_state *s, const roessler_output *measurement, bool *suspect,
+    float valid)
+{
+    unsigned status = 0u;
+    /* is the estimate where it cannot be for long? */
+    {
+        const float z1 = s->z[0];
+        const float z3 = s->z[2];
+        const bool t1 = roessler_abs(z1) > 12.0f || roessler_abs(s->z[1]) > 12.0f || z3 < -25.0f || z3 > 0.0f;
+        if (t1) {
+            status |= ROESSLER_OUTSIDE_BOX;
+        }
+        *suspect = roessler_abs(measurement->y - z1) > 2.4f || t1 || !(s->fault_checksum <= 0.0f)
+            || !(valid > 0.0f);
+    }
+    return status;
+}
+
+static bool roessler_plausible(const roessler_output *measurement, float valid)
+{
+    bool sampled = false;
+    /* is there a sample to judge by? */
+    {
+        const float reading = measurement->y;
+        sampled = valid > 0.0f || (roessler_within(reading, 3e+38f) && roessler_within(reading, 36.0f));
+    }
+    return sampled;
+}
+
+static bool roessler_counts_spoiled(const roessler_state *s)
+{
+    bool spoiled = false;
+    /* was a fault count or limit spoiled? */
+    {
+        const float fault_count_y = s->fault_count_y;
+        const float fault_limit_y = s->fault_limit_y;
+        const float fault_count_range = s->fault_count_range;
+        const float fault_limit_range = s->fault_limit_range;
+        const float t1 = fault_limit_y - 3130.0f + roessler_abs(fault_count_y)
+            + (fault_limit_range - 3130.0f + fault_count_range);
+        const bool t2 = roessler_abs(t1 - s->fault_checksum) < 0.5f
+            && roessler_within(fault_count_y, 3205120.0f) && fault_limit_y >= 3130.0f
+                && fault_limit_y <= 3205120.0f;
+        const bool t3 = t2 && fault_count_range >= 0.0f && fault_count_range <= 3205120.0f
+            && fault_limit_range >= 3130.0f && fault_limit_range <= 3205120.0f;
+        spoiled = !t3;
+    }
+    return spoiled;
+}
+
+static void roessler_find_signs(const roessler_state *s, const roessler_output *measurement, float *moves_y,
+    float *side_y)
+{
+    /* which signs show? */
+    {
+        const float t1 = measurement->y - s->z[0];
+        const bool t2 = roessler_within(t1, 2.4f);
+        const float fault_count_y = s->fault_count_y;
+        *moves_y = (t2 ? 0.0f : ((fault_count_y*t1 < 0.0f) ? -542.0f : 1.0f)) + (t2 ? -1.0f : 0.0f);
+        *side_y = (t2 ? 0.0f : t1) + (t2 ? fault_count_y : 0.0f);
+    }
+}
+
+/* a fault count is at its limit: restart from the sample, or project onto the ranges */
+static unsigned roessler_recover(roessler_state *s, const roessler_output *measurement)
+{
+    unsigned status = 0u;
+    bool lost = false;
+    bool over_range = false;
+    bool over_y = false;
+    /* by which sign, and is the estimate lost? */
+    {
+        const bool t1 = s->fault_limit_y <= roessler_abs(s->fault_count_y);
+        const float fault_limit_range = s->fault_limit_range;
+        const bool t2 = fault_limit_range <= s->fault_count_range;
+        const float z3 = s->z[2];
+        const bool t3 = fault_limit_range > 3130.0f || roessler_abs(s->z[0]) > 24.0f
+            || roessler_abs(s->z[1]) > 24.0f || z3 < -37.5f || z3 > 12.5f;
+        over_y = t1;
+        over_range = t2;
+        lost = t1 || (t2 && t3);
+    }
+    if (over_y) {
+        /* the fault limit doubles */
+        {
+            const float fault_count_y = s->fault_count_y;
+            const float fault_limit_y = s->fault_limit_y;
+            const float t1 = roessler_min(fault_limit_y, 1602560.0f);
+            s->fault_count_y = (fault_count_y < 0.0f) ? -t1 : t1;
+            s->fault_limit_y = roessler_min(2.0f*fault_limit_y, 3205120.0f);
+        }
+    }
+    if (over_range) {
+        /* the fault limit doubles */
+        {
+            const float fault_limit_range = s->fault_limit_range;
+            s->fault_count_range = roessler_min(fault_limit_range, 1602560.0f);
+            s->fault_limit_range = roessler_min(2.0f*fault_limit_range, 3205120.0f);
+        }
+    }
+    if (lost) {
+        /* the estimate restarts */
+        s->z[0] = 0.0f;
+        s->z[1] = 0.0f;
+        s->z[2] = 0.0f;
+        /* from the sample of y */
+        {
+            const float z1 = s->z[0];
+            const float z2 = s->z[1];
+            const float z3 = s->z[2];
+            s->z[0] = roessler_keep(measurement->y, -12.0f, 12.0f, z1, 1e+30f);
+            s->z[1] = roessler_keep(z2, -12.0f, 12.0f, z2, 1e+30f);
+            s->z[2] = roessler_keep(z3, -25.0f, 0.0f, z3, 1e+30f);
+        }
+        /* the estimate has restarted from the sample */
+        status |= ROESSLER_RESTARTED_FROM_SAMPLE;
+    } else {
+        /* the estimate back onto its declared ranges */
+        {
+            const float z1 = s->z[0];
+            const float z2 = s->z[1];
+            const float z3 = s->z[2];
+            s->z[0] = roessler_limit(z1, 12.0f);
+            s->z[1] = roessler_limit(z2, 12.0f);
+            s->z[2] = roessler_clamp(z3, -25.0f, 0.0f);
+            status |= ROESSLER_PROJECTED_ONTO_RANGES;
+        }
+    }
+    return status;
+}
+
+/* count the signs of a fault at a sample, and act where a count is at its limit */
+static unsigned roessler_count_faults(roessler_state *s, const roessler_output *measurement)
+{
+    unsigned status = 0u;
+    bool acts = false;
+    float moves_range = 0.0f;
+    float moves_y = 0.0f;
+    float side_y = 0.0f;
+    bool spoiled = false;
+    spoiled = roessler_counts_spoiled(s);
+    if (spoiled) {
+        roessler_clear_fault_counts(s);
+    }
+    /* is the estimate out of a range? */
+    {
+        const float z3 = s->z[2];
+        moves_range = (roessler_abs(s->z[0]) > 13.2f || roessler_abs(s->z[1]) > 13.2f || z3 < -26.25f
+            || z3 > 1.25f) ? 1.0f : -1.0f;
+    }
+    /* count of range */
+    {
+        const float fault_count_range = s->fault_count_range;
+        const float fault_limit_range = s->fault_limit_range;
+        const float t1 = roessler_clamp(fault_count_range + moves_range, 0.0f, 3205120.0f);
+        s->fault_count_range = t1;
+        s->fault_limit_range = (t1 <= 0.0f) ? 3130.0f : fault_limit_range;
+    }
+    roessler_find_signs(s, measurement, &moves_y, &side_y);
+    /* count of y */
+    {
+        const float fault_count_y = s->fault_count_y;
+        const float fault_limit_y = s->fault_limit_y;
+        const float t1 = roessler_clamp(roessler_abs(fault_count_y) + moves_y, 0.0f, 3205120.0f);
+        s->fault_count_y = (side_y < 0.0f) ? -t1 : t1;
+        s->fault_limit_y = (t1 <= 0.0f) ? 3130.0f : fault_limit_y;
+    }
+    /* does a guard act? */
+    acts = s->fault_limit_y <= roessler_abs(s->fault_count_y) || s->fault_limit_range <= s->fault_count_range;
+    if (acts) {
+        status |= roessler_recover(s, measurement);
+    }
+    /* the checksum of fault counts and limits */
+    s->fault_checksum = s->fault_limit_y - 3130.0f + roessler_abs(s->fault_count_y)
+        + (s->fault_limit_range - 3130.0f + s->fault_count_range);
+    return status;
+}
+
+unsigned roessler_step(roessler_state *s, const roessler_params *p, const roessler_output *measurement)
 {
     unsigned status = 0u;
     if ((s->ready != ROESSLER_READY) || (p->ready != ROESSLER_READY)) {
         status = roessler_ready(s, p);
     }
     if ((status & ROESSLER_NO_PARAMETERS) == 0u) {
-        bool acts = false;
-        float ahead = 0.0f;
-        bool beyond = false;
-        float fraction = 0.0f;
-        bool lost = false;
-        float moves_range = 0.0f;
-        float moves_y = 0.0f;
-        bool over_range = false;
-        bool over_y = false;
         bool running = false;
         bool sampled = false;
-        float share = 0.0f;
-        float side_y = 0.0f;
-        bool spoiled = false;
         bool suspect = false;
         float valid = 0.0f;
         float y = 0.0f;
         float y_last = 0.0f;
-        float z_at[3];
-        float z_sum[3];
-        /* guard the measurements */
-        {
-            const float measurement = out->y;
-            const bool t1 = roessler_within(measurement, 3e+38f);
-            const float z1 = s->z[0];
-            const bool t2 = t1 && roessler_within(measurement, 36.0f)
-                && roessler_within(measurement - z1, 1e+16f);
-            const float t3 = t2 ? measurement : z1;
-            y = t3;
-            y_last = (t2 && s->y_valid > 0.0f) ? s->y : t3;
-            valid = t2 ? 1.0f : 0.0f;
-            if (!t1) {
-                status |= ROESSLER_MISSING_Y;
-            }
-            if (t1 && !t2) {
-                status |= ROESSLER_REJECTED_Y;
-            }
-        }
+        status |= roessler_guard_measurements(s, measurement, &valid, &y, &y_last);
         /* the first call advances no time */
         {
             const unsigned calls = s->calls;
@@ -211,200 +458,18 @@ unsigned roessler_step(roessler_state *s, const roessler_params *p, const roessl
             s->calls = 1u;
         }
         if (running) {
-            /* z: one step of classical Runge-Kutta */
-            z_sum[0] = 0.0f;
-            z_sum[1] = 0.0f;
-            z_sum[2] = 0.0f;
-            z_at[0] = s->z[0];
-            z_at[1] = s->z[1];
-            z_at[2] = s->z[2];
-            {
-                static const float each_fraction[4] = {0.0f, 0.5f, 0.5f, 1.0f};
-                static const float each_share[4] = {1.0f, 2.0f, 2.0f, 1.0f};
-                static const float each_ahead[4] = {0.0005f, 0.0005f, 0.001f, 0.0f};
-                for (unsigned r = 0u; r < 4u; ++r) {
-                    fraction = each_fraction[r];
-                    share = each_share[r];
-                    ahead = each_ahead[r];
-                    /* a stage */
-                    {
-                        const float z_at1 = z_at[0];
-                        const float z_at2 = z_at[1];
-                        const float z_at3 = z_at[2];
-                        const float z_sum1 = z_sum[0];
-                        const float z_sum2 = z_sum[1];
-                        const float z_sum3 = z_sum[2];
-                        float k_z[3];
-                        roessler_rate(p, z_at1, z_at2, z_at3, y_last + fraction*(y - y_last), valid, k_z);
-                        z_sum[0] = z_sum1 + share*k_z[0];
-                        z_sum[1] = z_sum2 + share*k_z[1];
-                        z_sum[2] = z_sum3 + share*k_z[2];
-                        z_at[0] = s->z[0] + ahead*k_z[0];
-                        z_at[1] = s->z[1] + ahead*k_z[1];
-                        z_at[2] = s->z[2] + ahead*k_z[2];
-                    }
-                }
-            }
-            /* the slopes of all stages */
-            {
-                const float z1 = s->z[0];
-                const float z2 = s->z[1];
-                const float z3 = s->z[2];
-                s->z[0] = z1 + 0.00016666666f*z_sum[0];
-                s->z[1] = z2 + 0.00016666666f*z_sum[1];
-                s->z[2] = z3 + 0.00016666666f*z_sum[2];
-            }
-            /* is a value beyond its box, or lost? */
-            {
-                const float z3 = s->z[2];
-                const bool t1 = roessler_within(s->z[0], 36.0f) && roessler_within(s->z[1], 60.0f)
-                    && z3 >= -325.0f && z3 <= 300.0f;
-                beyond = !t1;
-            }
-            if (roessler_acts(beyond)) {
-                status |= roessler_keep_in_box(s, p);
-            }
+            status |= roessler_advance(s, p, valid, y, y_last);
         } else {
             status |= roessler_keep_in_box(s, p);
         }
         /* remember the sample */
         s->y = y;
         s->y_valid = valid;
-        /* is the estimate where it cannot be for long? */
-        {
-            const float z1 = s->z[0];
-            const float z3 = s->z[2];
-            const bool t1 = roessler_abs(z1) > 12.0f || roessler_abs(s->z[1]) > 12.0f || z3 < -25.0f
-                || z3 > 0.0f;
-            if (t1) {
-                status |= ROESSLER_OUTSIDE_BOX;
-            }
-            suspect = roessler_abs(out->y - z1) > 2.4f || t1 || !(s->fault_checksum <= 0.0f)
-                || !(valid > 0.0f);
-        }
+        status |= roessler_suspect(s, measurement, &suspect, valid);
         if (suspect) {
-            /* is there a sample to judge by? */
-            {
-                const float measurement = out->y;
-                sampled = valid > 0.0f || (roessler_within(measurement, 3e+38f)
-                    && roessler_within(measurement, 36.0f));
-            }
+            sampled = roessler_plausible(measurement, valid);
             if (sampled) {
-                /* was a fault count or limit spoiled? */
-                {
-                    const float fault_count_y = s->fault_count_y;
-                    const float fault_limit_y = s->fault_limit_y;
-                    const float fault_count_range = s->fault_count_range;
-                    const float fault_limit_range = s->fault_limit_range;
-                    const float t1 = fault_limit_y - 3130.0f + roessler_abs(fault_count_y)
-                        + (fault_limit_range - 3130.0f + fault_count_range);
-                    const bool t2 = roessler_abs(t1 - s->fault_checksum) < 0.5f
-                        && roessler_within(fault_count_y, 3205120.0f) && fault_limit_y >= 3130.0f
-                            && fault_limit_y <= 3205120.0f;
-                    const bool t3 = t2 && fault_count_range >= 0.0f && fault_count_range <= 3205120.0f
-                        && fault_limit_range >= 3130.0f && fault_limit_range <= 3205120.0f;
-                    spoiled = !t3;
-                }
-                if (spoiled) {
-                    roessler_clear_fault_counts(s);
-                }
-                /* is the estimate out of a range? */
-                {
-                    const float z3 = s->z[2];
-                    moves_range = (roessler_abs(s->z[0]) > 13.2f || roessler_abs(s->z[1]) > 13.2f
-                        || z3 < -26.25f || z3 > 1.25f) ? 1.0f : -1.0f;
-                }
-                /* count of range */
-                {
-                    const float fault_count_range = s->fault_count_range;
-                    const float fault_limit_range = s->fault_limit_range;
-                    const float t1 = roessler_clamp(fault_count_range + moves_range, 0.0f, 3205120.0f);
-                    s->fault_count_range = t1;
-                    s->fault_limit_range = (t1 <= 0.0f) ? 3130.0f : fault_limit_range;
-                }
-                /* which signs show? */
-                {
-                    const float t1 = out->y - s->z[0];
-                    const bool t2 = roessler_within(t1, 2.4f);
-                    const float fault_count_y = s->fault_count_y;
-                    moves_y = (t2 ? 0.0f : ((fault_count_y*t1 < 0.0f) ? -542.0f : 1.0f))
-                        + (t2 ? -1.0f : 0.0f);
-                    side_y = (t2 ? 0.0f : t1) + (t2 ? fault_count_y : 0.0f);
-                }
-                /* count of y */
-                {
-                    const float fault_count_y = s->fault_count_y;
-                    const float fault_limit_y = s->fault_limit_y;
-                    const float t1 = roessler_clamp(roessler_abs(fault_count_y) + moves_y, 0.0f, 3205120.0f);
-                    s->fault_count_y = (side_y < 0.0f) ? -t1 : t1;
-                    s->fault_limit_y = (t1 <= 0.0f) ? 3130.0f : fault_limit_y;
-                }
-                /* does a guard act? */
-                acts = s->fault_limit_y <= roessler_abs(s->fault_count_y)
-                    || s->fault_limit_range <= s->fault_count_range;
-                if (acts) {
-                    /* by which sign, and is the estimate lost? */
-                    {
-                        const bool t1 = s->fault_limit_y <= roessler_abs(s->fault_count_y);
-                        const float fault_limit_range = s->fault_limit_range;
-                        const bool t2 = fault_limit_range <= s->fault_count_range;
-                        const float z3 = s->z[2];
-                        const bool t3 = fault_limit_range > 3130.0f || roessler_abs(s->z[0]) > 24.0f
-                            || roessler_abs(s->z[1]) > 24.0f || z3 < -37.5f || z3 > 12.5f;
-                        over_y = t1;
-                        over_range = t2;
-                        lost = t1 || (t2 && t3);
-                    }
-                    if (over_y) {
-                        /* the fault limit doubles */
-                        {
-                            const float fault_count_y = s->fault_count_y;
-                            const float fault_limit_y = s->fault_limit_y;
-                            const float t1 = roessler_min(fault_limit_y, 1602560.0f);
-                            s->fault_count_y = (fault_count_y < 0.0f) ? -t1 : t1;
-                            s->fault_limit_y = roessler_min(2.0f*fault_limit_y, 3205120.0f);
-                        }
-                    }
-                    if (over_range) {
-                        /* the fault limit doubles */
-                        {
-                            const float fault_limit_range = s->fault_limit_range;
-                            s->fault_count_range = roessler_min(fault_limit_range, 1602560.0f);
-                            s->fault_limit_range = roessler_min(2.0f*fault_limit_range, 3205120.0f);
-                        }
-                    }
-                    if (lost) {
-                        /* the estimate restarts */
-                        s->z[0] = 0.0f;
-                        s->z[1] = 0.0f;
-                        s->z[2] = 0.0f;
-                        /* from the sample of y */
-                        {
-                            const float z1 = s->z[0];
-                            const float z2 = s->z[1];
-                            const float z3 = s->z[2];
-                            s->z[0] = roessler_keep(out->y, -12.0f, 12.0f, z1, 1e+30f);
-                            s->z[1] = roessler_keep(z2, -12.0f, 12.0f, z2, 1e+30f);
-                            s->z[2] = roessler_keep(z3, -25.0f, 0.0f, z3, 1e+30f);
-                        }
-                        /* the estimate has restarted from the sample */
-                        status |= ROESSLER_RESTARTED_FROM_SAMPLE;
-                    } else {
-                        /* the estimate back onto its declared ranges */
-                        {
-                            const float z1 = s->z[0];
-                            const float z2 = s->z[1];
-                            const float z3 = s->z[2];
-                            s->z[0] = roessler_limit(z1, 12.0f);
-                            s->z[1] = roessler_limit(z2, 12.0f);
-                            s->z[2] = roessler_clamp(z3, -25.0f, 0.0f);
-                            status |= ROESSLER_PROJECTED_ONTO_RANGES;
-                        }
-                    }
-                }
-                /* the checksum of fault counts and limits */
-                s->fault_checksum = s->fault_limit_y - 3130.0f + roessler_abs(s->fault_count_y)
-                    + (s->fault_limit_range - 3130.0f + s->fault_count_range);
+                status |= roessler_count_faults(s, measurement);
             }
         }
     }

@@ -23,7 +23,7 @@
 
 unsigned roessler_check(void);
 
-static const float given[64][1] = { /* out.y */
+static const float given[64][1] = { /* measurement.y */
     {-0.5f},
     {-0.41304347f},
     {-0.32608697f},
@@ -189,15 +189,15 @@ unsigned roessler_check(void)
     unsigned bad = (none >= none) ? 21u : 0u; /* compiled to take it for a number: sample 21 is lost */
     roessler_state s;
     roessler_params p;
-    roessler_output out;
+    roessler_output measurement;
     roessler_plant x;
     roessler_init(&s, &p);
     s.z[0] = 4.8f;
     s.z[1] = 4.8f;
     s.z[2] = -7.5f;
     for (unsigned k = 0u; k < 64u && bad == 0u; ++k) {
-        out.y = (k == 20u) ? none : given[k][0];
-        const unsigned status = roessler_step(&s, &p, &out);
+        measurement.y = (k == 20u) ? none : given[k][0];
+        const unsigned status = roessler_step(&s, &p, &measurement);
         roessler_estimate(&s, &p, &x);
         if (status != expected[k] || !roessler_near(x.x1, k, 0u) || !roessler_near(x.x2, k, 1u)
             || !roessler_near(x.x3, k, 2u)) {

@@ -23,7 +23,7 @@
 
 unsigned series_dc_motor_check(void);
 
-static const float given[64][2] = { /* in.u, out.y */
+static const float given[64][2] = { /* in.u, measurement.y */
     {1250.0f, -0.5f},
     {1385.1351f, -0.41304347f},
     {1520.2703f, -0.32608697f},
@@ -190,7 +190,7 @@ unsigned series_dc_motor_check(void)
     series_dc_motor_state s;
     series_dc_motor_params p;
     series_dc_motor_input in;
-    series_dc_motor_output out;
+    series_dc_motor_output measurement;
     series_dc_motor_plant x;
     series_dc_motor_init(&s, &p);
     s.z[0] = 35.3f;
@@ -198,8 +198,8 @@ unsigned series_dc_motor_check(void)
     s.z[2] = 20.0f;
     for (unsigned k = 0u; k < 64u && bad == 0u; ++k) {
         in.u = (k == 40u) ? none : given[k][0];
-        out.y = (k == 20u) ? none : given[k][1];
-        const unsigned status = series_dc_motor_step(&s, &p, &in, &out);
+        measurement.y = (k == 20u) ? none : given[k][1];
+        const unsigned status = series_dc_motor_step(&s, &p, &in, &measurement);
         series_dc_motor_estimate(&s, &p, &x);
         if (status != expected[k] || !series_dc_motor_near(x.i, k, 0u) || !series_dc_motor_near(x.w, k, 1u)
             || !series_dc_motor_near(x.TL, k, 2u)) {

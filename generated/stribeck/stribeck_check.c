@@ -23,7 +23,7 @@
 
 unsigned stribeck_check(void);
 
-static const float given[64][2] = { /* in.u, out.y */
+static const float given[64][2] = { /* in.u, measurement.y */
     {-3.0f, -1.1f},
     {-2.6756756f, -0.90869564f},
     {-2.3513513f, -0.7173913f},
@@ -190,15 +190,15 @@ unsigned stribeck_check(void)
     stribeck_state s;
     stribeck_params p;
     stribeck_input in;
-    stribeck_output out;
+    stribeck_output measurement;
     stribeck_plant x;
     stribeck_init(&s, &p);
     s.z[0] = 0.8f;
     s.z[1] = 0.32f;
     for (unsigned k = 0u; k < 64u && bad == 0u; ++k) {
         in.u = (k == 40u) ? none : given[k][0];
-        out.y = (k == 20u) ? none : given[k][1];
-        const unsigned status = stribeck_step(&s, &p, &in, &out);
+        measurement.y = (k == 20u) ? none : given[k][1];
+        const unsigned status = stribeck_step(&s, &p, &in, &measurement);
         stribeck_estimate(&s, &p, &x);
         if (status != expected[k] || !stribeck_near(x.x, k, 0u) || !stribeck_near(x.v, k, 1u)) {
             bad = k + 1u;

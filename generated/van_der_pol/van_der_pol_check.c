@@ -23,7 +23,7 @@
 
 unsigned van_der_pol_check(void);
 
-static const float given[64][1] = { /* out.y */
+static const float given[64][1] = { /* measurement.y */
     {-0.5f},
     {-0.41304347f},
     {-0.32608697f},
@@ -189,14 +189,14 @@ unsigned van_der_pol_check(void)
     unsigned bad = (none >= none) ? 21u : 0u; /* compiled to take it for a number: sample 21 is lost */
     van_der_pol_state s;
     van_der_pol_params p;
-    van_der_pol_output out;
+    van_der_pol_output measurement;
     van_der_pol_plant x;
     van_der_pol_init(&s, &p);
     s.z[0] = 1.2f;
     s.z[1] = 2.4f;
     for (unsigned k = 0u; k < 64u && bad == 0u; ++k) {
-        out.y = (k == 20u) ? none : given[k][0];
-        const unsigned status = van_der_pol_step(&s, &p, &out);
+        measurement.y = (k == 20u) ? none : given[k][0];
+        const unsigned status = van_der_pol_step(&s, &p, &measurement);
         van_der_pol_estimate(&s, &p, &x);
         if (status != expected[k] || !van_der_pol_near(x.x1, k, 0u) || !van_der_pol_near(x.x2, k, 1u)) {
             bad = k + 1u;

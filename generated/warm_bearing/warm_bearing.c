@@ -1,4 +1,4 @@
-/* warm_bearing: see warm_bearing.h, which is the manual. */
+/* warm_bearing: see warm_bearing.h, and its manual warm_bearing.md. */
 #include "warm_bearing.h"
 
 #include <stdbool.h>
@@ -205,76 +205,310 @@ static void warm_bearing_nominal(warm_bearing_params *p)
     p->gain.theta = 100.0f;
 }
 
+static unsigned warm_bearing_guard_input(const warm_bearing_state *s, const warm_bearing_input *in, float *u)
+{
+    unsigned status = 0u;
+    /* guard the input */
+    {
+        const float u_given = in->u;
+        const bool u_usable = warm_bearing_within(u_given, 1e+15f);
+        const float u_taken = u_usable ? u_given : s->u[0];
+        const float T = in->T;
+        const bool T_usable = warm_bearing_within(T, 1e+15f);
+        const float T_taken = T_usable ? T : s->u[1];
+        u[0] = warm_bearing_limit(u_taken, 6.0f);
+        u[1] = warm_bearing_clamp(T_taken, -10.0f, 90.0f);
+        if (!u_usable) {
+            status |= WARM_BEARING_REUSED_U;
+        }
+        if (warm_bearing_abs(u_taken) > 6.0f) {
+            status |= WARM_BEARING_CLAMPED_U;
+        }
+        if (!T_usable) {
+            status |= WARM_BEARING_REUSED_T;
+        }
+        if (T_taken < -10.0f || T_taken > 90.0f) {
+            status |= WARM_BEARING_CLAMPED_T;
+        }
+    }
+    return status;
+}
+
+static unsigned warm_bearing_guard_measurements(const warm_bearing_state *s,
+    const warm_bearing_output *measurement, float *valid, float *y, float *y_last)
+{
+    unsigned status = 0u;
+    /* guard the measurements */
+    {
+        const float reading = measurement->y;
+        const bool t1 = warm_bearing_within(reading, 3e+38f);
+        const float z1 = s->z[0];
+        const bool t2 = t1 && warm_bearing_within(reading, 6.6f) && warm_bearing_within(reading - z1, 1e+16f);
+        const float t3 = t2 ? reading : z1;
+        *y = t3;
+        *y_last = (t2 && s->y_valid > 0.0f) ? s->y : t3;
+        *valid = t2 ? 1.0f : 0.0f;
+        if (!t1) {
+            status |= WARM_BEARING_MISSING_Y;
+        }
+        if (t1 && !t2) {
+            status |= WARM_BEARING_REJECTED_Y;
+        }
+    }
+    return status;
+}
+
+/* advance the estimate from the last call to now */
+static unsigned warm_bearing_advance(warm_bearing_state *s, const warm_bearing_params *p, const float *u,
+    float valid, float y, float y_last)
+{
+    unsigned status = 0u;
+    float ahead = 0.0f;
+    bool beyond = false;
+    float fraction = 0.0f;
+    float share = 0.0f;
+    float z_at[2];
+    float z_sum[2];
+    /* z: one step of classical Runge-Kutta */
+    /* its tableau: */
+    /*     0 |  */
+    /*   1/2 | 1/2 */
+    /*   1/2 |   0 1/2 */
+    /*     1 |   0   0   1 */
+    /*   --------------------- */
+    /*       | 1/6 1/3 1/3 1/6 */
+    /* fraction is c of a stage; share is its b over that of the first; ahead is the next stage's a times
+     * dt */
+    z_sum[0] = 0.0f;
+    z_sum[1] = 0.0f;
+    z_at[0] = s->z[0];
+    z_at[1] = s->z[1];
+    {
+        static const float each_fraction[4] = {0.0f, 0.5f, 0.5f, 1.0f};
+        static const float each_share[4] = {1.0f, 2.0f, 2.0f, 1.0f};
+        static const float each_ahead[4] = {0.0005f, 0.0005f, 0.001f, 0.0f};
+        for (unsigned r = 0u; r < 4u; ++r) {
+            fraction = each_fraction[r];
+            share = each_share[r];
+            ahead = each_ahead[r];
+            /* a stage */
+            {
+                const float z_at1 = z_at[0];
+                const float z_at2 = z_at[1];
+                const float z_sum1 = z_sum[0];
+                const float z_sum2 = z_sum[1];
+                const float u_before1 = s->u[0];
+                const float u_before2 = s->u[1];
+                float k_z[2];
+                warm_bearing_rate(p, z_at1, z_at2, u_before1 + fraction*(u[0] - u_before1), u_before2
+                    + fraction*(u[1] - u_before2), y_last + fraction*(y - y_last), valid, k_z);
+                z_sum[0] = z_sum1 + share*k_z[0];
+                z_sum[1] = z_sum2 + share*k_z[1];
+                z_at[0] = s->z[0] + ahead*k_z[0];
+                z_at[1] = s->z[1] + ahead*k_z[1];
+            }
+        }
+    }
+    /* the slopes of all stages */
+    {
+        const float z1 = s->z[0];
+        const float z2 = s->z[1];
+        s->z[0] = z1 + 0.00016666666f*z_sum[0];
+        s->z[1] = z2 + 0.00016666666f*z_sum[1];
+    }
+    /* is a value beyond its box, or lost? */
+    beyond = !(warm_bearing_within(s->z[0], 6.0f) && warm_bearing_within(s->z[1], 80.0f));
+    if (warm_bearing_acts(beyond)) {
+        status |= warm_bearing_keep_in_box(s, p);
+    }
+    return status;
+}
+
+static unsigned warm_bearing_suspect(const warm_bearing_state *s, const warm_bearing_output *measurement,
+    bool *suspect, float valid)
+{
+    unsigned status = 0u;
+    /* is the estimate where it cannot be for long? */
+    {
+        const float z1 = s->z[0];
+        const bool t1 = warm_bearing_abs(z1) > 2.0f || warm_bearing_abs(s->z[1]) > 0.8f;
+        if (t1) {
+            status |= WARM_BEARING_OUTSIDE_BOX;
+        }
+        *suspect = warm_bearing_abs(measurement->y - z1) > 0.44f || t1 || !(s->fault_checksum <= 0.0f)
+            || !(valid > 0.0f);
+    }
+    return status;
+}
+
+static bool warm_bearing_plausible(const warm_bearing_output *measurement, float valid)
+{
+    bool sampled = false;
+    /* is there a sample to judge by? */
+    {
+        const float reading = measurement->y;
+        sampled = valid > 0.0f || (warm_bearing_within(reading, 3e+38f)
+            && warm_bearing_within(reading, 6.6f));
+    }
+    return sampled;
+}
+
+static bool warm_bearing_counts_spoiled(const warm_bearing_state *s)
+{
+    bool spoiled = false;
+    /* was a fault count or limit spoiled? */
+    {
+        const float fault_count_y = s->fault_count_y;
+        const float fault_limit_y = s->fault_limit_y;
+        const float fault_count_range = s->fault_count_range;
+        const float fault_limit_range = s->fault_limit_range;
+        const float t1 = fault_limit_y - 2391.0f + warm_bearing_abs(fault_count_y)
+            + (fault_limit_range - 2391.0f + fault_count_range);
+        const bool t2 = warm_bearing_abs(t1 - s->fault_checksum) < 0.5f
+            && warm_bearing_within(fault_count_y, 2448384.0f);
+        const bool t3 = t2 && fault_limit_y >= 2391.0f && fault_limit_y <= 2448384.0f
+            && fault_count_range >= 0.0f && fault_count_range <= 2448384.0f;
+        spoiled = !(t3 && fault_limit_range >= 2391.0f && fault_limit_range <= 2448384.0f);
+    }
+    return spoiled;
+}
+
+static void warm_bearing_find_signs(const warm_bearing_state *s, const warm_bearing_output *measurement,
+    float *moves_y, float *side_y)
+{
+    /* which signs show? */
+    {
+        const float t1 = measurement->y - s->z[0];
+        const bool t2 = warm_bearing_within(t1, 0.44f);
+        const float fault_count_y = s->fault_count_y;
+        *moves_y = (t2 ? 0.0f : ((fault_count_y*t1 < 0.0f) ? -1195.0f : 1.0f)) + (t2 ? -1.0f : 0.0f);
+        *side_y = (t2 ? 0.0f : t1) + (t2 ? fault_count_y : 0.0f);
+    }
+}
+
+/* a fault count is at its limit: restart from the sample, or project onto the ranges */
+static unsigned warm_bearing_recover(warm_bearing_state *s, const warm_bearing_output *measurement)
+{
+    unsigned status = 0u;
+    bool lost = false;
+    bool over_range = false;
+    bool over_y = false;
+    /* by which sign, and is the estimate lost? */
+    {
+        const bool t1 = s->fault_limit_y <= warm_bearing_abs(s->fault_count_y);
+        const float fault_limit_range = s->fault_limit_range;
+        const bool t2 = fault_limit_range <= s->fault_count_range;
+        const bool t3 = fault_limit_range > 2391.0f || warm_bearing_abs(s->z[0]) > 4.0f
+            || warm_bearing_abs(s->z[1]) > 1.6f;
+        over_y = t1;
+        over_range = t2;
+        lost = t1 || (t2 && t3);
+    }
+    if (over_y) {
+        /* the fault limit doubles */
+        {
+            const float fault_count_y = s->fault_count_y;
+            const float fault_limit_y = s->fault_limit_y;
+            const float t1 = warm_bearing_min(fault_limit_y, 1224192.0f);
+            s->fault_count_y = (fault_count_y < 0.0f) ? -t1 : t1;
+            s->fault_limit_y = warm_bearing_min(2.0f*fault_limit_y, 2448384.0f);
+        }
+    }
+    if (over_range) {
+        /* the fault limit doubles */
+        {
+            const float fault_limit_range = s->fault_limit_range;
+            s->fault_count_range = warm_bearing_min(fault_limit_range, 1224192.0f);
+            s->fault_limit_range = warm_bearing_min(2.0f*fault_limit_range, 2448384.0f);
+        }
+    }
+    if (lost) {
+        /* the estimate restarts */
+        s->z[0] = 0.0f;
+        s->z[1] = 0.0f;
+        /* from the sample of y */
+        {
+            const float z1 = s->z[0];
+            const float z2 = s->z[1];
+            s->z[0] = warm_bearing_keep(measurement->y, -2.0f, 2.0f, z1, 1e+30f);
+            s->z[1] = warm_bearing_keep(z2, -0.8f, 0.8f, z2, 1e+30f);
+        }
+        /* the estimate has restarted from the sample */
+        status |= WARM_BEARING_RESTARTED_FROM_SAMPLE;
+    } else {
+        /* the estimate back onto its declared ranges */
+        {
+            const float z1 = s->z[0];
+            const float z2 = s->z[1];
+            s->z[0] = warm_bearing_limit(z1, 2.0f);
+            s->z[1] = warm_bearing_limit(z2, 0.8f);
+            status |= WARM_BEARING_PROJECTED_ONTO_RANGES;
+        }
+    }
+    return status;
+}
+
+/* count the signs of a fault at a sample, and act where a count is at its limit */
+static unsigned warm_bearing_count_faults(warm_bearing_state *s, const warm_bearing_output *measurement)
+{
+    unsigned status = 0u;
+    bool acts = false;
+    float moves_range = 0.0f;
+    float moves_y = 0.0f;
+    float side_y = 0.0f;
+    bool spoiled = false;
+    spoiled = warm_bearing_counts_spoiled(s);
+    if (spoiled) {
+        warm_bearing_clear_fault_counts(s);
+    }
+    /* is the estimate out of a range? */
+    moves_range = (warm_bearing_abs(s->z[0]) > 2.2f || warm_bearing_abs(s->z[1]) > 0.88f) ? 1.0f : -1.0f;
+    /* count of range */
+    {
+        const float fault_count_range = s->fault_count_range;
+        const float fault_limit_range = s->fault_limit_range;
+        const float t1 = warm_bearing_clamp(fault_count_range + moves_range, 0.0f, 2448384.0f);
+        s->fault_count_range = t1;
+        s->fault_limit_range = (t1 <= 0.0f) ? 2391.0f : fault_limit_range;
+    }
+    warm_bearing_find_signs(s, measurement, &moves_y, &side_y);
+    /* count of y */
+    {
+        const float fault_count_y = s->fault_count_y;
+        const float fault_limit_y = s->fault_limit_y;
+        const float t1 = warm_bearing_clamp(warm_bearing_abs(fault_count_y) + moves_y, 0.0f, 2448384.0f);
+        s->fault_count_y = (side_y < 0.0f) ? -t1 : t1;
+        s->fault_limit_y = (t1 <= 0.0f) ? 2391.0f : fault_limit_y;
+    }
+    /* does a guard act? */
+    acts = s->fault_limit_y <= warm_bearing_abs(s->fault_count_y)
+        || s->fault_limit_range <= s->fault_count_range;
+    if (acts) {
+        status |= warm_bearing_recover(s, measurement);
+    }
+    /* the checksum of fault counts and limits */
+    s->fault_checksum = s->fault_limit_y - 2391.0f + warm_bearing_abs(s->fault_count_y)
+        + (s->fault_limit_range - 2391.0f + s->fault_count_range);
+    return status;
+}
+
 unsigned warm_bearing_step(warm_bearing_state *s, const warm_bearing_params *p, const warm_bearing_input *in,
-    const warm_bearing_output *out)
+    const warm_bearing_output *measurement)
 {
     unsigned status = 0u;
     if ((s->ready != WARM_BEARING_READY) || (p->ready != WARM_BEARING_READY)) {
         status = warm_bearing_ready(s, p);
     }
     if ((status & WARM_BEARING_NO_PARAMETERS) == 0u) {
-        bool acts = false;
-        float ahead = 0.0f;
-        bool beyond = false;
-        float fraction = 0.0f;
-        bool lost = false;
-        float moves_range = 0.0f;
-        float moves_y = 0.0f;
-        bool over_range = false;
-        bool over_y = false;
         bool running = false;
         bool sampled = false;
-        float share = 0.0f;
-        float side_y = 0.0f;
-        bool spoiled = false;
         bool suspect = false;
         float u[2];
         float valid = 0.0f;
         float y = 0.0f;
         float y_last = 0.0f;
-        float z_at[2];
-        float z_sum[2];
-        /* guard the input */
-        {
-            const float u_given = in->u;
-            const bool u_usable = warm_bearing_within(u_given, 1e+15f);
-            const float u_taken = u_usable ? u_given : s->u[0];
-            const float T = in->T;
-            const bool T_usable = warm_bearing_within(T, 1e+15f);
-            const float T_taken = T_usable ? T : s->u[1];
-            u[0] = warm_bearing_limit(u_taken, 6.0f);
-            u[1] = warm_bearing_clamp(T_taken, -10.0f, 90.0f);
-            if (!u_usable) {
-                status |= WARM_BEARING_REUSED_U;
-            }
-            if (warm_bearing_abs(u_taken) > 6.0f) {
-                status |= WARM_BEARING_CLAMPED_U;
-            }
-            if (!T_usable) {
-                status |= WARM_BEARING_REUSED_T;
-            }
-            if (T_taken < -10.0f || T_taken > 90.0f) {
-                status |= WARM_BEARING_CLAMPED_T;
-            }
-        }
-        /* guard the measurements */
-        {
-            const float measurement = out->y;
-            const bool t1 = warm_bearing_within(measurement, 3e+38f);
-            const float z1 = s->z[0];
-            const bool t2 = t1 && warm_bearing_within(measurement, 6.6f)
-                && warm_bearing_within(measurement - z1, 1e+16f);
-            const float t3 = t2 ? measurement : z1;
-            y = t3;
-            y_last = (t2 && s->y_valid > 0.0f) ? s->y : t3;
-            valid = t2 ? 1.0f : 0.0f;
-            if (!t1) {
-                status |= WARM_BEARING_MISSING_Y;
-            }
-            if (t1 && !t2) {
-                status |= WARM_BEARING_REJECTED_Y;
-            }
-        }
+        status |= warm_bearing_guard_input(s, in, u);
+        status |= warm_bearing_guard_measurements(s, measurement, &valid, &y, &y_last);
         /* the first call advances no time */
         {
             const unsigned calls = s->calls;
@@ -282,49 +516,7 @@ unsigned warm_bearing_step(warm_bearing_state *s, const warm_bearing_params *p, 
             s->calls = 1u;
         }
         if (running) {
-            /* z: one step of classical Runge-Kutta */
-            z_sum[0] = 0.0f;
-            z_sum[1] = 0.0f;
-            z_at[0] = s->z[0];
-            z_at[1] = s->z[1];
-            {
-                static const float each_fraction[4] = {0.0f, 0.5f, 0.5f, 1.0f};
-                static const float each_share[4] = {1.0f, 2.0f, 2.0f, 1.0f};
-                static const float each_ahead[4] = {0.0005f, 0.0005f, 0.001f, 0.0f};
-                for (unsigned r = 0u; r < 4u; ++r) {
-                    fraction = each_fraction[r];
-                    share = each_share[r];
-                    ahead = each_ahead[r];
-                    /* a stage */
-                    {
-                        const float z_at1 = z_at[0];
-                        const float z_at2 = z_at[1];
-                        const float z_sum1 = z_sum[0];
-                        const float z_sum2 = z_sum[1];
-                        const float u_before1 = s->u[0];
-                        const float u_before2 = s->u[1];
-                        float k_z[2];
-                        warm_bearing_rate(p, z_at1, z_at2, u_before1 + fraction*(u[0] - u_before1), u_before2
-                            + fraction*(u[1] - u_before2), y_last + fraction*(y - y_last), valid, k_z);
-                        z_sum[0] = z_sum1 + share*k_z[0];
-                        z_sum[1] = z_sum2 + share*k_z[1];
-                        z_at[0] = s->z[0] + ahead*k_z[0];
-                        z_at[1] = s->z[1] + ahead*k_z[1];
-                    }
-                }
-            }
-            /* the slopes of all stages */
-            {
-                const float z1 = s->z[0];
-                const float z2 = s->z[1];
-                s->z[0] = z1 + 0.00016666666f*z_sum[0];
-                s->z[1] = z2 + 0.00016666666f*z_sum[1];
-            }
-            /* is a value beyond its box, or lost? */
-            beyond = !(warm_bearing_within(s->z[0], 6.0f) && warm_bearing_within(s->z[1], 80.0f));
-            if (warm_bearing_acts(beyond)) {
-                status |= warm_bearing_keep_in_box(s, p);
-            }
+            status |= warm_bearing_advance(s, p, u, valid, y, y_last);
         } else {
             status |= warm_bearing_keep_in_box(s, p);
         }
@@ -334,130 +526,11 @@ unsigned warm_bearing_step(warm_bearing_state *s, const warm_bearing_params *p, 
         /* remember the sample */
         s->y = y;
         s->y_valid = valid;
-        /* is the estimate where it cannot be for long? */
-        {
-            const float z1 = s->z[0];
-            const bool t1 = warm_bearing_abs(z1) > 2.0f || warm_bearing_abs(s->z[1]) > 0.8f;
-            if (t1) {
-                status |= WARM_BEARING_OUTSIDE_BOX;
-            }
-            suspect = warm_bearing_abs(out->y - z1) > 0.44f || t1 || !(s->fault_checksum <= 0.0f)
-                || !(valid > 0.0f);
-        }
+        status |= warm_bearing_suspect(s, measurement, &suspect, valid);
         if (suspect) {
-            /* is there a sample to judge by? */
-            {
-                const float measurement = out->y;
-                sampled = valid > 0.0f || (warm_bearing_within(measurement, 3e+38f)
-                    && warm_bearing_within(measurement, 6.6f));
-            }
+            sampled = warm_bearing_plausible(measurement, valid);
             if (sampled) {
-                /* was a fault count or limit spoiled? */
-                {
-                    const float fault_count_y = s->fault_count_y;
-                    const float fault_limit_y = s->fault_limit_y;
-                    const float fault_count_range = s->fault_count_range;
-                    const float fault_limit_range = s->fault_limit_range;
-                    const float t1 = fault_limit_y - 2391.0f + warm_bearing_abs(fault_count_y)
-                        + (fault_limit_range - 2391.0f + fault_count_range);
-                    const bool t2 = warm_bearing_abs(t1 - s->fault_checksum) < 0.5f
-                        && warm_bearing_within(fault_count_y, 2448384.0f);
-                    const bool t3 = t2 && fault_limit_y >= 2391.0f && fault_limit_y <= 2448384.0f
-                        && fault_count_range >= 0.0f && fault_count_range <= 2448384.0f;
-                    spoiled = !(t3 && fault_limit_range >= 2391.0f && fault_limit_range <= 2448384.0f);
-                }
-                if (spoiled) {
-                    warm_bearing_clear_fault_counts(s);
-                }
-                /* is the estimate out of a range? */
-                moves_range = (warm_bearing_abs(s->z[0]) > 2.2f || warm_bearing_abs(s->z[1]) > 0.88f) ? 1.0f
-                    : -1.0f;
-                /* count of range */
-                {
-                    const float fault_count_range = s->fault_count_range;
-                    const float fault_limit_range = s->fault_limit_range;
-                    const float t1 = warm_bearing_clamp(fault_count_range + moves_range, 0.0f, 2448384.0f);
-                    s->fault_count_range = t1;
-                    s->fault_limit_range = (t1 <= 0.0f) ? 2391.0f : fault_limit_range;
-                }
-                /* which signs show? */
-                {
-                    const float t1 = out->y - s->z[0];
-                    const bool t2 = warm_bearing_within(t1, 0.44f);
-                    const float fault_count_y = s->fault_count_y;
-                    moves_y = (t2 ? 0.0f : ((fault_count_y*t1 < 0.0f) ? -1195.0f : 1.0f))
-                        + (t2 ? -1.0f : 0.0f);
-                    side_y = (t2 ? 0.0f : t1) + (t2 ? fault_count_y : 0.0f);
-                }
-                /* count of y */
-                {
-                    const float fault_count_y = s->fault_count_y;
-                    const float fault_limit_y = s->fault_limit_y;
-                    const float t1 = warm_bearing_clamp(warm_bearing_abs(fault_count_y) + moves_y, 0.0f,
-                        2448384.0f);
-                    s->fault_count_y = (side_y < 0.0f) ? -t1 : t1;
-                    s->fault_limit_y = (t1 <= 0.0f) ? 2391.0f : fault_limit_y;
-                }
-                /* does a guard act? */
-                acts = s->fault_limit_y <= warm_bearing_abs(s->fault_count_y)
-                    || s->fault_limit_range <= s->fault_count_range;
-                if (acts) {
-                    /* by which sign, and is the estimate lost? */
-                    {
-                        const bool t1 = s->fault_limit_y <= warm_bearing_abs(s->fault_count_y);
-                        const float fault_limit_range = s->fault_limit_range;
-                        const bool t2 = fault_limit_range <= s->fault_count_range;
-                        const bool t3 = fault_limit_range > 2391.0f || warm_bearing_abs(s->z[0]) > 4.0f
-                            || warm_bearing_abs(s->z[1]) > 1.6f;
-                        over_y = t1;
-                        over_range = t2;
-                        lost = t1 || (t2 && t3);
-                    }
-                    if (over_y) {
-                        /* the fault limit doubles */
-                        {
-                            const float fault_count_y = s->fault_count_y;
-                            const float fault_limit_y = s->fault_limit_y;
-                            const float t1 = warm_bearing_min(fault_limit_y, 1224192.0f);
-                            s->fault_count_y = (fault_count_y < 0.0f) ? -t1 : t1;
-                            s->fault_limit_y = warm_bearing_min(2.0f*fault_limit_y, 2448384.0f);
-                        }
-                    }
-                    if (over_range) {
-                        /* the fault limit doubles */
-                        {
-                            const float fault_limit_range = s->fault_limit_range;
-                            s->fault_count_range = warm_bearing_min(fault_limit_range, 1224192.0f);
-                            s->fault_limit_range = warm_bearing_min(2.0f*fault_limit_range, 2448384.0f);
-                        }
-                    }
-                    if (lost) {
-                        /* the estimate restarts */
-                        s->z[0] = 0.0f;
-                        s->z[1] = 0.0f;
-                        /* from the sample of y */
-                        {
-                            const float z1 = s->z[0];
-                            const float z2 = s->z[1];
-                            s->z[0] = warm_bearing_keep(out->y, -2.0f, 2.0f, z1, 1e+30f);
-                            s->z[1] = warm_bearing_keep(z2, -0.8f, 0.8f, z2, 1e+30f);
-                        }
-                        /* the estimate has restarted from the sample */
-                        status |= WARM_BEARING_RESTARTED_FROM_SAMPLE;
-                    } else {
-                        /* the estimate back onto its declared ranges */
-                        {
-                            const float z1 = s->z[0];
-                            const float z2 = s->z[1];
-                            s->z[0] = warm_bearing_limit(z1, 2.0f);
-                            s->z[1] = warm_bearing_limit(z2, 0.8f);
-                            status |= WARM_BEARING_PROJECTED_ONTO_RANGES;
-                        }
-                    }
-                }
-                /* the checksum of fault counts and limits */
-                s->fault_checksum = s->fault_limit_y - 2391.0f + warm_bearing_abs(s->fault_count_y)
-                    + (s->fault_limit_range - 2391.0f + s->fault_count_range);
+                status |= warm_bearing_count_faults(s, measurement);
             }
         }
     }

@@ -23,7 +23,7 @@
 
 unsigned warm_bearing_check(void);
 
-static const float given[64][3] = { /* in.u, in.T, out.y */
+static const float given[64][3] = { /* in.u, in.T, measurement.y */
     {-3.0f, 15.0f, -1.1f},
     {-2.6756756f, 17.702703f, -0.90869564f},
     {-2.3513513f, 20.405405f, -0.7173913f},
@@ -190,7 +190,7 @@ unsigned warm_bearing_check(void)
     warm_bearing_state s;
     warm_bearing_params p;
     warm_bearing_input in;
-    warm_bearing_output out;
+    warm_bearing_output measurement;
     warm_bearing_plant x;
     warm_bearing_init(&s, &p);
     s.z[0] = 0.8f;
@@ -198,8 +198,8 @@ unsigned warm_bearing_check(void)
     for (unsigned k = 0u; k < 64u && bad == 0u; ++k) {
         in.u = (k == 40u) ? none : given[k][0];
         in.T = (k == 40u) ? none : given[k][1];
-        out.y = (k == 20u) ? none : given[k][2];
-        const unsigned status = warm_bearing_step(&s, &p, &in, &out);
+        measurement.y = (k == 20u) ? none : given[k][2];
+        const unsigned status = warm_bearing_step(&s, &p, &in, &measurement);
         warm_bearing_estimate(&s, &p, &x);
         if (status != expected[k] || !warm_bearing_near(x.x, k, 0u) || !warm_bearing_near(x.v, k, 1u)) {
             bad = k + 1u;

@@ -263,7 +263,8 @@ def _emitted(step: CallableStep, model: Model, observer: str | None, target: str
     words += [f"--name {name}"] if name else []
     files: Sources = getattr(targets, target)(step, real=_real(model), command=" ".join(words))
     note(*files.notes)
-    return replace(files, texts=(*files.texts, *targets.markdown(step, real=_real(model)).texts))
+    document = targets.markdown(step, real=_real(model))
+    return replace(files, texts=tuple({**document, **files}.items()))
 
 
 def _real(model: Model) -> Real:

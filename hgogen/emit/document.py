@@ -8,8 +8,9 @@ import sympy as sp
 
 from hgogen.check import Verdict
 from hgogen.emit.described import entry
-from hgogen.emit.formula import formulas
+from hgogen.emit.formula import formulas, plain, table
 from hgogen.emit.manual import BETWEEN, consequence, refuted_and_accepted, said_what_for, title, verdict
+from hgogen.emit.promised import promised
 from hgogen.method import equations
 from hgogen.program import INF
 from hgogen.sentence import same
@@ -17,24 +18,18 @@ from hgogen.signal import pace
 from hgogen.step import Step
 from hgogen.theorem import rows
 
-_MARKS = str.maketrans({mark: f"\\{mark}" for mark in r"\`*_{}[]<>|#$~"})
 
-
-def document(step: Step) -> list[str]:
-    """Its lines."""
+def document(step: Step, manual: Sequence[str] = ()) -> list[str]:
+    """Return its lines, with the manual of a language behind the title, where one is given."""
     first, *others = title(step, "")
-    parts = [_plant, _form, _observer, _gains, _method, _claims, _hypotheses, _references]
-    lines = [f"# {_plain(first)}", "", *(f"{line}." for line in others)]
+    parts = [_plant, _form, _observer, _gains, _method, _claims, _as_it_runs, _hypotheses, _references]
+    lines = [f"# {plain(first)}", "", *(f"{line}." for line in others)]
+    lines += ["", *manual] if manual else []
     for part in parts:
         lines += ["", *part(step)]
         while lines[-1] == "":
             lines.pop()
     return lines
-
-
-def _plain(text: str) -> str:
-    """Words in which Markdown reads no mark."""
-    return " ".join(text.splitlines()).translate(_MARKS)
 
 
 def _displayed(lines: Iterable[str]) -> list[str]:
@@ -46,11 +41,6 @@ def _aligned(equations: Sequence[str]) -> list[str]:
     return ["$$", r"\begin{aligned}", *rows, r"\end{aligned}", "$$", ""]
 
 
-def _table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> list[str]:
-    lines = [head, ["---"] * len(head), *rows]
-    return [f"| {' | '.join(line)} |" for line in lines]
-
-
 def _plant(step: Step) -> list[str]:
     plant = step.observer.form.system.declared
     kinds = {"state": plant.states, "input": plant.inputs, "output": plant.outputs, "parameter": plant.parameters}
@@ -59,14 +49,14 @@ def _plant(step: Step) -> list[str]:
         for signal in signals:
             range_ = f"{signal.low:g} .. {signal.high:g}" if signal.bounded else ""
             value = "" if signal.nominal is None else same(float(signal.nominal))
-            lines.append([f"`{signal.name}`", kind, _plain(signal.meaning), _plain(signal.unit), range_, value])
+            lines.append([f"`{signal.name}`", kind, plain(signal.meaning), plain(signal.unit), range_, value])
     head = ("signal", "kind", "meaning", "unit", "range", "value")
     return [
         "## Plant",
         "",
         *_aligned([rf"\dot{{{sp.latex(s)}}} &= {sp.latex(e)}" for s, e in zip(plant.states, plant.flow, strict=True)]),
         *_aligned([f"{sp.latex(y)} &= {sp.latex(e)}" for y, e in zip(plant.outputs, plant.output, strict=True)]),
-        *_table(head, lines),
+        *table(head, lines),
     ]
 
 
@@ -84,7 +74,7 @@ def _form(step: Step) -> list[str]:
     same_states = all(sp.sympify(e).is_Symbol for _, e in form.estimates)
     inverse = [] if same_states else ["The plant's state from it:", "", *_aligned(back)]
     return [
-        f"## Form: {_plain(form.kind)}",
+        f"## Form: {plain(form.kind)}",
         "",
         *(["In the states", "", *_aligned(new)] if new else []),
         *_aligned(z),
@@ -97,7 +87,7 @@ def _form(step: Step) -> list[str]:
 
 def _observer(step: Step) -> list[str]:
     observer = step.observer
-    return [f"## Observer: {_plain(observer.name)}", "", *_displayed(observer.equations)]
+    return [f"## Observer: {plain(observer.name)}", "", *_displayed(observer.equations)]
 
 
 def _gains(step: Step) -> list[str]:
@@ -108,10 +98,10 @@ def _gains(step: Step) -> list[str]:
             label = field.labels[k] if field.labels else entry(field.name, field.entries[k]) if field.entries else ""
             meaning = f"{field.meaning}: {label}" if label and field.size > 1 else field.meaning
             range_ = f"{low:g} .. {high:g}" if low > -INF and high < INF else ""
-            lines.append([f"`{name}`", same(field.initial[k]), range_, _plain(step.unit(field)), _plain(meaning)])
+            lines.append([f"`{name}`", same(field.initial[k]), range_, plain(step.unit(field)), plain(meaning)])
     if not lines:
         return ["There are no gains to tune."]
-    return _table(("gain", "value", "range", "unit", "meaning"), lines)
+    return table(("gain", "value", "range", "unit", "meaning"), lines)
 
 
 def _method(step: Step) -> list[str]:
@@ -120,7 +110,7 @@ def _method(step: Step) -> list[str]:
     purpose = f"It is made for {step.clock.prefer}{f': {step.choice}' * bool(step.choice)}."
     what_for = [purpose, ""] * said_what_for(step)
     equations_ = _displayed(equations(step.method, step.code.rule))
-    return [f"## Method: {_plain(step.code.rule)}", "", period, "", *what_for, *equations_]
+    return [f"## Method: {plain(step.code.rule)}", "", period, "", *what_for, *equations_]
 
 
 def _claims(step: Step) -> list[str]:
@@ -130,8 +120,13 @@ def _claims(step: Step) -> list[str]:
         at = ", ".join(f"{name} = {value:g}" for name, value in check.witness.items())
         follows = f"so {consequence(check)}" if refuted_and_accepted(check, observer.accepted) else ""
         evidence = "; ".join(filter(None, (str(check.reason), f"at {at}" if at else "", follows)))
-        lines.append([verdict(check, observer.accepted), f"`{check.id}`", *map(_plain, (str(check.claim), evidence))])
-    return ["## Claims", "", *_table(("verdict", "claim", "what it says", "evidence"), lines)]
+        lines.append([verdict(check, observer.accepted), f"`{check.id}`", *map(plain, (str(check.claim), evidence))])
+    return ["## Claims", "", *table(("verdict", "claim", "what it says", "evidence"), lines)]
+
+
+def _as_it_runs(step: Step) -> list[str]:
+    lines = promised(step)
+    return ["## As it runs", "", "```text", *lines, "```"] if lines else []
 
 
 def _hypotheses(step: Step) -> list[str]:
@@ -140,17 +135,17 @@ def _hypotheses(step: Step) -> list[str]:
     lines = list[list[str]]()
     for row in known:
         ids = ", ".join(f"`{id}`" for id in row.checks)
-        lines.append([row.standing, *map(_plain, (row.claim, str(row.reason), row.reference)), ids])
+        lines.append([row.standing, *map(plain, (row.claim, str(row.reason), row.reference)), ids])
     return [
         "## Hypotheses of the theorem",
         "",
-        f"It says: {_plain(theorem.conclusion)}.",
+        f"It says: {plain(theorem.conclusion)}.",
         "",
-        *_table(("standing", "hypothesis", "what is known", "where", "claims behind it"), lines),
+        *table(("standing", "hypothesis", "what is known", "where", "claims behind it"), lines),
     ]
 
 
 def _references(step: Step) -> list[str]:
     observer = step.observer
     works = dict.fromkeys(filter(None, (observer.reference, observer.theorem.reference, observer.form.reference)))
-    return ["## References", "", *(f"- {_plain(each)}" for each in works)]
+    return ["## References", "", *(f"- {plain(each)}" for each in works)]

@@ -7,6 +7,7 @@ prime is a transpose. A word of several letters that is no name of mathematics s
 # Takes apart: lines of equations, which are written for people.
 
 import re
+from collections.abc import Iterable, Sequence
 
 import sympy as sp
 
@@ -112,3 +113,20 @@ def _name(name: str, mark: str, spoken: bool) -> str:
     if mark == "'":
         return rf"\dot{{{text}}}" if _SMALL.match(name) else rf"{text}^{{\top}}"
     return f"{text}^{{{mark}}}" if mark else f"{text} " if text.startswith("\\") else text
+
+
+# --- words and tables of Markdown
+
+
+_MARKS = str.maketrans({mark: f"\\{mark}" for mark in r"\`*_{}[]<>|#$~"})
+
+
+def plain(text: str) -> str:
+    """Return words in which Markdown reads no mark."""
+    return " ".join(text.splitlines()).translate(_MARKS)
+
+
+def table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> list[str]:
+    """Return the lines of a table."""
+    lines = [head, ["---"] * len(head), *rows]
+    return [f"| {' | '.join(line)} |" for line in lines]

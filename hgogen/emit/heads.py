@@ -5,10 +5,13 @@ crate: the banner, how to call it, what it promises, and the status bits.
 
 # Takes apart: the mathematics, whose words end no comment.
 
+import textwrap
 from collections.abc import Iterable
 
 from hgogen.emit import saving
 from hgogen.emit.code import indented
+from hgogen.emit.fold import COLUMNS
+from hgogen.emit.formula import plain, table
 from hgogen.emit.interface import (
     MEANINGS,
     address,
@@ -22,6 +25,7 @@ from hgogen.emit.interface import (
 )
 from hgogen.emit.manual import (
     UNTIMELY,
+    document_name,
     gains,
     late,
     marked,
@@ -32,6 +36,7 @@ from hgogen.emit.manual import (
     rates,
     result,
     state,
+    summary,
     title,
 )
 from hgogen.emit.naming import c_name
@@ -39,7 +44,7 @@ from hgogen.emit.saved import ADDED, layout, mark
 from hgogen.emit.structs import doc, typedefs
 from hgogen.emit.structs import structs as of_memory
 from hgogen.emit.syntax import Real
-from hgogen.emit.syntaxes import BESIDE, RUST, C, documented, harmless, line, spoken
+from hgogen.emit.syntaxes import BESIDE, RUST, C, beside, documented, harmless, line, spoken
 from hgogen.program import Section
 from hgogen.registry import version
 from hgogen.signal import pace, plural
@@ -50,20 +55,23 @@ _NONE, _NO_RANGE = f"unsigned char none; {BESIDE}there are none */", "of no decl
 
 
 def header(step: Step, real: Real, command: str) -> list[str]:
-    """The header's lines."""
-    guard = f"{step.name.upper()}_H"
+    """Return the header's lines: includes, constants and structs, then the functions, then what is looked up in it."""
+    guard, every = f"{step.name.upper()}_H", pace(step.dt, step.time)
     first, *others = map(spoken, title(step, command))
-    lines = [*_block([f"@file {step.name}.h", f"@brief {first}", "", *others])]
-    lines += [f"#ifndef {guard}", f"#define {guard}", "", *_manual(step, real), ""]
-    lines += ["#include <stddef.h>"]
+    lines = _block(
+        [
+            *(f"@file {step.name}.h", f"@brief {first}", "", *others),
+            f"One init, then {'predict and updates' if step.code.timed else 'a step'} every {every} and an estimate.",
+            f"Manual: {document_name(step)}. No heap, no recursion, no static data but constant tables.",
+        ]
+    )
+    lines += [f"#ifndef {guard}", f"#define {guard}", "", "#include <stddef.h>"]
     lines += ["#include <stdint.h>"] if status_type(step) != "unsigned" or step.code.timed else []
-    lines += [""]
-    equations = (harmless(line).replace("endverbatim", "end verbatim") for line in mathematics(step, C))
-    verbatim = _block(["@file", "@verbatim", *equations, "@endverbatim"])  # which is no text for Doxygen
-    lines += [*_status(step), *_constants(step, real), *verbatim, ""]
+    (period, *compared), init = _constants(step, real), saving.initialiser(step, real)
+    lines += [period, ""]
     for struct in typedefs(step.name, of_memory(step, C, real, marked=True), _NONE, lambda text: text or _NO_RANGE):
-        lines += [*struct, ""]
-    lines += ["#ifdef __cplusplus", 'extern "C" {', "#endif", ""]
+        lines += map(_one_line, struct)
+    lines += ["", "#ifdef __cplusplus", 'extern "C" {', "#endif", ""]
     for entry in (each for each in entries(step).values() if each.public):
         parameters = [(direction(entry, name), name, MEANINGS[name]) for name in entry.parameters]
         returned = f"0{', or an or of the status bits' * bool(step.layout.bits)}" * entry.status
@@ -73,7 +81,21 @@ def header(step: Step, real: Real, command: str) -> list[str]:
     for each, written, returned in ((save, "saved", ""), (restore, "s", saving.RETURNS)):
         parameters = [("out" if p.name == written else "in", p.name, means[p.name]) for p in each.parameters]
         lines += [*_said(each.meaning, parameters, returned), f"{each};", ""]
-    return [*lines, "#ifdef __cplusplus", "}", "#endif", "", f"#endif /* {guard} */"]
+    lines += ["#ifdef __cplusplus", "}", "#endif", "", *_status(step)]
+    lines += [*compared, "", documented(_CONSTANT + ", with their mark" * bool(step.layout.mark)), *init, ""]
+    equations = (harmless(line).replace("endverbatim", "end verbatim") for line in summary(step, C))
+    verbatim = _block(["@file", "@verbatim", *equations, "@endverbatim"])  # which is no text for Doxygen
+    return [*lines, *verbatim, "", f"#endif /* {guard} */"]
+
+
+def _one_line(text: str) -> str:
+    """The line of a member, whose comment is cut where it is too long for one; the manual has all of it."""
+    code, mark, said = text.partition("/**")
+    if not mark or len(text) <= COLUMNS:
+        return text
+    start, said = ("/**< ", said[1:]) if said.startswith("<") else ("/** ", said)
+    width = COLUMNS - len(code) - len(start) - len(" */")
+    return f"{code}{start}{textwrap.shorten(said.removesuffix(' */'), width, placeholder=' ..')} */"
 
 
 def _block(lines: Iterable[str]) -> list[str]:
@@ -82,18 +104,20 @@ def _block(lines: Iterable[str]) -> list[str]:
 
 def _said(meaning: str, parameters: Iterable[tuple[str, str, str]], returned: str) -> list[str]:
     """What a function does, what goes in or comes out by which name, and what it returns."""
-    lines = [f"@param[{way}] {name} {said}" for way, name, said in parameters]
-    return _block([f"@brief {spoken(meaning)}", *lines, *([f"@return {returned}"] if returned else [])])
+    lines = [f"@brief {spoken(meaning)}", *(f"@param[{way}] {name} {said}" for way, name, said in parameters)]
+    first, *others = [*lines, *([f"@return {returned}"] if returned else [])]
+    *others, last = (f"/** {first}", *(f" * {line}" for line in others))
+    return [*others, f"{last} */"]
 
 
 _COMPILED = (
-    "No heap, no static data{changes}, no recursion: one set of structs for each instance, shared between threads only "
-    "under a lock of yours. Compile with -std=c99 -ffp-contract=off for the bits of the recorded self-check, where "
-    "FLT_EVAL_METHOD of `<float.h>` is 0: elsewhere intermediate results are rounded otherwise; never with -ffast-math "
-    "or -ffinite-math-only, which take the guards against NaN away and are refused, nor with "
-    "-funsafe-math-optimizations or -fassociative-math, which spoil the bundled functions and are refused by GCC 12 "
-    "and later. No macro tells of them in clang, nor of its -fno-honor-nans, with which the self-check fails: run it "
-    "as you compile."
+    "No heap, no recursion, no static data that changes, for tables are constant: one set of structs for each "
+    "instance, shared between threads only under a lock of yours. Compile with -std=c99 -ffp-contract=off for the bits "
+    "of the recorded self-check, where FLT_EVAL_METHOD of `<float.h>` is 0: elsewhere intermediate results are rounded "
+    "otherwise; never with -ffast-math or -ffinite-math-only, which take the guards against NaN away and are refused, "
+    "nor with -funsafe-math-optimizations or -fassociative-math, which spoil the bundled functions and are refused by "
+    "GCC 12 and later. No macro tells of them in clang, nor of its -fno-honor-nans, with which the self-check fails: "
+    "run it as you compile."
 )
 _WHOLE = (
     "{rates} {name}_step is all of the calls above at once, for a period in which every output has a sample; an output "
@@ -107,29 +131,36 @@ _TIMED = (
 )
 
 
-def _manual(step: Step, real: Real) -> list[str]:
+def manual(step: Step, real: Real) -> list[str]:
+    """Return the manual in Markdown: how C calls a step, what it does with all that may come, and its members."""
     name = step.name
-    called = f"{period(step, by_parts=bool(step.code.timed))} The status {result(step, 'the bits below')}."
+    called = f"{period(step, by_parts=bool(step.code.timed))} The status {result(step, 'the bits of the header')}."
     paragraphs = [called, *parts(step, f"{name}_step")]
     if step.code.timed:
         paragraphs += [_WHOLE.format(rates=rates(step), name=name)]
         paragraphs += [_TIMED.format(call=_call(step, step.code.timed[-1]))]
     changed = gains(step, "p.gain", f"{name}_tune")
     restored = state(step, marked(step), "after init or reset and before the first call")
-    changes = " that changes" * bool(step.observer.form.system.tables)
-    paragraphs += [*late(step, real), f"{changed} {restored}", _COMPILED.format(changes=changes)]
-    what, every = (
-        "predict, and update where a sample came," if step.code.timed else "one step",
-        pace(step.dt, step.time),
-    )
-    use = [
-        f"How to use it: one init, then {what} a sampling period of {every}.",
-        *("", "@code", *indented(each.local for each in structs(step))),
-        *(f"    {name}_init(&s, &p);", f"    for (;;) {{                      every {every}"),
-        *indented(_body(step), 8),
-        *(f"        {name}_estimate(&s, &p, &x);", "    }", "@endcode"),
+    paragraphs += [*late(step, real), f"{changed} {restored}", _COMPILED]
+    every = pace(step.dt, step.time)
+    what = "predict, and update where a sample came," if step.code.timed else "one step"
+    called_so = [f"How to use it: one init, then {what} a sampling period of {every}.", "", "```c"]
+    called_so += [each.local for each in structs(step)]
+    called_so += [f"{name}_init(&s, &p);", f"for (;;) {{                      /* every {every} */"]
+    called_so += [*indented(_body(step)), f"    {name}_estimate(&s, &p, &x);", "}", "```"]
+    members = [
+        (f"`{C.struct(name, kind)}`", f"`{each.name}`", plain(each.said))
+        for kind, struct in of_memory(step, C, real, marked=True).items()
+        for each in struct.members
     ]
-    return _block(["@file", *use, *(line for each in paragraphs for line in ("", each))])
+    return [
+        "## Use from C",
+        "",
+        *called_so,
+        *(line for each in paragraphs for line in ("", plain(each))),
+        "",
+        *table(("struct", "member", "meaning"), members),
+    ]
 
 
 def _body(step: Step) -> list[str]:
@@ -170,30 +201,22 @@ def _status(step: Step) -> list[str]:
     return [*lines, "/** @} */", ""]
 
 
-_DIGEST = "a digest of the model, the observer, default gains, dt, the precision and the memory of a saved state"
-_MARK = "what init and reset leave in `ready` of a state, and init in that of parameters"
 _CONSTANT = "what constant parameters begin with, which may lie in flash: nominal ones, tuned"
 
 
 def _constants(step: Step, real: Real) -> list[str]:
     """What firmware compares: the period of its timer, and of a state that it restores who wrote it."""
-    period = f"the period that is compiled in, in {plural(step.time)}"
-    rows = [("DT", C.literal(step.dt, real), period)]
-    rows += [("VERSION", f'"{version()}"', "the version of hgogen that made this file")]
+    rows = [("DT", C.literal(step.dt, real), f"sampling period in {plural(step.time)}")]
+    rows += [("VERSION", f'"{version()}"', "of hgogen that made this file")]
     digest = model_digest(step.observer)
-    rows += [("MODEL", f'"{digest}"', "the model, as in its certificate")] if digest else []
-    rows += [("LAYOUT", f'"{layout(step, real).hex()}"', _DIGEST)]
-    if step.layout.mark:
-        rows += [("READY", f"0x{mark(step, real):04X}u", _MARK)]
-    rows += [("SAVED", f"(sizeof({step.name}_state) + {ADDED}u)", "how many bytes a saved state has")]
-    defined = ((f"#define {step.name.upper()}_{name:7} {value}", said) for name, value, said in rows)
-    lines = [text for line, said in defined for text in (documented(said), line, "")]
-    return [
-        *lines,
-        documented(_CONSTANT + ", with their mark" * bool(step.layout.mark)),
-        *saving.initialiser(step, real),
-        "",
-    ]
+    rows += [("MODEL", f'"{digest}"', "digest of the model, as in its certificate")] if digest else []
+    rows += [("LAYOUT", f'"{layout(step, real).hex()}"', "digest of what a saved state needs to be the same")]
+    rows += (
+        [("READY", f"0x{mark(step, real):04X}u", "mark of what init and reset have made")] if step.layout.mark else []
+    )
+    rows += [("SAVED", f"(sizeof({step.name}_state) + {ADDED}u)", "bytes of a saved state")]
+    width = max(len(value) for _, value, _ in rows)
+    return [f"#define {step.name.upper()}_{name:7} {value:{width}} {beside(said)}" for name, value, said in rows]
 
 
 _RUST_TIMED = (

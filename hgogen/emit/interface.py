@@ -1,8 +1,8 @@
 """The functions that a caller has of a step: in no language, what each is given, whether it writes there and what it
 says; and as C, from which declarations and calls are printed.
 
-A parameter is one of `s` (the state), `p` (the parameters), `in`, `measurement` (what a call is given), `x` (the estimate) and
-`at` (a counter).
+A parameter is one of `s` (the state), `p` (the parameters), `in`, `measurement` (what a call is given), `x` (the
+estimate) and `at` (a counter).
 """
 
 from collections.abc import Callable, Iterable

@@ -175,6 +175,34 @@ def mathematics(step: Step, syntax: Syntax) -> list[str]:
     return [*lines, f"{names[0].upper()}{names[1:]}"] if names else lines
 
 
+SHORT = 4  # equations of a plant that are in the head of C
+LINE = 100  # columns of one
+
+
+def summary(step: Step, syntax: Syntax) -> list[str]:
+    """Return what a step is in about ten lines: what of its equations is short, and the claims that are not proved."""
+    observer, plant = step.observer, step.observer.form.system.declared
+    equations = [f"{s}' = {e}" for s, e in zip(plant.states, plant.flow, strict=True)]
+    equations += [f"{y} = {e}" for y, e in zip(plant.outputs, plant.output, strict=True)]
+    counted = ((plant.states, "state"), (plant.inputs, "input"), (plant.outputs, "output"))
+    sizes = ", ".join(f"{len(each)} {name}{'s' * (len(each) != 1)}" for each, name in counted)
+    short = len(equations) <= SHORT and max(map(len, equations)) <= LINE
+    lines = ["Plant", *(f"  {each}" for each in equations)] if short else [f"Plant: {sizes}"]
+    lines += [f"Form: {observer.form.kind}", f"Observer: {observer.name}"]
+    own = (*observer.equations, *(written(f) for f in step.layout.gains))
+    lines += [f"  {each}" for each in own if len(each) <= LINE][:SHORT]
+    lines += [f"Method: {step.code.rule}, dt = {pace(step.dt, step.time)}"]
+    lines += [f"Made for {step.clock.prefer}{f': {step.choice}' * bool(step.choice)}"] * said_what_for(step)
+    lines += ["Guards: none"] * (not guarded(step))
+    left = [check for check in observer.checks if check.verdict is not Verdict.PROVED]
+    lines += [f"Claims: {len(observer.checks) - len(left)} proved"]
+    lines += [f"  {in_short(each, observer.accepted)}" for each in left]
+    lines += promised(step)[:1]
+    lines += [f"Hypotheses of its theorem, and the evidence of the claims: {document_name(step)}"]
+    names = says(step, syntax)
+    return [*lines, f"{names[0].upper()}{names[1:]}"] if names else lines
+
+
 def said_what_for(step: Step) -> bool:
     """Whether it is said what a step is made for: where that is flash, or where the covariance is in loops."""
     return step.clock.prefer == "flash" or any(group.name == "column" for group in step.layout.groups)

@@ -40,7 +40,7 @@ FEWEST = 4  # numbers that a part writes
 SMALLEST = 3  # paths of a block that is a function
 _MEANINGS = {  # of the bodies of conditions
     "advance": "advance the estimate from the last call to now",
-    "correct": "correct the estimate with a sample that can be used",
+    "use_sample": "correct the estimate with a sample that can be used",
     "adapt_gain": "adapt the gain",
     "count_faults": "count the signs of a fault at a sample, and act where a count is at its limit",
     "recover": "a fault count is at its limit: restart from the sample, or project onto the ranges",

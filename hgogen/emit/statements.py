@@ -1,7 +1,7 @@
 """The statements of a program as text in a `Syntax`.
 
-Memory: `in`, `measurement` (what a call is given), `p` (parameters), `s` (state), `x` (estimate), as the language calls them;
-work values are locals at the top of a function; a member of a group is reached through a name of that group's.
+Memory: `in`, `measurement` (what a call is given), `p` (parameters), `s` (state), `x` (estimate), as the language calls
+them; work values are locals at the top of a function; a member of a group is reached through a name of that group's.
 """
 
 from collections.abc import Callable, Iterable, Sequence

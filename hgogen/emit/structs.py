@@ -116,9 +116,8 @@ def typedefs(prefix: str, structs: Mapping[str, Struct], none: str, said: Callab
 
 
 def _nested(struct: Struct, said: Callable[[str], str]) -> list[str]:
-    about, text = list(filter(None, [documented(said(struct.said))])), said(struct.said)
     inner = indented(_members(struct.members, said))
-    return [*about, "struct {", *inner, f"}} {struct.kind}; {beside(text)}".rstrip()]
+    return ["struct {", *inner, f"}} {struct.kind}; {beside(said(struct.said))}".rstrip()]
 
 
 def _members(members: Iterable[Member], said: Callable[[str], str]) -> list[str]:

@@ -176,9 +176,9 @@ class Sign:
     def fields(self) -> tuple[Field, ...]:
         """The fields of a sign."""
         least = 0 if self.output is None else -self.most
-        signed = "" if self.output is None else ", with the sign of the last error that does"
+        signed = "" if self.output is None else ", signed as the last error"
         return (
-            scalar(self.count, 0.0, low=least, high=self.most, meaning=f"valid samples that show a fault{signed}"),
+            scalar(self.count, 0.0, low=least, high=self.most, meaning=f"samples with a fault{signed}"),
             scalar(self.limit, self.wait, low=self.wait, high=self.most, meaning="fault count at which a guard acts"),
         )
 
@@ -319,7 +319,7 @@ class Recovery:
         if not fields:
             return ()
         most = sum(2 * sign.most - sign.wait for sign in self.signs)
-        meaning = "sum of the sizes of all fault counts and of fault limits beyond the first: checks them"
+        meaning = "checks fault counts and limits: their sum beyond the start"
         return (*fields, scalar("fault_checksum", 0.0, low=0.0, high=most, meaning=meaning))
 
     @property

@@ -362,7 +362,7 @@ class Assembly:
         watch = self.law.watch(sample, says=says)
         guarded: Program = (
             *measure(self.observer, self.clock, j),
-            When(Place("work", "valid"), valid, part="correct"),
+            When(Place("work", "valid"), valid, part="use_sample"),
             *watch,
         )
         guarded = once(output, guarded) if self.rated else guarded

@@ -1,4 +1,4 @@
-"""C99 for firmware: NAME.h (the manual), NAME.c, and NAME_check.c with recorded vectors.
+"""C99 for firmware: NAME.h, NAME.c, NAME_check.c with recorded vectors, and the manual NAME.md.
 
 Caller-owned structs, no heap, no static data that changes, no recursion, bounded loops; every call returns a status, a
 bit mask with 0 for ok. Compile with `-ffp-contract=off` for the same bits on every IEEE 754 target whose
@@ -9,10 +9,12 @@ from collections.abc import Iterable, Iterator
 from dataclasses import replace
 
 from hgogen.emit.code import Code, Uses, braced, code, joined, spaced
+from hgogen.emit.document import document
 from hgogen.emit.fold import sources
 from hgogen.emit.functions import c_functions, includes
-from hgogen.emit.heads import header
+from hgogen.emit.heads import header, manual
 from hgogen.emit.interface import Prototype, entries, inside, nominal, of_section, own, prototypes, readied
+from hgogen.emit.manual import document_name
 from hgogen.emit.naming import demand_distinct, demand_file
 from hgogen.emit.portable import kernels, tables
 from hgogen.emit.printer import LEAST, NEVER
@@ -32,7 +34,7 @@ from hgogen.target import Sources
 
 
 def c99(step: Step, *, real: Real = "float", command: str = "", check: bool = True) -> Sources:
-    """The step as C99 text: header, source and self-check, by file name.
+    """The step as C99 text, by file name: header, source, self-check and manual.
 
     Args: `real` "float" or "double"; `command` what made it, for the banner; `check` whether to add the
     self-check, whose vectors take a while to compute.
@@ -49,7 +51,9 @@ def c99(step: Step, *, real: Real = "float", command: str = "", check: bool = Tr
     demand_distinct(step, C)
     files = {f"{step.name}.h": header(step, real, command), f"{step.name}.c": _source(step, real)}
     files |= {f"{step.name}_check.c": c_check(step, real)} if check else {}
-    return sources(step, C, files)
+    made = sources(step, C, files)
+    text = "\n".join(document(step, manual(step, real))).rstrip("\n") + "\n"
+    return replace(made, texts=(*made.texts, (document_name(step), text)))
 
 
 _HEADERS = {"bool": "stdbool.h"}  # where C99 declares a type
@@ -83,7 +87,7 @@ def _source(step: Step, real: Real) -> list[str]:
     shared = c_functions(syntax, name, real, helpers) + tables(C, name, real, interface.uses.lookups)
     text = shared + kernels(C, name, real, matrices) + interface
     return [
-        f"/* {name}: see {name}.h, which is the manual. */",
+        f"/* {name}: see {name}.h, and its manual {document_name(step)}. */",
         f'#include "{name}.h"',
         "",
         *_includes(step, includes(name, real, helpers), text.uses),
