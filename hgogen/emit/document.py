@@ -1,7 +1,5 @@
 """NAME.md: the mathematics of a step, for people: its equations as LaTeX, gains, claims, hypotheses and references."""
 
-# Takes apart: words, in which Markdown would read marks of its own.
-
 from collections.abc import Iterable, Sequence
 
 import sympy as sp

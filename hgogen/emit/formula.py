@@ -4,7 +4,7 @@ A name with a prime before = is a derivative, as is a primed small name with a n
 prime is a transpose. A word of several letters that is no name of mathematics stays a word.
 """
 
-# Takes apart: lines of equations, which are written for people.
+# Takes apart: lines of equations, which are written for people, and words in which Markdown would read marks.
 
 import re
 from collections.abc import Iterable, Sequence

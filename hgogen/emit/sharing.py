@@ -51,7 +51,7 @@ _MEANINGS = {  # of the bodies of conditions
 @dataclass(frozen=True, eq=False)
 class Passage(Call):
     """The call of a function that does what is in its section, a part of another: the parameters of that which it is
-    given; the work values that both have, of which it changes some, by a pointer, but for a single `result`; whether
+    passed; the work values that both have, of which it changes some, by a pointer, but for a single `result`; whether
     it returns a status."""
 
     prototype: Prototype
@@ -63,7 +63,7 @@ class Passage(Call):
 
     @property
     def reads(self) -> Sized:
-        """The work values that it is given."""
+        """The work values that it is passed."""
         return self.work
 
     @property
@@ -156,9 +156,9 @@ class SharingWriter(Writer):
         changed = frozenset(place for place, _ in work if place in written)
         says = calls or any(place.struct == "status" for place in written)
         result = self._result(body, work, changed) if not says else None
-        given = tuple((place, size) for place, size in work if place != result)
-        pointed = frozenset(place for place, size in given if size == 1 and place in changed)
-        inner = replace(self, passed=frozenset(dict(given)), pointed=pointed, main=self.main or self)
+        arguments = tuple((place, size) for place, size in work if place != result)
+        pointed = frozenset(place for place, size in arguments if size == 1 and place in changed)
+        inner = replace(self, passed=frozenset(dict(arguments)), pointed=pointed, main=self.main or self)
         text = inner.function(inner._split(body, section) if len(body) > 1 else body)
         if paths(text.lines) > MOST:
             text = replace(inner, short=True).function(body)
@@ -166,7 +166,7 @@ class SharingWriter(Writer):
         kinds = {each.name: replace(each, constant=each.name != "s" or not moved) for each in structs(self.step)}
         used = tuple(name for name in (*kinds, AT.name) if name in text.uses.parameters)
         parameters = [kinds.get(name, AT) for name in used]
-        for place, size in given:
+        for place, size in arguments:
             pointer = size > 1 or place in changed
             parameters.append(Parameter(self._type(place, size), place.name, pointer and place not in changed, pointer))
         returns = status_type(self.step) if says else self._type(result, 1) if result else "void"
@@ -183,14 +183,15 @@ class SharingWriter(Writer):
         """The value that a function returns: of a block, the only one that it changes."""
         if len(body) > 1 or len(changed) != 1 or not isinstance(body[0], Block):
             return None
-        return next((place for place, size in work if place in changed and size == 1), None)
+        read = dict(body[0].reads)
+        return next((place for place, size in work if place in changed and size == 1 and place not in read), None)
 
     def _type(self, place: Place, size: int) -> str:
         return self.syntax.types[self.kind(place, size)]
 
     def _passage(self, passage: Passage, taken: frozenset[str]) -> Code:
-        given = [(place, size) for place, size in passage.work if place != passage.result]
-        arguments = [*passage.parameters, *(self._argument(*each, passage.changed) for each in given)]
+        work = [(place, size) for place, size in passage.work if place != passage.result]
+        arguments = [*passage.parameters, *(self._argument(*each, passage.changed) for each in work)]
         call = f"{passage.prototype.name}({', '.join(arguments)})"
         if passage.result:
             call = self._assigned(passage.result, self.whole(passage.result), call).rstrip(";")
