@@ -162,7 +162,9 @@ def test_lines_are_short_and_tell_nothing_of_this_machine(name: str) -> None:
             assert "\t" not in text
             for line in text.splitlines():
                 assert line == line.rstrip()
-                assert len(line) <= COLUMNS or line.startswith(("#", "    {")), f"{file}: {line}"
+                assert len(line) <= COLUMNS or line.startswith(("#", "    {")) or file.endswith(".md"), (
+                    f"{file}: {line}"
+                )
             for word in (str(Path.cwd()), str(Path.home()), socket.gethostname(), datetime.now(UTC).strftime("%Y-%m")):
                 assert len(word) < 4 or word not in text
 
@@ -218,7 +220,7 @@ def test_the_same_bytes_in_every_process(tmp_path: Path) -> None:
     listed = subprocess.run(
         [sys.executable, "-c", _EMIT], cwd=tmp_path, env=environment, capture_output=True, text=True, check=True
     ).stdout
-    assert listed.count("\n") == 24
+    assert listed.count("\n") == 32
     with redirect_stdout(StringIO()) as here:
         exec(_EMIT, {})
     assert here.getvalue() == listed
@@ -343,7 +345,7 @@ SEEDED = [
     ("0.0016666667f", "0.00167f"),
     ("0.005f", "0.0051f"),
     ("0.33333334f", "0.3334f"),
-    ("(measurement, 15.0f)", "(measurement, 1.5f)"),
+    ("(reading, 15.0f)", "(reading, 1.5f)"),
     ("100.0f", "99.0f"),
     ("s->L[1] = l31", "s->L[1] = l21"),
     ("const float d2 = w2_1*t", "const float d2 = -w2_1*t"),

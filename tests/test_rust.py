@@ -184,7 +184,7 @@ def test_no_counter_harms_it(name: str, tmp_path: Path) -> None:
 SEEDED = [
     ("2.4*", "2.5*"),
     ("0.0016666667", "0.00167"),
-    ("(measurement, 15.0)", "(measurement, 1.5)"),
+    ("(reading, 15.0)", "(reading, 1.5)"),
     ("s.L[1] = l31", "s.L[1] = l21"),
     ("|= status::REUSED_U", "|= status::CLAMPED_U"),
 ]

@@ -159,9 +159,10 @@ class SharingWriter(Writer):
         arguments = tuple((place, size) for place, size in work if place != result)
         pointed = frozenset(place for place, size in arguments if size == 1 and place in changed)
         inner = replace(self, passed=frozenset(dict(arguments)), pointed=pointed, main=self.main or self)
-        text = inner.function(inner._split(body, section) if len(body) > 1 else body)
+        program = inner._split(body, section) if len(body) > 1 else body
+        text = inner.function(program)
         if paths(text.lines) > MOST:
-            text = replace(inner, short=True).function(body)
+            text = replace(inner, short=True).function(program)
         moved = calls or any(p.struct == "state" or p.struct in self.kinds.groups for p in written)
         kinds = {each.name: replace(each, constant=each.name != "s" or not moved) for each in structs(self.step)}
         used = tuple(name for name in (*kinds, AT.name) if name in text.uses.parameters)

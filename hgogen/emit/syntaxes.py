@@ -257,7 +257,7 @@ RUST = Syntax(
     result="{}",
     raised="status |= status::{bit};",
     called=_rust_called,
-    comment=lambda text: f"// {line(text)}" if text else "",
+    comment=lambda text: f"// {line(text)}".rstrip() if text else "",
     limited=_rust_limited,
     instead={"power_of_two": ("", "{type}::from_bits((x + {BIASED}).to_bits() << {SHIFT})")},
 )
