@@ -290,16 +290,15 @@ class Suggestion:
 
 
 def within_interval(t: np.ndarray, begin: float | None, end: float | None, unit: str = "s") -> np.ndarray:
-    """Return the mask of the times t (N,), N >= 2, evenly spaced, lie in begin..end; None: from the first, to the last;
-    times in the unit. Raises: `BadInterval` unless the interval lies within the record, to a sample."""
+    """The mask of the times t (N,), N >= 2, evenly spaced, that lie in begin..end; None: from the first, to the last;
+    times in the unit. Raises: `BadInterval` unless the interval lies within the log, to a sample."""
     first, last, dt = float(t[0]), float(t[-1]), float(t[1] - t[0])
     low, high = first if begin is None else begin, last if end is None else end
     if not first - 1.5 * dt < low < high < last + 1.5 * dt:  # 0..10 s holds the samples 0, dt, .. 10 - dt
         reason = f"is not an interval in the record, which runs from {first:g} to {last:g} {unit}"
         fix = "give --from and --to within it, the earlier first"
         raise BadInterval(f"the quiet part {low:g}..{high:g} {unit}", f"{reason}; {fix}")
-    inside: np.ndarray = (t >= low) & (t <= high)
-    return inside
+    return np.array((t >= low) & (t <= high))
 
 
 def suggest(output: str, y: np.ndarray, dt: float, d: float, unit: str = "s") -> Suggestion:
@@ -346,9 +345,10 @@ def correlation_time(residual: np.ndarray, dt: float) -> float:
     there = np.isfinite(residual).astype(float)
     value = np.where(there > 0, residual, 0.0)
     variance = float(np.sum(value**2) / np.sum(there))
-    sums, pairs = _lagged(value), np.maximum(np.rint(_lagged(there)), 1.0)
+    size, half = 2 * len(value), len(value) // 2  # of twice the length, so that the ends do not meet
+    sums, pairs = np.fft.irfft(np.abs(np.fft.rfft([value, there], size)) ** 2, size)[:, 1:half]
     last = 1.0
-    for lag, now in enumerate((sums[1 : len(value) // 2] / pairs[1 : len(value) // 2] / variance).tolist(), 1):
+    for lag, now in enumerate((sums / np.maximum(np.rint(pairs), 1.0) / variance).tolist(), 1):
         if lag == 1 and now < 2 / math.sqrt(float(np.sum(there))):
             return 0.0
         if now <= math.exp(-1):
@@ -356,13 +356,7 @@ def correlation_time(residual: np.ndarray, dt: float) -> float:
                 return lag * dt
             return float((lag - 1 + (1 + math.log(last)) / math.log(last / now)) * dt)
         last = now
-    return len(value) // 2 * dt
-
-
-def _lagged(value: np.ndarray) -> np.ndarray:
-    """The sums over k of value_k value_(k+lag) (N,), by lag; of twice the length, so that the ends do not meet."""
-    spectrum = np.abs(np.fft.rfft(value, 2 * len(value))) ** 2
-    return np.fft.irfft(spectrum, 2 * len(value))[: len(value)]
+    return half * dt
 
 
 def spread(window: int, dt: float, tau: float) -> float:
