@@ -294,10 +294,10 @@ def test_balls_of_a_series_keep_within_one_patch() -> None:
     cells = cells_of([[0, 1, 2], [0, 1, 2]], [[0, 1, 2], [1, 3, 7], [5, 4, 3]], "linear", "t")
     balls = Balls(0)
     half, line = (balls.number(Fraction(place), 2) for place in ("1/2", "1"))
-    assert [float(each[0]) for each in balls.table([half, half], cells, (0, 0))] == [1.25, 1.5, 1.5]
+    assert [float(each[0]) for each in balls.table(cells, (0, 0), half, half)] == [1.25, 1.5, 1.5]
     for place in ([half, line], [line, half], [line, line]):
         with pytest.raises(Undecided):
-            balls.table(place, cells, (0, 0))
+            balls.table(cells, (0, 0), *place)
 
 
 @st.composite

@@ -429,7 +429,7 @@ def _around(points: list[Point], sides: Sides) -> Pair:
 
 def _candidates(expression: sp.Expr, sides: Sides) -> Iterator[Point]:
     values = [_simple_values(*ends) for ends in sides.ends]
-    if len(values) > 1:
+    if len(values) != 1:
         few = values if len(values) < 5 else [side[:3] for side in values]
         yield from _solved(expression, sides, values)
         yield from _points(sides, few)
