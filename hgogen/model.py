@@ -135,7 +135,7 @@ class Model:
 
     @property
     def bounds(self) -> Bounds | None:
-        """What the file says of noise, disturbances and the like; None without. Raises: `MissingPart`."""
+        """The noise, disturbances and the like that the file declares; None without. Raises: `MissingPart`."""
         try:
             return bounds(self.module.bounds) if self.has("bounds") else None
         except NoBounds as error:
@@ -143,7 +143,7 @@ class Model:
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """What is read otherwise than written, on the declared box. Raises: `MissingPart`."""
+        """The expressions that are read otherwise than written, on the declared box. Raises: `MissingPart`."""
         around = box(self.plant.signals, self.plant.nominal) if self.folds else {}
         return tuple(str(note) for note in (fold.on(around) for fold in self.folds) if note)
 

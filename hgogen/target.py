@@ -218,7 +218,8 @@ def _below(root: Path, name: str) -> Path:
 
 
 def _kind(path: Path, follow: bool = False) -> int | None:
-    """What is there, as `stat` calls it; None where there is nothing. A link that leads nowhere is one."""
+    """The kind of file that is there, as `stat` calls it; None where there is nothing. A link that leads nowhere is
+    a kind."""
     try:
         return stat.S_IFMT(path.stat(follow_symlinks=follow).st_mode)
     except FileNotFoundError:

@@ -92,7 +92,7 @@ def tree(bisection: Range | Proof, form: Form | None = None) -> str:
 
 
 def _mirrored(form: Form) -> dict[sp.Symbol, tuple[str, bool]]:
-    """Each state of the plant as the name of the form's state that it is, and whether its sign is changed."""
+    """The name of the form's state that each state of the plant is, and whether its sign is changed."""
     names = {}
     for x, image in zip(form.system.states, form.from_form, strict=True):
         if image in form.states or -image in form.states:
@@ -146,7 +146,7 @@ class ByForm:
 
 @dataclass(frozen=True)
 class Grounds:
-    """What a claim about an observer stands on: the `numbers` by name that it is built with (numbers, expressions of
+    """The grounds of a claim about an observer: the `numbers` by name that it is built with (numbers, expressions of
     parameters, sequences of them), and the `fact` that was established; None where it follows from another claim's."""
 
     numbers: Mapping[str, Any] = field(hash=False)
@@ -233,7 +233,7 @@ class Slopes:
 
 @dataclass(frozen=True)
 class Steep:
-    """How |S dc/dw S^-1| was bounded on the box, S = diag(`units`) in the coordinates w of integrators; `scale` (n):
+    """The bound of |S dc/dw S^-1| on the box, S = diag(`units`) in the coordinates w of integrators; `scale` (n):
     the same from z, of parameters. A certificate's bound is `wider` by that share, so that it is reached again."""
 
     units: tuple[Fraction, ...]

@@ -55,7 +55,7 @@ class Admitted:
 
     @property
     def known(self) -> str:
-        """What is known of its convergence, in a word."""
+        """The verdict about its convergence, in a word."""
         return KNOWN[self.convergence][0]
 
     @property
@@ -71,7 +71,7 @@ class Admitted:
 
 @dataclass(frozen=True)
 class Advice:
-    """What to take for a model; `plain`: whether it is plain text, whose language the lines are in."""
+    """The advice for a model; `plain`: whether it is plain text, whose language the lines are in."""
 
     json_keys = "take=admitted advice=notes"
 
@@ -256,7 +256,7 @@ def _in_its_own_states(model: Model, survey: Survey) -> str:
 
 
 def _measurements(plant: System) -> Iterator[str]:
-    """Each state that, measured as well, or in the place of the output, puts the plant in a form."""
+    """The states that, measured as well, or in the place of the output, puts the plant in a form."""
     known = {e for e in plant.output if e in plant.states}
     for x in plant.states if len(plant.states) <= MANY else ():
         if x in known:

@@ -67,7 +67,7 @@ Names = Annotated[str | None, typer.Option("--observers", "--observer", metavar=
 
 @dataclass(frozen=True)
 class TunedGains:
-    """What is known of tuned gains and not of declared ones."""
+    """The findings about tuned gains that declared ones do not have."""
 
     form: Annotated[str, "the form the observer is built on"]
     error: Annotated[float, "cross-validated error, in errors of copying or, tuned on the truth, of the mean"]
@@ -335,7 +335,7 @@ class AdvisedRow:
 
     @property
     def known(self) -> str:
-        """What is known of the convergence."""
+        """The verdict about the convergence."""
         return KNOWN[self.gains.first.known][0]
 
     @property
@@ -345,7 +345,7 @@ class AdvisedRow:
 
     @property
     def rank(self) -> tuple[bool, int, int]:
-        """What settles before what does not, then what is known of it, then its cost."""
+        """The order of rows: those that settle first, then by verdict, then by cost."""
         return self.settled is None, KNOWN[self.gains.first.known][1], self.operations
 
 
@@ -374,7 +374,7 @@ class AdviceReport(ModelReport):
 
     @property
     def notes(self) -> list[str]:
-        """How each theta stands to what is certified and to what settles."""
+        """The place of each theta among those that are certified and those that settle."""
         return [row.gains.sentence for row in self.rows if row.gains.sentence]
 
     def figures(self, plant: System) -> dict[str, Any]:

@@ -73,7 +73,7 @@ class OptionalFile(TyperCommand):
 
 @dataclass(frozen=True)
 class ObservedPlant:
-    """What is observable of a plant as JSON has it."""
+    """The observability of a plant, as JSON has it."""
 
     json_keys = "*seen least_seen"
 
@@ -93,7 +93,7 @@ class NamedRange:
 
 @dataclass(frozen=True)
 class CheckReport(ModelReport):
-    """What is known of a model."""
+    """The report of a check of a model."""
 
     json_keys = "model headline observability forms=survey.rows bounds *claims undefined singular *advice"
 

@@ -102,7 +102,7 @@ class Checked(Encoded):
 
     @property
     def hypotheses(self) -> tuple[Row, ...]:
-        """What the observer's theorem assumes, and what is known of it."""
+        """The hypotheses of the observer's theorem, with their verdicts."""
         return rows(self.theorem, self.checks) if self.theorem else ()
 
     @property

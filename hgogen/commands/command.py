@@ -57,7 +57,7 @@ _AS_JSON: ContextVar[bool] = ContextVar("as_json", default=False)
 
 
 class Report(Encoded):
-    """What a command found, a dataclass: what it prints, as JSON or as tables, with its `files`, and how it ends."""
+    """The report of a command, a dataclass: what it prints, as JSON or as tables, with its `files`, and how it ends."""
 
     def tables(self) -> Iterable[Any]:
         """Return the tables that are printed in the place of JSON."""
@@ -69,7 +69,7 @@ class Report(Encoded):
 
 @dataclass(frozen=True, eq=False)
 class ModelReport(Report):
-    """What a command found of a model."""
+    """The report of a command about a model."""
 
     model: Annotated[str, "path of the model"]
 
@@ -259,7 +259,8 @@ class Runs:
 
 @dataclass(frozen=True)
 class Columns:
-    """How the columns of a log are read: which holds times, else the `period` between rows, and which are signals."""
+    """The options by which the columns of a log are read: which holds times, else the `period` between rows, and which
+    are signals."""
 
     time: Annotated[str | None, typer.Option(help="The column of times, in the unit of the model's time.")] = None
     period: Annotated[
@@ -281,7 +282,7 @@ NO_COLUMNS = Columns()
 
 
 class _Set(TypedDict):
-    """What a user may set of every step that a command makes: the options of a `Setting`."""
+    """The settings of every step that a command makes: the options of a `Setting`."""
 
     form: Annotated[str | None, typer.Option(metavar="NAME", help="The form, in the place of the model's.")]
     method: Annotated[str | None, typer.Option(metavar="NAME", help="The method, in the place of the model's.")]

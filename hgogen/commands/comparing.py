@@ -68,7 +68,7 @@ class ComparedTrial:
 
     @property
     def criterion(self) -> str:
-        """What settled means."""
+        """The meaning of settled."""
         return criterion(self.trial, self.plant.time)
 
     @property

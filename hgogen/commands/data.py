@@ -33,7 +33,7 @@ class Logs:
 
     @property
     def reports(self) -> tuple[Report, ...]:
-        """What was found in each log."""
+        """The findings in each log."""
         return tuple(record.report for record in self.records)
 
     @property

@@ -31,7 +31,7 @@ _MOST = 20  # rates
 
 @dataclass(frozen=True)
 class NoiseBound:
-    """What the noise of an output does to the estimate of a state."""
+    """The gain from the noise of an output to the estimate of a state."""
 
     state: Annotated[str, "state with the error"]
     output: Annotated[str, "output with the noise"]
@@ -57,7 +57,7 @@ class DesignedPoint:
 
     @property
     def noise(self) -> list[NoiseBound]:
-        """What noise does to each state."""
+        """The effect of noise on each state."""
         one = self.point
         pairs = {**one.continuous, **one.step}
         return [NoiseBound(x, y, one.continuous.get((x, y)), one.step.get((x, y))) for x, y in pairs]
@@ -206,7 +206,7 @@ class FrequencyGain:
 
 @dataclass(frozen=True, eq=False)
 class Gains(ModelReport):
-    """What sinusoidal noise does to estimates."""
+    """The response of the estimates to sinusoidal noise."""
 
     json_keys = "model observer coordinates=continuous.coordinates dt omega gains files"
 

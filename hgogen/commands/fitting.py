@@ -99,12 +99,12 @@ class FitReport(ModelReport):
 
     @property
     def verdicts(self) -> tuple[str, ...]:
-        """What the rows held out say, and what to do about offsets."""
+        """The result on the held-out rows, and the advice about offsets."""
         return (*_verdicts(self.predictions, self.by), *_without_offset(self.result))
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """What is doubtful, and what the result is worth."""
+        """The doubts about the result."""
         return (*self.logs.notes(), *self.result.notes(), *self.verdicts)
 
     def figures(self) -> dict[str, Any]:

@@ -426,7 +426,7 @@ Work = Callable[[Any], Iterable[Any]]
 
 
 class End(Enum):
-    """How a task ended."""
+    """The end of a task."""
 
     DONE = "done"
     LATE = "past its time"

@@ -29,7 +29,7 @@ _KINDS = ("forms", "observers", "methods", "targets")
 
 @dataclass(frozen=True)
 class Inventory(Report):
-    """What there is."""
+    """The cases of each kind."""
 
     models: Annotated[tuple[str, ...], "what to give as MODEL: paths in models/, names of those that come with hgogen"]
     forms: Annotated[tuple[str, ...], "names of the forms"]
@@ -102,7 +102,7 @@ _COLOURS = {"verified": "green", "fails": "red"}
 
 @dataclass(frozen=True)
 class Verification(Report):
-    """What was verified of a certificate."""
+    """The report of a certificate that was verified."""
 
     json_keys = (
         "plant=outcome.plant form=outcome.form observer model=outcome.model verified counts=outcome.counts "

@@ -105,7 +105,7 @@ def rendered(drawn: Mapping[str, Any]) -> dict[str, bytes]:
 
 @dataclass(frozen=True)
 class Folder:
-    """Where a command's results go: the folder that the user named, by default `build`, and the one `below` it."""
+    """The place of a command's results: the folder that the user named, by default `build`, and the one `below` it."""
 
     root: Path
     below: str = ""

@@ -124,7 +124,7 @@ class RecordRun(ModelReport):
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """What is doubtful."""
+        """The doubts about the run."""
         acted = (f"the law of recovery acted: {self.acted.sentence(self.step.time)}",) if self.acted else ()
         differing = coarse(self.from_double, self.step.time)
         known, more = self.doubts
@@ -362,7 +362,7 @@ def _csv(header: Sequence[str], numbers: np.ndarray, status: np.ndarray | None =
 
 @dataclass(frozen=True, eq=False)
 class QuietRecord(ModelReport):
-    """What a quiet record says of noise."""
+    """The noise of a quiet part of a log."""
 
     json_keys = "model record=record.report noise"
 
@@ -427,7 +427,7 @@ def innovation_window(model: Model, option: str, observer: str | None = None) ->
 
 @dataclass(frozen=True, eq=False)
 class Windows(ModelReport):
-    """What windows show along a trial."""
+    """The observability of windows along a trial."""
 
     json_keys = "model trial windows"
 

@@ -251,7 +251,7 @@ class CampaignRow:
 
     @property
     def criterion(self) -> str:
-        """What settled means."""
+        """The meaning of settled."""
         return criterion(self.campaign.trial, self.campaign.step.time)
 
     @property

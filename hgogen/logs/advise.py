@@ -66,7 +66,7 @@ class Advised:
 
     @property
     def own(self) -> Tried | None:
-        """What its own theta does on the trial."""
+        """The result of its own theta on the trial."""
         return next((one for one in self.tried if one.theta == (self.theta or 0.0)), None)
 
     @property
@@ -77,7 +77,7 @@ class Advised:
 
     @property
     def sentence(self) -> str:
-        """How its theta stands to what is certified and to what settles; empty without theta."""
+        """The place of its theta among those that are certified and those that settle; empty without theta."""
         if self.theta is None:
             return ""
         said = []

@@ -53,7 +53,7 @@ NONE = 1e-6  # of a direction: less of it is rounding
 
 @dataclass(frozen=True)
 class Structure:
-    """What outputs tell of parameters, lags and offsets."""
+    """The information of the outputs about parameters, lags and offsets."""
 
     rank: Annotated[int, "how many sums of them the outputs tell at most"]
     count: Annotated[int, "number of parameters, lags and offsets"]
@@ -79,7 +79,7 @@ class Estimate:
 
 @dataclass(frozen=True)
 class SearchEnd:
-    """How a search ended."""
+    """The end of a search."""
 
     cost: Annotated[float, "cost without the pull"]
     status: Annotated[str, "how IPOPT ended"]
@@ -92,7 +92,7 @@ def _by_name(each: Iterable[Estimate], what: str) -> dict[str, Any]:
 
 @dataclass(frozen=True, eq=False)
 class Fit(Encoded):
-    """What `fit` found.
+    """The result of `fit`.
 
     `plant`: with the fitted values; `parameters`, `offsets` and `lags` of outputs: their estimates; `fitted`: the
     outputs (N, p) of each record, NaN where nothing was measured; `starts`: how each ended, of a robust fit its last
@@ -163,7 +163,7 @@ class Fit(Encoded):
 
     @property
     def ends(self) -> tuple[SearchEnd, ...]:
-        """How each start ended."""
+        """The end of the search from each start."""
         return tuple(SearchEnd(one.cost, one.status, one.iterations) for one in self.starts)
 
     def notes(self) -> tuple[str, ...]:
@@ -313,7 +313,7 @@ class CannotFit(BadLog):
 
 @dataclass(frozen=True, eq=False)
 class Task:
-    """What is fitted to what: `plant` with the lags of its sensors, of `given` without; `chosen`: its parameters that
+    """The task of a fit: `plant` with the lags of its sensors, of `given` without; `chosen`: its parameters that
     are fitted beside the `lags`; `by`: one of `BY`; `corner`: of the loss of each output, None for squares."""
 
     given: System
@@ -333,7 +333,7 @@ class Task:
 
     @cached_property
     def spread(self) -> Array:
-        """Of the samples of each output, about their mean."""
+        """The deviation of the samples of each output about their mean."""
         return np.asarray(np.nanstd(np.concatenate([record.y for record in self.records]), axis=0))
 
     def corners(self, unknowns: Array) -> Array:

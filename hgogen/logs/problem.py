@@ -71,7 +71,7 @@ class Information:
 
 @dataclass(frozen=True, eq=False)
 class _OnRecords:
-    """What both problems of a plant on records share.
+    """The shared part of both problems of a plant on records.
 
     `free`: the parameters that are fitted, the others at their nominal values; `scale` (p): of each output, by which
     residuals are divided; `length`: samples of a segment; `steps`: Runge-Kutta steps a sample; `between`: how inputs
@@ -91,7 +91,7 @@ class _OnRecords:
 
     @property
     def levels(self) -> tuple[tuple[float, float, float], ...]:
-        """Of the unknowns that are of the problem alone: where they begin, and their bounds."""
+        """The start and the bounds of the unknowns that are of the problem alone."""
         return ()
 
     def noise(self, unknowns: Array) -> tuple[dict[str, float], dict[str, float]]:
@@ -497,7 +497,7 @@ class Solver:
 
     @cached_property
     def _nlp(self) -> dict[str, Any]:
-        """Of the unknowns in their units, and the start of those that are pulled."""
+        """The nonlinear program of the unknowns in their units, and the start of those that are pulled."""
         v, cost, gaps = self.problem.graph
         w, p = ca.MX.sym("w", self.problem.size), ca.MX.sym("p", self._pulled)
         least, jumps = ca.Function("problem", [v], [cost, gaps])(w * self.unit)
@@ -505,7 +505,7 @@ class Solver:
 
 
 class _Watch(ca.Callback):
-    """What CasADi calls after each iteration."""
+    """The function that CasADi calls after each iteration."""
 
     def __init__(self, unknowns: int, gaps: int) -> None:
         super().__init__()

@@ -170,7 +170,7 @@ class Hidden:
 
 @dataclass(frozen=True)
 class Judge:
-    """What steps are judged by: `records`, a `yardstick`, so many `segments` a record of mean length, run by
+    """The data by which steps are judged: `records`, a `yardstick`, so many `segments` a record of mean length, run by
     `engine`."""
 
     records: Sequence[Log]
@@ -197,13 +197,13 @@ class Judge:
 
     @property
     def most(self) -> int:
-        """How many segments a record of mean length may have, so that none is without a sample."""
+        """The number of segments that a record of mean length may have, so that none is without a sample."""
         lengths = list(map(len, self._moves))
         return min(math.floor((n - round(BEGIN * n)) * sum(lengths) / (len(lengths) * n)) for n in lengths)
 
     @property
     def count(self) -> int:
-        """How many segments have an error."""
+        """The number of segments that have an error."""
         return sum(map(len, self._parts))
 
     @cached_property
@@ -219,8 +219,8 @@ class Judge:
 
     @cached_property
     def _parts(self) -> list[list[Array]]:
-        """Of each record the samples of its segments, of those in which something can be compared; a record has as
-        many as its length is of the mean one's, and one at least."""
+        """The squares of each log's segments, of those in which something can be compared; a log has as many as its
+        length is of the mean one's, and one at least."""
         every, mean = [], sum(map(len, self._moves)) / len(self._moves)
         for squares, scale in zip(self._moves, self._scales, strict=True):
             there = np.isfinite(squares / scale).any(axis=1)

@@ -95,7 +95,7 @@ class Tuned:
 
 @dataclass(frozen=True, eq=False)
 class Task:
-    """What is tuned to what: the forms of `rows`, in their order, by `judge` on `records`."""
+    """The task of a tuning: the forms of `rows`, in their order, by `judge` on `records`."""
 
     records: tuple[Log, ...]
     judge: Judge

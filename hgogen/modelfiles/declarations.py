@@ -70,7 +70,7 @@ def _read(value: Any, names: Mapping[str, sp.Symbol]) -> Any:
 
 
 class NoBounds(BadArgument):
-    """What stands in bounds and is none."""
+    """The entries of bounds that are no bound."""
 
     text = "in bounds, {what} is none; {reason}"
 

@@ -287,7 +287,7 @@ class First:
 
     @property
     def known(self) -> Convergence | None:
-        """What is known of its convergence, None where no theorem covers it."""
+        """The verdict about its convergence, None where no theorem covers it."""
         observer = self.step.observer
         return None if observer.form.kind == "original" else convergence(observer.name, observer.checks)
 

@@ -405,7 +405,7 @@ def _fewest(root: Root, generator: Any, parts: _Parts) -> tuple[sp.Expr, _Parts]
 
 
 def _ends(root: Root, share: Fraction) -> tuple[sp.Expr, _Parts]:
-    """What the root is a root of, to an exponent: the number, of whole exponents alone, and irreducible factors."""
+    """The base of a root, to an exponent: the number, of whole exponents alone, and irreducible factors."""
     if not share:
         return sp.S.One, []
     factor, ends = _monic([(root.value[0], share), (root.value[1], -share)])

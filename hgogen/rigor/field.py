@@ -438,7 +438,7 @@ def field(writer: Writer, expressions: Sequence[sp.Expr]) -> tuple[Field, list[Q
 
 
 def _replaced(relations: Sequence[Relation]) -> tuple[dict[sp.Symbol, sp.Expr], set[sp.Symbol]]:
-    """Each symbol that a root replaces, with its value; and the generators of those roots."""
+    """The symbols that a root replaces, with their values; and the generators of those roots."""
     replacements: dict[sp.Symbol, sp.Expr] = {}
     roots: set[sp.Symbol] = set()
     for relation in relations:

@@ -471,11 +471,11 @@ class Table(sp.Function):  # type: ignore[misc]
 
 
 class Kinked(Table):
-    """One that is continuous and has a derivative that jumps."""
+    """A table that is continuous and has a derivative that jumps."""
 
 
 class Stepped(Table):
-    """One that jumps."""
+    """A table that jumps."""
 
 
 def applied(cells: Cells, arguments: Sequence[sp.Expr], order: Index = ()) -> sp.Expr:

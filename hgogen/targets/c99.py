@@ -235,7 +235,7 @@ def _nominal(step: Step, real: Real) -> Code:
 
 
 def _made(step: Step) -> Code:
-    """What makes memory parameters that is none yet, and says so."""
+    """The code that makes parameters of memory that holds none, and reports it."""
     if not step.layout.mark:
         return Code()
     upper, made = step.name.upper(), nominal(step).call(own)

@@ -78,7 +78,7 @@ class Functions(Files):
 
     @property
     def held(self) -> tuple[str, ...]:
-        """What of it the differential equations hold. Raises: `NoEquation`."""
+        """The members of it that the differential equations hold. Raises: `NoEquation`."""
         return self._flow.held
 
     def flags(self, status: Any) -> tuple[str, ...]:
