@@ -1,12 +1,12 @@
-"""How far noise of the samples moves an estimate, as the step runs: bounds that hold for every course of the noise.
+"""How far inputs drive the error of an observer: noise as the step runs, and L2 and ISS gains in continuous time.
 
-How far noise and disturbances drive the error of an observer of a constant injection, in continuous time.
+    noise    |e_i| <= beta_ij for noise of at most 1 in each sample of output j, whatever its course, at every call
+    L2       |C e|_2 <= mu |v|_2 + what the start leaves, v the inputs in units of their sizes, |.|_2 over all time
+    ISS      |e_i| comes to its bound at most, and stays there, while each input is at most its size, of any course
 
-    L2    |C e|_2 <= mu |v|_2 + what the start leaves, v the inputs in units of their sizes, |.|_2 over all time
-    ISS   |e_i| comes to at most its bound, and stays there, while each input is at most its size, whatever its course
-
-At its own theta, whatever the slopes of b in their ranges, while the plant keeps to its ranges and no guard acts. What
-runs is a step, of which `hg.error_bound` speaks; these are for design, and to compare with what papers give.
+All hold at the observer's own theta, whatever the slopes of b in their ranges, while the plant keeps to its ranges and
+no guard acts. The first is of the step that runs. The others are of continuous time, for observers of a constant
+injection: for design, and to compare with what papers give.
 """
 
 from collections.abc import Mapping

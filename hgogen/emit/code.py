@@ -14,9 +14,9 @@ Names = frozenset[str]
 
 @dataclass(frozen=True)
 class Uses:
-    """What lines refer to: `parameters` of the function around them, `helpers` of `emit.functions`, `kernels` (name,
-    size), `types` that a language may have to be asked for; `widest` is the largest count that they hold;
-    `lookups` are those of tables, `routines` the keys of those that are called."""
+    """The names to which lines refer: `parameters` of the function around them, `helpers` of `emit.functions`,
+    `kernels` (name, size), `types` that a language may have to be asked for; `widest` is the largest count that they
+    hold; `lookups` are those of tables, `routines` the keys of those that are called."""
 
     parameters: Names = frozenset()
     helpers: Names = frozenset()
@@ -56,7 +56,7 @@ def code(*lines: str, parameters: Iterable[str] = (), widest: int = 0) -> Code:
 
 
 def joined(parts: Iterable[Code]) -> Code:
-    """One after the other."""
+    """The codes one after the other."""
     parts = list(parts)
     return Code(tuple(line for part in parts for line in part.lines), united(part.uses for part in parts))
 
@@ -67,13 +67,13 @@ def braced(head: str, inner: Code) -> Code:
 
 
 def spaced(parts: Iterable[Code]) -> Code:
-    """The same with an empty line between two."""
+    """The codes with an empty line between two."""
     first, *rest = parts
     return joined([first, *(code("") + part for part in rest)])
 
 
 def united(uses: Iterable[Uses]) -> Uses:
-    """All that any of them uses."""
+    """The union of what they use."""
     every = {id(each): each for each in uses if each is not NOTHING}.values()
     if len(every) < 2:
         return next(iter(every), NOTHING)

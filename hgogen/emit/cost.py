@@ -21,7 +21,7 @@ _FUNCTIONS = frozenset(CALLS) - {*_CHEAP} | {ca.OP_CALL, FUNCTION}
 
 @dataclass(frozen=True)
 class Cost:
-    """What one call costs."""
+    """The cost of one call."""
 
     operations: Annotated[int, "operations of one call"]
     functions: Annotated[int, "functions (sine, exponential, root, ..) of one call"]

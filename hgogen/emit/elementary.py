@@ -151,7 +151,7 @@ class _Precision:
         return float(2.0 ** (2 - 2**self.octaves))
 
     def polynomial(self, x: Graph, coefficients: Sequence[float]) -> Graph:
-        """By Horner's rule, the constant first."""
+        """A polynomial by Horner's rule, the constant first."""
         rounded = [self.near(c) for c in reversed(coefficients)]
         return reduce(lambda value, c: value * x + c, rounded[1:], rounded[0])
 
@@ -363,7 +363,7 @@ class _Precision:
 
     @property
     def bounded_widths(self) -> tuple[int, ...]:
-        """Of pieces of pi, times k or k + 1/2, |k| <= `BOUNDED`/pi, exact but for the last."""
+        """The widths of pieces of pi, times k or k + 1/2, |k| <= `BOUNDED`/pi, exact but for the last."""
         wide = self.bits - 7
         return (wide, wide, self.bits)
 

@@ -29,7 +29,7 @@ def helpers(syntax: Syntax, prefix: str, real: Real, names: Collection[str]) -> 
 
 
 def functions(syntax: Syntax, prefix: str, real: Real, used: Collection[str]) -> Code:
-    """All functions that `used` names, and those that they call."""
+    """The functions that `used` names, and those that they call."""
     text = bundled(syntax, prefix, real, needed(used, real))
     below = helpers(syntax, prefix, real, {*used, *text.uses.helpers})
     return below + text + code("") if text.lines else below
@@ -44,7 +44,7 @@ def bundled(syntax: Syntax, prefix: str, real: Real, names: Collection[str]) -> 
 
 
 def arguments(name: str) -> tuple[str, ...]:
-    """What the arguments of a mathematical function are called."""
+    """The names of the arguments of a mathematical function."""
     return ("x", "y")[: _graph(name, "double").n_in()]
 
 

@@ -103,7 +103,7 @@ def _block(lines: Iterable[str]) -> list[str]:
 
 
 def _said(meaning: str, parameters: Iterable[tuple[str, str, str]], returned: str) -> list[str]:
-    """What a function does, what goes in or comes out by which name, and what it returns."""
+    """The comment of a function: what it does, its arguments, and what it returns."""
     lines = [f"@brief {spoken(meaning)}", *(f"@param[{way}] {name} {said}" for way, name, said in parameters)]
     first, *others = [*lines, *([f"@return {returned}"] if returned else [])]
     *others, last = (f"/** {first}", *(f" * {line}" for line in others))
@@ -205,7 +205,7 @@ _CONSTANT = "what constant parameters begin with, which may lie in flash: nomina
 
 
 def _constants(step: Step, real: Real) -> list[str]:
-    """What firmware compares: the period of its timer, and of a state that it restores who wrote it."""
+    """The constants that firmware compares: the period of its timer, and of a state that it restores who wrote it."""
     rows = [("DT", C.literal(step.dt, real), f"sampling period in {plural(step.time)}")]
     rows += [("VERSION", f'"{version()}"', "of hgogen that made this file")]
     digest = model_digest(step.observer)
@@ -253,7 +253,7 @@ def documentation(step: Step, real: Real, command: str) -> list[str]:
 
 
 def arguments(step: Step) -> str:
-    """What a caller gives a step whose values are named as its parameters are."""
+    """The arguments that a caller gives a step whose values are named as its parameters are."""
     return ", ".join(["&p", *(["&input"] if step.inputs else []), "&measurement"])
 
 

@@ -93,7 +93,7 @@ def nan() -> float:
 
 
 def search(x: float) -> float:
-    """Of a table, along an axis: the distance of x from the start of its cell k. As many breakpoints are at or below x,
+    """The distance, along an axis of a table, of x from the start of its cell k. As many breakpoints are at or below x,
     which steps of powers of two find; see `hgogen.rigor.lookup`."""
     k = 0
     probe = FIRST

@@ -106,7 +106,7 @@ class Parameter:
 
     @property
     def local(self) -> str:
-        """What a caller declares whose structs are named as the parameters are."""
+        """The declarations of a caller whose structs are named as the parameters are."""
         return f"{self.type} {self.name};"
 
 
@@ -143,20 +143,20 @@ def address(parameter: Parameter) -> str:
 
 
 def inside(step: Step, section: Section) -> Prototype:
-    """What is done of a section once its state is ready: a function of the file's own, where the entry is none."""
+    """The body of a section, once its state is ready: a function of the file's own, where the entry is none."""
     entry = of_section(step, section)
     return prototype(step, replace(entry, name=entry.inner, public=False) if entry.inner else entry)
 
 
 def readied(step: Step) -> Prototype:
-    """What makes memory a state that is none yet, and looks for parameters."""
+    """The code that makes a state of memory that holds none, and looks for parameters."""
     s, p = (replace(each, constant=each.name == "p") for each in structs(step)[:2])
     meaning = "memory without its mark is not used: the state begins anew, which the status says"
     return Prototype(status_type(step), f"{step.name}_ready", (s, p), meaning, public=False)
 
 
 def nominal(step: Step) -> Prototype:
-    """What makes memory nominal parameters, which are not tuned yet."""
+    """The code that makes memory nominal parameters, which are not tuned yet."""
     return Prototype("void", f"{step.name}_nominal", structs(step)[1:2], "nominal parameters", public=False)
 
 

@@ -23,7 +23,7 @@ class Kinds:
 
     @cached_property
     def groups(self) -> dict[str, tuple[Group, ...]]:
-        """Each group with those that it lies in, the outermost first."""
+        """The groups, each with those that it lies in, the outermost first."""
         return {line[-1].name: line for line in lines_of(self.step.layout.groups)}
 
     @cached_property
@@ -52,7 +52,7 @@ class Kinds:
 
     @cached_property
     def work(self) -> set[Place]:
-        """All work places."""
+        """The work places."""
         return {place for place, _ in places(self._all) if place.struct == "work"}
 
     def is_index(self, place: Place) -> bool:

@@ -58,7 +58,7 @@ class Lanes(Syntax):
 
 
 def own(prefix: str) -> str:
-    """What the names begin with that are not of the step but of lanes."""
+    """The prefix of names that are not of the step but of lanes."""
     return f"{prefix}_lanes"
 
 
@@ -186,7 +186,7 @@ class NoLanes(HgogenError):
 
 @dataclass(frozen=True)
 class Mask:
-    """Which lanes run: the name of their truth value, empty where all do; `own`: the places that nothing outside of
+    """The lanes that run: the name of their truth value, empty where all do; `own`: the places that nothing outside of
     what it is for knows."""
 
     name: str = ""
@@ -202,7 +202,7 @@ class LaneWriter(Writer):
 
     @property
     def own(self) -> str:
-        """What its names begin with that are not of the step."""
+        """The prefix of its names that are not of the step."""
         return own(self.prefix)
 
     @property
@@ -380,6 +380,6 @@ def table(prefix: str, real: Real, lookup: Lookup) -> Code:
 
 
 def _counted(program: Program) -> Counter[Place]:
-    """How many statements know each place."""
+    """The number of statements that know each place."""
     known = ({place for place, _ in (*statement.reads, *statement.written)} for statement in walk(program))
     return Counter(chain.from_iterable(known))

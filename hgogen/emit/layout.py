@@ -41,7 +41,7 @@ def kept_type(step: Step, real: Real = "double") -> np.dtype:
 
 
 def places(step: Step, record: np.ndarray) -> dict[Place, np.ndarray]:
-    """Where each place of a step lies in a record (1) of `kept_type`."""
+    """The position of each place of a step in a record (1) of `kept_type`."""
     views = _stored(step, record["state"])
     for kind, fields in parameters(step):
         views |= {Place(kind, field.name): _flat(record["params"][kind], field) for field in fields}
@@ -51,8 +51,8 @@ def places(step: Step, record: np.ndarray) -> dict[Place, np.ndarray]:
 
 
 def state_places(step: Step, state: np.ndarray) -> dict[Place, np.ndarray]:
-    """Where each place of the state lies in a record (1) of `state_type`: (size), (count, size) for a field of a group,
-    (count, count, size) for one of a group in a group."""
+    """The position of each place of the state in a record (1) of `state_type`: (size), (count, size) for a field of a
+    group, (count, count, size) for one of a group in a group."""
     views = {Place("state", field.name): _flat(state, field) for field in step.layout.state}
     for line in lines_of(step.layout.groups):
         view = state[line[0].name][0]

@@ -55,7 +55,7 @@ def refuted_and_accepted(check: Check, accepted: Container[str]) -> bool:
 
 
 def consequence(check: Check) -> str:
-    """What follows for him."""
+    """The consequence for the reader."""
     return check.consequence or "no convergence theorem is in force"
 
 
@@ -136,7 +136,7 @@ BETWEEN = {"hold": "be held at the value now", "line": "move on a straight line 
 
 
 def title(step: Step, command: str) -> list[str]:
-    """What a step is, and what made it. Raises: `Misfit` for a command that is no text."""
+    """The title: what a step is, and what made it. Raises: `Misfit` for a command that is no text."""
     if not isinstance(command, str):
         raise Misfit("command=", command, "a text, what made the files")
     made = f"hgogen {version()}" + (f": {command}" if command else "")
@@ -204,7 +204,7 @@ def summary(step: Step, syntax: Syntax) -> list[str]:
 
 
 def said_what_for(step: Step) -> bool:
-    """Whether it is said what a step is made for: where that is flash, or where the covariance is in loops."""
+    """Whether the manual names what a step is made for: where that is flash, or where the covariance is in loops."""
     return step.clock.prefer == "flash" or any(group.name == "column" for group in step.layout.groups)
 
 
@@ -214,14 +214,14 @@ def guarded(step: Step) -> bool:
 
 
 def period(step: Step, by_parts: bool = False) -> str:
-    """What the call of a period uses and leaves, and what it does with absurd signals and with an estimate that is
-    lost; `by_parts`: a caller with guards calls its parts."""
+    """The paragraph on the call of a period: what it uses and leaves, and what it does with absurd signals and with an
+    estimate that is lost; `by_parts`: a caller with guards calls its parts."""
     once = "predict for each" if by_parts and guarded(step) else f"call for each, with {SAMPLE[guarded(step)]}"
     return f"{CALL} one {once}. {f'{FAULTS} {recovery(step)}' if guarded(step) else UNGUARDED}"
 
 
 def parts(step: Step, name: str, quoted: str = "{}") -> list[str]:
-    """How the sections of a step are called one by one, where they can be.
+    """The paragraph on calls of single sections, where they can be called.
 
     Args: `name`, what calls all; `quoted`: {}, the name of a section in a text.
     """
@@ -231,13 +231,13 @@ def parts(step: Step, name: str, quoted: str = "{}") -> list[str]:
 
 
 def gains(step: Step, members: str, call: str) -> str:
-    """What a change of gains, which are these members, asks for, and the call that completes it."""
+    """The paragraph on a change of gains, which are these members, and the call that completes it."""
     return f"Change gains in {members}, then call {call}, {RANGES if guarded(step) else UNLIMITED}"
 
 
 def state(step: Step, made: str, before: str, quoted: str = "{}") -> str:
-    """What may be done with a state; `made`: where it comes from, or ""; `before`: the call before which it may be
-    written."""
+    """The paragraph on what may be done with a state; `made`: where it comes from, or ""; `before`: the call before
+    which it may be written."""
     read = read_fields([step.observer.z])
     own = " and ".join(quoted.format(f"s.{field.name}") for field in step.layout.state if field.name in read)
     sentences = (
@@ -251,18 +251,18 @@ def state(step: Step, made: str, before: str, quoted: str = "{}") -> str:
 
 
 def result(step: Step, bits: str) -> str:
-    """What a call returns; `bits`: where the bits of a status are."""
+    """The sentence on what a call returns; `bits`: where the bits of a status are."""
     return f"is 0 for ok, else an or of {bits}" if guarded(step) else "is 0 in any case"
 
 
 def marked(step: Step) -> str:
-    """How memory is told from a state that init or reset has made; "" without guards."""
+    """The paragraph on the mark of a state that init or reset has made; "" without guards."""
     mark = step.layout.mark
     return MARKED.format(mark=mark.name, bit=UNINITIALISED.name, none=NO_PARAMETERS.name) if mark else ""
 
 
 def remembered(step: Step) -> str:
-    """What the state is to a caller."""
+    """The meaning of the state to a caller."""
     limits = (
         "; ranges are limits, which no call leaves; what was restored from beyond them is limited, or begins anew, "
         "where a call next computes with it"
@@ -271,7 +271,7 @@ def remembered(step: Step) -> str:
 
 
 def late(step: Step, real: Real) -> list[str]:
-    """How samples that come late are given, and what the worst of it costs, where they may."""
+    """The paragraph on late samples and their worst cost, where samples may be late."""
     if step.plain is None:
         return []
     pairs = list(zip(step.late, step.ages, strict=True))
@@ -321,7 +321,7 @@ def recovery(step: Step) -> str:
 
 
 def rates(step: Step) -> str:
-    """How often each output of a step has a sample, and what that means."""
+    """The paragraph on how often each output of a step has a sample."""
     each = (f"{y} every {pace(period, step.time)}" for y, period in zip(step.outputs, step.clock.periods, strict=True))
     return (
         f"Sensors of different rates: {', '.join(each)}. The noise R of an output is taken for that period: give no "
@@ -331,7 +331,7 @@ def rates(step: Step) -> str:
 
 @lru_cache(maxsize=32)  # a header names it twice, and steps of one observer do
 def model_digest(observer: Observer) -> str:
-    """What `hgogen recheck` prints of the model; "" where no certificate can carry it."""
+    """The digest that `hgogen recheck` prints of the model; "" where no certificate can carry it."""
     try:
         return fingerprint(observer.form, observer.checks, observer.name)[:DIGEST_DIGITS]
     except NotCertifiable:

@@ -76,7 +76,7 @@ def renamed(step: Step, syntax: Syntax) -> dict[str, str]:
 
 
 def says(step: Step, syntax: Syntax) -> str:
-    """The same in words, "in C I is called I_, for a keyword or a macro has the name"; "" where none is."""
+    """The renaming in words, "in C I is called I_, for a keyword or a macro has the name"; "" where none is."""
     pairs = ", ".join(f"{own} is called {other}" for own, other in renamed(step, syntax).items())
     return f"in {syntax.language} {pairs}, for {syntax.reserved} has the name" if pairs else ""
 

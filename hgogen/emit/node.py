@@ -15,7 +15,7 @@ from hgogen.rigor.lookup import Lookup, folded
 
 @dataclass(eq=False, slots=True)
 class Node:
-    """One value of a graph."""
+    """A value of a graph."""
 
     op: int
     args: tuple["Node", ...] = ()
@@ -87,7 +87,7 @@ def _called(function: Lookup | ca.Function, values: list[Node]) -> list[Node]:
 
 
 def columns(call: Node) -> Iterator[tuple[Argument, list[Node]]]:
-    """What a call of a routine gives for each argument, element by element."""
+    """The arguments of a call of a routine, element by element."""
     assert call.routine
     rest = iter(call.args)
     return ((argument, list(islice(rest, argument.size))) for argument in call.routine.arguments)

@@ -98,7 +98,7 @@ class _Renamed(ast.NodeTransformer):
         self.names, self.counts = names, counts
 
     def visit_Name(self, node: ast.Name) -> ast.expr:
-        """What stands in its place."""
+        """The text in its place."""
         if node.id in self.counts:
             return ast.Constant(self.counts[node.id])
         return ast.Name(self.names.get(node.id, node.id), node.ctx)
@@ -120,7 +120,7 @@ def chosen(syntax: Syntax, real: Real, name: str, body: Code) -> Code:
 
 
 def called_by(names: Iterable[str]) -> set[str]:
-    """These functions of `emit.helpers`, and those that they call themselves."""
+    """The named functions of `emit.helpers`, and those that they call themselves."""
     return set(names).union(*(_calls(functions_of(helpers), name) for name in names))
 
 
@@ -135,7 +135,7 @@ def kernels(syntax: Syntax, prefix: str, real: Real, used: Collection[tuple[str,
 
 
 def passed(syntax: Syntax, kernel: str) -> list[str]:
-    """How each argument of a kernel is passed: a text with a hole."""
+    """The form in which each argument of a kernel is passed: a text with a hole."""
     kinds = (_array(each) for each in functions_of(matrix_loops)[kernel].args.args)
     return [syntax.passed[kind[1]] if kind else "{}" for kind in kinds]
 
@@ -169,7 +169,7 @@ def _annotation(node: ast.expr | None) -> str:
 
 @dataclass(frozen=True)
 class _Words:
-    """What a function's names stand for: the language's words, the other functions, the constants, types, counts."""
+    """The meaning of a function's names: the language's words, the other functions, the constants, types, counts."""
 
     syntax: Syntax
     prefix: str

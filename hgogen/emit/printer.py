@@ -64,7 +64,7 @@ def _binding(node: Node) -> float:
 
 @dataclass(frozen=True)
 class Operand:
-    """What a block reads: its text, how tightly that binds, whether it is a local, and what it uses."""
+    """A value that a block reads: its text, how tightly that binds, whether it is a local, and what it uses."""
 
     text: str
     binds: float = ATOM
@@ -175,7 +175,7 @@ class Printer:
 
     @cached_property
     def counter(self) -> str:
-        """What loops count by."""
+        """The type by which loops count."""
         return self.fresh("j")
 
     def goes_through(self, argument: int) -> bool:
@@ -290,7 +290,7 @@ class Printer:
             self.declare(node, self.local(*node.source) if node.op == ca.OP_INPUT else self.number())
 
     def needs(self, node: Node) -> Sequence[Node]:
-        """What is declared before a value; what a loop needs, before the loop."""
+        """The declarations before a value; what a loop needs, before the loop."""
         if self.looping:
             return node.args if node.inside else ()
         return outside(node.args) if node.op in (FILL, FOLD) else node.args

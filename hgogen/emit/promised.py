@@ -116,7 +116,7 @@ def _range(u: Signal) -> str:
 
 
 def _still(step: Step, rates: Each) -> Iterator[str]:
-    """Of the inputs that do not move between two calls, or move as nobody reads."""
+    """The sentence on inputs that are constant between two calls, or whose motion nothing reads."""
     if step.clock.between == "hold" and step.inputs:
         yield f"between two calls {', '.join(u.name for u in step.inputs)} is held"
         return
@@ -141,7 +141,7 @@ _SAID: Mapping[str, Callable[[Step, Signal, float], str]] = {
 
 
 def _tuned(step: Step, known: Signed) -> Iterator[str]:
-    """Where theta and dt may lie for the error to decay where nothing enters."""
+    """The ranges of theta and dt for which the error decays without noise and disturbances."""
     theta = next(gain.initial[0] for gain in step.layout.gains if gain.name == "theta")
     least = known.least and Fraction(up(known.least, _DIGITS))
     decays = "Without what enters the error decays"

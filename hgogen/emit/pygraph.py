@@ -169,7 +169,7 @@ def _divided(a: Any, b: Any) -> Any:
 
 
 def defined(text: Sequence[str], names: dict[str, Any], name: str, title: str) -> Any:
-    """What Python text defines under a name."""
+    """The value that Python text defines under a name."""
     exec(compile("\n".join(text), f"<{title}>", "exec"), names)
     return names[name]
 

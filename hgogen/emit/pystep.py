@@ -41,9 +41,9 @@ Entry = Callable[[], int]
 
 
 def entries(step: Step, record: np.ndarray, real: Real) -> dict[str, Entry]:
-    """What can be called of a step on a record (1) of `kept_type` in the precision `real`, as `targets.record` has it
-    in C: `step`, `estimate`, `tune` and each section, which leave the estimate and the traces in the record and return
-    the status."""
+    """The functions of a step that can be called on a record (1) of `kept_type` in the precision `real`, as
+    `targets.record` has it in C: `step`, `estimate`, `tune` and each section, which leave the estimate and the traces
+    in the record and return the status."""
     return _Writer(step, record, real).entries()
 
 
@@ -79,7 +79,7 @@ class _Writer(Reader[list[str]]):
         self.sections: dict[str, int] = {}
 
     def tune(self) -> Entry:
-        """What limits the parameters and derives others, alone."""
+        """The code that limits the parameters and derives others, alone."""
         text = self._function("tune", self.step.code.tuning)
         pygraph.defined(text, self.names, "tune", "the tuning of a step in Python")
         tune: Entry = np.errstate(all="ignore")(self.names["tune"])
@@ -109,7 +109,7 @@ class _Writer(Reader[list[str]]):
         return {name: np.errstate(all="ignore")(call) for name, call in called.items()}  # numpy warns of its numbers
 
     def _ready(self) -> list[str]:
-        """What makes memory a state that is none yet, and ends a call without parameters."""
+        """The code that makes a state of memory that holds none, and ends a call without parameters."""
         mark = self.step.layout.mark
         if not mark:
             return []

@@ -24,8 +24,8 @@ T = TypeVar("T")
 
 @dataclass(frozen=True)
 class Shape:
-    """How a value is computed: `key` is the same for those alike, and so are the lengths of `elements`, the numbers of
-    the elements that it reads, and of `constants`."""
+    """The way in which a value is computed: `key` is the same for those alike, and so are the lengths of `elements`,
+    the numbers of the elements that it reads, and of `constants`."""
 
     key: Hashable
     elements: tuple[int, ...] = ()
@@ -50,7 +50,7 @@ class Shapes:
 
 @dataclass(frozen=True)
 class _Reading:
-    """One walk through a value."""
+    """A walk through a value."""
 
     shapes: Shapes
     elements: list[int]
@@ -58,7 +58,7 @@ class _Reading:
     seen: dict[int, int] = field(default_factory=dict)
 
     def key(self, node: Node, opened: bool = False) -> Hashable:
-        """What is the same in values alike; the rest is noted."""
+        """The key that values alike have in common; the rest is noted."""
         if node.op == ca.OP_CONST and isfinite(node.constant):
             self.constants.append(node.constant)
             return node.op
@@ -79,8 +79,8 @@ class _Reading:
 
 
 def runs(rows: Sequence[tuple[Shape, T]], least: int) -> list[list[T]]:
-    """Those things alike that go on by equal steps, in their order, at least so many: first with equal constants, then
-    with any."""
+    """The runs of things alike that go on by equal steps, in their order, at least so many: first with equal constants,
+    then with any."""
     taken, result = set[int](), list[list[T]]()
     for constant in (True, False):
         groups: dict[Hashable, list[tuple[Shape, T]]] = {}
@@ -105,7 +105,7 @@ def _progressions(rows: list[tuple[Shape, T]], taken: set[int], least: int) -> l
 
 
 def length(rows: Sequence[tuple[int, ...]]) -> int:
-    """How many rows, from the first, go on by equal steps that are not all 0."""
+    """The number of rows, from the first, that go on by equal steps which are not all 0."""
     if len(rows) < 2 or not any(step := _step(*rows[:2])):
         return min(len(rows), 1)
     k = 2
@@ -141,7 +141,7 @@ Source = tuple[int, int]
 
 @dataclass(frozen=True)
 class Target:
-    """Where an output element goes: `write` makes the statement of its text; `flag` asks for a truth value.
+    """The place of an output element: `write` makes the statement of its text; `flag` asks for a truth value.
 
     `raised`: of a bit of the status, the lines that raise it where a truth value holds, of its text; `write` then makes
     the statement that raises it in any case.
@@ -187,8 +187,8 @@ def rolled(
 
 
 def _most_of_a_kind(nodes: Sequence[Node], pairs: Sequence[Pair]) -> int:
-    """How often a loop can run at most: by operations of one kind, of which a sum has one less than terms, and by
-    elements of one array."""
+    """The largest number of times that a loop can run: by operations of one kind, of which a sum has one less than
+    terms, and by elements of one array."""
     operations = Counter(node.op for node in nodes if node.op not in LEAVES)
     elements = Counter(target.array for _, target in pairs if target.each)
     return max(1 + max(operations.values(), default=0), max(elements.values(), default=0))
@@ -348,7 +348,7 @@ def _folded(top: Node, terms: Sequence[Node], shapes: Sequence[Shape], unify: _U
 
 
 def _alike(shapes: Sequence[Shape]) -> int:
-    """How many terms, from the first, are alike and go on by equal steps."""
+    """The number of terms, from the first, that are alike and go on by equal steps."""
     elements = list[tuple[int, ...]]()
     for shape in shapes:
         if shape.key != shapes[0].key:
@@ -397,6 +397,6 @@ def _inside(root: Node) -> Iterator[Node]:
 
 
 def outside(roots: Sequence[Node]) -> list[Node]:
-    """What a loop that computes these values needs before it runs."""
+    """The code before a loop that computes these values."""
     result = [root for root in roots if not root.inside]
     return result + [child for root in roots for node in _inside(root) for child in node.args if not child.inside]

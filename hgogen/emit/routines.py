@@ -50,7 +50,7 @@ class _Function:
         return said + (constants + statements).indented() + code("}", "")
 
     def _written(self, name: str, k: int, entry: str) -> Target:
-        """Where an element goes; of a matrix a comment says which it is."""
+        """The place of an element; of a matrix a comment says which it is."""
         said = f" {self.writer.syntax.comment(entry)}" if entry else ""
         return Target(
             lambda text: f"{name}[{k}] = {text};{said}",

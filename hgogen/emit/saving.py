@@ -240,7 +240,7 @@ def _each(
     text: str,
     types: dict[str, str] | None = None,
 ) -> list[str]:
-    """What is done with each number of memory, in the order in which it lies."""
+    """The statements for each number of memory, in the order in which it lies."""
     lines = []
     for field in fields:
         place, kind = f"{start}.{field.name}", (types or {}).get(field.kind, "")

@@ -23,7 +23,7 @@ def caller(syntax: Syntax, step: Step, real: Real) -> Writer:
 
 
 def recorded(here: Writer, row: str, across: int) -> dict[str, str]:
-    """What a template of a self-check has places for; to compute it takes a while.
+    """The values for the template of a self-check; to compute it takes a while.
 
     Args: `here`, that of the caller; `row`: {}, a row of a table of numbers; `across`: so many statuses are in a line.
     """
@@ -59,7 +59,7 @@ def recorded(here: Writer, row: str, across: int) -> dict[str, str]:
 
 
 def filled(here: Writer, text: str) -> list[str]:
-    """What gives a call its signals, first the inputs.
+    """The code that gives a call its signals, first the inputs.
 
     `text`: {place}, {name}, {column}, {missing}, how one is given the number in a column of the table, and at the
     sample `missing` what is no number.

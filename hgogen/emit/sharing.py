@@ -112,7 +112,7 @@ class SharingWriter(Writer):
 
     @cached_property
     def parts(self) -> tuple[Part, ...]:
-        """Those that stand more than once."""
+        """The parts that occur more than once."""
         return tuple(self._parts.values())
 
     @cached_property

@@ -52,12 +52,12 @@ class Writer(Reader[Code]):
 
     @property
     def prefix(self) -> str:
-        """What every name of a file's own begins with."""
+        """The prefix of every name of a file's own."""
         return self.step.name
 
     @property
     def least(self) -> int:
-        """How often a loop runs at least."""
+        """The least number of times that a loop runs."""
         return LEAST[self.step.clock.prefer]
 
     @cached_property
@@ -111,7 +111,7 @@ class Writer(Reader[Code]):
         return declared + self.program(program, frozenset(taken))
 
     def kind(self, place: Place, size: int) -> Number | Literal["bool"]:
-        """What a work place holds."""
+        """The type of a work place."""
         if place in self.kinds.flags and size == 1:
             return "bool"
         return "unsigned" if place in self.kinds.indices else self.real
@@ -129,7 +129,7 @@ class Writer(Reader[Code]):
         return self.syntax.literal(value, kind)
 
     def joined(self, parts: Iterable[Code]) -> Code:
-        """One after the other."""
+        """The statements one after the other."""
         return joined(parts)
 
     def _call(self, call: Call, taken: frozenset[str]) -> Code:

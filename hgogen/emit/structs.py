@@ -43,7 +43,7 @@ class Struct:
 
 
 def structs(step: Step, syntax: Syntax, real: Real, *, marked: bool) -> dict[str, Struct]:
-    """All that there are by kind, each after those that are in it; `marked`: with the mark, where the step has one."""
+    """The structs by kind, each after those that are in it; `marked`: with the mark, where the step has one."""
     return {each.kind: each for each in _Structs(step, syntax, real).every(marked)}
 
 
@@ -54,7 +54,7 @@ class _Structs:
     real: Real
 
     def every(self, marked: bool) -> Iterator[Struct]:
-        """All that there are."""
+        """The structs."""
         step, marks = self.step, [self.step.layout.mark] if marked and self.step.layout.mark else []
         for kind, signals in (("input", step.inputs), ("output", step.samples), ("estimate", step.states)):
             if signals:
@@ -134,7 +134,7 @@ _SAID = {
 
 
 def declared(step: Step, structs: Mapping[str, Struct]) -> list[str]:
-    """All structs of a step."""
+    """The structs of a step, declared."""
     groups, lines = {line[-1].name for line in lines_of(step.layout.groups)}, list[str]()
     for kind, struct in structs.items():
         said = _SAID.get(kind, struct.said)

@@ -49,7 +49,7 @@ class Subprogram:
         return len(self.passed) < len(self.routine.arguments)
 
     def columns(self, call: Node) -> Iterator[tuple[Passed, list[Node]]]:
-        """What a call passes for each argument, element by element."""
+        """The arguments of a call, element by element."""
         every = list(columns(call))
         return ((each, [every[each.number][1][k] for k in each.elements]) for each in self.passed)
 
@@ -71,7 +71,7 @@ def subprograms(step: Step) -> dict[str, Subprogram]:
 
 
 def _passed(routine: Routine, moving: set[Argument]) -> tuple[Passed, ...]:
-    """How these arguments of a routine are passed: few numbers by value, else columns as arrays."""
+    """The form in which these arguments of a routine are passed: few numbers by value, else columns as arrays."""
     read = [(k, argument, routine.elements(k)) for k, argument in enumerate(routine.arguments) if argument in moving]
     few = sum(len(elements) for _, _, elements in read) <= REGISTERS
     return tuple(

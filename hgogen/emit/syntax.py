@@ -105,7 +105,7 @@ class Rows:
 
 @dataclass(frozen=True)
 class Syntax:
-    """How a language writes.
+    """The syntax of a language.
 
     Meant are languages with braces, `;`, `==`, `true` and `false`, whose + - * / bind as those of C; those the printers
     write themselves. The names in braces are the holes of a text, and {} is the only one.

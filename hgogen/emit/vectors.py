@@ -38,7 +38,7 @@ class Vectors:
 
 
 def places(step: Step) -> tuple[Place, ...]:
-    """What the self-check compares: the estimate, and what the observer traces of its state."""
+    """The values that the self-check compares: the estimate, and what the observer traces of its state."""
     traces = (Place("state", name) for name in step.observer.traces)
     return (*(Place("estimate", s.name) for s in step.states), *traces)
 
@@ -71,12 +71,12 @@ def lost(step: Step) -> tuple[int, int]:
 
 
 def faults(step: Step) -> str:
-    """What is said of such samples, after their number."""
+    """The words for such samples, after their number."""
     return ", a missing, an absurd, a lost and an excessive one among them" if step.clock.guarded else ""
 
 
 def start(step: Step) -> dict[Place, list[float]]:
-    """What the state holds at the first sample, by place: the estimate off its rest, where a plant may stand still and
+    """The state at the first sample, by place: the estimate off its rest, where a plant may stand still and
     show nothing of its model, as far as an element of it is linear in one of the state's."""
     boxes = [s.interval if s.bounded else (-1.0, 1.0) for s in step.observer.form.states]
     wanted = [low + 0.7 * (high - low) for low, high in boxes]
@@ -113,7 +113,7 @@ def _run(step: Step, real: Real, u: np.ndarray, y: np.ndarray) -> tuple[np.ndarr
 
 
 def _ages(step: Step) -> np.ndarray:
-    """Those of samples that may come late (N, ages): in time, too late, twice in a period, and one that is none."""
+    """The ages of samples that may come late (N, ages): in time, too late, twice in a period, and one that is none."""
     ages = np.array([[k * k % (age.interval[1] + 1) for age in step.ages] for k in range(SAMPLES)], dtype=float)
     ages[UNDATED] = 0.5
     return ages.reshape(SAMPLES, -1)
