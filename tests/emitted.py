@@ -284,6 +284,12 @@ def files(name: str, real: str = "float") -> Mapping[str, str]:
     return _files(name, real)
 
 
+def manual(files: Mapping[str, str]) -> str:
+    """The text of NAME.md among files, in one line and without Markdown's escapes."""
+    (text,) = (text for name, text in files.items() if name.endswith(".md"))
+    return " ".join(text.replace("\\", "").split())
+
+
 def crate(name: str, real: str = "float") -> str:
     """The Rust of a step."""
     return _crate(name, real)

@@ -7,6 +7,7 @@ from itertools import permutations
 from pathlib import Path
 from typing import Any
 
+import emitted
 import numpy as np
 import pytest
 import sympy as sp
@@ -371,6 +372,6 @@ def test_gains_are_printed_beside_their_names(tmp_path: Path) -> None:
     claims = checked(model)
     assert "  Q = {v: 2, G: 3, iL: 1}\n  R = 0.1" in "\n".join(map(str, claims.head))
     assert claims.as_dict()["gains"] == {"Q": {"v": 2, "G": 3, "iL": 1}, "R": {"y": 0.1}}
-    header = hg.targets.c99(model.step(), check=False)["three.h"]
-    assert " *   Q = {v: 2, G: 3, iL: 1}\n" in header
-    assert "Q[3]; /**< process noise, diagonal factor: v, G, iL [" in " ".join(header.split())
+    files = hg.targets.c99(model.step(), check=False)
+    assert "| `Q[1]` | 3 | 1e-06 .. 3e+06 | z^2/s | process noise, diagonal factor: G |" in emitted.manual(files)
+    assert "Q[3]; /**< process noise, diagonal factor: v, G, iL [" in " ".join(files["three.h"].split())

@@ -8,6 +8,7 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
+import emitted
 import numpy as np
 import pytest
 from plants import model
@@ -56,14 +57,13 @@ def said(**other: Any) -> str:
     return "\n".join(promised(replace(step_of(), signed=replace(KNOWN, **other))))
 
 
-def header(step: CallableStep) -> str:
-    """Without the breaks of its lines."""
-    text = hg.targets.c99(step, check=False)[f"{step.name}.h"]
-    return " ".join(text.replace("\n *", " ").split())
+def manual(step: CallableStep) -> str:
+    """The text of NAME.md, in one line."""
+    return emitted.manual(hg.targets.c99(step, check=False))
 
 
-def test_a_header_states_what_is_proved_and_all_that_it_assumes() -> None:
-    known, text = hg.error_bound(step_of(), **INPUTS), header(hg.signed(step_of(), **INPUTS))
+def test_a_manual_states_what_is_proved_and_all_that_it_assumes() -> None:
+    known, text = hg.error_bound(step_of(), **INPUTS), manual(hg.signed(step_of(), **INPUTS))
     for name, unit in (("q", "rad"), ("w", "rad/s")):
         assert f"|{name} - its estimate| <= {up(1.1 * known.bounds[name], 2)} {unit} " in text
     assert known.settles is not None
@@ -167,7 +167,7 @@ def test_what_is_not_proved_is_said_not_to_be(sizes: dict[str, Any]) -> None:
 @pytest.mark.full
 def test_digits_that_a_solver_leaves_open_are_not_printed(monkeypatch: pytest.MonkeyPatch) -> None:
     """Weights that are off by a millionth are as good to it."""
-    before, solved, random = header(hg.signed(step_of(), **INPUTS)), questions.settled, np.random.default_rng(1)
+    before, solved, random = manual(hg.signed(step_of(), **INPUTS)), questions.settled, np.random.default_rng(1)
     bounds = hg.error_bound(step_of(), **INPUTS).bounds
 
     def otherwise(*arguments: Any) -> Any:
@@ -179,7 +179,7 @@ def test_digits_that_a_solver_leaves_open_are_not_printed(monkeypatch: pytest.Mo
 
     monkeypatch.setattr(questions, "settled", otherwise)
     assert hg.error_bound(step_of(), **INPUTS).bounds != bounds
-    assert header(hg.signed(step_of(), **INPUTS)) == before
+    assert manual(hg.signed(step_of(), **INPUTS)) == before
 
 
 BOUNDS = "[bounds]\nnoise = {y = 1e-3}\n"

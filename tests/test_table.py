@@ -994,10 +994,11 @@ def test_a_bad_table_in_plain_text_is_refused_with_its_place(old: str, new: str,
     assert says in str(refused.value)
 
 
-def test_the_header_says_that_static_data_do_not_change() -> None:
-    texts = {name: emitted.files(name)[f"{emitted.step(name).name}.h"] for name in ("tables", "one_state")}
-    assert "No heap, no static data that changes, no recursion" in texts["tables"]
-    assert "No heap, no static data, no recursion" in texts["one_state"]
+@pytest.mark.parametrize("name", ["tables", "one_state"])
+def test_header_and_manual_say_that_static_data_do_not_change(name: str) -> None:
+    files = emitted.files(name)
+    assert "No heap, no recursion, no static data but constant tables." in files[f"{emitted.step(name).name}.h"]
+    assert "No heap, no recursion, no static data that changes, for tables are constant" in emitted.manual(files)
 
 
 # --- Frama-C ------------------------------------------------------------------------------------------------

@@ -3,6 +3,7 @@
 import re
 from pathlib import Path
 
+import emitted
 import numpy as np
 import pytest
 from typer import BadParameter
@@ -65,14 +66,14 @@ def test_a_header_tells_the_unit_of_time(model: str, period: str | None):
     """In its first lines, in the period, in every gain: nothing of it is said to be in seconds."""
     step = load(str(MODELS / model)).step()
     period = period or pace(step.dt, "h")
-    (text,) = (text for name, text in c99(step, check=False).items() if name.endswith(".h"))
-    head = text.split("Plant\n")[0]
-    assert f"Time is counted in {step.time}: call it every {period}" in head
-    assert all(
-        f"{said}{period}" in text
-        for said in ("a sampling period of ", "dt = ", "for (;;) {                      every ")
-    )
-    assert not re.search(r"\bs2?\]|dt = [\d.e-]+ s\b", text)
+    files = c99(step, check=False)
+    (text,), manual = (text for name, text in files.items() if name.endswith(".h")), emitted.manual(files)
+    for part in (text.split("#include")[0], manual):
+        assert f"Time is counted in {step.time}: call it every {period}" in part
+    assert f"dt = {period}" in text
+    assert f"a sampling period of {period}" in manual
+    assert f"for (;;) {{ /* every {period} */" in manual
+    assert not re.search(r"\bs2?\]|dt = [\d.e-]+ s\b", text + manual)
 
 
 def test_errors_about_time_tell_its_unit():

@@ -118,11 +118,11 @@ def test_c_and_rust_have_the_bits_of_python(name: str, real: str) -> None:
         pytest.skip("no C compiler")
     files = hg.targets.c99(plain, real=real)
     assert "samples as recorded" in native.run_check(files, ("-O2", f"-D{plain.name.upper()}_EXACT"))
-    header = files[f"{plain.name}.h"]
-    assert "This step has no guards." in header
+    header, manual = files[f"{plain.name}.h"], emitted.manual(files)
+    assert "This step has no guards." in manual
     assert "Guards: none" in header
     assert "convergence" not in header
-    assert ".  To start" not in header  # no sentence on a mark stands before it
+    assert ".  To start" not in manual  # no sentence on a mark stands before it
     try:
         assert "samples as recorded" in native.run_recipe(hg.targets.rust(plain, real=real))
     except native.NoTool as error:
@@ -294,4 +294,5 @@ def test_its_header_says_nothing_of_guards(name: str) -> None:
     header = " ".join(hg.targets.c99(made, check=False)[f"{made.name}.h"].replace("\n *", "").split())
     for absent in ("MISSING", "does not correct", "limits them", "mark */", "status bits", "or their statuses"):
         assert absent not in header
-    assert ("NaN spoils the state. An update that comes again corrects again." in header) == made.code.apart
+    manual = emitted.manual(hg.targets.c99(made, check=False))
+    assert ("NaN spoils the state. An update that comes again corrects again." in manual) == made.code.apart
