@@ -3,6 +3,7 @@
 from functools import cache
 from typing import Any
 
+import emitted
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -262,14 +263,14 @@ def test_what_filtered_injection_refuses(changes: dict[str, Any], said: str) -> 
 
 
 @pytest.mark.full
-def test_the_header_prints_the_matrices_and_what_they_stand_in() -> None:
+def test_the_manual_prints_the_matrices_and_what_they_stand_in() -> None:
     step = hg.sample(injected(N=np.diag([1, 2, 3, 4.5])), dt=1e-3)
-    banner = " ".join(hg.targets.c99(step, check=False)[f"{step.name}.h"].replace("\n *", "\n").split())
+    manual = emitted.manual(hg.targets.c99(step, check=False))
     matrices = {name: np.array(FREE[name]) for name in ("F", "G", "H")} | {"N": np.diag([1, 2, 3, 4.5])}
     for name, matrix in matrices.items():
         rows = ", ".join(f"({', '.join(f'{v:g}' for v in row)})" for row in np.atleast_2d(matrix))
-        assert f" {name} = {rows if matrix.ndim == 1 else f'({rows})'} " in banner
-    assert "in chains of integrators the plant is w' = A w + c(w, u), A the shift" in banner
+        assert f" {name} = {rows if matrix.ndim == 1 else f'({rows})'} " in manual
+    assert "in chains of integrators the plant is } dot{w} = A w + c(w, u),quad A" in manual
 
 
 @pytest.mark.parametrize("build", [hg.observers.filtered, hg.observers.filtered_injection])
