@@ -197,7 +197,7 @@ def generated(tmp_path: Path, bounds: str, *more: str) -> str:
     result = CliRunner().invoke(cli.app, ["generate", plain(tmp_path, bounds), "--out", str(tmp_path), *more])
     assert result.exit_code == 0, result.output
     (header,) = tmp_path.glob("swing*/swing.h")
-    return header.read_text()
+    return header.read_text() + header.with_suffix(".md").read_text().replace("\\", "")
 
 
 @pytest.mark.full
@@ -205,7 +205,7 @@ def test_generate_states_what_a_model_asks_for(tmp_path: Path) -> None:
     assert "As it runs" not in generated(tmp_path, "")
     text = generated(tmp_path, BOUNDS)
     assert "each sample of y errs by at most 0.001, whatever its course" in " ".join(text.replace("\n *", "").split())
-    assert "as it runs" not in text.partition("As it runs, proved:")[2].lower()
+    assert "as it runs" not in text.partition("As it runs, proved:")[2].partition("```")[0].lower()
     assert text == generated(tmp_path, BOUNDS)
 
 
