@@ -66,7 +66,7 @@ class Check(Encoded):
     """A claim with its verdict.
 
     `fix`: what a user can do about it; `consequence`: what follows for him who accepts a refuted claim; `proofs`: what
-    proves it, and `disproof`: what refutes it, values whose evidence a certificate holds (`evidence.grounds`);
+    proves it, and `disproof`: what refutes it, values whose evidence a certificate holds (`analysis.evidence`);
     `subject`: the expression that the claim is about, such as a_i, where it is about one.
     """
 

@@ -45,7 +45,7 @@ class Observer:
     is claimed of it, under which hypotheses; `equations`: lines for the banner; `reference`: the paper; `practical`:
     the error does not tend to 0, so that an estimate may stay outside the ranges of a state at their edge; `delays`: by
     how many samples those of an output may come late, at most, for the outputs that do; `error`: of a constant
-    injection, the inclusion that its error obeys (`guarantees.inclusion`), or `Nothing`; `made`: the case of
+    injection, the inclusion that its error obeys (`prove.inclusion`), or `Nothing`; `made`: the case of
     `hg.observers` and the arguments that it was made by.
     """
 
@@ -78,7 +78,7 @@ class Observer:
 
     @property
     def ages(self) -> tuple[Signal, ...]:
-        """For each output of `delays` the signal that tells with a sample how late it comes."""
+        """The signal, for each output of `delays`, that tells with a sample how late it comes."""
         meaning = "periods ago in which {} was taken, a whole number"
         return tuple(
             Signal(age_of(name), "", meaning.format(name), nominal=0, low=0, high=most) for name, most in self.delays

@@ -1,4 +1,6 @@
-"""Determinants of matrices of expressions, exactly, and which rows are independent; the zero set of a product of
+"""Determinants of matrices of expressions, and maps that are one to one by the signs of their minors.
+
+Determinants of matrices of expressions, exactly, and which rows are independent; the zero set of a product of
 polynomials over a field, as readable factors: without what never vanishes.
 
 A map that is one to one on a box though no inverse of it is known, by the signs of minors.

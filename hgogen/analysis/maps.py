@@ -1,4 +1,6 @@
-"""The inverse of a map z = Phi(x, u): one state after the other where a row brings in one, the rest where it is linear.
+"""Maps between coordinates: their inverses, and derivatives along the flow of a plant.
+
+The inverse of a map z = Phi(x, u): one state after the other where a row brings in one, the rest where it is linear.
 
 A candidate counts only if Psi(Phi(x, u), u) = x is shown exactly, for the signs that the ranges of x and the values of
 fixed parameters give; then Phi is one to one wherever Psi(Phi) is defined, and of several branches the one that fits

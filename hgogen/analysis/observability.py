@@ -230,7 +230,7 @@ def _proved(
     output: Sequence[sp.Expr],
     unknowns: Sequence[sp.Symbol],
 ) -> list[bool]:
-    """For each field v, whether L_v h = 0 and [f, v] lies in the span of such fields, exactly; False where SymPy does
+    """Whether, for each field v, L_v h = 0 and [f, v] lies in the span of such fields, exactly; False where SymPy does
     not decide it."""
     if sum(e.count_ops() for e in (*rates, *output)) > OPERATIONS:
         return [False] * len(fields)
@@ -492,7 +492,7 @@ def observability(plant: System, *, unknown: tuple[str, ...] | None = None) -> O
 
 
 def _asked(plant: System, loose: Sequence[sp.Symbol], reached: Reached, count: int) -> Reason:
-    """On which branches it was asked, and what was left out."""
+    """The branches on which it was asked, and those that were left out."""
     if not reached.bent:
         return NONE
     pattern = "asked on {count} branches, those that {points} points of the ranges reach; there may be others"

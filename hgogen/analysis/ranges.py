@@ -1,4 +1,6 @@
-"""The a_i of a form in their ranges: what they can be on the declared box, and A, C at the ends of the ranges.
+"""Ranges on the declared box: of a form's a_i, of its b, and of an expression that a user asks for.
+
+The a_i of a form in their ranges: what they can be on the declared box, and A, C at the ends of the ranges.
 
 z_(i,j)' = a_(i,j+1) z_(i,j+1) + ..,  y_i = a_(i,1) z_(i,1) + ..: a chain's (A, C) is linear in its a_(i,j), so that the
 ends of their ranges are the vertices of a polytope that holds it for every input and parameter.

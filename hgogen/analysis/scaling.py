@@ -1,4 +1,6 @@
-"""How a high gain theta enters the noise of a Riccati observer, for one output or several.
+"""Several outputs of a form: how theta scales their noise, and the weighted mean of redundant ones.
+
+How a high gain theta enters the noise of a Riccati observer, for one output or several.
 
     Q_theta = theta^(1+g) Delta^-1 Q Delta^-1,   R_theta = theta^(g-1) delta R delta
 

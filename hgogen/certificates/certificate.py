@@ -15,7 +15,7 @@ z' = A z + b, y = output the form, with the number of states of each output's ch
 A high_gain observer is z' = A z + b(sat z) + diag(theta, .., theta^n) gains (y - output(z)), b's argument clamped to
 the box; of several chains gains act chain by chain, or are a matrix, row by row, whose entry for the state i and the
 output of chain k stands times theta^(p(i) - p(k) + 1), p the powers of theta that scale states; an output whose chain
-has no states, and that is a multiple of another's, shares the mean of their errors (`structure.spare`), by the
+has no states, and that is a multiple of another's, shares the mean of their errors (`analysis.scaling`), by the
 observer's "weights", one for each output; of a form
 "phase.recovered" b is taken at the recovered state instead. In circle_criterion b takes sat(z + N (y - output(z))) in
 the place of sat z, N of the numbers "argument" in the order of gains, each times theta^(p(i) - p(k)). from_form is the

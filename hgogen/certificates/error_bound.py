@@ -1,4 +1,6 @@
-"""How far the plant's own states err behind a change of coordinates, of bounds of the errors of a form's states.
+"""Error bounds of a step as it runs, of the form's states and of the plant's own.
+
+How far the plant's own states err behind a change of coordinates, of bounds of the errors of a form's states.
 
     |x_i - xhat_i| <= sum_j sup |dx_i/dz_j| |z_j - zhat_j|
 
@@ -11,7 +13,7 @@ How well a state is known, as the step runs: noise, disturbances and the method,
     e+ = Phi e + what enters,   V = |e|_P^2 of the contraction falls by alpha h of itself where nothing does
 
 The parts of e that the inputs drive are bounded one by one, each by its own norm, and add; that of the start decays.
-How large the inputs are `guarantees.plant_step` says.
+How large the inputs are `prove.plant_step` says.
 """
 
 import math
@@ -114,14 +116,13 @@ class ErrorBound:
     """Bounds of how far the estimate of a step errs.
 
     `shares`: by what enters ("noise", "rounded", "late", "disturbance", "parameters", "method", "rounding") and by the
-    name of a state of the form, or of the plant behind a change of coordinates (`own_states`), what it adds; `bounds`:
-    their sums, without the states of which the sum is more than the width of their range, which `check` names with it.
-    `settles` (the model's unit of time): after which an error is within 1.1 of its bound, from first errors
-    of min(1, `multiple`) times what the ranges allow; `multiple`: of how many times these the limits of the estimate
-    are not touched. Where no start is known both are None, and `missing` says why; where nothing is proved it says
-    why not, and the mappings are empty. `inside`: by how much the plant keeps clear of the ends of its ranges for it.
-    `check`: OBSERVER.error; certificates carry it for the states of the form. `signed`: what the code of a step states
-    of it.
+    name of a state of the form, or of the plant behind a change of coordinates (`slopes_of_states`), what it adds;
+    `bounds`: their sums, without the states of which the sum is more than the width of their range, which `check` names
+    with it. `settles` (the model's unit of time): after which an error is within 1.1 of its bound, from first errors of
+    min(1, `multiple`) times what the ranges allow; `multiple`: of how many times these the limits of the estimate are
+    not touched. Where no start is known both are None, and `missing` says why; where nothing is proved it says why not,
+    and the mappings are empty. `inside`: by how much the plant keeps clear of the ends of its ranges for it. `check`:
+    OBSERVER.error; certificates carry it for the states of the form. `signed`: what the code of a step states of it.
     """
 
     check: Check

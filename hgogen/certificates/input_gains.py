@@ -155,7 +155,7 @@ def l2_gain(observer: Observer, *, noise: Each = None, disturbance: Each = None,
 
 @asks_an_observer
 def iss_gain(observer: Observer, *, noise: Each = None, disturbance: Each = None) -> IssGain:
-    """To how much the error of each state of the form comes at most under inputs of at most these sizes, whatever their
+    """The bound to which the error of each state of the form comes under inputs of at most these sizes, whatever their
     course; of inputs k times as large k times as much. Arguments as of `l2_gain`.
 
     Raises: `NoSolver` without Clarabel; `BadNames`, `BadGain` for what is no size.

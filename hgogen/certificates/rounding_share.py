@@ -1,4 +1,6 @@
-"""One call of a step's program, walked in any arithmetic: statement by statement, in the order of every language.
+"""The share of rounding in an error bound, from the listed operations of one call.
+
+One call of a step's program, walked in any arithmetic: statement by statement, in the order of every language.
 
 What guards do beside is left out: every sample is there, that of the last call as well.
 

@@ -1,4 +1,6 @@
-"""From which first errors an estimate never comes to its limits, as the step runs, and how far it goes on the way.
+"""Initial errors from which an estimate keeps clear of its limits, and of the guards.
+
+From which first errors an estimate never comes to its limits, as the step runs, and how far it goes on the way.
 
 The program keeps the estimate in an outer box, of which no proof of contraction speaks. From the starts of this file it
 is never met: the errors that begin in a box stay within its distance to the ranges, in which the plant is.

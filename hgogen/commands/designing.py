@@ -185,7 +185,7 @@ def _rates(text: str) -> Sequence[float]:
 
 
 def _short(rate: float) -> float:
-    """To three digits, down."""
+    """The number in three digits, rounded down."""
     digits = 2 - math.floor(math.log10(rate))
     return float(f"{math.floor(rate * 10.0**digits) / 10.0**digits:.3g}")
 

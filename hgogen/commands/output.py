@@ -192,7 +192,7 @@ def printable(text: str) -> str:
 
 
 def listen() -> None:
-    """From now on Ctrl-C raises KeyboardInterrupt, in the process of a command; before, it ends it at once."""
+    """Let Ctrl-C raise KeyboardInterrupt, in the process of a command; before, it ends it at once."""
     if signal.getsignal(signal.SIGINT) is signal.SIG_DFL:
         signal.signal(signal.SIGINT, _interrupt)
 
@@ -277,7 +277,7 @@ class _Output(Console):
 
 
 def console() -> Console:
-    """For the results."""
+    """The console of the results."""
     out = _Output(highlight=False, file=results())
     if not out.is_terminal and not os.environ.get("COLUMNS", "").isdigit():
         out.width = WIDTH

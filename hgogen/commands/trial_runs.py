@@ -311,7 +311,7 @@ def campaigns(
 ) -> tuple[CampaignRow, ...]:
     """The campaign of each step, by name, on each trial.
 
-    Raises: `BadParameter` for options that exclude each other; as `trials.campaign` does.
+    Raises: `BadParameter` for options that exclude each other; as `run.campaign` does.
     """
     if seeds is not None:
         raise typer.BadParameter("run k of a campaign has the noise of seed k; give --runs", param_hint="--seeds")

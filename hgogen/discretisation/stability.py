@@ -123,7 +123,7 @@ def core_limit(core: Array, polynomial: Sequence[float]) -> float:
 
 
 def decay_limits(jacobians: Array, polynomial: Sequence[float]) -> Array:
-    """For each F (k, n, n), the largest dt at which its decaying modes do not grow (k); inf where none decays."""
+    """The largest dt for each F (k, n, n) at which its decaying modes do not grow (k); inf where none decays."""
     limits = []
     for spectrum in np.linalg.eigvals(np.asarray(jacobians, dtype=float)).astype(complex):
         decaying = spectrum[spectrum.real < -AXIS * np.abs(spectrum).max(initial=0.0)]

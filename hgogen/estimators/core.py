@@ -1,4 +1,6 @@
-"""The linear error core of an estimator: x' = M x + B y + what is nonlinear, x its fields in a column.
+"""The linear error core of an estimator, without saturations and with saturations inside.
+
+The linear error core of an estimator: x' = M x + B y + what is nonlinear, x its fields in a column.
 
 It is a derivative of `Ode.linear`, which is linear in the fields and the measurement. The error of the estimate obeys
 the same M where the model's nonlinear terms agree, so the eigenvalues of M are the observer's poles, and (M, B) is what

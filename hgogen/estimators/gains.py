@@ -1,4 +1,6 @@
-"""Gains from poles: the coefficients p_1..p_n of (s - s_1)...(s - s_n) = s^n + p_1 s^(n-1) + ... + p_n.
+"""Gains of high-gain observers: from poles, of the low-power injection, and as derived values of a program.
+
+Gains from poles: the coefficients p_1..p_n of (s - s_1)...(s - s_n) = s^n + p_1 s^(n-1) + ... + p_n.
 
 A filter in the output injection asks more than a negative real part of the poles mu of A - L C: with
 

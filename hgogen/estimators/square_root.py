@@ -1,4 +1,6 @@
-"""The Riccati observer on P = S S' as straight-line statements, S lower triangular with a positive diagonal.
+"""Filters on P = S S', S lower triangular: the Riccati observer, the unscented and the iterated filter.
+
+The Riccati observer on P = S S' as straight-line statements, S lower triangular with a positive diagonal.
 
     time         S S' = [Phi S, sqrt(h) W] [Phi S, sqrt(h) W]',  W W' = Q_theta, by Gram-Schmidt on the rows of the
                  stack, each made orthogonal to those before it: the triangle of a QR factorisation without its Q

@@ -6,10 +6,10 @@ A state is measured where an output shows it alone, y_j = c(u) z_k + d(u) with c
 vary with inputs and measured states in any way. z is the plant's state in its own order; A z holds the terms linear in
 a state that is not measured, and those linear in a measured one with a coefficient free of states; b the rest.
 
-The form says nothing of observability, which depends on the input (see `kalman.persistence`), but for states that no
-output ever shows. H. Hammouri, J. de Leon Morales, "Observer synthesis for state-affine systems", 29th IEEE CDC (1990);
-G. Besancon, G. Bornard, H. Hammouri, "Observer synthesis for a class of nonlinear control systems", European Journal of
-Control 2 (1996).
+The form says nothing of observability, which depends on the input (see `estimators.persistence`), but for states that
+no output ever shows. H. Hammouri, J. de Leon Morales, "Observer synthesis for state-affine systems", 29th IEEE CDC
+(1990); G. Besancon, G. Bornard, H. Hammouri, "Observer synthesis for a class of nonlinear control systems", European
+Journal of Control 2 (1996).
 """
 
 from collections.abc import Sequence

@@ -342,7 +342,7 @@ class Task:
 
     @cached_property
     def problem(self) -> Problem:
-        """With as many Runge-Kutta steps a sample as the fastest mode asks for. Raises: `CannotFit`."""
+        """The problem with as many Runge-Kutta steps a sample as the fastest mode asks for. Raises: `CannotFit`."""
         period = max(record.dt for record in self.records)
         steps, growing = paced(self.plant, period)
         samples = max(len(record.y) for record in self.records)
@@ -354,7 +354,7 @@ class Task:
         return Predicting(*parts, unit=unit, corner=math.inf if self.corner is None else CORNER)
 
     def shooting(self, scale: Array, samples: int, steps: int, growing: float) -> Problem:
-        """In segments in which errors, `growing` in a sample, do so by no more than exp(GROWN)."""
+        """The problem in segments in which errors, `growing` in a sample, do so by no more than exp(GROWN)."""
         length = math.ceil(samples / SEGMENTS)
         length = max(1, min(length, int(GROWN / growing))) if growing else length
         parts = (self.plant, self.free, self.records, scale, length, steps, self.between, self.offset)

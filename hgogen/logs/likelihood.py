@@ -192,7 +192,7 @@ class Likelihood:
 
     @cached_property
     def _filter(self) -> Innovations:
-        """On the form, of the logarithms."""
+        """The filter on the form, as a function of the logarithms."""
         n, p = self.form.n, len(self.form.output)
         model = open_loop(self.form, self.records[0].dt, self.between, self.steps)
         z, g = ca.SX.sym("z", n), ca.SX.sym("g", len(self._noisy) + p)

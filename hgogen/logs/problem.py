@@ -140,7 +140,7 @@ class _OnRecords:
 
     @property
     def segments(self) -> tuple[int, ...]:
-        """Of each record."""
+        """The segments of each log."""
         return tuple(-(-len(record.y) // self.length) for record in self.records)
 
     @property
@@ -395,7 +395,7 @@ class Predicting(_OnRecords):
         return v, sum(costs), ca.vertcat(*errors), ca.vertcat(*variances)
 
     def _filter(self, dt: float) -> Innovations:
-        """At a period, with theta of the parameters, offsets and levels."""
+        """The filter at a period, with theta of the parameters, offsets and levels."""
         a, b, theta = len(self.free), self.constants, ca.SX.sym("theta", self.constants + len(self.levels))
         x, Phi = ca.SX.sym("x", self.n), ca.SX.sym("Phi", self.n, self.n)
         u, then = (ca.SX.sym(name, len(self.plant.inputs)) for name in ("u", "then"))
@@ -481,7 +481,7 @@ class Solver:
 
     @cached_property
     def _watched(self) -> tuple["_Watch", Any]:
-        """That of searches from a start, which share it: derivatives take as long to make as some searches do."""
+        """The solver of searches from a start, which share it: derivatives take as long to make as some searches do."""
         return self._made(_QUIET)
 
     def _made(self, ipopt: dict[str, Any]) -> tuple["_Watch", Any]:
@@ -540,8 +540,8 @@ class CannotGoOn(BadLog):
 
 @dataclass(frozen=True, eq=False)
 class Progress(Encoded):
-    """Of a fit whose `task` is told by these digests: the searches that have `ended`, and of the one that runs the
-    `iteration` and its unknowns (v), `at`."""
+    """The progress of a fit, whose `task` these digests tell: the searches that have `ended`, and of the one that runs
+    the `iteration` and its unknowns (v), `at`."""
 
     task: Mapping[str, str]
     ended: tuple[Solution, ...]

@@ -89,7 +89,7 @@ class Tuned:
 
     @property
     def rank(self) -> tuple[int, bool, int]:
-        """Of those that predict as well: with a proof, with known noise, cheap; the least is taken."""
+        """The order among rows that predict as well: with a proof, with known noise, cheap; the least is taken."""
         return _RANK[self.first.known], self.noise is None, cost(self.first.step).operations
 
 
@@ -105,11 +105,11 @@ class Task:
 
     @property
     def dt(self) -> float:
-        """Of the records."""
+        """The sampling period of the logs."""
         return self.records[0].dt
 
     def likelihood(self, row: int) -> Likelihood:
-        """On the form of a row, made once for all observers."""
+        """The likelihood on the form of a row, made once for all observers."""
         if row not in self._likelihoods:
             form = self.rows[row].form
             assert form is not None

@@ -7,7 +7,7 @@
 2 Pi is the Hessian of the value function at its minimum xhat; its third derivatives are left out, which is exact for a
 linear model. Q, R, P0 are weights, the inverses of a Kalman filter's covariances: without the last term the estimator
 is the extended Kalman filter with Q^-1, R^-1, P0^-1, and every method for its covariance P = Pi^-1 serves. The last
-term can take all of Pi; 0 <= s <= 1 keeps it positive definite (`kalman.curvature`). Source: Alessandri, "On
+term can take all of Pi; 0 <= s <= 1 keeps it positive definite (`stepping.discretise`). Source: Alessandri, "On
 Hamilton-Jacobi approaches to state reconstruction for dynamic systems", Mathematical Problems in Engineering (2020),
 (3), (18).
 """

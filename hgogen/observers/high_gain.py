@@ -11,7 +11,8 @@ Phi = (h, L h, .., L^(n-1) h), forms.phase,
 
 without correction where |det dPhi/dx| is at most `singular` times its largest value on the box. Source: Gauthier,
 Hammouri, Othman 1992; in the form of Astolfi, Jungers, Zaccarian 2018, (3). To Boizot, Busvelle, Gauthier 2010, remark
-1, an A(u) is beyond a constant gain; with one quadratic function for the range of its a_i it is not (`common_norm`).
+1, an A(u) is beyond a constant gain; with one quadratic function for the range of its a_i it is not
+(`prove.convergence`).
 """
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence

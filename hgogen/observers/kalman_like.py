@@ -117,11 +117,11 @@ def kalman_like(
 
     Args: `rho` > 0 (1/s), the rate at which the past is forgotten; `R` positive, one for each output, unit y^2 s: the
     noise's own (for white noise of variance v per sample, v dt), so that P can be told from S_0^-1; `inputs`, `period`:
-    the inputs as they will be, where that is known, for the check of persistence (see `kalman.persistence`; a record is
-    judged by `hgogen.excitation`); `window` (s), of which the least that it shows is bounded, by default that period,
-    or 1/rho where A and C do not move; `initial` the plant's state; `covariance` P(0), diagonal (n) or (n, n), by the
-    names of the states or in their order, default the squares of the half-widths of the ranges, 1 without one; `accept`
-    ids of refuted checks to build on all the same.
+    the inputs as they will be, where that is known, for the check of persistence (see `estimators.persistence`; a
+    record is judged by `hgogen.excitation`); `window` (s), of which the least that it shows is bounded, by default that
+    period, or 1/rho where A and C do not move; `initial` the plant's state; `covariance` P(0), diagonal (n) or (n, n),
+    by the names of the states or in their order, default the squares of the half-widths of the ranges, 1 without one;
+    `accept` ids of refuted checks to build on all the same.
 
     Checks: `kalman_like.persistence`; `kalman_like.gramian`, how much every window of the course shows at least.
 

@@ -6,28 +6,15 @@
     Phi = A'P + P A - Y C - C'Y' + sigma (D P + P D) + lambda I <= 0,                                           (54)
     and for (89)   Phi + (delta_1 P P + delta_2 Y Y')/s <= 0                                               (85), (87)
 
-in the notation of `adaptive_gain`. (88) is linear-fractional: one semidefinite program in P/t, Y/t. (89) is one
+in the notation of `varying_gain`. (88) is linear-fractional: one semidefinite program in P/t, Y/t. (89) is one
 at each gamma with 2 lambda gamma >= 4 k lambda_max(P) + 1, and gamma is searched. Source: Alessandri, "On
 Hamilton-Jacobi approaches to state reconstruction for dynamic systems" (2020); Boyd, Vandenberghe, "Convex
 Optimization", 4.3.2.
 
-Gains by linear matrix inequalities: found in floats, rounded, verified in rationals.
-
-    gain             K of `observers.high_gain` for a wanted rate, of a small noise bound
-    constant_gain    K of `observers.high_gain`, for a_i that vary in ranges
-    steady_gain      K of the same, to which the filter `riccati` settles at a point: of Q and R, without a solver
-    injection_filter F, G and H of `observers.filtered_injection`, for little noise at a wanted rate
-    adaptive_gain    K and P of `observers.adaptive_lmi`, for a high gain that moves; `slope` is what it takes of a form
-    verified         what holds of K and P, whoever designed them
-
-and what papers give by formula, which asks for no solver: `formulas` lists it.
-
-For `adaptive_gain` `gain_programs` minimises the bound (88) on gamma, or the bound (89) on the L2 gain, under (54),
-D P + P D >= 0 and |Y| <= largest, Y = P K: the cone (54) alone has no bound. What is said of the rounded K and P is
-computed and proved of them, by `guarantees.adaptive_gain`. Of a form the slope k(gamma), for every gamma from that one
-on, falls as gamma grows, and the bound on gamma with it: k is taken where the two meet, by bisection, for the bound of
-k(1) can be many times too large. Source: Alessandri, "On Hamilton-Jacobi approaches to state reconstruction for dynamic
-systems" (2020), section 4.
+Without |Y| <= largest the cone (54) has no bound. What is said of the rounded K and P is computed and proved of them,
+by `varying_gain`. Of a form the slope k(gamma), for every gamma from that one on, falls as gamma grows, and the bound
+on gamma with it: k is taken where the two meet, by bisection, for the bound of k(1) can be many times too large
+(section 4 of the first source).
 """
 
 import math
@@ -212,7 +199,7 @@ def adaptive_gain(
     `mu` what the bounds may be at most; `disturbance` (G_1 (n, m), G_2 (m)) in the same coordinates; `K` (n) a given
     gain, for which P is sought.
 
-    Raises: `Infeasible`, which says what bound to relax; `lmi.NoSolver`; `NotHurwitz` for a given K; `BadGain`, also
+    Raises: `Infeasible`, which says what bound to relax; `NoSolver`; `NotHurwitz` for a given K; `BadGain`, also
     for a form that is no chain of integrators, or whose slope has no bound that is shown.
     """
     count = _count(n, slope)

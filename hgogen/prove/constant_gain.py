@@ -16,7 +16,7 @@ The constant gain of a high-gain observer on chains: from poles, or as given.
 
 Poles make K_j = p_j/(a_1..a_j), p the coefficients of their polynomial: the linear error core has theta times them,
 whatever the parameters. A gain K as given serves an A(u) and C(u) as well: A - K C is Hurwitz at the ends of the ranges
-of all a_j, by exact test; that one quadratic function decays for every u is what `common_norm` proves. One for several
+of all a_j, by exact test; that one quadratic function decays for every u is what `convergence` proves. One for several
 chains is a sequence for each, which acts on the output of its own chain, or a matrix, each of whose rows acts on all.
 """
 

@@ -7,16 +7,7 @@
     adaptive_gain    K and P of `observers.adaptive_lmi`, for a high gain that moves; `slope` is what it takes of a form
     verified         what holds of K and P, whoever designed them
 
-and what papers give by formula, which asks for no solver: `formulas` lists it.
-
-For `adaptive_gain` `gain_programs` minimises the bound (88) on gamma, or the bound (89) on the L2 gain, under (54),
-D P + P D >= 0 and |Y| <= largest, Y = P K: the cone (54) alone has no bound. What is said of the rounded K and P is
-computed and proved of them, by `guarantees.adaptive_gain`. Of a form the slope k(gamma), for every gamma from that one
-on, falls as gamma grows, and the bound on gamma with it: k is taken where the two meet, by bisection, for the bound of
-k(1) can be many times too large. Source: Alessandri, "On Hamilton-Jacobi approaches to state reconstruction for dynamic
-systems" (2020), section 4.
-
-Numbers that papers give by formula, for who designs a gain by hand: each rounded to the safe side, of exact algebra.
+Numbers that papers give by formula, for who designs a gain by hand, each rounded to the safe side by exact algebra:
 
     gain_of_poles      L of the poles of A - L C                      Astolfi, Jungers, Zaccarian 2018, remark 1
     core_eigenvalues   those of A - L C, or of M with a filter        (10)
@@ -92,7 +83,7 @@ def constant_gain(form: Form, *, largest: float = 100.0) -> tuple[float, ...] | 
     """A constant gain K (n), |K| <= `largest`, for all a_i of a chain in their ranges, with a small lambda_max(P) in
     the bound of `high_gain`; or why there is none.
 
-    Raises: `lmi.NoSolver`; `Misfit` for no form; `BadGain`.
+    Raises: `NoSolver`; `Misfit` for no form; `BadGain`.
     """
     if not isinstance(form, Form):
         raise Misfit("constant_gain", form, _FORM)
@@ -118,7 +109,7 @@ def verified(
     K: Any, P: Any, sigma: Any, decay: float | None = None, alphas: tuple[float, float] | None = None
 ) -> Checks:
     """Whether P > 0, D P + P D >= 0, (54) with lambda = `decay`, by default any, and (87) with `alphas`, in the
-    notation of `guarantees.adaptive_gain`: each proved, or refuted with the eigenvalue.
+    notation of `varying_gain`: each proved, or refuted with the eigenvalue.
 
     Raises: `BadGain`.
     """

@@ -26,7 +26,7 @@ the way from 0 to e, and P G G'P is a convex function of P: the left side is at 
 
     N(c, d) = -(V_ee(c) F_e(d) + F_e(d)'V_ee(c) + V_ee(c) G G'V_ee(c)/mu^2 + I)/2
 
-over such points c and d, which `second_order` decides. Source: Alessandri, "On Hamilton-Jacobi approaches to state
+over such points c and d, which `rigor.slope` decides. Source: Alessandri, "On Hamilton-Jacobi approaches to state
 reconstruction for dynamic systems", Mathematical Problems in Engineering (2020), theorem 1, (21), (38), (39).
 """
 

@@ -1,4 +1,6 @@
-"""How steep b is in scaled coordinates of a form in chains, and what stands in the way of a proof there.
+"""The inclusions that errors of high-gain observers obey: slopes of b in scaled coordinates, and the uniform form.
+
+How steep b is in scaled coordinates of a form in chains, and what stands in the way of a proof there.
 
     |S db/dz S^-1| <= L_b on the box,   S diagonal, positive, of numbers and parameters: constant in time
 
@@ -7,22 +9,6 @@ values of db/dz, lower triangular; sat clamps each component to an interval that
 J_ij, j <= i, by Delta J Delta^-1, Delta = diag(1, 1/theta, .., 1/theta^(n-1)); for a triangular J it is analytic in
 1/theta, with the norm |J| on the unit circle, so that its norm is at most |J| for theta >= 1 (maximum modulus). Of
 several outputs Delta is that of their chains' alignment (`scaling`), and rows read states of no higher power of theta.
-
-The error of an estimate against its plant as a linear differential inclusion, in exact numbers.
-
-    e' = theta (N e + B diag(theta^-late) v) + sum over slopes of theta^-degree d onto (reads'e + takes'diag(..) v)
-
-d in [low, high], by itself; e holds the errors of the observer's fields, that of the field k over s_k theta^p(k), v the
-errors of the samples; `late` are the p of the first states of the outputs' chains. A slope is what it `reads` brings
-into the rates of others: the error of one field, or of b(z + L (y - C z)) that and what is injected:
-
-    db_i/dz_j              the mean of the slope on the way from the plant's state to the clamped estimate, times the
-                           share c_j in [0, 1] of the error that the clamp leaves: degree p(i) - p(j), 0 in its range
-    a_i                    of a constant gain K, where a_i moves with an input or a parameter: degree -1
-    a saturation           in the linear core: the share in [0, 1] that it leaves: degree -1
-
-That b(sat z, u) - b(x, u) = J (sat z - x), J the mean of db/dz along the segment, asks b to be Lipschitz only, and
-holds for every z, also far outside of the box: the box is convex, and x is in it. So it does for two estimates.
 
 The error of a high gain on the uniform form, against the plant, and one norm in which it decays.
 
@@ -38,7 +24,7 @@ N the shift. The slopes are those of b: of F_k in z_(k+1), which stay as theta g
 whose ranges hold 0. So one P > 0 that decays for all of them at some theta decays for every larger one, at a rate that
 grows with it. The matrix is affine in each slope and in each q_k, so that it is in the hull of those at all
 combinations of their ends: of few that is what is shown, of many with a multiplier for each slope, and each
-K_i q_1 .. q_(i-1) a slope of its own (`common_norm`). The difference of two estimates obeys no such equation, for it
+K_i q_1 .. q_(i-1) a slope of its own (`convergence`). The difference of two estimates obeys no such equation, for it
 holds (g(z) - g(z~)) (y - h(z~)).
 """
 

@@ -121,7 +121,7 @@ Filter = tuple[np.ndarray, np.ndarray, np.ndarray]  # F, G and H
 
 @dataclass(frozen=True)
 class _Search:
-    """For a filter of `m` states on a chain, for the error of the state at that place."""
+    """A search for a filter of `m` states on a chain, for the error of the state at that place."""
 
     chain: Integrators
     theta: Fraction

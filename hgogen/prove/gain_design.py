@@ -21,10 +21,10 @@ A constant gain of an observer for a wanted rate, of a small noise bound, proved
     z' = A z + b(sat z, u) + diag(theta, .., theta^n) K (y - C z)
 
 theta is only the unit of time in which K is written, by default one in which its numbers are near 1, or in which a
-proof is accurate. The gain is that of `gain_search`; what is said of it is proved of its rounded numbers in rationals,
+proof is accurate. The gain is that of `Search`; what is said of it is proved of its rounded numbers in rationals,
 the bound of each state by a norm of its own.
 
-b may read e_j - N_j (C e - v) in the place of e_j. With N given, all else is the convex program of `gain_search`; N is
+b may read e_j - N_j (C e - v) in the place of e_j. With N given, all else is the convex program of `Search`; N is
 sought from outside, in floats, near the samples in the place of what they measure (N_1 = 1/a_1), in steps that are as
 large as noise moves a state. Where slopes stand at their corners one by one, N makes what is left of them smaller; with
 a multiplier for each, all that N does K does as well (Arcak, Kokotovic, Automatica 37 (2001), have slopes of one sign).
@@ -132,7 +132,7 @@ class Task:
 
     @cached_property
     def pace(self) -> float:
-        """In which numbers are near 1: a long chain needs poles that are faster than the rate."""
+        """The unit of time in which numbers are near 1: a long chain needs poles that are faster than the rate."""
         return self.open.pace(self.rate) * (1 + len(self.open.M) / 4)
 
     def gain(self, rate: float, noisy: float) -> Array | None:
@@ -181,7 +181,7 @@ class _Program:
 
     @cached_property
     def _ends(self) -> tuple[Uncertain, ...]:
-        """At each corner, or with multipliers."""
+        """The forms at each corner, or with multipliers."""
         return ends(self.open.with_gain)
 
     @cached_property
@@ -225,8 +225,8 @@ class Candidate:
 
 @dataclass(frozen=True, eq=False)
 class Search:
-    """For gains of a form, of a `task` under noise of these `sizes` (p), written with `theta`; with the output error in
-    the argument of b by `argument`, the entries of N at theta = 1, or none."""
+    """A search for gains of a form, of a `task` under noise of these `sizes` (p), written with `theta`; with the output
+    error in the argument of b by `argument`, the entries of N at theta = 1, or none."""
 
     form: Form
     task: Task
@@ -468,7 +468,7 @@ def gain(
     for an output error in the argument of b, on a form whose a_i are numbers: True for an N that is searched, or its
     entries at theta = 1, as `circle_criterion` takes them.
 
-    Raises: `NoGain` for a rate that is not reached; `lmi.NoSolver`; `Misfit` for no form; `BadGain` for a form without
+    Raises: `NoGain` for a rate that is not reached; `NoSolver`; `Misfit` for no form; `BadGain` for a form without
     chains of constant gains, and for numbers that are none or not positive; `BadNames`.
     """
     if not isinstance(form, Form):
@@ -548,7 +548,7 @@ def searched(form: Form, task: Task, sizes: Array, argument: Sequence[float]) ->
 
 
 def _measures(form: Form, per: Any) -> list[float]:
-    """In what the error of each state is measured; 0 where neither it nor a range says.
+    """The unit in which the error of each state is measured; 0 where neither it nor a range says.
 
     Raises: `BadNames`, `BadGain`.
     """

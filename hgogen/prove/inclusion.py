@@ -73,7 +73,7 @@ class Slope:
     """A slope: what `reads` (N) of e, and `takes` (p) of the samples' errors at theta = 1, bring into the rates by
     `onto` (N), over theta^`degree`: a number in [`low`, `high`]. `entry`: (i, j) where it is that of db_i/dz_j times
     units, which `range` shows; None of others. `endless`: 1 where it may be any number more than `low` = `high`, -1 any
-    less, 0 of others (`endless_slopes`). `realised`: what of it is in the linear core that a method realises, as much
+    less, 0 of others (`error_models`). `realised`: what of it is in the linear core that a method realises, as much
     as a saturation passes of what is in its range, 0 of b; None where that core moves."""
 
     reads: tuple[Fraction, ...]

@@ -23,7 +23,7 @@ is, so that it is negative for all slopes in their ranges where it is at the cor
 (N + J/l)'P + P (N + J/l). Of more slopes than are worth corners, each is bounded by a multiplier: with h its reading
 and v what it enters, d (v h' + h v') <= S h h' + v v'/S for |d| <= 1. V' <= -alpha V asks for alpha/l times V beside
 the form; of the dead zone, whose V holds sigma, alpha is l lambda at most. A V that serves a theta serves every larger
-one, as J/l shrinks, and 0 is in the ranges (`common_norm`).
+one, as J/l shrinks, and 0 is in the ranges (`convergence`).
 
 High-gain observers that inject the output error through a saturation, or a dead zone, whose level adapts.
 
@@ -354,7 +354,7 @@ def limited(
     accept: Iterable[str],
     theorem: Theorem,
 ) -> Observer:
-    """The observer of that name and shape; its checks `NAME.core`, `.convergence` and `.theta` are by `behind_sector`.
+    """The observer of that name and shape; its checks `NAME.core`, `.convergence` and `.theta` are by `behind`.
 
     Raises: `Refuted`; `BadPoles`; `NotHurwitz`; `BadGain`.
     """

@@ -1,4 +1,6 @@
-"""What a plant does beside a step of an explicit Runge-Kutta method, of a flow that is Lipschitz and no more.
+"""The deviation of the plant from a step: of explicit methods, by Lipschitz constants, and of realised cores.
+
+What a plant does beside a step of an explicit Runge-Kutta method, of a flow that is Lipschitz and no more.
 
 With |dF_i/dx_j|, |dF_i/du_k| <= L, |x'| <= V, |u'| <= r: W = L (V, r) bounds the rates of F on the plant's way, where
 F may have kinks. The kernel of Peano of a sum of values on [0, c], their weights w_l at c_l, is its integral from 0,
@@ -25,7 +27,7 @@ them, and no clamp acts. Then
     remainder     |x(t + h) - Phi_h(x)| <= h^(q+1) (sup|x_(q+1)| + sup|Phi_(q+1)|) for each q from 1 to p, of a method
                   of order p: Taylor coefficients in time of the flow at any point, of the step at any length up to h,
                   in Arb's balls on cells of the ranges; where that is more, or there is none, as of a flow that is
-                  Lipschitz (`lipschitz_step`). Of a row it is the least
+                  Lipschitz (`lipschitz_remainder`). Of a row it is the least
 
 What a plant does beside a step that realises the linear core of an observer, on its ranges.
 
@@ -502,7 +504,7 @@ EXPONENTIAL = Leaves(1, 2, by_matrix_exponential)
 
 
 def _integral(L: Array, h: Fraction, source: Array) -> Array:
-    """At least the integral of s (h - s)/2 |exp(s L) source| over s from 0 to h, entry by entry."""
+    """An upper bound of the integral of s (h - s)/2 |exp(s L) source| over s from 0 to h, entry by entry."""
     turns = float(np.abs(floats(L)).sum(axis=1).max()) * float(h)
     count, total = min(_MANY, max(_FEW, math.ceil(_FINE * turns))), 0 * source
     for low, high in pairwise(h * Fraction(k, count) for k in range(count + 1)):

@@ -4,7 +4,7 @@
 
 F = A x + b in the form's states. u moves between two samples as the program takes it to: on the line, at most at its
 rates, or it is held. Where the plant keeps clear of the ends of its ranges by h sup|F_i|, neither it nor the flow
-without disturbances leaves them within a step. What is beside a step of a method is in `beside_stages`, `beside_core`.
+without disturbances leaves them within a step. What a step of a method leaves of it is in `method_error`.
 
 What enters the error of a step from outside, and how large it is at most.
 
@@ -326,7 +326,7 @@ class Sizes:
         return max((*self.samples, *stages, *self.beside, *self.fields), default=_NOTHING)
 
     def over(self, size: Fraction) -> "Sizes":
-        """In units of a size > 0."""
+        """The inputs in units of a size > 0."""
         rows = tuple(tuple(x / size for x in row) for row in self.stages)
         samples, beside, fields = (tuple(x / size for x in each) for each in (self.samples, self.beside, self.fields))
         return Sizes(samples, rows, beside, fields)

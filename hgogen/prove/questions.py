@@ -148,7 +148,7 @@ def weights_in_floats(
     Raises: `NoSolver`."""
 
     def sought_in(W: Array) -> Solution | None:
-        """In these coordinates, with the inputs in a unit in which x is near 1."""
+        """The solution in these coordinates, with the inputs in a unit in which x is near 1."""
         unit = alpha / float(np.linalg.norm((np.linalg.inv(W) @ forms[0].pairs[0][1])[:, -q:]))
         view = View(forms, W, np.append(even(forms[0], W)[:-q], [unit] * q))
         return shortest(view, rows @ W, together(forms[0], q, float(_SHARE) * alpha), margin, unit, _INPUTS)
@@ -178,7 +178,7 @@ def confined(proof: Contracts, corners: Array, rows: Mapping[int, Array]) -> Con
     of, starts, reads = form.floats, floats(corners), floats(np.array(list(rows.values())))
 
     def sought_in(W: Array, margin: float) -> Solution | None:
-        """In these coordinates, with corners near 1."""
+        """The solution in these coordinates, with corners near 1."""
         begins = starts @ np.linalg.inv(W).T
         far = float(np.linalg.norm(begins, axis=1).max())
         limits = holding(of, begins / far)
@@ -278,7 +278,7 @@ def theta_of(observer: Observer) -> Fraction:
 def noise_bounds(observer: Observer) -> Bounds | Nothing:
     """Return, by the name of a state of the form and of an output, how far the estimate of the one goes at most for
     noise of at most 1 of the other, in continuous time, at the declared gains of an observer of a constant injection;
-    or why that is not known. Raises: `lmi.NoSolver`."""
+    or why that is not known. Raises: `NoSolver`."""
     error = obeyed(observer)
     if isinstance(error, Nothing):
         return error

@@ -9,7 +9,7 @@
 
 A, C a chain of integrators, v a disturbance of the plant by G_1 and of the measurement by G_2, k >= |T^-1 dc/dw T| for
 every gamma >= gamma_inf. V = e'P e has V' <= -(gamma lambda - 2 k lambda_max(P)) |e|^2 without v; a lower bound than
-(62) has `moving`. The paper leaves out D P + P D >= 0, without which (55) does not bound the term with gamma'. With v,
+(62) stands below. The paper leaves out D P + P D >= 0, without which (55) does not bound the term with gamma'. With v,
 and
 
     lambda >= (4 k lambda_max(P) + 1)/(2 gamma_inf),   gamma <= gamma_sup                                   (70), (71)
@@ -59,7 +59,7 @@ How long a high gain must hold so that switching between two gains keeps the err
 
     V_l = eps_l'P_l eps_l,   eps_l = diag(theta^-p(i)) S e at theta = l:   V_l' <= -alpha_l V_l,   alpha_l >= 0
 
-by a norm for each of the two gains l (`common_norm`). A switch multiplies eps by powers of the gains' ratio: with
+by a norm for each of the two gains l (`convergence`). A switch multiplies eps by powers of the gains' ratio: with
 eps_high = D eps_low, D = diag((low/high)^p(i)), V becomes at most `up` times what it was at a switch to the high gain,
 and `down` times at one back,
 
@@ -653,5 +653,5 @@ def _factor(P: Array, Q: Array) -> Fraction:
 
 
 def _up(value: arb, below: float = inf) -> Up:
-    """In the model's unit of time."""
+    """The number in the model's unit of time."""
     return Up(float(value.upper()) * (1 + 1e-12), below=below)

@@ -1,4 +1,6 @@
-"""What a rule of a certificate works with: its exact algebra, and what has been shown of its form.
+"""The context of a rule: the exact algebra of a certificate, its form in chains, and what a rule is.
+
+What a rule of a certificate works with: its exact algebra, and what has been shown of its form.
 
 Every rule first shows that the form is the plant:
 

@@ -17,7 +17,7 @@ the bilinear rule phi_1 = (1 - X/2)^-1 = 2 phi_2, by the matrix exponential phi_
 X)/X^2 but for what a program's polynomial is beside that. What that makes of the form is bounded entry by entry, in
 absolute values, and |d| 2 |v_i v_j| <= |d| (v_i^2 s_j/s_i + v_j^2 s_i/s_j) brings it onto the diagonal, for any s > 0.
 
-That a norm falls whatever the slopes of an inclusion: V = e'P e, V' <= -alpha V for e' = (M + G diag(d) H) e.
+A norm falls whatever the slopes of an inclusion: V = e'P e, V' <= -alpha V for e' = (M + G diag(d) H) e.
 
 M is affine in each |d_j| <= 1, so that the corners stand for all, where there are no multipliers (`inequality`). A
 slope without an end enters M by that which it has; what is beyond, -onto d reads e, d >= 0, takes from V' where P

@@ -1,4 +1,4 @@
-"""That the sizes of what a method leaves follow from the plant, on its ranges.
+"""The sizes of what a method leaves follow from the plant, on its ranges.
 
     x(t + h) = Phi_h(x) + delta,   Phi_h: a step of a method of order p on x' = F(x, u), u' constant
 
@@ -19,7 +19,7 @@ weights that add the c_l to 1/2, and where F_i has a second derivative of at mos
 1/2)^2/2), which a linear row has: w = (L (W, 0))_i. A stage is beside the plant at its time by that, in h, and by what
 the stages before it are, times L.
 
-That the sizes of what a realised core leaves follow from the plant, on its ranges.
+The sizes of what a realised core leaves follow from the plant, on its ranges.
 
 The plant in the coordinates of the errors, X_k = s_k z_i of a field k that estimates z_i and 0 of a filter, obeys the
 observer's own equations; a step of these from X_0, of the plant's own samples y_0 and y_1,

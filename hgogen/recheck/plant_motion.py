@@ -7,7 +7,7 @@ of every point of a box, and of every length s from 0 to h. At a stage an input 
 range. The k-th derivative of r(x(t), u(t)) of a row r is by series of values with slopes in the point, and in the rates
 of inputs: what it is on a box, by itself, or on the face towards which it grows by its value at the centre and slopes.
 
-That the sizes of what enters an error follow from what a user says of it, on the plant's ranges.
+The sizes of what enters an error follow from what a user says of it, on the plant's ranges.
 
     noise         the error of a sample itself
     rounded       half of the steps to which samples are rounded
@@ -40,7 +40,7 @@ _ONE = Fraction(1)
 
 @dataclass(frozen=True)
 class PlantMotion:
-    """In steps of length `h`: at most how fast inputs move (m), and bounds of sup|F| (n) of the rows F."""
+    """Bounds in steps of length `h`: of how fast inputs move (m), and bounds of sup|F| (n) of the rows F."""
 
     context: Context
     h: Fraction
@@ -333,7 +333,7 @@ def _by_parameters(context: Context, follows: Mapping[str, Any]) -> tuple[Matrix
 
 
 def _on_its_way(h: Fraction, J: Matrix, drift: Sequence[Fraction]) -> list[Fraction]:
-    """At least the sum of (h J)^k m/(k + 1)! over all k."""
+    """An upper bound of the sum of (h J)^k m/(k + 1)! over all k."""
     if any(x < 0 for row in J for x in row):
         raise Unproved("one of its steepness is negative")
     norm = h * largest_row(J)

@@ -1,4 +1,6 @@
-"""How far a number that a program computes may be from that of exact arithmetic: a running error analysis.
+"""A call's program as a certificate lists it: tied to the step, and how far it rounds.
+
+How far a number that a program computes may be from that of exact arithmetic: a running error analysis.
 
 Each value v of exact arithmetic is in an interval, and |v~ - v| <= e, v~ what is computed of it. Round to nearest takes
 at most u |v~| more, u = 2^-24 or 2^-53, and `tiny`, the smallest normal number, where a result underflows:
@@ -32,7 +34,7 @@ clamps a field to the range of the state that it estimates. The step
 are identities of the program in exact arithmetic, stage by stage, but for what its constants are rounded: by how much a
 statement is beside them is a quotient of what stands before it.
 
-That the sizes of what a program rounds follow from its statements, which are those of the step (`program`).
+The sizes of what a program rounds follow from its statements, which are those of the step (`program`).
 
 How far it is from the step in its precision is computed where the plant is in its ranges and the error of each field
 within a bound, in pieces of the ranges of the states that outputs show. All shares together are at most that bound: an

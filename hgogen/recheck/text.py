@@ -1,4 +1,6 @@
-"""The base of every error of the checker, which shares no code with those that write certificates.
+"""Expressions of a certificate as straight-line programs, and the base of every error of the checker.
+
+The base of every error of the checker, which shares no code with those that write certificates.
 
 Expressions of a certificate as straight-line programs: a reader that shares no code with the rest of hgogen.
 

@@ -138,7 +138,7 @@ class Rechecked:
             raise NothingVerified(self.plant)
 
     def as_dict(self) -> dict[str, Any]:
-        """For JSON."""
+        """The report as JSON has it."""
         rows = [asdict(row) for row in self.rows]
         about = {"plant": self.plant, "form": self.form, "observer": self.observer or None, "model": self.model}
         outcome = {"verified": bool(self.verified and not self.failed), "counts": self.counts, "claims": rows}

@@ -1,4 +1,6 @@
-"""Ranges on a box without bisection: by one look in outward-rounded intervals, and with rational ends.
+"""Bounds of an expression on a box: by one look, with rational ends, and by bisection; and whether it is 0 there.
+
+Ranges on a box without bisection: by one look in outward-rounded intervals, and with rational ends.
 
 Of rational ends no number overflows, underflows or is rounded towards the wrong side. Sums, products and powers of
 exact ends are exact, up to what is rounded outward beyond `_BITS` bits; exp and the like come from Arb at the ends, a

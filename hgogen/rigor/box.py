@@ -1,4 +1,6 @@
-"""Sample points of a box, exact rationals, and what an expression is there: what refutes, never what proves.
+"""Boxes: the range of each symbol with exact ends, and exact sample points, which refute and never prove.
+
+Sample points of a box, exact rationals, and what an expression is there: what refutes, never what proves.
 
 A box: the closed, perhaps unbounded, range of each symbol, with exact ends.
 """

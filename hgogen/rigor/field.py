@@ -1,4 +1,6 @@
-"""Expressions as rational functions of generators: what exp, sin, roots and powers are, so that algebra can cancel.
+"""The field of a set of expressions, exactly: generators, quotients of polynomials, and zero tests.
+
+Expressions as rational functions of generators: what exp, sin, roots and powers are, so that algebra can cancel.
 
     exp(p m) = E^(p/g)                          E = exp(g m)
     cos(k t) + i sin(k t) = ((1 + i T)^2/(1 + T^2))^k     T = tan(t/2)
@@ -12,7 +14,7 @@ generators may depend on each other in a way not listed only loses proofs.
 
 The field of a set of expressions: quotients of polynomials in symbols and kernels, with what each kernel means.
 
-The kernels are those of `rewrite`: exp(m), tan(m/2), roots, logarithms, .. sin and cos are rational in T = tan(m/2), so
+The kernels: exp(m), tan(m/2), roots, logarithms, .. sin and cos are rational in T = tan(m/2), so
 that the ring has unique factorisation, which it has not with sin and cos and their relation. For the same reason a root
 of c s + r, with a number c and an r without the symbol s, takes the place of s:
 

@@ -309,7 +309,7 @@ class Cells:
 
     @property
     def smoothness(self) -> Index:
-        """For each axis, how many derivatives are continuous everywhere."""
+        """The number, for each axis, of derivatives that are continuous everywhere."""
         return tuple(min(each) - 1 for each in self.smooth)
 
     def met(self, box: Sequence[Ends]) -> Spans:

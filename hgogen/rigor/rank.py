@@ -1,4 +1,6 @@
-"""The branches of expressions that points of a box reach: |x| is x where x > 0, and a table one of its polynomials.
+"""Generic ranks of the gradients of an output, and the branches of expressions that a box reaches.
+
+The branches of expressions that points of a box reach: |x| is x where x > 0, and a table one of its polynomials.
 
 On a branch the expressions are analytic, so that what is found at one of its points holds almost everywhere around. A
 branch is found by its points: random ones, those that a search along the sides takes to where a kink's argument

@@ -50,7 +50,7 @@ class Computed:
 
     @property
     def size(self) -> Any:
-        """At least |v| and |v~|."""
+        """An upper bound of |v| and |v~|."""
         return (abs(self.value) + self.error).upper()
 
     @property

@@ -1,4 +1,6 @@
-"""A tape in Arb balls: its values at a rational point, and power series, also of exp, log, sin, roots and branches.
+"""Arithmetics of a tape by balls and power series: values at rational points, and series of the motion in t.
+
+A tape in Arb balls: its values at a rational point, and power series, also of exp, log, sin, roots and branches.
 
 Each value, or coefficient, is a midpoint with a proved radius. At a point what is undefined, or not decided at this
 precision, is NaN; a finite ball proves that the value is defined. A series that is not finite, or a branch that the

@@ -1,4 +1,6 @@
-"""Where, on a box, an expression may be undefined or not smooth, and what it reads that an equal one no longer has.
+"""Singularities of an expression on a box: where it may be undefined, and those that are removable.
+
+Where, on a box, an expression may be undefined or not smooth, and what it reads that an equal one no longer has.
 
 x/x is 1, which has a value where x/x has none. A Piecewise does not read a branch that is not taken, nor a Heaviside
 its value at 0 elsewhere: what stands in these asks for nothing by itself, and each of them is one part.

@@ -1,4 +1,6 @@
-"""How steep a vector field is on a box: L_b = sup |db/dx| of the spectral norm, or why there is none.
+"""Bounds of the slope of a vector field on a box, and signs of functions that vanish to second order.
+
+How steep a vector field is on a box: L_b = sup |db/dx| of the spectral norm, or why there is none.
 
 A box is convex, so a continuous b whose Jacobian is bounded is Lipschitz (mean value theorem); kinks (Abs, Min, Max)
 do no harm, jumps in the state do. Not Lipschitz is shown by a point of the box towards which an entry of the Jacobian

@@ -1,4 +1,6 @@
-"""Kinks: |e|, max, min and sqrt(e_1^2 + .. + e_k^2) as norms, whose slopes at the kink are sets.
+"""Expressions as a tape, one straight-line program for every arithmetic, with kinks as norms.
+
+Kinks: |e|, max, min and sqrt(e_1^2 + .. + e_k^2) as norms, whose slopes at the kink are sets.
 
     d|e|/dx = s e' with s = -1 where e < 0, s = 1 where e > 0,   d|(e_1, .., e_k)|/dx = sum_i s_i e_i',  s_i = e_i/|e|
 

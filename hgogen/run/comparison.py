@@ -268,7 +268,7 @@ class Falling:
     eigenvalues: Annotated[tuple[float, float], "least and largest eigenvalue of scaled S along the trial"]
 
     def sentence(self, unit: str) -> str:
-        """In one line; `unit`: that of the model's time."""
+        """The sentence in one line; `unit`: that of the model's time."""
         low, high = self.eigenvalues
         bounds = f"scaled S has eigenvalues from {low:.3g} to {high:.3g}"
         if self.ratio is None:

@@ -4,7 +4,7 @@
 
 along inputs and measurements, D the half-widths of the states' ranges (1 without one). A smallest eigenvalue e says
 that within d the output tells the direction seen least to a variance 1/e times that of the box. A record may refute
-that its windows show every state; it proves nothing of another. Source: `kalman.persistence`.
+that its windows show every state; it proves nothing of another. Source: `estimators.persistence`.
 """
 
 from typing import Any

@@ -203,7 +203,7 @@ def measured_as(step: Step, state: Signal) -> int | None:
 
 
 def _innovation(axis: Axes, step: Step, t: Array, values: Array) -> None:
-    """On a logarithmic axis: quiet and loud differ by orders of magnitude."""
+    """The innovation on a logarithmic axis: quiet and loud differ by orders of magnitude."""
     axis.set_yscale("log")
     at, drawn = thin(t, np.where(values > 0, values, np.nan))
     axis.plot(at, drawn, color=TRUTH)

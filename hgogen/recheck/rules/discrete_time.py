@@ -1,4 +1,4 @@
-"""That the error of an observer contracts as its step runs, and how far noise and other inputs move it, verified again.
+"""Contraction of the error of an observer as its step runs, and its response to noise and other inputs, verified again.
 
 The inequality is that of `inequality`. As a polynomial in h it is negative on a piece of a line where its Bernstein
 coefficients are. What holds at (h, theta) holds at (h theta/theta', theta') of a larger theta': there h M is the same

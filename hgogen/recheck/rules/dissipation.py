@@ -1,4 +1,6 @@
-"""The errors of observers, rebuilt from the plant of the certificate by what a claim states of the observer.
+"""Dissipation of an error system, verified again, with the error rebuilt from the plant.
+
+The errors of observers, rebuilt from the plant of the certificate by what a claim states of the observer.
 
 An observer that corrects by its output error:
 

@@ -65,7 +65,7 @@ def _gain(context: Context, claim: Claim) -> Finding:
 
 
 def _no_gain(context: Context, claim: Claim) -> Finding:
-    """At a point of the box a_i is zero or negative."""
+    """The refutation that a_i is positive: a point of the box at which it is zero or negative."""
     wanted, source = wanted_gain(context, claim.at)
     text = claimed(context, claim.evidence, wanted)
     at = witness(claim, context.form.box, text.names | source.names)

@@ -1,4 +1,6 @@
-"""How x' = A x moves over a piece of time, and what y = C x shows of it there, from the Taylor series of A and C.
+"""Persistence of inputs, verified again: the Gramian over windows, from the transition of pieces.
+
+How x' = A x moves over a piece of time, and what y = C x shows of it there, from the Taylor series of A and C.
 
     Phi' = A Phi,   W = integral Phi' C' C Phi,   in balls of whole numbers over 2^192: the middle, and how far off it
 
@@ -6,7 +8,7 @@ Phi and Phi' C' C Phi are series to an order N. The coefficient N + 1, taken any
 leave (Lagrange): its entries are at most those of the series of norms, the largest sums of a row or column, of A and C
 on the whole piece, from |Phi| <= exp(length |A|).
 
-That inputs show every state of a state-affine plant, and how much of it every window shows, verified again.
+Inputs make every state of a state-affine plant observable, by a measure for every window: verified again.
 
     x' = A(u) x + b,   y = C(u) x + d,   N_0 = C,   N_(k+1) = N_k A + N_k':   rank n of N_0, .., N_(n-1) at a time t_0
 
