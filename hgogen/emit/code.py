@@ -87,9 +87,19 @@ def indented(lines: Iterable[str], by: int = 4) -> list[str]:
 
 
 MOST = 20  # paths through a function
+_VARIABLE = re.compile(r"(?<![\w.>])[A-Za-z_]\w*")  # not behind a point or an arrow
 _BRANCH = re.compile(r"\b(?:if|for|while|case)\b|&&|\|\||\?")
 
 
 def paths(lines: Iterable[str]) -> int:
     """Return the cyclomatic complexity of the lines of a function."""
-    return 1 + len(_BRANCH.findall(re.sub(r"/\*.*?\*/", "", " ".join(lines))))
+    return 1 + len(_BRANCH.findall(_bare(lines)))
+
+
+def variables(lines: Iterable[str]) -> set[str]:
+    """Return the names in lines that are of no member of a struct."""
+    return set(_VARIABLE.findall(_bare(lines)))
+
+
+def _bare(lines: Iterable[str]) -> str:
+    return re.sub(r"/\*.*?\*/", "", " ".join(lines))

@@ -16,7 +16,7 @@ from itertools import count
 
 import numpy as np
 
-from hgogen.emit.code import MOST, Code, code, joined, paths
+from hgogen.emit.code import MOST, Code, code, joined, paths, variables
 from hgogen.emit.interface import AT, Parameter, Prototype, own, status_type, structs
 from hgogen.emit.statements import Writer
 from hgogen.program import (
@@ -163,10 +163,12 @@ class SharingWriter(Writer):
         text = inner.function(program)
         if paths(text.lines) > MOST:
             text = replace(inner, short=True).function(program)
+        used = variables(text.lines)  # of fewer values than blocks are given, where a method does not need all
+        arguments = tuple((place, size) for place, size in arguments if place.name in used)
         moved = calls or any(p.struct == "state" or p.struct in self.kinds.groups for p in written)
         kinds = {each.name: replace(each, constant=each.name != "s" or not moved) for each in structs(self.step)}
-        used = tuple(name for name in (*kinds, AT.name) if name in text.uses.parameters)
-        parameters = [kinds.get(name, AT) for name in used]
+        structs_used = tuple(name for name in (*kinds, AT.name) if name in text.uses.parameters)
+        parameters = [kinds.get(name, AT) for name in structs_used]
         for place, size in arguments:
             pointer = size > 1 or place in changed
             parameters.append(Parameter(self._type(place, size), place.name, pointer and place not in changed, pointer))
@@ -178,7 +180,8 @@ class SharingWriter(Writer):
         name = self.named.setdefault(whole, next(n for n in _names(part, section) if n not in self.named.values()))
         prototype = Prototype(returns, f"{self.prefix}_{name}", tuple(parameters), public=False)
         self.functions[name] = code(*said, str(prototype), "{") + text.indented() + code("}")
-        return Passage(Section(name, "", body), prototype, used, work, changed, result, says)
+        work = tuple((place, size) for place, size in work if place == result or (place, size) in arguments)
+        return Passage(Section(name, "", body), prototype, structs_used, work, changed, result, says)
 
     def _result(self, body: Program, work: Sized, changed: frozenset[Place]) -> Place | None:
         """The value that a function returns: of a block, the only one that it changes."""
