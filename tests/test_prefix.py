@@ -47,7 +47,7 @@ def test_two_observers_of_one_plant_link_together(tmp_path: Path) -> None:
     """And each is its own: both self-checks, every bit, with every warning an error."""
     both = of_the_pendulum("left", 10), of_the_pendulum("right", 20)
     texts = {file: text for one in both for file, text in hg.targets.c99(one).items()}
-    assert len(texts) == 6
+    assert len(texts) == 8
     hg.write({**texts, "main.c": MAIN}, tmp_path)
     exact = ("-DLEFT_EXACT", "-DRIGHT_EXACT")
     sources = [file for file in texts if file.endswith(".c")]
@@ -83,6 +83,7 @@ def test_nothing_else_is_another(name: str, target: str) -> None:
     for (file, text), (renamed, again) in zip(emit(made).items(), as_other.items(), strict=True):
         assert renamed == file.replace(made.name, other)
         assert again != text
+        again, text = again.replace("\\_", "_"), text.replace("\\_", "_")  # as Markdown writes names
         assert again.replace(other, made.name).replace(other.upper(), made.name.upper()) == text
 
 
