@@ -6,7 +6,7 @@ from typing import Any
 
 MAKERS = (
     *("hgogen.observer", "hgogen.step", "hgogen.run.backends", "hgogen.emit.manual"),
-    *("hgogen.certificates.rounding_share", "hgogen.recheck.verification", "hgogen.emit.subprograms"),
+    *("hgogen.certificates.rounding_share", "hgogen.recheck.verification", "hgogen.emit.node"),
     "hgogen.discretisation.runge_kutta",
 )
 _REMEMBERED: list[Any] = []

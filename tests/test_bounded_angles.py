@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from hgogen.emit.elementary import BOUNDED, SMALL
-from hgogen.emit.operations import BOUNDED_COS, BOUNDED_SIN, SMALL_COS, SMALL_SIN, operations
+from hgogen.emit.node import BOUNDED_COS, BOUNDED_SIN, SMALL_COS, SMALL_SIN, operations
 from hgogen.emit.pygraph import evaluated
 
 X = ca.SX.sym("x")

@@ -34,7 +34,7 @@ def test_as_many_commits_as_files_begin_with_each() -> None:
 def test_a_file_concerns_what_it_imports(tmp_path: Path, changed: set[str], shown: bool) -> None:
     test = tmp_path / "tests" / "test_it.py"
     test.parent.mkdir()
-    test.write_text("from hgogen.emit import layout, vectors\n\ndef test_():\n    from hgogen.step import Step\n")
+    test.write_text("from hgogen.emit import layout, pystep\n\ndef test_():\n    from hgogen.step import Step\n")
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("budget.ROOT", tmp_path)
         assert concerns(test, changed) == shown

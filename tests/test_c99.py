@@ -22,7 +22,7 @@ import sympy as sp
 from emitted import compiled, files, parsed, run, step, tool
 
 import hgogen as hg
-from hgogen.emit.fold import COLUMNS
+from hgogen.emit.code import COLUMNS
 from hgogen.emit.printer import Operand, Printer
 from hgogen.emit.rolled import Target
 from hgogen.emit.syntax import BeyondFloat

@@ -29,7 +29,7 @@ from hgogen.emit.elementary import (
     elementary,
     power_of_two,
 )
-from hgogen.emit.functions import functions
+from hgogen.emit.portable import functions
 from hgogen.emit.pygraph import evaluated
 from hgogen.emit.syntaxes import C
 from hgogen.rigor.lookup import called, instructions

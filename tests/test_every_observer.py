@@ -24,8 +24,8 @@ import hgogen as hg
 from hgogen.call import CallableStep
 from hgogen.certificates.certificate import certificate, stated
 from hgogen.check import Refuted
+from hgogen.emit.pystep import start_state
 from hgogen.emit.syntax import Real
-from hgogen.emit.vectors import start
 from hgogen.errors import HgogenError
 from hgogen.model import MissingPart, Model
 from hgogen.modelfiles.tuning import Tuning
@@ -128,7 +128,7 @@ def test_its_recorded_vectors_start_off_rest(model: str, name: str) -> None:
     """Where the estimate is known to lie in the state, whatever the observer calls it."""
     one = step(model, name)
     rest = {Place("state", field.name): list(field.initial) for field in one.layout.state}
-    moved = {place: values for place, values in start(one).items() if place in rest}
+    moved = {place: values for place, values in start_state(one).items() if place in rest}
     assert moved
     assert all(values != rest[place] for place, values in moved.items())
 

@@ -2,7 +2,7 @@
 
 import pytest
 
-from hgogen.emit.fold import COLUMNS, folded
+from hgogen.emit.code import COLUMNS, folded
 
 NESTED = (
     "        const bool t2 = magnetic_levitation_within(t1*magnetic_levitation_abs("

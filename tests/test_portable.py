@@ -17,8 +17,7 @@ from hgogen.discretisation import notation
 from hgogen.discretisation.kernels import KERNELS
 from hgogen.emit import helpers
 from hgogen.emit.portable import functions_of, kernels, passed, small
-from hgogen.emit.routines import routines
-from hgogen.emit.statements import Writer
+from hgogen.emit.statements import Writer, routines
 from hgogen.emit.syntax import Number, Syntax
 from hgogen.emit.syntaxes import RUST, C
 from hgogen.program import Kernel, walk

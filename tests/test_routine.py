@@ -10,7 +10,7 @@ import pytest
 
 import hgogen as hg
 from hgogen.discretisation.runge_kutta import Routine, routine
-from hgogen.emit.subprograms import Subprogram, _distinct, subprograms
+from hgogen.emit.node import Subprogram, _distinct, subprograms
 from hgogen.graph import Graph
 from hgogen.program import Block, Place, sym, walk
 from hgogen.rigor.lookup import called, instructions

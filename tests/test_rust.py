@@ -16,7 +16,7 @@ from emitted import run, signals, step
 
 import hgogen as hg
 from hgogen.call import CallableStep
-from hgogen.emit.fold import COLUMNS
+from hgogen.emit.code import COLUMNS
 from hgogen.emit.naming import OneName
 from hgogen.emit.syntax import BeyondFloat, Real
 from hgogen.emit.syntaxes import PRELUDE, keywords

@@ -28,7 +28,7 @@ import hgogen as hg
 from hgogen.call import CallableStep
 from hgogen.discretisation.kernels import KERNELS
 from hgogen.emit import pygraph
-from hgogen.emit.operations import CALLS
+from hgogen.emit.node import CALLS
 from hgogen.reading.given import BadNames
 from hgogen.run.native import NoCompiler
 from hgogen.run.samples import BadShape

@@ -13,7 +13,7 @@ from test_cli import hgogen
 
 import hgogen as hg
 from hgogen.call import CallableStep
-from hgogen.emit import vectors
+from hgogen.emit import pystep
 from hgogen.estimators.core import nominal, numbers
 from hgogen.model import load
 from hgogen.program import Place, places, sym
@@ -135,8 +135,8 @@ def test_a_self_check_ends_where_the_estimate_is_lost(real: str) -> None:
     """Where nothing holds the temperature, exp(8750/T) leaves every precision at a T below 0 or near it."""
     guarded = load(plants.MODELS / "cstr.toml").step("riccati")
     plain = hg.sample(guarded.observer, guarded.method, guarded.dt, guards="none", engine="python")
-    count = len(vectors.record(plain, real).status)
-    assert 1 <= count < vectors.SAMPLES
+    count = len(pystep.record_vectors(plain, real).status)
+    assert 1 <= count < pystep.SAMPLES
     if native.compiler() is None:
         pytest.skip("no C compiler")
     checked = native.run_check(hg.targets.c99(plain, real=real), ("-O2", f"-D{plain.name.upper()}_EXACT"))

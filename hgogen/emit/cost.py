@@ -11,7 +11,7 @@ import casadi as ca
 
 from hgogen.discretisation.kernel_graphs import FUNCTION, carried_out
 from hgogen.emit.layout import params_type, state_type
-from hgogen.emit.operations import CALLS
+from hgogen.emit.node import CALLS
 from hgogen.emit.syntax import Real
 from hgogen.step import Step
 

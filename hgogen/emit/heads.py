@@ -9,8 +9,7 @@ import textwrap
 from collections.abc import Iterable
 
 from hgogen.emit import saving
-from hgogen.emit.code import indented
-from hgogen.emit.fold import COLUMNS
+from hgogen.emit.code import COLUMNS, indented
 from hgogen.emit.formula import plain, table
 from hgogen.emit.interface import (
     MEANINGS,

@@ -7,17 +7,19 @@ names; those of the standard headers are compared with the installed compilers' 
 
 # Takes apart: the lists of names that are taken.
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from functools import cache
 from importlib.resources import files
 from typing import TypeVar
 
+from hgogen.emit.code import folded
 from hgogen.emit.syntax import Syntax
 from hgogen.errors import HgogenError
 from hgogen.reading.files import demand
 from hgogen.signal import Signal, check_name
 from hgogen.step import Step
+from hgogen.target import Recipe, Sources
 
 # <NAME.h> of the C standard, of POSIX and of CMSIS-DSP, which a NAME.h of ours in the path of headers would hide
 _HEADERS = """
@@ -125,3 +127,9 @@ def demand_prefix(name: str | None) -> None:
     if c_name(name) != name:
         raise BadPrefix(name)
     demand_file(name)
+
+
+def sources(step: Step, syntax: Syntax, files: Mapping[str, Iterable[str]], recipe: Recipe = ()) -> Sources:
+    """Files of these lines, of which none is long, and the signals that the language calls otherwise."""
+    texts = tuple((name, "\n".join(folded(lines)) + "\n") for name, lines in files.items())
+    return Sources(texts, recipe, tuple(renamed(step, syntax).items()), tuple(filter(None, [says(step, syntax)])))

@@ -1,16 +1,160 @@
-"""A block's SX instructions as nodes, with the patterns recognised that have a text of their own."""
+"""The graphs of a block: CasADi's operations, their instructions as nodes, and the routines that they call.
 
-from collections.abc import Iterable, Iterator
+Sines and cosines of bounded angles are operations of their own: what a graph clamps is bounded, and so are sums and
+products of it.
+
+    |x| <= 100:           no test of whether x can be turned, and three pieces of pi are enough
+    |x| <= 4.7 < 3 pi/2:  one turn by pi at the most, which a comparison finds
+
+A bound is an interval of the result where that is a number, and says whether it always is one: min(a, b) is
+`a < b ? a : b` in emitted code, which is b where a is no number. Rounding may exceed a bound by 2^-24 of its size for
+each operation, for which 3 pi/2 leaves room.
+
+A routine is a function of the emitted code. It reads parameters through the struct of parameters where every call means
+the same place; in a bank, whose members have parameters of their own, they are passed as arguments.
+"""
+
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
-from functools import cache
+from functools import cache, lru_cache
 from itertools import islice
+from math import inf
+from typing import NamedTuple
 
 import casadi as ca
 
 from hgogen.discretisation.runge_kutta import Argument, Routine
 from hgogen.emit import elementary
-from hgogen.emit.operations import operations
-from hgogen.rigor.lookup import Lookup, folded
+from hgogen.emit.elementary import BOUNDED, SMALL
+from hgogen.emit.interface import reached
+from hgogen.emit.syntax import AND, EQUAL, OR, ORDER, PRODUCT, SUM
+from hgogen.program import Block, blocks
+from hgogen.rigor.lookup import Lookup, calls, folded
+from hgogen.step import Step
+
+SMALL_SIN, SMALL_COS, BOUNDED_SIN, BOUNDED_COS = -8, -9, -10, -11  # operations beside those of CasADi
+_ANGLES = {
+    ca.OP_SIN: ((SMALL, SMALL_SIN), (BOUNDED, BOUNDED_SIN)),
+    ca.OP_COS: ((SMALL, SMALL_COS), (BOUNDED, BOUNDED_COS)),
+}
+_LARGE = 1e30  # what is larger may be infinite in single precision
+
+
+class Bound(NamedTuple):
+    """Between `low` and `high` where it is a number; `number`: it always is one, an infinite one perhaps."""
+
+    low: float
+    high: float
+    number: bool
+
+    @property
+    def size(self) -> float:
+        """The largest absolute value."""
+        return max(abs(self.low), abs(self.high))
+
+
+_ANY = Bound(-inf, inf, False)
+_WAVE = Bound(-1.0, 1.0, False)
+
+
+def operations(function: ca.Function) -> list[int]:
+    """The operation of each instruction of an SX function, with sines and cosines of bounded angles told apart."""
+    codes = [function.instruction_id(k) for k in range(function.n_instructions())]
+    if _ANGLES.keys().isdisjoint(codes):
+        return codes
+    bounds, result = dict[int, Bound](), list[int]()
+    for k, op in enumerate(codes):
+        known = op in _BOUNDS or op in _ANGLES
+        of = [bounds[place] for place in function.instruction_input(k)] if known else []
+        result.append(next((code for limit, code in _ANGLES.get(op, ()) if of[0].size <= limit), op))
+        value = function.instruction_constant(k) if op == ca.OP_CONST else inf
+        if abs(value) < inf:
+            bound = Bound(value, value, True)
+        elif op in _BOUNDS:
+            bound = _BOUNDS[op](*of)
+        else:
+            bound = _WAVE if op in _ANGLES else _ANY
+        if op != ca.OP_OUTPUT:  # which names an output where others name a place of work
+            bounds |= dict.fromkeys(function.instruction_output(k), bound)
+    return result
+
+
+def _number(a: Bound, b: Bound) -> bool:
+    """Whether a sum, a difference or a product is one for certain: no operand may be infinite."""
+    return a.number and b.number and max(a.size, b.size) < _LARGE
+
+
+def _product(a: Bound, b: Bound) -> Bound:
+    if max(a.size, b.size) == inf:
+        return _ANY
+    ends = [x * y for x in a[:2] for y in b[:2]]
+    return Bound(min(ends), max(ends), _number(a, b))
+
+
+def _smaller(a: Bound, b: Bound) -> Bound:
+    return Bound(min(a.low, b.low), min(a.high, b.high) if a.number else b.high, b.number)
+
+
+def _larger(a: Bound, b: Bound) -> Bound:
+    return Bound(max(a.low, b.low) if a.number else b.low, max(a.high, b.high), b.number)
+
+
+_BOUNDS: Mapping[int, Callable[..., Bound]] = {
+    ca.OP_ADD: lambda a, b: Bound(a.low + b.low, a.high + b.high, _number(a, b)),
+    ca.OP_SUB: lambda a, b: Bound(a.low - b.high, a.high - b.low, _number(a, b)),
+    ca.OP_MUL: _product,
+    ca.OP_DIV: lambda a, b: _ANY if b.low <= 0 <= b.high else _product(a, Bound(1 / b.high, 1 / b.low, b.number)),
+    ca.OP_NEG: lambda a: Bound(-a.high, -a.low, a.number),
+    ca.OP_TWICE: lambda a: Bound(2 * a.low, 2 * a.high, a.number),
+    ca.OP_SQ: lambda a: _product(a, a),
+    ca.OP_FMIN: _smaller,
+    ca.OP_FMAX: _larger,
+}
+
+
+INFIX: dict[int, tuple[str, float]] = {
+    ca.OP_ADD: (" + ", SUM),
+    ca.OP_SUB: (" - ", SUM),
+    ca.OP_MUL: ("*", PRODUCT),
+    ca.OP_DIV: ("/", PRODUCT),
+    ca.OP_LT: (" < ", ORDER),
+    ca.OP_LE: (" <= ", ORDER),
+    ca.OP_EQ: (" == ", EQUAL),
+    ca.OP_NE: (" != ", EQUAL),
+}
+LOGIC: dict[int, float] = {ca.OP_AND: AND, ca.OP_OR: OR}  # whose signs are a language's own
+CALLS: dict[int, str] = {
+    ca.OP_FABS: "abs",
+    ca.OP_FMIN: "min",
+    ca.OP_FMAX: "max",
+    ca.OP_FLOOR: "floor",
+    ca.OP_SIGN: "sign",
+    ca.OP_SQRT: "sqrt",
+    ca.OP_EXP: "exp",
+    ca.OP_LOG: "log",
+    ca.OP_SIN: "sin",
+    ca.OP_COS: "cos",
+    BOUNDED_SIN: "bounded_sin",
+    BOUNDED_COS: "bounded_cos",
+    SMALL_SIN: "small_sin",
+    SMALL_COS: "small_cos",
+    ca.OP_TAN: "tan",
+    ca.OP_ASIN: "asin",
+    ca.OP_ACOS: "acos",
+    ca.OP_ATAN: "atan",
+    ca.OP_ATAN2: "atan2",
+    ca.OP_SINH: "sinh",
+    ca.OP_COSH: "cosh",
+    ca.OP_TANH: "tanh",
+    ca.OP_ASINH: "asinh",
+    ca.OP_ACOSH: "acosh",
+    ca.OP_ATANH: "atanh",
+    ca.OP_POW: "pow",
+    ca.OP_CONSTPOW: "pow",
+    ca.OP_EXPM1: "expm1",
+    ca.OP_LOG1P: "log1p",
+    ca.OP_HYPOT: "hypot",
+}
 
 
 @dataclass(eq=False, slots=True)
@@ -189,3 +333,91 @@ def negated(node: Node) -> Node:
 def boolean(node: Node) -> bool:
     """Whether the value is a truth value."""
     return node.op in _BOOLEAN or node.op in _TESTS or (node.op == FOLD and node.fold in _BOOLEAN)
+
+
+REGISTERS = 8  # that take numbers in a call on x86-64; a Cortex-M4F has 16
+
+
+@dataclass(frozen=True)
+class Passed:
+    """An argument as calls pass it: number `number` of the routine's, these elements of it one by one, or the array."""
+
+    number: int
+    argument: Argument
+    elements: tuple[int, ...]
+    by_value: bool
+
+    @property
+    def names(self) -> list[str]:
+        """The parameters that carry it."""
+        return [self.argument.local(k) for k in self.elements] if self.by_value else [self.argument.label]
+
+
+@dataclass(frozen=True, eq=False)
+class Subprogram:
+    """A routine, its name in emitted code without the prefix, and what of its arguments is passed."""
+
+    routine: Routine
+    name: str
+    passed: tuple[Passed, ...]
+
+    @property
+    def reads_parameters(self) -> bool:
+        """Whether it is given the struct of parameters."""
+        return len(self.passed) < len(self.routine.arguments)
+
+    def columns(self, call: Node) -> Iterator[tuple[Passed, list[Node]]]:
+        """The arguments of a call, element by element."""
+        every = list(columns(call))
+        return ((each, [every[each.number][1][k] for k in each.elements]) for each in self.passed)
+
+
+@lru_cache(maxsize=8)  # which each printer of a step asks for
+def subprograms(step: Step) -> dict[str, Subprogram]:
+    """The routines that a step calls, by their keys, in the order of the first calls."""
+    routines: dict[str, Routine] = {}
+    moving: dict[str, set[Argument]] = {}
+    for block, call in _calls(step):
+        assert call.routine
+        routine = routines.setdefault(call.routine.key, call.routine)
+        others = (argument for argument, column in columns(call) if not _lies(block, argument, column))
+        moving.setdefault(routine.key, set()).update(others)
+    return {
+        key: Subprogram(routine, name, _passed(routine, moving[key]))
+        for (key, routine), name in zip(routines.items(), _distinct(routines), strict=True)
+    }
+
+
+def _passed(routine: Routine, moving: set[Argument]) -> tuple[Passed, ...]:
+    """The form in which these arguments of a routine are passed: few numbers by value, else columns as arrays."""
+    read = [(k, argument, routine.elements(k)) for k, argument in enumerate(routine.arguments) if argument in moving]
+    few = sum(len(elements) for _, _, elements in read) <= REGISTERS
+    return tuple(
+        Passed(k, argument, elements if few else tuple(range(argument.size)), few or argument.size == 1)
+        for k, argument, elements in read
+    )
+
+
+def _distinct(routines: dict[str, Routine]) -> list[str]:
+    names = [routine.name for routine in routines.values()]
+    before = [names[:k].count(name) for k, name in enumerate(names)]
+    return [f"{name}_{count + 1}" if count else name for name, count in zip(names, before, strict=True)]
+
+
+def _calls(step: Step) -> Iterator[tuple[Block, Node]]:
+    """Every call of a routine, with the block that it stands in."""
+    programs = (*(section.program for section in step.code.called), step.code.estimate, step.code.tuning)
+    for block in (each for program in programs for each in blocks(program)):
+        if calls(block.graph):
+            nodes = ordered(node for output in read(block.graph) for node in output)
+            yield from ((block, node) for node in nodes if node.routine)
+
+
+def _lies(block: Block, argument: Argument, column: list[Node]) -> bool:
+    """Whether a call gives for an argument the parameter that the routine was written with."""
+    if argument.place is None or reached([argument.place]) != {"p"}:
+        return False
+    sources = [node.source for node in column if node.op == ca.OP_INPUT]
+    return len(sources) == argument.size and all(
+        block.reads[k] == (argument.place, argument.size) and element == i for i, (k, element) in enumerate(sources)
+    )

@@ -18,14 +18,18 @@ from hgogen.emit.code import NOTHING, TRUTH, Code, Uses, indented, united
 from hgogen.emit.node import (
     ARRAY,
     AT,
+    CALLS,
     CHOOSE,
     CLAMP,
     ELEMENT,
     FILL,
     FOLD,
+    INFIX,
+    LOGIC,
     PATTERNS,
     TABLE,
     Node,
+    Subprogram,
     boolean,
     negated,
     negative,
@@ -33,9 +37,7 @@ from hgogen.emit.node import (
     ordered,
     read,
 )
-from hgogen.emit.operations import CALLS, INFIX, LOGIC
 from hgogen.emit.rolled import Statement, Target, outside, rolled
-from hgogen.emit.subprograms import Subprogram
 from hgogen.emit.syntax import (
     ATOM,
     OR,

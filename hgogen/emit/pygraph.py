@@ -20,6 +20,7 @@ from hgogen.emit import helpers
 from hgogen.emit.code import indented
 from hgogen.emit.elementary import ALL_WHOLE, ROUNDS, elementary
 from hgogen.emit.node import (
+    CALLS,
     CHOOSE,
     CLAMP,
     ELEMENT,
@@ -33,7 +34,6 @@ from hgogen.emit.node import (
     ordered,
     read,
 )
-from hgogen.emit.operations import CALLS
 from hgogen.emit.printer import Operand
 from hgogen.emit.syntax import DTYPE, NotPrintable, Number, Real, demand_apart
 from hgogen.rigor.lookup import Lookup

@@ -9,10 +9,10 @@ from string import Template
 from hgogen.emit.code import indented
 from hgogen.emit.heads import arguments, rust_status_type
 from hgogen.emit.interface import address, prototypes, status_type, structs
+from hgogen.emit.pystep import MISSING, compared_places, fault_words, lost_samples, record_vectors, start_state
 from hgogen.emit.statements import Writer
 from hgogen.emit.syntax import Real, Syntax
 from hgogen.emit.syntaxes import RUST, C
-from hgogen.emit.vectors import MISSING, faults, lost, places, record, start
 from hgogen.program import Place
 from hgogen.step import Step
 
@@ -28,12 +28,12 @@ def recorded(here: Writer, row: str, across: int) -> dict[str, str]:
     Args: `here`, that of the caller; `row`: {}, a row of a table of numbers; `across`: so many statuses are in a line.
     """
     step, syntax, real = here.step, here.syntax, here.real
-    vectors, seen = record(step, real), [here.whole(place) for place in places(step)]
+    vectors, seen = record_vectors(step, real), [here.whole(place) for place in compared_places(step)]
     signals = [here.whole(place) for place, _ in _signals(step)]
     statuses = [f"{syntax.literal(value, 'unsigned')}," for value in vectors.status]
     starting = (
         f"{here.lvalue(place, i, len(values))} = {syntax.literal(value, real)};"
-        for place, values in start(step).items()
+        for place, values in start_state(step).items()
         for i, value in enumerate(values)
     )
 
@@ -45,7 +45,7 @@ def recorded(here: Writer, row: str, across: int) -> dict[str, str]:
         "name": step.name,
         "real": syntax.types[real],
         "count": str(len(vectors.status)),
-        "faults": faults(step),
+        "faults": fault_words(step),
         "width": str(len(signals)),
         "signals": ", ".join(signals),
         "given": rows([*u, *y] for u, y in zip(vectors.u, vectors.y, strict=True)),
@@ -76,7 +76,7 @@ def block(lines: Iterable[str], by: int = 4) -> str:
 
 
 def _signals(step: Step) -> list[tuple[Place, int]]:
-    no_input, no_output = lost(step)
+    no_input, no_output = lost_samples(step)
     inputs = [(Place("input", signal.name), no_input) for signal in step.inputs]
     return inputs + [(Place("output", signal.name), no_output) for signal in step.samples]
 
@@ -181,7 +181,7 @@ int main(void)
 def c_check(step: Step, real: Real) -> list[str]:
     """The self-check's lines; computing its vectors takes a while."""
     here = caller(C, step, real)
-    seen, values = map(here.number, places(step)), recorded(here, "{{{}}},", 16)
+    seen, values = map(here.number, compared_places(step)), recorded(here, "{{{}}},", 16)
     text = _C_TEXT.substitute(
         values,
         faults=values["faults"].replace(", a", ",\n * a", 1),
@@ -264,6 +264,6 @@ def rust_check(step: Step, real: Real) -> list[str]:
         signals=", ".join(signal.name for signal in (*step.inputs, *step.samples)),
         fill=block([*inputs, "let measurement = Outputs {", *indented(fill[many:]), "};"], 8),
         arguments=arguments(step),
-        have=", ".join(map(here.number, places(step))),
+        have=", ".join(map(here.number, compared_places(step))),
     )
     return text.strip("\n").split("\n")

@@ -1,28 +1,30 @@
-"""The statements of a program as text in a `Syntax`.
+"""The statements of a program, and the functions of its routines, as text in a `Syntax`.
 
-Memory: `in`, `measurement` (what a call is given), `p` (parameters), `s` (state), `x` (estimate), as the language calls
-them; work values are locals at the top of a function; a member of a group is reached through a name of that group's.
+Memory: `in`, `measurement` (the arguments of a call), `p` (parameters), `s` (state), `x` (estimate), as the language
+calls them; work values are locals at the top of a function; members of a group are reached through its name.
 """
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property, partial
 from typing import Literal
 
+from hgogen.discretisation.runge_kutta import MEANINGS
 from hgogen.emit.code import NOTHING, TRUTH, Code, Uses, braced, code, joined
 from hgogen.emit.described import entry
 from hgogen.emit.interface import REACHED, of_section, reached
-from hgogen.emit.kinds import Kinds
+from hgogen.emit.node import Subprogram, subprograms
 from hgogen.emit.portable import passed
 from hgogen.emit.printer import LEAST, NEVER, Operand, Printer
 from hgogen.emit.rolled import Target
-from hgogen.emit.subprograms import Subprogram, subprograms
 from hgogen.emit.syntax import Number, Real, Rows, Syntax
 from hgogen.graph import sx
 from hgogen.program import (
     Block,
     Call,
     Copy,
+    Field,
+    Group,
     Kernel,
     Loop,
     Place,
@@ -31,11 +33,90 @@ from hgogen.program import (
     Repeat,
     Section,
     When,
+    blocks,
+    lines_of,
     places,
     walk,
 )
 from hgogen.step import Step
 from hgogen.stepping.guards import LARGEST_NUMBER
+
+
+@dataclass(frozen=True, eq=False)
+class Kinds:
+    """The kinds of the places of a step."""
+
+    step: Step
+
+    @cached_property
+    def fields(self) -> dict[Place, Field]:
+        """The fields of state, parameters and groups by place."""
+        layout = self.step.layout
+        kinds = {"state": layout.state, "plant": layout.plant, "gain": layout.gains, "derived": layout.derived}
+        kinds |= {name: line[-1].fields for name, line in self.groups.items()}
+        return {Place(kind, f.name): f for kind, fields in kinds.items() for f in fields}
+
+    @cached_property
+    def groups(self) -> dict[str, tuple[Group, ...]]:
+        """The groups, each with those that it lies in, the outermost first."""
+        return {line[-1].name: line for line in lines_of(self.step.layout.groups)}
+
+    @cached_property
+    def flags(self) -> set[Place]:
+        """Work places that are truth values."""
+        return {s.flag for s in walk(self._all) if isinstance(s, When)}
+
+    @cached_property
+    def indices(self) -> set[Place]:
+        """Work places that count or index."""
+        loops = [s for s in walk(self._all) if isinstance(s, Loop)]
+        counters = {place for loop in loops for place in (loop.start, loop.active, loop.index) if place}
+        counters = {place for place in counters if place.struct == "work"}
+        while more := self.work - self.flags - counters - self._reals(counters):
+            counters |= more
+        return counters
+
+    @cached_property
+    def members(self) -> dict[Place, int]:
+        """Work places that are the number of a member that a loop is at, and nothing else: how many members there
+        are."""
+        written = {place for block in blocks(self._all) for place in block.writes}
+        loops = [s for s in walk(self._all) if isinstance(s, Loop) and s.index]
+        counts = [(s.index, self.groups[s.group][-1].count) for s in loops if s.index]
+        return {p: max(n for q, n in counts if q == p) for p, _ in counts if p.struct == "work" and p not in written}
+
+    @cached_property
+    def work(self) -> set[Place]:
+        """The work places."""
+        return {place for place, _ in places(self._all) if place.struct == "work"}
+
+    def is_index(self, place: Place) -> bool:
+        """Whether the place is an unsigned whole number."""
+        known = self.fields.get(place)
+        counts = known is not None and known.kind == "index"
+        return counts or place in self.indices or place.struct == "argument"
+
+    def counts(self, block: Block) -> bool:
+        """Whether a block works on counters and flags only, and so computes in unsigned numbers."""
+        touched = [place for place, _ in block.reads] + [p for p in block.writes if p.struct != "status"]
+        return bool(touched) and all(self.is_index(place) or place in self.flags for place in touched)
+
+    def _reals(self, indices: set[Place]) -> set[Place]:
+        """Work places that take more than a copy of a counter, or of one of `indices`."""
+        counters = {place for place, item in self.fields.items() if item.kind == "index"} | indices
+        unwritten = self.work - {place for block in blocks(self._all) for place in block.writes}
+        return unwritten | {
+            place
+            for block in blocks(self._all)
+            for place in block.writes
+            if place not in block.copies or not block.copies[place] <= counters
+        }
+
+    @cached_property
+    def _all(self) -> Program:
+        sections = (s for section in self.step.code.called for s in section.program)
+        return (*sections, *self.step.code.estimate, *self.step.code.tuning)
+
 
 _SIGNALS = ("input", "output", "plant", "estimate")  # structs whose members a user has named
 ARGUMENTS = ("s", "p", "in", "measurement", "x", "status", "i", "k")
@@ -330,3 +411,80 @@ def called(syntax: Syntax, step: Step, section: Section) -> Code:
     """The call of a section, its status taken over."""
     function = of_section(step, section)
     return code(syntax.called(step.name, function), parameters=function.parameters)
+
+
+def routines(writer: Writer, keys: Collection[str]) -> Code:
+    """The functions of a step's routines with these keys, one after the other."""
+    chosen = (subprogram for key, subprogram in writer.subprograms.items() if key in keys)
+    return joined(_Function(writer, subprogram).text() for subprogram in chosen)
+
+
+@dataclass(frozen=True, eq=False)
+class _Function:
+    """Prints one: it reads columns and parameters, and writes its results."""
+
+    writer: Writer
+    subprogram: Subprogram
+
+    def text(self) -> Code:
+        """Its comment, its head and its statements."""
+        syntax, routine = self.writer.syntax, self.subprogram.routine
+        head = {"type": syntax.types["void"], "name": f"{self.writer.prefix}_{self.subprogram.name}"}
+        parameters = ", ".join(self._parameters())
+        lines = (line.format(**head, parameters=parameters) for line in syntax.function)
+        names = (name for each in self.subprogram.passed for name in each.names)
+        printer = Printer(
+            syntax,
+            real=self.writer.real,
+            prefix=self.writer.prefix,
+            inputs=self._read,
+            local=lambda argument, element: routine.arguments[argument].local(element),
+            indexed=self._indexed,
+            least=self.writer.least,
+            taken={"p", *(name for name, _ in routine.results), *names},
+        )
+        places = [(name, k) for name, size in routine.results for k in range(size)]
+        entries = [entry for k in range(len(routine.results)) for entry in routine.entries(k)]
+        targets = [self._written(*place, entry) for place, entry in zip(places, entries, strict=True)]
+        arrays = [each.number for each in self.subprogram.passed if not each.by_value]
+        constants, statements = printer.body(routine.function, targets, hoist=arrays)
+        said = code(syntax.comment(MEANINGS[routine.name]), *lines)
+        return said + (constants + statements).indented() + code("}", "")
+
+    def _written(self, name: str, k: int, entry: str) -> Target:
+        """The place of an element; of a matrix a comment says which it is."""
+        said = f" {self.writer.syntax.comment(entry)}" if entry else ""
+        return Target(
+            lambda text: f"{name}[{k}] = {text};{said}",
+            array=name,
+            element=k,
+            each=lambda number, text: f"{name}[{number}] = {text};",
+        )
+
+    def _indexed(self, number: int) -> str:
+        argument = self.subprogram.routine.arguments[number]
+        for each in self.subprogram.passed:
+            if each.number == number:
+                return "" if each.by_value else argument.label
+        assert argument.place
+        return self.writer.indexed(argument.place, argument.size)
+
+    def _read(self, number: int, element: int) -> Operand:
+        argument = self.subprogram.routine.arguments[number]
+        for each in self.subprogram.passed:
+            if each.number == number:
+                text = argument.local(element) if each.by_value else f"{argument.label}[{element}]"
+                return Operand(text, local=each.by_value)
+        assert argument.place
+        text, uses = self.writer.lvalue(argument.place, element, argument.size), self.writer.uses(argument.place)
+        return Operand(text, local=False, uses=uses)
+
+    def _parameters(self) -> Iterator[str]:
+        syntax, real = self.writer.syntax, self.writer.syntax.types[self.writer.real]
+        if self.subprogram.reads_parameters:
+            yield syntax.params.format(prefix=self.writer.prefix)
+        for each in self.subprogram.passed:
+            how = syntax.parameter if each.by_value else syntax.array_parameter[False]
+            yield from (how.format(type=real, name=name, size=each.argument.size) for name in each.names)
+        for name, size in self.subprogram.routine.results:
+            yield syntax.array_parameter[True].format(type=real, name=name, size=size)

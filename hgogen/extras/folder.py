@@ -11,9 +11,8 @@ from importlib.resources import files
 from string import Template
 from typing import Any
 
-from hgogen.emit.code import indented
+from hgogen.emit.code import folded, indented
 from hgogen.emit.described import described, of_signal, parameters
-from hgogen.emit.fold import folded
 from hgogen.emit.interface import address, assigned, prototypes, status_type, structs
 from hgogen.emit.manual import marked
 from hgogen.emit.naming import c_name

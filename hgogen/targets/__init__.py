@@ -6,7 +6,7 @@ and, by name, `real`, and refuses what is neither by `demand_step` and `demand_r
 
 A language takes `step, *, real, command, check`; `build` and `generate` offer it by `--target`. `command` is what made
 the files, for their banner. With `check` it writes a program NAME_check besides, which runs the vectors of
-`hgogen/emit/vectors.py`, prints `NAME: 64 samples as recorded` and ends with 0, or with 1 at the first that differs;
+`hgogen/emit/pystep.py`, prints `NAME: 64 samples as recorded` and ends with 0, or with 1 at the first that differs;
 and its `Sources` hold a recipe: the commands that compile and run it in a folder of the files. A language has braces
 and C's operators; its `Syntax` is data (`hgogen/emit/syntax.py`), and one that is near C is `replace(C, ..)`. Every
 function of a file's own is called `prefix`, that of its `Writer`, an underscore, and its name. A file here or in

@@ -10,19 +10,16 @@ from dataclasses import replace
 
 from hgogen.emit.code import Code, Uses, braced, code, joined, spaced
 from hgogen.emit.document import document
-from hgogen.emit.fold import sources
-from hgogen.emit.functions import c_functions, includes
 from hgogen.emit.heads import header, manual
 from hgogen.emit.interface import Prototype, entries, inside, nominal, of_section, own, prototypes, readied
 from hgogen.emit.manual import document_name
-from hgogen.emit.naming import demand_distinct, demand_file
-from hgogen.emit.portable import kernels, tables
+from hgogen.emit.naming import demand_distinct, demand_file, sources
+from hgogen.emit.portable import c_functions, includes, kernels, tables
 from hgogen.emit.printer import LEAST, NEVER
-from hgogen.emit.routines import routines
 from hgogen.emit.saving import saving
 from hgogen.emit.selfcheck import c_check
 from hgogen.emit.sharing import SharingWriter
-from hgogen.emit.statements import called
+from hgogen.emit.statements import called, routines
 from hgogen.emit.syntax import Real, demand_real
 from hgogen.emit.syntaxes import C, vectors
 from hgogen.program import Field, Group, Place

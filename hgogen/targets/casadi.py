@@ -26,7 +26,7 @@ import casadi as ca
 import numpy as np
 
 from hgogen.emit.elementary import elementary
-from hgogen.emit.operations import CALLS, operations
+from hgogen.emit.node import CALLS, operations
 from hgogen.emit.syntax import Real
 from hgogen.errors import BadArgument
 from hgogen.graph import Graph

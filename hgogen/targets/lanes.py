@@ -12,12 +12,11 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from hgogen.emit.code import Code, Uses, braced, code, indented, joined
-from hgogen.emit.functions import functions
 from hgogen.emit.lanewriter import LaneWriter, alike, own, prelude, table
 from hgogen.emit.lanewriter import lanes as in_lanes
 from hgogen.emit.naming import c_name, demand_distinct, demand_file
-from hgogen.emit.portable import kernels, tables
-from hgogen.emit.routines import routines
+from hgogen.emit.portable import functions, kernels, tables
+from hgogen.emit.statements import routines
 from hgogen.emit.structs import Struct, structs, typedefs
 from hgogen.emit.syntax import Real, demand_real
 from hgogen.emit.syntaxes import C

@@ -9,15 +9,12 @@ from dataclasses import dataclass
 
 from hgogen.emit import saving
 from hgogen.emit.code import Code, code, indented, joined, spaced
-from hgogen.emit.fold import sources
-from hgogen.emit.functions import functions
 from hgogen.emit.heads import documentation, rust_status, rust_status_type
 from hgogen.emit.interface import Entry, entries
-from hgogen.emit.naming import demand_distinct
-from hgogen.emit.portable import kernels, tables
-from hgogen.emit.routines import routines
+from hgogen.emit.naming import demand_distinct, sources
+from hgogen.emit.portable import functions, kernels, tables
 from hgogen.emit.selfcheck import rust_check
-from hgogen.emit.statements import Writer, called
+from hgogen.emit.statements import Writer, called, routines
 from hgogen.emit.structs import Struct, declared, doc, initial, structs
 from hgogen.emit.syntax import Real, demand_real
 from hgogen.emit.syntaxes import RUST, keywords
