@@ -163,7 +163,7 @@ def test_another_time_or_sign_of_an_input_is_that_of_its_derivative_too() -> Non
 
 def test_coordinates_that_read_an_input_are_entered_with_it() -> None:
     form = forms.phase(PLANT)
-    z = open_loop(form, DT, "line").enter([0.5, 0.25], [0.75, 0.0])
+    z = open_loop(form, DT, "line").entry([0.5, 0.25], [0.75, 0.0])
     assert np.array(z).ravel().tolist() == [0.5, 1.0]  # (x, v + u)
 
 

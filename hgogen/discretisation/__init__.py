@@ -1,1 +1,1 @@
-"""Explicit Runge-Kutta methods as data, the step lengths that they admit, and how far an error grows on its way."""
+"""Explicit Runge-Kutta methods as data, the step lengths that they admit, and the transient growth of errors."""

@@ -1,25 +1,26 @@
-"""Which step lengths dt an explicit Runge-Kutta method admits for the covariance equation of a Riccati observer.
+"""Step lengths dt that an explicit Runge-Kutta method admits for the covariance equation of a Riccati observer.
 
-As P or as S = P^-1 it is X' = L X + X L' + W - X V X. Two things go wrong, and the smaller of their step lengths is
-the limit.
+The equation of P, or of S = P^-1, is X' = L X + X L' + W - X V X. Each of two failures has a step length from which it
+occurs, and the smaller one is the limit.
 
-Steady. Around its steady value X moves like dX' = M dX + dX M', M = L - X V, whose eigenvalues are the sums
-mu_i + mu_j. In both views the mu are those of the observer's closed loop F - P N: no Riccati equation is solved, and
-where (C, F) is unobservable a mu is 0, which admits every step. Beyond this bound the steady value repels: X fails or
-wanders.
+Steady. Around its steady value X moves like dX' = M dX + dX M', M = L - X V, whose eigenvalues are the sums mu_i +
+mu_j. In both views the mu are those of the observer's closed loop F - P N: no Riccati equation is solved, and where
+(C, F) is unobservable a mu is 0, which admits every step. Beyond this bound the steady value is unstable: X fails or
+does not settle.
 
-Transient. On its way X can lose positive definiteness, which the equation keeps and an explicit step need
-not. Where the quadratic term rules, X' = -X V X splits into scalars y' = -m y^2, m the eigenvalues of V
-X(0), and fails at once from dt m = x* on, the first zero of the method's step from y = 1 (Euler 1, Heun
-1.544, RK4 1.739). Elsewhere F decides, and no such formula held within a factor of 5. So the step itself is
-taken, on the frozen equation, from every value that X starts from: X(0) and, where theta rises from a value
-at which it rests, the steady value there.
+Transient. Before it settles X can lose positive definiteness, which the equation preserves and an explicit step need
+not. Where the quadratic term dominates, X' = -X V X splits into scalars y' = -m y^2, m the eigenvalues of V X(0), and
+fails in the first step from dt m = x* on, the first zero of the method's step from y = 1 (Euler 1, Heun 1.544, RK4
+1.739). Elsewhere F decides, and no such formula was right within a factor of 5. So the frozen equation is simulated
+with the step itself, from every initial value of X: X(0) and, where theta rises from an idle value, the steady value at
+that theta.
 
-Every Jacobian counts as frozen, and the searches at all of them go on side by side. So a refusal is about one point of
-the box: the observer started there fails, while from elsewhere steps twice as long may survive (about a rise: if the
-plant rests there). To be admitted promises less: a Jacobian that turns faster than the covariance settles is not seen
-(a pendulum that swings through its whole box at theta <= 2 can fail from half the limit on), nor does z enter, which
-overshoots at first where P(0) is large. A Jacobian without a steady covariance (unobservable) is no start of a rise.
+Every Jacobian is frozen, and the searches at all of them run in parallel. So a refusal is about one point of the
+declared ranges: the observer started there fails (for a rise of theta: if the plant rests there), while steps twice as
+long may be stable from elsewhere. An admitted step is no guarantee. The analysis ignores a Jacobian that changes faster
+than the covariance settles (a pendulum that swings through its whole range at theta <= 2 can fail from half the limit
+on), and z, which overshoots at first where P(0) is large. Rises of theta are not simulated at a Jacobian without a
+steady covariance (unobservable).
 """
 
 from collections.abc import Callable, Generator, Sequence
@@ -38,9 +39,9 @@ Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 Rise = Callable[[Array, Array], Array]
 
-STEPS = 60  # of a transient, once theta has risen; over random equations all losses came within 40
-PATIENCE = 3000  # steps of a transient in all
-AT_ONCE = 20_000  # numbers of transients that are taken side by side
+STEPS = 60  # of a transient, once theta has risen; for random equations P was lost within 40 or never
+MOST_STEPS = 3000  # of a transient in all
+AT_ONCE = 20_000  # matrix entries of the transients that are simulated in parallel
 COARSE, FINE = 1.2, 1.02  # ratios of the step lengths tried in turn; the limit is low by less than FINE
 NOTHING = Limit(np.inf, "no transient fails")
 
@@ -68,31 +69,30 @@ def covariance_limits(
     rise: Rise | None = None,
     scaling: Scaling | None = None,
 ) -> list[Limit]:
-    """The largest dt at which an explicit method keeps a Riccati observer's covariance equation stable, at each of the
-    Jacobians by itself.
+    """The largest dt, for each Jacobian, at which an explicit method keeps a Riccati observer's covariance stable.
 
-    `jacobians` (k, n, n): F at k points of the box; `C` (p, n), or (k, p, n) at the same points; `Q` (n, n),
-    `R` (p, p), or its diagonal (p,): as in Q_theta and R_theta, per unit of time; `initial_covariance`: P(0).
-    `theta_min`: where an adaptive theta rests (None: it starts at theta_max); `rise(theta, dt)`: each theta (d) a time
-    dt (d) later when it rises as fast as its law lets it (None: it jumps); `scaling`: by default that of one chain.
-    A continuous-discrete step keeps P definite at any dt: it has no such limit. Raises: `NotDefinite`.
+    `jacobians` (k, n, n): F at k points of the box; `C` (p, n), or (k, p, n) at the same points; `Q` (n, n), `R`
+    (p, p), or its diagonal (p,): as in Q_theta and R_theta, per unit of time; `initial_covariance`: P(0). `theta_min`:
+    the idle value of an adaptive theta (None: it starts at theta_max); `rise(theta, dt)`: each theta (d) after a time
+    dt (d) when it rises as fast as its law permits (None: it jumps); `scaling`: by default that of one chain of
+    integrators. A continuous-discrete step keeps P definite at any dt: it has no such limit. Raises: `NotDefinite`.
     """
     initial = np.asarray(initial_covariance, dtype=float)
     if not _definite(initial[None])[0]:
         raise NotDefinite(initial)
     riccati = FrozenRiccati.of(jacobians, C, Q, R, scaling)
-    rest = theta_max if theta_min is None else theta_min
-    starts = _starts(riccati, initial, rest, theta_max)
+    idle = theta_max if theta_min is None else theta_min
+    starts = _starts(riccati, initial, idle, theta_max)
     rising = rise or (lambda theta, dt: np.full_like(theta, theta_max))
-    run = _Transients(riccati, rest, theta_max, representation, rising, tableau)
-    steady = _steady_limits(riccati, (rest, theta_max), tableau.polynomial)
+    transients = _Transients(riccati, idle, theta_max, representation, rising, tableau)
+    steady = _steady_limits(riccati, (idle, theta_max), tableau.polynomial)
     searches = [_transient_limit(starts.only(starts.rows == i), limit.dt) for i, limit in enumerate(steady)]
-    each = zip(steady, run.searched(searches), strict=True)
+    each = zip(steady, transients.limits(searches), strict=True)
     return [min(limits, key=lambda limit: limit.dt) for limits in each]
 
 
 def _steady_limits(riccati: FrozenRiccati, thetas: Sequence[float], polynomial: Sequence[float]) -> list[Limit]:
-    """The spectral bound of each Jacobian; z moves with the mu, P and S with their sums."""
+    """The spectral bound of each Jacobian: the modes of z are the mu, those of P and S the sums mu_i + mu_j."""
     each: list[list[Limit]] = [[] for _ in riccati.F]
     pairs = np.triu_indices(len(riccati.Q))
     for theta in dict.fromkeys(thetas):
@@ -108,7 +108,8 @@ def _steady_limits(riccati: FrozenRiccati, thetas: Sequence[float], polynomial: 
 
 @dataclass(frozen=True)
 class _Starts:
-    """P (m, n, n), each under the Jacobian whose index `rows` gives, from where theta `rises` or stays; `names`."""
+    """Initial covariances P (m, n, n) of transients, with for each the index `rows` of its Jacobian, a flag `rises`
+    (theta rises, else it is constant) and its name."""
 
     P: Array
     rows: NDArray[np.intp]
@@ -127,55 +128,55 @@ class _Starts:
         return len(self.rows)
 
 
-def _starts(riccati: FrozenRiccati, initial: Array, rest: float, theta_max: float) -> _Starts:
-    k, risen = len(riccati.F), f"(theta rising from {rest:g})"
-    each = [(initial, False, f"P(0) (theta = {rest:g})")]
-    if rest != theta_max:
-        each += [(initial, True, f"P(0) {risen}"), (riccati.steady(rest), True, f"the steady P {risen}")]
+def _starts(riccati: FrozenRiccati, initial: Array, idle: float, theta_max: float) -> _Starts:
+    k, risen = len(riccati.F), f"(theta rising from {idle:g})"
+    each = [(initial, False, f"P(0) (theta = {idle:g})")]
+    if idle != theta_max:
+        each += [(initial, True, f"P(0) {risen}"), (riccati.steady(idle), True, f"the steady P {risen}")]
     P = np.concatenate([np.broadcast_to(P, riccati.F.shape) for P, _, _ in each])
     rises, names = (np.repeat(values, k) for values in list(zip(*each, strict=True))[1:])
     return _Starts(P, np.tile(np.arange(k), len(each)), rises, names).only(_definite(P))
 
 
-Asked = tuple[_Starts, Sequence[float]]  # from which starts, by which step lengths
-Lost = tuple[int, _Starts]  # the place of the first length at which P is lost, and from where; the last one, and none
-Search = Generator[Asked, Lost, Limit]
+Request = tuple[_Starts, Sequence[float]]  # transients to simulate: their starts, and the step lengths for each
+Lost = tuple[int, _Starts]  # the index of the first length at which P is lost, and its starts; else the last, and none
+Search = Generator[Request, Lost, Limit]
 
 
 @dataclass(frozen=True)
 class _Transients:
-    """The step from some starts, in the coordinates Delta z of theta_max; theta rests at `rest`."""
+    """Simulations of the covariance equation, in the coordinates Delta z of theta_max, where theta starts at `idle`."""
 
     riccati: FrozenRiccati
-    rest: float
+    idle: float
     theta_max: float
     representation: str
     rise: Rise
     tableau: Tableau
 
-    def searched(self, searches: Sequence[Search]) -> list[Limit]:
-        """The limits that searches end with, side by side: a step of many P takes hardly longer than that of one."""
+    def limits(self, searches: Sequence[Search]) -> list[Limit]:
+        """The results of the searches, run in parallel: a step of many P takes hardly longer than a step of one."""
         limits = [NOTHING] * len(searches)
-        asked = {i: next(search) for i, search in enumerate(searches)}
-        while asked:
-            for i, lost in zip(list(asked), self._lost(list(asked.values())), strict=True):
+        requests = {i: next(search) for i, search in enumerate(searches)}
+        while requests:
+            for i, lost in zip(list(requests), self._lost(list(requests.values())), strict=True):
                 try:
-                    asked[i] = searches[i].send(lost)
+                    requests[i] = searches[i].send(lost)
                 except StopIteration as end:
                     limits[i] = end.value
-                    del asked[i]
+                    del requests[i]
         return limits
 
-    def _lost(self, asked: Sequence[Asked]) -> list[Lost]:
-        """The answers to what is asked, every start by each of its lengths side by side."""
-        every = _Starts.of([starts for starts, lengths in asked for _ in lengths])
-        dt = np.concatenate([np.repeat(lengths, len(starts)) for starts, lengths in asked])
+    def _lost(self, requests: Sequence[Request]) -> list[Lost]:
+        """The answers to the requests; all their starts run in parallel, each by each of its lengths."""
+        every = _Starts.of([starts for starts, lengths in requests for _ in lengths])
+        dt = np.concatenate([np.repeat(lengths, len(starts)) for starts, lengths in requests])
         many = max(1, AT_ONCE // self.riccati.Q.size)
         parts = [slice(first, first + many) for first in range(0, len(dt), many)]
         fails = np.concatenate([self._fails(every.only(part), dt[part]) for part in parts])
-        ends = np.cumsum([len(starts) * len(lengths) for starts, lengths in asked])
+        ends = np.cumsum([len(starts) * len(lengths) for starts, lengths in requests])
         answers = []
-        for (starts, lengths), flags in zip(asked, np.split(fails, ends[:-1]), strict=True):
+        for (starts, lengths), flags in zip(requests, np.split(fails, ends[:-1]), strict=True):
             by_length = flags.reshape(len(lengths), -1)
             place = int(by_length.any(axis=1).argmax()) if flags.any() else len(lengths) - 1
             answers.append((place, starts.only(by_length[place])))
@@ -186,23 +187,23 @@ class _Transients:
         delta, dt = self.riccati.delta(self.theta_max), lengths[:, None, None]
         X: Array = starts.P * np.outer(delta, delta)
         X = np.asarray(np.linalg.inv(X)) if self.representation == "information" else X
-        riccati, theta, rises = self.riccati.only(starts.rows), np.full(len(lengths), self.rest), starts.rises
-        equation, alive = self._equation(riccati, self.rest), np.ones(len(lengths), dtype=bool)
-        left = np.full(len(lengths), STEPS)
-        for _ in range(PATIENCE):
+        riccati, theta, rises = self.riccati.only(starts.rows), np.full(len(lengths), self.idle), starts.rises
+        equation, alive = self._equation(riccati, self.idle), np.ones(len(lengths), dtype=bool)
+        remaining = np.full(len(lengths), STEPS)
+        for _ in range(MOST_STEPS):
             if rises.any():
                 theta = np.where(rises, np.minimum(self.rise(theta, lengths), self.theta_max), theta)
                 equation = self._equation(riccati, theta)
-            with np.errstate(over="ignore", invalid="ignore"):  # what overflows has failed
+            with np.errstate(over="ignore", invalid="ignore"):  # a transient that overflows has failed
                 X = _step(X, *equation, self.tableau, dt)
-                alive &= _definite(X) | (left == 0)
-            left -= (left > 0) & (~rises | (theta > 0.9 * self.theta_max))
-            if not (alive & (left > 0)).any():
+                alive &= _definite(X) | (remaining == 0)
+            remaining -= (remaining > 0) & (~rises | (theta > 0.9 * self.theta_max))
+            if not (alive & (remaining > 0)).any():
                 break
         return ~alive
 
     def _equation(self, riccati: FrozenRiccati, theta: float | Array) -> tuple[Array, Array, Array]:
-        """L, W, V of X' = L X + X L' + W - X V X."""
+        """The matrices L, W, V of X' = L X + X L' + W - X V X."""
         F, N, Q = riccati.parts(theta, self.theta_max)
         return (-transposed(F), N, Q) if self.representation == "information" else (F, Q, N)
 
@@ -225,7 +226,7 @@ def _combined(X: Array, slopes: list[Array], weights: Sequence[float], dt: Array
 
 
 def _definite(X: Array) -> Flags:
-    """Finite and positive definite, over the leading axes: the pivots of X = L D L'."""
+    """Flags of the matrices X (.., n, n) that are finite and positive definite, by the pivots of X = L D L'."""
     good: Flags = np.asarray(np.isfinite(X).all(axis=(-2, -1)))
     X = np.where(good[..., None, None], X, 0.0)
     while X.shape[-1]:
@@ -237,14 +238,14 @@ def _definite(X: Array) -> Flags:
 
 
 def _transient_limit(starts: _Starts, most: float) -> Search:
-    """The first dt, going up to `most`, at which a transient fails."""
+    """Search the largest dt below which no transient fails, up to `most`; `NOTHING` if none fails there."""
     good = bad = min(most, 1e9)
     while lost := (yield starts, (good,))[1]:
         first, good, bad = lost, good / 8.0, good
     if good == bad:
         return NOTHING
     good, bad, first = yield from _scan(starts, good, bad, COARSE, first)
-    # The fine scan begins lower: where theta rises by steps, failure can have islands below.
+    # the fine scan begins lower: where theta rises by steps, some shorter dt can fail below a dt that does not
     good, _, first = yield from _scan(first, good / COARSE, bad, FINE, first)
     why = f"the covariance loses positive definiteness on the way from {first.names[0]}"
     return Limit(good, why, int(first.rows[0]))
@@ -252,8 +253,8 @@ def _transient_limit(starts: _Starts, most: float) -> Search:
 
 def _scan(
     starts: _Starts, good: float, bad: float, ratio: float, first: _Starts
-) -> Generator[Asked, Lost, tuple[float, float, _Starts]]:
-    """Going up from `good`: the last step length without loss, the first with it, and what it loses."""
+) -> Generator[Request, Lost, tuple[float, float, _Starts]]:
+    """Search upwards from `good`: the last step length without a failure, the first with one, and its starts."""
     lengths = [good]
     while lengths[-1] * ratio < bad:
         lengths.append(lengths[-1] * ratio)

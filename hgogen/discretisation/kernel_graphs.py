@@ -1,8 +1,8 @@
-"""Matrix operations as CasADi functions, in the order of operations of `kernels`; and programs counted in operations.
+"""Matrix operations as CasADi functions, in the order of operations of `kernels`; and counts of a program's operations.
 
-Of a function a loop that ends early runs to its bound, and changes nothing from there on. Counted are the operations
-that a period carries out, and those that the text of a program holds: by both a choice between two programs is made,
-and `emit.cost` reports the first. An operation is one of the program's instructions: an addition, a product, a
+In a function a loop that a kernel leaves early runs to its bound, and changes nothing from there on. `carried_out`
+counts the operations of a period, `written` those in the text of a program: hgogen chooses between two programs by
+both, and `emit.cost` reports the first. An operation is one of the program's instructions: an addition, a product, a
 comparison, a choice, a function.
 """
 
@@ -26,11 +26,8 @@ from hgogen.rigor.lookup import called, instructions
 
 @cache
 def kernel_graph(name: str, n: int, sizes: tuple[int, ...], counts: tuple[int, ...] = ()) -> ca.Function:
-    """The kernel as a function of its arguments, of these sizes, to all of them as they are then and what it returns,
-    with its counts.
-
-    The columns of a group, of a kernel that has some, come first, side by side (n, n).
-    """
+    """The kernel with its `counts` as a CasADi function: from its arguments, of these sizes, to their new values and
+    its result. The columns of a group, of a kernel that has some, are the first argument, as a matrix (n, n)."""
     if name not in _ON_ARRAYS:
         arguments = [ca.MX.sym(f"a{k}", size) for k, size in enumerate(sizes)]
         return ca.Function(name, arguments, [*_ON_MATRICES[name](*arguments), ca.MX(0)])
@@ -46,7 +43,7 @@ def kernel_graph(name: str, n: int, sizes: tuple[int, ...], counts: tuple[int, .
 
 def _operation(apply: Callable[[Graph, Graph], Graph], swapped: bool = False) -> Callable[..., Any]:
     def operation(scalar: "_Scalar", other: Any) -> Any:
-        if isinstance(other, np.ndarray):  # which goes on element by element
+        if isinstance(other, np.ndarray):  # numpy then calls element by element
             return NotImplemented
         pair = (_value(other), scalar.value) if swapped else (scalar.value, _value(other))
         return _Scalar(apply(*pair))
@@ -56,7 +53,7 @@ def _operation(apply: Callable[[Graph, Graph], Graph], swapped: bool = False) ->
 
 @dataclass(frozen=True, eq=False)
 class _Scalar:
-    """An SX scalar that an array of objects holds: SX itself would take over the operations of the array."""
+    """An SX scalar as an element of an array of objects: SX itself would replace the operations of the array."""
 
     value: Graph
     __add__, __radd__ = _operation(add), _operation(add, swapped=True)
@@ -77,7 +74,7 @@ def _array(matrix: Graph) -> np.ndarray:
 
 
 def _variances(columns: np.ndarray, d: np.ndarray) -> np.ndarray:
-    """P_ii, summed from the diagonal's own, then from the first column on."""
+    """The variances P_ii, each summed from the term of the diagonal, then from the first column on."""
     variance = d.copy()
     for k in range(len(d)):
         variance[k + 1 :] = variance[k + 1 :] + columns[k, k + 1 :] * columns[k, k + 1 :] * d[k]
@@ -85,7 +82,8 @@ def _variances(columns: np.ndarray, d: np.ndarray) -> np.ndarray:
 
 
 def _capped(columns: np.ndarray, d: np.ndarray, caps: np.ndarray) -> Graph:
-    """A factor of 1 where a variance does not exceed its cap changes no bit, nor does a choice of D where D >= 0."""
+    """The kernel `cap` without branches: a factor 1 where a variance does not exceed its cap changes no bit, nor does a
+    choice of D where D >= 0."""
     values = [_value(v) for v in _variances(columns, d)]
     pairs = [(v, _value(c)) for v, c in zip(values, caps, strict=True)]
     scale = np.array([_Scalar(ca.if_else(v > c, c / v, 1.0)) for v, c in pairs], dtype=object)
@@ -101,7 +99,7 @@ def _capped(columns: np.ndarray, d: np.ndarray, caps: np.ndarray) -> Graph:
 
 
 def _renewed(columns: np.ndarray, d: np.ndarray, caps: np.ndarray, c: np.ndarray) -> Graph:
-    """A measurement of each state by itself."""
+    """The kernel `renew`, as one measurement for each state."""
     one, zero = _Scalar(ca.SX(1)), _Scalar(ca.SX(0))
     for i, each in enumerate(c):
         row = np.array([each if j == i else zero for j in range(len(c))], dtype=object)
@@ -130,22 +128,22 @@ def _flat(matrix: Graph) -> Graph:
 
 
 def _size(values: Graph, but: int) -> Graph:
-    """The sum of |values| but one, from the first to the last."""
+    """The sum of all |values| but that of index `but`, from the first to the last."""
     return reduce(lambda total, j: total + ca.fabs(values[j]), (j for j in range(values.numel()) if j != but), ca.MX(0))
 
 
 @cache
 def _doubled(up: bool) -> Graph:
-    """(f, column, row, whether it goes on) after all doublings of f, or halvings."""
+    """The function of (f, column, row, active) to the same after all doublings (`up`) or halvings of f."""
     x = ca.SX.sym("x", 4)
-    f, column, row, going = ca.vertsplit(x)
+    f, column, row, active = ca.vertsplit(x)
     if up:
-        on, then = ca.logic_not(column >= row / 2), (f * 2, column * 2, row / 2)
+        again, then = ca.logic_not(column >= row / 2), (f * 2, column * 2, row / 2)
     else:
-        on, then = ca.logic_not(column < row * 2), (f / 2, column / 2, row * 2)
-    on = ca.logic_and(going, on)
-    after = [ca.if_else(on, new, old) for new, old in zip(then, (f, column, row), strict=True)]
-    return ca.Function("doubled", [x], [ca.vertcat(*after, on)]).fold(HALVINGS)
+        again, then = ca.logic_not(column < row * 2), (f / 2, column / 2, row * 2)
+    again = ca.logic_and(active, again)
+    after = [ca.if_else(again, new, old) for new, old in zip(then, (f, column, row), strict=True)]
+    return ca.Function("doubled", [x], [ca.vertcat(*after, again)]).fold(HALVINGS)
 
 
 def _balance(x: Graph, scale: Graph) -> tuple[Graph, ...]:
@@ -164,13 +162,13 @@ def _balance(x: Graph, scale: Graph) -> tuple[Graph, ...]:
 
 
 def _product(a: Graph, b: Graph) -> Graph:
-    """a b, summed from the first to the last."""
+    """The product a b, summed from the first to the last."""
     return reduce(lambda total, k: total + a[:, k] @ b[k, :], range(1, a.shape[0]), a[:, 0] @ b[0, :])
 
 
 @cache
 def _halved(size: int) -> Graph:
-    """(norm, doublings, X) after all halvings."""
+    """The function of (norm, doublings, X) to the same after all halvings of X."""
     x = ca.SX.sym("x", 2 + size)
     over = x[0] > 0.5
     then = ca.vertcat(x[0] / 2, x[1] + 1, x[2:] / 2)
@@ -180,7 +178,7 @@ def _halved(size: int) -> Graph:
 
 @cache
 def _squared(n: int) -> Graph:
-    """(doublings left, phi_0, phi_1, phi_2) after all doublings."""
+    """The function of (remaining doublings, phi_0, phi_1, phi_2) to the same after all doublings."""
     x, size = ca.SX.sym("x", 1 + 3 * n * n), n * n
     a0, a1, a2 = (ca.reshape(x[1 + k * size : 1 + (k + 1) * size], n, n) for k in range(3))
     next2, next1 = (_product(a0, a2) + a1 + a2) / 4, (_product(a0, a1) + a1) / 2
@@ -205,7 +203,7 @@ def _exponential(x: Graph, *_: Graph) -> tuple[Graph, ...]:
 
 @cache
 def _series(n: int) -> Graph:
-    """(phi_0, phi_1, phi_2) of X."""
+    """The function of X to (phi_0, phi_1, phi_2)."""
     X, one = ca.SX.sym("X", n, n), ca.SX.eye(n)
     a2 = one
     for j in range(DEGREE, 0, -1):
@@ -221,7 +219,7 @@ def _resolvent(x: Graph, inverse: Graph) -> tuple[Graph, ...]:
 
 @cache
 def _resolved(n: int) -> Graph:
-    """(what is left of 1 - X, its inverse) of X by Gauss-Jordan with row pivots."""
+    """The function of X to (the reduced 1 - X, its inverse) by Gauss-Jordan elimination with row pivots."""
     X, one = ca.SX.sym("X", n, n), ca.SX.eye(n)
     rows = [list(ca.vertsplit(matrix)) for matrix in (ca.densify(one - X), ca.densify(one))]
     A = rows[0]
@@ -258,24 +256,24 @@ _ON_MATRICES: Mapping[str, Callable[..., tuple[Graph, ...]]] = {
 
 
 _FREE = (ca.OP_INPUT, ca.OP_OUTPUT, ca.OP_CONST, ca.OP_PARAMETER, ca.OP_ASSIGN)
-OPERATION, FUNCTION = -1, -2  # of a kernel: an instruction, a root
-KERNEL = 20  # operations that the text of a kernel is as long as
+OPERATION, FUNCTION = -1, -2  # keys of a kernel's counts: an instruction, a square root
+KERNEL = 20  # the length of a kernel's text in operations
 
 
 def carried_out(program: Sequence[Statement]) -> Counter[int]:
-    """Return how often each instruction is carried out in a period, by CasADi's number of it: every section runs, a
-    `When` takes its longer branch, a loop all its members."""
+    """Return how often a period carries out each instruction, by CasADi's number of it: every section runs, a `When`
+    takes its longer branch, a loop all its members."""
     return _Counting().program(program)
 
 
 def written(program: Sequence[Statement]) -> int:
-    """Return how many operations the text of a program holds, where each statement is written out."""
+    """Return the number of operations in the text of a program, where each statement is written out."""
     kernels = sum(isinstance(statement, Kernel) for statement in walk(program))
     return sum(instructions_of(block.graph).total() for block in blocks(program)) + KERNEL * kernels
 
 
 class _Counting(Reader[Counter[int]]):
-    """The count of each instruction that is carried out."""
+    """A fold of a program to the counts of the instructions that it carries out."""
 
     def joined(self, parts: Iterable[Counter[int]]) -> Counter[int]:
         return sum(parts, Counter())
@@ -296,10 +294,10 @@ class _Counting(Reader[Counter[int]]):
         return Counter()
 
     def _kernel(self, kernel: Kernel) -> Counter[int]:
-        """Return the count of a run on numbers that count what is done to them.
+        """Return the count of a run on `_Counted` numbers.
 
-        An `add` counts as one update after the other, of 7 + 4 (s - 1) operations where s rows are left; two at a time,
-        as they are carried out, share a few of these.
+        An `add` counts as one update after the other, of 7 + 4 (s - 1) operations where s rows remain; the kernel
+        computes two at a time, which share a few of these.
         """
         done: Counter[int] = Counter()
         if kernel.name == "add":
@@ -313,9 +311,9 @@ class _Counting(Reader[Counter[int]]):
         return done
 
 
-@lru_cache(maxsize=256)  # a routine is called at each stage, and a program is asked twice
+@lru_cache(maxsize=256)  # a routine is called at each stage, and both counts read every block
 def instructions_of(graph: ca.Function) -> Counter[int]:
-    """The instructions of a graph, and of the routines that it calls, but for what costs nothing."""
+    """The counts of the instructions of a graph and of the routines that it calls, without those that cost nothing."""
     times = Counter(graph.instruction_id(k) for k in range(graph.n_instructions()))
     calls = (each for each in instructions(graph) if each.is_call())
     routines = [each for each in map(called, calls) if isinstance(each, ca.Function)]
@@ -325,14 +323,14 @@ def instructions_of(graph: ca.Function) -> Counter[int]:
 
 
 class _Counted:
-    """A number without a value, which is larger than any other, so that what is conditional is counted."""
+    """A number without a value, larger than any other, so that the operations below conditions are counted."""
 
     def __init__(self, done: Counter[int]) -> None:
         self.done = done
 
     def _operation(self, other: Any) -> Any:
         if isinstance(other, np.ndarray):
-            return NotImplemented  # numpy then asks element by element
+            return NotImplemented  # numpy then calls element by element
         self.done[OPERATION] += 1
         return self
 
@@ -349,7 +347,7 @@ class _Counted:
         return False
 
     def sqrt(self) -> "_Counted":
-        """numpy's square root of an object."""
+        """The root that numpy's `sqrt` of an object calls."""
         self.done[FUNCTION] += 1
         return self
 

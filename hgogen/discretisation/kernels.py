@@ -1,10 +1,10 @@
 """Matrix operations as loops, for states too many to unroll; see `discretisation.notation`.
 
-Each is written once, here: every language prints it, and Python runs it, in the same order of operations, so all give
-the same bits.
+Each function is written once, here. Every language prints it and Python runs it in the same order of operations, so
+that all give the same bits.
 
-On P = L D L', the columns of L in the members of a group: `L[k].v[i]` is row i of column k, of which i > k counts, the
-diagonal being 1.
+On P = L D L', with the columns of L in the members of a group: `L[k].v[i]` is row i of column k. Only i > k is read,
+the diagonal is 1.
 
     expand         unit diagonal and zeros above it, so that a column can be multiplied by Phi
     triangularise  L, D of M diag(D) M' for a matrix M with `band` >= 1 diagonals above the main one, by rotations of
@@ -22,8 +22,8 @@ On a matrix X (n, n) by rows, in one array:
     exponential    phi_0 = exp X, phi_1 = (phi_0 - 1)/X, phi_2 = (phi_1 - 1)/X by scaling and squaring
     resolvent      (1 - X)^-1 by Gauss-Jordan with row pivots
 
-A loop that begins at an `aligned` row may pass the diagonal of L and zeros above it, which it leaves as they are: what
-it would subtract from a row it has made 0 before. A column that is no number is lost with its diagonal.
+A loop that begins at an `aligned` row may pass over the diagonal of L and the zeros above it and does not change them:
+the number that it would subtract from such a row is 0. A column that is NaN makes its diagonal NaN as well.
 """
 
 from collections.abc import Callable, Mapping

@@ -1,8 +1,7 @@
-"""The words in which functions are written once, as Python: `emit.portable` prints them in every language, and
-`on_arrays` runs them here.
+"""The subset of Python in which kernels are written: `emit.portable` prints it, `on_arrays` runs it.
 
-A number with a point is real, one without counts. Sizes and limits are compiled in. Such a function has assignments,
-loops over `range`, `while`, `if`, and expressions of numbers and elements.
+A literal with a point is a real number, one without is a count. Sizes and limits are compile-time constants. A function
+has assignments, loops over `range`, `while`, `if`, and expressions of numbers and elements.
 """
 
 from collections.abc import Callable, Mapping
@@ -29,8 +28,8 @@ class Column(Protocol):
 Columns = list[Column]  # n of them
 
 n = square = line = half = 0  # n, n^2, n + 1, n/2 or the whole number below
-SWEEPS = 12  # of balancing; it has settled long before, and need not have
-HALVINGS = 64  # at most, of a norm or in a scale: 2^64 is beyond what a gain of a float can be
+SWEEPS = 12  # of balancing, more than it needs; the result is valid without convergence, too
+HALVINGS = 64  # at most, of a norm or in a scale: no gain that is a float is as large as 2^64
 DEGREE = 13  # of the series of phi_2: (1/2)^14/16! is below the rounding of a double
 FIRST = 0  # of a search: the largest power of two that is not above the number n of breakpoints
 start: FixedVector = []  # of a search: the breakpoint below each cell
@@ -40,7 +39,7 @@ ROUNDS = 0.0  # three halves of it: added to a number, it rounds it to a whole o
 
 
 def array(size: int) -> list[float]:
-    """A local array of numbers, which hold nothing yet."""
+    """A local array of numbers without initial values."""
     return [0.0] * size
 
 
@@ -50,7 +49,7 @@ def real(count: int) -> float:
 
 
 def aligned(first: int) -> int:
-    """Begin of a loop that may begin earlier, at a multiple of the numbers that an instruction takes at once."""
+    """The first index of a loop, which may begin earlier, at a multiple of an instruction's width in numbers."""
     return first
 
 
@@ -64,7 +63,8 @@ _WRITTEN: dict[str, FunctionType] = {}  # the functions that `on_arrays` runs, b
 
 
 def _product(c: list[Any], a: list[Any], b: list[Any]) -> None:
-    """c = a b by the operations of `kernels.product` in their order, by columns: its loops take ten times as long."""
+    """The product c = a b in the order of operations of `kernels.product`, by columns: ten times as fast as its
+    loops."""
     size = isqrt(len(a))
     A, B = np.array(a).reshape(size, size), np.array(b).reshape(size, size)
     total = np.zeros_like(B)
@@ -74,8 +74,8 @@ def _product(c: list[Any], a: list[Any], b: list[Any]) -> None:
 
 
 def on_arrays(function: Callable[..., Any]) -> Callable[..., Any]:
-    """The function on numpy's arrays, each operation rounded to their type: columns (n, n) with column k in row k,
-    else first a matrix (n n); a number is an array (1)."""
+    """The function on numpy arrays, each operation rounded to their type. The first argument is the columns, an array
+    (n, n) with column k in row k, or a matrix, an array (n n); a number is an array (1)."""
     written = _WRITTEN[function.__name__] = cast(FunctionType, function)
     numbers = [kind is float for name, kind in written.__annotations__.items() if name != "return"]
 
@@ -85,7 +85,7 @@ def on_arrays(function: Callable[..., Any]) -> Callable[..., Any]:
         size = len(first) if first.ndim == 2 else isqrt(len(first))
         for kind in _KINDS.get(first.dtype.type, (first.dtype.type,)):
             values = [_elements(each, one, kind) for each, one in zip(arguments, numbers, strict=True)]
-            with suppress(ZeroDivisionError):  # which Python refuses, and numpy carries out
+            with suppress(ZeroDivisionError):  # a division that Python refuses and numpy carries out
                 result = _bound(written.__name__, size, kind)(*values)
                 break
         for argument, value, one in zip(arguments, values, numbers, strict=True):
@@ -100,7 +100,7 @@ _KINDS: dict[Any, tuple[Any, ...]] = {np.float64: (float, np.float64), np.object
 
 
 def _elements(argument: Any, one: bool, kind: Any) -> Any:
-    """An argument in the words of a function, of numbers of this type."""
+    """An argument as a kernel reads it, with numbers of the type `kind`."""
     if not isinstance(argument, np.ndarray):
         return argument
     values = argument.tolist() if kind is float else list(argument)
@@ -111,14 +111,14 @@ def _elements(argument: Any, one: bool, kind: Any) -> Any:
 
 @cache
 def _bound(name: str, size: int, kind: Any) -> Any:
-    """A function of one size, with real constants of this type; of objects they are Python's."""
+    """The function for one size, with real constants of the type `kind`, for objects of Python's float."""
     real = float if kind is object else kind
     words = {**sizes(size), "aligned": aligned, "array": lambda size: [real(0)] * size, "product": _product}
     return bound(_WRITTEN, words, real)[name]
 
 
 def bound(functions: Mapping[str, Any], words: Mapping[str, Any], real: Any) -> dict[str, Any]:
-    """The functions, which may call each other, with real constants of the type `real`; `words`: what stands for the
+    """The functions, which may call each other, with real constants of the type `real`; `words`: the values of the
     other names in them."""
     names: dict[str, Any] = {**words, "real": real}
     for name, written in functions.items():

@@ -2,11 +2,12 @@
 
 A routine is a part of a graph that emitted code keeps as a function of its own: the plant's flow, which each stage
 calls, its Jacobian, or the right-hand side of a whole observer. In a graph it is a call of a CasADi function that is
-never inlined. What it reads of the step's memory, such as parameters, it is given as further arguments; the names of
-their symbols say which places these are.
+never inlined. Values of the step's memory that it reads, such as parameters, are further arguments; the names of their
+symbols give the places in memory.
 
-`open_loop` is the model of a form without correction, one sample on: classical Runge-Kutta, parameters at their nominal
-values, its nonlinear part evaluated in the declared box, as in an observer. Nothing is held where it has no value.
+`open_loop` is the model of a form without correction over one sample: classical Runge-Kutta, parameters at their
+nominal values, its nonlinear part evaluated in the declared ranges, as in an observer. No state is clamped where the
+model has no value.
 """
 
 from collections.abc import Callable, Iterable, Mapping
@@ -36,7 +37,7 @@ Values = Mapping[str, Graph]
 
 @dataclass(frozen=True)
 class Argument:
-    """A column that a routine is given; `place`: where it lies, if the routine reads it from the step's memory."""
+    """A column vector that a routine reads; `place`: its place in the step's memory, if it is read there."""
 
     name: str
     size: int
@@ -48,13 +49,13 @@ class Argument:
         return self.place.name if self.place else self.name
 
     def local(self, element: int) -> str:
-        """The name of an element: z1, or of a column of one that column's name."""
+        """The name of an element: z1, or the name of the column where it has one element."""
         return self.label if self.size == 1 else f"{self.label}{element + 1}"
 
 
 @dataclass(frozen=True, eq=False)
 class Routine:
-    """A routine as a call of it shows it: the CasADi function that is called."""
+    """A routine by the CasADi function that its calls name."""
 
     function: ca.Function
 
@@ -65,32 +66,32 @@ class Routine:
 
     @cached_property
     def key(self) -> str:
-        """A text that is equal for two routines that compute the same of the same arguments."""
+        """A text that is equal for two routines with equal results for equal arguments."""
         return str(self.function.serialize())
 
     @cached_property
     def arguments(self) -> tuple[Argument, ...]:
-        """The columns that it is given, in order."""
+        """The column vectors of its arguments, in order."""
         arguments = []
         for name, symbols in zip(self.function.name_in(), self.function.sx_in(), strict=True):
-            place = address(symbols[0])[0] if _lies(symbols[0]) else None
+            place = address(symbols[0])[0] if _is_place(symbols[0]) else None
             arguments.append(Argument(name, symbols.numel(), place))
         return tuple(arguments)
 
     def elements(self, argument: int) -> tuple[int, ...]:
-        """The elements that it reads of an argument."""
+        """The indices of the elements of an argument that it reads."""
         steps = range(self.function.n_instructions())
         reads = (self.function.instruction_input(k) for k in steps if self.function.instruction_id(k) == ca.OP_INPUT)
         return tuple(sorted({element for number, element in reads if number == argument}))
 
     @cached_property
     def results(self) -> tuple[tuple[str, int], ...]:
-        """The names and sizes of what it computes, of a matrix how many elements."""
+        """The names and sizes of its results; the size of a matrix is its number of nonzeros."""
         return tuple((name, self.function.nnz_out(k)) for k, name in enumerate(self.function.name_out()))
 
     def entries(self, result: int) -> list[str]:
-        """The names of the elements of a result: of a matrix F_21, by columns; of a column that leaves some out dz3;
-        "" where the place in it says so."""
+        """The names of the elements of a result: F_21 of a matrix, by columns; dz3 of a column with fewer nonzeros than
+        rows; "" for an element whose index is its row."""
         pattern, name = self.function.sparsity_out(result), self.function.name_out(result)
         if pattern.is_column():
             return ["" if row == k else f"{name}{row + 1}" for k, row in enumerate(pattern.row())]
@@ -98,18 +99,19 @@ class Routine:
         return [f"{name}_{i + 1}{between}{j + 1}" for i, j in zip(*pattern.get_triplet(), strict=True)]
 
 
-def _lies(symbol: Graph) -> bool:
-    """Whether a symbol stands for a place, whose address is its name."""
+def _is_place(symbol: Graph) -> bool:
+    """Whether the name of a symbol is the address of a place."""
     return ":" in symbol.name()
 
 
 def routine(
     name: str, sizes: Mapping[str, int], body: Callable[[Values], Values]
 ) -> Callable[[Values], dict[str, Graph]]:
-    """A routine to call on columns by the names of `sizes`, which gives what `body` does, by the same names.
+    """A function that calls a routine on columns by the names of `sizes` and returns the values of `body`, by their
+    names.
 
-    An argument that `body` does not read is none of the routine's. What is a number stays one: the routine computes the
-    other elements, and no result that is all numbers.
+    The routine has only the arguments that `body` reads, and only the results and elements that are not constant
+    numbers.
     """
     arguments = {key: column(ca.SX.sym(f"{key}_{k}") for k in range(size)) for key, size in sizes.items()}
     results = {key: _Result(value) for key, value in body(arguments).items()}
@@ -120,7 +122,7 @@ def routine(
     symbols = ca.symvar(ca.veccat(*values))
     names = {symbol.name() for symbol in symbols}
     read = [key for key, each in arguments.items() if any(symbol.name() in names for symbol in ca.vertsplit(each))]
-    places = sorted({(place, size) for place, _, size in map(address, filter(_lies, symbols))})
+    places = sorted({(place, size) for place, _, size in map(address, filter(_is_place, symbols))})
     columns = [*(arguments[key] for key in read), *(sym(*place, size) for place, size in places)]
     labels = [*read, *(f"place{k}" for k in range(len(places)))]
     function = ca.Function(name, columns, values, labels, [*moving], {"never_inline": True})
@@ -135,13 +137,13 @@ def routine(
 
 @dataclass(frozen=True)
 class _Result:
-    """A value of a routine's body, of which the routine computes the elements that are no numbers."""
+    """A value of a routine's body, of which the routine computes the elements that are not constant numbers."""
 
     value: Graph
 
     @cached_property
     def _computed(self) -> list[int]:
-        """The nonzeros that the routine computes."""
+        """The indices of the nonzeros that the routine computes."""
         return [k for k, each in enumerate(self.value.nonzeros()) if not each.is_constant()]
 
     @property
@@ -153,7 +155,7 @@ class _Result:
         return ca.SX(ca.Sparsity.triplet(*self.value.shape, *places), column(elements[k] for k in self._computed))
 
     def filled(self, computed: Graph) -> Graph:
-        """The value with what the routine has computed; numbers stay numbers."""
+        """The value with the elements that the routine has computed and the constant numbers."""
         elements = self.value.nonzeros()
         for k, each in zip(self._computed, computed.nonzeros(), strict=True):
             elements[k] = each
@@ -181,16 +183,16 @@ class Tableau:
         """The tableau c | a over b in lines, as textbooks print it."""
         entries = [[str(Fraction(a).limit_denominator(10_000)) for a in row] for row in (*self.a, self.b)]
         nodes = [*(str(Fraction(c).limit_denominator(10_000)) for c in self.c), ""]
-        wide, left = (max(map(len, each)) for each in ([a for row in entries for a in row], nodes))
+        width, indent = (max(map(len, each)) for each in ([a for row in entries for a in row], nodes))
         lines = [
-            f"{c:>{left}} | {' '.join(f'{a:>{wide}}' for a in row)}" for c, row in zip(nodes, entries, strict=True)
+            f"{c:>{indent}} | {' '.join(f'{a:>{width}}' for a in row)}" for c, row in zip(nodes, entries, strict=True)
         ]
         return (*lines[:-1], "-" * len(lines[-1]), lines[-1])
 
     @property
     def chained(self) -> bool:
-        """Whether there are many stages, and each starts with the slope of the one before it alone: a sum of slopes is
-        then all that need be remembered of the others."""
+        """Whether there are more than two stages, and each reads the slope of the stage before it alone, so that a step
+        need remember only the sum of the other slopes."""
         return len(self.a) > 2 and not any(any(row[:-1]) for row in self.a)
 
     @property
@@ -204,7 +206,7 @@ class Tableau:
 
 
 def _slopes(weights: Iterable[float]) -> str:
-    """h times a sum of slopes with their weights; "" where every weight is 0."""
+    """The text of h times the weighted sum of slopes; "" where every weight is 0."""
     exact = {f"k_{j}": Fraction(weight).limit_denominator(10_000) for j, weight in enumerate(weights, 1) if weight}
     if not exact:
         return ""
@@ -226,7 +228,7 @@ RK4 = Tableau(
 
 
 def repeated(tableau: Tableau, times: int) -> Tableau:
-    """`times` equal steps of a method, together one step of it."""
+    """The tableau of `times` equal steps of a method as one step."""
     share = [b / times for b in tableau.b]
     rows = [
         (*share * k, *(a / times for a in row), *[0.0] * (len(share) - len(row)))
@@ -277,8 +279,9 @@ def advance(tableau: Tableau, rate: Callable[[Values, float], Values], start: Va
 
 @dataclass(frozen=True)
 class Rounds:
-    """The stages of a `chained` tableau as one that is done again and again: its fraction c of the step, what its slope
-    weighs in the sum of slopes, which ends by `last`, and how far ahead the next stage lies along its slope."""
+    """The stages of a `chained` tableau as iterations of one loop. For each: its fraction c of the step, the weight
+    `share` of its slope in the sum, and the step `ahead` along its slope to the next stage; `last`: the factor of the
+    sum."""
 
     fractions: tuple[float, ...]
     shares: tuple[float, ...]
@@ -298,17 +301,18 @@ def _ratios(b: tuple[float, ...]) -> list[float]:
 
 @dataclass(frozen=True, eq=False)
 class OpenLoop:
-    """CasADi functions: `move` (z, u now, u then) -> z one sample on, `read` (z, u) -> y, `enter` (x, u) -> z, of the
-    plant's state as it was first declared; what they give is dense."""
+    """CasADi functions with dense results: `move` (z, u now, u next) -> z at the next sample, `read` (z, u) -> y,
+    `entry` (x, u) -> z of the plant's state x as first declared."""
 
     move: Any
     read: Any
-    enter: Any
+    entry: Any
 
 
-@lru_cache(maxsize=8)  # one record after another is predicted by the same model
+@lru_cache(maxsize=8)  # the same model predicts one log after another
 def open_loop(form: Form, dt: float, between: str, steps: int = 1) -> OpenLoop:
-    """The model over a sample of `dt`, in so many Runge-Kutta steps; `between`: how inputs go on, "line" or "hold"."""
+    """The model over a sample of `dt` in `steps` Runge-Kutta steps; `between`: "line" or "hold", the course of
+    inputs."""
     dynamics, states = Dynamics(replace(form, held=())), [signal for signal, _ in form.estimates]
     z, x = ca.SX.sym("z", form.n), ca.SX.sym("x", len(states))
     now, then = (ca.SX.sym(name, len(form.system.inputs)) for name in ("now", "then"))
@@ -316,19 +320,19 @@ def open_loop(form: Form, dt: float, between: str, steps: int = 1) -> OpenLoop:
     def rate(values: Any, c: float) -> dict[str, Graph]:
         return {"z": dynamics.flow(values["z"], then if between == "hold" else on_line(c, now, then))}
 
-    moved = advance(repeated(RK4, steps) if steps > 1 else RK4, rate, {"z": z}, dt).result["z"]
+    after = advance(repeated(RK4, steps) if steps > 1 else RK4, rate, {"z": z}, dt).result["z"]
     plant = dict(zip((*states, *form.system.inputs), (*ca.vertsplit(x), *ca.vertsplit(now)), strict=True))
     plant |= {p: ca.SX(float(value)) for p, value in form.system.nominal.items()}
     return OpenLoop(
-        ca.Function("move", [z, now, then], [ca.densify(_nominal(form, moved))]),
+        ca.Function("move", [z, now, then], [ca.densify(_nominal(form, after))]),
         ca.Function("read", [z, then], [ca.densify(_nominal(form, dynamics.output(z, then)))]),
-        ca.Function("enter", [x, now], [ca.densify(column(to_casadi(form.entry, plant)))]),
+        ca.Function("entry", [x, now], [ca.densify(column(to_casadi(form.entry, plant)))]),
     )
 
 
 def evaluated(function: Any, *tables: np.ndarray) -> np.ndarray:
     """Return the values (N, k) of a CasADi function of matrices with N columns, a column for each sample, at tables
-    with a row for each. It reads and writes their memory, since CasADi converts an array number by number."""
+    with a row for each sample. CasADi accesses the arrays' memory: it would convert them number by number."""
     arrays = [np.ascontiguousarray(each, dtype=float) for each in tables]
     columns, samples = function.size_out(0)
     result = np.empty((samples, columns))

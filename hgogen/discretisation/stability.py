@@ -1,4 +1,4 @@
-"""The step lengths at which errors decay: of a linear core, of a frozen Riccati equation, and without samples.
+"""Step lengths at which errors decay: of a linear core, of a frozen Riccati equation, and while samples are missing.
 
 Linear core. e' = M e becomes e <- R(dt M) e with the method's stability polynomial R, and is stable while
 |R(dt lambda)| <= 1 for every eigenvalue lambda of M (Hairer, Wanner, Solving ODEs II, section IV.2). With z = x d,
@@ -8,20 +8,20 @@ Riccati equation. With Q_theta and R_theta of a `Scaling`, of one chain Q_theta 
 diag(1, 1/theta, ..), N = C' R_theta^-1 C = theta C'R^-1 C,
     covariance   P' =  F P + P F' + Q_theta - P N P
     information  S' = -F'S - S F + N - S Q_theta S
-All is computed in the coordinates Delta z, a congruence. The eigenvalues of the closed loop F - P N at the steady P are
-the stable ones of the Hamiltonian [F', -N; -Q_theta, -F].
+Everything is computed in the coordinates Delta z, a congruence. The eigenvalues of the closed loop F - P N at the
+steady P are the stable ones of the Hamiltonian [F', -N; -Q_theta, -F].
 
-Growth. `growth` is how far a frozen error e <- T(h) e grows before it decays, `longest` the largest step length h up
-to which that is not much.
+Growth. `growth` is the largest growth of a frozen error e <- T(h) e before it decays, `longest` the largest step length
+h up to which that growth is acceptable.
 
 Missing samples. Without samples an error moves as e' = F e, F the model's Jacobian. A step of length h multiplies a
 mode of the eigenvalue lambda by R(h lambda). With Re lambda < 0 the mode decays, and the step follows it up to the
-first exit of the ray h lambda from the region |R| <= 1. A mode that does not decay in the plant is no fault of the
-step, and limits nothing; nor is one whose damping ratio is below DAMPING, which is in the plant next to one that grows:
-where damping vanishes somewhere in the ranges, no step would be short enough. The limit is the least first exit of all
-decaying modes over the ranges, so that for every longer dt some point of the ranges has an estimate that diverges. It
-is sought from the middle, corners and random points of the ranges, and from the best of these by moving one coordinate
-at a time, to its ends and by steps that halve. That refutes a longer step; a shorter limit may exist.
+first exit of the ray h lambda from the region |R| <= 1. A mode that does not decay in the plant limits no step. A mode
+with a damping ratio below DAMPING does not either: where damping vanishes somewhere in the ranges, no step would be
+short enough. The limit is the least first exit of all decaying modes over the ranges, so that for every longer dt the
+estimate diverges at some point of the ranges. The search evaluates the middle, corners and random points of the ranges,
+and from the best of these moves one coordinate at a time, to its ends and by steps that halve. It refutes longer steps;
+the true limit may be shorter.
 """
 
 import math
@@ -42,8 +42,9 @@ from hgogen.program import INF
 class Lengths:
     """Two step lengths, in the unit of the model's time.
 
-    Above `refused` a step is refused: `why` says what happens there, and `other` which method has no such limit. Up to
-    `take` a step is advised, and `basis` says how that is known. `rule`: by what the part goes, "" for the method.
+    A step above `refused` is refused: `why` says what happens there, and `other` which method has no such limit. A step
+    up to `take` is advised, and `basis` says how that is known. `rule`: the rule that advances the part, "" for the
+    method.
     """
 
     refused: float = INF
@@ -54,7 +55,7 @@ class Lengths:
     rule: str = ""
 
 
-AXIS = 1e-9  # for eig's rounding: |Re z| below which a unit z is imaginary, |z|/max below which it is 0
+AXIS = 1e-9  # allowance for the rounding of eig: |Re z| below which a unit z is imaginary, |z|/max below which z is 0
 
 
 def spectral_limit(spectrum: NDArray[np.complex128], polynomial: Sequence[float]) -> float:
@@ -63,7 +64,7 @@ def spectral_limit(spectrum: NDArray[np.complex128], polynomial: Sequence[float]
     return min((_passed(each / abs(each), tuple(polynomial)) / abs(each) for each in upper), default=np.inf)
 
 
-@lru_cache(maxsize=1024)  # all real eigenvalues, and those of points with the same slopes, lie on the same rays
+@lru_cache(maxsize=1024)  # all real eigenvalues, and those of points with equal Jacobians, lie on the same rays
 def _passed(direction: complex, polynomial: tuple[float, ...]) -> float:
     """The first x at which |R(x direction)| passes 1: a root of the real polynomial |R|^2 - 1 of x; inf for none."""
     terms = np.array([c * direction**k for k, c in enumerate(polynomial)])
@@ -78,9 +79,9 @@ def _passed(direction: complex, polynomial: tuple[float, ...]) -> float:
 
 
 Array = np.ndarray
-ZERO = 1e-6  # what AXIS is, for the Hamiltonian, whose double zeros rounding splits by the root of eps
-GRAPH = 1e12  # condition of the Hamiltonian's stable subspace from which on it is no graph: a growing mode is hidden
-# of the least of several limits:
+ZERO = 1e-6  # AXIS of the Hamiltonian, whose double zeros are split by rounding, by the root of eps
+GRAPH = 1e12  # condition number from which the Hamiltonian's stable subspace has no P: a growing mode is unobservable
+# the basis of the least of several limits:
 EVERYWHERE = "admitted with the gains as declared at every point of the box that was tried, no proof"
 
 
@@ -132,9 +133,9 @@ def decay_limits(jacobians: Array, polynomial: Sequence[float]) -> Array:
 
 
 def pace(jacobians: Array) -> float:
-    """1/|lambda| of the fastest mode of all F (k, n, n) that grows, or oscillates more than it decays; inf for none.
+    """The time 1/|lambda| of the fastest mode of all F (k, n, n) that grows, or oscillates more than it decays, or inf.
 
-    Up to it a step of order 2 or more follows such a mode to some percent; decay has limits of its own.
+    A step up to it, of order 2 or more, reproduces such a mode to some percent; decaying modes have other limits.
     """
     spectrum = np.linalg.eigvals(np.asarray(jacobians, dtype=float))
     turning = np.abs(spectrum[spectrum.real > -np.abs(spectrum) / 2]).max(initial=0.0)
@@ -143,7 +144,7 @@ def pace(jacobians: Array) -> float:
 
 @dataclass(frozen=True)
 class FrozenRiccati:
-    """F (k, n, n), C (k, p, n), R^-1 (p, p), Q (n, n)."""
+    """The data of the Riccati equation at k points: F (k, n, n), C (k, p, n), the weight R^-1 (p, p), Q (n, n)."""
 
     F: Array
     C: Array
@@ -154,7 +155,7 @@ class FrozenRiccati:
     @classmethod
     def of(cls, jacobians: Array, C: Array, Q: Array, R: Array, scaling: Scaling | None = None) -> "FrozenRiccati":
         """The equation at each F (k, n, n) and C (p, n) or (k, p, n); `Q` (n, n) and `R` (p, p), or its diagonal (p),
-        per unit of time; `scaling`: by default that of one chain."""
+        per unit of time; `scaling`: by default that of one chain of integrators."""
         F = np.asarray(jacobians, dtype=float)
         C = np.broadcast_to(C, (len(F), *np.shape(C)[-2:]))
         weight: Array = np.asarray(np.linalg.inv(np.diag(R) if np.ndim(R) == 1 else R), dtype=float)
@@ -162,7 +163,7 @@ class FrozenRiccati:
         return cls(F, C, weight, np.asarray(Q, dtype=float), scaling or chain)
 
     def only(self, rows: NDArray[np.intp]) -> "FrozenRiccati":
-        """At those of the Jacobians."""
+        """The equation at some of the points."""
         return replace(self, F=self.F[rows], C=self.C[rows])
 
     def delta(self, theta: float | Array) -> Array:
@@ -170,7 +171,7 @@ class FrozenRiccati:
         return 1.0 / np.stack(np.broadcast_arrays(*self.scaling.spread(theta)), axis=-1)
 
     def parts(self, theta: float | Array, scale: float) -> tuple[Array, Array, Array]:
-        """F, N, Q_theta at theta, or at one (k) for each F, in the coordinates Delta z of the theta `scale`."""
+        """The matrices F, N, Q_theta at theta, or at a theta (k) for each F, in the coordinates Delta z of `scale`."""
         delta, scaling = self.delta(scale), self.scaling
         F = delta[:, None] * self.F / delta
         C = self.C / np.sqrt(scaling.variances(np.ones(len(self.weight)), theta))[..., :, None]
@@ -185,7 +186,7 @@ class FrozenRiccati:
         return np.block([[transposed(F), -N], [-Q, -F]])
 
     def decay_rates(self, theta: float) -> Array:
-        """The rates of decay of the error under the steady P, the slowest first (k, n); 0 where a mode is hidden."""
+        """The decay rates (k, n) of the error under the steady P, the slowest first; 0 where a mode is unobservable."""
         spectra = np.abs(np.linalg.eigvals(self.hamiltonian(theta)).real)
         return np.asarray(np.sort(spectra, axis=1)[:, ::2])  # each twice: they lie symmetric about the imaginary axis
 
@@ -209,14 +210,14 @@ def transposed(X: Array) -> Array:
     return X.swapaxes(-1, -2)
 
 
-# --- how far an error grows on its way
+# --- growth of errors before they decay
 
-GROWTH = 1.5  # of the growth in continuous time: more is much
+GROWTH = 1.5  # the acceptable growth, as a multiple of that in continuous time
 BY_TRIAL = "found by trying errors at points of the declared box with the gains as declared, no proof"
-WIDER, NARROWINGS = 1.2, 4  # of a search: the ratio of its steps, and the halvings of the logarithm of the last one
-COARSE_STEPS = 8  # steps of a search at a time where it is coarse: 4.3 fold
-TOGETHER, DECAYED = 8, 0.999  # powers at a time, and below 1 by more than rounding
-POWERS, BASES, DOUBLINGS = 48, (24, 29, 34, 41), 12  # the k tried: to 48, and these times powers of two
+WIDER, NARROWINGS = 1.2, 4  # of a search: the ratio of its lengths, and the bisections of the last one's logarithm
+COARSE_STEPS = 8  # lengths that a coarse search advances at a time: a factor of 4.3
+TOGETHER, DECAYED = 8, 0.999  # powers computed at a time, and a bound below 1 by more than rounding
+POWERS, BASES, DOUBLINGS = 48, (24, 29, 34, 41), 12  # the exponents k: to 48, and these times powers of two
 
 
 def polynomial(X: Array, coefficients: tuple[float, ...]) -> Array:
@@ -228,11 +229,11 @@ def polynomial(X: Array, coefficients: tuple[float, ...]) -> Array:
 
 
 def growth(T: Array) -> Array:
-    """The largest |T^k| over the powers k >= 0 that are tried, at least 1, for each T (k, N, N). None after one that is
-    below 1 is larger than those up to it, as |T^(j+k)| <= |T^j| |T^k|."""
+    """The largest |T^k| over the powers k >= 0 that are computed, at least 1, for each T (k, N, N). After a power with
+    |T^j| < 1 no larger one follows, as |T^(j+k)| <= |T^j| |T^k|."""
     powers = np.empty((POWERS, *T.shape))
     largest: Array = np.ones(len(T))
-    with np.errstate(over="ignore", invalid="ignore"):  # what overflows has grown
+    with np.errstate(over="ignore", invalid="ignore"):  # a power that overflows has grown
         powers[0] = T
         for start in range(0, POWERS, TOGETHER):
             for k in range(max(1, start), start + TOGETHER):
@@ -257,16 +258,18 @@ def continuous(M: Array, units: Array) -> Array:
 
 
 def longest(grows: Callable[[float], bool], start: float, end: float, coarse_end: float = 0.0) -> float:
-    """The largest h up to which an error does not grow, of start, WIDER start, .. and the halvings between two of them,
-    so that it is one number for every `end`: `start` where it grows there; inf where it is beyond `end`. It is sought
-    from below, for an error may grow at a length but not at a longer; up to `coarse_end`, in COARSE_STEPS at a time.
+    """The largest step length h up to which an error does not grow, by a search upwards from `start` by the ratio WIDER
+    and bisections of the last ratio; `start` where the error grows there, inf where h is beyond `end`.
+
+    The lengths do not depend on `end`. The search goes upwards because an error may grow at a length and not at a
+    longer one. Up to `coarse_end` it advances COARSE_STEPS lengths at a time.
     """
     fine, step = max(0, math.floor(math.log(coarse_end / start, WIDER))) if coarse_end else 0, 0
     good = bad = start
     while not grows(bad):
         if bad >= end:
             return math.inf
-        step += 1 if step >= fine else (fine - step) % COARSE_STEPS or COARSE_STEPS  # so that one of them is at `fine`
+        step += 1 if step >= fine else (fine - step) % COARSE_STEPS or COARSE_STEPS  # so that one step ends at `fine`
         good, bad = bad, start * WIDER**step
     while bad > 1.001 * good * WIDER**0.5**NARROWINGS:
         middle = math.sqrt(good * bad)
@@ -275,8 +278,8 @@ def longest(grows: Callable[[float], bool], start: float, end: float, coarse_end
 
 
 def _size(T: Array) -> Array:
-    """The largest sum of a row, of each; inf or NaN for what is not finite. Entry by entry: NumPy takes long for sums
-    of a few numbers."""
+    """The norm max_i sum_j |T_ij| of each matrix T (.., N, N); inf or NaN where T is not finite. The sum is formed
+    entry by entry: NumPy is slow for sums of a few numbers."""
     rows = reduce(np.add, np.moveaxis(np.abs(T), -1, 0))
     return np.asarray(reduce(np.maximum, np.moveaxis(rows, -1, 0)))
 
@@ -284,18 +287,18 @@ def _size(T: Array) -> Array:
 # --- while samples are missing
 
 Slopes = Callable[[Array], Array]
-RANDOM = 64  # random points, and as many corners at most
+RANDOM = 64  # random points, and corners at most
 STARTS = 4  # points from which the search goes on
 FIRST, SHORTEST = 2.0**-2, 2.0**-10  # of a range: the first and the last step of the search
-EDGE = 0.005  # of a range that is left out at its ends where F is not finite at a corner: no plant stays there
-ANGLES = 181  # of the half plane Re < 0, between which the search interpolates the first exit
-DAMPING = 1e-3  # of a mode that decays: by .6 % in a turn
+EDGE = 0.005  # share of a range that is omitted at its ends where F is not finite at a corner: no plant stays there
+ANGLES = 181  # rays of the half plane Re < 0, between which the search interpolates the first exit
+DAMPING = 1e-3  # least damping ratio of a mode that counts as decaying: .6 % per period
 SEARCHED = "sought over the declared ranges, no proof"
 
 
 @dataclass(frozen=True, eq=False)
 class Ranges:
-    """The ends (n), `low` and `high`, of the coordinates `names` of a point, of which the first `states` are the
+    """The ranges of a point's coordinates: `low` (n), `high` (n) and `names`; the first `states` coordinates are the
     model's state."""
 
     low: Array
@@ -304,15 +307,15 @@ class Ranges:
     states: int
 
     def points(self, shares: Array) -> Array:
-        """The points (k, n) at shares of the ranges."""
+        """The points (k, n) at the shares (k, n) of the ranges, 0 at `low` and 1 at `high`."""
         return np.asarray(self.low + shares * (self.high - self.low))
 
 
 @dataclass(frozen=True, eq=False)
 class OpenLoopLimit:
-    """The longest step `dt`, inf where nothing decays, and the `point` (n) and the `eigenvalue` of F that decide.
+    """The longest step `dt`, inf where no mode decays, with the `point` (n) and the `eigenvalue` of F that limit it.
 
-    `state`: the name of the state that has the largest share in that mode, each in units of its range.
+    `state`: the name of the state with the largest component in that mode, each in units of its range.
     """
 
     dt: float
@@ -340,7 +343,7 @@ def open_loop_limit(slopes: Slopes, ranges: Ranges, polynomial: Sequence[float])
 
 
 def open_loop_lengths(slopes: Slopes, ranges: Ranges, tableau: Tableau, time: str) -> Lengths:
-    """The limit as what is advised, with the point of the ranges where it is attained and what happens beyond it."""
+    """The limit as an advised step length, with the point where it is attained and the effect of a longer step."""
     limit = open_loop_limit(slopes, ranges, tableau.polynomial)
     if not np.isfinite(limit.dt):
         return Lengths()
@@ -356,7 +359,7 @@ def open_loop_lengths(slopes: Slopes, ranges: Ranges, tableau: Tableau, time: st
 
 
 def _start_points(slopes: Slopes, ranges: Ranges) -> tuple[Array, float]:
-    """Shares (k, n) of the ranges where the search starts, and how far from the ends it stays."""
+    """The start points of the search as shares (k, n) of the ranges, and the share that is omitted at their ends."""
     n = len(ranges.low)
     rng = np.random.default_rng(1)
     every = 2**n <= RANDOM
@@ -370,8 +373,8 @@ def _start_points(slopes: Slopes, ranges: Ranges) -> tuple[Array, float]:
 def _local_minima(
     limits: Callable[[Array], Array], points: Array, values: Array, moving: Array, edge: float
 ) -> tuple[Array, Array]:
-    """The points (s, n) to which each start descends, and their limits (s): no move of one coordinate finds a shorter
-    one."""
+    """The local minima (s, n), as shares of the ranges, to which the start points descend, and their limits (s): no
+    move of one coordinate finds a shorter limit."""
     points, values, lengths = points.copy(), values.copy(), np.full(len(points), FIRST)
     every, rows = np.arange(len(points)), np.arange(len(moving))
     while len(moving) and lengths.max() >= SHORTEST:
@@ -411,8 +414,8 @@ def _decays(spectra: Array) -> Array:
 
 
 def _interpolated(F: Array, exits: Array) -> Array:
-    """For each F (k, N, N) the least first exit of its decaying modes (k), between two angles of the table; inf where
-    there is none or F is not finite."""
+    """The least first exit (k) of the decaying modes of each F (k, N, N), interpolated between the angles of the table;
+    inf where no mode decays or F is not finite."""
     finite = np.isfinite(F).all(axis=(1, 2))
     spectra = np.linalg.eigvals(np.where(finite[:, None, None], F, 0.0)).astype(complex)
     with np.errstate(divide="ignore", invalid="ignore"):

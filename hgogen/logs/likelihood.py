@@ -218,7 +218,7 @@ class Likelihood:
         states = [signal for signal, _ in self.form.estimates]
         x = [float(shown[s][np.isfinite(shown[s])][0]) if s in shown else resting(s) for s in states]
         model = open_loop(self.form, self.records[0].dt, self.between)
-        z = np.array(model.enter(x, record.u[0])).ravel()
+        z = np.array(model.entry(x, record.u[0])).ravel()
         P = np.diag([s * s / 4 for s in self.scale.states.values()])
         return np.concatenate([np.where(np.isfinite(z), z, 0.0), P.ravel()])
 

@@ -1,1 +1,1 @@
-"""A step called from Python, and what a trial shows: metrics, figures, comparisons, Gramians, the response to noise."""
+"""A step called from Python, and the evaluation of trials: metrics, figures, comparisons, Gramians, sensor noise."""

@@ -101,7 +101,7 @@ def forecasts(
     later = np.concatenate([u, np.repeat(u[-1:], farthest, axis=0)])  # of which the last one is repeated
     starts = _starts(count)
     move, read = model.move.map(len(starts)), model.read.map(len(starts))
-    z = evaluated(model.enter.map(len(starts)), run.x[starts], u[starts])
+    z = evaluated(model.entry.map(len(starts)), run.x[starts], u[starts])
     for h in range(1, farthest + 1):
         z = evaluated(move, z, later[starts + h - 1], later[starts + h])
         tick()
@@ -111,7 +111,7 @@ def forecasts(
             yield _compared(h, from_here + h, predicted, y, last[from_here], holding)
     alone = np.empty((0, len(step.outputs)))
     if count > 1:
-        start = evaluated(model.enter, run.x[:1], u[:1])
+        start = evaluated(model.entry, run.x[:1], u[:1])
         alone = evaluated(model.move.mapaccum(count - 1), start, u[:-1], u[1:])
         alone = evaluated(model.read.map(count - 1), alone, u[1:])
     yield _compared(None, np.arange(1, count), _limited(alone, step.outputs, holding), y, None, holding)
