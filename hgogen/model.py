@@ -250,7 +250,7 @@ class Model:
             kind = type(returned).__name__
             raise MissingPart(self.path, f"trial() returns the type {kind}; return a Trial or a tuple of them")
         names = [trial.name for trial in trials]
-        if len(set(map(files.same, names))) < len(names):
+        if len(set(map(files.name_key, names))) < len(names):
             raise MissingPart(self.path, f"trial() returns two trials of one name, {', '.join(names)}; rename one")
         return tuple(trials)
 
@@ -278,7 +278,7 @@ def load(path: str | Path) -> Model:
     """
     file = located(str(path))
     try:
-        files.demand(file.stem)
+        files.demand_file_name(file.stem)
     except files.BadFileName as error:
         raise BadModelFile(str(file), "", f"{error} in the name of the file") from None
     return _LOADERS[file.suffix](file)

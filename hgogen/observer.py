@@ -18,7 +18,7 @@ from hgogen.check import Check, ClaimId, Refuted, demand
 from hgogen.form import Form
 from hgogen.part import Part
 from hgogen.program import INF, Block, Field
-from hgogen.reading.given import BadGain, Values, asks, in_order, names, names_of, positive, real, reals
+from hgogen.reading.given import BadGain, Values, in_order, names, names_of, positive, real, reals, requires
 from hgogen.rigor.definite import one_thread
 from hgogen.signal import Signal, resting
 from hgogen.system import System
@@ -163,7 +163,7 @@ class Observer:
         return self
 
 
-asks_an_observer = asks(Observer, "an observer, one of hg.observers; that of a step is step.observer")
+asks_an_observer = requires(Observer, "an observer, one of hg.observers; that of a step is step.observer")
 
 
 def _claimed(claims: Callable[[], tuple[Check, ...]]) -> tuple[Check, ...]:

@@ -25,7 +25,7 @@ import numpy as np
 from hgogen.analysis.linearised import NoSight, Pace, pace, slopes
 from hgogen.form import Form
 from hgogen.observer import Observer
-from hgogen.reading.given import BadGain, positive, remembers
+from hgogen.reading.given import BadGain, cached, positive
 from hgogen.signal import LOST
 from hgogen.stepping.guards import readings
 from hgogen.system import System
@@ -235,7 +235,7 @@ def _sigmas(form: Form, noise: Mapping[str, float] | None) -> Mapping[str, float
     return noise or {}
 
 
-@remembers
+@cached
 def _pace(plant: System) -> Pace:
     try:
         return pace(plant)

@@ -74,7 +74,7 @@ class System:
         time: str = "s",
     ) -> None:
         check_name(name)
-        files.demand(name)
+        files.demand_file_name(name)
         groups = {"states": states, "inputs": inputs, "outputs": outputs, "parameters": parameters}
         fields: dict[str, Any] = {kind: _signals(name, kind, signals) for kind, signals in groups.items()}
         if not is_unit(time):

@@ -14,8 +14,8 @@ from pathlib import Path, PurePath
 from typing import IO
 
 from hgogen.errors import HgogenError
-from hgogen.reading.files import KINDS, same, shown
-from hgogen.reading.given import asks
+from hgogen.reading.files import KINDS, name_key, quoted
+from hgogen.reading.given import requires
 
 _STAGED = ".hgogen-"  # begins the name of a file that is not whole yet
 AT_ONCE = 1 << 16  # bytes of a file, in search of its last line
@@ -67,7 +67,7 @@ class Sources(Files):
     notes: tuple[str, ...] = ()
 
 
-@asks(Mapping, "files by name, as of hg.targets.c99(step)")
+@requires(Mapping, "files by name, as of hg.targets.c99(step)")
 def write(files: Mapping[str, str | bytes], folder: str | Path, private: bool = False) -> list[Path]:
     """Write texts (UTF-8) or bytes into `folder` (made if it is not there), by name, or by a path below it; returns
     their paths.
@@ -81,7 +81,7 @@ def write(files: Mapping[str, str | bytes], folder: str | Path, private: bool = 
     for name, content in files.items():
         if not isinstance(content, str | bytes):
             reason = f"what it is to hold is of type {type(content).__name__}"
-            raise CannotWrite(shown(name), reason, "give a text or bytes")
+            raise CannotWrite(quoted(name), reason, "give a text or bytes")
     staged: list[Path] = []
     with ExitStack() as opened:
         try:
@@ -177,19 +177,19 @@ def demand(names: Iterable[str], folder: str | Path) -> list[Path]:
     Raises: `CannotWrite` where it would refuse one of them.
     """
     if not isinstance(folder, str | os.PathLike):
-        raise CannotWrite(shown(folder), "it is no path", "give that of a folder")
+        raise CannotWrite(quoted(folder), "it is no path", "give that of a folder")
     names, root = list(names), Path(folder)
     if strange := [name for name in names if not isinstance(name, str)]:
-        raise CannotWrite(shown(strange[0]), "it is no name of a file", "give a text")
+        raise CannotWrite(quoted(strange[0]), "it is no name of a file", "give a text")
     try:
         if _kind(root, follow=True) not in (None, stat.S_IFDIR):
             raise _misplaced(root, "a folder")
         seen: dict[str, str] = {}
         for name in names:
-            if same(name) in seen:
-                reason = f"{shown(seen[same(name)])} and {shown(name)} are one name on some systems"
+            if name_key(name) in seen:
+                reason = f"{quoted(seen[name_key(name)])} and {quoted(name)} are one name on some systems"
                 raise CannotWrite(str(root), reason, "rename one of them")
-            seen[same(name)] = name
+            seen[name_key(name)] = name
         paths = [_below(root, name) for name in names]
         for there in {next(above for above in path.parents if above.exists()) for path in paths}:
             if not os.access(there, os.W_OK | os.X_OK):
@@ -198,16 +198,16 @@ def demand(names: Iterable[str], folder: str | Path) -> list[Path]:
     except OSError as error:
         raise _failed(error, root) from error
     except ValueError as error:  # a null byte, or what the file system cannot encode
-        raise CannotWrite(shown(str(root)), f"no path is made of it and {names} ({error})", "take others") from None
+        raise CannotWrite(quoted(str(root)), f"no path is made of it and {names} ({error})", "take others") from None
 
 
 def _below(root: Path, name: str) -> Path:
     """The path of a name below the root, on which nothing leads elsewhere."""
     pure = PurePath(name)
     if not pure.parts or pure.anchor or ".." in pure.parts:
-        raise CannotWrite(shown(name), f"it leaves the folder {root}", "take a name that stays in it")
+        raise CannotWrite(quoted(name), f"it leaves the folder {root}", "take a name that stays in it")
     if any(len(os.fsencode(part)) > LONGEST for part in pure.parts):
-        raise CannotWrite(shown(name), f"it has a part longer than {LONGEST} bytes", "take a shorter name")
+        raise CannotWrite(quoted(name), f"it has a part longer than {LONGEST} bytes", "take a shorter name")
     path = root / pure
     for above in reversed(path.parents[: len(pure.parts) - 1]):
         if _kind(above) not in (None, stat.S_IFDIR):

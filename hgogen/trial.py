@@ -41,7 +41,7 @@ from hgogen.graph import CVODES, Graph, to_casadi
 from hgogen.modelfiles.setting import SEEDS
 from hgogen.reading import files
 from hgogen.reading.expression import parse
-from hgogen.reading.given import asks_a_plant, scalar
+from hgogen.reading.given import requires_plant, scalar
 from hgogen.run import native
 from hgogen.run.samples import Engine, at_their_times
 from hgogen.signal import Signal, derived, plural, resting
@@ -62,7 +62,7 @@ class BadTrial(HgogenError):
     reason: str
 
     def __str__(self) -> str:
-        return f"trial {files.shown(self.trial)}: {self.reason}"
+        return f"trial {files.quoted(self.trial)}: {self.reason}"
 
 
 @dataclass(frozen=True)
@@ -483,7 +483,7 @@ def read_field(trial: Any, key: str, value: Any) -> Any:
     except HgogenError as error:
         raise BadTrial(str(trial), f"{key}: {error}") from None
     except (TypeError, ValueError, OverflowError):
-        raise BadTrial(str(trial), f"{key} = {files.shown(value)} must be {wanted}") from None
+        raise BadTrial(str(trial), f"{key} = {files.quoted(value)} must be {wanted}") from None
 
 
 def _text(value: Any) -> str:
@@ -534,7 +534,7 @@ def _unless_none(reader: Callable[[Any], Any]) -> Callable[[Any], Any]:
 
 _STATE = "a number for each state by name, such as {'x1': 1.0}"
 _FIELDS: dict[str, tuple[Callable[[Any], Any], str]] = {
-    "name": (lambda name: files.demand(_text(name)), "text"),
+    "name": (lambda name: files.demand_file_name(_text(name)), "text"),
     "duration": (_number, "a number"),
     "start": (_each(_number), _STATE),
     "estimate": (_each(_number), _STATE),
@@ -659,7 +659,7 @@ class NoTrial(BadArgument):
     """A plant of which no trial can be made from its ranges."""
 
 
-@asks_a_plant
+@requires_plant
 def proposed_trial(plant: System) -> Trial:
     """The trial, without noise, of the plant as first declared. Raises: `NoTrial` where a state or an input has no
     range, nothing moves, or every motion leaves the ranges at once."""

@@ -16,7 +16,7 @@ from hgogen.analysis.undefined import MAKER
 from hgogen.check import Verdict, worst
 from hgogen.errors import HgogenError
 from hgogen.form import Asking, Form
-from hgogen.reading.given import asks_a_plant, switches
+from hgogen.reading.given import requires_plant, requires_switches
 from hgogen.sentence import Encoded, Reason, because, encoded, point
 from hgogen.system import System
 
@@ -107,8 +107,8 @@ class Survey:
         return "\n".join([f"{self.plant.name}: which form, on the declared box", *(f"  {line}" for line in lines)])
 
 
-@asks_a_plant
-@switches
+@requires_plant
+@requires_switches
 def survey(plant: System, *, deep: bool = False) -> Survey:
     """Every form of the plant on its declared box; those that take seconds only if `deep`."""
     names = sorted(forms.__all__, key=lambda name: asking(name).place)

@@ -13,7 +13,7 @@ import sympy as sp
 import hgogen as hg
 from hgogen.check import Verdict
 from hgogen.errors import HgogenError
-from hgogen.reading.given import Misfit, remembers
+from hgogen.reading.given import Misfit, cached
 from hgogen.target import CannotWrite
 from hgogen.trial import Trial
 
@@ -195,7 +195,7 @@ def test_a_question_is_asked_once_of_equal_plants_and_options() -> None:
     """Another range is another plant, and what cannot be compared is asked anew."""
     asked = []
 
-    @remembers
+    @cached
     def question(plant: hg.System, order: object = ()) -> int:
         asked.append((plant, order))
         return len(asked)

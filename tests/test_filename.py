@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 import hgogen as hg
 from hgogen.model import MissingPart, load
-from hgogen.reading.files import LONGEST, BadFileName, fault, same
+from hgogen.reading.files import LONGEST, BadFileName, file_name_fault, name_key
 from hgogen.reading.text_model import BadModelFile
 from hgogen.target import CannotWrite
 from hgogen.trial import BadTrial, Trial
@@ -29,12 +29,12 @@ outputs.y = {unit = "V", equation = "x1"}
 
 @pytest.mark.parametrize("name", GOOD)
 def test_a_name_that_every_system_takes(name: str) -> None:
-    assert fault(name) == ""
+    assert file_name_fault(name) == ""
 
 
 @pytest.mark.parametrize("name", BAD)
 def test_a_name_that_is_refused_at_every_door(name: str) -> None:
-    why = fault(name)
+    why = file_name_fault(name)
     assert why
     with pytest.raises(BadTrial, match="it becomes part of the names of files") as refused:
         Trial(name, 1, {})
@@ -44,7 +44,7 @@ def test_a_name_that_is_refused_at_every_door(name: str) -> None:
 @pytest.mark.full
 @given(st.text(max_size=120))
 def test_what_is_allowed_is_one_part_of_a_path_as_it_stands(name: str) -> None:
-    if fault(name):
+    if file_name_fault(name):
         return
     assert Path(name).parts == (name,)
     assert os.path.normpath(os.path.join("a", name)) == os.path.join("a", name)
@@ -52,9 +52,9 @@ def test_what_is_allowed_is_one_part_of_a_path_as_it_stands(name: str) -> None:
 
 
 def test_names_that_some_systems_take_for_one() -> None:
-    assert same("Jump") == same("jUMP")
-    assert same("é") == same("e\u0301")
-    assert same("jump") != same("jumps")
+    assert name_key("Jump") == name_key("jUMP")
+    assert name_key("é") == name_key("e\u0301")
+    assert name_key("jump") != name_key("jumps")
 
 
 @pytest.mark.parametrize("name", ["...toml", "..toml", "aux.toml", "-x.toml", ".hidden.toml", "a:b.toml"])

@@ -18,7 +18,7 @@ from plants import model, two_outputs
 import hgogen as hg
 from hgogen.commands.claims import checked
 from hgogen.model import load
-from hgogen.reading.given import BadGain, BadNames, in_order, of_coordinates
+from hgogen.reading.given import BadGain, BadNames, by_coordinate, in_order
 from hgogen.reading.text_model import BadModelFile
 
 MODELS = Path(__file__).resolve().parents[1] / "models"
@@ -166,12 +166,12 @@ def test_a_matrix_by_rows_is_of_the_states(off: list[float], order: list[str], u
         one, other = (a, b) if upper >> k & 1 else (b, a)
         rows[one][other] = off[k]
     sign = np.diag([1, 1, -1])
-    assert np.array_equal(np.asarray(of_coordinates("Q", rows, mirrored())), sign @ P @ sign)
+    assert np.array_equal(np.asarray(by_coordinate("Q", rows, mirrored())), sign @ P @ sign)
 
 
 def test_what_is_no_mapping_is_left_as_it_is() -> None:
     matrix = np.eye(3)
-    assert of_coordinates("Q", matrix, mirrored()) is matrix
+    assert by_coordinate("Q", matrix, mirrored()) is matrix
     assert in_order("R", 0.5, ("y",)) == 0.5
 
 

@@ -29,7 +29,7 @@ import sympy as sp
 
 from hgogen.analysis.undefined import on_branches
 from hgogen.check import Check, ClaimId, Verdict
-from hgogen.reading.given import BadGain, asks_a_plant, remembers, signals_named
+from hgogen.reading.given import BadGain, cached, requires_plant, signals_named
 from hgogen.rigor.bounds import enclose
 from hgogen.rigor.box import exact
 from hgogen.rigor.rank import (
@@ -462,8 +462,8 @@ class Observability(Encoded):
         return "\n".join(lines + ([f"  {self.asked}"] if self.asked else []))
 
 
-@asks_a_plant
-@remembers
+@requires_plant
+@cached
 def observability(plant: System, *, unknown: tuple[str, ...] | None = None) -> Observability:
     """The generic observability of a plant; `unknown`: the parameters of the joint question, by default those with a
     range. The others stand at their nominal values.

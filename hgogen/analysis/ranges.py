@@ -258,7 +258,9 @@ def _resolved(what: str, source: Any, where: System | Box) -> tuple[sp.Expr, Box
         raise NotInBox(
             str(symbol), f"is not in the box, which has {', '.join(names) or 'no symbols'}; declare it there"
         )
-    written = replace(fold, lost=tuple(one._replace(of=one.of.xreplace(equations)) for one in fold.lost))
+    written = replace(
+        fold, lost=tuple(one._replace(expression=one.expression.xreplace(equations)) for one in fold.lost)
+    )
     return expression.xreplace(equations), around, written.on(around)
 
 

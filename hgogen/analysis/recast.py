@@ -19,7 +19,7 @@ from sympy.core.evalf import PrecisionExhausted
 from hgogen.analysis.evidence import ByForm
 from hgogen.analysis.maps import stand_ins
 from hgogen.check import Check, ClaimId, Verdict
-from hgogen.reading.given import Misfit, asks_a_plant
+from hgogen.reading.given import Misfit, requires_plant
 from hgogen.rigor.bounds import Interval, enclose, finite
 from hgogen.rigor.box import Box, RationalPoint, exact, kind, points, witness
 from hgogen.rigor.box import box as box_of
@@ -58,7 +58,7 @@ class Change:
         return (*self.forward, *unchanged, *self.plant.tunable)
 
 
-@asks_a_plant
+@requires_plant
 def recast(plant: System, coordinates: Mapping[Signal, Any], inverse: Mapping[Signal, Any]) -> System:
     """The plant with some states replaced.
 

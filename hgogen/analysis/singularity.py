@@ -34,7 +34,7 @@ from hgogen.analysis.determinant import Determinant, alive, as_written, determin
 from hgogen.analysis.maps import along, length, rates, size, without_derivative
 from hgogen.analysis.undefined import asked, on_box, on_branches
 from hgogen.check import Check, ClaimId, Verdict
-from hgogen.reading.given import asks_a_plant, remembers
+from hgogen.reading.given import cached, requires_plant
 from hgogen.rigor.bounds import Interval, nonzero
 from hgogen.rigor.box import box as box_of
 from hgogen.rigor.box import exact
@@ -169,8 +169,8 @@ class Singularity(Encoded):
         return "\\begin{align*}\n" + " \\\\\n".join(rows) + "\n\\end{align*}"
 
 
-@asks_a_plant
-@remembers
+@requires_plant
+@cached
 def singularity(plant: System, limit: int = LIMIT) -> Singularity:
     """The plant's singular set with the derivatives of its inputs, and the next jets on it.
 

@@ -57,8 +57,8 @@ from hgogen.extras.costs import Costs, demand_board, measured
 from hgogen.extras.folder import ALL, SOURCES, chosen, folder, known
 from hgogen.model import Model, load
 from hgogen.modelfiles.setting import AS_WRITTEN, Setting, UnknownCase, demand_known
-from hgogen.reading.files import BYTES, Unread, content_of, same
-from hgogen.reading.given import by_name, written
+from hgogen.reading.files import BYTES, Unread, content_of, name_key
+from hgogen.reading.given import field_text, values_by_name
 from hgogen.run import native
 from hgogen.run.comparison import Agreement, BoundedError, Disagree, Falling, bounded_errors, falling
 from hgogen.run.samples import Engine
@@ -416,7 +416,7 @@ def generate_(
         raise typer.BadParameter("is one name, of one model; write the models one by one", param_hint="--name")
     loaded = [load(model).set(setting) for model in models]
     for first, second in combinations(loaded, 2):
-        if same(first.name) == same(second.name):
+        if name_key(first.name) == name_key(second.name):
             reason = f"{first.path} and {second.path} have one name, and the files of one would replace the other's"
             raise typer.BadParameter(f"{reason}; give each a folder of its own by --out", param_hint="MODEL")
     made = []
@@ -429,11 +429,11 @@ def generate_(
         folder.demand(*library)
         made.append((one, folder, step, known, code, library))
     engine: Engine = engine_here() if any(one.has("trial") for one in loaded) else "python"
-    written = []
+    generated = []
     for one, folder, step, known, code, library in made:
         paths = folder.write({**library, **beside(_figures(one, step, known, engine), ecosystems)})
-        written.append(Generated(one.path, dict(code.names), tuple(paths)))
-    return AllGenerated(tuple(written))
+        generated.append(Generated(one.path, dict(code.names), tuple(paths)))
+    return AllGenerated(tuple(generated))
 
 
 def _figures(model: Model, step: CallableStep, known: ErrorBound | None, engine: Engine) -> dict[str, bytes]:
@@ -470,11 +470,11 @@ class Simulated(ModelReport):
     @property
     def gains(self) -> dict[str, Any]:
         """The observer's gains, those of several coordinates or outputs by the name of each."""
-        return {gain.name: by_name(gain) for gain in self.step.layout.gains}
+        return {gain.name: values_by_name(gain) for gain in self.step.layout.gains}
 
     def tables(self) -> Iterator[Any]:
         """Yield what followed each event of each trial, and errors beside their bounds."""
-        yield f"{self.step.observer.name} observer: {', '.join(map(written, self.step.layout.gains))}\n"
+        yield f"{self.step.observer.name} observer: {', '.join(map(field_text, self.step.layout.gains))}\n"
         yield trials_table([one.row.summary for one in self.trials], self.step.time)
         yield from (bounds_table(one.bounds) for one in self.trials if one.bounds)
         falls = (one.falling for one in self.trials if one.falling)
@@ -517,7 +517,7 @@ def simulate_(
         if out is not None:
             note("of a campaign no figures are drawn, and --out names a folder for nothing")
         rows = campaigns(lambda _: {observer or step.observer.name: step}, chosen, engine, asked, seeds)
-        return SimulatedCampaigns(loaded.path, {gain.name: by_name(gain) for gain in step.layout.gains}, rows)
+        return SimulatedCampaigns(loaded.path, {gain.name: values_by_name(gain) for gain in step.layout.gains}, rows)
     if out is not None:
         Folder(out).demand(*(f"{one.name}_states.svg" for one in chosen))
     done = _tried(step, chosen, engine, seeds)

@@ -46,7 +46,7 @@ from hgogen.model import Model, load
 from hgogen.modelfiles.json_file import equations
 from hgogen.modelfiles.setting import AS_WRITTEN, Setting
 from hgogen.modelfiles.tuning import everywhere
-from hgogen.reading.measured import WINDOWS, said_of
+from hgogen.reading.measured import WINDOWS, difference_notes
 from hgogen.sentence import because
 from hgogen.signal import derived
 from hgogen.system import System
@@ -241,7 +241,7 @@ def _judged(
     own = {u.name for u in plant.inputs}
     rates = {name: of for step in steps for name, of in derived(step.inputs).items() if name not in own}
     said = verdicts(calibration, rows, HELD_OUT if held_out else ALL)
-    notes = (*logs.notes(), *said_of(rates), *said, *too_far(aheads, rows[0].errors))
+    notes = (*logs.notes(), *difference_notes(rates), *said, *too_far(aheads, rows[0].errors))
     return tuple(_row(calibration, row) for row in rows), notes
 
 

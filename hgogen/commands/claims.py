@@ -24,7 +24,7 @@ from hgogen.program import Field
 from hgogen.prove.inclusion import Nothing
 from hgogen.prove.questions import Signed
 from hgogen.prove.semidefinite import NoSolver
-from hgogen.reading.given import BadGain, BadNames, by_name, written
+from hgogen.reading.given import BadGain, BadNames, field_text, values_by_name
 from hgogen.sentence import Encoded, Sentence, equations, plain, point
 from hgogen.signal import Signal
 from hgogen.theorem import Row, Theorem, rows
@@ -96,7 +96,7 @@ class Checked(Encoded):
             pairs = zip(self.form.system.states, origin.forward, strict=True)
             change = equations({new: old for new, old in pairs if new.name != str(old)})
             lines = [Sentence.of("  with {change}", change=change), *lines]
-        gains = (Sentence.of("  {gain}", gain=written(gain)) for gain in self.gains)
+        gains = (Sentence.of("  {gain}", gain=field_text(gain)) for gain in self.gains)
         limits = (Sentence.of("  {limits}", limits=dt.sentence) for dt in (self.dt,) if dt)
         return (title, *lines, *gains, *limits)
 
@@ -128,7 +128,7 @@ class Checked(Encoded):
     @property
     def gain_values(self) -> dict[str, Any]:
         """The observer's gains, those of several coordinates or outputs by the name of each."""
-        return {gain.name: by_name(gain) for gain in self.gains}
+        return {gain.name: values_by_name(gain) for gain in self.gains}
 
     @property
     def listed(self) -> tuple[ListedCheck, ...]:

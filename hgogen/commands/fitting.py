@@ -50,7 +50,7 @@ from hgogen.model import Model, load
 from hgogen.modelfiles.json_file import equations, table_of
 from hgogen.modelfiles.setting import AS_WRITTEN, Setting
 from hgogen.reading.measured import WINDOWS
-from hgogen.reading.text_model import BESIDE, read, to_text
+from hgogen.reading.text_model import OTHER_KEYS, read, to_text
 from hgogen.run.consistency import WORSE
 from hgogen.run.prediction import predictions
 
@@ -275,7 +275,7 @@ class _NewModel:
         source = self.model.path
         if self.model.plain:
             known = read(Path(source))
-            said = {name: getattr(known, name) for name in BESIDE}
+            said = {name: getattr(known, name) for name in OTHER_KEYS}
         else:
             note(f"what {source} says beside its plant, as its tuning and trials, is Python and not in the new model")
         beside = {name: value for name, value in said.items() if value}

@@ -54,7 +54,7 @@ from hgogen.commands.trial_runs import trials_or_proposed
 from hgogen.logs.records import Log, beyond
 from hgogen.model import MissingPart, Model, load
 from hgogen.modelfiles.setting import AS_WRITTEN, Setting
-from hgogen.reading.files import fault
+from hgogen.reading.files import file_name_fault
 from hgogen.reading.log import mapping, shifts_of
 from hgogen.reading.measured import COMMAND, WINDOWS, read
 from hgogen.run.comparison import Difference, coarse, differences
@@ -211,7 +211,7 @@ def run_(
     ahead = horizons(horizon, "--horizon")
     with Bar("reading the log", STAGES + max(ahead)) as bar:
         loaded = _timed(load(model).set(setting), data, columns)
-        folder, name = folder_of(out, loaded, observer), "record" if fault(data.stem) else data.stem
+        folder, name = folder_of(out, loaded, observer), "record" if file_name_fault(data.stem) else data.stem
         folder.demand(f"{name}_report.json")
         step = loaded.step(observer)
         true = truth_of(loaded.plant, truth or ())

@@ -17,7 +17,7 @@ from hgogen.emit.naming import says
 from hgogen.emit.promised import promised
 from hgogen.emit.syntax import Real, Syntax
 from hgogen.observer import Observer
-from hgogen.reading.given import Misfit, written
+from hgogen.reading.given import Misfit, field_text
 from hgogen.recheck.file import DIGEST_DIGITS
 from hgogen.registry import version
 from hgogen.sentence import Down, Sentence, Up, same
@@ -162,7 +162,7 @@ def mathematics(step: Step, syntax: Syntax) -> list[str]:
     lines += ["In the states " + ", ".join(f"{w} = {e}" for w, e in new)] if origin else []
     lines += [f"Form: {form.kind}, " + ", ".join(f"{z} = {e}" for z, e in zip(form.states, form.to_form, strict=True))]
     lines += ["Observer"] + [f"  {line}" for line in observer.equations]
-    lines += [f"  {written(f)}" for f in step.layout.gains]
+    lines += [f"  {field_text(f)}" for f in step.layout.gains]
     lines += [f"Method: {step.code.rule}, dt = {pace(step.dt, step.time)}"]
     lines += [f"Made for {step.clock.prefer}{f': {step.choice}' * bool(step.choice)}"] * said_what_for(step)
     lines += ["Guards: none"] * (not guarded(step))
@@ -189,7 +189,7 @@ def summary(step: Step, syntax: Syntax) -> list[str]:
     short = len(equations) <= SHORT and max(map(len, equations)) <= LINE
     lines = ["Plant", *(f"  {each}" for each in equations)] if short else [f"Plant: {sizes}"]
     lines += [f"Form: {observer.form.kind}", f"Observer: {observer.name}"]
-    own = (*observer.equations, *(written(f) for f in step.layout.gains))
+    own = (*observer.equations, *(field_text(f) for f in step.layout.gains))
     lines += [f"  {each}" for each in own if len(each) <= LINE][:SHORT]
     lines += [f"Method: {step.code.rule}, dt = {pace(step.dt, step.time)}"]
     lines += [f"Made for {step.clock.prefer}{f': {step.choice}' * bool(step.choice)}"] * said_what_for(step)

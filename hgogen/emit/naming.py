@@ -16,7 +16,7 @@ from typing import TypeVar
 from hgogen.emit.code import folded
 from hgogen.emit.syntax import Syntax
 from hgogen.errors import HgogenError
-from hgogen.reading.files import demand
+from hgogen.reading.files import demand_file_name
 from hgogen.signal import Signal, check_name
 from hgogen.step import Step
 from hgogen.target import Recipe, Sources
@@ -123,7 +123,7 @@ def demand_prefix(name: str | None) -> None:
     if name is None:
         return
     check_name(name)
-    demand(name)
+    demand_file_name(name)
     if c_name(name) != name:
         raise BadPrefix(name)
     demand_file(name)

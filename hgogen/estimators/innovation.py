@@ -29,7 +29,7 @@ from hgogen.errors import BadArgument, HgogenError
 from hgogen.graph import Graph
 from hgogen.part import Clock, Part, Pieces
 from hgogen.program import INF, Block, Field, Group, Loop, Place, Program, When, scalar, sym
-from hgogen.reading.given import Values, of_outputs, real, reals
+from hgogen.reading.given import Values, by_output, real, reals
 from hgogen.signal import LOST
 from hgogen.theorem import Hypothesis
 
@@ -162,7 +162,7 @@ def in_order(weights: Weights | Values, dynamics: Dynamics) -> tuple[float, ...]
 
     Raises: `BadNames`; `BadWindowSize` for another number of them.
     """
-    ordered = tuple(of_outputs("weights", weights, dynamics.form)) if weights else ()
+    ordered = tuple(by_output("weights", weights, dynamics.form)) if weights else ()
     if ordered and len(ordered) != dynamics.outputs:
         reason = f"must have one number for each of {dynamics.outputs} outputs"
         raise BadWindowSize(f"weights of length {len(ordered)}", reason)

@@ -39,7 +39,7 @@ from hgogen.graph import Graph
 from hgogen.observer import gain, state_field
 from hgogen.part import Clock, Ode, Part, Pieces
 from hgogen.program import Bit, Block, Field, Place, column, sym
-from hgogen.reading.given import BadGain, Matrix, Values, names_of, of_coordinates, of_outputs, reals, whole
+from hgogen.reading.given import BadGain, Matrix, Values, by_coordinate, by_output, matrix_line, names_of, reals
 from hgogen.rigor import definite
 from hgogen.rigor.definite import symmetric, unsymmetric
 from hgogen.signal import LOST
@@ -451,9 +451,9 @@ def extended(
     def reaches(noise: np.ndarray) -> bool:
         return reached_by(noise, jacobians_on_box(dynamics, 1)[0])
 
-    noise = spd("Q", of_coordinates("Q", Q, form), n, reaches)
-    start = spd("covariance", np.ones(n) if covariance is None else of_coordinates("covariance", covariance, form), n)
-    variances = positive_numbers("R", of_outputs("R", R, form), outputs)
+    noise = spd("Q", by_coordinate("Q", Q, form), n, reaches)
+    start = spd("covariance", np.ones(n) if covariance is None else by_coordinate("covariance", covariance, form), n)
+    variances = positive_numbers("R", by_output("R", R, form), outputs)
     shape, weights = factor(noise)
     z = state_field(form, initial, theta.peak)
     part = Riccati(
@@ -472,4 +472,4 @@ def extended(
         wide("Q", weights, "process noise, diagonal factor", "z^2/s", form.names),
         wide("R", variances, "output noise", "y^2 s", names_of(form.system.outputs)),
     )
-    return Extended(part, gains, whole("Q", noise, form))
+    return Extended(part, gains, matrix_line("Q", noise, form))

@@ -9,7 +9,7 @@ without both is `stated` in a certificate.
 """
 
 from hgogen.form import valued
-from hgogen.reading.given import asks_a_plant, remembers, switches
+from hgogen.reading.given import cached, requires_plant, requires_switches
 from hgogen.registry import cases_of
 
-__all__, __dir__, __getattr__ = cases_of(__name__, lambda case: asks_a_plant(switches(remembers(valued(case)))))
+__all__, __dir__, __getattr__ = cases_of(__name__, lambda case: requires_plant(requires_switches(cached(valued(case)))))

@@ -23,7 +23,7 @@ from hgogen.errors import BadArgument, HgogenError
 from hgogen.form import Form
 from hgogen.logs.tune import first_of, observers_named, reasons, thetas
 from hgogen.modelfiles.tuning import First, everywhere
-from hgogen.reading.given import asks_a_plant, positive, switches
+from hgogen.reading.given import positive, requires_plant, requires_switches
 from hgogen.run import native
 from hgogen.run.campaign import Workers
 from hgogen.run.metrics import metrics
@@ -97,8 +97,8 @@ class NoneAdmitted(BadArgument):
     """A plant that no observer takes, of those that were asked."""
 
 
-@asks_a_plant
-@switches
+@requires_plant
+@requires_switches
 def advise(
     plant: System,
     *,

@@ -27,7 +27,7 @@ from hgogen.logs.problem import (
     paced,
 )
 from hgogen.logs.records import BadLog, Log, demanded
-from hgogen.reading.given import asks_a_plant, count, signals_named, switches
+from hgogen.reading.given import count, requires_plant, requires_switches, signals_named
 from hgogen.rigor.rank import NothingMeasured, NowhereDefined
 from hgogen.rigor.tape import NoTape
 from hgogen.run.consistency import CORNER, WRONG, Whiteness, alike, corner, deviation, whiteness
@@ -511,8 +511,8 @@ class Task:
         return dict(zip(map(str, self.plant.outputs), values, strict=True))
 
 
-@asks_a_plant
-@switches
+@requires_plant
+@requires_switches
 def fit(
     plant: System,
     *records: Log,

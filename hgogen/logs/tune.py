@@ -26,7 +26,7 @@ from hgogen.logs.likelihood import STARTS, Ended, Likelihood, Noise
 from hgogen.logs.problem import paced
 from hgogen.logs.records import BEGIN, Ahead, Hidden, Judge, Log, as_good, chosen, readable
 from hgogen.modelfiles.tuning import First, everywhere, value
-from hgogen.reading.given import asks_a_plant, count, switches
+from hgogen.reading.given import count, requires_plant, requires_switches
 from hgogen.run import native
 from hgogen.run.campaign import Workers
 from hgogen.starting import Gains, Scale, Starting, gains_of, scale, two
@@ -356,8 +356,8 @@ class CannotTune(BadArgument):
     """Records, or observers, from which there are no gains."""
 
 
-@asks_a_plant
-@switches
+@requires_plant
+@requires_switches
 def tune(
     plant: System,
     *records: Log,

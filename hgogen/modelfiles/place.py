@@ -14,7 +14,7 @@ from pathlib import Path
 from hgogen.emit.naming import demand_file
 from hgogen.errors import HgogenError, nearest
 from hgogen.reading.files import BYTES, READERS, Unread, content_of, declares
-from hgogen.reading.files import demand as demand_name
+from hgogen.reading.files import demand_file_name as demand_name
 from hgogen.signal import check_name
 from hgogen.target import CannotWrite
 

@@ -158,8 +158,8 @@ class Tuning:
             raise BadModelFile(self.file, where, f"is of type {kind}; write a table of the observer's arguments")
         if not name.isidentifier():
             raise BadModelFile(self.file, where, "must be a name of letters, digits and underscores")
-        self._refusals(where, lambda: files.demand(name))
-        if twins := [key for key in self.tables if key != name and files.same(key) == files.same(name)]:
+        self._refusals(where, lambda: files.demand_file_name(name))
+        if twins := [key for key in self.tables if key != name and files.name_key(key) == files.name_key(name)]:
             raise BadModelFile(self.file, where, f"{twins[0]} is the same name on some systems; rename one of the two")
         needed = "kind" if name == self.default else None
         demand_keys(self.file, where, {key: table[key] for key in _TYPES if key in table}, _TYPES, needed)

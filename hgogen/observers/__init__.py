@@ -12,7 +12,7 @@ these gains, unless the model's tuning holds better ones; without gains of eithe
 """
 
 from hgogen.observer import remembered
-from hgogen.reading.given import switches
+from hgogen.reading.given import requires_switches
 from hgogen.registry import cases_of
 
-__all__, __dir__, __getattr__ = cases_of(__name__, lambda case: switches(remembered(case)))
+__all__, __dir__, __getattr__ = cases_of(__name__, lambda case: requires_switches(remembered(case)))

@@ -28,7 +28,7 @@ from hgogen.form import Form
 from hgogen.observer import Observer, founded, gain, state_field
 from hgogen.part import Jump, Pieces
 from hgogen.program import Bit, Block, Field, Place, sym
-from hgogen.reading.given import BadGain, Matrix, Values, names_of, of_coordinates, of_outputs, real, whole
+from hgogen.reading.given import BadGain, Matrix, Values, by_coordinate, by_output, matrix_line, names_of, real
 from hgogen.rigor.slope import JUMPS
 from hgogen.sentence import because
 from hgogen.starting import Gains, Scale, starts
@@ -91,9 +91,9 @@ def hamilton_jacobi(
     """
     accept = founded("hamilton_jacobi", form, accept, linearises=True)
     n, outputs, dynamics = form.n, len(form.output), Dynamics(form, tangent=True)
-    weight = spd("Q", of_coordinates("Q", Q, form), n)
-    start = spd("P0", np.ones(n) if P0 is None else of_coordinates("P0", P0, form), n)
-    precisions, rate = positive_numbers("R", of_outputs("R", R, form), outputs), real("curvature", curvature)
+    weight = spd("Q", by_coordinate("Q", Q, form), n)
+    start = spd("P0", np.ones(n) if P0 is None else by_coordinate("P0", P0, form), n)
+    precisions, rate = positive_numbers("R", by_output("R", R, form), outputs), real("curvature", curvature)
     if not 0 <= rate < np.inf:
         raise BadGain(f"curvature = {curvature!r}", "must be a finite rate (1/s), not negative; 0 leaves the term out")
     noise, covariance, variances = _inverse("Q", weight), _inverse("P0", start), tuple(1 / r for r in precisions)
@@ -131,7 +131,7 @@ def hamilton_jacobi(
         claims=lambda: (*form.checks, *evaluated(form), *clamped("hamilton_jacobi", form), _quadratic(form)),
         accepted=accept,
         theorem=THEOREM if form.jacobian is None else THEOREM.under(OTHER_COORDINATES),
-        equations=(*(CURVED if curved else EQUATIONS), *whole("Q", weight, form)),
+        equations=(*(CURVED if curved else EQUATIONS), *matrix_line("Q", weight, form)),
         reference=REFERENCE,
     )
 

@@ -50,7 +50,7 @@ from hgogen.estimators.theta import constant
 from hgogen.form import Form
 from hgogen.observer import Observer, founded, gain, state_field
 from hgogen.program import Bit, sym
-from hgogen.reading.given import BadGain, Matrix, Values, names_of, of_coordinates, of_outputs, positive
+from hgogen.reading.given import BadGain, Matrix, Values, by_coordinate, by_output, names_of, positive
 from hgogen.sentence import same
 from hgogen.signal import LOST
 from hgogen.starting import starts, two
@@ -133,11 +133,11 @@ def kalman_like(
     check = persistent(PERSISTENCE, form, inputs, period)
     demand((*form.checks, check), accept, form)
     (rate,), n, outputs = positive_numbers("rho", rho, 1), form.n, len(form.output)
-    variances = positive_numbers("R", of_outputs("R", R, form), outputs)
+    variances = positive_numbers("R", by_output("R", R, form), outputs)
     length = None if window is None else positive("window", window)
     dynamics, z = Dynamics(form), state_field(form, initial, 1.0)
     half = np.array([(s.interval[1] - s.interval[0]) / 2 if s.bounded else 1.0 for s in form.states])
-    start = spd("covariance", half**2 if covariance is None else of_coordinates("covariance", covariance, form), n)
+    start = spd("covariance", half**2 if covariance is None else by_coordinate("covariance", covariance, form), n)
     # the diagonal of S_0^-1: the square of the outer box's half-width, without a range 1e12 P(0), but large enough that
     # no eigenvalue of S_0 P(0) is above 1/4
     variance, outer = np.diag(start), np.array([(high - low) / 2 for low, high in z.box])

@@ -42,7 +42,16 @@ from hgogen.analysis.undefined import written
 from hgogen.check import Check, ClaimId, Verdict
 from hgogen.errors import BadArgument
 from hgogen.form import Form
-from hgogen.reading.given import BadNames, Misfit, asks_a_plant, in_order, limits, names_of, quadratic, signals_named
+from hgogen.reading.given import (
+    BadNames,
+    Misfit,
+    in_order,
+    limits,
+    names_of,
+    quadratic,
+    requires_plant,
+    signals_named,
+)
 from hgogen.rigor.bounds import Proof, bound
 from hgogen.rigor.box import Box, box, exact, kind
 from hgogen.rigor.definite import symmetric, unsymmetric
@@ -149,7 +158,7 @@ class ErrorSystem:
         return {x.name: e.name for x, e in zip(self.states, self.errors, strict=bool(self.states))}
 
 
-@asks_a_plant
+@requires_plant
 def error_system(plant: System, gain: Any, G1: Any = None, G2: Any = None) -> ErrorSystem:
     """The error system of xhat' = f(xhat, u) + gain (y - h(xhat, u)) on the plant, its errors named e_STATE.
 
@@ -237,7 +246,7 @@ def _ends(name: str, value: Any) -> tuple[Any, Any]:
     return Fraction(low), Fraction(high)
 
 
-@asks_a_plant
+@requires_plant
 def observer_errors(
     plant: System, observer: Any, *, unknown: Iterable[Any] | Signal | str, along: Mapping[Any, Any] | None = None
 ) -> ErrorSystem:

@@ -51,7 +51,7 @@ from hgogen.prove.inequality import ends, flow, pushed
 from hgogen.prove.quadratic import Array, Quadratic
 from hgogen.prove.questions import Bounds, bounds, named, together_in_floats
 from hgogen.prove.semidefinite import CLOSER, Rows, affine, definite, entries, reaching, solved, symmetric
-from hgogen.reading.given import BadGain, Each, Misfit, each_by_name, names_of, positive, remembers
+from hgogen.reading.given import BadGain, Each, Misfit, cached, each_by_name, names_of, positive
 from hgogen.sentence import NONE, Down, Reason, Sentence, Up, because, same
 
 _WHAT = "the design of a gain"
@@ -445,7 +445,7 @@ class Gain:
         )
 
 
-@remembers
+@cached
 @np.errstate(all="ignore")
 def gain(
     form: Form,

@@ -49,10 +49,10 @@ from hgogen.reading.given import (
     Matrix,
     Misfit,
     Values,
+    by_coordinate,
+    by_output,
     in_order,
     names_of,
-    of_coordinates,
-    of_outputs,
     positive,
     real,
 )
@@ -92,8 +92,8 @@ def steady_gain(
     if not isinstance(form, Form):
         raise Misfit("steady_gain", form, "a form: hg.forms.triangular(plant)")
     in_chains(form)
-    noise, level = spd("Q", of_coordinates("Q", Q, form), form.n), positive("theta", theta)
-    variances = np.array(positive_numbers("R", of_outputs("R", R, form), len(form.output)))
+    noise, level = spd("Q", by_coordinate("Q", Q, form), form.n), positive("theta", theta)
+    variances = np.array(positive_numbers("R", by_output("R", R, form), len(form.output)))
     point, said = _point(form, at, u)
     (F,), (C,) = jacobians_at(Dynamics(form), point[None])
     inputs = dict(zip(form.system.inputs, point[form.n :].tolist(), strict=True))

@@ -1,1 +1,1 @@
-"""What comes in at the door: text, expressions, tables, names, numbers, plain-text models and CasADi graphs."""
+"""User input: text, expressions, tables, names, numbers, plain-text models and CasADi graphs."""

@@ -1,8 +1,8 @@
-"""Columns of what pandas and SciPy read: DataFrames, Parquet and MAT files.
+"""Columns of DataFrames, Parquet and MAT files, by pandas and SciPy.
 
-A damaged file can end the process that reads it. So this module is a program too: with a kind as its argument it reads
-a file from the standard input and writes an .npz, the names of the columns and then the array of each. It imports
-nothing of the package, so that it starts fast.
+A damaged file can crash the process that reads it. So this module also runs as a program: its argument is the kind of
+the file, it reads the file from standard input and writes an .npz, the names of the columns and then the array of each.
+It imports nothing of the package, so that it starts fast.
 """
 
 import io
@@ -17,7 +17,7 @@ import numpy as np
 
 MEMORY = 4 << 30  # bytes of address space beyond those of the file
 SECONDS = 600.0
-_THREADS = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS")  # each of them asks for memory
+_THREADS = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS")  # each thread allocates memory
 FAILED, UNSUPPORTED = 3, 4  # exit statuses
 Arrays = dict[str, np.ndarray]
 
@@ -27,38 +27,38 @@ class Damaged(ValueError):
 
 
 class Unsupported(ValueError):
-    """A file of a version that is not read."""
+    """A version of a file format that cannot be read."""
 
 
 def columns_of(kind: str, content: bytes, seconds: float = SECONDS) -> Arrays:
-    """The columns (N,) by name of a file of that kind, "mat" or "parquet": texts, times or numbers. Raises: `Damaged`;
+    """Return the columns (N,) by name of a "mat" or "parquet" file: texts, times or numbers. Raises: `Damaged`;
     `Unsupported`."""
     command = [sys.executable, "-P", __file__, kind]
-    own = {"PYTHONPATH": os.pathsep.join(filter(None, sys.path)), **dict.fromkeys(_THREADS, "1")}
+    environment = {"PYTHONPATH": os.pathsep.join(filter(None, sys.path)), **dict.fromkeys(_THREADS, "1")}
     try:
         done = subprocess.run(
-            command, input=content, capture_output=True, env={**os.environ, **own}, timeout=seconds, check=False
+            command, input=content, capture_output=True, env={**os.environ, **environment}, timeout=seconds, check=False
         )
     except subprocess.TimeoutExpired:
         raise Damaged(f"that took more than {seconds:g} s") from None
     if done.returncode == UNSUPPORTED:
         raise Unsupported
-    said = done.stderr.decode(errors="replace").strip().rpartition("\n")[2]
+    message = done.stderr.decode(errors="replace").strip().rpartition("\n")[2]
     if done.returncode == FAILED:
-        raise Damaged(said)
+        raise Damaged(message)
     if done.returncode:
         status = f"status {done.returncode}" if done.returncode > 0 else signal.Signals(-done.returncode).name
-        ended = f"{status}{said and f': {said}'}"
+        ended = f"{status}{message and f': {message}'}"
         raise Damaged(f"the process that read it ended ({ended}), so that the file may be damaged")
     with np.load(io.BytesIO(done.stdout), allow_pickle=False) as parts:
         names, *arrays = parts.values()
     return dict(zip(map(str, names), arrays, strict=True))
 
 
-def of_frame(frame: Any) -> Arrays:
-    """The columns of a DataFrame by their names as text, with its index where that has a name or holds times: numbers
-    and times as numpy has them, a missing number NaN, and all else as texts, "" where a value is missing. Raises:
-    `ValueError` for several columns of one name."""
+def frame_columns(frame: Any) -> Arrays:
+    """Return the columns of a DataFrame by name, with its index if that has a name or holds times. Numbers and times
+    keep their numpy type, with NaN for a missing number; all other values become texts, "" where one is missing.
+    Raises: `ValueError` for several columns of one name."""
     if not frame.columns.is_unique:
         raise ValueError("has several columns of one name; rename all but one")
     columns, index = {str(name): frame[name] for name in frame.columns}, frame.index
@@ -77,11 +77,12 @@ def _plain(array: np.ndarray, missing: Any) -> np.ndarray:
 
 
 def _read(kind: str, content: bytes) -> Arrays:
-    """The columns of a file; of a MAT file its vectors, those of structs as S.x, and the columns of matrices."""
+    """Return the columns of a file; of a MAT file its vectors, vectors in structs as S.x, and the columns of
+    matrices."""
     if kind == "parquet":
         import pandas
 
-        arrays = of_frame(pandas.read_parquet(io.BytesIO(content), engine="pyarrow", use_threads=False))
+        arrays = frame_columns(pandas.read_parquet(io.BytesIO(content), engine="pyarrow", use_threads=False))
         return {name: array.astype(str) if array.dtype.kind == "O" else array for name, array in arrays.items()}
     from scipy.io import loadmat
 
@@ -101,11 +102,11 @@ def _vectors(name: str, value: Any) -> Iterator[tuple[str, np.ndarray]]:
 
 
 def main() -> None:
-    """The program."""
+    """Read a file from standard input and write its columns to standard output."""
     content = sys.stdin.buffer.read()
     try:
         import resource
-    except ImportError:  # where the system cannot bound the memory of a process
+    except ImportError:  # a system that cannot limit the memory of a process
         pass
     else:
         _, hard = resource.getrlimit(resource.RLIMIT_AS)
@@ -115,10 +116,10 @@ def main() -> None:
         arrays = _read(sys.argv[1], content)
     except NotImplementedError:
         sys.exit(UNSUPPORTED)
-    except Exception as error:  # the libraries' own, of several kinds
+    except Exception as error:  # the libraries' errors, of several kinds
         reason = next(iter(str(error).splitlines()), "") or type(error).__name__
-        short = f"it asks for more than {MEMORY >> 30} GiB of memory"
-        print(short if isinstance(error, MemoryError) else reason, file=sys.stderr)
+        memory_error = f"it asks for more than {MEMORY >> 30} GiB of memory"
+        print(memory_error if isinstance(error, MemoryError) else reason, file=sys.stderr)
         sys.exit(FAILED)
     np.savez(sys.stdout.buffer, np.array([*arrays], dtype=str), *arrays.values())
 

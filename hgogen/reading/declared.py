@@ -1,13 +1,14 @@
-"""What a plant is declared with besides SymPy's expressions: CasADi graphs, tables, unknown inputs.
+"""Models from other sources than SymPy expressions: CasADi graphs, tables, unknown inputs.
 
-`from_casadi`: x' = flow, y = output, graphs of SX or MX symbols, each of which is a Signal. `table`: a function by
-points, of one argument or of two. `with_disturbance`: an unknown input to one row of a plant, as states of their own:
+`from_casadi`: x' = flow, y = output, graphs of SX or MX symbols, each of which is a Signal. `table`: a function of one
+or two arguments, given by points. `with_disturbance`: an unknown input to one row of a plant, modelled by additional
+states:
 
     x_i' = f_i(x, u) + d,    d' = d_dot,    d_dot' = d_ddot,    ..,    the last of `order` of them has the rate 0
 
-An observer of the new plant estimates d with the rest. That the last rate is 0 stands for an input of which nothing
-else is known: what is proved holds while it is so, a jump of d is a new start, and a filter gives its row noise
-by Q.
+An observer of the new plant also estimates d. The rate 0 of the last state models an input of which nothing else is
+known: proofs hold while d follows this model, a jump of d is a new initial error, and a filter models its variation by
+Q.
 """
 
 import math
@@ -24,7 +25,7 @@ import sympy as sp
 from hgogen.errors import BadArgument, nearest
 from hgogen.graph import Graph, to_sympy
 from hgogen.reading.expression import FUNCTIONS
-from hgogen.reading.given import among, asks_a_plant
+from hgogen.reading.given import among, requires_plant
 from hgogen.rigor.lookup import KINDS, SEVERAL, Axis, Cells, applied
 from hgogen.signal import Signal, check_name
 from hgogen.system import BadSystem, System
@@ -33,7 +34,7 @@ Pairs = Iterable[tuple[Graph, Signal | Iterable[Signal]]]
 
 
 class BadGraph(BadArgument):
-    """A CasADi model that does not fit together; the sentence names the part and the fix."""
+    """An inconsistent CasADi model; the sentence names the part and the fix."""
 
     text = "CasADi model {what!r}: {reason}"
 
@@ -86,7 +87,8 @@ def from_casadi(
 
 
 def _pairs(system: str, kind: str, pairs: Any) -> list[tuple[Graph, tuple[Signal, ...]]]:
-    """The declared pairs of a kind, each as its symbol and the Signal of each of its entries. Raises: `BadGraph`."""
+    """Return the declared pairs of a kind, each as a symbol and the Signal of each of its entries. Raises:
+    `BadGraph`."""
     if not isinstance(pairs, Iterable):
         raise BadGraph(system, f"{kind} is {str(pairs)[:60]}; give a list of pairs (symbol, Signal)")
     fix = f"{kind} is a list of pairs (symbol, Signal)"
@@ -107,7 +109,7 @@ def _pairs(system: str, kind: str, pairs: Any) -> list[tuple[Graph, tuple[Signal
 
 
 def _graph(system: str, what: str, rows: Graph | Iterable[Graph]) -> Graph:
-    """A graph, or a list of scalar graphs, as one dense column. Raises: `BadGraph`."""
+    """Return a graph, or a list of scalar graphs, as one dense column. Raises: `BadGraph`."""
     try:
         graph = ca.vertcat(*rows) if isinstance(rows, tuple | list) else rows
     except NotImplementedError:
@@ -123,12 +125,12 @@ def _graph(system: str, what: str, rows: Graph | Iterable[Graph]) -> Graph:
 
 
 Numbers = tuple[Fraction, ...]
-_WHAT = ("xs", "ys")  # of the axes
+_WHAT = ("xs", "ys")  # names of the axes
 MOST = 2000  # points, so that a certificate holds their text, 100 000 characters, with all digits of double precision
 
 
 class BadTable(BadArgument):
-    """A table that is none; the sentence names it and the fix."""
+    """An invalid table; the sentence names it and the fix."""
 
     text = "table {what!r}: {reason}"
 
@@ -136,17 +138,18 @@ class BadTable(BadArgument):
 def table(x: Any, xs: Iterable[Any], ys: Iterable[Any], *, kind: str = "linear", name: str = "table") -> sp.Expr:
     """The value at `x`, an expression of a model, of the function through the points (xs, ys).
 
-    Below the first point and above the last it is constant: it is held at its ends. `kind`: "linear" between two
-    points, Lipschitz with kinks at the points; or "monotone", cubics that rise and fall with the points and turn
-    nowhere else (Fritsch and Carlson's conditions, Fritsch and Butland's slopes, as in PCHIP), which have one
-    continuous derivative between the ends. `name`: what it is called in reports and in the emitted code.
+    Beyond the first and the last point the function is constant. `kind`: "linear" between two points, Lipschitz with
+    kinks at the points; or "monotone", cubics that rise and fall with the points and have no other extrema (Fritsch and
+    Carlson's conditions, Fritsch and Butland's slopes, as in PCHIP), continuously differentiable between the ends.
+    `name`: the table's name in reports and in the emitted code.
 
-    Of two expressions it is a map, hg.table((x, y), (xs, ys), zs): bilinear between the lines of the grid and held at
-    its ends, Lipschitz with kinks at those lines. `zs` (len(xs), len(ys)) has a row for each of xs, as of SciPy's
-    RegularGridInterpolator.
+    A function of two expressions is a map, hg.table((x, y), (xs, ys), zs): bilinear between the lines of the grid and
+    constant beyond its ends, Lipschitz with kinks at those lines. `zs` (len(xs), len(ys)) has a row for each of xs, as
+    in SciPy's RegularGridInterpolator.
 
-    Raises: `BadTable` for fewer than two points, lists of different lengths, what is no finite number, `xs` that do not
-    increase, an `x` that is no real expression, a map that is not linear, more than two expressions; `BadName`.
+    Raises: `BadTable` for fewer than two points, lists of different lengths, entries that are not finite numbers, `xs`
+    that do not increase, an `x` that is no real expression, a map that is not linear, more than two expressions;
+    `BadName`.
     """
     arguments: list[Any] = [x]
     axes: list[Any] = [xs]
@@ -155,8 +158,8 @@ def table(x: Any, xs: Iterable[Any], ys: Iterable[Any], *, kind: str = "linear",
             fix = "write it as a sum or product of such, or as a formula"
             raise BadTable(name, f"is taken at {len(x)} expressions, and a table is a function of one or two; {fix}")
         if not isinstance(xs, tuple | list) or len(xs) != 2 or not all(isinstance(each, Iterable) for each in xs):
-            taken = f"is taken at 2 expressions and its axes are {xs!r:.60}"
-            raise BadTable(name, f"{taken}; give two lists of numbers, (xs, ys)")
+            problem = f"is taken at 2 expressions and its axes are {xs!r:.60}"
+            raise BadTable(name, f"{problem}; give two lists of numbers, (xs, ys)")
         arguments, axes = list(x), list(xs)
     cells = cells_of(axes, ys, kind, name)
     return applied(cells, [_argument(name, each) for each in arguments])
@@ -173,7 +176,7 @@ def _argument(name: str, x: Any) -> sp.Expr:
 
 
 def cells_of(axes: Sequence[Any], values: Any, kind: str, name: str) -> Cells:
-    """The table of the numbers of its one or two axes, and of its values. Raises: as `table`."""
+    """Return the table with one or two axes of numbers and its values. Raises: as `table`."""
     check_name(name)
     if name in FUNCTIONS:
         raise BadTable(name, "has the name of a function; choose another")
@@ -223,7 +226,7 @@ def _map(name: str, axes: Sequence[Numbers], values: Any) -> tuple[Numbers, ...]
 
 
 def _fits(cells: Cells) -> bool:
-    """Whether its breakpoints differ, and its numbers are finite, in double precision."""
+    """Return whether the breakpoints are distinct and the coefficients finite in double precision."""
     try:
         finite = all(math.isfinite(float(c)) for order in cells.orders for c in cells.of_order(order).flat)
         return finite and all(float(a) < float(b) for axis in cells.axes for a, b in pairwise(axis.x))
@@ -242,7 +245,7 @@ def _demand_list(name: str, what: str, values: Any, fix: str) -> None:
 
 
 def _number(name: str, what: str, value: Any) -> Fraction:
-    """The exact number, of a float the one of its shortest decimal."""
+    """Return the exact number; of a float, the number of its shortest decimal."""
     if isinstance(value, sp.Rational):
         return Fraction(int(value.p), int(value.q))
     if isinstance(value, Rational) and not isinstance(value, bool):
@@ -259,19 +262,18 @@ def _number(name: str, what: str, value: Any) -> Fraction:
 # ---------------------------------------------------------------- disturbed
 
 
-@asks_a_plant
+@requires_plant
 def with_disturbance(
     plant: System, on: str | sp.Symbol, order: int = 1, *, signal: Signal | None = None, name: str | None = None
 ) -> System:
     """The plant with an unknown input d that is added to the rate of a state.
 
-    Args: `on` that state, or its name; `order` how many states the input has: d, and from 2 on its derivatives, named
-    NAME_dot, NAME_ddot, ..; `signal` the input, whose range is that of its estimate, and whose `rates` are the ranges
-    of the derivatives, one for each from order 2 on; `name` the new plant's, by default the plant's own.
+    Args: `on` that state, or its name; `order` the number of states of the input: d, and from 2 on its derivatives,
+    named NAME_dot, NAME_ddot, ..; `signal` the input, whose range is that of its estimate, and whose `rates` are the
+    ranges of the derivatives, one for each from order 2 on; `name` the new plant's, by default the plant's own.
 
-    Whether the outputs show d as well is a question to the new plant: `hg.observability`, `hg.survey` and the checks of
-    its form answer it. Raises: `BadSystem` for a state that it does not have, a range that is missing, a recast plant;
-    for a name that is taken.
+    `hg.observability`, `hg.survey` and the checks of a form say whether d is observable too. Raises: `BadSystem` for an
+    unknown state, a missing range, a recast plant or a name in use.
     """
     if plant.origin is not None:
         fix = "give the disturbance to the plant that it was recast from, and recast that"
@@ -312,6 +314,6 @@ def _chain(plant: System, state: Signal, order: int, signal: Signal | None) -> t
     chain = [Signal(signal.name, signal.unit, signal.meaning, signal.nominal, signal.low, signal.high)]
     for k in range(1, order):
         rate = signal.derivative(k, plant.time)
-        what = "derivative" if k == 1 else f"derivative of order {k}"  # which is estimated, not given as of an input
+        what = "derivative" if k == 1 else f"derivative of order {k}"  # estimated, unlike that of an input
         chain.append(Signal(rate.name, rate.unit, f"{what} of {signal.name}", low=rate.low, high=rate.high))
     return tuple(chain)

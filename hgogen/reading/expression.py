@@ -1,4 +1,4 @@
-"""Text to SymPy by a grammar of its own: a user's text is never run as Python.
+"""Parser from text to SymPy with its own grammar: a user's text is never run as Python.
 
     value      sums, products, quotients, powers (**, right to left), signs, parentheses; binding as in Python
     call       a name of a fixed table and values; Piecewise((value, condition), ..., (value, True)); of a model's own
@@ -6,19 +6,19 @@
     condition  True, False, relations < <= > >=, joined by & and | in parentheses; inside Piecewise only
     name       a declared symbol; pi and E unless declared; decimals are exact rationals
 
-The parser descends by binding power (V. R. Pratt, Top down operator precedence, 1973): `_Parser.value` takes one
+The parser descends by binding power (V. R. Pratt, Top down operator precedence, 1973): `_Parser.value` reads one
 operand and then every operator that binds more tightly than the one on its left.
 
-A text means what SymPy makes of it: exp(log(x)) is x, x/x is 1 and sqrt(x)**2 is x, also where the text as written has
-no value. `read` tells such folding: an operation demands something of its argument,
+SymPy simplifies a text as it reads it: exp(log(x)) is x, x/x is 1 and sqrt(x)**2 is x, also where the text as written
+has no value. `read` reports such folding by the conditions that an operation demands of its arguments,
 
     log a, a**s     a >= 0, a != 0           a**(p/q), q > 1, p > 0    a >= 0      1/a       a != 0
     tan a           cos a != 0               asin a, acos a            1 - a**2 >= 0
     acosh a         a - 1 >= 0               atanh a                   1 - a**2 >= 0, != 0
     atan2(a, b)     a**2 + b**2 != 0
 
-and a demand of the text is lost if no operation of what is read makes it. What a Piecewise demands is not followed, in
-either: a branch that is not taken demands nothing."""
+A demand of the text is lost if no operation of the resulting expression makes it. Demands inside a Piecewise are
+ignored in both, because a branch that does not apply demands nothing."""
 
 import re
 import unicodedata
@@ -44,10 +44,10 @@ from hgogen.sentence import NONE, Reason, because
 
 
 class Demand(NamedTuple):
-    """A demand: there is no real value where `of` is zero, "=", or negative, "<"."""
+    """A condition for a real value: there is none where the expression is zero, "=", or negative, "<"."""
 
     relation: str
-    of: sp.Expr
+    expression: sp.Expr
 
 
 _DEMANDS: dict[type, Callable[..., tuple[Demand, ...]]] = {
@@ -61,17 +61,17 @@ _DEMANDS: dict[type, Callable[..., tuple[Demand, ...]]] = {
 }
 
 
-def of_call(function: object, *arguments: sp.Expr) -> Iterator[Demand]:
-    """The demands of function(arguments)."""
+def call_demands(function: object, *arguments: sp.Expr) -> Iterator[Demand]:
+    """Yield the demands of function(arguments)."""
     if function is sp.sqrt:
-        yield from of_power(arguments[0], sp.S.Half)
+        yield from power_demands(arguments[0], sp.S.Half)
     elif isinstance(function, type) and function in _DEMANDS:
         for demand in _DEMANDS[function](*arguments):
             yield from _plain(demand)
 
 
-def of_power(base: sp.Expr, exponent: sp.Expr) -> Iterator[Demand]:
-    """The demands of base**exponent; a**0 is 1, also where a = 0."""
+def power_demands(base: sp.Expr, exponent: sp.Expr) -> Iterator[Demand]:
+    """Yield the demands of base**exponent; a**0 is 1, also where a = 0."""
     if exponent == 0:
         return
     if not exponent.is_integer:
@@ -81,30 +81,31 @@ def of_power(base: sp.Expr, exponent: sp.Expr) -> Iterator[Demand]:
 
 
 def lost(written: Iterable[Demand], reading: sp.Expr) -> tuple[Demand, ...]:
-    """The demands of the `written` expression that its `reading` does not make, each once."""
+    """Return the demands of the `written` expression that its `reading` does not make, each once."""
     written = dict.fromkeys(written)
     demanded: set[Demand] = set()
     for node in parts(reading) if written else ():
         if isinstance(node, sp.Pow):
-            demanded.update(of_power(node.base, node.exp))
+            demanded.update(power_demands(node.base, node.exp))
         else:
-            demanded.update(of_call(node.func, *node.args))
+            demanded.update(call_demands(node.func, *node.args))
     return tuple(demand for demand in written if demand not in demanded)
 
 
 def _plain(demand: Demand) -> Iterator[Demand]:
-    """The demand as one of each factor that may fail it, without positive numbers; a divisor makes its own demands."""
-    if not demand.of.free_symbols:  # the parser has judged the numbers
+    """Yield the demand as one of each factor that may violate it, without positive numbers; a divisor makes its own
+    demands."""
+    if not demand.expression.free_symbols:  # the parser has checked the numbers
         return
-    yield from (_signs if demand.relation == "<" else _zeros)(demand.of)
+    yield from (_signs if demand.relation == "<" else _zeros)(demand.expression)
 
 
 def _signs(value: sp.Expr) -> Iterator[Demand]:
-    """A root is not negative where it is real."""
+    """Yield the demand that a value is not negative; a root is not negative where it is real."""
     pairs = [(factor.primitive()[1], factor.as_base_exp()[1]) for factor in sp.Mul.make_args(value)]
-    left = [factor for factor, exponent in pairs if exponent.is_integer and not factor.is_nonnegative]
-    if left:
-        yield Demand("<", sp.Mul(*left))
+    factors = [factor for factor, exponent in pairs if exponent.is_integer and not factor.is_nonnegative]
+    if factors:
+        yield Demand("<", sp.Mul(*factors))
 
 
 def _zeros(value: sp.Expr) -> Iterator[Demand]:
@@ -129,7 +130,8 @@ class Fold:
     lost: tuple[Demand, ...]
 
     def on(self, box: Box) -> Reason:
-        """The places where it is read otherwise than written and the closed box does not exclude it; else `NONE`."""
+        """Return a sentence on the places in the closed box where the reading differs from the text; `NONE` without
+        any."""
         places: dict[sp.Expr, str] = {}
         for relation, a in self.lost:
             if not _met(relation, a, box):
@@ -176,19 +178,19 @@ NO_TABLES: Mapping[str, Cells] = MappingProxyType({})
 
 
 def parse(text: str, symbols: Mapping[str, sp.Symbol], tables: Mapping[str, Cells] = NO_TABLES) -> sp.Expr:
-    """The SymPy expression of a text.
+    """Return the SymPy expression of a text.
 
-    Args: `symbols`: every declared name with its symbol; a declared name wins over pi, E and, unless an opening
-    parenthesis follows, over a function. `tables` by their names, which are no function's.
+    Args: `symbols`: every declared name with its symbol; a declared name has precedence over pi, E and, unless an
+    opening parenthesis follows, over a function. `tables` by name; no table has the name of a function.
 
     Raises: `BadExpression` for a text outside the grammar, too long, too deep, or with numbers too large; for a
-    division by zero and for what is not real.
+    division by zero and for a value that is not real.
     """
     return read(text, symbols, tables).reading
 
 
 def read(text: str, symbols: Mapping[str, sp.Symbol], tables: Mapping[str, Cells] = NO_TABLES) -> Fold:
-    """A text with its expression, and what SymPy folded away in between; arguments and errors as of `parse`."""
+    """Return the expression of a text with the demands that SymPy folded away; arguments and errors as of `parse`."""
     if not isinstance(text, str):
         raise BadExpression(str(text), 1, f"is of type {type(text).__name__}; write the expression as text")
     if len(text) > CHARACTERS:
@@ -197,7 +199,7 @@ def read(text: str, symbols: Mapping[str, sp.Symbol], tables: Mapping[str, Cells
         parser = _Parser(text, symbols, tables)
         reading = parser.whole()
         return Fold(text, reading, lost(parser.demanded, reading))
-    except RecursionError:  # in SymPy, where the caller has left little of the stack
+    except RecursionError:  # in SymPy, if the caller has used most of the stack
         raise BadExpression(text, 1, "is nested too deep for the stack; flatten it") from None
 
 
@@ -230,13 +232,13 @@ class BadExpression(HgogenError):
 
     def __str__(self) -> str:
         start = max(0, min(self.column - 1, len(self.source)) - 30)
-        shown = repr(self.source[start : start + 60])
+        excerpt = repr(self.source[start : start + 60])
         head, tail = "..." if start else "", "..." if start + 60 < len(self.source) else ""
-        return f"expression {head}{shown}{tail}, column {self.column}: {self.reason}"
+        return f"expression {head}{excerpt}{tail}, column {self.column}: {self.reason}"
 
 
 class Token(NamedTuple):
-    """`kind`: number, name, sign, or end; `column` counts from 1."""
+    """A token of the grammar. `kind`: number, name, sign, or end; `column` counts from 1."""
 
     kind: str
     text: str
@@ -244,7 +246,8 @@ class Token(NamedTuple):
 
 
 def tokens(text: str) -> Iterator[Token]:
-    """The tokens of a text, the last of the kind "end". Raises: `BadExpression` for a character outside the grammar."""
+    """Yield the tokens of a text, the last of the kind "end". Raises: `BadExpression` for a character outside the
+    grammar."""
     for match in _TOKEN.finditer(text):
         kind = str(match.lastgroup)
         token = Token(kind, match[kind], match.start(kind) + 1)
@@ -260,59 +263,61 @@ def tokens(text: str) -> Iterator[Token]:
 
 
 class _Parser:
-    """A text, and the place up to which it is read."""
+    """A parser of one text, with its position in the text."""
 
     def __init__(self, text: str, symbols: Mapping[str, sp.Symbol], tables: Mapping[str, Cells]) -> None:
         self.text, self.symbols, self.tables = text, symbols, tables
         self.tokens: list[Token] = []
         for token in tokens(text):
             if len(self.tokens) == TOKENS:
-                raise self.bad(token, f"has more than {TOKENS} numbers, names and signs; name parts of it")
+                raise self.error(token, f"has more than {TOKENS} numbers, names and signs; name parts of it")
             self.tokens.append(token)
-        self.at = self.depth = 0
-        self.demanded: list[Demand] = []  # of what is written, before it is folded
+        self.position = self.depth = 0
+        self.demanded: list[Demand] = []  # by the text as written, before SymPy folds it
 
-    def bad(self, token: Token, reason: str) -> BadExpression:
-        """The error at a token."""
+    def error(self, token: Token, reason: str) -> BadExpression:
+        """Return the error at a token."""
         return BadExpression(self.text, token.column, reason)
 
     def whole(self) -> sp.Expr:
-        """The value of the whole text."""
+        """Return the value of the whole text."""
         value, token = self.number_like(self.value(0), self.tokens[0]), self.next
         if token.text in (")", ","):
-            raise self.bad(token, f"{token.text!r} has no opening parenthesis or call before it; remove it")
+            raise self.error(token, f"{token.text!r} has no opening parenthesis or call before it; remove it")
         if token.kind != "end":
-            raise self.bad(token, f"{self.shown(token)} follows a value; write an operator, such as *, between them")
+            raise self.error(
+                token, f"{self.text_of(token)} follows a value; write an operator, such as *, between them"
+            )
         return value
 
     @property
     def next(self) -> Token:
-        """The first token that is not read."""
-        return self.tokens[self.at]
+        """The next token."""
+        return self.tokens[self.position]
 
-    def take(self) -> Token:
-        """Read one token; the end is never passed."""
+    def advance(self) -> Token:
+        """Return the next token and advance, but never past the end."""
         token = self.next
-        self.at += token.kind != "end"
+        self.position += token.kind != "end"
         return token
 
-    def taken(self, sign: str) -> bool:
-        """Whether the next token is `sign`, which is read then."""
-        return self.next.text == sign and bool(self.take())
+    def accept(self, sign: str) -> bool:
+        """Read the next token if it is `sign`, and return whether it is."""
+        return self.next.text == sign and bool(self.advance())
 
     def expect(self, sign: str, where: str) -> None:
-        """Read `sign`."""
-        if not self.taken(sign):
-            raise self.bad(self.next, f"{where} needs {sign!r} here, not {self.shown(self.next)}")
+        """Read `sign`, or raise the error that `where` needs it."""
+        if not self.accept(sign):
+            raise self.error(self.next, f"{where} needs {sign!r} here, not {self.text_of(self.next)}")
 
-    def shown(self, token: Token) -> str:
-        """A token in a sentence."""
+    def text_of(self, token: Token) -> str:
+        """Return the text of a token for a sentence."""
         return "the end" if token.kind == "end" else repr(token.text[:40])
 
     def number_like(self, value: sp.Basic, token: Token) -> sp.Expr:
-        """The value itself, unless it is a condition."""
+        """Return the value; an error if it is a condition."""
         if not isinstance(value, sp.Expr):
-            raise self.bad(token, "a condition stands where a value belongs; conditions belong in Piecewise")
+            raise self.error(token, "a condition stands where a value belongs; conditions belong in Piecewise")
         return value
 
     def argument(self) -> sp.Expr:
@@ -321,17 +326,17 @@ class _Parser:
         return self.number_like(self.value(0), first)
 
     def condition_like(self, value: sp.Basic, token: Token, fix: str) -> sp.Basic:
-        """The condition itself, unless it is a value."""
+        """Return the condition; an error if it is a value."""
         if isinstance(value, sp.Expr):
-            raise self.bad(token, f"{value if value.is_Atom else 'a value'} stands where a condition belongs; {fix}")
+            raise self.error(token, f"{value if value.is_Atom else 'a value'} stands where a condition belongs; {fix}")
         return value
 
     def value(self, binding: int) -> sp.Basic:
-        """An operand and all operators on its right that bind more tightly than `binding`."""
+        """Read an operand and all operators on its right that bind more tightly than `binding`."""
         self.depth += 1
         first = self.next
         if self.depth > DEPTH:
-            raise self.bad(first, f"is nested more than {DEPTH} deep; flatten it")
+            raise self.error(first, f"is nested more than {DEPTH} deep; flatten it")
         left = self.operand()
         while _BINDING.get(self.next.text, 0) > binding:
             left = _RULES[self.next.text](self, left, first)
@@ -339,12 +344,12 @@ class _Parser:
         return left
 
     def operand(self) -> sp.Basic:
-        """A number, a name, a call, a value in parentheses, or one of them with signs before it."""
-        token = self.take()
+        """Read a number, a name, a call, a value in parentheses, or one of them with signs before it."""
+        token = self.advance()
         if token.text in ("+", "-"):
             negative = token.text == "-"
             while self.next.text in ("+", "-"):
-                negative ^= self.take().text == "-"
+                negative ^= self.advance().text == "-"
             value = self.number_like(self.value(_SIGN), token)
             return -value if negative else value
         if token.text == "(":
@@ -354,23 +359,23 @@ class _Parser:
         if token.kind == "number":
             return self.literal(token)
         if token.kind == "name":
-            apply = self.looked_up if token.text in self.tables else self.call
+            apply = self.table_value if token.text in self.tables else self.call
             return apply(token) if self.next.text == "(" else self.named(token)
         wanted = "a number, a name or a parenthesis"
-        raise self.bad(token, f"{self.shown(token)} stands where {wanted} belongs; complete it")
+        raise self.error(token, f"{self.text_of(token)} stands where {wanted} belongs; complete it")
 
     def literal(self, token: Token) -> sp.Rational:
-        """The exact rational of a number as written."""
+        """Return the exact rational of a number as written."""
         mantissa, _, exponent = token.text.lower().partition("e")
         if len(mantissa) > DIGITS or len(exponent) > 5 or abs(int(exponent or 0)) > DECADES:
             long = f"the number has more than {DIGITS} digits or a power of ten beyond {DECADES}"
-            raise self.bad(token, f"{long}; write a shorter one")
+            raise self.error(token, f"{long}; write a shorter one")
         if mantissa.isdigit() and not exponent:
             return sp.Integer(int(mantissa))
         return sp.Rational(Fraction(token.text))
 
     def named(self, token: Token) -> sp.Basic:
-        """A declared symbol, or a constant."""
+        """Return a declared symbol, or a constant."""
         name = token.text
         if name in self.symbols:
             return self.symbols[name]
@@ -380,43 +385,43 @@ class _Parser:
             return sp.true if name == "True" else sp.false
         if name in FUNCTIONS or name in self.tables:
             what = "function" if name in FUNCTIONS else "table"
-            raise self.bad(token, f"the {what} {name} needs its argument; write {name}(...)")
+            raise self.error(token, f"the {what} {name} needs its argument; write {name}(...)")
         close = get_close_matches(name[:60], [*self.symbols, *_CONSTANTS], n=1, cutoff=0.5)
         few = 0 < len(self.symbols) <= _FEW
         known = f"what can be read here: {', '.join(self.symbols)}" if few else "declare it"
         fix = f"did you mean {close[0]}?" if close else known
-        raise self.bad(token, f"the name {name[:60]!r} is not declared; {fix}")
+        raise self.error(token, f"the name {name[:60]!r} is not declared; {fix}")
 
     def call(self, token: Token) -> sp.Expr:
-        """A function of the table, applied."""
+        """Read the arguments of a function and apply it."""
         name = token.text
         if name not in FUNCTIONS:
             if name in self.symbols or name in _CONSTANTS:
-                raise self.bad(token, f"{name[:60]!r} is no function; write * before the parenthesis")
+                raise self.error(token, f"{name[:60]!r} is no function; write * before the parenthesis")
             functions = (*FUNCTIONS, *self.tables)
             known = nearest(name, functions, f"the functions are {', '.join(functions)}")
-            raise self.bad(token, f"there is no function {name[:60]!r}; {NEAREST.get(name, known)}")
-        self.take()
+            raise self.error(token, f"there is no function {name[:60]!r}; {NEAREST.get(name, known)}")
+        self.advance()
         if name == "Piecewise":
             return self.piecewise(token)
         function, least, most = _FUNCTIONS[name]
         values: list[sp.Expr] = []
-        while not values or self.taken(","):
+        while not values or self.accept(","):
             first = self.next
             values.append(self.argument())
             if len(values) > most:
-                raise self.bad(first, f"{name} takes {most} argument{'s' * (most > 1)} at most; remove this one")
+                raise self.error(first, f"{name} takes {most} argument{'s' * (most > 1)} at most; remove this one")
         self.expect(")", f"{name} of column {token.column}")
         if len(values) < least:
-            raise self.bad(token, f"{name} needs {least} arguments; it has {len(values)}")
+            raise self.error(token, f"{name} needs {least} arguments; it has {len(values)}")
         if name in ("exp", "sinh", "cosh"):
             self.not_huge(values[0], token)
-        self.demanded += of_call(function, *values)
+        self.demanded += call_demands(function, *values)
         return self.real(function(*values), token)
 
-    def looked_up(self, token: Token) -> sp.Expr:
-        """The value of a table."""
-        self.take()
+    def table_value(self, token: Token) -> sp.Expr:
+        """Read the arguments of a table and apply it."""
+        self.advance()
         cells, arguments = self.tables[token.text], []
         for k in range(len(cells.axes)):
             if k:
@@ -428,20 +433,20 @@ class _Parser:
     def not_huge(self, value: sp.Expr, token: Token) -> None:
         """Refuse exp of a large number, and exp(k log c), which SymPy would write out as the number c**k."""
         if value.is_number and not abs(value.evalf(10)) <= LARGEST_EXP:
-            raise self.bad(token, f"exp of a number beyond {LARGEST_EXP} is out of range; write a smaller one")
+            raise self.error(token, f"exp of a number beyond {LARGEST_EXP} is out of range; write a smaller one")
         if value.has(sp.log):
             for term in sp.Add.make_args(value):
                 if abs(term.as_coeff_Mul()[0]) > LARGEST_EXP:
-                    raise self.bad(token, f"exp of more than {LARGEST_EXP} logarithms; write a power")
+                    raise self.error(token, f"exp of more than {LARGEST_EXP} logarithms; write a power")
 
     def piecewise(self, token: Token) -> sp.Expr:
-        """Pairs up to the first that is always true; SymPy is not asked to solve the conditions."""
+        """Read the pairs up to the first whose condition is always true, without solving the conditions by SymPy."""
         pairs: list[tuple[sp.Expr, sp.Basic]] = []
         closed, count, before = False, 0, len(self.demanded)
-        while not count or (self.taken(",") and self.next.text != ")"):
+        while not count or (self.accept(",") and self.next.text != ")"):
             count += 1
             if count > ARGUMENTS:
-                raise self.bad(self.next, f"Piecewise takes {ARGUMENTS} pairs at most; nest it")
+                raise self.error(self.next, f"Piecewise takes {ARGUMENTS} pairs at most; nest it")
             self.expect("(", "Piecewise((value, condition), ...)")
             value = self.argument()
             self.expect(",", "the pair (value, condition)")
@@ -452,82 +457,82 @@ class _Parser:
                 pairs.append((value, condition))
             closed |= condition == sp.true
         self.expect(")", f"Piecewise of column {token.column}")
-        del self.demanded[before:]  # which branch is taken is not known here
+        del self.demanded[before:]  # the branch that applies is unknown here
         if not closed:
-            raise self.bad(token, "Piecewise has no value where every condition fails; end it with (value, True)")
+            raise self.error(token, "Piecewise has no value where every condition fails; end it with (value, True)")
         if len(pairs) == 1:
             return pairs[0][0]
         try:
             return sp.Piecewise(*pairs, evaluate=False)
-        except TypeError:  # of a Piecewise in a condition, one of whose branches is not real
-            raise self.bad(token, _COMPLEX) from None
+        except TypeError:  # a Piecewise in a condition has a branch that is not real
+            raise self.error(token, _COMPLEX) from None
 
     def real(self, value: sp.Expr, token: Token) -> sp.Expr:
-        """The value, unless it is infinite or complex."""
+        """Return the value; an error if it is infinite or complex."""
         if value in _INFINITE:
-            raise self.bad(token, "is infinite or undefined here; remove the division by zero or the pole")
+            raise self.error(token, "is infinite or undefined here; remove the division by zero or the pole")
         if value.has(sp.I, *_INFINITE) or (value.is_number and value.is_real is False):
-            raise self.bad(token, _COMPLEX)
+            raise self.error(token, _COMPLEX)
         return self.bounded(value, token)
 
     def bounded(self, value: sp.Expr, token: Token) -> sp.Expr:
-        """The value, unless its number is huge."""
+        """Return the value; an error if its coefficient is a huge number."""
         if _bits(value.as_coeff_Mul()[0]) > BITS:
-            raise self.bad(token, f"makes a number of more than {BITS} bits; write smaller numbers")
+            raise self.error(token, f"makes a number of more than {BITS} bits; write smaller numbers")
         return value
 
     def sum(self, left: sp.Basic, first: Token) -> sp.Expr:
         """Read all terms at once: SymPy would sort a growing sum anew with every term."""
         terms, operator = [self.number_like(left, first)], self.next
         while self.next.text in ("+", "-"):
-            negative, first = self.take().text == "-", self.next
+            negative, first = self.advance().text == "-", self.next
             term = self.number_like(self.value(4), first)
             terms.append(-term if negative else term)
         if sum(_bits(term.as_coeff_Mul()[0]) for term in terms) > TOTAL_BITS:
-            raise self.bad(operator, f"the numbers of the sum have more than {TOTAL_BITS} bits; write shorter ones")
+            raise self.error(operator, f"the numbers of the sum have more than {TOTAL_BITS} bits; write shorter ones")
         return self.bounded(sp.Add(*terms), operator)
 
     def product(self, left: sp.Basic, first: Token) -> sp.Expr:
         """Read one factor or divisor, from left to right as in Python."""
-        operator = self.take()
+        operator = self.advance()
         value, start = self.number_like(left, first), self.next
         factor = self.number_like(self.value(5), start)
         if operator.text == "/" and factor == 0:
-            raise self.bad(operator, "divides by zero; remove the division")
+            raise self.error(operator, "divides by zero; remove the division")
         if operator.text == "*":
             return self.bounded(value * factor, operator)
-        self.demanded += of_power(factor, sp.S.NegativeOne)
+        self.demanded += power_demands(factor, sp.S.NegativeOne)
         return self.real(value / factor, operator)
 
     def power(self, left: sp.Basic, first: Token) -> sp.Expr:
-        """base ** exponent, never written out as a huge number."""
-        operator = self.take()
+        """Read base ** exponent, without expanding a power of numbers to a huge number."""
+        operator = self.advance()
         base, start = self.number_like(left, first), self.next
         exponent = self.number_like(self.value(_POWER), start)
         if base == sp.E:
             self.not_huge(exponent, operator)
         if exponent.is_number:
             if base == 0 and exponent.is_negative is not False:
-                raise self.bad(operator, "divides by zero: a negative power of 0; remove it")
+                raise self.error(operator, "divides by zero: a negative power of 0; remove it")
             if not abs(exponent.evalf(10)) <= EXPONENT:
-                raise self.bad(operator, f"the exponent is beyond {EXPONENT}; write a smaller one")
+                raise self.error(operator, f"the exponent is beyond {EXPONENT}; write a smaller one")
             if _number_bits(base) * abs(exponent.evalf(10)) > BITS:
-                raise self.bad(operator, f"makes a number of more than {BITS} bits; write smaller numbers")
-        self.demanded += of_power(base, exponent)
+                raise self.error(operator, f"makes a number of more than {BITS} bits; write smaller numbers")
+        self.demanded += power_demands(base, exponent)
         return self.real(base**exponent, operator)
 
     def relation(self, left: sp.Basic, first: Token) -> sp.Basic:
         """Read one comparison of two values."""
-        operator = self.take()
+        operator = self.advance()
         lhs, start = self.number_like(left, first), self.next
         rhs = self.number_like(self.value(1), start)
         if _BINDING.get(self.next.text) == 1:
-            raise self.bad(self.next, "compares a comparison; write (a < b) & (b < c)")
+            raise self.error(self.next, "compares a comparison; write (a < b) & (b < c)")
         return _RELATIONS[operator.text](lhs, rhs)
 
     def join(self, left: sp.Basic, first: Token) -> sp.Basic:
-        """Two conditions joined by & or |."""
-        operator = self.take()
+        """Read the second of two conditions joined by & or |."""
+        operator = self.advance()
         fix = f"put parentheses around the comparisons on both sides of {operator.text}"
         lhs, start = self.condition_like(left, first, fix), self.next
         rhs = self.condition_like(self.value(_BINDING[operator.text]), start, fix)
@@ -548,6 +553,6 @@ def _bits(number: Any) -> int:
 
 
 def _number_bits(base: sp.Expr) -> int:
-    """The most bits among the numbers that an integer power of `base` would multiply out; 0 and 1 stay small."""
+    """Return the most bits among the numbers that an integer power of `base` would multiply out; 0 and 1 stay small."""
     numbers = [factor for factor in sp.Mul.make_args(base) if factor.is_number and factor not in (0, 1, -1)]
     return max((_bits(atom) for factor in numbers for atom in factor.atoms(sp.Rational)), default=0)

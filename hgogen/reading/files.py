@@ -1,4 +1,4 @@
-"""Files at the door: their bytes up to a limit, since no read is endless, and the names that become part of a path.
+"""Files that the user names: their content up to a limit, and the names that become part of a path.
 
 Such a name, of a model's file, a plant, a trial or a tuning, is one part of a path on every system: no separator, no
 "..", nothing that cannot be printed, no device of Windows."""
@@ -30,16 +30,16 @@ SIGNALS = ("states", "inputs", "parameters", "outputs")  # the tables in which a
 
 
 class Unread(BadArgument):
-    """A path of which the content was not read."""
+    """A path whose content was not read."""
 
     text = "{what}: {reason}"
 
 
 def content_of(path: str | Path, most: int) -> bytes:
-    """The content of a regular file, of `most` bytes at most. Raises: `Unread` where it is larger, is a folder, a pipe,
-    a device or a socket, or is not there."""
+    """Return the content of a regular file of at most `most` bytes. Raises: `Unread` for a larger or missing file, a
+    folder, a pipe, a device or a socket."""
     try:
-        _demand_regular(path, os.stat(path))  # since opening a device may do something
+        _demand_regular(path, os.stat(path))  # before opening: to open a device may have effects
         handle = os.open(path, os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0))
         with open(handle, "rb") as stream:
             _demand_regular(path, os.fstat(handle))
@@ -83,7 +83,8 @@ READERS: dict[str, Callable[[str], Any]] = {
 
 
 def declares(path: Path) -> bool:
-    """Whether a file declares a plant, as far as it can be read: one with a fault in it may be meant to."""
+    """Return whether a file declares a plant. A file with a syntax error counts, because its author may have meant
+    to."""
     try:
         table = READERS[path.suffix](content_of(path, BYTES).decode("utf-8-sig"))
     except Unread:
@@ -96,29 +97,29 @@ def declares(path: Path) -> bool:
 # ---------------------------------------------------------------- filename
 
 
-LONGEST = 100  # bytes in UTF-8: two of them and an ending fit the 255 that file systems take
+LONGEST = 100  # bytes in UTF-8: two names and a suffix fit the 255 bytes of file systems
 _STRANGE = re.compile(r'[/\\:*?"<>|]')
 _DEVICE = re.compile(r"(con|prn|aux|nul|com\d|lpt\d)(\..*)?", re.IGNORECASE)
 
 
 class BadFileName(BadArgument):
-    """A name, as it is shown, that cannot be part of a path."""
+    """A quoted name that cannot be part of a path."""
 
     text = "the name {what} {reason}; it becomes part of the names of files: take letters, digits, - and _"
 
 
-def shown(name: Any) -> str:
-    """A name in a sentence, quoted, the end of a long one left out."""
+def quoted(name: Any) -> str:
+    """Return a name for a sentence, quoted and cut to 60 characters."""
     return cut(repr(name))
 
 
 def cut(text: str, most: int = 60) -> str:
-    """A text in a sentence, the end of one of more than so many characters left out."""
+    """Return a text for a sentence, cut to `most` characters."""
     return text if len(text) <= most else f"{text[: most - 3]}..."
 
 
-def fault(name: str) -> str:
-    """Why a name cannot be part of a path; empty where it can."""
+def file_name_fault(name: str) -> str:
+    """Return why a name cannot be part of a path, "" if it can."""
     if not name:
         return "is empty"
     if len(name.encode(errors="surrogatepass")) > LONGEST:
@@ -132,13 +133,14 @@ def fault(name: str) -> str:
     return "is that of a device on Windows" if _DEVICE.fullmatch(name) else ""
 
 
-def demand(name: str) -> str:
-    """The name. Raises: `BadFileName` where it cannot be part of a path."""
-    if why := fault(name):
-        raise BadFileName(shown(name), why)
+def demand_file_name(name: str) -> str:
+    """Return the name. Raises: `BadFileName` if it cannot be part of a path."""
+    if why := file_name_fault(name):
+        raise BadFileName(quoted(name), why)
     return name
 
 
-def same(name: str) -> str:
-    """Equal for names that some file system takes for one: those that differ in case, or in how accents are written."""
+def name_key(name: str) -> str:
+    """Return a key that is equal for names that some file system identifies: they differ in case, or in how accents are
+    encoded."""
     return unicodedata.normalize("NFC", unicodedata.normalize("NFC", name).casefold())

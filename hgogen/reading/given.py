@@ -1,12 +1,12 @@
-"""What a user gives: a plant, an expression, switches, numbers, names; anything else is met with a sentence.
+"""Checks of user arguments: a plant, an expression, switches, numbers, names. A wrong argument raises a sentence.
 
-A masked entry of a NumPy array is missing, NaN, where numbers are taken. Gains, weights, variances and first estimates
-have a value for each coordinate, in their order or by name:
+A masked entry of a NumPy array is a missing number, NaN. Gains, weights, variances and first estimates have a value for
+each coordinate, in their order or by name:
 
     (0.1, 0.2)   {"w": 0.2, "q": 0.1}   {"q": {"q": 0.1, "w": 0.01}, "w": {"w": 0.2}}
 
-A mapping has every name once, in any order; a key is a name, or a signal for its name. What is no mapping is left as it
-is: the order of a sequence is that of the coordinates. Sizes of what enters a step are given by name alone."""
+A mapping has every name once, in any order; a key is a name or a signal. A sequence has the order of the coordinates
+and is not changed. Sizes of the inputs of a step are given by name only."""
 
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -27,7 +27,7 @@ from hgogen.check import Check
 from hgogen.errors import BadArgument, HgogenError, nearest
 from hgogen.form import Form
 from hgogen.program import Field
-from hgogen.reading.files import cut, shown
+from hgogen.reading.files import cut, quoted
 from hgogen.sentence import same
 from hgogen.system import System
 
@@ -38,7 +38,7 @@ S = TypeVar("S", bound=sp.Symbol)
 class BadGain(HgogenError):
     """A gain of the wrong length, sign or kind; the sentence names it and the fix.
 
-    `because`: the check that says why, where one does; `fix`: what to do then.
+    `because`: the check that gives the reason, if there is one; `fix`: the remedy in that case.
     """
 
     gain: str
@@ -52,10 +52,10 @@ class BadGain(HgogenError):
 
 
 def reals(name: str, value: Any) -> np.ndarray:
-    """A number or an array of numbers as floats, NaN where it is masked. Raises: `BadGain` for anything else."""
+    """Return a number or an array of numbers as floats, NaN where it is masked. Raises: `BadGain` for anything else."""
     try:
         array = np.asarray(unmasked(value))
-        if value is None or array.dtype.kind in "USc":  # which numpy would turn into NaN, into numbers, or cut
+        if value is None or array.dtype.kind in "USc":  # numpy would convert these to NaN or numbers, or truncate
             raise TypeError
         return np.asarray(array, dtype=float)
     except (TypeError, ValueError, OverflowError):
@@ -63,7 +63,7 @@ def reals(name: str, value: Any) -> np.ndarray:
 
 
 def real(name: str, value: Any) -> float:
-    """A number as a float. Raises: `BadGain` for anything else."""
+    """Return a number as a float. Raises: `BadGain` for anything else."""
     array = reals(name, value)
     if array.ndim:
         raise BadGain(f"{name} of shape {array.shape}", "must be a single number")
@@ -71,7 +71,7 @@ def real(name: str, value: Any) -> float:
 
 
 def positive(name: str, value: Any) -> float:
-    """A number above 0 as a float. Raises: `BadGain` for anything else."""
+    """Return a number above 0 as a float. Raises: `BadGain` for anything else."""
     number = real(name, value)
     if not 0 < number < np.inf:
         raise BadGain(f"{name} = {value!r}", "must be a positive finite number")
@@ -79,7 +79,8 @@ def positive(name: str, value: Any) -> float:
 
 
 def names(what: str, value: Any) -> tuple[Any, ...]:
-    """Names, or signals for theirs, of which one may be given alone. Raises: `BadGain` for anything else."""
+    """Return names or signals as a tuple; one alone may be given without a list. Raises: `BadGain` for anything
+    else."""
     if isinstance(value, str | sp.Symbol):
         return (value,)
     if not isinstance(value, Iterable):
@@ -90,8 +91,8 @@ def names(what: str, value: Any) -> tuple[Any, ...]:
 def signals_named(
     what: str, value: Any, signals: Iterable[S], unknown: Callable[[str, str], HgogenError]
 ) -> tuple[S, ...]:
-    """The signals of these names, in their own order. Raises: `BadGain` for no names; for the name of none what
-    `unknown` makes of it and of what to take instead."""
+    """Return the signals of these names, in the order of `signals`. Raises: `BadGain` if `value` holds no names; for an
+    unknown name the error that `unknown` makes of it and of a suggestion."""
     every = {str(signal): signal for signal in signals}
     wanted = set(map(str, names(what, value)))
     for name in sorted(wanted.difference(every)):
@@ -101,12 +102,12 @@ def signals_named(
 
 
 def among(value: object, choices: Iterable[str | None]) -> bool:
-    """Whether a value is a text, or None, that is one of the choices; an array or a list is none."""
+    """Return whether a value is a text, or None, and one of the choices; an array or a list is not."""
     return (value is None or isinstance(value, str)) and value in choices
 
 
 def count(name: str, value: Any, low: int, high: int) -> int:
-    """A whole number from `low` to `high`. Raises: `BadGain` for anything else."""
+    """Return a whole number from `low` to `high`. Raises: `BadGain` for anything else."""
     number = real(name, value)
     if isinstance(value, bool) or not low <= number <= high or number != round(number):
         raise BadGain(f"{name} = {value!r}", f"must be a whole number, from {low} to {high}")
@@ -114,8 +115,8 @@ def count(name: str, value: Any, low: int, high: int) -> int:
 
 
 def unmasked(value: Any) -> Any:
-    """The value with NaN for each entry that is masked, in arrays inside of sequences as well. Raises: `TypeError`,
-    `ValueError` where an array with a mask holds no numbers."""
+    """Return the value with NaN for each masked entry, also in arrays inside sequences. Raises: `TypeError`,
+    `ValueError` if a masked array holds no numbers."""
     if isinstance(value, np.ma.MaskedArray):
         return np.ma.filled(value.astype(float), np.nan)
     if isinstance(value, list | tuple) and any(isinstance(each, list | tuple | np.ma.MaskedArray) for each in value):
@@ -124,7 +125,7 @@ def unmasked(value: Any) -> Any:
 
 
 def scalar(value: Any, what: str) -> sp.Expr:
-    """The SymPy expression of a number or of an expression. Raises: `Misfit`."""
+    """Return a number or an expression as a SymPy expression. Raises: `Misfit`."""
     try:
         expression = sp.sympify(value, strict=True)
     except (sp.SympifyError, TypeError):
@@ -135,47 +136,48 @@ def scalar(value: Any, what: str) -> sp.Expr:
 
 
 def limits(what: str, boxes: int, relative: float = 0.0) -> None:
-    """Raise `Misfit` unless at least one box may be tried, and `relative` is a number from 0 on."""
+    """Raise `Misfit` unless `boxes`, the number of boxes to try, is at least 1, and `relative` is a number from 0
+    on."""
     if isinstance(boxes, bool) or not isinstance(boxes, int) or boxes < 1:
         raise Misfit(f"{what}, boxes=", boxes, "a whole number from 1 on")
     if isinstance(relative, bool) or not isinstance(relative, int | float) or not 0 <= relative <= float_info.max:
         raise Misfit(f"{what}, relative=", relative, "a number from 0 on, such as 0.02")
 
 
-# ---------------------------------------------------------------- door
+# ---------------------------------------------------------------- decorators
 
 
-Asked = TypeVar("Asked", bound=Callable[..., Any])
-_ANSWERS = 64  # of each question are remembered
+Decorated = TypeVar("Decorated", bound=Callable[..., Any])
+_ANSWERS = 64  # cached results of each function
 
 
 @dataclass(eq=False)
 class Misfit(HgogenError):
-    """A `value` where something else belongs; `wanted` says what to give in its place."""
+    """A `value` of the wrong kind; `wanted` says what to give instead."""
 
     what: str
     value: Any
     wanted: str
 
     def __str__(self) -> str:
-        return f"{self.what} was given {shown(self.value)}, of type {type(self.value).__name__}; give {self.wanted}"
+        return f"{self.what} was given {quoted(self.value)}, of type {type(self.value).__name__}; give {self.wanted}"
 
 
-def asks(kind: type | tuple[type, ...], wanted: str) -> Callable[[Asked], Asked]:
-    """For a function whose first argument must be of a kind: for anything else it raises `Misfit`, which says what is
-    `wanted`."""
+def requires(kind: type | tuple[type, ...], wanted: str) -> Callable[[Decorated], Decorated]:
+    """Return a decorator that raises `Misfit`, with the text `wanted`, unless the function's first argument is of a
+    kind."""
 
-    def guards(question: Asked) -> Asked:
-        name = next(iter(signature(question).parameters))
+    def guards(function: Decorated) -> Decorated:
+        name = next(iter(signature(function).parameters))
 
-        @wraps(question)
+        @wraps(function)
         def guarded(*args: Any, **options: Any) -> Any:
             first = args[0] if args else options.get(name)
             if not isinstance(first, kind):
-                raise Misfit(question.__name__, first, wanted)
-            return question(*args, **options)
+                raise Misfit(function.__name__, first, wanted)
+            return function(*args, **options)
 
-        return cast(Asked, guarded)
+        return cast(Decorated, guarded)
 
     return guards
 
@@ -186,41 +188,40 @@ def demand_switch(what: str, value: object) -> None:
         raise Misfit(what, value, "True or False")
 
 
-def switches(question: Asked) -> Asked:
-    """For a function with keywords that are switches, of type bool: for anything but True or False, which would count
-    as one of them, it raises `Misfit`."""
-    names = [each.name for each in signature(question).parameters.values() if each.annotation in (bool, "bool")]
+def requires_switches(function: Decorated) -> Decorated:
+    """Decorate a function so that its keywords of type bool accept True and False only. Raises: `Misfit`."""
+    names = [each.name for each in signature(function).parameters.values() if each.annotation in (bool, "bool")]
 
-    @wraps(question)
+    @wraps(function)
     def guarded(*args: Any, **options: Any) -> Any:
         for name in names:
-            demand_switch(f"{question.__name__}, {name}=", options.get(name, False))
-        return question(*args, **options)
+            demand_switch(f"{function.__name__}, {name}=", options.get(name, False))
+        return function(*args, **options)
 
-    return cast(Asked, guarded) if names else question
-
-
-asks_a_plant = asks(System, "a plant, an hg.System; of a model file it is hg.load(path).plant")
+    return cast(Decorated, guarded) if names else function
 
 
-def remembers(question: Asked) -> Asked:
-    """The function with its last answers, which do not change: a survey, the observers that are tried and each command
-    ask the same of one plant, and of one form. What cannot be compared is asked anew."""
+requires_plant = requires(System, "a plant, an hg.System; of a model file it is hg.load(path).plant")
+
+
+def cached(function: Decorated) -> Decorated:
+    """Decorate a function with a cache of its last results: a survey, candidate observers and commands repeat the same
+    questions on one plant or form. Calls with unhashable arguments are not cached."""
 
     @lru_cache(maxsize=_ANSWERS)
     def once(args: tuple[Any, ...], options: tuple[tuple[str, Any], ...]) -> Any:
-        return question(*args, **dict(options))
+        return function(*args, **dict(options))
 
-    @wraps(question)
+    @wraps(function)
     def remembered(*args: Any, **options: Any) -> Any:
         pairs = tuple(options.items())
         try:
             hash((args, pairs))
         except TypeError:
-            return question(*args, **options)
+            return function(*args, **options)
         return once(args, pairs)
 
-    return cast(Asked, remembered)
+    return cast(Decorated, remembered)
 
 
 # ---------------------------------------------------------------- named
@@ -229,14 +230,14 @@ def remembers(question: Asked) -> Asked:
 Values: TypeAlias = Mapping[str, float] | Sequence[float]
 Matrix: TypeAlias = Mapping[str, float | Mapping[str, float]] | Sequence[float] | np.ndarray
 NOTHING: Mapping[str, Any] = MappingProxyType({})
-_BLANK: Any = object()  # an entry of a matrix that its row leaves out
+_OMITTED: Any = object()  # an entry that a row of a matrix omits
 _LENGTH = 120  # of a definition in a sentence
 Each = Mapping[str, float] | None
 _SIZE = "must be a finite number, not negative"
 
 
 class BadNames(BadArgument):
-    """Values by name of which one is missing, unknown or given twice."""
+    """Values by name with a name that is missing, unknown or given twice."""
 
 
 def in_order(
@@ -248,48 +249,48 @@ def in_order(
     aliases: Mapping[str, str] = NOTHING,
     elsewhere: Mapping[str, str] = NOTHING,
 ) -> Any:
-    """The values of a mapping as a list in the order of `names`; anything but a mapping is returned as it is.
+    """Return the values of a mapping as a list in the order of `names`; anything but a mapping is returned as it is.
 
-    `names`: a mapping to what a sentence calls them, where that is more than the name; `default`: the values of names
-    that may be left out; `aliases`: other names for these; `elsewhere`: of names that are none of these, why.
+    `names`: optionally a mapping from each name to its description in a sentence; `default`: the values of names that
+    may be left out; `aliases`: other names for these; `elsewhere`: for names that are none of these, the reason.
 
     Raises: `BadNames`.
     """
     if not isinstance(values, Mapping):
         return values
-    shown = dict(names) if isinstance(names, Mapping) else {name: name for name in names}
+    labels = dict(names) if isinstance(names, Mapping) else {name: name for name in names}
     named: dict[str, Any] = {}
     for key, value in values.items():
         name = key.name if isinstance(key, sp.Symbol) else key
-        own = name if name in shown else aliases.get(name, name)
-        if own not in shown:
-            raise BadNames(what, f"names {cut(repr(name), _LENGTH)}, {elsewhere.get(name) or _unknown(name, shown)}")
-        if own in named:
-            raise BadNames(what, f"names {own} twice; give it once")
-        named[own] = value
+        canonical = name if name in labels else aliases.get(name, name)
+        if canonical not in labels:
+            raise BadNames(what, f"names {cut(repr(name), _LENGTH)}, {elsewhere.get(name) or _unknown(name, labels)}")
+        if canonical in named:
+            raise BadNames(what, f"names {canonical} twice; give it once")
+        named[canonical] = value
     complete = {**default, **named}
-    missing = [text for name, text in shown.items() if name not in complete]
+    missing = [text for name, text in labels.items() if name not in complete]
     if missing:
-        needed = ", ".join(name for name in shown if name not in default)
+        needed = ", ".join(name for name in labels if name not in default)
         raise BadNames(what, f"has no value for {', '.join(missing)}; give one for each of {needed}")
-    return [complete[name] for name in shown]
+    return [complete[name] for name in labels]
 
 
-def _unknown(name: Any, shown: Mapping[str, str]) -> str:
-    """The end of a sentence on a name that is none of those `shown`: the one that was meant, or all of them."""
-    if not shown:
+def _unknown(name: Any, labels: Mapping[str, str]) -> str:
+    """Return the end of a sentence on an unknown name: the closest of the known names, or all of them."""
+    if not labels:
         return "but there are no names to give"
     spelled = str(name)[:60]
-    close = [each for each in shown if each.lower() == spelled.lower()] or get_close_matches(spelled, shown, n=1)
-    fix = f"did you mean {close[0]}?" if close else f"they are {', '.join(shown.values())}"
+    close = [each for each in labels if each.lower() == spelled.lower()] or get_close_matches(spelled, labels, n=1)
+    fix = f"did you mean {close[0]}?" if close else f"they are {', '.join(labels.values())}"
     return f"which is none of the names; {fix}"
 
 
 def quadratic(what: str, values: Any, names: Iterable[str], **others: Mapping[str, str]) -> Any:
-    """A diagonal (n), or a symmetric matrix (n, n) of rows by name, as lists in the order of `names`; anything but a
-    mapping is returned as it is. `others` are those of `in_order`.
+    """Return a diagonal (n), or a symmetric matrix (n, n) given by rows, as lists in the order of `names`; anything but
+    a mapping is returned as it is. `others` are those of `in_order`.
 
-    An entry off the diagonal that stands in one of its two rows is the other's, too; in neither, it is 0.
+    An entry off the diagonal may be given in one of its two rows only; an entry in neither row is 0.
 
     Raises: `BadNames`.
     """
@@ -301,20 +302,20 @@ def quadratic(what: str, values: Any, names: Iterable[str], **others: Mapping[st
         if not isinstance(row, Mapping):
             reason = f"is no row by name, as others are; give {{{name} = {cut(str(row), _LENGTH)}}}"
             raise BadNames(f"{what} of {name}", reason)
-        blank = {other: _BLANK for other in names if other != name}
+        blank = {other: _OMITTED for other in names if other != name}
         matrix.append(in_order(f"{what} of {name}", row, names, default=blank, **others))
     order = range(len(matrix))
-    both = [[matrix[j][i] if matrix[i][j] is _BLANK else matrix[i][j] for j in order] for i in order]
-    return [[0.0 if entry is _BLANK else entry for entry in row] for row in both]
+    both = [[matrix[j][i] if matrix[i][j] is _OMITTED else matrix[i][j] for j in order] for i in order]
+    return [[0.0 if entry is _OMITTED else entry for entry in row] for row in both]
 
 
-def of_coordinates(what: str, values: Any, form: Form) -> Any:
-    """A diagonal (n), or a symmetric matrix (n, n), of the form's coordinates by their names, `Form.names`: where z_i
-    is minus a state, the values are of the state. Raises: `BadNames`, for the name of a state that is no coordinate
-    with what to name in its place."""
-    if not isinstance(values, Mapping):  # whose names need no definition: those of a phase form are long
+def by_coordinate(what: str, values: Any, form: Form) -> Any:
+    """Return a diagonal (n), or a symmetric matrix (n, n), of the form's coordinates given by `Form.names`. Where z_i
+    is minus a state, the values are those of the state. Raises: `BadNames`; for a state that is no coordinate it says
+    which names to give instead."""
+    if not isinstance(values, Mapping):  # skip the definitions of the names, which are long in a phase form
         return values
-    entry = zip(form.names, form.entry, strict=True)  # what is neither a state nor minus one is shown by its definition
+    entry = zip(form.names, form.entry, strict=True)  # a coordinate other than a state or its negative has a definition
     names = {name: name if str(e) in (name, f"-{name}") else f"{name} = {cut(str(e), _LENGTH)}" for name, e in entry}
     entries = quadratic(what, values, names, elsewhere=_no_coordinates(form, names))
     if not any(isinstance(row, Mapping) for row in values.values()):
@@ -326,34 +327,35 @@ def of_coordinates(what: str, values: Any, form: Form) -> Any:
     ]
 
 
-def of_outputs(what: str, values: Any, form: Form) -> Any:
-    """A value for each output of the plant. Raises: `BadNames`."""
+def by_output(what: str, values: Any, form: Form) -> Any:
+    """Return a value for each output of the plant. Raises: `BadNames`."""
     return in_order(what, values, names_of(form.system.outputs))
 
 
 def names_of(signals: Iterable[sp.Symbol]) -> tuple[str, ...]:
-    """The names of the signals."""
+    """Return the names of the signals."""
     return tuple(signal.name for signal in signals)
 
 
-def by_name(field: Field) -> dict[str, float] | list[float] | float:
-    """A field's values, by the names of its elements where they have some."""
+def values_by_name(field: Field) -> dict[str, float] | list[float] | float:
+    """Return a field's values, by the names of its elements if they have names."""
     values = [float(value) for value in field.initial]
     if field.labels:
         return dict(zip(field.labels, values, strict=True))
     return values if field.size > 1 else values[0]
 
 
-def written(field: Field) -> str:
-    """A field's values as text: Q = {x1: 0.1, x2: 0.01}, theta = 5."""
-    values = by_name(field)
+def field_text(field: Field) -> str:
+    """Return a field's values as text: Q = {x1: 0.1, x2: 0.01}, theta = 5."""
+    values = values_by_name(field)
     if isinstance(values, dict) and len(values) > 1:
         return f"{field.name} = {_braces({name: same(value) for name, value in values.items()})}"
     return f"{field.name} = {', '.join(map(same, field.initial))}"
 
 
-def whole(name: str, matrix: np.ndarray, form: Form) -> tuple[str, ...]:
-    """A line for the banner where a matrix (n, n) of the form's coordinates is no diagonal: its rows, of the states."""
+def matrix_line(name: str, matrix: np.ndarray, form: Form) -> tuple[str, ...]:
+    """Return a line for the banner with the rows, by state, of a matrix (n, n) of the form's coordinates that is not
+    diagonal."""
     if not np.count_nonzero(matrix - np.diag(np.diag(matrix))):
         return ()
     rows = (matrix * np.outer(form.signs, form.signs) + 0.0).tolist()
@@ -367,7 +369,8 @@ def _braces(values: Mapping[str, str]) -> str:
 
 
 def _no_coordinates(form: Form, names: Mapping[str, str]) -> dict[str, str]:
-    """The names to give in place of each state of the plant, as first declared or recast, or z_i, if no coordinate."""
+    """Return, for each state of the plant and for each z_i that is no coordinate's name, which names to give
+    instead."""
     origin, entry = form.system.origin, dict(zip(names, form.entry, strict=True))
     advice = {z.name: f"which is {name} here; name {name}" for z, name in zip(form.states, names, strict=True)}
     for state in (*form.system.states, *(origin.plant.states if origin else ())):
@@ -378,20 +381,20 @@ def _no_coordinates(form: Form, names: Mapping[str, str]) -> dict[str, str]:
 
 
 def sizes(what: str, values: Each, names: Sequence[str], default: float = 0.0) -> list[Fraction]:
-    """A size for each name, the default where none is given. Raises: `BadNames`, `BadGain`."""
+    """Return a size for each name, the default where none is given. Raises: `BadNames`, `BadGain`."""
     each = each_by_name(what, values, names, default)
     return [size(f"{what} of {name}", value) for name, value in zip(names, each, strict=True)]
 
 
 def each_by_name(what: str, values: Each, names: Sequence[str], default: Any) -> list[Any]:
-    """The values given for each name, or the default. Raises: `BadNames`."""
+    """Return the values given for each name, or the default. Raises: `BadNames`."""
     if not isinstance(values, Mapping | None):
         raise BadNames(what, f"= {values!r} is no mapping from names to numbers")
     return list(in_order(what, values or {}, names, default=dict.fromkeys(names, default)))
 
 
 def size(what: str, value: Any) -> Fraction:
-    """A finite number, not negative. Raises: `BadGain` for anything else."""
+    """Return a finite number from 0 on, exactly. Raises: `BadGain` for anything else."""
     number = real(what, value)
     if isinstance(value, bool) or not 0 <= number < math.inf:
         raise BadGain(f"{what} = {value if isinstance(value, bool) else f'{number:g}'}", _SIZE)

@@ -1,13 +1,13 @@
-"""A log as a table of columns: text, whatever its encoding, delimiter, quotes and header, Parquet, MAT, DataFrames.
+"""Logs as tables of columns: text with any encoding, delimiter, quotes and header, Parquet, MAT, DataFrames.
 
 A signal of a log is one of its columns by name, or an expression of columns by the grammar of text models,
 
     T1 + 273.15      2*pi/60*rpm      -[Current(A)]
 
-in which brackets hold the name of a column that is no identifier. A column whose name is the whole text comes first, in
-the unit of its signal where its name holds another, as "T1 [degC]" or "Current(A)": it is converted by y -> factor y +
-offset. The units are pint's, an optional library; an expression says itself what it does. Texts of the command line
-give a signal its column, SIGNAL=COLUMN, or a shift, SIGNAL=SAMPLES.
+in which brackets hold the name of a column that is no identifier. A text that is the name of a column means that
+column. If its name holds a unit, as "T1 [degC]" or "Current(A)", other than the signal's, it is converted by y ->
+factor y + offset. The units are pint's, an optional library; the result of an expression is not converted. Texts of the
+command line give a signal its column, SIGNAL=COLUMN, or a shift, SIGNAL=SAMPLES.
 """
 
 import csv
@@ -26,15 +26,15 @@ import sympy as sp
 
 from hgogen.errors import BadArgument
 from hgogen.graph import NoGraph, to_casadi
-from hgogen.reading.binary_log import Damaged, Unsupported, columns_of, of_frame
+from hgogen.reading.binary_log import Damaged, Unsupported, columns_of, frame_columns
 from hgogen.reading.expression import BadExpression, parse
 from hgogen.reading.files import Unread, content_of
 from hgogen.registry import NotInstalled, library
 from hgogen.signal import Signal
 
-BYTES = 1 << 28  # of a log, whose cells take some ten times as much memory
+BYTES = 1 << 28  # of a log; its cells need about ten times as much memory
 DELIMITERS = ",;\t|"
-PIECE = 1024  # cells that are numbers at once, or one by one where one of them is none
+PIECE = 1024  # cells that are converted at once, or one by one if any is no number
 EMPTY = frozenset(("", "na", "n/a", "null", "none", "nil", "-", "--"))
 PARQUET, MAT, HDF = b"PAR1", b"MATLAB 5.0", (b"MATLAB 7.3", b"\x89HDF")
 _BINARY = {
@@ -42,9 +42,9 @@ _BINARY = {
     "mat": ("a MAT file", "a MAT file", ("scipy.io",)),
 }
 _OLD = "is a MAT file of version 7.3, which is HDF5; save it again by save('log.mat', '-v7')"
-_EXCEL = re.compile(r'"?sep=.?"?', re.IGNORECASE)  # the delimiter, which the header shows as well
+_EXCEL = re.compile(r'"?sep=.?"?', re.IGNORECASE)  # the delimiter, which the header determines anyway
 _COMMA = re.compile(r"[+-]?\d+,\d+([eE][+-]?\d+)?")
-_NO_THOUSANDS = re.compile(r"[+-]?(0,\d+|\d+,(\d{1,2}|\d{4,}))([eE][+-]?\d+)?")  # as "1,234" may be
+_NO_THOUSANDS = re.compile(r"[+-]?(0,\d+|\d+,(\d{1,2}|\d{4,}))([eE][+-]?\d+)?")  # unlike "1,234"
 _NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eEdD][+-]?\d+)?")
 
 
@@ -70,18 +70,18 @@ class Column:
 
     @property
     def not_numbers(self) -> int:
-        """The number of cells that are neither empty nor a finite number; NaN is one."""
+        """The number of cells that are neither empty nor a finite number; NaN is not a finite number."""
         return int(np.count_nonzero(np.isnan(self.values))) - self.empty
 
-    def of(self, rows: np.ndarray) -> "Column":
-        """The column in these rows only."""
+    def select_rows(self, rows: np.ndarray) -> "Column":
+        """Return the column in these rows only."""
         return replace(self, values=self.values[rows], blank=self.blank[rows])
 
 
 @dataclass(frozen=True)
 class Table:
-    """Header and columns (N,), of cells or, where a library read them, arrays; `malformed` rows were longer than the
-    header and are left out."""
+    """Header and columns (N,), of cells or, from a library, arrays; `malformed` counts the rows longer than the header,
+    which are left out."""
 
     path: str
     header: tuple[str, ...]
@@ -96,31 +96,32 @@ class Table:
         return len(self.columns[0])
 
     def column(self, name: str) -> Column:
-        """The column of that name; a missing value is an empty cell. Raises: `BadRecord`, which lists what there is."""
+        """Return the column of that name; a missing value is an empty cell. Raises: `BadRecord`, which lists the
+        columns."""
         if self.header.count(name) != 1:
             raise BadRecord(self.path, self.no_column(name))
-        array, kind = self._of(name)
+        array, kind = self._column_and_kind(name)
         if kind not in "iufbm":
             return parsed(name, self.cells(name), self.decimal_comma)
         values = array / np.timedelta64(1, "s") if kind == "m" else array.astype(float)  # spans of time in seconds
         return Column(name, np.where(np.isfinite(values), values, np.nan), np.isnan(values), "")
 
     def cells(self, name: str) -> Sequence[str]:
-        """The cells of the column of that name, as text, "" where there is none."""
-        array, kind = self._of(name)
+        """Return the cells of the column of that name as text, "" for a missing value."""
+        array, kind = self._column_and_kind(name)
         if kind == "M":
             return ["" if text == "NaT" else text for text in np.datetime_as_string(array.astype("datetime64[us]"))]
         if kind in "OU":
             return cast(Sequence[str], array.tolist() if kind == "U" else array)
         return ["" if one is None or one != one else str(one) for one in array.tolist()]
 
-    def _of(self, name: str) -> tuple[Any, str]:
-        """The column of that name, and its kind."""
+    def _column_and_kind(self, name: str) -> tuple[Any, str]:
+        """Return the column of that name and its numpy kind, "O" for text cells."""
         column = self.columns[self.header.index(name)]
         return column, column.dtype.kind if isinstance(column, np.ndarray) else "O"
 
     def no_column(self, name: str) -> str:
-        """Why there is not one column of that name, with those there are."""
+        """Return the reason why no single column has that name, with the names of the columns."""
         named = [column for column in self.header if column]
         if name in named:
             return f"has {named.count(name)} columns named {name!r}; rename all but one"
@@ -130,13 +131,13 @@ class Table:
 
 
 def log_of(source: Any) -> Table:
-    """The table of a path, whatever kind of file it is, or of a DataFrame. Raises: `BadRecord`; `NotInstalled` for a
-    file whose library is not there."""
+    """Return the table of a path to a file of any kind, or of a DataFrame. Raises: `BadRecord`; `NotInstalled` if the
+    library for the file is missing."""
     if isinstance(source, Table):
         return source
     if hasattr(source, "columns") and hasattr(source, "to_numpy"):
         try:
-            return _of_arrays("the DataFrame", of_frame(source))
+            return _of_arrays("the DataFrame", frame_columns(source))
         except ValueError as error:
             raise BadRecord("the DataFrame", str(error)) from None
     if not isinstance(source, str | Path):
@@ -155,7 +156,7 @@ def log_of(source: Any) -> Table:
 
 
 def parsed(name: str, cells: Sequence[str], decimal_comma: bool) -> Column:
-    """Cells as numbers."""
+    """Return cells as numbers."""
     if decimal_comma:
         cells = [cell.replace(",", ".") for cell in cells]
     values, blank, example = np.full(len(cells), np.nan), np.zeros(len(cells), bool), ""
@@ -180,21 +181,22 @@ def parsed(name: str, cells: Sequence[str], decimal_comma: bool) -> Column:
 
 
 def _plain_numbers(cells: Sequence[str]) -> list[float] | None:
-    """The numbers of cells that all are finite ones as Python writes them; None where one may be something else."""
+    """Return the numbers of cells that are all finite numbers as Python writes them; None if any may be something
+    else."""
     try:
         numbers = list(map(float, cells))
     except ValueError:
         return None
-    return numbers if math.isfinite(sum(numbers)) and "_" not in "".join(cells) else None  # float takes 1_000 as well
+    return numbers if math.isfinite(sum(numbers)) and "_" not in "".join(cells) else None  # float accepts 1_000 as well
 
 
 def table(path: str | Path, content: bytes | None = None) -> Table:
-    """The CSV file at `path`, or the `content` that was read of it.
+    """Return the table of the CSV file at `path`, or of its `content`.
 
-    The delimiter (comma, semicolon, tab or bar) is the header's most frequent. Decimal commas are understood, beside
-    a comma as delimiter in quotes, and where one of them can be no comma of thousands. Lines that start with # are
-    comments; the last one before the data is the header where the data has none. Each line stands alone, so a stray
-    quote spoils only its own.
+    The delimiter (comma, semicolon, tab or bar) is the header's most frequent. Decimal commas are accepted if a cell
+    has one that cannot separate thousands, with a comma as delimiter only in quotes. Lines that start with # are
+    comments; the last one before the data is the header if the data has none. Each line is parsed alone, so a stray
+    quote spoils only its own line.
 
     Raises: `BadRecord`.
     """
@@ -223,17 +225,17 @@ def table(path: str | Path, content: bytes | None = None) -> Table:
 
 
 def _aligned(path: str, header: list[str], lines: list[str], delimiter: str, notes: list[str]) -> Table:
-    """The table of the rows that fit the header, short ones filled up with empty cells. Raises: `BadRecord`."""
+    """Return the table of the rows that fit the header, short ones padded with empty cells. Raises: `BadRecord`."""
     if not lines:
         raise BadRecord(path, "has a header but no rows")
     width = len(header)
-    columns, malformed, short = _regular(lines, delimiter, width) or _ragged(lines, delimiter, header)
+    columns, malformed, short_rows = _regular(lines, delimiter, width) or _ragged(lines, delimiter, header)
     if not columns:
         raise BadRecord(
             path, f"has no row that fits its header of {width} columns; is the delimiter {delimiter!r} right?"
         )
-    if short:
-        notes.append(f"{short} rows have fewer cells than the header: the rest of them is empty")
+    if short_rows:
+        notes.append(f"{short_rows} rows have fewer cells than the header: the rest of them is empty")
     certain = _COMMA if delimiter != "," else _NO_THOUSANDS
     with_comma = (cell for column in columns if "," in "".join(column) for cell in column if "," in cell)
     comma = any(map(certain.fullmatch, with_comma))
@@ -242,11 +244,12 @@ def _aligned(path: str, header: list[str], lines: list[str], delimiter: str, not
     return Table(path, tuple(header), columns, malformed, comma, tuple(notes))
 
 
-_Columns = tuple[Sequence[Sequence[str]], int, int]  # of cells, with how many rows are malformed, and how many short
+_Columns = tuple[Sequence[Sequence[str]], int, int]  # columns of cells, numbers of malformed and of short rows
 
 
 def _regular(lines: list[str], delimiter: str, width: int) -> _Columns | None:
-    """The columns of lines without quotes that all have `width` cells, in a tenth of the time; None of others."""
+    """Return the columns of lines without quotes that all have `width` cells, ten times as fast; None for other
+    lines."""
     if '"' in "".join(lines) or {line.count(delimiter) for line in lines} != {width - 1}:
         return None
     cells = list(map(str.strip, delimiter.join(lines).split(delimiter)))
@@ -254,20 +257,20 @@ def _regular(lines: list[str], delimiter: str, width: int) -> _Columns | None:
 
 
 def _ragged(lines: list[str], delimiter: str, header: list[str]) -> _Columns:
-    """The columns of any lines; none where no row fits the header."""
+    """Return the columns of any lines, no columns if no row fits the header."""
     width = len(header)
-    aligned, malformed, short = [], 0, 0
+    aligned, malformed, short_rows = [], 0, 0
     for row in (_cells(line, delimiter) for line in lines):
         if any(row[width:]):
             malformed += 1
             continue
-        short += len(row) < width - (header[-1] == "")
+        short_rows += len(row) < width - (header[-1] == "")
         aligned.append(row[:width] + [""] * (width - len(row)))
-    return list(zip(*aligned, strict=True)), malformed, short
+    return list(zip(*aligned, strict=True)), malformed, short_rows
 
 
 def bytes_of(path: Path) -> bytes:
-    """The content of a log. Raises: `BadRecord`."""
+    """Return the content of a log. Raises: `BadRecord`."""
     try:
         return content_of(path, BYTES)
     except Unread as error:
@@ -303,7 +306,7 @@ def _of_arrays(path: str, arrays: Mapping[str, np.ndarray], notes: tuple[str, ..
 
 
 def _binary(path: str, kind: str, content: bytes) -> Table:
-    """The columns of the most frequent length, which in a Parquet file is that of all. Raises: `BadRecord`."""
+    """Return the columns of the most frequent length; in a Parquet file all lengths are equal. Raises: `BadRecord`."""
     what, form, packages = _BINARY[kind]
     for package in packages:
         library(package, f"{path}, {what},")
@@ -326,8 +329,8 @@ def _binary(path: str, kind: str, content: bytes) -> Table:
 # ---------------------------------------------------------------- mapped
 
 
-FAR = 1e9  # where a conversion is asked for besides 0: its offset then costs no digits of the factor
-_BRACKETS = re.compile(r"\[((?:[^\[\]]|\[[^\[\]]*\])*)\]")  # with a pair of brackets in it, as of a unit
+FAR = 1e9  # a conversion is evaluated here and at 0; the offset then costs the factor no digits
+_BRACKETS = re.compile(r"\[((?:[^\[\]]|\[[^\[\]]*\])*)\]")  # may contain a pair of brackets, as of a unit
 _SIGNS = re.compile(r"[-+*/()\[\]]")
 _UNIT = re.compile(r"[\[(]([^\[\]()]+)[\])]\s*$")
 _POWER = re.compile(r"(?<=[A-Za-z°µ])\^?(-?\d)")
@@ -337,7 +340,8 @@ _ANGLES = {"radian", "degree", "revolution", "turn"}
 
 
 def column_of(log: Table, text: str) -> Column:
-    """The numbers of a column, or of an expression: no number where one that it reads has none. Raises: `BadRecord`."""
+    """Return a column, or an expression of columns, as numbers, NaN where a column in it has none. Raises:
+    `BadRecord`."""
     if text in log.header or not _SIGNS.search(text):
         return log.column(text)
     bracketed = _BRACKETS.findall(text)
@@ -367,14 +371,14 @@ def column_of(log: Table, text: str) -> Column:
 
 
 def operand(log: Table, text: str) -> str:
-    """The text that stands for a column, or an expression of columns, within an expression."""
+    """Return a column name, or an expression of columns, as an operand within an expression."""
     if text in log.header:
         return text if text.isidentifier() else f"[{text}]"
     return f"({text})"
 
 
 def _placeholder(log: Table, k: int) -> str:
-    """An identifier that no column has."""
+    """Return an identifier that is no column's name."""
     name = f"column_{k}"
     while name in log.header:
         name += "_"
@@ -386,14 +390,14 @@ def _placeholder(log: Table, k: int) -> str:
 
 @dataclass(frozen=True)
 class Conversion:
-    """value -> factor value + offset, from a column's unit to a signal's; `note`: what to say of it."""
+    """A conversion from a column's unit to a signal's, value -> factor value + offset, with a note for the report."""
 
     factor: float
     offset: float
     note: str
 
     def operand(self, column: str) -> str:
-        """The converted column in an expression of columns."""
+        """Return the converted column as an operand in an expression of columns."""
         shift = f" {'+' if self.offset > 0 else '-'} {abs(self.offset):.12g}" if self.offset else ""
         return f"({self.factor:.12g}*{column}{shift})"
 
@@ -403,14 +407,14 @@ class Inconvertible(ValueError):
 
 
 def named_unit(column: str) -> str:
-    """The unit at the end of a column's name, in brackets; "" for none."""
+    """Return the unit in brackets at the end of a column's name, "" for none."""
     match = _UNIT.search(column)
     return match[1].strip() if match and re.search(r"[^\W\d]|[%°]", match[1]) else ""
 
 
 def converted(log: Table, column: Column, name: str, text: str, unit: str) -> tuple[Table, Column, str]:
-    """A column in the unit of its signal, what stands for it in an expression, and the log with a note on it. Raises:
-    `BadRecord` where the units do not convert."""
+    """Return the log with a note on the conversion, a column in the unit of its signal, and its operand in an
+    expression. Raises: `BadRecord` if the units do not convert."""
     plain = operand(log, text)
     try:
         change = conversion(name, text, unit)
@@ -424,8 +428,8 @@ def converted(log: Table, column: Column, name: str, text: str, unit: str) -> tu
 
 
 def conversion(name: str, column: str, unit: str) -> Conversion | str:
-    """The conversion of a column to the unit of the signal `name`; a note, which may be empty, where there is nothing
-    to convert or nobody to do it. Raises: `Inconvertible`, of units of different kinds."""
+    """Return the conversion of a column to the unit of the signal `name`. If the units are equal, or cannot be
+    compared, return a note instead, which may be empty. Raises: `Inconvertible` for units of different kinds."""
     source = named_unit(column)
     if not source or not unit or _normal(source) == _normal(unit):
         return ""
@@ -443,7 +447,7 @@ def conversion(name: str, column: str, unit: str) -> Conversion | str:
         raise Inconvertible(f"is in {source}, which does not convert to {unit}, the unit of {name}")
     try:
         zero, far = (float(registry.Quantity(value, first).to(second).magnitude) for value in (0.0, FAR))
-    except Exception:  # pint's own, of offsets in products
+    except Exception:  # pint's errors, of offsets in products
         return f"{name}: {source} is not converted to {unit}, which is no matter of a factor and an offset"
     factor, offset = (far - zero) / FAR, zero
     if math.isclose(factor, 1.0, rel_tol=1e-12) and not offset:
@@ -463,15 +467,15 @@ def _normal(text: str) -> str:
 
 
 def _parsed(registry: Any, text: str) -> Any:
-    """The unit of a text; None where pint knows none, as of a remark in brackets."""
+    """Return the unit of a text; None for a text that pint does not know, such as a remark in brackets."""
     try:
         return registry.Unit(_normal(text))
-    except Exception:  # pint's own, of several kinds
+    except Exception:  # pint's errors, of several kinds
         return None
 
 
 def _turns(first: Any, second: Any) -> bool:
-    """Whether one counts cycles and the other angles, whose factor 2 pi pint leaves out."""
+    """Return whether one unit counts cycles and the other angles: pint omits their factor 2 pi."""
     cycles, angles = (
         [bool(names & set(map(str, unit._units))) for unit in (first, second)] for names in ({"hertz"}, _ANGLES)
     )
@@ -479,17 +483,17 @@ def _turns(first: Any, second: Any) -> bool:
 
 
 def signal_named(key: str, inputs: Sequence[Signal], outputs: Sequence[Signal]) -> str | None:
-    """The signal that a text names: plain "u" and "y" are the only input and the only output."""
+    """Return the name of the signal that a text means; plain "u" and "y" mean the only input and the only output."""
     names = [s.name for s in (*inputs, *outputs)]
-    short = {"u": inputs, "y": outputs}
-    if key not in names and len(short.get(key, ())) == 1:
-        return str(short[key][0].name)
+    single = {"u": inputs, "y": outputs}
+    if key not in names and len(single.get(key, ())) == 1:
+        return str(single[key][0].name)
     return key if key in names else None
 
 
 def shifts_of(path: str, texts: Iterable[str], inputs: Sequence[Signal], outputs: Sequence[Signal]) -> dict[str, int]:
-    """Samples by signal, from texts "SIGNAL=SAMPLES", each of which may hold several, with commas between them. Raises:
-    `BadRecord`."""
+    """Return shifts in samples by signal, from texts "SIGNAL=SAMPLES", each of which may hold several, separated by
+    commas. Raises: `BadRecord`."""
     shifts: dict[str, int] = {}
     for text in (part for each in texts for part in each.split(",")):
         key, _, number = (part.strip() for part in text.partition("="))
@@ -510,8 +514,7 @@ def shifts_of(path: str, texts: Iterable[str], inputs: Sequence[Signal], outputs
 def mapping(
     path: str, assignments: Iterable[str], inputs: Sequence[Signal], outputs: Sequence[Signal]
 ) -> dict[str, str]:
-    """The column name of each signal, from texts "SIGNAL=COLUMN"; a signal that none names has a column of its own
-    name.
+    """Return the column name of each signal, from texts "SIGNAL=COLUMN", by default the name of the signal.
 
     Plain "u" and "y" name the only input and the only output.
 
@@ -519,7 +522,7 @@ def mapping(
     """
     names = [s.name for s in (*inputs, *outputs)]
     columns = {name: name for name in names}
-    seen: dict[str, str] = {}
+    assigned: dict[str, str] = {}
     for text in assignments:
         key, equals, column = text.partition("=")
         key = signal_named(key.strip(), inputs, outputs) or key.strip()
@@ -527,8 +530,8 @@ def mapping(
             raise BadRecord(path, f"--map {text!r} must read SIGNAL=COLUMN; the signals are {', '.join(names)}")
         if key not in names:
             raise BadRecord(path, f"--map {text!r} names no signal; the signals are {', '.join(names)}")
-        if key in seen:
-            raise BadRecord(path, f"--map {seen[key]!r} and --map {text!r} map {key} twice; leave one of them out")
-        seen[key] = text
+        if key in assigned:
+            raise BadRecord(path, f"--map {assigned[key]!r} and --map {text!r} map {key} twice; leave one of them out")
+        assigned[key] = text
         columns[key] = column.strip()
     return columns

@@ -1,22 +1,22 @@
-"""A measured record on the step's grid: u and y at t_0 + k dt, NaN where nothing was measured.
+"""Measured logs on the step's grid: u and y at t_0 + k dt, NaN where nothing was measured.
 
-Nothing is guessed in silence: the report counts what was missing, not a number, duplicated, out of order or
-in a gap, and says what was done with it. A row goes to the nearest grid point; where several meet at one,
-each column keeps its number nearest in time (of equals the first). An input of a log that is faster than the
-step, or irregular, is averaged instead, over the time that a sample stands for:
+The report counts the cells and rows that were missing, not a number, duplicated, out of order or in a gap, and says how
+each was treated. A row goes to the nearest grid point; of several at one point each column keeps the number nearest in
+time (of equals the first). An input of a log that is faster than the step, or irregular, is averaged instead, over the
+time that a sample represents:
 
     u_k = 1/(b - a) integral over [a, b] of the log, each row's value held until the next,   a, b = t_k + window dt
 
-so that the integral is kept: charge, volume or heat, whatever happened between two samples. The window is that of what
-the step makes of u between samples: half a step to both sides where it goes on the line from one to the next, whose
-integral is dt (u_0/2 + u_1 + .. + u_N/2); the step before where a value is the one applied since the last sample.
+so that the integral is preserved: charge, volume or heat. The window follows from the step's interpolation of u between
+samples. Linear interpolation has half a step on both sides, since its integral is dt (u_0/2 + u_1 + .. + u_N/2); a
+value that was applied since the last sample has the step before it.
 
-Derivatives of inputs, which a form reads and few logs hold, are differences from sample to sample,
+Derivatives of inputs, which a form needs and few logs hold, are differences from sample to sample,
 
     u'(k) = (u(k) - u(k - 1))/dt,   u''(k) = (u'(k) - u'(k - 1))/dt,   ..
 
-which firmware can compute, and the slope of the line that reaches the sample. The first difference stands for those
-before it."""
+which firmware can compute, and which equal the slope of the line that ends at the sample. The first difference also
+replaces those before it."""
 
 import math
 import shlex
@@ -36,18 +36,18 @@ Window = tuple[float, float]
 WINDOWS: dict[str, Window] = {"line": (-0.5, 0.5), "hold": (-1.0, 0.0), "forward": (0.0, 1.0)}
 FASTER = 0.75  # of the step: a log with a shorter period is averaged
 UNEVEN, SHARE = 0.25, 0.1  # of the period, of the rows: more of them so far off it make a log irregular
-HELD = 10.0  # typical periods for which a row's value is held: a longer silence is a gap
-_BEAT = 0.01  # of a period or more off a whole multiple: rows and samples drift past each other
-_DOUBT = 0.4  # of a period, from a whole multiple: how many periods a step is
-LONGEST = 10_000_000  # samples on the grid; beyond it the times are hardly seconds
-_SPARSE, _LONG = 500, 1_000_000  # nor are they where rows are so many samples apart, on a grid of so many
-_EACH_HELD = "every row held until the next, so that the integral is kept"
+HOLD_PERIODS = 10.0  # typical periods for which a row's value stays valid: a longer pause is a gap
+_BEAT = 0.01  # of a period, from a whole multiple: beyond it rows and samples drift apart
+_AMBIGUOUS = 0.4  # of a period, from a whole multiple: beyond it the number of periods of a step is ambiguous
+LONGEST = 10_000_000  # samples on the grid; with more the times are hardly seconds
+_SPARSE, _LONG = 500, 1_000_000  # nor if rows are so many samples apart on a grid of so many samples
+_HOLD_NOTE = "every row held until the next, so that the integral is kept"
 
 
 @dataclass(frozen=True)
 class Caller:
-    """The caller's words for what a sentence asks for: the `column` of a name, a pattern of {name}, but of some names
-    by `others`; the `times` of rows; the `period` between them."""
+    """The option names that error messages suggest: a `column` pattern with {name}, `others` for particular names;
+    `times` of rows; the `period` between them."""
 
     column: str
     times: str
@@ -55,7 +55,7 @@ class Caller:
     others: Mapping[str, str] = field(default_factory=dict)
 
     def fix(self, name: str) -> str:
-        """The option that gives the column of a name."""
+        """Return the option that gives the column of a name."""
         return self.others.get(name) or self.column.format(name=name)
 
 
@@ -65,9 +65,9 @@ PYTHON = Caller("columns={{{name!r}: COLUMN}}", "time=COLUMN or period=TIME", "p
 
 @dataclass(frozen=True)
 class Report:
-    """A report on what was found in a log and what was done with it.
+    """A report on the contents of a log and on how they were treated.
 
-    `absent` is missing + not_numbers - covered + filled, but of an input that is averaged.
+    `absent` is missing + not_numbers - covered + filled, except for an input that is averaged.
     """
 
     path: Annotated[str, "path of the file"]
@@ -95,7 +95,7 @@ class Report:
     notes: Annotated[tuple[str, ...], "what else was decided on reading, or looks doubtful"]
 
     def sentences(self) -> tuple[str, ...]:
-        """Sentences on what was found and what was done with it, only on what there is."""
+        """Return sentences on the contents of the log and their treatment, only on counts above 0."""
         period, dt = (f"{time:g} {self.unit}" for time in (self.period, self.dt))
         lines = [f"{self.rows} rows, one every {period}, became {self.samples} samples of {dt}"]
         for name, column in self.columns.items():
@@ -123,9 +123,9 @@ class Report:
 
 @dataclass(frozen=True, eq=False)
 class Record:
-    """t (N,) from the first row's time on, `values` (N, c) of the signals `names`, NaN where missing, as a masked entry
-    is; the report; `operands`: of each signal what stands for its column in an expression of --map; `rates`: the
-    names that are differences of others, with their order."""
+    """Measured signals on a grid: times t (N,) from the first row's on, `values` (N, c) of the signals `names`, NaN
+    where missing or masked; the report; `operands`: the operand of each signal's column in an expression of --map;
+    `rates`: the names that are differences of other signals, with their order."""
 
     t: np.ndarray
     names: tuple[str, ...]
@@ -135,29 +135,30 @@ class Record:
     rates: Mapping[str, tuple[str, int]] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        """Replaces a mask, which a selection of columns would lose, by NaN."""
+        """Replace a mask, which a selection of columns would lose, by NaN."""
         object.__setattr__(self, "values", unmasked(self.values))
 
     def of(self, signals: Sequence[Signal]) -> np.ndarray:
-        """The columns (N, k) of some signals, in their order."""
+        """Return the columns (N, k) of some signals, in their order."""
         return np.ascontiguousarray(self.values[:, [self.names.index(s.name) for s in signals]])
 
     def with_rates(self, rates: Mapping[str, tuple[str, int]]) -> "Record":
-        """The record with derivatives of signals as well, by name: of which signal, and the order."""
+        """Return the record with derivatives of signals as well, given by name as a source signal and an order."""
         dt, index = self.report.dt, self.names.index
         columns = [difference(self.values[:, index(of)], order, dt) for of, order in rates.values()]
         return replace(
             self,
             names=(*self.names, *rates),
             values=np.column_stack([self.values, *columns]),
-            report=replace(self.report, notes=(*self.report.notes, *said_of(rates))),
+            report=replace(self.report, notes=(*self.report.notes, *difference_notes(rates))),
             operands={**self.operands, **{name: name for name in rates}},
             rates=rates,
         )
 
     def shifted(self, shifts: Mapping[str, int]) -> "Record":
-        """The record with signals taken so many samples later, or earlier where negative, and their differences with
-        them; missing where the log has none. Raises: `BadRecord` where nothing is left of one."""
+        """Return the record with signals delayed by a number of samples, or advanced if it is negative, and their
+        differences likewise; the samples at the end are missing. Raises: `BadRecord` if no sample of a signal
+        remains."""
         shifts = {name: shifts[of] for name, (of, _) in self.rates.items() if of in shifts} | dict(shifts)
         values, notes = self.values.copy(), []
         for name, by in shifts.items():
@@ -173,7 +174,7 @@ class Record:
 
 
 def shifted(values: np.ndarray, by: int) -> np.ndarray:
-    """A column (N,) taken so many samples later, or earlier where negative; NaN where there is none."""
+    """Return a column (N,) delayed by `by` samples, or advanced if negative; NaN where there is no sample."""
     whole = np.full(len(values), np.nan)
     count = len(values) - abs(by)
     if count > 0:
@@ -194,14 +195,14 @@ def read(
     units: Mapping[str, str] = MappingProxyType({}),
     rates: Mapping[str, tuple[str, int]] = MappingProxyType({}),
 ) -> Record:
-    """The log at `path`, a file's or a DataFrame, on the grid of `dt`, of its own period where None; `unit`: that of
-    all times, the model's; `caller`: to whom the sentences of errors speak; `inputs`: the names that are averaged
-    where the log is faster or irregular, with their windows; others are sampled; `units`: those of the names, to which
-    a column is converted whose name holds another; `rates`: names that are derivatives of others, with their order,
-    taken as differences where the log has no column of theirs.
+    """Return the log at `path`, a file's or a DataFrame, on the grid of `dt`, by default of the log's own period.
 
-    Args: `columns` maps signal names to column names, or to expressions of columns (reading/log.py); `time` names
-    the column of times, or `period` is the time between rows.
+    Args: `columns` maps signal names to column names, or to expressions of columns (reading/log.py); `time` names the
+    column of times, or `period` is the time between rows; `unit`: that of all times, the model's; `caller`: whose
+    options error messages suggest; `inputs`: the names that are averaged if the log is faster or irregular, with their
+    windows, others are sampled; `units`: those of the names, to which a column with another unit in its name is
+    converted; `rates`: names that are derivatives of others, with their order, computed as differences if the log has
+    no such column.
 
     Raises: `BadRecord`.
     """
@@ -234,7 +235,8 @@ def read(
 
 
 def _stamps(log: Table, column: Column, unit: str, caller: Caller) -> np.ndarray:
-    """The times (rows,), NaN where a row has none; of dates those since the first, where the model's unit is known."""
+    """Return the times (rows,), NaN where a row has none. Dates become times since the first if the model's unit of
+    time is known."""
     known = seconds(unit)
     if known and not np.isfinite(column.values).any():
         dates = _dates(log, column.name) / known
@@ -250,10 +252,9 @@ def _stamps(log: Table, column: Column, unit: str, caller: Caller) -> np.ndarray
 
 
 def _clocks(log: Table, mapped: Iterable[str]) -> Iterator[str]:
-    """A note for each column that is no signal's and runs like a clock but for pauses: rows laid a period apart close
-    its gaps.
+    """Yield a note for each unmapped column that is a clock with pauses, whose gaps a constant --period would close.
 
-    A clock: of its steps at least nine in ten are within half and one and a half of their median.
+    A column is a clock if at least nine in ten of its steps are within half and one and a half of their median.
     """
     for name in dict.fromkeys(log.header):
         if not name or name in mapped or log.header.count(name) > 1:
@@ -273,7 +274,7 @@ def _clocks(log: Table, mapped: Iterable[str]) -> Iterator[str]:
 
 
 def _dates(log: Table, name: str) -> np.ndarray:
-    """The cells of a column (rows,) as seconds since the first of its dates, ISO 8601; NaN for what is none."""
+    """Return the cells of a column (rows,) as seconds since its first ISO 8601 date; NaN for a cell that is no date."""
     seconds = np.array([_seconds(cell) for cell in log.cells(name)])
     there = seconds[np.isfinite(seconds)]
     return seconds - there[0] if len(there) else seconds
@@ -288,26 +289,26 @@ def _seconds(cell: str) -> float:
 
 
 def _pace(period: float, dt: float, unit: str) -> tuple[str, ...]:
-    """A note where the record is much slower or faster than the step."""
+    """Return a note if the record is much slower or faster than the step."""
     factor = period / dt
-    said = f"the record's period, {period:g} {unit}, is {factor:.4g} times the step's dt, {dt:g} {unit}: "
+    finding = f"the record's period, {period:g} {unit}, is {factor:.4g} times the step's dt, {dt:g} {unit}: "
     if 0.5 - 1e-9 <= factor <= 2 + 1e-9:
         whole = max(factor, 1 / factor)
         if abs(whole - round(whole)) < _BEAT:
             return ()
-        return (f"{said}rows and samples fall apart; with --dt {period:.5g} (dt=) each sample has its row",)
+        return (f"{finding}rows and samples fall apart; with --dt {period:.5g} (dt=) each sample has its row",)
     if 500 < factor < 2000:
-        doubt = f"are its times milli{plural(unit)}? They are read as {plural(unit)}"
+        question = f"are its times milli{plural(unit)}? They are read as {plural(unit)}"
     elif factor > 1:
-        doubt = f"between rows the step has only its model; are the times {plural(unit)}, and is dt right?"
+        question = f"between rows the step has only its model; are the times {plural(unit)}, and is dt right?"
     else:
-        doubt = f"only the row nearest to each sample is used; are the times {plural(unit)}, and is dt right?"
-    return (said + doubt,)
+        question = f"only the row nearest to each sample is used; are the times {plural(unit)}, and is dt right?"
+    return (finding + question,)
 
 
 def _typical(times: np.ndarray) -> float:
-    """The period of ascending times, 0 of a single one, with the fewest digits for which the grid ends within their
-    rounding or, where they jitter, `_BEAT` of a period: 0.01 and no 0.00999999999999979."""
+    """Return the period of ascending times, 0 of a single one, with the fewest digits for which the end of the grid
+    stays within the rounding of the times or, if they jitter, `_BEAT` of a period: 0.01 and not 0.00999999999999979."""
     steps = np.diff(times)
     if not len(steps):
         return 0.0
@@ -320,13 +321,14 @@ def _typical(times: np.ndarray) -> float:
 
 
 def _slope(times: np.ndarray, steps: np.ndarray, middle: float) -> float:
-    """The slope of the line through the times over their numbers, one for all pieces between steps of which it is in
-    doubt how many periods they are; where too many are, the median `middle` of the steps, which jitter moves."""
+    """Return the slope of the least-squares line through times over row numbers. A step that is no clear multiple of
+    the period starts a new piece with its own offset. If too many steps are unclear, return their median `middle`,
+    which is sensitive to jitter."""
     counts = np.rint(steps / middle)
     off = np.abs(steps / middle - counts)
     if np.mean(off > UNEVEN) > SHARE:
         return middle
-    piece = np.concatenate([[0], np.cumsum((off > _DOUBT) | (counts > HELD))])
+    piece = np.concatenate([[0], np.cumsum((off > _AMBIGUOUS) | (counts > HOLD_PERIODS))])
     number = np.concatenate([[0.0], np.cumsum(counts)])
     number, since = (each - (np.bincount(piece, each) / np.bincount(piece))[piece] for each in (number, times))
     return float(number @ since / (number @ number)) if np.any(number) else middle
@@ -340,8 +342,8 @@ def _gridded(
     unit: str,
     inputs: Mapping[str, Window],
 ) -> Record:
-    """The columns of the signals at the points of the grid of `step`, by default of the typical time between rows, each
-    the value of the row nearest in time; of `inputs` its mean, where the log is faster or irregular."""
+    """Return the signals at the points of the grid of `step`, by default of the typical time between rows, each with
+    the value of the row nearest in time; `inputs` are averaged if the log is faster or irregular."""
     timed = np.flatnonzero(np.isfinite(stamps))
     ordered = timed[np.argsort(stamps[timed], kind="stable")]
     times = stamps[ordered]
@@ -359,12 +361,18 @@ def _gridded(
     values = _first_numbers([one.values[ordered][nearest] for one in series.values()], point[nearest], samples)
     means = [name for name in series if name in inputs and needs_averaging(steps, period, dt)]
     notes = [*log.notes, *_pace(period, dt, unit)]
-    notes += [f"{', '.join(means)}: averaged over each step, {_EACH_HELD}"] * bool(means)
+    notes += [f"{', '.join(means)}: averaged over each step, {_HOLD_NOTE}"] * bool(means)
     for name in means:
         values[:, list(series).index(name)] = window_means(
-            times, series[name].values[ordered], float(times[0]), samples, dt, inputs[name], max(HELD * period, dt)
+            times,
+            series[name].values[ordered],
+            float(times[0]),
+            samples,
+            dt,
+            inputs[name],
+            max(HOLD_PERIODS * period, dt),
         )
-    cells = {name: column.of(timed) for name, column in series.items()}
+    cells = {name: column.select_rows(timed) for name, column in series.items()}
     absent = dict(zip(series, np.isnan(values).sum(axis=0).tolist(), strict=True))
     lost = {name: column.empty + column.not_numbers for name, column in cells.items()}
     report = Report(
@@ -394,7 +402,8 @@ def _gridded(
 
 
 def _demand_samples(path: str, times: np.ndarray, rows: int, dt: float, unit: str) -> None:
-    """Raise `BadRecord` for times (rows,) in so many distinct places whose grid is too long, or one sample."""
+    """Raise `BadRecord` if the grid of the times (rows,), of which `rows` are distinct, is too long or has one sample
+    only."""
     span = float(times[-1] - times[0])
     if span / dt > (LONGEST if span / dt < _SPARSE * rows else _LONG):
         many = f"its times span {span:g} {unit}, {span / dt:.3g} samples of {dt:g} {unit} for {rows} rows"
@@ -406,7 +415,7 @@ def _demand_samples(path: str, times: np.ndarray, rows: int, dt: float, unit: st
 
 
 def _first_numbers(columns: Sequence[np.ndarray], points: np.ndarray, samples: int) -> np.ndarray:
-    """The first finite number of each column (rows,) at each grid point (samples, columns), NaN where it has none."""
+    """Return the first finite number of each column (rows,) at each grid point, (samples, columns), NaN without one."""
     values = np.full((samples, len(columns)), np.nan)
     for c, numbers in enumerate(columns):
         there = np.flatnonzero(np.isfinite(numbers))
@@ -416,7 +425,8 @@ def _first_numbers(columns: Sequence[np.ndarray], points: np.ndarray, samples: i
 
 
 def needs_averaging(steps: np.ndarray, period: float, dt: float) -> bool:
-    """Whether inputs are averaged, of the times between rows (N,), their typical `period` and the step `dt`."""
+    """Return whether inputs are averaged, from the times between rows (N,), their typical `period` and the step
+    `dt`."""
     uneven = np.abs(steps / period - 1) > UNEVEN if period else np.zeros(0, bool)
     return bool(period < FASTER * dt or (len(uneven) and uneven.mean() > SHARE))
 
@@ -424,8 +434,9 @@ def needs_averaging(steps: np.ndarray, period: float, dt: float) -> bool:
 def window_means(
     times: np.ndarray, values: np.ndarray, first: float, samples: int, dt: float, window: Window, hold: float
 ) -> np.ndarray:
-    """The means (samples,) of a column (N,) at ascending times (N,) over the windows about first + k dt; from the
-    first number on where the one before it is more than the time `hold` old; NaN where there is none."""
+    """Return the means (samples,) of a column (N,) at ascending times (N,) over the windows around first + k dt. If the
+    last number before a window is older than the time `hold`, the mean begins at the first number inside; NaN if there
+    is none."""
     there = np.isfinite(values)
     times, index = np.unique(times[there], return_index=True)
     if not len(times):
@@ -438,7 +449,7 @@ def window_means(
     low, high = (np.clip(grid + edge * dt, first, end) for edge in window)
     at = np.searchsorted(times, low + 1e-9 * dt, "right") - 1
     stale = np.where(at < 0, True, low - times[np.maximum(at, 0)] > hold)
-    low = np.where(stale, np.append(times, np.inf)[at + 1], low)  # the next number is the first that counts
+    low = np.where(stale, np.append(times, np.inf)[at + 1], low)  # the window begins at the next number
     at = np.where(stale, np.minimum(at + 1, len(times) - 1), at)
     length = high - low
     with np.errstate(invalid="ignore", divide="ignore"):
@@ -447,8 +458,8 @@ def window_means(
     return np.asarray(np.where(~stale | (length > 1e-9 * dt), mean, np.nan))
 
 
-def said_of(rates: Mapping[str, tuple[str, int]]) -> tuple[str, ...]:
-    """Sentences on derivatives that no log holds, by name: of which input, and the order."""
+def difference_notes(rates: Mapping[str, tuple[str, int]]) -> tuple[str, ...]:
+    """Return sentences on derivatives that the log does not hold, given by name as a source signal and an order."""
     return tuple(
         f"{name} is taken as differences of {source} from sample to sample: no column gives it"
         for name, (source, _) in rates.items()
@@ -456,7 +467,7 @@ def said_of(rates: Mapping[str, tuple[str, int]]) -> tuple[str, ...]:
 
 
 def difference(values: np.ndarray, order: int, dt: float) -> np.ndarray:
-    """The difference of a column (N,), NaN where one of its samples is missing, or none is there."""
+    """Return the difference of an order of a column (N,), NaN if one of its samples is missing."""
     if len(values) <= order:
         return np.full(len(values), np.nan)
     rates = np.diff(values, order) / dt**order

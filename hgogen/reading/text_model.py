@@ -23,17 +23,17 @@
     y = [0, 50]
     z = [[-2, -1], [0, 0], [2, 1]]
 
-Beside these: meaning and reference (text), known (known answers, a free table), and the tables that files of
+Other keys: meaning and reference (text), known (known answers, a free table), and the tables that files of
 `hgogen.modelfiles` read: `observer` and `tuning` (tuning.py), `trial` (recipe.py), `dissipation` (storage.py).
 Expressions are those of `reading.expression`.
 
-A file of a library has one model a dictionary, either a table as above with "bound_queries" beside it, where a
-parameter with a range is unknown and one without is known and has its value, or
+Each dictionary in a file of a library is one model. It is either a table as above with a key "bound_queries", where a
+parameter with a range is unknown and one without has a known value, or
 
     {"name", "states", "inputs", "outputs", "known_params", "unknown_params": [name, ..], "f", "h": [expression, ..],
      "x_box", "u_box", "param_ranges": {name: [low, high], ..}, "bound_queries": [expression, ..]}
 
-There every listed name is a symbol, whatever it means elsewhere. Ends are numbers or texts without names, such as
+In the second kind every listed name is a symbol, also pi and E. Ends are numbers or texts without names, such as
 "pi/3"; "oo" and "-oo" are infinite.
 """
 
@@ -53,7 +53,7 @@ from hgogen.errors import BadArgument, HgogenError, nearest
 from hgogen.reading.declared import cells_of, with_disturbance
 from hgogen.reading.expression import BadExpression, Fold, parse
 from hgogen.reading.expression import read as read_expression
-from hgogen.reading.files import BYTES, READERS, Unread, content_of, shown
+from hgogen.reading.files import BYTES, READERS, Unread, content_of, quoted
 from hgogen.rigor.box import EVERYTHING, Box, End, box
 from hgogen.rigor.lookup import Cells
 from hgogen.rigor.series import ends as of_ball
@@ -65,7 +65,7 @@ from hgogen.system import System
 TEXT, NUMBER, EXPRESSION, TABLE, RANGES = "text", "a number", "an expression", "a table", "pairs of numbers"
 NUMBERS, ROWS = "a list of numbers", "a list of lists of numbers"
 _SIGNAL = {"unit": TEXT, "meaning": TEXT, "value": NUMBER, "low": NUMBER, "high": NUMBER}
-_KINDS: dict[str, tuple[dict[str, str], str | None]] = {  # keys of each kind of signal, and the one that must be there
+_KINDS: dict[str, tuple[dict[str, str], str | None]] = {  # keys of each kind of signal, and the required one
     "states": ({**_SIGNAL, "rates": RANGES, "flow": EXPRESSION}, "flow"),
     "inputs": ({**_SIGNAL, "rates": RANGES}, None),
     "parameters": (_SIGNAL, "value"),
@@ -80,8 +80,8 @@ _TOP = {
     **dict.fromkeys(("disturbances", "tables", "known", "observer", "tuning", "trial", "dissipation", "bounds"), TABLE),
 }
 _OF_PLANT = ("name", "time", "disturbances", "tables", *_KINDS)
-BESIDE = tuple(key for key in _TOP if key not in _OF_PLANT)  # what a file says beside its plant
-Made = TypeVar("Made")
+OTHER_KEYS = tuple(key for key in _TOP if key not in _OF_PLANT)  # the keys that do not declare the plant
+Result = TypeVar("Result")
 _LARGEST = 1e300  # beyond it a number of a file is a slip
 _EXAMPLES = {
     TEXT: '"..."',
@@ -96,8 +96,7 @@ _EXAMPLES = {
 
 @dataclass(eq=False)
 class BadModelFile(HgogenError):
-    """A model file with a table that is none; `key` is the path of tables to the fault, empty for the file as a
-    whole."""
+    """A faulty model file; `key` is the path of tables to the fault, empty for the file as a whole."""
 
     file: str
     key: str
@@ -108,7 +107,7 @@ class BadModelFile(HgogenError):
 
 
 class NoText(BadArgument):
-    """A system that no plain text can hold."""
+    """A system that plain text cannot represent."""
 
     text = "system {what!r} cannot be written as plain text: {reason}"
 
@@ -117,7 +116,7 @@ class NoText(BadArgument):
 class PlainModel:
     """The content of a plain-text model.
 
-    `known`, `observer`, `tuning`, `trial`, `dissipation` and `bounds` are its tables as they stand, empty if missing;
+    `known`, `observer`, `tuning`, `trial`, `dissipation` and `bounds` are its tables as written, empty if missing;
     `folds` are the expressions from which SymPy folded something away.
     """
 
@@ -138,7 +137,7 @@ class PlainModel:
 
 
 def read(path: Path) -> PlainModel:
-    """The model of a .toml or .json file. Raises: `BadModelFile` with file, key and fix."""
+    """Return the model of a .toml or .json file. Raises: `BadModelFile` with file, key and fix."""
     try:
         text = content_of(path, BYTES).decode("utf-8-sig")
         table = READERS[path.suffix](text)
@@ -152,7 +151,7 @@ def read(path: Path) -> PlainModel:
 
 
 def from_table(table: Any, file: str = "model") -> PlainModel:
-    """The model of a dictionary, as TOML and JSON give it; `file` is what errors call it. Raises: `BadModelFile`."""
+    """Return the model of a dictionary as TOML and JSON give it; errors call it `file`. Raises: `BadModelFile`."""
     demand_keys(file, "", table, _TOP, "name")
     groups = {kind: table.get(kind, {}) for kind in _KINDS}
     signals: dict[str, list[Signal]] = {}
@@ -164,7 +163,7 @@ def from_table(table: Any, file: str = "model") -> PlainModel:
         raise BadModelFile(file, f"tables.{name}", f"a signal is called {name!r} as well; rename one of the two")
 
     def expressions(kind: str, key: str) -> list[Fold]:
-        """The expressions under `key` in every table of a kind."""
+        """Return the expressions under `key` in every table of a kind."""
         return [
             named(file, f"{kind}.{name}.{key}", read_expression, str(entry[key]), symbols, tables)
             for name, entry in groups[kind].items()
@@ -177,28 +176,28 @@ def from_table(table: Any, file: str = "model") -> PlainModel:
         signal = _signal(file, "disturbances", name, entry, _DISTURBANCE, "on")
         on, order = entry["on"], entry.get("order", 1)
         plant = named(file, f"disturbances.{name}", with_disturbance, plant, on, order, signal=signal)
-    beside = {key: table.get(key, "" if _TOP[key] == TEXT else {}) for key in BESIDE}
-    return PlainModel(file, plant, **beside, folds=tuple(one for one in (*flow, *output) if one.lost))
+    others = {key: table.get(key, "" if _TOP[key] == TEXT else {}) for key in OTHER_KEYS}
+    return PlainModel(file, plant, **others, folds=tuple(one for one in (*flow, *output) if one.lost))
 
 
 def demand_keys(file: str, where: str, table: Any, keys: Mapping[str, str], needed: str | None = None) -> None:
-    """Raise `BadModelFile` unless every key is known and of its kind, and the needed one is there."""
+    """Raise `BadModelFile` unless every key is known and its value of the right kind, and the needed key exists."""
     if not isinstance(table, Mapping):
-        raise BadModelFile(file, where, f"is {_shown(table)}, not a table; write its keys, {', '.join(keys)}")
+        raise BadModelFile(file, where, f"is {_described(table)}, not a table; write its keys, {', '.join(keys)}")
     for key, value in table.items():
         path = f"{where}.{key}" if where else key
         if key not in keys:
             known = nearest(key, keys, f"the keys are {', '.join(keys)}")
             raise BadModelFile(file, path, f"there is no key {key[:60]!r} here; {known}")
         if not _FITS[keys[key]](value):
-            raise BadModelFile(file, path, f"is {_shown(value)}; write {keys[key]}, such as {_EXAMPLES[keys[key]]}")
+            raise BadModelFile(file, path, f"is {_described(value)}; write {keys[key]}, such as {_EXAMPLES[keys[key]]}")
     if needed is not None and needed not in table:
         example = _EXAMPLES[keys[needed]].partition(",")[0]
         raise BadModelFile(file, where, f"the key {needed!r} is missing; add {needed} = {example}")
 
 
 def _number(value: Any) -> bool:
-    """A finite number; an integer too large for a float is none."""
+    """Return whether a value is a finite number that fits a float."""
     return type(value) in (int, float) and abs(value) < _LARGEST
 
 
@@ -217,12 +216,12 @@ _FITS: dict[str, Callable[[Any], bool]] = {
 }
 
 
-def _shown(value: Any) -> str:
+def _described(value: Any) -> str:
     if isinstance(value, dict | list):
         return "a table" if isinstance(value, dict) else "a list"
     if isinstance(value, str):
         return f"{str(value)[:40]!r}, text"
-    huge = isinstance(value, int) and value.bit_length() > 1000  # of thousands of digits it cannot even be printed
+    huge = isinstance(value, int) and value.bit_length() > 1000  # Python does not print thousands of digits
     return "a huge number" if huge else repr(value)[:40]
 
 
@@ -241,8 +240,8 @@ def _points(file: str, name: str, entry: Mapping[str, Any]) -> Cells:
     return named(file, where, cells_of, axes, values, entry.get("kind", "linear"), name)
 
 
-def named(file: str, where: str, function: Callable[..., Made], *args: Any, **kwargs: Any) -> Made:
-    """Return what `function` returns; its refusal becomes a `BadModelFile` with file and key."""
+def named(file: str, where: str, function: Callable[..., Result], *args: Any, **kwargs: Any) -> Result:
+    """Return what `function` returns; its error becomes a `BadModelFile` with file and key."""
     try:
         return function(*args, **kwargs)
     except HgogenError as error:
@@ -252,9 +251,9 @@ def named(file: str, where: str, function: Callable[..., Made], *args: Any, **kw
 # --- model to text ------------------------------------------------------------------------------------------
 
 
-def to_text(plant: System, beside: Mapping[str, Any] = MappingProxyType({})) -> str:
-    """The plant as TOML, which `read` reads back as an equal system; a float is written as its shortest decimal.
-    `beside`: what else stands in the file, by its key at the top, as `from_table` takes it. Raises: `NoText` for a
+def to_text(plant: System, others: Mapping[str, Any] = MappingProxyType({})) -> str:
+    """Return the plant as TOML, which `read` reads back as an equal system; a float is written as its shortest decimal.
+    `beside`: the other top-level entries of the file by key, as `from_table` accepts them. Raises: `NoText` for a
     recast plant, and for an expression outside the grammar."""
     if plant.origin is not None:
         raise NoText(plant.name, f"it is recast; write the plant it comes from, {plant.origin.plant.name!r}")
@@ -266,7 +265,7 @@ def to_text(plant: System, beside: Mapping[str, Any] = MappingProxyType({})) -> 
         "outputs": ("equation", [_expression(plant, symbols, e) for e in plant.output]),
     }
     lines = [f"name = {_quoted(plant.name)}"] + [f"time = {_quoted(plant.time)}"] * (plant.time != "s")
-    lines += [f"{_key(key)} = {inline(value)}" for key, value in beside.items()]
+    lines += [f"{_key(key)} = {inline(value)}" for key, value in others.items()]
     lines += [line for cells in plant.tables for line in _table(plant, cells)]
     for kind, (key, texts) in equations.items():
         for signal, text in zip(getattr(plant, kind), texts, strict=True):
@@ -279,7 +278,7 @@ def to_text(plant: System, beside: Mapping[str, Any] = MappingProxyType({})) -> 
 
 
 def inline(value: Any) -> str:
-    """A value of TOML in one line."""
+    """Return a TOML value in one line."""
     if isinstance(value, Mapping):
         return "{" + ", ".join(f"{_key(key)} = {inline(each)}" for key, each in value.items()) + "}"
     if isinstance(value, list | tuple):
@@ -303,7 +302,7 @@ def _table(plant: System, cells: Cells) -> Iterable[str]:
 
 
 def _decimals(numbers: Any) -> Any:
-    """Exact numbers, or tuples of them, as floats whose shortest decimals they are. Raises: `ValueError`."""
+    """Return exact numbers, or tuples of them, as the floats whose shortest decimals they are. Raises: `ValueError`."""
     if isinstance(numbers, tuple):
         return list(map(_decimals, numbers))
     if Fraction(repr(float(numbers))) != numbers:
@@ -325,7 +324,7 @@ def _expression(plant: System, symbols: Mapping[str, Signal], expression: sp.Exp
 
 
 def _quoted(text: str) -> str:
-    """A basic string of TOML, which has JSON's escapes, and escapes DEL too."""
+    """Return a text as a basic string of TOML, which has JSON's escapes and also escapes DEL."""
     return json.dumps(text, ensure_ascii=False).replace("\x7f", "\\u007f")
 
 
@@ -345,7 +344,7 @@ _BITS = 160
 
 
 class BadEntry(BadArgument):
-    """A model of a library that cannot be read."""
+    """An unreadable model of a library."""
 
     text = "model {what!r}: {reason}"
 
@@ -354,8 +353,8 @@ class BadEntry(BadArgument):
 class Entry:
     """A model: x' = flow (n), y = output (p), in the symbols of `states`, `inputs`, `known` and `unknown` parameters.
 
-    `outer`, `inner`: the closed boxes, rounded outward and inward where an end is irrational; `inner` is None where
-    nothing is left inside. `boxed`: whether any box is declared. `queries`: texts whose ranges are asked.
+    `outer`, `inner`: the closed boxes, rounded outward and inward where an end is irrational; `inner` is None if it is
+    empty. `boxed`: whether any box is declared. `queries`: expressions whose ranges are requested.
     """
 
     name: str
@@ -386,10 +385,10 @@ class Entry:
 
 
 def entry(model: Any) -> Entry:
-    """Read one model, a dictionary as in the file. Raises: `BadEntry`; `BadModelFile` for a fault in a plain-text
-    model; `BadExpression` for a text that is no expression of the listed names."""
+    """Return the model of a dictionary as in the file of a library. Raises: `BadEntry`; `BadModelFile` for a fault in a
+    plain-text model; `BadExpression` for a text that is no expression of the listed names."""
     if not isinstance(model, Mapping):
-        raise BadEntry(shown(model).strip("'"), f"is no object; write it as {FORMAT}")
+        raise BadEntry(quoted(model).strip("'"), f"is no object; write it as {FORMAT}")
     name = str(model.get("name", "without a name"))
     if isinstance(model.get("states"), Mapping):
         return _of_table(name, model)
@@ -430,14 +429,14 @@ def _list(name: str, key: str, value: Any) -> Sequence[Any]:
     if value is None:
         return ()
     if not isinstance(value, Sequence) or isinstance(value, str | bytes):
-        raise BadEntry(name, f"{key} is {shown(value)}; write a list")
+        raise BadEntry(name, f"{key} is {quoted(value)}; write a list")
     return value
 
 
 def _names(name: str, key: str, value: Any) -> tuple[str, ...]:
     for one in _list(name, key, value):
         if not isinstance(one, str) or not _NAME.match(one):
-            raise BadEntry(name, f"{key} holds {shown(one)}, which is no name: a letter, then letters, digits, _")
+            raise BadEntry(name, f"{key} holds {quoted(one)}, which is no name: a letter, then letters, digits, _")
     return tuple(value or ())
 
 
@@ -445,7 +444,7 @@ def _texts(name: str, key: str, value: Any) -> tuple[str, ...]:
     texts = []
     for one in _list(name, key, value):
         if isinstance(one, bool) or not isinstance(one, str | int | float) or one != one:
-            raise BadEntry(name, f"{key} holds {shown(one)}; write each expression as text")
+            raise BadEntry(name, f"{key} holds {quoted(one)}; write each expression as text")
         texts.append(str(one))
     return tuple(texts)
 
@@ -457,17 +456,17 @@ def _boxes(
     for key, groups in _BOXES.items():
         ranges = model.get(key) or {}
         if not isinstance(ranges, Mapping):
-            raise BadEntry(name, f'{key} is {shown(ranges)}; write an object of ranges, such as {{"x": [0, 1]}}')
+            raise BadEntry(name, f'{key} is {quoted(ranges)}; write an object of ranges, such as {{"x": [0, 1]}}')
         allowed = [s for group in groups for s in lists[group]]
         for symbol, ends in ranges.items():
             if symbol not in allowed:
                 raise BadEntry(name, f"{key} names {symbol!r}, which is none of its {' and '.join(groups)}")
             pair = _list(name, f"{key} of {symbol}", ends)
             if len(pair) != 2:
-                raise BadEntry(name, f"{key} of {symbol} is {shown(ends)}; write [low, high]")
+                raise BadEntry(name, f"{key} of {symbol} is {quoted(ends)}; write [low, high]")
             (low, low_in), (high_in, high) = (_end(name, f"{key} of {symbol}", end) for end in pair)
             if not low <= high or low == math.inf or high == -math.inf:
-                raise BadEntry(name, f"{key} of {symbol}, {shown(ends)}, holds no number; give low <= high")
+                raise BadEntry(name, f"{key} of {symbol}, {quoted(ends)}, holds no number; give low <= high")
             outer[symbols[symbol]] = (low, high)
             inner[symbols[symbol]] = (low_in, high_in)
             empty = empty or low_in > high_in
@@ -475,7 +474,7 @@ def _boxes(
 
 
 def _end(name: str, what: str, value: Any) -> tuple[End, End]:
-    """The numbers below and above, as near as `_BITS` bits make them; equal where the end is rational."""
+    """Return the nearest numbers below and above at `_BITS` bits; they are equal if the end is rational."""
     if isinstance(value, str):
         if value.strip() in _INFINITE:
             return (_INFINITE[value.strip()],) * 2
@@ -487,7 +486,7 @@ def _end(name: str, what: str, value: Any) -> tuple[End, End]:
             raise BadEntry(name, f"{what} holds {value!r}, which is no finite real number")
         return of_ball(ball)
     if isinstance(value, bool) or not isinstance(value, int | float) or value != value:
-        raise BadEntry(name, f'{what} holds {shown(value)}, which is no number; write 0.5 or "pi/3"')
+        raise BadEntry(name, f'{what} holds {quoted(value)}, which is no number; write 0.5 or "pi/3"')
     if isinstance(value, float) and math.isinf(value):
         return value, value
     return (Fraction(repr(value)),) * 2

@@ -30,7 +30,7 @@ from hgogen.emit.pystep import Entry
 from hgogen.emit.saved import mark, opened, sealed
 from hgogen.emit.syntax import DTYPE, Real
 from hgogen.program import Field, Place
-from hgogen.reading.given import BadGain, among, count, switches, unmasked
+from hgogen.reading.given import BadGain, among, count, requires_switches, unmasked
 from hgogen.run import native
 from hgogen.run.samples import BadShape, Engine, listed, reals, table
 from hgogen.signal import Signal
@@ -288,7 +288,7 @@ class Many:
     step: Step
     real: Real
 
-    @switches
+    @requires_switches
     def run(
         self, records: Records, base: bytes, engine: Engine, jobs: int | None, *, traces: bool, each: Each | None
     ) -> Batch:

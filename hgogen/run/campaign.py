@@ -33,7 +33,7 @@ import sympy as sp
 from hgogen import targets
 from hgogen.call import CallableStep
 from hgogen.errors import BadArgument, nearest
-from hgogen.reading.given import Misfit, asks, count, real
+from hgogen.reading.given import Misfit, count, real, requires
 from hgogen.registry import library
 from hgogen.run import native
 from hgogen.run.metrics import Metrics, Response, metrics
@@ -230,7 +230,7 @@ class Campaign:
         return replace(self.draws, values=self.draws.values[list(numbers)])
 
 
-@asks(Step, "a step, as hg.sample makes it")
+@requires(Step, "a step, as hg.sample makes it")
 def campaign(
     step: CallableStep,
     trial: Trial,

@@ -42,7 +42,7 @@ from typing import Annotated
 import numpy as np
 
 from hgogen.errors import BadArgument
-from hgogen.reading.given import Misfit, asks
+from hgogen.reading.given import Misfit, requires
 from hgogen.run.prediction import Prediction, rms
 from hgogen.run.samples import BadShape, Run
 from hgogen.sentence import Encoded
@@ -193,7 +193,7 @@ class Consistency:
         return tuple(sentences)
 
 
-@asks(Run, "a run, as step.run gives it")
+@requires(Run, "a run, as step.run gives it")
 def consistency(run: Run, truth: Mapping[str, Array] | None = None) -> Consistency:
     """Return the consistency of a run of a step; `truth` (N,) of states by name, NaN where it is not known. Raises:
     `BadShape`, `Misfit`."""

@@ -43,7 +43,7 @@ from hgogen.graph import CVODES, Graph
 from hgogen.observer import Observer
 from hgogen.part import Clock, Ode, Pieces
 from hgogen.program import Block, Place, address, sym
-from hgogen.reading.given import Misfit, asks, reals
+from hgogen.reading.given import Misfit, reals, requires
 from hgogen.run.samples import Run, table
 from hgogen.step import Step, plan
 from hgogen.stepping.machine import Bound, Machine, Reading, casadi_block
@@ -60,7 +60,7 @@ class CannotIntegrate(BadArgument):
     text = "the continuous equations of {what} cannot be integrated over a sample of {reason}"
 
 
-@asks((Observer, Step), "an observer, one of hg.observers, or a step, as hg.sample makes it")
+@requires((Observer, Step), "an observer, one of hg.observers, or a step, as hg.sample makes it")
 def reference(source: Observer | Step, u: Any = (), y: Any = (), dt: float = 0.0, *, between: str = "line") -> Run:
     """The continuous observer at the samples of a record, gains and parameters at their nominal values.
 

@@ -18,7 +18,7 @@ from hgogen.check import Check, ClaimId, Verdict
 from hgogen.estimators.riccati_part import positive_numbers
 from hgogen.form import Form
 from hgogen.program import sym
-from hgogen.reading.given import BadGain, Misfit, of_outputs, positive, reals
+from hgogen.reading.given import BadGain, Misfit, by_output, positive, reals
 from hgogen.run.gramian import Gramian, window
 from hgogen.sentence import because, joined
 
@@ -37,7 +37,7 @@ def along(form: Form, R: Any, u: Any, y: Any, dt: float, d: float) -> Gramian:
     dynamics, outputs = Dynamics(form), len(form.output)
     dt, d = positive("dt", dt), positive("d", d)
     m = len(form.system.inputs)
-    variances = np.array(positive_numbers("R", of_outputs("R", R, form), outputs))
+    variances = np.array(positive_numbers("R", by_output("R", R, form), outputs))
     inputs, samples = (_record(name, value, size) for name, value, size in (("u", u, m), ("y", y, outputs)))
     pieces = round(d / dt)
     if len(samples) <= pieces or pieces < 1 or (m and len(inputs) != len(samples)):

@@ -39,7 +39,7 @@ import sympy as sp
 from hgogen.analysis.linearised import NoSight, linear, linearisation_on_box, ranged
 from hgogen.errors import BadArgument
 from hgogen.graph import CVODES, to_casadi
-from hgogen.reading.given import Misfit, asks_a_plant, real
+from hgogen.reading.given import Misfit, real, requires_plant
 from hgogen.rigor.box import box
 from hgogen.rigor.rank import NowhereDefined, observability
 from hgogen.rigor.tape import NoTape
@@ -99,7 +99,7 @@ class Gramian(Encoded):
         )
 
 
-@asks_a_plant
+@requires_plant
 def gramian(plant: System, trial: Trial, d: float | Iterable[float]) -> tuple[Gramian, ...]:
     """The windows `d` along a trial without noise, one value each, in the order of `d`.
 
