@@ -1,8 +1,8 @@
 """A form: the plant in observer coordinates, z' = A(u) z + b(z, u), y = h(z, u), each claim a `Check`.
 
-The split matters to every observer: the linear part A(u) z is used as it is, the nonlinear part b takes its
-argument clamped to the declared box, because a proof about the plant holds on the box and the estimate leaves
-it while it peaks.
+Every observer treats the two parts differently. The linear part A(u) z is used as it is. The nonlinear part b takes its
+argument clamped to the declared box, because a proof about the plant holds on the box and the estimate leaves it while
+it peaks.
 """
 
 from collections.abc import Callable, Mapping
@@ -24,29 +24,30 @@ Make = TypeVar("Make", bound=Callable[..., Any])
 
 
 class NoForm(BadArgument):
-    """A plant that a form does not take."""
+    """A plant to which a form does not apply."""
 
     text = "system {what!r} {reason}"
 
 
 class OneOutput(NoForm):
-    """A plant with several outputs, for a form that takes one."""
+    """A plant with several outputs, for a form of one output."""
 
 
-def one_output(plant: System, taken: str, error: type[NoForm] = OneOutput) -> None:
-    """Raises: `error`, of a plant that has not one output; `taken`: what takes one, and what to do."""
+def one_output(plant: System, advice: str, error: type[NoForm] = OneOutput) -> None:
+    """Raise `error` for a plant that has not exactly one output; `advice`: what has one, and what to do."""
     if len(plant.outputs) != 1:
         names = ", ".join(y.name for y in plant.outputs)
-        raise error(plant.name, f"has {len(plant.outputs)} outputs, {names}{taken}")
+        raise error(plant.name, f"has {len(plant.outputs)} outputs, {names}{advice}")
 
 
 @dataclass(frozen=True)
 class Asking:
-    """The way in which a form is asked whether it takes a plant.
+    """The settings by which a survey tries a form.
 
-    `place`: among the others, the narrowest first; `options` of each variant; `least` and `most` outputs that it is for
-    (0: any number); whether it takes seconds to ask it (`costly`), and to build an observer on it (`slow`); whether it
-    may be the best, which one that says nothing of observability may not (`candidate`).
+    `place`: its order among the forms, the narrowest first; `options`: those of each variant; `least` and `most`: the
+    numbers of outputs that it applies to (0: any number); `costly`: whether the attempt takes seconds; `slow`: whether
+    building an observer on it does; `candidate`: whether it may be the best form, which a form without a claim of
+    observability may not.
     """
 
     place: int = 100
@@ -58,36 +59,39 @@ class Asking:
     candidate: bool = True
 
     def refusal(self, outputs: int) -> str:
-        """Why a plant with so many outputs is not asked, "" if it is."""
+        """Return why the form is not tried for a plant with so many outputs, "" if it is."""
         if outputs < self.least:
             return f"for {self.least} outputs or more"
         return f"for {self.most} output{'s' * (self.most > 1)}" if 0 < self.most < outputs else ""
 
     def __call__(self, form: Make) -> Make:
-        """The form, which is asked in this way."""
+        """Attach these settings to a form, as a decorator."""
         vars(form)["asking"] = self
         return form
 
 
 @dataclass(frozen=True)
 class Form:
-    """The plant in (or shown to be in) an observability form.
+    """The plant in an observability form, proved or not.
 
-    `states`: n Signals z_1..z_n with the ranges of the plant's states; `to_form`: z as expressions
-    of the plant's states; `from_form`: the plant's states as expressions of z; `A`: n x n, of inputs and
-    parameters (and z_1, where the form says so); `b`: n expressions of z, inputs, parameters; `output`: p expressions
-    of z, inputs, parameters; `checks`: one for each hypothesis; `blocks`: the number of states of each output's chain,
-    in the order of z, 0 for an output without one, one block of n unless it is given; `alignment`: how blocks
-    may read each other, "" for one; `levels`: of states in no such chains, how far each is from the outputs, 0 for the
-    first, by default its place.
+    `states`: n Signals z_1..z_n with the ranges of the plant's states; `to_form`: z as expressions of the plant's
+    states; `from_form`: the plant's states as expressions of z; `A`: n x n, of inputs and parameters (and z_1, where
+    the form says so); `b`: n expressions of z, inputs, parameters; `output`: p expressions of z, inputs, parameters;
+    `checks`: one for each hypothesis.
+
+    `blocks`: the number of states of each output's chain, in the order of z, 0 for an output without one, by default
+    one block of n; `alignment`: how blocks may read each other, "" for one; `levels`: the distance from the outputs of
+    each state that is in no such chain, 0 for the first, by default its place.
+
     `jacobian`: n x n, of z, inputs and parameters, of a map to phase coordinates in which a gain acts through its
-    inverse; None where z are the coordinates of the gain. `behind`: b as expressions of the plant's states, where b
-    as a function of z may have poles in the box of z, or is too large there; an observer evaluates it at from_form(z),
-    its denominators kept at the side that they have on the image of the plant's ranges, clamped to these ranges.
-    `clamped`: whether an observer clamps these arguments, on which what is proved of it rests. `limits`: of each row of
-    b, the range that its value is limited to by an observer, () without; `free`: whether its argument is then taken as
-    it is, in the place of a clamped one. `held`: the rows, by their names, that have no finite value somewhere and were
-    accepted all the same, of which an observer keeps the last one (`analysis.dynamics`).
+    inverse; None where z are the coordinates of the gain. `behind`: b as expressions of the plant's states, where b as
+    a function of z may have poles in the box of z, or is too large there. An observer evaluates it at from_form(z),
+    with denominators of the sign that they have on the image of the plant's ranges, clamped to these ranges.
+
+    `clamped`: whether an observer clamps these arguments, as its proofs assume; `limits`: the range to which an
+    observer limits the value of each row of b, () without; `free`: whether the argument of such a row is not clamped;
+    `fallback`: the names of accepted rows without a finite value somewhere, for which an observer keeps the last valid
+    value (`analysis.dynamics`).
     """
 
     system: System
@@ -108,7 +112,7 @@ class Form:
     clamped: bool = True
     limits: tuple[tuple[float, float], ...] = ()
     free: bool = False
-    held: tuple[str, ...] = ()
+    fallback: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         """Fill in one block of n, each state at its place."""
@@ -129,13 +133,14 @@ class Form:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """The names of z_1..z_n in a gain: the name of a state where z_i is that state or minus it, else its own."""
+        """The names of z_1..z_n in a gain: the name of a state where z_i is that state or minus it, else the name of
+        z_i."""
         states = {sign * x: x.name for x in self.system.states for sign in (1, -1)}
         return tuple(str(states.get(e, z.name)) for z, e in zip(self.states, self.to_form, strict=True))
 
     @property
     def signs(self) -> tuple[int, ...]:
-        """-1 where z_i is minus the state of its name, else 1."""
+        """The signs of z_1..z_n: -1 where z_i is minus the state of its name, else 1."""
         return tuple(-1 if -e in self.system.states else 1 for e in self.to_form)
 
     @property
@@ -145,12 +150,12 @@ class Form:
 
     @property
     def leads(self) -> tuple[int, ...]:
-        """The outputs, by their numbers, with which a chain begins."""
+        """The numbers of the outputs with which a chain begins."""
         return tuple(k for k, size in enumerate(self.blocks) if size)
 
     @property
     def gains(self) -> tuple[tuple[sp.Expr, ...], ...]:
-        """a_(i,1), .., a_(i,n_i) of each output's chain, whatever they depend on; there is a block for each output."""
+        """The gains a_(i,1), .., a_(i,n_i) of each output's chain, whatever they depend on."""
         chains = zip(self.output, self.heads, self.blocks, strict=True)
         return tuple(
             (sp.diff(y, self.states[head]), *(self.A[i, i + 1] for i in range(head, head + size - 1))) if size else ()
@@ -165,22 +170,22 @@ class Form:
 
     @property
     def structured(self) -> bool:
-        """Whether the plant is shown to have the form's structure; without it, its states keep their own order."""
+        """Whether the plant is proved to have the form's structure; without it, its states keep the plant's order."""
         return all(check.verdict is Verdict.PROVED for check in self.about("structure"))
 
     def about(self, fact: str) -> tuple[Check, ...]:
-        """The checks of a fact, such as "rank"; a row of the plant may have that name too."""
+        """Return the checks of a fact, such as "rank", but not those of a row of the plant with that name."""
         return tuple(check for check in self.checks if check.id.fact == fact and check.id.maker != MAKER)
 
     @cached_property
     def estimates(self) -> tuple[tuple[Signal, sp.Expr], ...]:
-        """The estimates that an observer reports, each state of the plant as first declared, in terms of z."""
+        """The reported estimates: each state of the plant as first declared, in terms of z."""
         back = dict(zip(self.system.states, self.from_form, strict=True))
         return tuple((signal, expression.subs(back)) for signal, expression in self.system.reported)
 
     @property
     def entry(self) -> tuple[sp.Expr, ...]:
-        """z in terms of what is reported, the inverse of `estimates`."""
+        """The coordinates z in terms of the reported states, the inverse of `estimates`."""
         origin = self.system.origin
         if origin is None:
             return self.to_form
@@ -189,19 +194,19 @@ class Form:
 
     @property
     def flow(self) -> tuple[sp.Expr, ...]:
-        """z' = A(u) z + b(z, u)."""
+        """The rates z' = A(u) z + b(z, u)."""
         linear = self.A * sp.Matrix(self.states)
-        return tuple(row + rest for row, rest in zip(linear, self.b, strict=True))
+        return tuple(row + nonlinear for row, nonlinear in zip(linear, self.b, strict=True))
 
     @property
     def nonlinear(self) -> tuple[sp.Expr, ...]:
-        """b, with the terms of A z whose factor reads a state."""
+        """The nonlinear part: b, and the terms of A z whose factor reads a state."""
         known = {*self.states}
         terms = (
             (a * z if a.free_symbols & known else sp.S.Zero for a, z in zip(self.A.row(i), self.states, strict=True))
             for i in range(self.n)
         )
-        return tuple(sp.Add(rest, *row) for rest, row in zip(self.b, terms, strict=True))
+        return tuple(sp.Add(b, *row) for b, row in zip(self.b, terms, strict=True))
 
     @property
     def head(self) -> tuple[Sentence, ...]:
@@ -220,13 +225,13 @@ class Form:
 
 
 def valued(make: Make) -> Make:
-    """Return a case of `hg.forms` whose checks begin with the rows of its plant that may have no finite value."""
+    """Return a case of `hg.forms` whose checks begin with the checks of rows that may have no finite value."""
 
     @wraps(make)
-    def made(*args: Any, **options: Any) -> Form:
+    def make_valued(*args: Any, **options: Any) -> Form:
         form: Form = make(*args, **options)
         known = {check.id for check in form.checks}
         new = tuple(check for check in undefined_values(form.system) if check.id not in known)
         return replace(form, checks=(*new, *form.checks)) if new else form
 
-    return cast(Make, made)
+    return cast(Make, make_valued)

@@ -10,7 +10,7 @@ from typing import Annotated, Any
 import numpy as np
 import sympy as sp
 
-from hgogen.analysis.dynamics import Dynamics, holding
+from hgogen.analysis.dynamics import Dynamics, with_fallback
 from hgogen.analysis.linearised import evaluated
 from hgogen.analysis.maps import without_rates
 from hgogen.analysis.scaling import exponents
@@ -184,8 +184,8 @@ def remembered(make: Callable[..., Observer]) -> Callable[..., Observer]:
 
     def new(call: _Call) -> Observer:
         accepted = names("accept", call.keywords.get("accept", ()))
-        args = (holding(each, accepted) if isinstance(each, Form) else each for each in call.args)
-        keywords = {k: holding(v, accepted) if isinstance(v, Form) else v for k, v in call.keywords.items()}
+        args = (with_fallback(each, accepted) if isinstance(each, Form) else each for each in call.args)
+        keywords = {k: with_fallback(v, accepted) if isinstance(v, Form) else v for k, v in call.keywords.items()}
         with one_thread():
             observer = make(*args, **keywords)
         return replace(observer, made=partial(make, *call.args, **call.keywords))

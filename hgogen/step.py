@@ -397,7 +397,7 @@ def with_bits(step: Step, extra: tuple[Bit, ...]) -> Step:
     programs = (*step.code.tuning, *(s for section in step.code.called for s in section.program))
     raised = {place for place, _ in places(programs) if place.struct == "status"}
     beyond = {y: implausible(read) for y, read in zip(step.outputs, readings(step.observer.form), strict=True)}
-    rates = step.observer.dynamics.holding.rates.values()
+    rates = step.observer.dynamics.fallback.rates.values()
     bits = (*possible_bits(step.outputs, step.inputs, rates, beyond), *extra)
     raisable = tuple(bit for place, bit in {bit.place: bit for bit in bits}.items() if place in raised)
     raisable += UNMADE if step.layout.mark else ()

@@ -74,7 +74,7 @@ def test_terms_that_cancel_do_not_count(hidden: sp.Expr) -> None:
     assert chains.order == (X1, X2, X3, X4)
     assert answers(chains) == (True, True, True)
     assert chains.links[0][1].gain == u
-    assert not chains.links[0][1].rest.has(X3, X4)
+    assert not chains.links[0][1].offset.has(X3, X4)
 
 
 @pytest.mark.parametrize(

@@ -1,9 +1,9 @@
-"""A plant of one output carried to coordinates z = Phi(x, u, u', ..) in which it is a chain of integrators.
+"""A plant of one output transformed to coordinates z = Phi(x, u, u', ..) in which it is a chain of integrators.
 
-    z_i' = z_(i+1) + b_i,   y = z_1 + o(u):   z within what Phi is on the plant's box, x = Psi(z, u, ..)
+    z_i' = z_(i+1) + b_i,   y = z_1 + o(u):   z in the range of Phi on the plant's box, x = Psi(z, u, ..)
 
-or left in its own, with dPhi/dx, through whose inverse an observer corrects. Beyond the image of the plant's box the
-arguments of tables may leave their points.
+An observer can also stay in the plant's coordinates and correct through the inverse of dPhi/dx. Outside the image of
+the plant's box the arguments of tables may leave their breakpoints.
 """
 
 from collections.abc import Iterable, Mapping, Sequence
@@ -27,7 +27,7 @@ from hgogen.analysis.maps import (
     without_derivative,
     without_rates,
 )
-from hgogen.analysis.undefined import asked
+from hgogen.analysis.undefined import value_conditions
 from hgogen.check import Check, ClaimId, Verdict
 from hgogen.form import Form
 from hgogen.rigor.bounds import bound, nonzero, problem_of
@@ -42,15 +42,16 @@ from hgogen.system import System
 
 _FLATTER = "Take the form uniform or triangular, which differentiates no table twice, or write it as a formula."
 BOXES = 2000
-ROUGH = (sp.DiracDelta, sp.Derivative, sp.Subs)  # what a derivative has that there is not
-_RANGES = 300  # the ranges of z are where b is clamped: a few percent wider is no harm
-_POLES = 200  # b is large, and with poles in the box of z, as they often are, more boxes do not help
+ROUGH = (sp.DiracDelta, sp.Derivative, sp.Subs)  # in a derivative: it does not exist as a function
+_RANGES = 300  # b is clamped to the ranges of z: they may be a few percent too wide
+_POLES = 200  # b is large, and often has poles in the box of z: more boxes do not help
 
 
 @dataclass(frozen=True)
 class Carried:
-    """The map `Phi` (n) and b (n) as `rows`, of the states and inputs of `plant` and the derivatives of these up to
-    `orders`; `before` is the user's plant; `offset`: y - z_1; `kind` and `reference` of its form."""
+    """A transformed plant: the map `Phi` (n) and b (n) as `rows`, of the states and inputs of `plant` and the
+    derivatives of the inputs up to `orders`. `before`: the user's plant; `offset`: y - z_1; `kind` and `reference` of
+    its form."""
 
     kind: str
     reference: str
@@ -62,12 +63,12 @@ class Carried:
 
     @cached_property
     def known(self) -> tuple[Signal, ...]:
-        """The derivatives of inputs that enter, which the user supplies."""
+        """The derivatives of inputs that Phi and b read, which the user supplies."""
         return input_derivatives((*self.Phi, *self.rows), self.before, self.orders)
 
     @cached_property
     def plant(self) -> System:
-        """The plant with those derivatives of inputs. Raises: `BadSystem` where a signal has the name of one."""
+        """The plant with those derivatives as inputs. Raises: `BadSystem` where another signal has such a name."""
         return replace(self.before, inputs=(*self.before.inputs, *self.known)) if self.known else self.before
 
     @cached_property
@@ -77,27 +78,27 @@ class Carried:
 
     @property
     def images(self) -> dict[Signal, sp.Expr]:
-        """Phi by the states of the form, which have no range yet."""
+        """Phi by the states of the form. These states have no range yet."""
         return dict(zip(coordinates(self.plant).states, self.Phi, strict=True))
 
-    def supplied(self, names: Sequence[str | Reason], doubt: str, fix: str) -> Check:
-        """The check `KIND.inputs`, that the derivatives of inputs that enter, called `names`, have ranges; `doubt`: how
-        it is said that the `loose` ones have none."""
+    def supplied(self, names: Sequence[str | Reason], missing: str, fix: str) -> Check:
+        """Return the check `KIND.inputs`: the derivatives of inputs that Phi and b read, called `names`, have ranges.
+        `missing`: the pattern of the reason where the derivatives `loose` have none."""
         id, claim = ClaimId(self.kind, "inputs"), "the derivatives of inputs that enter have ranges"
-        loose = [u.name for u in self.known if not u.bounded]
-        if loose:
-            return Check(id, claim, Verdict.UNKNOWN, because(doubt, names=names, loose=loose), fix=fix)
-        enter = because("{names} enter, to be supplied, in declared ranges", names=names)
-        return Check(id, claim, Verdict.PROVED, enter if names else because("none enters"))
+        unbounded = [u.name for u in self.known if not u.bounded]
+        if unbounded:
+            return Check(id, claim, Verdict.UNKNOWN, because(missing, names=names, loose=unbounded), fix=fix)
+        listed = because("{names} enter, to be supplied, in declared ranges", names=names)
+        return Check(id, claim, Verdict.PROVED, listed if names else because("none enters"))
 
     def inverse(self) -> dict[sp.Symbol, sp.Expr] | None:
-        """Psi; None where none is found."""
+        """Return Psi, or None where none is found."""
         plant = self.plant
         return inverse(self.images, plant.states, (*plant.inputs, *plant.parameters), plant.constants)
 
     def in_z(self, back: Mapping[sp.Symbol, sp.Expr], checks: Iterable[Check], recovered: bool) -> Form:
-        """The form in z, each with the range that Phi has on the box; `recovered`: b is taken at Psi(z), as it is where
-        it may have poles in the box of z."""
+        """Return the form in z, each z with the range of Phi on the box. `recovered`: b is evaluated at x = Psi(z),
+        because it may have poles in the box of z."""
         plant, n, box_x = self.plant, len(self.Phi), self.plant.box
         (y,) = plant.outputs
         states = []
@@ -126,7 +127,7 @@ class Carried:
         )
 
     def in_x(self, checks: Iterable[Check]) -> Form:
-        """The form in the plant's coordinates, with dPhi/dx and those derivatives of inputs that it reads."""
+        """Return the form in the plant's coordinates, with dPhi/dx and the derivatives of inputs that dPhi/dx reads."""
         plant = self.before
         read = tuple(u for u in self.plant.inputs if u in plant.inputs or u in self.jacobian.free_symbols)
         z = coordinates(replace(plant, inputs=read) if len(read) > len(plant.inputs) else plant)
@@ -135,8 +136,8 @@ class Carried:
 
 
 def by_construction(id: ClaimId, claim: str, moving: Iterable[sp.Expr]) -> Check:
-    """The check that coordinates move as their derivatives along the plant say; unknown where one of those that are
-    `moving` has a jump or a kink, at which it has no derivative."""
+    """Return the check that the rate of each coordinate is its derivative along the plant. It is unknown where a
+    coordinate of `moving` has a jump or a kink, at which it has no derivative."""
     rough = without_derivative(moving)
     if rough:
         fix = "Write jumps and kinks as smooth functions, or use another form."
@@ -145,24 +146,24 @@ def by_construction(id: ClaimId, claim: str, moving: Iterable[sp.Expr]) -> Check
 
 
 def on_image(
-    maker: str, claim: str, rows: Iterable[sp.Expr], plant: System, name: str, doubt: Reason, reason: Reason
+    maker: str, claim: str, rows: Iterable[sp.Expr], plant: System, name: str, obstacle: Reason, reason: Reason
 ) -> Check:
-    """The check `MAKER.lipschitz` of what is a function of the coordinates on the image of the plant's box: on one that
-    is compact, a one to one map of full rank has a smooth inverse on its compact image.
+    """Return the check `MAKER.lipschitz` of a function of z on the image of the plant's box. A one to one map of full
+    rank has a smooth inverse on the image of a compact box, so that a Lipschitz bound in x is enough.
 
-    `rows`: the same in the plant's states, called `name`; `doubt`: why the map is not known to be such, or `NONE`;
-    `reason`: of one that is.
+    `rows`: the function in the plant's states, called `name`; `obstacle`: why the map is not known to be one to one and
+    of full rank, or `NONE`; `reason`: why the claim holds where it is.
     """
     unknown = Check(ClaimId(maker, "lipschitz"), claim, Verdict.UNKNOWN, NONE)
-    loose = [s.name for s in (*plant.states, *plant.inputs) if not s.bounded]
-    if loose:
-        return replace(unknown, reason=because("no range is declared for {names}", names=loose))
-    if doubt:
-        return replace(unknown, reason=doubt)
+    unbounded = [s.name for s in (*plant.states, *plant.inputs) if not s.bounded]
+    if unbounded:
+        return replace(unknown, reason=because("no range is declared for {names}", names=unbounded))
+    if obstacle:
+        return replace(unknown, reason=obstacle)
     check = replace(lipschitz(maker, rows, plant, name), claim=claim)
     if check.verdict is not Verdict.PROVED:
         return check
-    return replace(check, reason=reason, proofs=())  # what bounds the slope in x says nothing of that in z
+    return replace(check, reason=reason, proofs=())  # a bound of the slope in x is none of the slope in z
 
 
 def _defined(e: sp.Expr, around: Box, boxes: int) -> bool:
@@ -173,7 +174,7 @@ def _defined(e: sp.Expr, around: Box, boxes: int) -> bool:
 
 
 def undefined(expressions: Iterable[sp.Expr], plant: System) -> sp.Expr | None:
-    """The first expression that is not proved to be finite and real on the whole box."""
+    """Return the first expression that is not proved to be finite and real on the whole box."""
     box_x = plant.box
     doubtful = (e for e in dict.fromkeys(expressions) if not (e.is_number or e.is_polynomial()))
     return next((e for e in doubtful if not _defined(e, box_x, BOXES)), None)
@@ -182,27 +183,28 @@ def undefined(expressions: Iterable[sp.Expr], plant: System) -> sp.Expr | None:
 # ---------------------------------------------------------------- full rank, and one to one
 
 
-def full_rank(whole: Carried, det: sp.Expr, shown: sp.Expr) -> Check:
-    """The check `KIND.rank` by rigorous bounds of the determinant, `shown` as it is read. The rank is generic where the
-    determinant is not 0 identically and its zeros are not excluded."""
-    claim = Sentence.of("det dPhi/dx = {determinant} has no zero on the box", determinant=shown)
-    # a sign that the plant itself reads is 0 at 0; one that SymPy took for a slope at a kink is a set
-    own = any(row.has(sp.sign, sp.Heaviside) for row in (*whole.before.flow, *whole.before.output))
-    sign = nonzero(det if own else at_kinks(det), whole.plant.box, boxes=BOXES)
+def full_rank(whole: Carried, det: sp.Expr, readable_det: sp.Expr) -> Check:
+    """Return the check `KIND.rank`: the determinant has no zero on the box, by rigorous bounds. The verdict is generic
+    where the determinant is not 0 identically and a zero is not excluded. `readable_det`: the determinant as it is
+    printed."""
+    claim = Sentence.of("det dPhi/dx = {determinant} has no zero on the box", determinant=readable_det)
+    # sign(0) is 0 in the plant's own rows; where SymPy differentiated a kink it stands for all values in [-1, 1]
+    reads_signs = any(row.has(sp.sign, sp.Heaviside) for row in (*whole.before.flow, *whole.before.output))
+    sign = nonzero(det if reads_signs else at_kinks(det), whole.plant.box, boxes=BOXES)
     fix = "Narrow the ranges, or measure something else; where it is 0 an observer does not correct."
     unknown = Check(ClaimId(whole.kind, "rank"), claim, Verdict.UNKNOWN, sign.reason, fix=fix)
     if sign.verdict is Verdict.REFUTED:
-        there = replace(unknown, witness=witness(sign.witness))
+        at_witness = replace(unknown, witness=witness(sign.witness))
         if _written(whole, det, sign.witness):
-            return replace(there, reason=because("as it is written it is 0/0 there"))
-        return replace(there, verdict=Verdict.REFUTED)
+            return replace(at_witness, reason=because("as it is written it is 0/0 there"))
+        return replace(at_witness, verdict=Verdict.REFUTED)
     parts = (*whole.Phi, *whole.jacobian)
     rough = without_derivative(parts)
     if rough:
         return replace(unknown, reason=rough, fix=_FLATTER if any(row.has(Table) for row in parts) else "")
-    lost = undefined(parts, whole.plant)
-    if sign.verdict is Verdict.PROVED and lost is not None:
-        return replace(unknown, reason=because("{part} was not shown to be finite on the box", part=lost), fix="")
+    gap = undefined(parts, whole.plant)
+    if sign.verdict is Verdict.PROVED and gap is not None:
+        return replace(unknown, reason=because("{part} was not shown to be finite on the box", part=gap), fix="")
     if sign.verdict is Verdict.PROVED:
         reason = because("|det| >= {margin} on the box, {how}", margin=Down(sign.margin), how=sign.reason)
         return replace(unknown, verdict=Verdict.PROVED, reason=reason, fix="", proofs=(FullRank(),))
@@ -214,43 +216,45 @@ def full_rank(whole: Carried, det: sp.Expr, shown: sp.Expr) -> Check:
 
 
 def _written(whole: Carried, det: sp.Expr, point: Mapping[sp.Symbol, Fraction]) -> bool:
-    """Whether the determinant is undefined there by the way it is written alone: dPhi/dx is not."""
+    """Return whether the determinant is undefined at the point although every entry of dPhi/dx has a value there."""
     at = {s: sp.Rational(value) for s, value in point.items()}
     return kind(det, at) == "undefined" and all(kind(entry, at) != "undefined" for entry in whole.jacobian)
 
 
 def one_to_one(whole: Carried, back: Mapping[sp.Symbol, sp.Expr] | None, rank: Check) -> Check:
-    """The check `KIND.inverse`, that Phi is one to one: by the inverse, wherever it is defined on the image, by rows
-    that each bring in one state, with a slope, or by the signs of minors."""
+    """Return the check `KIND.inverse`: Phi is one to one on the box. The proof is the inverse, where it is defined on
+    the image; or rows that each read one new state, with a slope; or the signs of minors."""
     id, claim = ClaimId(whole.kind, "inverse"), "Phi is one to one on the box, whatever the inputs"
     if back is None:
         return _by_rows(whole, rank, id, claim) or _by_minors(whole, rank, id, claim)
-    # what the inverse divides by, also under a root: on the image a root may cancel, and its zero with it
+    # the inverse's divisors, without their roots: on the image a root may cancel, and its zero with it
     powers = [p for e in back.values() for p in e.atoms(sp.Pow)]
     divisors = {p.base for p in powers if not (p.exp.is_nonnegative or p.base.is_number)}
     images = whole.images
     parts = {tidy(base.xreplace(images)) for base in divisors}
     signs = {part: nonzero(part, whole.plant.box, boxes=BOXES).verdict for part in sorted(parts, key=str)}
-    doubts = [part for part, verdict in signs.items() if verdict is not Verdict.PROVED]
-    # what beside divisions may leave it undefined: its roots and functions, each by itself
+    undecided = [part for part, verdict in signs.items() if verdict is not Verdict.PROVED]
+    # roots and functions may leave the inverse undefined as well: each is tested by itself
     entire = (sp.sin, sp.cos, sp.sinh, sp.cosh, sp.tanh, sp.exp, sp.atan, sp.asinh)
     roots = [p.base ** (-p.exp if p.exp.is_negative else p.exp) for p in powers if not p.exp.is_Integer]
     functions = [f for e in back.values() for f in e.atoms(sp.Function) if not isinstance(f, entire)]
     others = [part.xreplace(images) for part in (*roots, *functions)]
     inverse = equations(back)
     if undefined((*whole.Phi, *others), whole.plant) is not None:
-        doubt = because("{inverse} was not shown to be defined on all of the image", inverse=inverse)
-        return Check(id, claim, Verdict.UNKNOWN, doubt)
-    if doubts:
-        factors = sorted({f for e in doubts for f in determinant([[e]]).factors or (e,)}, key=str)
-        conditions = dict.fromkeys((*(Condition(NONZERO, factor) for factor in factors), *asked(whole.before)))
+        reason = because("{inverse} was not shown to be defined on all of the image", inverse=inverse)
+        return Check(id, claim, Verdict.UNKNOWN, reason)
+    if undecided:
+        factors = sorted({f for e in undecided for f in determinant([[e]]).factors or (e,)}, key=str)
+        divided = (Condition(NONZERO, factor) for factor in factors)
+        conditions = dict.fromkeys((*divided, *value_conditions(whole.before)))
         holds = because("holds where {conditions: and }: {inverse}", conditions=reasons(conditions), inverse=inverse)
         return Check(id, claim, Verdict.WHERE, holds)
     return Check(id, claim, Verdict.PROVED, because("{inverse}, by exact substitution", inverse=inverse))
 
 
 def _by_minors(whole: Carried, rank: Check, id: ClaimId, claim: str) -> Check:
-    """Phi with a Jacobian whose principal minors are above zero; the rank says that it is smooth."""
+    """Return the check by a Jacobian whose principal minors are above zero; `rank`, where proved, says that Phi is
+    smooth."""
     none = because("no inverse was found; where the rank is n, nearby states differ")
     if rank.verdict is not Verdict.PROVED:
         return Check(id, claim, Verdict.UNKNOWN, none)
@@ -265,50 +269,50 @@ def _by_minors(whole: Carried, rank: Check, id: ClaimId, claim: str) -> Check:
 
 
 def _by_rows(whole: Carried, rank: Check, id: ClaimId, claim: str) -> Check | None:
-    """Phi lower triangular in some order of states: strictly monotone in each, where the determinant has no zero; None
-    where it is not."""
-    seen: set[sp.Symbol] = set()
+    """Return the check for a Phi that is lower triangular in some order of states: strictly monotone in each, where the
+    determinant has no zero. It is None for any other Phi."""
+    visited: set[sp.Symbol] = set()
     for row in whole.jacobian.tolist():
-        new = {x for x, slope in zip(whole.plant.states, row, strict=True) if slope != 0} - seen
+        new = {x for x, slope in zip(whole.plant.states, row, strict=True) if slope != 0} - visited
         if len(new) > 1:
             return None
-        seen |= new
+        visited |= new
     if rank.verdict is Verdict.PROVED:
         reason = because("each derivative brings in one state, with a slope that is never 0")
         return Check(id, claim, Verdict.PROVED, reason)
-    doubt = because("each derivative brings in one state, with a slope that may be 0")
-    return Check(id, claim, Verdict.UNKNOWN, doubt)
+    unproved = because("each derivative brings in one state, with a slope that may be 0")
+    return Check(id, claim, Verdict.UNKNOWN, unproved)
 
 
 # ---------------------------------------------------------------- evidence of Phi = (y, y', .., y^(n-1))
 
 
 class Derivatives:
-    """The chain of y and its derivatives."""
+    """The evidence of a chain of y and its derivatives."""
 
     def evidence(self, form: Form) -> Evidence | None:
-        """Phi = (y, y', ..), in the plant's states, its inputs and their derivatives."""
+        """Return Phi = (y, y', ..) in the plant's states, its inputs and their derivatives."""
         Phi = _derivatives(form)
         return {"chain": Phi} if Phi else None
 
 
 class FullRank:
-    """det dPhi/dx away from zero."""
+    """The evidence that det dPhi/dx has no zero."""
 
     def evidence(self, form: Form) -> Evidence | None:
-        """The range of the determinant on the box of the plant."""
+        """Return the range of the determinant on the plant's box."""
         J = _jacobian(form)
         return None if J is None else _enclosed(form, determinant(J.tolist()).value)
 
 
 @dataclass(frozen=True)
 class OneToOne:
-    """All principal minors of weighted rows of dPhi/dx above zero."""
+    """The evidence that all principal minors of weighted rows of dPhi/dx are above zero."""
 
     weights: Weights
 
     def evidence(self, form: Form) -> Evidence | None:
-        """The weights, and the range of each minor on the box of the plant."""
+        """Return the weights, and the range of each minor on the plant's box."""
         J = _jacobian(form)
         if J is None:
             return None
@@ -322,7 +326,7 @@ class OneToOne:
 
 
 def _enclosed(form: Form, determinant: sp.Expr) -> Evidence | None:
-    """The range of a determinant of the plant's signals, with the derivatives of its inputs."""
+    """Return the range of a determinant that reads the plant's signals and the derivatives of its inputs."""
     system, det = form.system, exact(determinant)
     known = [u.derivative(k) for u in system.inputs for k in range(form.n)]
     every = box((*known, *system.signals), system.nominal)
@@ -331,13 +335,13 @@ def _enclosed(form: Form, determinant: sp.Expr) -> Evidence | None:
 
 
 def _jacobian(form: Form) -> sp.Matrix | None:
-    """dPhi/dx of the plant as it was declared; None of one in other coordinates."""
+    """Return dPhi/dx of the plant as it was declared; None for a recast plant."""
     Phi = _derivatives(form)
     return None if Phi is None else sp.Matrix([[entry.diff(x) for x in form.system.states] for entry in Phi])
 
 
 def _derivatives(form: Form) -> tuple[sp.Expr, ...] | None:
-    """Phi of the plant as it was declared; None of one in other coordinates."""
+    """Return Phi of the plant as it was declared; None for a recast plant."""
     system = form.system
     if system.origin is not None:
         return None

@@ -1,14 +1,14 @@
-"""The order of the states in a triangular form, of one output or several, and why there is none.
+"""The order of the states in a triangular form, of one output or several, and the reason where there is none.
 
-Nothing is permuted: y brings in one state, the row of that state the next. A row is a link,
+y reads one state first; the rate of that state reads the next one. A row is a link,
 
-    gain * state + rest,
+    gain * state + offset,
 
 of a shape: CONSTANT, the gain varies with inputs and parameters only; MEASURED, with z_1 too; UNIFORM, the row has any
-slope in the state that is not zero identically. What is read is what `identity` proves to matter; an answer is True or
-False only where that is proved, else None.
+slope in the state that is not zero identically. A row reads a symbol where its value is proved to depend on it. An
+answer is True or False only where that is proved, else None.
 
-Rows that are affine in some states, exactly, and the states that an output shows alone.
+Rows that are affine in some states are found here too, and the states that an output measures alone.
 """
 
 from collections.abc import Callable, Iterable, Sequence
@@ -40,7 +40,7 @@ _INFINITE = (sp.nan, sp.zoo, sp.oo, -sp.oo, sp.AccumBounds)
 
 
 class Shape(Enum):
-    """The way in which a row may depend on the state that it brings in."""
+    """The way in which a row may depend on its new state."""
 
     CONSTANT = "inputs and parameters only"
     MEASURED = "inputs, parameters and the measured state only"
@@ -49,7 +49,7 @@ class Shape(Enum):
 
 @dataclass(frozen=True)
 class Rows:
-    """x_i' = flow[i], y_j = output[j], with the outputs' names; `ranges` of any symbols.
+    """The rows x_i' = flow[i] and y_j = output[j], with the outputs' names and the `ranges` of any symbols.
 
     A symbol that is no state and whose ends in the box are equal has that value.
     """
@@ -62,61 +62,61 @@ class Rows:
 
     @cached_property
     def box(self) -> Box:
-        """The ranges, without a state's that is a point: what matters is read off changes of the state."""
+        """The ranges, without those of states that are a point: dependence is decided by a change of the state."""
         return {s: (low, high) for s, (low, high) in self.ranges.items() if low != high or s not in self.states}
 
     def reads(self, row: sp.Expr, among: Iterable[sp.Symbol]) -> tuple[tuple[sp.Symbol, ...], tuple[sp.Symbol, ...]]:
-        """The symbols that the row is proved to vary with, and those of which it is not known."""
+        """Return the symbols that the row is proved to vary with, and those for which this is not decided."""
         return dependence(row, among, self.box)
 
     def rate(self, state: sp.Symbol) -> sp.Expr:
-        """The rate x' of a state."""
+        """Return the rate x' of a state."""
         return self.flow[self.states.index(state)]
 
 
 def of_plant(plant: System) -> Rows:
-    """The rows of a plant on its box, without kinks whose side the box decides; a parameter without a range has its
-    value."""
+    """Return the rows of a plant on its box, without kinks whose side the box decides; a parameter without a range has
+    its value."""
     plain, around = on_box(plant), plant.box
     return Rows(plant.states, plain.flow, tuple(y.name for y in plant.outputs), plain.output, around)
 
 
 @dataclass(frozen=True)
 class Link:
-    """A row, named y or x', and the state it brings in.
+    """A row, named y or x', and the new `state` that it reads.
 
-    `gain`, `rest`: row = gain * state + rest where `affine`; `varies`: states that the gain is proved to vary with,
-    `may_vary`: those of which it is not known; `strays`: later states that the row may read as well; `slope`: the
-    row's derivative, and whether it `moves`, is not zero identically.
+    `gain`, `offset`: row = gain * state + offset where `affine`; `varies`: states that the gain is proved to vary with;
+    `may_vary`: states for which this is not decided; `strays`: later states that the row may read as well; `slope`: the
+    row's derivative by the state; `sloped`: whether it is not zero identically.
     """
 
     name: str
     row: sp.Expr
     state: sp.Symbol
     gain: sp.Expr
-    rest: sp.Expr
+    offset: sp.Expr
     affine: bool | None
     varies: tuple[sp.Symbol, ...]
     may_vary: tuple[sp.Symbol, ...]
     strays: tuple[sp.Symbol, ...]
     slope: sp.Expr
-    moves: bool | None
+    sloped: bool | None
 
     @property
     def jumps(self) -> sp.Expr | None:
-        """A part in which the row may jump in its state, which its slope does not see; None without."""
+        """A part of the row that may jump in the state, which the slope does not show; None without one."""
         rough = () if self.affine else (node for node in bent(self.row).atoms(*JUMPS) if node.has(self.state))
         return min(rough, key=str, default=None)
 
     def answer(self, shape: Shape, measured: sp.Symbol | None = None) -> Answer:
-        """Whether the row has the shape, and what is wrong; `measured` is z_1 where a gain may vary with it."""
+        """Return whether the row has the shape, and the reason. `measured`: z_1, where a gain may vary with it."""
         if shape is Shape.UNIFORM:
-            if self.moves is False:
+            if self.sloped is False:
                 return False, because("{link} with a slope that is zero", link=self._reason)
             if self.strays:
                 return None, self._straying
-            doubt = because("{link} with a slope that is not shown to differ from zero", link=self._reason)
-            return (True, self._reason) if self.moves else (None, doubt)
+            unproved = because("{link} with a slope that is not shown to differ from zero", link=self._reason)
+            return (True, self._reason) if self.sloped else (None, unproved)
         allowed = {measured} if shape is Shape.MEASURED else set()
         varies = [x for x in self.varies if x not in allowed]
         doubtful = [x for x in self.may_vary if x not in allowed]
@@ -147,7 +147,7 @@ class Link:
 class Chains:
     """A chain of links for each output, as far as it was followed.
 
-    `broken`: why not every state was met, or `NONE`; `certain`: that is proved, so that no order does.
+    `broken`: why not every state was reached, or `NONE`; `certain`: whether it is proved that no other order exists.
     """
 
     links: tuple[tuple[Link, ...], ...]
@@ -165,61 +165,62 @@ class Chains:
         return tuple(map(len, self.links))
 
     def answer(self, shape: Shape) -> Answer:
-        """Whether every row has the shape, and the chains hold all states; else what is wrong."""
-        doubt = NONE
+        """Return whether every row has the shape and the chains hold all states, and the reason."""
+        unproved = NONE
         for links in self.links:
             for i, link in enumerate(links):
                 answer, why = link.answer(shape if i or shape is Shape.UNIFORM else Shape.CONSTANT, links[0].state)
                 if answer is False:
                     return (False if self.certain else None), why
-                doubt = doubt or (NONE if answer else why)
+                unproved = unproved or (NONE if answer else why)
         if self.broken:
             return (False if self.certain else None), self.broken
-        if doubt:
-            return None, doubt
+        if unproved:
+            return None, unproved
         names = ([links[0].name, *(link.state.name for link in links)] for links in self.links if links)
         return True, because("{chains: and }", chains=[because("{names: -> }", names=each) for each in names])
 
 
 def levelwise(rows: Rows) -> Chains:
-    """A chain for each output, level by level: a row reads the states of its level and before, of every chain, and
-    its own next state. For one output this is the triangular form.
+    """Return a chain for each output, built level by level. A row may read its own next state, and the states of its
+    level and of the levels before in every chain. For one output this is the triangular form.
 
-    The order is forced: a row that brings in one new state must have it as its next, one that brings in none ends its
-    chain, one that brings in several, or two rows with the same next, leave no order at all.
+    The order is forced. A row with one new state must have it as its next; a row with none ends its chain; a row with
+    several, or two rows with the same next state, leave no order at all.
     """
-    left, chains = list(rows.states), [list[Link]() for _ in rows.output]
+    remaining, chains = list(rows.states), [list[Link]() for _ in rows.output]
     active = dict(enumerate(zip(rows.names, rows.output, strict=True)))
-    certain, alone = True, len(rows.output) == 1
+    certain, single = True, len(rows.output) == 1
 
     def broken(why: Reason, sure: bool = True) -> Chains:
         return Chains(tuple(map(tuple, chains)), why, certain and sure)
 
-    while left:
+    while remaining:
         links: dict[int, Link] = {}
         for j, (name, row) in active.items():
-            sure, maybe = rows.reads(row, left)
-            if alone and not sure and not maybe:  # a gain that is 0 for the parameters' values: its own check says so
-                sure = dependence(row, left)[0]
-            if stop := _stop(name, sure, maybe, left, alone or not chains[j]):
+            sure, maybe = rows.reads(row, remaining)
+            if single and not sure and not maybe:  # a gain that is 0 for the parameters' values: its own check says so
+                sure = dependence(row, remaining)[0]
+            if stop := _stop(name, sure, maybe, remaining, single or not chains[j]):
                 return broken(*stop)
             if sure or maybe:
-                certain = certain and (bool(sure) or alone)
+                certain = certain and (bool(sure) or single)
                 links[j] = link(name, row, (*sure, *maybe), rows)
-        no_row = NONE if links else because("no row brings in {states}", states=left)
+        no_row = NONE if links else because("no row brings in {states}", states=remaining)
         if end := twice(links.values()) or no_row:
             return broken(end)
         for j, new in links.items():
             chains[j].append(new)
-            left.remove(new.state)
+            remaining.remove(new.state)
         active = {j: (f"{new.state}'", rows.rate(new.state)) for j, new in links.items()}
     return Chains(tuple(map(tuple, chains)), certain=certain)
 
 
 def _stop(
-    name: str, sure: Sequence[sp.Symbol], maybe: Sequence[sp.Symbol], left: Sequence[sp.Symbol], must: bool
+    name: str, sure: Sequence[sp.Symbol], maybe: Sequence[sp.Symbol], remaining: Sequence[sp.Symbol], must: bool
 ) -> tuple[Reason, bool] | None:
-    """Why the order ends at a row that reads these new states, and whether that is proved; it `must` read one."""
+    """Return why the order ends at a row with these new states, proved (`sure`) or possible (`maybe`), and whether that
+    is proved. `must`: whether the row has to read a new state."""
     if len(sure) > 1:
         pattern = "{row} brings in {states} together, and each row may bring in one new state"
         return because(pattern, row=name, states=sure), True
@@ -227,35 +228,36 @@ def _stop(
         return because("{row} may bring in {states}, and none is shown to matter", row=name, states=maybe), False
     if must and not sure and not maybe:
         pattern = "{row} brings in no new state, so the output never shows {states}"
-        return because(pattern, row=name, states=left), True
+        return because(pattern, row=name, states=remaining), True
     return None
 
 
 def link(name: str, row: sp.Expr, new: Sequence[sp.Symbol], rows: Rows) -> Link:
-    """The row as a link to the first of the new states; the others are strays."""
+    """Return the row as a link to the first of the new states; the others are strays."""
     state, strays = new[0], tuple(new[1:])
     clean = free_of(row, [x for x in rows.states if x not in new], rows.box)
     slope = slope_of(clean, state)
-    gain, rest, affine = _line(row, clean, state, slope, rows)
+    gain, offset, affine = _line(row, clean, state, slope, rows)
     varies, may_vary = rows.reads(gain, rows.states)
     if affine is False and not varies:
         varies = (state,)
-    still = is_zero(slope, rows.box)
-    moves = None if still is None else not still
-    return Link(name, row, state, gain, rest, affine, varies, may_vary, strays, slope, moves)
+    flat = is_zero(slope, rows.box)
+    sloped = None if flat is None else not flat
+    return Link(name, row, state, gain, offset, affine, varies, may_vary, strays, slope, sloped)
 
 
 def _line(
     row: sp.Expr, clean: sp.Expr, state: sp.Symbol, slope: sp.Expr, rows: Rows
 ) -> tuple[sp.Expr, sp.Expr, bool | None]:
-    """gain, rest, and whether row = gain * state + rest with both free of the state; `clean` is the row without what
-    it does not read. The gain is the slope, or the row's difference between 0 and 1, where the slope is not exact."""
+    """Return gain, offset, and whether row = gain * state + offset with both free of the state. `clean`: the row
+    without the states that it does not depend on. The gain is the slope, or where the slope is not exact the row's
+    difference between 0 and 1."""
     gain = unbent(free_of(slope, rows.states, rows.box))
     start, end = (_at(clean, state, value) for value in (0, 1))
-    # what the row is at 0, beside the gain, it is at any value; where that is 0/0, it is taken at 1, 2, 3
-    beside = (_at(clean, state, value) - gain * value for value in range(4))
-    rest = next((e for e in beside if not e.has(*_INFINITE)), clean - gain * state)
-    lines = [(gain, rest), (end - start, start)]
+    # row - gain * state is the same at every value of the state: at 0, or where that is 0/0 at 1, 2 or 3
+    offsets = (_at(clean, state, value) - gain * value for value in range(4))
+    offset = next((e for e in offsets if not e.has(*_INFINITE)), clean - gain * state)
+    lines = [(gain, offset), (end - start, start)]
     for a, b in lines:
         if not (a.has(state, *_INFINITE) or b.has(state, *_INFINITE)) and is_zero(row - a * state - b, rows.box):
             return a, b, True
@@ -263,21 +265,21 @@ def _line(
     a, b = (sp.Dummy(name, real=state.is_real) for name in ("a", "b"))
     ends = {s: rows.box[state] for s in (a, b) if state in rows.box}
     one, other = row.xreplace({state: a}), row.xreplace({state: b})
-    bend = (row - one) * (b - state) - (other - row) * (state - a)
-    return gain, rest, False if is_zero(bend, {**rows.box, **ends}) is False else None
+    curvature = (row - one) * (b - state) - (other - row) * (state - a)
+    return gain, offset, False if is_zero(curvature, {**rows.box, **ends}) is False else None
 
 
 def _at(row: sp.Expr, state: sp.Symbol, value: int) -> sp.Expr:
-    """The row at a value of the state, or nan where a comparison in the row has no real value there."""
+    """Return the row at a value of the state, or nan where a comparison in the row has no real value there."""
     at_value = put(row, {state: sp.Integer(value)})
     return sp.nan if at_value is None else at_value
 
 
 def twice(links: Iterable[Link]) -> Reason:
-    """The first two links that bring in the same state, in words; `NONE` if there are none."""
-    seen: dict[sp.Symbol, Link] = {}
+    """Return the reason that names the first two links with the same state; `NONE` if there are none."""
+    by_state: dict[sp.Symbol, Link] = {}
     for later in links:
-        first = seen.setdefault(later.state, later)
+        first = by_state.setdefault(later.state, later)
         if first is not later:
             pattern = "{row} and {other} bring in the same state, {state}"
             return because(pattern, row=first.name, other=later.name, state=later.state)
@@ -288,34 +290,34 @@ def twice(links: Iterable[Link]) -> Reason:
 
 
 def cascade(rows: Rows, shape: Shape = Shape.CONSTANT) -> Chains:
-    """A chain for each output, one after the other: a row reads all states of the chains before, those of its own
-    chain up to its own, and its next state; another output's first state is no next.
+    """Return a chain for each output, one after the other. A row may read all states of the chains before, the states
+    of its own chain up to its own, and its next state. Another output's first state is no next state.
 
-    Greedy: a chain is taken as soon as it can be followed to its end. That is exact. The states of the chains taken
-    are closed, their rows read nothing else. With more states taken, a chain that could be followed before still can: a
-    prefix of it remains, and by closedness the rest of it is taken already. So if some order of the chains works, the
-    first chain of it that is not taken yet can be taken next.
+    The search is greedy: a chain is chosen as soon as it can be followed to its end. That is exact. The rows of chosen
+    chains read nothing but their states. With more states chosen, a chain that could be followed before still can: a
+    prefix of it remains, and the states after it are chosen already. So if some order of the chains works, the first
+    chain of it that is not chosen yet can be chosen next.
     """
     first = _heads(rows)
     if isinstance(first, Chains):
         return first
-    states, taken = {head.state for head in first}, list[sp.Symbol]()
+    states, chosen = {head.state for head in first}, list[sp.Symbol]()
     done: dict[int, tuple[Link, ...]] = {}
     while len(done) < len(first):
-        tries = {j: _path(head, states, taken, rows, shape) for j, head in enumerate(first) if j not in done}
+        tries = {j: _path(head, states, chosen, rows, shape) for j, head in enumerate(first) if j not in done}
         ready = next((j for j, tried in tries.items() if not tried[1]), None)
         if ready is None:
             links = tuple(done.get(j, tries[j][0] if j in tries else ()) for j in range(len(first)))
             return Chains(links, next(iter(tries.values()))[1], all(tried[2] for tried in tries.values()))
         done[ready] = tries[ready][0]
-        taken += [each.state for each in done[ready]]
-    left = [x for x in rows.states if x not in taken]
+        chosen += [each.state for each in done[ready]]
+    unreached = [x for x in rows.states if x not in chosen]
     links = tuple(done[j] for j in range(len(first)))
-    return Chains(links, because("no row brings in {states}", states=left) if left else NONE)
+    return Chains(links, because("no row brings in {states}", states=unreached) if unreached else NONE)
 
 
 def _heads(rows: Rows) -> list[Link] | Chains:
-    """The first link of each output, or why there is none."""
+    """Return the first link of each output, or chains with the reason why there is none."""
     heads = []
     for name, row in zip(rows.names, rows.output, strict=True):
         sure, maybe = rows.reads(row, rows.states)
@@ -332,15 +334,15 @@ def _heads(rows: Rows) -> list[Link] | Chains:
 
 
 def _path(
-    head: Link, heads: set[sp.Symbol], taken: Sequence[sp.Symbol], rows: Rows, shape: Shape
+    head: Link, heads: set[sp.Symbol], chosen: Sequence[sp.Symbol], rows: Rows, shape: Shape
 ) -> tuple[tuple[Link, ...], Reason, bool]:
-    """The chain of an output after the states taken, the reason why it stops early or `NONE`, and whether this is
-    proved."""
+    """Return the chain of an output through states that are not `chosen` yet, the reason why it stops early or `NONE`,
+    and whether this is proved."""
     links = [head]
     while True:
         state = links[-1].state
-        own = [each.state for each in links]
-        sure, maybe = rows.reads(rows.rate(state), [x for x in rows.states if x not in (*taken, *own)])
+        in_path = [each.state for each in links]
+        sure, maybe = rows.reads(rows.rate(state), [x for x in rows.states if x not in (*chosen, *in_path)])
         if not sure and not maybe:
             return tuple(links), NONE, True
         if len(sure) > 1:
@@ -357,10 +359,11 @@ def _path(
 
 
 def end_aligned(rows: Rows) -> Chains:
-    """Chains whose row j of chain i reads x_(k, l) only for l <= j + n_k - n_i, and its own next state.
+    """Return chains whose row j of chain i reads x_(k, l) only for l <= j + n_k - n_i, and its own next state.
 
-    The lengths decide what a row may read, so the order is not forced. Tried are the chains level by level, those one
-    after the other, and two sweeps over all outputs; what is found is proved, what is not found is not refuted.
+    The lengths decide which states a row may read, so the order is not forced. The search tries the chains level by
+    level, one after the other, and in two sweeps over all outputs. Chains that are found are proved; a search without
+    success refutes nothing.
 
     Source: N. Boizot, "Adaptive high-gain extended Kalman filter and applications", thesis (2010), chapter 5.
     """
@@ -379,7 +382,8 @@ def end_aligned(rows: Rows) -> Chains:
 
 
 def _too_late(chains: Chains, rows: Rows) -> Reason:
-    """The first row that reads, or may read, a state too close to the end of its chain; else `NONE`."""
+    """Return the reason of the first row that reads, or may read, a state too close to the end of its chain; else
+    `NONE`."""
     sizes = chains.blocks
     place = {each.state: (k, i) for k, links in enumerate(chains.links) for i, each in enumerate(links, 1)}
     for state, (i, j) in place.items():
@@ -393,33 +397,36 @@ def _too_late(chains: Chains, rows: Rows) -> Reason:
 
 
 def _swept(rows: Rows, priority: Sequence[int]) -> Chains:
-    """Chains, all at once, one state each sweep; a row that ever brought in several waits until no other moves on.
+    """Return the chains of sweeps over all outputs, one state each; a row that ever had several new states waits until
+    no other chain can be extended.
 
-    A long chain's rows read what is far from the ends, and so move on first; a last row reads anything.
+    The rows of a long chain read states far from the ends, and so are extended first; a last row reads anything.
     """
     heads = _heads(rows)
     if isinstance(heads, Chains):
         return heads
     chains = [[head] for head in heads]
-    left = [x for x in rows.states if x not in {head.state for head in heads}]
+    remaining = [x for x in rows.states if x not in {head.state for head in heads}]
     waiting: set[int] = set()
-    while left:
-        moved = [j for j in priority if j not in waiting and _moved(chains[j], left, rows, waiting, j)]
-        if not moved and not any(_moved(chains[j], left, rows, set(), j) for j in sorted(waiting)):
-            return Chains(tuple(map(tuple, chains)), because("no row brings in {states}", states=left), certain=False)
+    while remaining:
+        extended = [j for j in priority if j not in waiting and _extended(chains[j], remaining, rows, waiting, j)]
+        if not extended and not any(_extended(chains[j], remaining, rows, set(), j) for j in sorted(waiting)):
+            why = because("no row brings in {states}", states=remaining)
+            return Chains(tuple(map(tuple, chains)), why, certain=False)
     return Chains(tuple(map(tuple, chains)), certain=False)
 
 
-def _moved(links: list[Link], left: list[sp.Symbol], rows: Rows, waiting: set[int], j: int) -> bool:
-    """Append the next state of a chain, where its last row brings in exactly one; several make it wait."""
+def _extended(links: list[Link], remaining: list[sp.Symbol], rows: Rows, waiting: set[int], j: int) -> bool:
+    """Append the next state of a chain where its last row has exactly one new state; several make it wait. Return
+    whether it was appended."""
     state = links[-1].state
-    sure, maybe = rows.reads(rows.rate(state), left)
+    sure, maybe = rows.reads(rows.rate(state), remaining)
     if len(sure) + len(maybe) > 1:
         waiting.add(j)
     if len(sure) != 1 or maybe:
         return False
     links.append(link(f"{state}'", rows.rate(state), sure, rows))
-    left.remove(sure[0])
+    remaining.remove(sure[0])
     return True
 
 
@@ -427,8 +434,8 @@ def _moved(links: list[Link], left: list[sp.Symbol], rows: Rows, waiting: set[in
 
 
 def without_jumps(check: Check, link: Link) -> Check:
-    """The check of the slope of a link: unknown in place of proved where the row may jump with its state, since it is
-    not one-to-one for its slope alone."""
+    """Return the check of the slope of a link. It is unknown in place of proved where the row may jump with its state:
+    a slope of one sign does not make such a row one to one."""
     if check.verdict is not Verdict.PROVED or link.jumps is None:
         return check
     pattern = "{row} may jump with {state}, at a step of {part}, where it has no slope"
@@ -438,7 +445,7 @@ def without_jumps(check: Check, link: Link) -> Check:
 
 
 def structure(maker: str, claim: str, answer: Answer, fix: str) -> Check:
-    """The check `MAKER.structure` of chains with this answer."""
+    """Return the check `MAKER.structure` of chains with this answer."""
     is_so, why = answer
     verdict = Verdict.PROVED if is_so else Verdict.UNKNOWN if is_so is None else Verdict.REFUTED
     proofs = (ByForm(),) if is_so else ()
@@ -446,7 +453,8 @@ def structure(maker: str, claim: str, answer: Answer, fix: str) -> Check:
 
 
 def reached(rows: Rows, *, sure: bool = False) -> list[sp.Symbol]:
-    """The states that reach an output on the box, or may, breadth first; with `sure` those that are proved to."""
+    """Return the states that an output depends on, or may depend on, through the rates, breadth first; with `sure` only
+    the proved ones."""
 
     def read(row: sp.Expr) -> tuple[sp.Symbol, ...]:
         known, maybe = rows.reads(row, rows.states)
@@ -459,7 +467,7 @@ def reached(rows: Rows, *, sure: bool = False) -> list[sp.Symbol]:
 
 
 def connected(maker: str, hidden: Sequence[sp.Symbol], doubtful: Sequence[sp.Symbol] = ()) -> Check:
-    """`MAKER.connected`, that no state is `hidden`; of the `doubtful` ones it is not known."""
+    """Return the check `MAKER.connected`: no state is `hidden`; it is undecided for the `doubtful` ones."""
     id = ClaimId(maker, "connected")
     claim = "every state appears in an output or in the derivative of one that counts"
     if not hidden and doubtful:
@@ -473,9 +481,9 @@ def connected(maker: str, hidden: Sequence[sp.Symbol], doubtful: Sequence[sp.Sym
 
 
 def cut_off(maker: str, plant: System) -> tuple[Check, ...]:
-    """The refuted check `connected` of a plant with hidden states; none of another plant."""
-    shown = reached(of_plant(plant))
-    hidden = [x for x in plant.states if x not in shown]
+    """Return the refuted check `connected` of a plant with hidden states; none for another plant."""
+    visible = reached(of_plant(plant))
+    hidden = [x for x in plant.states if x not in visible]
     return (connected(maker, hidden),) if hidden else ()
 
 
@@ -484,19 +492,19 @@ def cut_off(maker: str, plant: System) -> tuple[Check, ...]:
 
 @dataclass(frozen=True)
 class Affine:
-    """A row as sum_k slopes[k] x_k + rest over the states asked, slopes and rest free of them; `answer`: whether that
+    """A row as sum_k slopes[k] x_k + offset over given states, slopes and offset free of them. `answer`: whether that
     is proved, refuted (False) or neither, and `why`."""
 
     slopes: tuple[sp.Expr, ...]
-    rest: sp.Expr
+    offset: sp.Expr
     answer: bool | None = True
     why: Reason = NONE
 
 
 @dataclass(frozen=True)
 class Measurement:
-    """Output number `output` is gain * (state number `state`) + offset, the gain bounded away from zero; neither reads
-    a state."""
+    """A measured state: output number `output` is gain * (state number `state`) + offset, the gain bounded away from
+    zero; gain and offset read no state."""
 
     state: int
     output: int
@@ -505,9 +513,9 @@ class Measurement:
 
 
 def affine(name: str, row: sp.Expr, states: Sequence[Signal], rows: Rows) -> Affine:
-    """The row of that name as an affine function of the states. A slope that varies with one of them refutes it, and so
-    does what is left after the slopes; proved is that nothing is left."""
-    none, slopes, rest, may = (sp.S.Zero,) * len(states), [], bent(row), list[sp.Symbol]()
+    """Return the row of that name as an affine function of the states. It is refuted by a slope that varies with one of
+    them, or by a residual that does; it is proved where no such slope and residual exist."""
+    none, slopes, offset, may = (sp.S.Zero,) * len(states), [], bent(row), list[sp.Symbol]()
     for x in states:
         sure, maybe = rows.reads(row, (x,))
         gain = free_of(slope(row, x), states, rows.box) if sure or maybe else sp.S.Zero
@@ -517,35 +525,35 @@ def affine(name: str, row: sp.Expr, states: Sequence[Signal], rows: Rows) -> Aff
             return Affine(none, row, False, because(pattern, name=name, gain=gain, state=x, states=varies))
         may += may_vary
         slopes.append(gain)
-        rest -= gain * x
-    rest = free_of(sp.expand(rest), states, rows.box)
-    sure, maybe = rows.reads(rest, states)
+        offset -= gain * x
+    offset = free_of(sp.expand(offset), states, rows.box)
+    sure, maybe = rows.reads(offset, states)
     if sure:
         return Affine(none, row, False, because("{name} is not affine in {states}", name=name, states=sure))
     doubtful = list(dict.fromkeys((*may, *maybe)))
     if doubtful:
         why = because("{name} is not shown to be affine in {states}", name=name, states=doubtful)
-        return Affine(tuple(slopes), rest, None, why)
-    return Affine(tuple(slopes), rest)
+        return Affine(tuple(slopes), offset, None, why)
+    return Affine(tuple(slopes), offset)
 
 
 _GAIN = ClaimId("state_affine", "gain")  # of which the verdict alone is read
 
 
 def measurements(plant: System) -> tuple[Measurement, ...]:
-    """The states that an output shows alone, each by the first such output, as far as is proved."""
+    """Return the states that an output is proved to read alone, each with the first such output."""
     rows, by_state = of_plant(plant), dict[int, Measurement]()
     for j, (name, row) in enumerate(zip(rows.names, rows.output, strict=True)):
         line = affine(name, row, plant.states, rows)
-        seen = [(k, gain) for k, gain in enumerate(line.slopes) if gain != 0]
-        if line.answer and len(seen) == 1 and apart(_GAIN, "c", seen[0][1], plant).verdict is Verdict.PROVED:
-            by_state.setdefault(seen[0][0], Measurement(seen[0][0], j, seen[0][1], line.rest))
+        read = [(k, gain) for k, gain in enumerate(line.slopes) if gain != 0]
+        if line.answer and len(read) == 1 and apart(_GAIN, "c", read[0][1], plant).verdict is Verdict.PROVED:
+            by_state.setdefault(read[0][0], Measurement(read[0][0], j, read[0][1], line.offset))
     return tuple(by_state.values())
 
 
 def known(dynamics: Dynamics) -> Callable[[Graph, Graph, Graph, Graph], Graph]:
-    """A function of the SX columns z (n), u (m), y (p), valid (p) that returns z with the measured states in the place
-    of their estimates, for a form in the plant's own coordinates."""
+    """Return a function of the SX columns z (n), u (m), y (p), valid (p). It returns z with the measured states in the
+    place of their estimates, for a form in the plant's own coordinates."""
     measured = measurements(dynamics.form.system)
 
     def replaced(z: Graph, u: Graph, y: Graph, valid: Graph) -> Graph:
@@ -553,8 +561,8 @@ def known(dynamics: Dynamics) -> Callable[[Graph, Graph, Graph, Graph], Graph]:
         offset = dynamics.output(ca.SX.zeros(dynamics.n), u)
         slope = dynamics.output_jacobian(z, u)
         for one in measured:
-            shown = (y[one.output] - offset[one.output]) / slope[one.output, one.state]
-            values[one.state] = ca.if_else(valid[one.output], shown, values[one.state])
+            state = (y[one.output] - offset[one.output]) / slope[one.output, one.state]
+            values[one.state] = ca.if_else(valid[one.output], state, values[one.state])
         return ca.vertcat(*values)
 
     return replaced

@@ -1,11 +1,11 @@
 """Coordinates z = a signed permutation of the plant's states x, and the split x' = A(u) x + b(x, u).
 
-A plant whose states stand in chains, as the triangular forms take it, with what is to be proved of it.
+A plant whose states form chains, as the triangular forms need it, with the checks of its hypotheses.
 
     z_(i,j)' = a_(i,j+1) z_(i,j+1) + b_(i,j),   z_(i,n_i)' = b_(i,n_i),   y_i = a_(i,1) z_(i,1) + c_i
 
-z is the plant's state chain by chain, in the signs that make the a_(i,j) positive. A row that is not shown to be linear
-in the state that it brings in has a difference quotient in the middle of the box for its a_(i,j).
+z is the plant's state chain by chain, with the signs that make the a_(i,j) positive. Where a row is not proved to be
+linear in its new state, its a_(i,j) is a difference quotient in the middle of the box.
 """
 
 from collections.abc import Iterable, Sequence
@@ -30,10 +30,10 @@ Parts: TypeAlias = tuple[sp.ImmutableDenseMatrix, tuple[sp.Expr, ...], tuple[sp.
 
 @dataclass(frozen=True)
 class Coordinates:
-    """z_i = sign_i x_order(i).
+    """The coordinates z_i = sign_i x_order(i).
 
-    `states`: z_1..z_n with ranges, units and meanings from the plant's states; `to_form`: z in terms of x;
-    `from_form`: x, in the plant's order, in terms of z.
+    `states`: z_1..z_n with ranges, units and meanings from the plant's states; `to_form`: z in terms of x; `from_form`:
+    x, in the plant's order, in terms of z.
     """
 
     system: System
@@ -54,38 +54,38 @@ class Coordinates:
 
     @property
     def replacement(self) -> dict[sp.Expr, sp.Expr]:
-        """Plant state to its expression in z."""
+        """The expression in z of each plant state."""
         return {x: sign * z for x, sign, z in zip(self.order, self.signs, self.states, strict=True)}
 
     def carry(self, expression: sp.Expr) -> sp.Expr:
-        """An expression of the plant's states, written in z."""
+        """Return an expression of the plant's states, written in z."""
         return expression.xreplace(self.replacement)
 
     def back(self, expression: sp.Expr) -> sp.Expr:
-        """An expression of z, written in the plant's states."""
+        """Return an expression of z, written in the plant's states."""
         return expression.xreplace(dict(zip(self.states, self.to_form, strict=True)))
 
     @property
     def flow(self) -> tuple[sp.Expr, ...]:
-        """z' in terms of z."""
+        """The rates z' in terms of z."""
         rows = dict(zip(self.system.states, self.system.flow, strict=True))
         return tuple(sign * self.carry(rows[x]) for sign, x in zip(self.signs, self.order, strict=True))
 
     @property
     def output(self) -> tuple[sp.Expr, ...]:
-        """y in terms of z."""
+        """The outputs y in terms of z."""
         return tuple(self.carry(expression) for expression in self.system.output)
 
 
 def coordinates(
     system: System, order: Sequence[Signal] | None = None, signs: Sequence[int] | None = None
 ) -> Coordinates:
-    """z: the plant's states in `order` (default: the plant's), each times its sign, 1 or -1 (default 1)."""
+    """Return z: the plant's states in `order` (default: the plant's), each times its sign, 1 or -1 (default 1)."""
     order = tuple(order or system.states)
     signs = tuple(signs or (1,) * len(order))
-    taken = {signal.name for signal in (*system.signals, *system.declared.states)}
+    used_names = {signal.name for signal in (*system.signals, *system.declared.states)}
     stems = chain(("z", "zeta", "xi"), (f"z{k}_" for k in count(1)))
-    stem = next(stem for stem in stems if taken.isdisjoint(f"{stem}{i}" for i in range(1, len(order) + 1)))
+    stem = next(stem for stem in stems if used_names.isdisjoint(f"{stem}{i}" for i in range(1, len(order) + 1)))
     states = tuple(_signal(f"{stem}{i}", x, sign) for i, (x, sign) in enumerate(zip(order, signs, strict=True), 1))
     return Coordinates(system, order, signs, states)
 
@@ -99,9 +99,9 @@ def form_in(
     parts: Parts | None = None,
     **more: Any,
 ) -> Form:
-    """The plant in z, with the checks of its own coordinates before the form's.
+    """Return the plant in z, with the checks of its own coordinates before the form's.
 
-    Args: `parts`: A, b and the output; by default A is what `split` finds. `more`: further fields of the form.
+    Args: `parts`: A, b and the output; by default A is the result of `split`. `more`: further fields of the form.
     """
     A, b, output = parts or (*split(z.flow, z.states), z.output)
     return Form(
@@ -120,11 +120,11 @@ def form_in(
 
 
 def split(flow: Iterable[sp.Expr], states: Sequence[Signal]) -> tuple[sp.ImmutableDenseMatrix, tuple[sp.Expr, ...]]:
-    """A and b of flow = A x + b; A holds the coefficients, free of states, of the terms linear in a state."""
+    """Return A and b of flow = A x + b; A holds the state-free coefficients of the terms linear in a state."""
     rows, n = tuple(flow), len(states)
     terms = [linear_terms(row, states) for row in rows]
     A = sp.ImmutableDenseMatrix(n, n, lambda i, j: terms[i][0].coeff(states[j]))
-    return A, tuple(rest if linear != 0 else row for row, (linear, rest) in zip(rows, terms, strict=True))
+    return A, tuple(nonlinear if linear != 0 else row for row, (linear, nonlinear) in zip(rows, terms, strict=True))
 
 
 def _signal(name: str, x: Signal, sign: int) -> Signal:
@@ -138,15 +138,15 @@ def _signal(name: str, x: Signal, sign: int) -> Signal:
 # ---------------------------------------------------------------- triangle
 
 
-_VALUES = 12  # of the state
+_VALUES = 12  # of the state, for the chord
 
 
 def triangle(structure: Check, reference: str, plant: System, chains: Chains, shape: Shape, **more: Any) -> Form:
-    """The plant in z, each link of the chains in the `shape`.
+    """Return the plant in z, each link of the chains in the `shape`.
 
-    Checks of the maker of `structure`, after that: `a_i` of one chain, `a_i_j` of several (0 < a_m <= a <= a_M on the
-    box of what a varies with); `offset`, `offset_i` (c_i is defined there) of an output with one; `lipschitz`, of b and
-    the a z whose a varies with a state. `more`: further fields of the form.
+    After the check `structure`, its maker's checks are: `a_i` of one chain, `a_i_j` of several (0 < a_m <= a <= a_M on
+    the box of the signals that a varies with); `offset`, `offset_i` (c_i is defined there) of an output with one;
+    `lipschitz`, of b and of each a z whose a varies with a state. `more`: further fields of the form.
     """
     maker, several = structure.id.maker, "blocks" in more
     every = [[settled(link, shape, plant, links[0].state) for link in links] for links in chains.links]
@@ -156,15 +156,15 @@ def triangle(structure: Check, reference: str, plant: System, chains: Chains, sh
     gains, offsets = list[Check](), list[Check]()
     for i, links in enumerate(every):
         for j, (link, s, t) in enumerate(zip(links, (1, *signs[i]), signs[i], strict=False)):
-            a, rest = s * link.gain * t, s * z.carry(link.rest)
+            a, offset = s * link.gain * t, s * z.carry(link.offset)
             at = (i + 1, j + 1) if several else (j + 1,)
             name = "a_({},{})" if several else "a_{}"
             gains.append(positive(ClaimId(maker, "a", *at), name.format(*at), a, plant))
             if j:
-                A[head + j - 1, head + j], b[head + j - 1] = z.carry(a), rest
+                A[head + j - 1, head + j], b[head + j - 1] = z.carry(a), offset
             else:
-                output[i] = z.carry(a) * z.states[head] + rest
-        c = links[0].rest if links else sp.S.Zero
+                output[i] = z.carry(a) * z.states[head] + offset
+        c = links[0].offset if links else sp.S.Zero
         if c != 0 and c.free_symbols.isdisjoint(plant.states):
             id = ClaimId(maker, "offset", i + 1) if several else ClaimId(maker, "offset")
             offsets.append(defined(id, f"c_{i + 1}" if several else "c", c, plant))
@@ -177,17 +177,17 @@ def triangle(structure: Check, reference: str, plant: System, chains: Chains, sh
 
 
 def settled(link: Link, shape: Shape, plant: System, measured: sp.Symbol | None = None) -> Link:
-    """The link; where it is not shown to have the shape, a chord for the gain, and what that leaves of the row for the
-    rest."""
+    """Return the link; where it is not proved to have the shape, with a chord for the gain and the difference for the
+    offset."""
     if link.answer(shape, measured)[0]:
         return link
     gain = _chord(link.row, link.state, plant)
-    return replace(link, gain=gain, rest=link.row - gain * link.state)
+    return replace(link, gain=gain, offset=link.row - gain * link.state)
 
 
 def _chord(row: sp.Expr, state: sp.Symbol, plant: System) -> sp.Expr:
-    """(row(b) - row(a))/(b - a) for the first values a, b of the state at which it is finite, the other states in the
-    middle of their ranges; or 0."""
+    """Return (row(b) - row(a))/(b - a) for the first values a, b of the state at which it is finite, the other states
+    in the middle of their ranges; or 0."""
     middle, row = dict(next(points(plant.states))), exact(row)
     values = list(dict.fromkeys(point[state] for point in islice(points((state,)), _VALUES)))
     for i, a in enumerate(values[:2]):
@@ -203,7 +203,7 @@ def _chord(row: sp.Expr, state: sp.Symbol, plant: System) -> sp.Expr:
 
 
 def signs_of(links: Iterable[Link], plant: System) -> list[int]:
-    """The sign of each z_i that makes a_i positive; an a_i without one sign stays as it is."""
+    """Return the sign of each z_i that makes a_i positive; an a_i without one sign keeps its sign."""
     signs = [1]
     for link in links:
         signs.append(signs[-1] * (sign(link.gain, plant) or 1))

@@ -1,16 +1,16 @@
 """Determinants of matrices of expressions, and maps that are one to one by the signs of their minors.
 
-Determinants of matrices of expressions, exactly, and which rows are independent; the zero set of a product of
-polynomials over a field, as readable factors: without what never vanishes.
+Determinants are exact. Their zero set is that of a product of polynomials over a field, written as readable factors
+without those that never vanish. The generically independent rows of a matrix are found here too.
 
-A map that is one to one on a box though no inverse of it is known, by the signs of minors.
+A map can be proved to be one to one on a box without an inverse, by the signs of minors:
 
     F: box -> R^n differentiable, all principal minors of its Jacobian above 0 at every point:  F is one to one there
 
-The box is a product of closed intervals, of any length. Such a Jacobian reverses the sign of no vector but 0, which
-bisection may show: the theorem asks for each point by itself. It is no matter of determinants alone: that of
-exp(x) (cos y, sin y) is exp(2 x), and y comes back. F is one to one where L F is, L a constant invertible matrix: an
-order and signs of the rows of F, or about the inverse of its Jacobian at the middle.
+The box is a product of closed intervals, of any length. Such a Jacobian reverses the sign of no vector but 0. The
+theorem asks for each point by itself, so that bisection proves it. The determinant alone is not enough: that of exp(x)
+(cos y, sin y) is exp(2 x), and the map is periodic in y. F is one to one where L F is, L a constant invertible matrix:
+an order and signs of the rows of F, or about the inverse of its Jacobian at the middle.
 
 D. Gale, H. Nikaido, "The Jacobian matrix and global univalence of mappings", Math. Annalen 159 (1965), theorem 4.
 """
@@ -57,18 +57,18 @@ _Row = TypeVar("_Row")
 LIMIT = 300_000  # products of terms
 _TERMS = 4000
 _POINTS, _TRIES = 2, 24
-_READ = 1500  # terms of all factors: more cannot be read
-_BOXES, _BITS = 40, 256  # of the question whether a factor ever vanishes; of samples
+_READABLE = 1500  # terms of all factors: more cannot be read
+_BOXES, _BITS = 40, 256  # boxes to decide whether a factor ever vanishes; bits of samples
 _LONG = 300  # operations of a factor, beyond which boxes of all numbers cost seconds and decide nothing
-_SAMPLES, _GRID = 24, 9  # points, and of what fractions
+_SAMPLES, _GRID = 24, 9  # points, and the largest numerator and denominator of their coordinates
 
 
 @dataclass(frozen=True)
 class Determinant:
     """A determinant and its zeros.
 
-    `value` is a quotient of products, equal to the determinant where its roots are real. The zero sets of the `factors`
-    together are that of the value; there are none where it has no zero, and they are None where that is not known.
+    `value`: a quotient of products, equal to the determinant where its roots are real. `factors`: expressions whose
+    zero sets together are that of the value; empty where it has no zero, None where that is not known.
     """
 
     value: sp.Expr
@@ -76,7 +76,7 @@ class Determinant:
 
 
 def determinant(rows: Sequence[Sequence[sp.Expr]], limit: int = LIMIT) -> Determinant:
-    """The determinant of n x n expressions.
+    """Return the determinant of n x n expressions.
 
     Raises: `TooLarge` beyond `limit` products of terms, or where a pivot may be 0 by a relation that is not known.
     """
@@ -84,25 +84,24 @@ def determinant(rows: Sequence[Sequence[sp.Expr]], limit: int = LIMIT) -> Determ
     entries = [exact(sp.sympify(e)) for row in rows for e in row]
     for e in entries:
         writer.measure(e)
-    made, as_quotients = field(writer, [writer.write(e) for e in entries])
+    domain, as_quotients = field(writer, [writer.write(e) for e in entries])
     matrix = [as_quotients[k * len(rows) : (k + 1) * len(rows)] for k in range(len(rows))]
     try:
-        product = _product(made, matrix, limit)
+        product = _product(domain, matrix, limit)
     except ZeroDivisionError:
         return Determinant(sp.S.Zero, (sp.S.Zero,))
-    if not alive(made, product):
+    if not alive(domain, product):
         raise TooLarge("what the functions of a matrix have to do with each other")
-    number, parts = powers(made, product)
+    number, parts = powers(domain, product)
     if sum(len(one.polynomial) for one in parts) > _TERMS:
         raise TooLarge("the determinant")
-    return Determinant(number * _value(made, parts), zero_set(made, split_roots(made, parts)))
+    return Determinant(number * _value(domain, parts), zero_set(domain, split_roots(domain, parts)))
 
 
 def as_written(rows: Sequence[Sequence[sp.Expr]], det: Determinant) -> Determinant:
-    """The determinant of the same rows for a reader: in the hyperbolic functions that the rows are written with, in
-    place of exponentials, with the factors of its zeros. It is `det` itself without such functions, or where `det` is
-    shorter.
-    """
+    """Return the determinant of the same rows as a reader expects it: in the hyperbolic functions of the rows in place
+    of exponentials, with the factors of its zeros. It is `det` itself without such functions, or where `det` is
+    shorter."""
     nodes = sorted(set().union(*(e.atoms(HyperbolicFunction) for row in rows for e in row)), key=str)
     names = {node: sp.Symbol(str(node), positive=isinstance(node, sp.cosh) or None, real=True) for node in nodes}
     try:
@@ -124,16 +123,17 @@ def as_written(rows: Sequence[Sequence[sp.Expr]], det: Determinant) -> Determina
     return Determinant(value.xreplace(back), factors)
 
 
-def _product(made: Field, matrix: Sequence[Sequence[Quotient]], limit: int) -> Product:
-    """The determinant as a product of powers, by elimination. In a field with roots a division might leave a pole that
-    the determinant has not: there it is expanded without divisions, if that is short enough or a division is wrong.
+def _product(domain: Field, matrix: Sequence[Sequence[Quotient]], limit: int) -> Product:
+    """Return the determinant as a product of powers, by elimination. In a field with roots a division may leave a pole
+    that the determinant does not have: there it is expanded without divisions, if that is short enough or a division is
+    wrong.
 
     Raises: `TooLarge`; `ZeroDivisionError` where the determinant is 0.
     """
-    doubtful = branches(made)
-    if doubtful or made.relations:
+    doubtful = branches(domain)
+    if doubtful or domain.relations:
         try:
-            top, bottom = expanded(made, matrix, Work([limit]))
+            top, bottom = expanded(domain, matrix, Work([limit]))
         except TooLarge:
             if doubtful:
                 raise
@@ -141,30 +141,30 @@ def _product(made: Field, matrix: Sequence[Sequence[Quotient]], limit: int) -> P
             if top.is_zero():
                 raise ZeroDivisionError
             return [(top, 1), (bottom, -1)]
-    elimination = Elimination(made, Work([limit]))
+    elimination = Elimination(domain, Work([limit]))
     product: Product = []
     for entries in matrix:
         common, (row,) = cleared([entries])
         _, scales = elimination.added(row)
         product += [(e, -power) for e, power in ((common, 1), *scales)]
         product.append((elimination.pivot, 1))
-    return [*product, (made.ring.constant(-1 if elimination.odd else 1), 1)]
+    return [*product, (domain.ring.constant(-1 if elimination.odd else 1), 1)]
 
 
 def _value(field: Field, parts: Sequence[Power]) -> sp.Expr:
-    """The product of the P^e as an expression.
+    """Return the product of the P^e as an expression.
 
     With C = cos(m/2), a polynomial P of degree d in tan(m/2) is a form over C^d. The forms of even degree are written
-    one by one; the others are multiplied, in the numerator and the denominator, with the power of C that is left.
+    one by one. The others are multiplied, in the numerator and the denominator, with the remaining power of C.
     """
     every = [(p.polynomial, p.exponent, degrees(field, p.polynomial)) for p in parts]
     forms = [(p, d, e) for p, e, d in every if even_degrees(d)]
-    left = {g: -sum(int(e) * d[g] for _, e, d in every) for g in field.angles}
+    cosines = {g: -sum(int(e) * d[g] for _, e, d in every) for g in field.angles}
     ends = []
     for sign in (1, -1):
         odd = [p ** int(e * sign) for p, e, d in every if not even_degrees(d) and e * sign > 0]
         whole = prod(odd, start=field.ring.constant(1))
-        ends.append((whole, {g: k + max(sign * left[g], 0) for g, k in degrees(field, whole).items()}, sign))
+        ends.append((whole, {g: k + max(sign * cosines[g], 0) for g, k in degrees(field, whole).items()}, sign))
     shared = {g: ends[0][1][g] % 2 for g in field.angles}  # both are odd, or none is
     forms += [(p, {g: k + shared[g] for g, k in d.items()}, Fraction(sign)) for p, d, sign in ends]
     written = [(*factored_form(field, p, d), sp.Rational(e)) for p, d, e in forms]
@@ -175,8 +175,8 @@ def _value(field: Field, parts: Sequence[Power]) -> sp.Expr:
 
 
 def independent(rows: Mapping[_Row, Sequence[sp.Expr]], n: int) -> tuple[_Row, ...]:
-    """The keys of the first n rows (n entries each) that are generically independent, in order; fewer than n where the
-    rank is lower.
+    """Return the keys of the first n rows (n entries each) that are generically independent, in order; fewer than n
+    where the rank is lower.
 
     The rows are eliminated with balls at two random points: unless these lie on a set without volume, a row that is
     dependent there is dependent everywhere.
@@ -192,10 +192,10 @@ def independent(rows: Mapping[_Row, Sequence[sp.Expr]], n: int) -> tuple[_Row, .
             balls = values(program, point, bits)
             if all(ball.is_finite() for ball in balls):
                 points += bits == SURE_BITS
-                taken: list[int] = []
+                chosen: list[int] = []
                 with flint.ctx.workprec(bits), suppress(Blurred):
-                    taken = new_rows([balls[k * n : (k + 1) * n] for k in range(len(rows))], 0)
-                best = max(best, tuple(list(rows)[k] for k in taken[:n]), key=len)
+                    chosen = new_rows([balls[k * n : (k + 1) * n] for k in range(len(rows))], 0)
+                best = max(best, tuple(list(rows)[k] for k in chosen[:n]), key=len)
             if len(best) == n:
                 return best
         if points == _POINTS:
@@ -207,23 +207,22 @@ def independent(rows: Mapping[_Row, Sequence[sp.Expr]], n: int) -> tuple[_Row, .
 
 
 def alive(field: Field, product: Product) -> bool:
-    """Whether no polynomial of it is 0 identically, for certain: one without kernels is its own proof, others have a
-    value whose ball excludes 0, or are left to `is_zero`.
-    """
-    left = [p for p, _ in product if field.kernels(p)]
+    """Return whether it is certain that no polynomial of the product is 0 identically. A polynomial without kernels is
+    not; others have a value whose ball excludes 0, or are left to `is_zero`."""
+    undecided = [p for p, _ in product if field.kernels(p)]
     symbols = sorted({s for e in field.meaning for s in e.free_symbols}, key=str)
     program = tape(field.meaning, symbols)
     draw = Random(1)
     for _ in range(_SAMPLES):
         point = [Fraction(draw.randint(1, _GRID), draw.randint(1, _GRID)) for _ in symbols]
-        if left:
+        if undecided:
             balls = values(program, point, _BITS)
-            left = [p for p in left if not _not_zero(p, balls)]
-    return all(is_zero(field.expression(p)) is False for p in left)
+            undecided = [p for p in undecided if not _not_zero(p, balls)]
+    return all(is_zero(field.expression(p)) is False for p in undecided)
 
 
 def _not_zero(polynomial: Any, balls: Sequence[Any]) -> bool:
-    """Whether its value, where the generators have these, excludes 0."""
+    """Return whether the polynomial's value, at these values of the generators, excludes 0."""
     total = flint.arb(0)
     for exponents, c in polynomial.terms():
         total += prod((ball**k for ball, k in zip(balls, exponents, strict=False) if k), start=flint.arb(c))
@@ -231,17 +230,17 @@ def _not_zero(polynomial: Any, balls: Sequence[Any]) -> bool:
 
 
 def zero_set(field: Field, parts: Sequence[Power]) -> tuple[sp.Expr, ...] | None:
-    """Factors whose zero sets together are that of the product of the powers, where it is defined; none where the
-    product has no zero.
+    """Return factors whose zero sets together are that of the product of the powers, where it is defined; none where
+    the product has no zero.
 
-    The answer is None where it depends on what the field does not decide: a factor x**a with a symbol a, or a zero and
-    a pole that may cancel by a relation between functions.
+    The result is None where the field does not decide it: a factor x**a with a symbol a, or a zero and a pole that may
+    cancel by a relation between functions.
 
     Raises: `TooLarge`.
     """
     zeros = [one.polynomial for one in parts if one.exponent > 0 and not one_sign(field, one.polynomial)]
     poles = [one.polynomial for one in parts if one.exponent < 0 and not one_sign(field, one.polynomial)]
-    if sum(map(len, zeros)) > _READ:
+    if sum(map(len, zeros)) > _READABLE:
         raise TooLarge("the determinant")
     logs = [g for g, m in field.exponents.items() if m.has(sp.log)]  # x**a may or may not have a zero at x = 0
     if any(len(p) == 1 and any(p.degrees()[g] for g in logs) for p in zeros):
@@ -254,7 +253,7 @@ def zero_set(field: Field, parts: Sequence[Power]) -> tuple[sp.Expr, ...] | None
         if any(p.degrees()[g] for p in (*zeros, *poles) for g in doubtful):
             return None
     factors = [factor for p, degree in _forms(field, zeros, parts) for factor, _ in factored_form(field, p, degree)[1]]
-    vanishing = set()  # without those that are proved to be 0 nowhere; of a long one it is not asked
+    vanishing = set()  # without factors that are proved to have no zero; a long one is not tested
     for e in factors:
         everywhere = dict.fromkeys(e.free_symbols, (-inf, inf))
         if e.count_ops() > _LONG or not nonzero(e, everywhere, boxes=_BOXES, refute=False).never:
@@ -263,9 +262,8 @@ def zero_set(field: Field, parts: Sequence[Power]) -> tuple[sp.Expr, ...] | None
 
 
 def _forms(field: Field, zeros: Sequence[Any], parts: Sequence[Power]) -> list[tuple[Any, dict[int, int]]]:
-    """Polynomials with an even degree in each angle's generator: the `zeros` that have one, and the product of the
-    others, times cos(m/2) where the whole product is 0 at m = pi, squared where its degree is odd.
-    """
+    """Return polynomials with an even degree in each angle's generator: the `zeros` that have one, and the product of
+    the others, times cos(m/2) where the whole product is 0 at m = pi, squared where its degree is odd."""
     infinite = [g for g in field.angles if sum(p.exponent * degrees(field, p.polynomial)[g] for p in parts) < 0]
     forms = [(p, degrees(field, p)) for p in zeros if even_degrees(degrees(field, p))]
     odd = [p for p in zeros if not even_degrees(degrees(field, p))]
@@ -273,7 +271,7 @@ def _forms(field: Field, zeros: Sequence[Any], parts: Sequence[Power]) -> list[t
         return forms
     total = field.ring.constant(1)
     for p in odd:
-        if len(total) * len(p) > _READ:
+        if len(total) * len(p) > _READABLE:
             raise TooLarge("the determinant")
         total = total * p
     degree = {g: k + (g in infinite) for g, k in degrees(field, total).items()}
@@ -283,7 +281,7 @@ def _forms(field: Field, zeros: Sequence[Any], parts: Sequence[Power]) -> list[t
 
 
 def _signed(e: sp.Expr) -> sp.Expr:
-    """A factor in one sign; of a root, what it is a root of."""
+    """Return a factor with a fixed sign; a root is replaced by its radicand."""
     if isinstance(e, sp.Pow) and e.exp.is_Rational and e.exp.is_positive:
         return _signed(e.base)
     return -e if e.could_extract_minus_sign() else e
@@ -294,20 +292,20 @@ def _signed(e: sp.Expr) -> sp.Expr:
 
 STATES = 5  # 31 minors, and 120 orders of rows
 _TRIED = 3  # orders of rows for which a proof is tried
-_SMALL = 1e-9  # of the largest minor at a sample point: not above 0
-_SHORT = 64  # the largest denominator of a row's weights
+_SMALL = 1e-9  # of the largest minor at a sample point: a smaller one counts as 0
+_DENOMINATOR = 64  # the largest one of a row's weights
 
 Weights = tuple[tuple[Fraction, ...], ...]
 
 
 def subsets(n: int) -> Iterator[tuple[int, ...]]:
-    """The subsets that are not empty, the small ones first."""
+    """Return the nonempty subsets, the small ones first."""
     return chain.from_iterable(combinations(range(n), size) for size in range(1, n + 1))
 
 
 def univalent(jacobian: sp.Matrix, read: Sequence[Signal], box: Box, boxes: int) -> Weights | None:
-    """Weights L (n, n) with which all principal minors of L times a Jacobian (n, n) are proved to be above 0 on a box,
-    of the signals `read` by it; None where none are found."""
+    """Return weights L (n, n) with which all principal minors of L times a Jacobian (n, n) are proved to be above 0 on
+    a box; None where none are found. `read`: the signals that the Jacobian depends on."""
     n = jacobian.rows
     if n > STATES:
         return None
@@ -317,18 +315,18 @@ def univalent(jacobian: sp.Matrix, read: Sequence[Signal], box: Box, boxes: int)
 
 
 def weighted(L: Weights, jacobian: sp.Matrix) -> sp.Matrix:
-    """L times the Jacobian."""
+    """Return L times the Jacobian."""
     return sp.Matrix([[sp.Rational(x) for x in row] for row in L]) * jacobian
 
 
 def minor(matrix: sp.Matrix, places: Sequence[int]) -> sp.Expr:
-    """A principal minor, as the matrix is written. Raises: `TooLarge`."""
+    """Return a principal minor, as the matrix is written. Raises: `TooLarge`."""
     rows = matrix.extract(list(places), list(places)).tolist()
     return as_written(rows, determinant(rows)).value
 
 
 def _samples(jacobian: sp.Matrix, read: Sequence[Signal]) -> np.ndarray:
-    """The Jacobian (k, n, n) at sample points of the box, the middle first; none of those where it is no number."""
+    """Return the Jacobian (k, n, n) at the sample points of the box where it is finite, the middle first."""
     n = jacobian.rows
     try:
         program = tape(list(jacobian), read)
@@ -340,40 +338,41 @@ def _samples(jacobian: sp.Matrix, read: Sequence[Signal]) -> np.ndarray:
 
 
 def _orders(sampled: np.ndarray) -> Iterator[Weights]:
-    """Orders and signs of the rows with which all minors are above 0 at the sample points."""
+    """Return orders and signs of the rows with which all minors are above 0 at the sample points."""
     n = sampled.shape[-1]
     for order in permutations(range(n)):
         signs = np.sign([sampled[0, k, i] for i, k in enumerate(order)])
         L = np.zeros((n, n))
         L[range(n), order] = signs
         if signs.all() and _positive(L @ sampled):
-            yield _short(L)
+            yield _rational(L)
 
 
 def _combined(sampled: np.ndarray) -> Iterator[Weights]:
-    """About the inverse of the Jacobian at the middle, where all minors are above 0 at the sample points with it."""
+    """Return rounded weights near the inverse of the Jacobian at the middle, if all minors are then above 0 at the
+    sample points."""
     n = sampled.shape[-1]
     if np.linalg.matrix_rank(sampled[0]) == n:
         inverse = np.linalg.inv(sampled[0])
-        rows = _short(inverse / np.abs(inverse).max(axis=1, keepdims=True))
+        rows = _rational(inverse / np.abs(inverse).max(axis=1, keepdims=True))
         L = np.array(rows, dtype=float)
         if np.linalg.matrix_rank(L) == n and _positive(L @ sampled):
             yield rows
 
 
 def _positive(matrices: np.ndarray) -> bool:
-    """Whether all principal minors of matrices (k, n, n) in floats are above 0."""
+    """Return whether all principal minors of matrices (k, n, n) of floats are above 0."""
     n = matrices.shape[-1]
     every = (np.linalg.det(matrices[np.ix_(range(len(matrices)), s, s)]) for s in map(list, subsets(n)))
     return all(bool((minor > _SMALL * np.abs(minor).max()).all()) for minor in every)
 
 
-def _short(L: np.ndarray) -> Weights:
-    return tuple(tuple(Fraction(x).limit_denominator(_SHORT) for x in row) for row in L.tolist())
+def _rational(L: np.ndarray) -> Weights:
+    return tuple(tuple(Fraction(x).limit_denominator(_DENOMINATOR) for x in row) for row in L.tolist())
 
 
 def _proved(matrix: sp.Matrix, box: Box, boxes: int) -> bool:
-    """Whether all principal minors are proved to be above 0."""
+    """Return whether all principal minors are proved to be above 0."""
     for places in subsets(matrix.rows):
         try:
             value = minor(matrix, places)

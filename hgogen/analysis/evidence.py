@@ -1,9 +1,9 @@
-"""The evidence of claims, as a certificate holds it: numbers and expressions as exact texts, bisections in prefixes.
+"""The evidence of claims in a certificate: numbers and expressions as exact texts, bisections as prefix texts.
 
-Evidence is a mapping of exact values by name: numbers, expressions, texts, or lists and mappings of them. What a claim
-stands on is a value that knows its own: `evidence(form)` returns it. A value in it that has evidence of its own stands
-for the names of that. It is None where a certificate cannot show the claim. The head of a certificate holds plant, form
-and observer with their digest, which stands in the C too.
+Evidence is a mapping of exact values by name: numbers, expressions, texts, or lists and mappings of them. The proof of
+a claim is a value whose `evidence(form)` returns it. A value in the evidence that has evidence of its own is replaced
+by the names of that. Evidence is None where a certificate cannot show the claim. The head of a certificate holds plant,
+form and observer, with their digest, which the C contains too.
 """
 
 import json
@@ -36,7 +36,7 @@ _DIGITS = 12
 
 
 def text(form: Form, expression: sp.Expr) -> str:
-    """An expression of a form, or of its plant."""
+    """Return an expression of a form, or of its plant, as text."""
     names = {s.name for s in (*form.system.signals, *form.states)}
     if form.system.origin is not None:
         names |= {s.name for s in form.system.origin.plant.signals}
@@ -44,12 +44,12 @@ def text(form: Form, expression: sp.Expr) -> str:
 
 
 def spelled(expression: sp.Expr, names: set[str]) -> str:
-    """An expression of these names."""
+    """Return an expression of these names as text."""
     return str(_Printer(names).doprint(exact(plain(sp.sympify(expression)))))
 
 
 def exactly(form: Form, value: Any) -> Any:
-    """A number or an expression as an exact text, or a list or a mapping of them; a text, or None, as it is."""
+    """Return a number or an expression as an exact text, or a list or a mapping of them; a text, or None, as it is."""
     if value is None or isinstance(value, str):
         return value
     if isinstance(value, Mapping):
@@ -60,12 +60,12 @@ def exactly(form: Form, value: Any) -> Any:
 
 
 def end(value: Fraction | float) -> str | None:
-    """An end of a range, None for an infinite one."""
+    """Return the text of an end of a range, None for an infinite one."""
     return None if abs(value) == math.inf else str(Fraction(value))
 
 
 def outward(value: float | Fraction, way: int) -> Fraction:
-    """A number of 12 significant digits at or above the value (`way` 1), or at or below it (-1)."""
+    """Return a number of 12 significant digits at or above the value (`way` 1), or at or below it (-1)."""
     if not value:
         return Fraction(0)
     step: Fraction = Fraction(10) ** (Decimal(up(abs(Fraction(value)))).adjusted() + 1 - _DIGITS)
@@ -74,25 +74,26 @@ def outward(value: float | Fraction, way: int) -> Fraction:
 
 
 def tree(bisection: Range | Proof, form: Form | None = None) -> str:
-    """The text of a bisection, in the form's coordinates, or in the plant's without a form."""
+    """Return the text of a bisection in the form's coordinates, or in the plant's without a form."""
     images = _mirrored(form) if form else {}
     names = [images.get(s, (s.name, False)) for s in bisection.variables]
     tokens: list[str] = []
-    left: list[Any] = [bisection.tree]
-    while left:
-        node = left.pop()
+    stack: list[Any] = [bisection.tree]
+    while stack:
+        node = stack.pop()
         if isinstance(node, str):
             tokens.append(".")
             continue
         _, index, first, second = node
         name, mirrored = names[int(index)]
         tokens.append(name)
-        left += [first, second] if mirrored else [second, first]
+        stack += [first, second] if mirrored else [second, first]
     return " ".join(tokens)
 
 
 def _mirrored(form: Form) -> dict[sp.Symbol, tuple[str, bool]]:
-    """The name of the form's state that each state of the plant is, and whether its sign is changed."""
+    """Return, for each plant state that is a state of the form up to its sign, the name of that state and whether the
+    sign changes."""
     names = {}
     for x, image in zip(form.system.states, form.from_form, strict=True):
         if image in form.states or -image in form.states:
@@ -100,14 +101,14 @@ def _mirrored(form: Form) -> dict[sp.Symbol, tuple[str, bool]]:
     return names
 
 
-def _short(number: Fraction) -> str:
-    """An exact number, as a decimal where a float's shortest one is it."""
+def _number_text(number: Fraction) -> str:
+    """Return an exact number as text: as a decimal where it equals a float's shortest decimal."""
     decimal = repr(float(number))
     return str(number) if number.denominator == 1 or Fraction(decimal) != number else decimal
 
 
 class _Printer(StrPrinter):  # type: ignore[misc]
-    """SymPy's text with rationals for floats, exp(1) for e."""
+    """A printer of SymPy's texts with rationals for floats, exp(1) for e."""
 
     def __init__(self, names: set[str]) -> None:
         super().__init__()
@@ -117,7 +118,7 @@ class _Printer(StrPrinter):  # type: ignore[misc]
         return "exp(1)"
 
     def table(self, node: Table) -> str:
-        """A derivative of a table, with all its points."""
+        """Return a derivative of a table, with all its breakpoints."""
         cells = node.cells
         if len(node.args) == 1:
             points = zip(cells.axes[0].x, cells.values, strict=True)
@@ -125,7 +126,7 @@ class _Printer(StrPrinter):  # type: ignore[misc]
         else:  # how many breakpoints the first argument has, those of both, and the values row by row
             x, y = (axis.x for axis in cells.axes)
             name, numbers = f"Bi{cells.kind}", [Fraction(len(x)), *x, *y, *(z for row in cells.values for z in row)]
-        parts = (*map(self.doprint, node.args), *node.order, *map(_short, numbers))
+        parts = (*map(self.doprint, node.args), *node.order, *map(_number_text, numbers))
         return f"{name}({', '.join(map(str, parts))})"
 
     def _print_Pi(self, expression: sp.Expr) -> str:
@@ -137,49 +138,50 @@ Evidence = Mapping[str, Any]
 
 @dataclass(frozen=True)
 class ByForm:
-    """The form itself, with its plant: the claim is verified of their equations alone."""
+    """The evidence of a claim that is verified from the equations of the form and its plant alone."""
 
     def evidence(self, form: Form) -> Evidence:
-        """No evidence beside the form."""
+        """Return no evidence besides the form."""
         return {}
 
 
 @dataclass(frozen=True)
 class Grounds:
-    """The grounds of a claim about an observer: the `numbers` by name that it is built with (numbers, expressions of
-    parameters, sequences of them), and the `fact` that was established; None where it follows from another claim's."""
+    """The grounds of a claim about an observer. `numbers`: its parameters by name (numbers, expressions of parameters,
+    sequences of them); `fact`: the proved fact, or None where the claim follows from another claim's fact."""
 
     numbers: Mapping[str, Any] = field(hash=False)
     fact: Any = field(hash=False)
 
     def evidence(self, form: Form) -> Evidence | None:
-        """The evidence of the fact, None for a kind that has none; nothing where it follows from another claim's."""
+        """Return the evidence of the fact, None for a kind that has none; nothing where it follows from another claim's
+        fact."""
         if self.fact is None:
             return {}
         return self.fact.evidence(form) if hasattr(self.fact, "evidence") else None
 
 
 def texts(form: Form, value: Any) -> dict[str, Any] | None:
-    """The evidence of a value as a certificate holds it, in texts; None where it, or what stands in it, has none."""
+    """Return the evidence of a value in texts, as a certificate holds it; None where it, or a value in it, has none."""
     parts = value.evidence(form)
     if parts is None:
         return None
-    held: dict[str, Any] = {}
+    entries: dict[str, Any] = {}
     for name, part in parts.items():
         inner = texts(form, part) if hasattr(part, "evidence") else {name: exactly(form, part)}
         if inner is None:
             return None
-        held |= inner
-    return held
+        entries |= inner
+    return entries
 
 
 Sides = Mapping[sp.Symbol, tuple[Fraction | float, Fraction | float]]
-LOOSE = 2.0**-10  # what a Lipschitz bound is wider here than the proof's, so that a weaker arithmetic reaches it
+LOOSE = 2.0**-10  # relative excess of a Lipschitz bound over the proof's, so that a weaker arithmetic reaches it
 
 
 def enclosure(form: Form, expression: sp.Expr, bounds: Range | Proof, where: Sides | None = None) -> Evidence | None:
-    """The evidence of low <= expression <= high on the form's box, or on the box `where` of the plant; None where the
-    bounds are not finite."""
+    """Return the evidence of low <= expression <= high on the form's box, or on the box `where` of the plant; None
+    where the bounds are not finite."""
     low, high = bounds.low, bounds.high
     if isinstance(bounds, Range) and not bounds.defined:
         return None
@@ -196,7 +198,8 @@ def enclosure(form: Form, expression: sp.Expr, bounds: Range | Proof, where: Sid
 
 
 def steep(form: Form, rows: Iterable[sp.Expr], proof: Proof, wider: float = 1e-9) -> Evidence | None:
-    """A bound of the rows' Jacobian in the spectral norm, which an order and signs of the states do not change."""
+    """Return the evidence of a bound of the rows' Jacobian in the spectral norm, which an order and signs of the states
+    do not change."""
     if proof.high is None:
         return None
     names = set().union(*(exact(sp.sympify(row)).free_symbols for row in rows))
@@ -205,13 +208,13 @@ def steep(form: Form, rows: Iterable[sp.Expr], proof: Proof, wider: float = 1e-9
 
 
 def sides(form: Form, names: Iterable[sp.Symbol]) -> Sides:
-    """The ranges of these of a form's states, inputs and parameters."""
+    """Return the ranges of the named states, inputs and parameters of a form."""
     every = form.box
     return {s: every[s] for s in sorted(names, key=str)}
 
 
 def point(place: Mapping[sp.Symbol, Fraction], names: Iterable[sp.Symbol]) -> Mapping[str, str]:
-    """The place by these names, those that it gives."""
+    """Return the coordinates of a point by these names, as texts."""
     return {s.name: str(place[s]) for s in names if s in place}
 
 
@@ -221,20 +224,21 @@ def _sides(where: Sides) -> dict[str, list[str | None]]:
 
 @dataclass(frozen=True)
 class Slopes:
-    """A `proof` of a slope of rows in the plant's states."""
+    """A `proof` of a bound of the slope of rows in the plant's states."""
 
     proof: Proof = field(hash=False)
 
     def evidence(self, form: Form) -> Evidence | None:
-        """The bound of the same rows in the form's coordinates, whatever part of it they are."""
+        """Return the bound of the same rows in the form's coordinates."""
         back = dict(zip(form.system.states, form.from_form, strict=True))
         return steep(form, [row.xreplace(back) for row in self.proof.expressions], self.proof, LOOSE)
 
 
 @dataclass(frozen=True)
 class Steep:
-    """The bound of |S dc/dw S^-1| on the box, S = diag(`units`) in the coordinates w of integrators; `scale` (n):
-    the same from z, of parameters. A certificate's bound is `wider` by that share, so that it is reached again."""
+    """The bound of |S dc/dw S^-1| on the box, S = diag(`units`) in the coordinates w of integrators. `scale` (n): the
+    diagonal of S dw/dz, expressions of parameters; `wider`: the share by which a certificate's bound is larger, so that
+    a weaker arithmetic reaches it."""
 
     units: tuple[Fraction, ...]
     scale: tuple[sp.Expr, ...]
@@ -242,7 +246,7 @@ class Steep:
     wider: float = 1e-9
 
     def evidence(self, form: Form) -> Evidence | None:
-        """The bound of dc/dw in scaled coordinates of integrators."""
+        """Return the bound of dc/dw in scaled coordinates of integrators."""
         slope = steep(form, (*form.b, *self.scale), self.proof, self.wider)
         return slope and {"units": self.units, "scale": self.scale, **slope}
 
@@ -257,7 +261,7 @@ class NotCertifiable(BadArgument):
 
 
 class OtherNumbers(BadArgument):
-    """An observer whose proofs are of other numbers than those its rules read."""
+    """An observer whose proofs are about other numbers than those that its rules read."""
 
     text = (
         "the proofs of the observer {what!r} are of the numbers {reason}; write the same names in its Grounds and in "
@@ -266,7 +270,7 @@ class OtherNumbers(BadArgument):
 
 
 def head(form: Form, checks: Iterable[Check], observer: str) -> dict[str, Any]:
-    """The head of a certificate, and what it is about."""
+    """Return the head of a certificate: its format, plant, form and observer."""
     system = form.system
     plant = system.declared
     about = {
@@ -300,15 +304,16 @@ def _written(form: Form, rows: Iterable[sp.Expr]) -> list[str]:
 
 
 def _observer(form: Form, checks: Iterable[Check], name: str) -> dict[str, Any] | None:
-    """The observer's name, and the numbers that a proof of it is about; None where the certificate names no observer.
+    """Return the observer's name, and the numbers that a proof of it is about; None where the certificate names no
+    observer.
 
-    What is claimed of a bank's member is no claim about the bank. Numbers that no rule reads are left out: nothing is
-    verified of them. Raises: `OtherNumbers`.
+    A claim about a bank's member is no claim about the bank. Numbers that no rule reads are left out, since nothing is
+    verified with them. Raises: `OtherNumbers`.
     """
     if not name:
         return None
-    own = (proof for check in checks if check.id.maker == name for proof in check.proofs)
-    grounds = next((proof for proof in own if isinstance(proof, Grounds)), None)
+    proofs = (proof for check in checks if check.id.maker == name for proof in check.proofs)
+    grounds = next((proof for proof in proofs if isinstance(proof, Grounds)), None)
     if grounds is None or name not in OBSERVERS:
         return {"name": name}
     wanted = sorted((*OBSERVERS[name].numbers, *OBSERVERS[name].expressions))
@@ -323,12 +328,12 @@ def _ranges(signals: Iterable[Signal], nominal: Mapping[Signal, sp.Rational] | N
 
 
 def sealed(content: Mapping[str, Any]) -> dict[str, Any]:
-    """The content of a certificate with its digest."""
+    """Return the content of a certificate with its digest."""
     return {**content, "digest": digest(content)}
 
 
 def fingerprint(form: Form, checks: Iterable[Check], observer: str) -> str:
-    """The certificate's `model`, found without its evidence.
+    """Return the certificate's `model`, computed without its evidence.
 
     Raises: `NotCertifiable`; `OtherNumbers`.
     """

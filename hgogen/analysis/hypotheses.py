@@ -1,4 +1,4 @@
-"""The hypotheses of forms on the closed box of states, inputs and parameters, as checks, with what proves them.
+"""The hypotheses of forms on the closed box of states, inputs and parameters, as checks with their proofs.
 
     positive   0 < a_m <= a <= a_M         apart     0 < m <= |slope|
     defined    c is a finite real number   bounded   |a_1 .. a_i b_i| <= mu
@@ -6,14 +6,14 @@
 They are proved by outward-rounded intervals and bisection, and refuted by a point. A parameter without a range is at
 its value.
 
-The hypothesis on b: Lipschitz in the state on the declared box, uniformly in inputs and parameters.
+    lipschitz  b is Lipschitz in the state on the declared box, uniformly in inputs and parameters
 
-The bound L_b = sup |db/dx| comes from outward-rounded intervals (`slope`). A state without a range is unbounded
-here, because an observer does not clamp it.
+The bound L_b = sup |db/dx| comes from outward-rounded intervals (`slope`). A state without a range is unbounded here,
+because an observer does not clamp it.
 
-An observer evaluates b with its argument clamped to the box of z, of which z = Phi(x) takes the plant's box to a part.
-What is shown on that image says nothing of the rest of the box of z, through which the estimate may pass. A clamp of
-each component is Lipschitz, so b is after it if it is on the box (`clamped`).
+An observer evaluates b with its argument clamped to the box of z. z = Phi(x) maps the plant's box to a part of that
+box. A proof on this image says nothing about the remainder of the box of z, through which the estimate may pass. A
+clamp of each component is Lipschitz, so that b after the clamp is Lipschitz if b is on the box (`clamped`).
 """
 
 import math
@@ -26,7 +26,7 @@ from typing import Any
 import sympy as sp
 
 from hgogen.analysis.evidence import Evidence, Slopes, enclosure, point, sides
-from hgogen.analysis.undefined import asked, if_valued
+from hgogen.analysis.undefined import if_valued, value_conditions
 from hgogen.check import Check, ClaimId, Verdict
 from hgogen.form import Form
 from hgogen.rigor.bounds import Cause, Proof, Sign, bound, counted, ends, nonzero
@@ -49,12 +49,12 @@ _OF_PRODUCTS = 500  # mu need not be the least
 
 @dataclass(frozen=True)
 class Gain:
-    """The place of a gain: a_i of the one chain by (i), a_(i,j) of chain i by (i, j)."""
+    """The place of a gain: (i) of a_i in a single chain, (i, j) of a_(i,j) in chain i."""
 
     at: tuple[int, ...]
 
     def of(self, form: Form) -> sp.Expr:
-        """The gain, exactly."""
+        """Return the gain, exactly."""
         chain, index = self.at if len(self.at) == 2 else (1, *self.at)
         return exact(sp.sympify(form.gains[chain - 1][index - 1]))
 
@@ -66,15 +66,15 @@ class Bounded(Gain):
     proof: Proof = field(hash=False)
 
     def evidence(self, form: Form) -> Evidence | None:
-        """The range of the gain."""
+        """Return the range of the gain."""
         return enclosure(form, self.of(form), self.proof)
 
 
 class NotPositive(Gain):
-    """A gain that is zero, negative or undefined somewhere."""
+    """The evidence that a gain is zero, negative or undefined somewhere."""
 
     def evidence(self, form: Form) -> Evidence | None:
-        """The point, exactly; None where what is known is next to a zero only."""
+        """Return the point, exactly; None where only a point next to a zero is known."""
         a = self.of(form)
         where = sides(form, a.free_symbols)
         sign = nonzero(a, where)
@@ -86,18 +86,18 @@ class NotPositive(Gain):
 
 
 def sign(a: sp.Expr, system: System) -> int:
-    """1 or -1 if a has that sign on the box (proved, or else at all sample points), 0 otherwise."""
+    """Return 1 or -1 if a has that sign on the box (proved, or else at all sample points), 0 otherwise."""
     a, signals = _varying(a, system)
     with suppress(NoTape):
         answer = nonzero(a, system.box, boxes=_FEW)
         if answer.verdict is Verdict.PROVED:
             return answer.sign
-    seen = {kind(a, point) for point in points(signals)}
-    return 1 if seen == {"> 0"} else -1 if seen == {"< 0"} else 0
+    kinds = {kind(a, point) for point in points(signals)}
+    return 1 if kinds == {"> 0"} else -1 if kinds == {"< 0"} else 0
 
 
 def positive(id: ClaimId, name: str, a: sp.Expr, system: System) -> Check:
-    """The check that 0 < a_m <= a <= a_M. `name` is what the report calls a.
+    """Return the check that 0 < a_m <= a <= a_M. `name`: the name of a in reports.
 
     proved: by outward-rounded intervals and bisection. refuted: with a point where a is zero, negative or not finite
     and real, or next to a zero. unknown: a range is missing, or the boxes tried do not decide.
@@ -125,7 +125,7 @@ def positive(id: ClaimId, name: str, a: sp.Expr, system: System) -> Check:
 
 
 def _proved(check: Check, a: sp.Expr, first: Sign, signals: tuple[Signal, ...], system: System) -> Check:
-    """The check with its proof and the tightest known range, once the sign is proved."""
+    """Return the check with its proof and the tightest known range, once the sign is proved."""
     extent = first.range if first.exact else bound(a, system.box)
     low, high = first.exact or (max(extent.low, first.range.low), min(extent.high, first.range.high))
     if high == math.inf:
@@ -142,26 +142,26 @@ def _proved(check: Check, a: sp.Expr, first: Sign, signals: tuple[Signal, ...], 
 
 
 def _unknown(check: Check, reason: Reason, signals: tuple[Signal, ...]) -> Check:
-    """The unknown check: for the want of a range, else for a `reason`."""
+    """Return the unknown check: for a missing range, else for the `reason`."""
     return _unranged(check, signals) or replace(check, reason=because("no point refutes it, {reason}", reason=reason))
 
 
 def _unranged(check: Check, signals: tuple[Signal, ...]) -> Check | None:
-    """The unknown check, for the want of a range; None where all signals have one."""
-    loose = [s.name for s in signals if not s.bounded]
-    fix = f"Declare low= and high= for {', '.join(loose)}."
-    reason = because("no range is declared for {names}", names=loose)
-    return replace(check, reason=reason, fix=fix) if loose else None
+    """Return the unknown check for a missing range; None where all signals have one."""
+    unbounded = [s.name for s in signals if not s.bounded]
+    fix = f"Declare low= and high= for {', '.join(unbounded)}."
+    reason = because("no range is declared for {names}", names=unbounded)
+    return replace(check, reason=reason, fix=fix) if unbounded else None
 
 
 def _varying(a: sp.Expr, system: System) -> tuple[sp.Expr, tuple[Signal, ...]]:
-    """a with constants at their values, all numbers exact, and the signals that it then varies with."""
+    """Return a with constants at their values and exact numbers, and the signals that it then varies with."""
     a = exact(settled(a, system.constants))
     return a, tuple(s for s in system.signals if s in a.free_symbols)
 
 
 def _fix(name: str, signals: tuple[Signal, ...], system: System) -> tuple[str, str]:
-    """The fix, and the consequence for a user who accepts the claim all the same."""
+    """Return the fix, and the consequence for a user who accepts the claim all the same."""
     if not signals:
         return f"{name} is a constant; correct the model or the parameter's value.", ""
     names, inputs = (", ".join(s.name for s in some) for some in (signals, [u for u in signals if u in system.inputs]))
@@ -175,21 +175,21 @@ def _fix(name: str, signals: tuple[Signal, ...], system: System) -> tuple[str, s
 
 @dataclass(frozen=True)
 class Slope:
-    """dh/dz_1 for `index` 1, else dF_(index-1)/dz_index."""
+    """The slope dh/dz_1 for `index` 1, else dF_(index-1)/dz_index."""
 
     index: int
 
     def of(self, form: Form) -> sp.Expr:
-        """The slope, exactly."""
+        """Return the slope, exactly."""
         rate = form.output[0] if self.index == 1 else form.flow[self.index - 2]
         return slope_of(exact(sp.sympify(rate)), form.states[self.index - 1])
 
 
 class AwayFromZero(Slope):
-    """A slope that is away from zero on the box of states, inputs and parameters."""
+    """The evidence that a slope is away from zero on the box of states, inputs and parameters."""
 
     def evidence(self, form: Form) -> Evidence | None:
-        """Its range."""
+        """Return the range of the slope."""
         dF = self.of(form)
         where = sides(form, dF.free_symbols)
         bounds = bound(dF, where)
@@ -197,10 +197,11 @@ class AwayFromZero(Slope):
 
 
 class Vanishing(Slope):
-    """A slope that is zero somewhere, or has both signs."""
+    """The evidence that a slope is zero somewhere, or has both signs."""
 
     def evidence(self, form: Form) -> Evidence | None:
-        """A point where it is zero, or two where it has opposite signs; None where no such point is exact."""
+        """Return a point where the slope is zero, or two where it has opposite signs; None where no such point is
+        exact."""
         dF = self.of(form)
         where = sides(form, dF.free_symbols)
         sign = nonzero(dF, where)
@@ -211,7 +212,7 @@ class Vanishing(Slope):
 
 
 def apart(id: ClaimId, name: str, slope: sp.Expr, plant: System) -> Check:
-    """The check that 0 < m <= |slope| on the box, a parameter without a range at its value.
+    """Return the check that 0 < m <= |slope| on the box, a parameter without a range at its value.
 
     proved: by outward-rounded intervals and bisection, with the margin m. refuted: with a point where it is zero or
     undefined, or between two of its signs. unknown: with the number of boxes tried, or the missing ranges.
@@ -238,19 +239,20 @@ def apart(id: ClaimId, name: str, slope: sp.Expr, plant: System) -> Check:
 
 @dataclass(frozen=True)
 class Offset:
-    """The known part of an output, that of chain `chain`, which has a value."""
+    """The evidence that the known offset in the output of the chain number `chain` has a value."""
 
     chain: int
 
     def evidence(self, form: Form) -> Evidence | None:
-        """Its range."""
+        """Return the range of the offset."""
         z = form.states[form.heads[self.chain - 1]]
         c = exact(sp.sympify(form.output[self.chain - 1])).subs(z, 0)
         return enclosure(form, c, bound(c, sides(form, c.free_symbols)))
 
 
 def defined(id: ClaimId, name: str, c: sp.Expr, system: System) -> Check:
-    """The check that c, a function of inputs and parameters, is defined on the box; `name` is what the report calls it.
+    """Return the check that c, a function of inputs and parameters, is defined on the box. `name`: the name of c in
+    reports.
 
     It is proved by outward-rounded intervals and bisection, refuted by a point, and unknown otherwise.
     """
@@ -279,20 +281,20 @@ def defined(id: ClaimId, name: str, c: sp.Expr, system: System) -> Check:
 
 
 def bounded(id: ClaimId, form: Form, products: Sequence[sp.Expr]) -> Check:
-    """The check that what is nonlinear is bounded: it is proved with the bound mu of a_1 .. a_i b_i, or unknown.
+    """Return the check that the nonlinear part is bounded: proved with the bound mu of a_1 .. a_i b_i, or unknown.
 
-    phi of a theorem on x_i' = x_(i+1), x_n' = phi is that of the chain of integrators, c_i = a_1 .. a_i b_i, and not
-    b_n. The law asks for no slope of phi, so the plant as it is written is asked here: (u x + u)/u is x + 1 in a form,
-    and has no value at u = 0. phi of a phase form, at its place in b, is taken as a function of the plant's states
+    A theorem on x_i' = x_(i+1), x_n' = phi is about the phi of the chain of integrators, c_i = a_1 .. a_i b_i, and not
+    about b_n. It needs no slope of phi, so the plant as it is written has to be checked here: a form makes x + 1 of (u
+    x + u)/u, which has no value at u = 0. phi of a phase form, at its place in b, is a function of the plant's states
     where it has poles in the box of z. `products` (n): a_1 .. a_i.
     """
     claim = "phi is bounded on the declared ranges of states and inputs"
     rows, states = (form.b, form.states) if form.behind is None else (form.behind, form.system.states)
     read = {s for row in rows for s in row.free_symbols}
-    loose = [s.name for s in (*states, *form.system.inputs) if s in read and not s.bounded]
-    if loose:
-        fix = f"Declare a range for {', '.join(loose)}; of an input's derivative by rates=((low, high), ..)."
-        reason = because("no range is declared for {names}; an input that steps has none", names=loose)
+    unbounded = [s.name for s in (*states, *form.system.inputs) if s in read and not s.bounded]
+    if unbounded:
+        fix = f"Declare a range for {', '.join(unbounded)}; of an input's derivative by rates=((low, high), ..)."
+        reason = because("no range is declared for {names}; an input that steps has none", names=unbounded)
         return Check(id, claim, Verdict.UNKNOWN, reason, fix=fix)
     around = form.system.box_with(states)
     try:
@@ -312,14 +314,14 @@ def bounded(id: ClaimId, form: Form, products: Sequence[sp.Expr]) -> Check:
 BOXES = 500  # of a clamped b, whose bound need not be the least
 _NARROW = "Narrow the ranges so that it stays away from there."
 _SINGULAR = "{what} may jump or be singular"
-_TAKEN = because("b is taken at Psi(z), clamped to the plant's ranges")
+_AT_PSI = because("b is taken at Psi(z), clamped to the plant's ranges")
 
 
 def lipschitz(maker: str, b: Iterable[sp.Expr], system: System, name: str = "b") -> Check:
-    """The check `MAKER.lipschitz`, that b is Lipschitz in the states.
+    """Return the check `MAKER.lipschitz`: b is Lipschitz in the states.
 
-    `b`: in the plant's states, inputs and parameters; `name`: what the report calls it. This check answers for the
-    plant as it is written as well.
+    `b`: in the plant's states, inputs and parameters; `name`: the name of b in reports. The check also covers the plant
+    as it is written.
 
     The verdicts are
     proved: with L_b, and every part of the plant is finite and real on the box;
@@ -336,8 +338,8 @@ def lipschitz(maker: str, b: Iterable[sp.Expr], system: System, name: str = "b")
     try:
         steepest = lipschitz_bound(rows, system.states, around)
     except NoTape as missing:
-        doubt = because(_SINGULAR, what=missing.what)
-        return replace(check, reason=doubt, fix="Write it with functions that are known.")
+        reason = because(_SINGULAR, what=missing.what)
+        return replace(check, reason=reason, fix="Write it with functions that are known.")
     if steepest.verdict is Verdict.PROVED:
         bound = Slopes(Proof(entries, None, ends(0.0, steepest.high)[1], steepest.variables, steepest.tree))
         on = because(
@@ -354,34 +356,35 @@ def lipschitz(maker: str, b: Iterable[sp.Expr], system: System, name: str = "b")
 
 
 def _undecided(rows: Sequence[sp.Expr], system: System, reason: Reason) -> dict[str, Any]:
-    """The verdict, reason and fix of rows whose slope has no bound, and is not shown to have none, for a `reason`."""
+    """Return the verdict, reason and fix of rows for whose slope neither a bound nor its absence is proved, for a
+    `reason`."""
     around = system.box
     jumps = sorted({node for row in rows for node in bent(row).atoms(*JUMPS) if node.has(*system.states)}, key=str)
     if jumps:
-        doubt = because("{part} may jump", part=jumps[0])
-        return {"reason": doubt, "fix": "Write saturations with sympy.Min and sympy.Max."}
+        why = because("{part} may jump", part=jumps[0])
+        return {"reason": why, "fix": "Write saturations with sympy.Min and sympy.Max."}
     slopes = [row.diff(x) for row in rows for x in system.states if x in row.free_symbols]
     poles = singular([*rows, *slopes], around)
     read = {s for row in rows for s in row.free_symbols & {*system.states, *system.inputs}}
-    loose = sorted(s.name for s in read if not s.bounded)
-    if loose:
-        doubt = because("no bound without a range for {names}", names=loose)
-        return {"reason": doubt, "fix": f"Declare low= and high= for {', '.join(loose)}."}
+    unbounded = sorted(s.name for s in read if not s.bounded)
+    if unbounded:
+        why = because("no bound without a range for {names}", names=unbounded)
+        return {"reason": why, "fix": f"Declare low= and high= for {', '.join(unbounded)}."}
     if not poles:
         return {"reason": reason}
-    conditions = minimal((*poles.values(), *asked(system)))
+    conditions = minimal((*poles.values(), *value_conditions(system)))
     if any(part.has(*system.states) for part in (*poles, *(each.of for each in conditions))):
         places = [condition.failure for condition in conditions]
-        doubt = because("no uniform bound is shown; it may be singular {places: or }", places=places)
-        return {"reason": doubt, "fix": _NARROW}
+        why = because("no uniform bound is shown; it may be singular {places: or }", places=places)
+        return {"reason": why, "fix": _NARROW}
     holds = because("holds on every closed part of the box where {conditions: and }", conditions=reasons(conditions))
     return {"verdict": Verdict.WHERE, "reason": holds, "fix": _NARROW}
 
 
 def clamped(observer: str, form: Form, *, boxes: int = BOXES) -> tuple[Check, ...]:
-    """The check `OBSERVER.lipschitz` of a form in other coordinates than the plant's states, in some order and with
-    signs. For those states the form's own check is of the same box, and no check is made; nor is one where b is 0.
-    """
+    """Return the check `OBSERVER.lipschitz` of a form whose coordinates are not the plant's states in some order and
+    with signs. For those states the form's own check is about the same box, and no check is made; nor is one where b is
+    0."""
     if not any(form.b) or all(any(z in (x, -x) for x in form.system.states) for z in form.to_form):
         return ()
     claim = "b is Lipschitz in z on the whole box of z, to which its argument is clamped"
@@ -398,16 +401,16 @@ def clamped(observer: str, form: Form, *, boxes: int = BOXES) -> tuple[Check, ..
     # unknown, not refuted: beyond the image of the plant's box b is not the plant's
     if isinstance(_steepest(form.from_form, form.states, form, boxes), Reason):
         poles = "{taken}, of which no slope is proved: Psi may have poles in the box of z"
-        return (replace(check, reason=because(poles, taken=_TAKEN)),)
+        return (replace(check, reason=because(poles, taken=_AT_PSI)),)
     why = _steepest(form.behind, form.system.states, form, boxes)
     if isinstance(why, Reason):
-        return (replace(check, reason=joined(_TAKEN, why)),)
-    reason = because("{taken}, both of bounded slope, by outward-rounded intervals", taken=_TAKEN)
+        return (replace(check, reason=joined(_AT_PSI, why)),)
+    reason = because("{taken}, both of bounded slope, by outward-rounded intervals", taken=_AT_PSI)
     return (replace(check, verdict=Verdict.PROVED, reason=reason),)
 
 
 def _steepest(rows: Sequence[sp.Expr], states: Sequence[Signal], form: Form, boxes: int) -> Proof | Reason:
-    """The proof of the steepest slope of the rows on the box of the states, or the reason why none is proved."""
+    """Return the proof of the steepest slope of the rows on the box of the states, or the reason why none is proved."""
     around = form.system.box_with(states)
     try:
         steepest = lipschitz_bound(rows, states, around, boxes=boxes)

@@ -137,7 +137,7 @@ def evaluated(form: Form) -> tuple[Check, ...]:
 
     Derivatives are those of the form's equations, as they are written, and, at points, of the program's.
     """
-    dynamics, sampled = Dynamics(replace(form, held=())), {}
+    dynamics, sampled = Dynamics(replace(form, fallback=())), {}
     points = _points(dynamics, 64)
     lost = ~np.isfinite(np.concatenate(_jacobians(dynamics, points), axis=1)).all(axis=2)
     pattern = "the program's derivatives of {row} by the states are finite on the declared ranges"

@@ -32,7 +32,7 @@ from sympy.combinatorics import Permutation
 
 from hgogen.analysis.determinant import Determinant, alive, as_written, determinant, independent, zero_set
 from hgogen.analysis.maps import along, length, rates, size, without_derivative
-from hgogen.analysis.undefined import asked, on_box, on_branches
+from hgogen.analysis.undefined import on_box, on_branches, value_conditions
 from hgogen.check import Check, ClaimId, Verdict
 from hgogen.reading.given import cached, requires_plant
 from hgogen.rigor.bounds import Interval, nonzero
@@ -428,7 +428,8 @@ def _check(plant: System, jet: Jet, k: int) -> Check:
     conditions = [because("{factor} != 0", factor=_brief(e)) for e in readable or doubtful]
     box = {**_box(plant), **{s: (Fraction(0),) * 2 for s, value in jet.where if value == 0}}
     smooth = singular(map(exact, jet.parts), box).values()
-    conditions += reasons(minimal((*smooth, *asked(plant))))  # new coordinates, or a derivative, may have lost a part
+    # new coordinates, or a derivative, may have lost a part of the plant as it is written
+    conditions += reasons(minimal((*smooth, *value_conditions(plant))))
     if not conditions:
         return Check(id, claim, Verdict.PROVED, because("{reason}, which has no zero on the box", reason=reason))
     holds = because("holds where {conditions: and }", conditions=conditions)

@@ -166,8 +166,8 @@ def _chooses_values(part: sp.Expr, around: Box) -> bool:
     """Whether a choice takes roots only where what is under them is not negative, and nothing else without a value."""
     if not isinstance(part, sp.Piecewise) or part.args[-1].cond != sp.true:
         return False
-    asked = ((_condition(inner), cond) for branch, cond in part.args for inner in doubtful((branch,), around))
-    return all(need.relation == "{of} >= 0" and cond in (need.of > 0, need.of >= 0) for need, cond in asked)
+    needed = ((_condition(inner), cond) for branch, cond in part.args for inner in doubtful((branch,), around))
+    return all(need.relation == "{of} >= 0" and cond in (need.of > 0, need.of >= 0) for need, cond in needed)
 
 
 def _condition(part: sp.Expr) -> Condition:
@@ -254,7 +254,7 @@ def valueless(plant: System) -> sp.Expr | None:
 
 
 @lru_cache(maxsize=16)
-def asked(plant: System) -> tuple[Condition, ...]:
+def value_conditions(plant: System) -> tuple[Condition, ...]:
     """The conditions for the plant as it is written to have a value, as far as they are not shown on the whole box."""
     return conditions(written(plant), plant.box)
 

@@ -24,7 +24,7 @@ from typing import Any, TypeVar
 
 import sympy as sp
 
-from hgogen.analysis.dynamics import linear_terms, moved, reach
+from hgogen.analysis.dynamics import linear_terms, reach, transformed
 from hgogen.analysis.maps import sided
 from hgogen.analysis.scaling import of_used
 from hgogen.certificates.contraction import claimed, contraction, running
@@ -56,7 +56,7 @@ def slopes_of_states(form: Form, errors: Sequence[Fraction]) -> Slopes:
         if state.name in form.names:
             continue
         try:
-            slopes[state.name] = _of_plant(form, state) if moved(form) else _of_form(form, expression, errors)
+            slopes[state.name] = _of_plant(form, state) if transformed(form) else _of_form(form, expression, errors)
         except Unbounded:
             continue
     return slopes

@@ -239,7 +239,7 @@ class _Forms:
     def rests(self) -> tuple[sp.Expr, ...]:
         """b_1 .. b_n."""
         links = self.chains.links[0]
-        return (*(link.rest for link in links[1:]), self.rows.rate(links[-1].state))
+        return (*(link.offset for link in links[1:]), self.rows.rate(links[-1].state))
 
 
 def _ranks(forms: _Forms) -> Iterator[Answer]:
@@ -274,7 +274,7 @@ def _triangular(forms: _Forms) -> Iterator[Answer]:
 def _pure(chains: Chains, forms: _Forms) -> bool:
     """Return whether each output is proved to be c(u) z_1, with nothing beside it, and c keeps off zero."""
     heads = [links[0] for links in chains.links]
-    plain = all(is_zero(head.rest, forms.rows.box) for head in heads)
+    plain = all(is_zero(head.offset, forms.rows.box) for head in heads)
     return plain and _regular([head.gain for head in heads], forms) is True
 
 

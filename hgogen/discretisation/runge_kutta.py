@@ -313,7 +313,7 @@ class OpenLoop:
 def open_loop(form: Form, dt: float, between: str, steps: int = 1) -> OpenLoop:
     """The model over a sample of `dt` in `steps` Runge-Kutta steps; `between`: "line" or "hold", the course of
     inputs."""
-    dynamics, states = Dynamics(replace(form, held=())), [signal for signal, _ in form.estimates]
+    dynamics, states = Dynamics(replace(form, fallback=())), [signal for signal, _ in form.estimates]
     z, x = ca.SX.sym("z", form.n), ca.SX.sym("x", len(states))
     now, then = (ca.SX.sym(name, len(form.system.inputs)) for name in ("now", "then"))
 

@@ -51,7 +51,8 @@ def layout(step: Step, real: Real, language: str = "c") -> bytes:
     lines += [f"dt {clock.dt!r}, {clock.periods}, {clock.between}, {clock.guards}, {clock.prefer}"]
     lines += [str(observer.delays)]
     lines += [*_plant(system), *(_plant(form.system) if form.system is not system else ())]
-    lines += [*map(str, form.to_form), f"{form.clamped} {form.limits} {form.free} {form.held}", *_observer(observer)]
+    guards = f"{form.clamped} {form.limits} {form.free} {form.fallback}"
+    lines += [*map(str, form.to_form), guards, *_observer(observer)]
     for parameters in (step.layout.plant, step.layout.gains):
         lines += (f"{field.name} {[DTYPE[real](value) for value in field.initial]}" for field in parameters)
     lines += [*_listed(step.layout.derived, ()), *_listed(step.layout.state, step.layout.groups)]

@@ -85,7 +85,7 @@ def of_form(form: Form) -> dict[Place, np.ndarray]:
     """The numbers of the places of parameters, as declared, and of rows that are held, as before there was a finite
     value."""
     values = {Place("plant", field.name): np.array(field.initial) for field in parameter_fields(form.system.parameters)}
-    return values | {Place("state", f"last_{name}"): np.zeros(1) for name in form.held}
+    return values | {Place("state", f"last_{name}"): np.zeros(1) for name in form.fallback}
 
 
 def nominal(observer: Observer) -> dict[Place, np.ndarray]:

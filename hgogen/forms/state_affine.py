@@ -55,7 +55,7 @@ def state_affine(plant: System) -> Form:
     for x, row in zip(plant.states, flow, strict=True):
         terms = (unbent(gain) * state for gain, state in zip(row.slopes, hidden, strict=True))
         written = sp.expand(rows.rate(x) - sp.Add(*terms))
-        beside.append(unbent(row.rest) if written.has(*hidden) else written)
+        beside.append(unbent(row.offset) if written.has(*hidden) else written)
     linear, rest = split(beside, plant.states)
     for i, row in enumerate(flow):
         for x, gain in zip(hidden, row.slopes, strict=True):

@@ -85,7 +85,7 @@ def _read(plant: System) -> tuple[Chains, sp.Expr, sp.Expr]:
     if answer is not True or chains.broken:
         raise NoUniformChain(plant.name, f"is not shown to be in uniform form: {why}; {_OTHER}")
     shows = chains.links[0][0]
-    c, offset = (sp.simplify(exact(sp.sympify(part))) for part in (shows.gain, shows.rest))
+    c, offset = (sp.simplify(exact(sp.sympify(part))) for part in (shows.gain, shows.offset))
     if not (shows.answer(Shape.CONSTANT)[0] and c.free_symbols <= {*plant.parameters}):
         measured = f"measures {exact(sp.sympify(shows.row))}, not a constant times {shows.state}"
         raise NoUniformChain(plant.name, f"{measured}; recast {shows.state}, or use phase")

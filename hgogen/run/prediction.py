@@ -94,7 +94,7 @@ def forecasts(
 ) -> Iterator[Forecast]:
     """Yield the errors of `predictions` sample by sample."""
     y = np.where(rejected(step, run, y), np.nan, y)
-    model, holding = open_loop(step.observer.form, step.dt, step.clock.between), bool(step.observer.form.held)
+    model, holding = open_loop(step.observer.form, step.dt, step.clock.between), bool(step.observer.form.fallback)
     u = _as_the_step_takes_it(np.where(raised(step, run.status, ("REUSED",), step.inputs), np.nan, u), step.inputs)
     wanted, last, count = sorted(set(ahead)), last_values(y), len(y)
     farthest = max((h for h in wanted if h < count), default=0)

@@ -20,7 +20,7 @@ from itertools import compress
 import casadi as ca
 import numpy as np
 
-from hgogen.analysis.dynamics import HUGE, clamp, inside, last, widened
+from hgogen.analysis.dynamics import HUGE, clamp, inside, last_value, widened
 from hgogen.check import Verdict
 from hgogen.form import Form
 from hgogen.graph import Graph, binary, dense, leaves
@@ -230,33 +230,33 @@ def hold(observer: Observer, clock: Clock) -> Program:
     """The last values of the rows that are held, from the begin of a call on, and the bits of those that are held at
     the begin, in the middle or at the end of the input's way to its new value."""
     dynamics, z = observer.dynamics, observer.z
-    named = dynamics.holding
+    named = dynamics.fallback
     writes, bits = {}, {}
-    on_the_way = [dynamics.rates_taken(z, clock.u(c)) for c in (0.0, 0.5, 1.0)]
+    on_the_way = [dynamics.rates_valid(z, clock.u(c)) for c in (0.0, 0.5, 1.0)]
     for i, (value, accepted) in on_the_way[0].items():
-        place = last(named.rates[i])
+        place = last_value(named.rates[i])
         writes[address(place)[0]] = ca.if_else(accepted, value, place)
         bits[_bit(observer, i)] = any_of(ca.logic_not(each[i][1]) for each in on_the_way)
-    for j, (value, accepted) in dynamics.outputs_taken(z, clock.u(0.0)).items():
-        place = last(named.outputs[j])
+    for j, (value, accepted) in dynamics.outputs_valid(z, clock.u(0.0)).items():
+        place = last_value(named.outputs[j])
         writes[address(place)[0]] = ca.if_else(accepted, value, place)
     return (Block("remember what has a finite value", writes | bits),) if writes else ()
 
 
 def undefined_rates(observer: Observer, clock: Clock) -> Program:
     """The bits of the rates that have no finite value, or derivatives, at the end of a call."""
-    accepted = observer.dynamics.slopes_taken(observer.z, clock.u(1.0))
+    accepted = observer.dynamics.rate_slopes_valid(observer.z, clock.u(1.0))
     bits = {_bit(observer, i): ca.logic_not(each) for i, each in accepted.items()}
     return (Block("has each rate a finite value now?", bits),) if bits else ()
 
 
 def _bit(observer: Observer, i: int) -> Place:
-    return Place("status", f"HELD_{observer.dynamics.holding.rates[i].name}")
+    return Place("status", f"HELD_{observer.dynamics.fallback.rates[i].name}")
 
 
 def hold_fields(observer: Observer) -> tuple[Field, ...]:
     """The memory of the rows that are held: the last finite value of each, 0 before there was one."""
-    holding = observer.dynamics.holding
+    holding = observer.dynamics.fallback
     meanings = {s.name: f"last finite value of b in {s.name}' = A z + b" for s in holding.rates.values()}
     meanings |= {y.name: f"last finite value of {y.name} at the estimate" for y in holding.outputs.values()}
     return tuple(
@@ -268,7 +268,7 @@ def sample(observer: Observer, u: Graph, j: int) -> tuple[Graph, dict[Place, Gra
     """The sample of output j, none where the output is not taken at the estimate, and the bits that say so, of an
     output that may be held."""
     name = observer.form.system.outputs[j].name
-    raw, readable = sym("output", name), observer.dynamics.readable(observer.z, u)
+    raw, readable = sym("output", name), observer.dynamics.output_slopes_valid(observer.z, u)
     if j not in readable:
         return raw, {}
     bits = {"MISSING": _within(raw, LARGEST_NUMBER), "UNDEFINED": readable[j]}
