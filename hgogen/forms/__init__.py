@@ -1,11 +1,11 @@
 """Observability forms: each file is a case, a function from a System to a Form.
 
-Its docstring gives the equations and the paper. It returns the coordinates, the split z' = A z + b, y = output, and a
-`Check` for each hypothesis: `proved` needs exact or outward-rounded arithmetic, `refuted` a witness. `Asking`
-(`hgogen/form.py`) above it says how `hgogen check` asks it: its place among the others, the variants, how many outputs
-it is for, whether it takes seconds. What proves or refutes a check is a value with `evidence`, in its `proofs` or
-`disproof` (`ByForm` where the equations alone show it), and a rule of `hgogen/recheck/rules/` verifies that; a claim
-without both is `stated` in a certificate.
+The docstring of a file gives the equations and the paper. The function returns the coordinates, the split z' = A z + b,
+y = output, and a `Check` for each hypothesis: `proved` needs exact or outward-rounded arithmetic, `refuted` a witness.
+The decorator `Asking` (`hgogen/form.py`) says how `hgogen check` tries the form: its place among the others, the
+variants, the number of outputs, and whether it takes seconds. The proof of a check is a value with `evidence` in its
+`proofs` or `disproof` (`ByForm` where the equations alone prove it), and a rule of `hgogen/recheck/rules/` verifies it.
+A claim without evidence and rule is `stated` in a certificate.
 """
 
 from hgogen.form import valued

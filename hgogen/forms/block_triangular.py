@@ -9,9 +9,10 @@ What b_(i,j) may read is the alignment of the chains:
     end       z_(k,l) for l <= j + n_k - n_i      Delta_i = diag(theta^-(n* - n_i), .., theta^-(n* - 1)), n* = max n_i
     cascade   z_(i,l) for l <= j, and all states of the chains before
 
-An output that adds nothing, as a second sensor of the same state, has a chain of length 0: those of the others hold all
-states. One that is a multiple of the first output of a chain enters the mean of its readings (`analysis.scaling`).
-z is the plant's state in another order, some with the other sign, chain by chain in the order of the outputs.
+A redundant output, such as a second sensor of the same state, has a chain of length 0: the other chains hold all
+states. An output that is a multiple of the first state of a chain enters the mean of that state's readings
+(`analysis.scaling`). z is a permutation of the plant's state, chain by chain in the order of the outputs, with some
+signs reversed.
 
 N. Boizot, "Adaptive high-gain extended Kalman filter and applications", thesis (2010), chapter 5, for the ends;
 N. Boizot, E. Busvelle, J.-P. Gauthier, Automatica 46 (2010), form (3), for one chain.
@@ -29,7 +30,7 @@ from hgogen.reading.given import among
 from hgogen.sentence import because
 from hgogen.system import System
 
-_MANY = 6  # outputs: of more it is not asked which are enough, for there are too many choices
+_MANY = 6  # outputs: with more there are too many subsets to try
 _REFERENCE = "Boizot, thesis (2010), chapter 5"
 # Alignment to the search for its chains and what a row may read.
 _ALIGNMENTS: Mapping[str, tuple[Callable[[Rows], Chains], str]] = {
@@ -51,13 +52,13 @@ class NoAlignment(HgogenError):
 def block_triangular(plant: System, align: str | None = None) -> Form:
     """The plant in block-triangular form, by permutation and sign.
 
-    Args: `align` is "top", "end" or "cascade"; without it the first of these that is proved, else the first that is
-    not refuted.
+    Args: `align` is "top", "end" or "cascade"; by default the first of these that is proved, else the first that is not
+    refuted.
 
     Checks: `block_triangular.structure`, of the alignment; `block_triangular.a_i_j` (0 < a_m <= a_(i,j) <= a_M on the
     box of inputs and parameters); `block_triangular.offset_i` where output i has one; `block_triangular.lipschitz`. A
-    plant without the structure comes back in its own order with that one check, and `block_triangular.connected`,
-    refuted, where states are hidden from the outputs.
+    plant without the structure keeps its own order and has only that check, and a refuted `block_triangular.connected`
+    where no output depends on some states.
 
     Raises: `NoAlignment`.
     """
@@ -78,17 +79,18 @@ def block_triangular(plant: System, align: str | None = None) -> Form:
 
 
 def _chosen(rows: Rows, align: str | None) -> tuple[str, Chains]:
-    """The alignment, with a chain for each output, else of the most outputs that are enough."""
+    """Return the name of the first alignment proved with a chain for each output, else of one proved for as many
+    outputs as possible, with its chains."""
     name, chains = best = _of_all(rows, align)
     if chains.answer(Shape.CONSTANT)[0]:
         return best
     count = len(rows.output)
     sizes = range(count - 1, 0, -1) if count <= _MANY else ()
-    for left in (left for size in sizes for left in combinations(range(count), size)):
-        few = replace(rows, names=tuple(rows.names[j] for j in left), output=tuple(rows.output[j] for j in left))
-        name, chains = _of_all(few, align)
+    for subset in (kept for size in sizes for kept in combinations(range(count), size)):
+        reduced = replace(rows, names=tuple(rows.names[j] for j in subset), output=tuple(rows.output[j] for j in kept))
+        name, chains = _of_all(reduced, align)
         if chains.answer(Shape.CONSTANT)[0]:
-            links = dict(zip(left, chains.links, strict=True))
+            links = dict(zip(subset, chains.links, strict=True))
             return name, replace(chains, links=tuple(links.get(j, ()) for j in range(count)))
     return best
 
@@ -96,5 +98,5 @@ def _chosen(rows: Rows, align: str | None) -> tuple[str, Chains]:
 def _of_all(rows: Rows, align: str | None) -> tuple[str, Chains]:
     tried = {name: search(rows) for name, (search, _) in _ALIGNMENTS.items() if align in (None, name)}
     answers = {name: chains.answer(Shape.CONSTANT)[0] for name, chains in tried.items()}
-    best = next((name for wanted in (True, None, False) for name, is_so in answers.items() if is_so is wanted))
+    best = next((name for wanted in (True, None, False) for name, holds in answers.items() if holds is wanted))
     return best, tried[best]

@@ -2,12 +2,13 @@
 
     z' = A(u) z + b(z, u),   y = h(z, u),
 
-z is the plant's state in its own order, A holds the coefficients of terms linear in a state, b the rest. It serves the
-plain extended Kalman filter and plants without a triangular form; no theorem promises convergence.
+z is the plant's state in its own order, A holds the coefficients of terms linear in a state, b the other terms. The
+form serves the plain extended Kalman filter and plants without a triangular form; no theorem promises convergence.
 
-The shape that a high gain needs is that of H. Hammouri, M. Farza, "Nonlinear observers for locally uniformly
-observable systems", ESAIM: COCV 9 (2003): in the order x_1..x_n from the outputs outwards, whatever that of z is,
-y = h(x_1, u), x_i' of x_1..x_{i+1} and u, with a slope in x_{i+1}. A high gain overshoots in x_i like theta^(i-1).
+A high gain needs the structure of H. Hammouri, M. Farza, "Nonlinear observers for locally uniformly observable
+systems", ESAIM: COCV 9 (2003). With the states x_1..x_n ordered by their distance from the output, whatever the order
+of z, y = h(x_1, u) and x_i' is a function of x_1..x_{i+1} and u with a nonzero partial derivative in x_{i+1}. A high
+gain overshoots in x_i like theta^(i-1).
 """
 
 from collections.abc import Mapping, Sequence, Set
@@ -33,7 +34,7 @@ from hgogen.system import System
 
 @dataclass(eq=False)
 class BadOrder(HgogenError):
-    """An `order`, as it is shown, that is not the plant's states, each once in a sequence."""
+    """An argument `order` that does not list each state of the plant once; `order` here is its text in the message."""
 
     system: str
     order: str
@@ -45,10 +46,11 @@ class BadOrder(HgogenError):
 def original(plant: System, order: Sequence[Signal | str] | None = None) -> Form:
     """The plant in its own coordinates, its states in `order`, signals or their names; by default as declared.
 
-    Checks: `original.connected` (no state is hidden from the outputs on the box), `original.order` (the shape that a
-    high gain needs: generic, or unknown), `original.lipschitz`, `original.convergence` (unknown).
+    Checks: `original.connected` (the outputs depend on every state on the box, directly or through other states),
+    `original.order` (the structure that a high gain needs: generic, or unknown), `original.lipschitz`,
+    `original.convergence` (unknown).
 
-    Raises: `BadOrder`; `BadGain` for an order of no names.
+    Raises: `BadOrder`; `BadGain` for an order that is no sequence of names.
     """
     rows = of_plant(plant)
     sure, every = reached(rows, sure=True), reached(rows)
@@ -59,8 +61,8 @@ def original(plant: System, order: Sequence[Signal | str] | None = None) -> Form
     if order is not None:
         by_name = {x.name: x for x in plant.states}
         if isinstance(order, Mapping | Set):
-            shown = f"is a {type(order).__name__}, which has no order; it"
-            raise BadOrder(plant.name, shown, ", ".join(by_name))
+            problem = f"is a {type(order).__name__}, which has no order; it"
+            raise BadOrder(plant.name, problem, ", ".join(by_name))
         names = tuple(map(str, several("order", order)))
         if sorted(names) != sorted(by_name):
             raise BadOrder(plant.name, f"({', '.join(names)})", ", ".join(by_name))
@@ -69,12 +71,13 @@ def original(plant: System, order: Sequence[Signal | str] | None = None) -> Form
     A, b = split(z.flow, z.states)
     flow = (sp.Add(*(a * s for a, s in zip(A.row(i), z.states, strict=True)), row) for i, row in enumerate(b))
     listed = ", ".join(map(str, along))
-    shape = f"in the order ({listed}) y and each derivative in turn read states up to the next, with a slope in that"
-    nowhere = because("no slope is zero identically; zeros on the box are not excluded")
-    doubt = _misshapen(along, rows)
+    claim = f"in the order ({listed}) y and each derivative in turn read states up to the next, with a slope in that"
+    generic = because("no slope is zero identically; zeros on the box are not excluded")
+    obstacle = _misshapen(along, rows)
+    verdict = Verdict.UNKNOWN if obstacle else Verdict.GENERIC
     checks = (
         connected("original", hidden, doubtful),
-        Check(ClaimId("original", "order"), shape, Verdict.UNKNOWN if doubt else Verdict.GENERIC, doubt or nowhere),
+        Check(ClaimId("original", "order"), claim, verdict, obstacle or generic),
         lipschitz("original", map(z.back, (*flow, *z.output)), plant, "A x + b with the output"),
         Check(
             ClaimId("original", "convergence"),
@@ -88,8 +91,11 @@ def original(plant: System, order: Sequence[Signal | str] | None = None) -> Form
 
 
 def _misshapen(along: Sequence[sp.Symbol], rows: Rows) -> Reason:
-    """Why it is not shown that in the order `along` each row reads the states up to the next one, with a slope in that
-    which is not zero identically on the box, nor on a part of it, as one with branches may be; else `NONE`."""
+    """Return why the structure that a high gain needs is not proved for the state order `along`, else `NONE`.
+
+    Each row must read the states up to the next one, with a partial derivative in it that is identically zero nowhere:
+    neither on the box nor, where the row has branches, on a part of it.
+    """
     if len(rows.output) > 1:
         return because("the shape is for one output")
     for i, row in enumerate((rows.output[0], *(rows.rate(x) for x in along[:-1]))):

@@ -2,9 +2,9 @@
 
     z = Phi(x, u, u', ..) = (y, y', .., y^(n-1)),   z_i' = z_{i+1},   z_n' = phi(z, u, u', ..),   y = z_1
 
-where det dPhi/dx is proved to have no zero on the box and the inverse x = Psi(z, u, ..) is found; else the plant
-keeps its coordinates and the form carries dPhi/dx, through whose inverse an observer corrects. The derivatives of the
-inputs that enter become inputs of the plant: the user supplies them.
+where det dPhi/dx is proved to have no zero on the box and the inverse x = Psi(z, u, ..) is found. Otherwise the plant
+keeps its coordinates and the form carries dPhi/dx: an observer multiplies its correction by the inverse. Derivatives of
+inputs that occur in these equations become inputs of the plant, and the user supplies them.
 
 J.-P. Gauthier, H. Hammouri, S. Othman, "A simple observer for nonlinear systems, applications to bioreactors", IEEE
 TAC 37 (1992); E. Bullinger, A. Ilchmann, F. Allgoewer, NOLCOS 1998, form (1).
@@ -39,20 +39,20 @@ _RANGES = "Declare rates=((low, high), ..) of the input, one pair for each deriv
 
 
 class NoPhase(NoForm):
-    """A plant that has no phase form here."""
+    """A plant that has no phase form, as far as hgogen can tell."""
 
 
 @Asking(4, most=1, costly=True, slow=True)
 def phase(plant: System, *, original: bool = False, recovered: bool = False) -> Form:
     """The plant in phase form, or with the Jacobian of the map to it.
 
-    With `original` the plant keeps its coordinates in any case: phi, and the derivatives of inputs that enter nothing
-    else, are then not needed. With `recovered` an observer reads phi at Psi(z), clamped to the plant's ranges, as it
-    does in any case where phi may have poles in the box of z: of that box the image of the plant's is often a thin
-    part, beyond which phi is far larger and would ask for as large a theta. No bound on theta is then proved.
+    With `original` the plant always keeps its coordinates: phi, and the derivatives of inputs that only phi reads, are
+    then not needed. With `recovered` an observer evaluates phi at Psi(z) clamped to the plant's ranges, as it always
+    does where phi may have poles in the box of z. The image of the plant's box is often a thin part of the box of z;
+    phi is far larger elsewhere and would require a larger theta. No bound on theta is proved with `recovered`.
 
     Checks: `phase.chain` (by construction, where the plant has a value and y .. y^(n-2) have derivatives);
-    `phase.inputs` (the derivatives of inputs that enter have ranges); `phase.rank` (det dPhi/dx has no zero on the
+    `phase.inputs` (the derivatives of inputs that occur have ranges); `phase.rank` (det dPhi/dx has no zero on the
     box); `phase.inverse` (Phi is one to one on the box); `phase.lipschitz` (phi, as a function of z).
 
     Raises: `NoPhase` for several outputs, or derivatives of more than `LIMIT` nodes; `BadSystem` where a signal has the
@@ -65,7 +65,7 @@ def phase(plant: System, *, original: bool = False, recovered: bool = False) -> 
     except TooLarge as error:
         raise NoPhase(plant.name, f"has no determinant of dPhi/dx here: {error}") from error
     regular = full_rank(whole, det.value, as_written(J, det).value)
-    # where the plant has a value: (x1 x3)' = x2 holds for x1' = x2/x3, x3' = 0, but not at x3 = 0
+    # only where the plant is defined: (x1 x3)' = x2 holds for x1' = x2/x3, x3' = 0, but not at x3 = 0
     by_rates = by_construction(ClaimId("phase", "chain"), "y = z_1, z_i' = z_(i+1)", whole.Phi[:-1])
     chain = if_valued(replace(by_rates, proofs=(Derivatives(),)), plant)
     within = {s for e in whole.Phi for s in e.free_symbols}
@@ -75,9 +75,9 @@ def phase(plant: System, *, original: bool = False, recovered: bool = False) -> 
     inverse = if_valued(one_to_one(whole, back, rank), plant)
     claim = "phi is Lipschitz in z on the image of the box"
     missing = [c.id for c in (rank, inverse) if c.verdict is not Verdict.PROVED]
-    doubt = because("in z it needs {checks: and }", checks=missing) if missing else NONE
+    obstacle = because("in z it needs {checks: and }", checks=missing) if missing else NONE
     reason = because("phi is Lipschitz in x, and Phi is smooth, one to one and of full rank on a closed, bounded box")
-    steep = on_image("phase", claim, [phi], whole.plant, "phi", doubt, reason)
+    steep = on_image("phase", claim, [phi], whole.plant, "phi", obstacle, reason)
     checks = (chain, inputs, rank, inverse, steep)
     if original or back is None or regular.verdict is not Verdict.PROVED:
         return whole.in_x(checks)
@@ -85,7 +85,7 @@ def phase(plant: System, *, original: bool = False, recovered: bool = False) -> 
 
 
 def _map(plant: System) -> Carried:
-    """The plant in z = (y, y', ..), whose last row alone has a b, phi. Raises: `NoPhase`."""
+    """Return the plant in z = (y, y', .., y^(n-1)); b is 0 but for its last row phi. Raises: `NoPhase`."""
     n = len(plant.states)
     one_output(plant, "; the phase form takes one: keep one", NoPhase)
     plain = on_box(plant)

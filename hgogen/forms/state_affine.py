@@ -2,14 +2,14 @@
 
     z' = A(u, y) z + b(u, y),   y = C(u) z + d(u)
 
-A state is measured where an output shows it alone, y_j = c(u) z_k + d(u) with c bounded away from zero; A and b may
-vary with inputs and measured states in any way. z is the plant's state in its own order; A z holds the terms linear in
-a state that is not measured, and those linear in a measured one with a coefficient free of states; b the rest.
+A state is measured where an output depends on it alone, y_j = c(u) z_k + d(u) with c bounded away from zero; A and b
+may vary with inputs and measured states in any way. z is the plant's state in its own order. A z holds the terms linear
+in an unmeasured state, and those linear in a measured state with a coefficient free of states; b holds the other terms.
 
-The form says nothing of observability, which depends on the input (see `estimators.persistence`), but for states that
-no output ever shows. H. Hammouri, J. de Leon Morales, "Observer synthesis for state-affine systems", 29th IEEE CDC
-(1990); G. Besancon, G. Bornard, H. Hammouri, "Observer synthesis for a class of nonlinear control systems", European
-Journal of Control 2 (1996).
+The form says nothing about observability, which depends on the input (see `estimators.persistence`), except for states
+on which no output ever depends. H. Hammouri, J. de Leon Morales, "Observer synthesis for state-affine systems", 29th
+IEEE CDC (1990); G. Besancon, G. Bornard, H. Hammouri, "Observer synthesis for a class of nonlinear control systems",
+European Journal of Control 2 (1996).
 """
 
 from collections.abc import Sequence
@@ -38,8 +38,8 @@ def state_affine(plant: System) -> Form:
     """The plant in state-affine form, in its own coordinates.
 
     Checks: `state_affine.structure`; `state_affine.lipschitz`, of A(u, y) x + b(u, y), so that A is bounded;
-    `state_affine.connected`, refuted, where states are hidden from the outputs for every input. A plant without the
-    structure comes back with that one check; observers refuse it.
+    `state_affine.connected`, refuted, where no output depends on some states for any input. A plant without the
+    structure has only that check; observers refuse it.
     """
     rows = of_plant(plant)
     output = [affine(name, row, plant.states, rows) for name, row in zip(rows.names, rows.output, strict=True)]
@@ -51,34 +51,35 @@ def state_affine(plant: System) -> Form:
     if structure.verdict is Verdict.REFUTED:
         return form_in(z, "state_affine", (structure,), _REFERENCE)
     A, b = sp.zeros(len(flow), len(flow)), []
-    beside = []  # the terms in hidden states; as it is written, where these cancel in it
+    remainders = []  # each rate without its terms in unmeasured states, as the user wrote it where these cancel
     for x, row in zip(plant.states, flow, strict=True):
         terms = (unbent(gain) * state for gain, state in zip(row.slopes, hidden, strict=True))
         written = sp.expand(rows.rate(x) - sp.Add(*terms))
-        beside.append(unbent(row.offset) if written.has(*hidden) else written)
-    linear, rest = split(beside, plant.states)
+        remainders.append(unbent(row.offset) if written.has(*hidden) else written)
+    linear, nonlinear = split(remainders, plant.states)
     for i, row in enumerate(flow):
         for x, gain in zip(hidden, row.slopes, strict=True):
             A[i, plant.states.index(x)] = z.carry(unbent(gain))
-        b.append(z.carry(rest[i]))
+        b.append(z.carry(nonlinear[i]))
     A += linear
     steep = lipschitz("state_affine", plant.flow, plant, "A x + b")
     parts = sp.ImmutableDenseMatrix(A), tuple(b), z.output
-    unseen = cut_off("state_affine", plant)
-    return form_in(z, "state_affine", (structure, steep, *unseen), _REFERENCE, parts=parts)
+    connected = cut_off("state_affine", plant)
+    return form_in(z, "state_affine", (structure, steep, *connected), _REFERENCE, parts=parts)
 
 
 def _structure(output: Sequence[Affine], flow: Sequence[Affine], measured: Sequence[Signal]) -> Check:
-    """Refuted by an output that is not affine, or by a rate, where the outputs show single states: else a rate may yet
-    be a function of what they show together."""
+    """Return the check of the structure. An output that is not affine refutes it. A rate that is not affine refutes it
+    where each output depends on one state; else the rate may be a function of the combinations of states that the
+    outputs measure."""
     id = ClaimId("state_affine", "structure")
     single = all(row.answer and sum(gain != 0 for gain in row.slopes) <= 1 for row in output)
-    shown = sum(any(gain != 0 for gain in row.slopes) for row in output)
+    dependent = sum(any(gain != 0 for gain in row.slopes) for row in output)
     wrong = next((row for wanted in (False, None) for row in (*output, *flow) if row.answer is wanted), None)
     if wrong is None:
         alone = because("by exact algebra; the outputs show {states}", states=measured)
         reason = alone if measured else because("by exact algebra; the outputs show no state alone")
         return Check(id, _CLAIM, Verdict.PROVED, reason, proofs=(ByForm(),))
-    if wrong.answer is False and (wrong in output or (single and shown == len(measured))):
+    if wrong.answer is False and (wrong in output or (single and dependent == len(measured))):
         return Check(id, _CLAIM, Verdict.REFUTED, wrong.why, fix=_FIX)
     return Check(id, _CLAIM, Verdict.UNKNOWN, wrong.why, fix=_TOGETHER if wrong.answer is False else _FIX)

@@ -2,12 +2,12 @@
 
     z' = A(u) z + b(z, u),   y = C(u) z,
     A = superdiagonal a_2(u)..a_n(u),   C = (a_1(u), 0..0),   0 < a_m <= a_i(u) <= a_M,
-    b_i of z_1..z_i and u only, Lipschitz; where it is asked for, a_i(u, z_1) for i >= 2, with a_i z_i Lipschitz,
+    b_i of z_1..z_i and u only, Lipschitz; with the option `measured`, a_i(u, z_1) for i >= 2, with a_i z_i Lipschitz,
     so that (a_i(u, z_1) - a_i(u, x_1)) x_i counts as b does.
 
-z is the plant's state in another order, some with the other sign. The order follows the dependencies: the
-output brings in one state, that state's derivative the next, and so on. A known offset c(u), as in
-y = a_1(u) z_1 + c(u), stays in the output; it changes no innovation.
+z is a permutation of the plant's state, with some signs reversed. The order follows the dependencies: the output reads
+one state, that state's derivative the next, and so on. A known offset c(u), as in y = a_1(u) z_1 + c(u), stays in the
+output; it changes no innovation.
 
 N. Boizot, E. Busvelle, J.-P. Gauthier, "An adaptive high-gain observer for nonlinear systems", Automatica 46
 (2010), form (3).
@@ -29,8 +29,8 @@ def triangular(plant: System, *, measured: bool = False) -> Form:
 
     Args: `measured` lets a_2..a_n vary with the measured state z_1 as well, A(u, z_1).
 
-    The form is the plant whatever the verdicts: where the structure is not shown, b keeps what A does not hold. A
-    plant whose structure is refuted comes back in its own order with that one check; observers refuse it.
+    The form equals the plant whatever the verdicts: where the structure is not proved, b holds the terms that A does
+    not. A plant whose structure is refuted keeps its own order and has only that check; observers refuse it.
 
     Checks: `triangular.structure`; `triangular.a_1`..`triangular.a_n` (0 < a_m <= a_i <= a_M on the box of
     inputs, parameters and, where a_i varies with it, z_1); `triangular.offset` (c is defined there) where there is
@@ -50,7 +50,7 @@ def triangular(plant: System, *, measured: bool = False) -> Form:
 
 
 def _fix(chains: Chains, shape: Shape, plant: System) -> str:
-    """A form that the same chain may have, else what any plant has left."""
+    """Return the advice after a refused structure: a form that the same chain may have, else another output."""
     if shape is Shape.CONSTANT and chains.answer(Shape.MEASURED)[0]:
         return "Let slopes vary with the measured state, by the form's option measured, which riccati takes."
     if chains.answer(Shape.UNIFORM)[0] and all(sign(link.slope, plant) for link in chains.links[0]):

@@ -1,15 +1,15 @@
-"""The uniform form for one output: each row brings in one new state, with any slope that does not vanish.
+"""The uniform form for one output: each row reads one new state, with any partial derivative that does not vanish.
 
     z_i' = F_i(z_1..z_{i+1}, u),   z_n' = F_n(z, u),   y = h(z_1, u),
     dh/dz_1 and dF_i/dz_{i+1} bounded away from zero on the box of states, inputs and parameters.
 
-z is the plant's state in another order. The state is then uniquely determined by y, y', .. for every input. The
+z is a permutation of the plant's state. The state is then uniquely determined by y, y', .. for every input. The
 triangular coordinates of the theorem are
 
     xi_1 = z_1,   xi_{i+1} = (prod_{k=1..i-1} dF_k/dz_{k+1}) F_i,
 
-whose Jacobian is triangular with the diagonal prod_{k<=i} dF_k/dz_{k+1}; of the derivatives of u only u' enters their
-rates. This form stays in z: A z are the terms that are linear in a state, b the rest of F.
+whose Jacobian is triangular with the diagonal prod_{k<=i} dF_k/dz_{k+1}; their rates depend on u', and on no higher
+derivative of u. This form stays in z: A z are the terms that are linear in a state, b the other terms of F.
 
 H. Hammouri, M. Farza, "Nonlinear observers for locally uniformly observable systems", ESAIM: COCV 9 (2003).
 """
@@ -32,8 +32,8 @@ def uniform(plant: System) -> Form:
     """The plant in uniform form, by permutation.
 
     Checks: `uniform.structure`; `uniform.slope_1` (dh/dz_1) .. `uniform.slope_n` (dF_{n-1}/dz_n), each bounded away
-    from zero; `uniform.lipschitz` (F and h are Lipschitz in the state). A plant without the structure comes back in
-    its own order with that one check.
+    from zero; `uniform.lipschitz` (F and h are Lipschitz in the state). A plant without the structure keeps its own
+    order and has only that check.
 
     Raises: `OneOutput`.
     """
@@ -48,7 +48,7 @@ def uniform(plant: System) -> Form:
         for i, link in enumerate(chains.links[0], 1):
             name = f"dF_{i - 1}/dz_{i}" if i > 1 else "dh/dz_1"
             alone = apart(ClaimId("uniform", "slope", i), name, link.slope, plant)
-            # what the slope does not show: that the row jumps nowhere, and that the plant has a value
+            # the slope does not prove that the row is continuous and that the plant is defined
             check = if_valued(replace(alone, proofs=(AwayFromZero(i),), disproof=Vanishing(i)), plant)
             checks.append(without_jumps(check, link))
         checks.append(lipschitz("uniform", (*plant.flow, *plant.output), plant, "F with the output"))

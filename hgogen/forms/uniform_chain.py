@@ -1,15 +1,15 @@
-"""The uniform form as a chain of integrators: of the derivatives of inputs u' alone enters, and no y'' of a table.
+"""The uniform form as a chain of integrators, made with first derivatives only, of inputs and of tables.
 
     z_i' = F_i(z_1..z_{i+1}, u),   z_n' = F_n(z, u),   y = c z_1 + o(u)
     xi_1 = c z_1,   xi_{i+1} = D_i F_i,   D_i = c prod_{k=1..i-1} dF_k/dz_{k+1}
     xi_i' = xi_{i+1} + b_i(xi_1..xi_i, u, u'),   b_i = sum_j<i dxi_i/dz_j F_j + dxi_i/du u',   y = xi_1 + o(u)
 
 dxi/dz is triangular with the diagonal D_1..D_n: where the slopes are never 0, xi is a change of coordinates on the box.
-The inverse x = Psi(xi, u) is found row by row, or the plant keeps its coordinates and the form carries dxi/dx, in which
-there is no derivative of an input. The user supplies u' where it enters, as in the phase form.
+The inverse x = Psi(xi, u) is solved row by row. Where that fails, the plant keeps its coordinates and the form carries
+dxi/dx, which reads no derivative of an input. The user supplies u' where it occurs, as in the phase form.
 
-H. Hammouri, M. Farza, "Nonlinear observers for locally uniformly observable systems", ESAIM: COCV 9 (2003); E.
-Busvelle's slides have it with F_2 of z_1, z_2, z_3 in xi_3, as here.
+H. Hammouri, M. Farza, "Nonlinear observers for locally uniformly observable systems", ESAIM: COCV 9 (2003). E.
+Busvelle's slides also have F_2 of z_1, z_2, z_3 in xi_3.
 """
 
 import sympy as sp
@@ -32,23 +32,23 @@ _REFERENCE = "Hammouri, Farza, ESAIM: COCV 9 (2003)"
 
 
 class NoUniformChain(NoForm):
-    """A plant that has no such coordinates here."""
+    """A plant that has no such coordinates, as far as hgogen can tell."""
 
 
 @Asking(5, most=1, costly=True, slow=True)
 def uniform_chain(plant: System, *, original: bool = False, recovered: bool = False) -> Form:
     """The plant in xi, or in its own coordinates with the Jacobian of the map to them.
 
-    With `original` the plant keeps its coordinates in any case: b and u' are then not needed. With `recovered` an
-    observer reads b at Psi(xi), clamped to the plant's ranges, as it does in any case where b may have poles in the box
-    of xi. No bound on theta is then proved.
+    With `original` the plant always keeps its coordinates: b and u' are then not needed. With `recovered` an observer
+    evaluates b at Psi(xi) clamped to the plant's ranges, as it always does where b may have poles in the box of xi. No
+    bound on theta is then proved.
 
-    Checks: `uniform_chain.structure` (y shows one state, each row brings in one, and xi has no jump or kink);
+    Checks: `uniform_chain.structure` (y reads one state, each row reads one new state, and xi has no jump or kink);
     `uniform_chain.slope_1` (c) .. `uniform_chain.slope_n` (dF_{n-1}/dz_n), each bounded away from zero;
     `uniform_chain.smooth` (xi is differentiable and finite on the box); `uniform_chain.inputs` (u' has a range where it
-    enters); `uniform_chain.lipschitz` (b, as a function of xi).
+    occurs); `uniform_chain.lipschitz` (b, as a function of xi).
 
-    Raises: `NoUniformChain` for several outputs, a plant that is not shown to be in uniform form, or expressions of
+    Raises: `NoUniformChain` for several outputs, a plant that is not proved to be in uniform form, or expressions of
     more than `LIMIT` nodes.
     """
     chains, c, offset = _read(plant)
@@ -64,9 +64,9 @@ def uniform_chain(plant: System, *, original: bool = False, recovered: bool = Fa
     claim = "y = xi_1 up to a known offset, xi_i' = xi_(i+1) + b_i(xi_1, .., xi_i, u, u')"
     structure = by_construction(ClaimId(_MAKER, "structure"), claim, whole.Phi)
     claim = "b is Lipschitz in xi on the image of the box"
-    doubt = NONE if one_to_one else because("in xi it needs slopes that are never 0, and smooth rows")
+    obstacle = NONE if one_to_one else because("in xi it needs slopes that are never 0, and smooth rows")
     reason = because("b is Lipschitz in x, and xi is smooth, one to one and of full rank on a closed, bounded box")
-    bounded = on_image(_MAKER, claim, whole.rows, whole.plant, "b", doubt, reason)
+    bounded = on_image(_MAKER, claim, whole.rows, whole.plant, "b", obstacle, reason)
     loose = "{names} enter, to be supplied, {loose} without one"
     inputs = whole.supplied([u.name for u in whole.known], loose, "Declare rates=((low, high),) of the input.")
     each = (structure, *slopes, smooth, inputs, bounded)
@@ -78,22 +78,22 @@ def uniform_chain(plant: System, *, original: bool = False, recovered: bool = Fa
 
 
 def _read(plant: System) -> tuple[Chains, sp.Expr, sp.Expr]:
-    """The order of the states, c and o(u). Raises: `NoUniformChain`."""
+    """Return the chain of the states, the constant c and the offset o(u) of the output. Raises: `NoUniformChain`."""
     one_output(plant, "; these coordinates take one", NoUniformChain)
     chains = levelwise(of_plant(plant))
     answer, why = chains.answer(Shape.UNIFORM)
     if answer is not True or chains.broken:
         raise NoUniformChain(plant.name, f"is not shown to be in uniform form: {why}; {_OTHER}")
-    shows = chains.links[0][0]
-    c, offset = (sp.simplify(exact(sp.sympify(part))) for part in (shows.gain, shows.offset))
-    if not (shows.answer(Shape.CONSTANT)[0] and c.free_symbols <= {*plant.parameters}):
-        measured = f"measures {exact(sp.sympify(shows.row))}, not a constant times {shows.state}"
-        raise NoUniformChain(plant.name, f"{measured}; recast {shows.state}, or use phase")
+    first = chains.links[0][0]
+    c, offset = (sp.simplify(exact(sp.sympify(part))) for part in (first.gain, first.offset))
+    if not (first.answer(Shape.CONSTANT)[0] and c.free_symbols <= {*plant.parameters}):
+        measured = f"measures {exact(sp.sympify(first.row))}, not a constant times {first.state}"
+        raise NoUniformChain(plant.name, f"{measured}; recast {first.state}, or use phase")
     return chains, c, offset
 
 
 def _map(plant: System, chains: Chains, c: sp.Expr, offset: sp.Expr) -> Carried:
-    """xi, b and the Jacobian. Raises: `NoUniformChain`."""
+    """Return the coordinates xi with b and the Jacobian dxi/dx. Raises: `NoUniformChain`."""
     z, n = chains.order, len(plant.states)
     plain = dict(zip(plant.states, (exact(sp.sympify(row)) for row in of_plant(plant).flow), strict=True))
     F = [plain[x] for x in z]
@@ -101,11 +101,11 @@ def _map(plant: System, chains: Chains, c: sp.Expr, offset: sp.Expr) -> Carried:
     for i in range(n - 1):
         xi.append(D * F[i])
         D = D * F[i].diff(z[i + 1])
-    moving = {u: u.derivative(1) for u in plant.inputs}
+    rates = {u: u.derivative(1) for u in plant.inputs}
     b = [
         sp.Add(
             *(xi[i].diff(z[j]) * F[j] for j in range(n if i == n - 1 else i)),
-            *(xi[i].diff(u) * rate for u, rate in moving.items()),
+            *(xi[i].diff(u) * rate for u, rate in rates.items()),
         )
         for i in range(n)
     ]
@@ -127,6 +127,6 @@ def _smooth(carried: Carried) -> Check:
     if rough:
         return Check(id, claim, Verdict.UNKNOWN, rough, fix="Write kinks as smooth functions, or use another form.")
     if lost is not None:
-        doubt = because("{part} was not shown to be finite on the box", part=lost)
-        return Check(id, claim, Verdict.UNKNOWN, doubt, fix="Narrow the ranges.")
+        reason = because("{part} was not shown to be finite on the box", part=lost)
+        return Check(id, claim, Verdict.UNKNOWN, reason, fix="Narrow the ranges.")
     return Check(id, claim, Verdict.PROVED, because("by its terms and outward-rounded intervals"))

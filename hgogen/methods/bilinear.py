@@ -2,10 +2,10 @@
 
     (1 - h M/2) x+ = (1 + h M/2) x + (h/2) B (v_0 + v_1) + (h/2) (r_0 + r_1)
 
-with r_1 at the x+ that r_0 alone gives: order 2. A core much faster than 2/h is not damped but changes sign at each
-sample; there the matrix exponential is better. For any part with a linear core, such as a constant-gain observer.
-Source: Dabroom, Khalil, "Discrete-time implementation of high-gain observers for numerical differentiation", Int. J.
-Control 72 (1999).
+where r_1 is evaluated at the x+ that r_0 alone gives: order 2. The mode of a core much faster than 2/h is hardly damped
+and changes sign at each sample; use the matrix exponential there. The method applies to any part with a linear core,
+such as a constant-gain observer. Source: Dabroom, Khalil, "Discrete-time implementation of high-gain observers for
+numerical differentiation", Int. J. Control 72 (1999).
 """
 
 import casadi as ca

@@ -4,9 +4,10 @@
     P  <- Phi P Phi' + h Q_theta,  Phi = I + hF + (hF)^2/2       (Gram-Schmidt on [Phi S, sqrt(h) W], W W' = Q_theta)
     at a valid sample, with r = R_theta/h, c = dh_j/dz:  alpha = r + c P c',  K = P c'/alpha,  P <- P - K c P  (Carlson)
 
-The same step as `continuous_discrete` but for rounding: positive definite by construction, no limit on h from the
-covariance; its numbers span half the decades, for 2n square roots, and n (n + 1)/2 more where the past is forgotten
-(`kalman_like`). Up to 7 states. An observer without a covariance is refused. Source: Carlson, AIAA Journal 11 (1973).
+The step equals that of `continuous_discrete` but for rounding. P is positive definite by construction, and the
+covariance does not limit h. The entries of S span half the decades of P, at the cost of 2n square roots, and of
+n (n + 1)/2 more with forgetting (`kalman_like`). Up to 7 states. An observer without a covariance is refused. Source:
+Carlson, AIAA Journal 11 (1973).
 """
 
 from dataclasses import dataclass
@@ -37,7 +38,7 @@ class Cholesky:
     prediction: Tableau = RK4
 
     def ode(self, part: Ode, clock: Clock) -> Pieces:
-        """Refused. Raises: `NoCovariance`."""
+        """Refuse a part without a covariance. Raises: `NoCovariance`."""
         raise NoCovariance("cholesky")
 
     def riccati(self, part: Riccati, clock: Clock) -> Pieces:
@@ -45,7 +46,7 @@ class Cholesky:
         return SquareRoot(part, clock).pieces()
 
     def ode_lengths(self, part: Ode, observer: Observer, dt: float) -> Lengths:
-        """No lengths: the part is refused by `ode`."""
+        """Return no lengths: `ode` refuses the part."""
         return Lengths()
 
     def riccati_lengths(self, part: Riccati, dt: float) -> Lengths:

@@ -5,10 +5,9 @@
     at a valid sample of y_j, with r = R_j/(theta h), c = dh_j/dz:
        alpha = r + c P c',  K = P c'/alpha,  z <- z + K (y_j - h_j),  P <- P - K c P          (Bierman)
 
-No square root, positive definite by construction, no limit on h from the covariance. As the default it is for every
-observer: one without a covariance has nothing to correct at a sample and goes by classical Runge-Kutta, as by `rk4`.
-Source: Boizot, Busvelle, Gauthier, ECC 2009 (continuous-discrete case); the factored updates are Thornton's and
-Bierman's.
+It needs no square root, P is positive definite by construction, and the covariance does not limit h. It accepts every
+observer: one without a covariance is integrated by classical Runge-Kutta, as by `rk4`. Source: Boizot, Busvelle,
+Gauthier, ECC 2009 (continuous-discrete case); the factored updates are Thornton's and Bierman's.
 """
 
 from dataclasses import dataclass

@@ -1,11 +1,12 @@
-"""The linear error core exactly, by the matrix exponential; the nonlinear rest by exponential time differencing.
+"""The linear error core exactly, by the matrix exponential; the nonlinear part by exponential time differencing.
 
     x+ = phi_0(h M) x + h (phi_1 - phi_2)(h M) B v_0 + h phi_2(h M) B v_1 + h phi_1(h M) r_0 + h phi_2(h M) (r_1 - r_0)
     phi_0(X) = exp X,  phi_1(X) = (phi_0 - 1)/X,  phi_2(X) = (phi_1 - 1)/X
 
-with r_1 at the x+ that r_0 alone gives. For a measurement on the line between samples and no rest it is exact at every
-step length h; the rest has order 2. For any part with a linear core, such as a constant-gain observer. Source of the
-scheme: Cox, Matthews, "Exponential time differencing for stiff systems", J. Comput. Phys. 176 (2002), ETD2RK.
+where r_1 is evaluated at the x+ that r_0 alone gives. It is exact at every step length h if the measurement is linear
+between samples and there is no nonlinear part r; r has order 2. The method applies to any part with a linear core, such
+as a constant-gain observer. Source of the scheme: Cox, Matthews, "Exponential time differencing for stiff systems", J.
+Comput. Phys. 176 (2002), ETD2RK.
 """
 
 import numpy as np
