@@ -86,8 +86,10 @@ def _chosen(rows: Rows, align: str | None) -> tuple[str, Chains]:
         return best
     count = len(rows.output)
     sizes = range(count - 1, 0, -1) if count <= _MANY else ()
-    for subset in (kept for size in sizes for kept in combinations(range(count), size)):
-        reduced = replace(rows, names=tuple(rows.names[j] for j in subset), output=tuple(rows.output[j] for j in kept))
+    for subset in (subset for size in sizes for subset in combinations(range(count), size)):
+        reduced = replace(
+            rows, names=tuple(rows.names[j] for j in subset), output=tuple(rows.output[j] for j in subset)
+        )
         name, chains = _of_all(reduced, align)
         if chains.answer(Shape.CONSTANT)[0]:
             links = dict(zip(subset, chains.links, strict=True))

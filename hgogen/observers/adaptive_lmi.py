@@ -6,14 +6,14 @@
              -sigma gamma^2       if r <= d and gamma > gamma_inf
              0                    else: gamma is clipped to [gamma_inf, gamma_sup] in every slope and after each step
 
-in the coordinates of `integrators`, the argument of c saturated to the declared box. K, P and sigma satisfy (54), which
-with D P + P D >= 0 lets gamma rise at any rate and fall no faster than sigma gamma^2 (`adaptive_gain` verifies,
-`hgogen.design` finds them). From which gamma_inf on the error converges is shown by another P, with the slopes of c in
-the place of their norm in (62) (`moving`). The law is (90) projected: taken literally it never leaves gamma_inf or
-gamma_sup. Where no sample is valid gamma rests. gamma_sup is part of the law: assumption 3 wants gamma bounded, so no
-status tells of a gamma that rests there; no theorem is suspended. Source: Alessandri, "On Hamilton-Jacobi approaches
-to state reconstruction for dynamic systems", Mathematical Problems in Engineering (2020), theorems 5-7, (46), (87),
-(90).
+in the coordinates of `integrators`, the argument of c saturated to the declared box. K, P and sigma satisfy (54). With
+D P + P D >= 0, gamma may then rise at any rate and fall no faster than sigma gamma^2 (`hgogen.design` computes them,
+`adaptive_gain` verifies them). The smallest gamma_inf with a proof of convergence follows from another P, with the
+partial derivatives of c instead of their norm in (62) (`moving_checks`). The law is the projection of (90), which read
+literally never leaves gamma_inf or gamma_sup. gamma is constant while no sample is valid. gamma_sup is part of the law,
+since assumption 3 requires a bounded gamma: no status bit reports it, and no theorem is suspended there. Source:
+Alessandri, "On Hamilton-Jacobi approaches to state reconstruction for dynamic systems", Mathematical Problems in
+Engineering (2020), theorems 5-7, (46), (87), (90).
 """
 
 from collections.abc import Iterable, Mapping, Sequence
@@ -61,7 +61,7 @@ EQUATIONS = (
     "gamma' = rise gamma while |y - w_1| > threshold, -sigma gamma^2 else, in [gamma_inf, gamma_sup]",
 )
 _FACTS = ("definite", "shrink", "decay", "convergence", "theta", "attenuation")
-OWN = tuple(ClaimId("adaptive_lmi", fact) for fact in _FACTS)
+DESIGN_CHECKS = tuple(ClaimId("adaptive_lmi", fact) for fact in _FACTS)
 _MOVING = tuple(ClaimId("adaptive_lmi", fact) for fact in ("convergence", "theta"))  # which nothing refutes
 THEOREM = Theorem(
     "the estimate converges exponentially from any initial state, and is input-to-state stable under disturbances",
@@ -94,7 +94,7 @@ THEOREM = Theorem(
 
 
 def _starting(scale: Scale) -> Gains | str:
-    """K and P for a slope of 1; gamma up to theta."""
+    """Return K and P for a Lipschitz constant of 1, and gamma up to theta."""
     if scale.n < 2:
         return "one state needs no inequality; take high_gain"
     try:
@@ -132,14 +132,14 @@ def adaptive_lmi(
     proved), `.theta` (gamma_inf is above it), `.attenuation` (of a disturbance); `adaptive_lmi.lipschitz` in
     coordinates other than the plant's states.
 
-    Args: `gamma` (gamma_inf, gamma_sup), 1 <= gamma_inf < gamma_sup, it starts at gamma_inf; `K` (n), `P` (n, n),
+    Args: `gamma` (gamma_inf, gamma_sup), 1 <= gamma_inf < gamma_sup, with gamma(0) = gamma_inf; `K` (n), `P` (n, n),
     `sigma` > 0 of `hgogen.design`, for a chain of n integrators; `rise` alpha (1/s) > 0; `threshold` d > 0 in the unit
     of y, above the noise; `disturbance` (G_1 (n, m), G_2 (m)) of m disturbances of w' and y; `initial` the plant's
-    state; `accept` ids of refuted checks to build on all the same.
+    state; `accept` ids of refuted checks to ignore.
 
     Raises: `Refuted`, also for a P that (54) refutes; `NotHurwitz`; `BadGain`.
     """
-    accept = founded("adaptive_lmi", form, accept, own=OWN, takes=integrators)
+    accept = founded("adaptive_lmi", form, accept, own=DESIGN_CHECKS, takes=integrators)
     chain, ends = integrators("adaptive_lmi", form), reals("gamma", gamma)
     if ends.shape != (2,) or not 1 <= ends[0] < ends[1] < np.inf:
         raise BadGain(f"gamma = {gamma!r}", "must be (gamma_inf, gamma_sup) with 1 <= gamma_inf < gamma_sup, finite")
@@ -149,27 +149,27 @@ def adaptive_lmi(
         raise BadGain("sigma = 0", "would keep gamma from falling; design K and P for a positive sigma")
     gains = np.array([float(k) for k in design.K])
     demand_hurwitz("K", companion(gains), "take K and P of hgogen.design")
-    steep = steepness(chain, low)
-    k, reason = (None, steep.reason) if isinstance(steep, Nothing) else (steep.proof.high, NONE)
-    shown = None if isinstance(steep, Nothing) else steep
+    bound = steepness(chain, low)
+    k, reason = (None, bound.reason) if isinstance(bound, Nothing) else (bound.proof.high, NONE)
+    proved = None if isinstance(bound, Nothing) else bound
     disturbed = None if disturbance is None else as_disturbance(disturbance, chain.n)
     extent = Fraction(low), Fraction(high)
     driven = None if disturbed is None else _driven(chain, design, extent, disturbed)
-    guarantees = Given(*extent, k, reason, disturbed, shown, driven)
-    moves = Law("gamma_inf", low, design.sigma, easing=False, b=Fraction(1), P=np.array(design.P, dtype=float))
-    known = checks("adaptive_lmi", design, guarantees)
-    demand((*form.checks, *known), accept, form, _MOVING)
+    guarantees = Given(*extent, k, reason, disturbed, proved, driven)
+    law = Law("gamma_inf", low, design.sigma, easing=False, b=Fraction(1), P=np.array(design.P, dtype=float))
+    facts = checks("adaptive_lmi", design, guarantees)
+    demand((*form.checks, *facts), accept, form, _MOVING)
     tunable = (
         _wide("rise", rise, "alpha, rate at which gamma rises", "1/s"),
         _wide("threshold", threshold, "d, output error above which gamma rises", form.system.outputs[0].unit),
         gain("sigma", float(design.sigma), 0.0, float(design.sigma), "gamma falls like -sigma gamma^2"),
     )
     w = chain.field(initial, high)
-    moving = scalar("gamma", low, low=low, high=high, meaning="high-gain parameter")
+    level = scalar("gamma", low, low=low, high=high, meaning="high-gain parameter")
     return observer_on(
         chain,
         "adaptive_lmi",
-        parts=(_part(chain, w, moving, gains),),
+        parts=(_part(chain, w, level, gains),),
         gains=tunable,
         w=sym("state", "w", chain.n),
         theorem=THEOREM,
@@ -179,7 +179,7 @@ def adaptive_lmi(
             f"P = {tuple(map(tuple, reals('P', P).tolist()))}",
         ),
         reference=REFERENCE,
-        claims=lambda: (*known, *moving_checks("adaptive_lmi", chain, design.K, moves, numbers(design, guarantees))),
+        claims=lambda: (*facts, *moving_checks("adaptive_lmi", chain, design.K, law, numbers(design, guarantees))),
         accepted=accept,
         traces=("gamma",),
     )
@@ -188,7 +188,7 @@ def adaptive_lmi(
 def _driven(
     chain: Integrators, design: Candidate, ends: tuple[Fraction, Fraction], disturbed: Disturbance
 ) -> MovingGain | None:
-    """The effect of a disturbance on the error; None where no ranges of the slopes are known."""
+    """Return the error model with the disturbance; None where the ranges of the partial derivatives are unknown."""
     K, form = np.array([float(k) for k in design.K]), chain.form
     error = on_integrators(chain, plain(form), companion(K), as_matrix(form, design.K), {})
     if isinstance(error, Nothing):
@@ -197,23 +197,23 @@ def _driven(
 
 
 def _part(chain: Integrators, w: Field, moving: Field, K: np.ndarray) -> Ode:
-    """what and gamma as one differential equation."""
+    """Return the differential equation of w and gamma."""
     ((low, high),) = moving.box
 
     def linear(values: Mapping[str, Graph], y: Graph, valid: Graph) -> dict[str, Graph]:
         w, level = values["w"], clamp(values["gamma"], low, high)
         return {"w": shifted(w) + scaled(K, level) * (valid * (y - w[0]))}
 
-    def rest(values: Mapping[str, Graph], u: Graph, y: Graph, valid: Graph) -> dict[str, Graph]:
+    def remainder(values: Mapping[str, Graph], u: Graph, y: Graph, valid: Graph) -> dict[str, Graph]:
         level = clamp(values["gamma"], low, high)
         loud = ca.fabs(y - chain.offset(u) - values["w"][0]) > sym("gain", "threshold")
         law = level * ca.if_else(loud, sym("gain", "rise"), -sym("gain", "sigma") * level)
         return {"w": chain.nonlinear(values["w"], u), "gamma": valid * law}
 
-    return Ode((w, moving), rest, linear, chain.offset, frozen={"gamma": (high,)})
+    return Ode((w, moving), remainder, linear, chain.offset, frozen={"gamma": (high,)})
 
 
 def _wide(name: str, nominal: Any, meaning: str, unit: str) -> Field:
-    """A gain above 0, tunable by a factor 1000."""
+    """Return a positive gain that is tunable by a factor of 1000 either way."""
     value = positive(name, nominal)
     return gain(name, value, 1e-3 * value, 1e3 * value, meaning, unit)

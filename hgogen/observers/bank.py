@@ -6,11 +6,12 @@
         "window"   I = integral over the last d of |y - yhat|^2, yhat predicted by the model from the estimate d ago
         "newest"   I = |y - h(z)|^2 of the newest sample, the slides' choice, which picks the youngest and noisiest
 
-around any member; it is made for one whose theta decays, a high-gain observer when it is young and a Kalman filter
-when it is old. A member that restarts keeps the selected one's I, so that it is judged by the same past. When the
-oldest is dropped while it is selected, the next oldest takes its place. The bit OUTSIDE_BOX of the status is of the
-selected member, other bits are of any. Source: Busvelle, "Parallel high-gain and non high-gain extended Kalman
-filters" (slides), after Boizot, Busvelle, Gauthier 2010; the window and the hysteresis are ours.
+The bank accepts any member. It suits one whose theta decays: a high-gain observer when it is young and a Kalman filter
+when it is old. A member that restarts inherits I of the selected one, so that both are compared over the same past.
+When the oldest member is dropped while it is selected, the next oldest is selected. The status bit OUTSIDE_BOX is that
+of the selected member; every other bit is set if any member sets it. Source: Busvelle, "Parallel high-gain and non
+high-gain extended Kalman filters" (slides), after Boizot, Busvelle, Gauthier 2010; the window and the hysteresis are
+ours.
 """
 
 from dataclasses import replace
@@ -59,11 +60,12 @@ def bank(
     innovation: Innovation | None = None,
     hysteresis: float | None = None,
 ) -> Observer:
-    """`count` copies of `member`, of which the one with the smallest innovation is the estimate.
+    """`count` copies of `member`, of which the one with the smallest innovation gives the estimate.
 
     Args: `count` at least 2; `period` T (s), a whole number of samples; `innovation` of the selection "window", a value
-    of `hgogen.innovation`, by default staggered predictors over .3 T; `hysteresis` in [.001, 1], a tunable gain: how
-    much smaller another innovation must be, by default .6 for "window", 1 for "newest".
+    of `hgogen.innovation`, by default staggered predictors over .3 T; `hysteresis` in [.001, 1], a tunable gain: the
+    ratio to the selected member's innovation below which another member is selected, by default .6 for "window", 1 for
+    "newest".
 
     Raises: `BadGain`; `BadPeriod` from `sample` for a period shorter than dt or no whole number of samples.
     """

@@ -6,7 +6,7 @@
 
 in the coordinates of `integrators`; sat clamps to the declared range of w_i. c_n is not used, and the error is of the
 order of mu = 1/l, never 0: about i mu w_i' for i >= 2 and the default alpha = (2, 1, .., 1), every pole at -l. Without
-samples the last rates are held. The paper's z are z_1 = v_1, z_2 = mu v_2, z_i = -v_i. Source: Khalil, "Cascade
+samples the last rates stay constant. The paper's z are z_1 = v_1, z_2 = mu v_2, z_i = -v_i. Source: Khalil, "Cascade
 high-gain observers in output feedback control", Automatica 80 (2017), for chains w_i' = w_(i+1); the rows c_1..c_(n-1)
 of a triangular form are an extension.
 """
@@ -69,12 +69,12 @@ def cascade(
     initial: Mapping[str, float] | Sequence[float] | None = None,
     accept: Iterable[str] = (),
 ) -> Observer:
-    """The cascade observer on a form of one output with constant a_i, at least two states, from the second on with
+    """The cascade observer on a form of one output with constant a_i and at least two states, all but the first with
     ranges.
 
     Args: `theta` = 1/mu >= 1; `gains` alpha (n), positive, or the n `poles` of the linear error core at theta = 1, at
     most one pair of them complex, by default all at -1; `initial` the plant's state; `accept` ids of refuted checks to
-    build on all the same.
+    ignore.
 
     Raises: `Refuted`; `BadPoles`; `BadGain` for theta < 1, gains of another length or not positive, a state without a
     range, or a form that is no chain of at least two integrators.
@@ -124,7 +124,7 @@ def cascade(
 
 
 def _alpha(n: int, gains: Any, poles: Any) -> np.ndarray:
-    """alpha (n); the pair of the first two states takes the complex poles, or the fastest."""
+    """Return alpha (n); the complex poles, or else the two fastest, belong to the first two states."""
     if gains is not None and poles is not None:
         raise BadGain("cascade", "takes gains or poles, not both; leave one out")
     if poles is None:
@@ -140,7 +140,8 @@ def _alpha(n: int, gains: Any, poles: Any) -> np.ndarray:
 
 
 def _field(chain: Integrators, slopes: np.ndarray, initial: Mapping[str, float] | Sequence[float] | None) -> Field:
-    """The field v (n), at rest with xhat = w(0); v_i keeps to the outer box of w_(i-1), v_2 to that of w_1'."""
+    """Return the field v (n), in equilibrium with xhat = w(0); the box of v_i is the outer box of w_(i-1), that of v_2
+    of w_1'."""
     w, n = chain.field(initial, float(slopes[0])), chain.n
     u = column(map(resting, chain.form.system.inputs))
     c = numbers(chain.nonlinear(ca.SX(ca.DM(w.initial)), u), of_form(chain.form)).reshape(-1)

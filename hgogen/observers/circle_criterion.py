@@ -2,11 +2,12 @@
 
     z' = A z + b(sat(z + N_theta (y - C z)), u) + diag(theta, .., theta^n) K (y - C z),   N_theta = (theta^(j-1) N_j)
 
-on chains with constant a_i. What slopes of b read of the error is J (I - N C) e in the place of J e: with N_1 = 1/a_1
-and no more, b reads the sample in the place of z_1, and its slopes in z_1 are gone; other N, such as those of
-`hg.design.gain` with an `argument`, make the slopes that are left smaller. Noise enters b for it. At theta = 1 it is
-the observer of Arcak, Kokotovic, "Nonlinear observers: a circle criterion design and robustness analysis", Automatica
-37 (2001), (5), with b clamped; powers of theta keep what is proved at one theta for every larger one.
+on chains with constant a_i. With J = db/dz the error equation contains J (I - N C) e instead of J e. For N_1 = 1/a_1
+and N_j = 0 otherwise, b reads the sample instead of z_1, and its partial derivative in z_1 has no effect on the error.
+Other N, such as those of `hg.design.gain` with an `argument`, reduce the effect of the other partial derivatives. In
+return, measurement noise enters b. At theta = 1 it is the observer of Arcak, Kokotovic, "Nonlinear observers: a circle
+criterion design and robustness analysis", Automatica 37 (2001), (5), with b clamped. With the powers of theta, a proof
+at one theta is valid for every larger one.
 """
 
 from collections.abc import Iterable, Mapping, Sequence
@@ -67,13 +68,13 @@ def circle_criterion(
 
     Checks: `circle_criterion.convergence` (a bound on theta is proved), `circle_criterion.theta` (theta is above it).
 
-    Args: `theta` > 0; `poles` (n) of A - K C, or `gains` K (n), of several chains a sequence of such, or a matrix (n,
-    q) of gains, as `high_gain` takes them; `argument` N (n), of several chains likewise, in units of a state over those
-    of the output, up to 1e15, by default 1/a_1 in the row of each chain's first state and 0 elsewhere: b then reads the
-    sample; `initial` the plant's state; `accept` ids of refuted checks to build on all the same.
+    Args: `theta` > 0; `poles` (n) of A - K C, or `gains` K (n), of several chains a sequence of these, or a matrix (n,
+    q) of gains, as in `high_gain`; `argument` N (n), of several chains likewise, in units of a state over those of the
+    output, up to 1e15, by default 1/a_1 in the row of each chain's first state and 0 elsewhere: b then reads the
+    sample; `initial` the plant's state; `accept` ids of refuted checks to ignore.
 
     Raises: `Refuted`; `BadPoles`; `NotHurwitz`; `BadGain` for theta <= 0, gains of another length, or a form that has
-    no chains or an a_i that moves with an input.
+    no chains or an a_i that depends on an input.
     """
     accept = founded("circle_criterion", form, accept)
     high, dynamics = any_theta(theta), Dynamics(form)
@@ -108,7 +109,7 @@ def circle_criterion(
 
 
 def _entries(form: Form, argument: Any) -> tuple[sp.Expr, ...]:
-    """The entries of N, exact. Raises: `BadGain`."""
+    """Return the exact entries of N. Raises: `BadGain`."""
     if argument is None:
         return sample_in_place(form)
     if isinstance(argument, Sequence | np.ndarray) and len(argument) == 0:
@@ -122,13 +123,13 @@ def _entries(form: Form, argument: Any) -> tuple[sp.Expr, ...]:
 
 
 def _part(dynamics: Dynamics, K: ScaledGain, N: ScaledGain, z: Field) -> Ode:
-    """z' = A z + K (y - C z - offset), and b at z + N (y - C z - offset)."""
+    """Return z' = A z + K (y - C z - offset) + b, with b at z + N (y - C z - offset)."""
     form, weights = dynamics.form, weighted(dynamics.form, None)
 
-    def rest(values: Mapping[str, Graph], u: Graph, y: Graph, valid: Graph) -> dict[str, Graph]:
+    def remainder(values: Mapping[str, Graph], u: Graph, y: Graph, valid: Graph) -> dict[str, Graph]:
         z = values["z"]
         e = mean(form, weights, y - dynamics.output(z, u), valid)
         return {"z": dynamics.nonlinear(z + N.onto(e, dynamics.n), u)}
 
-    part = injected_chains(dynamics, K, weights, rest)
+    part = injected_chains(dynamics, K, weights, remainder)
     return replace(part, fields=(z,), derived=(K.field, N.field), tune=(K.tuned(form), N.tuned(form)))

@@ -1,10 +1,10 @@
-"""Dead-zone high-gain observer: an output error that stays small, as noise does, is not injected.
+"""Dead-zone high-gain observer: a persistently small output error, such as noise, is not injected.
 
     w' = A w + c(w, u) + diag(theta, .., theta^n) K (e - sat e),   e = y - w_1,   |sat e| <= sqrt sigma
     sigma' = theta (-lambda sigma + r e^2),   sigma >= 0,   0 < r < lambda
 
-in the coordinates of `integrators`, the argument of c saturated to the declared box; l of the paper is theta. At a
-constant e sigma tends to (r/lambda) e^2: without r < lambda nothing would ever be injected. Source: Astolfi,
+in the coordinates of `integrators`, the argument of c saturated to the declared box; theta is l of the paper. For a
+constant e, sigma tends to (r/lambda) e^2: without r < lambda no constant error would be injected. Source: Astolfi,
 Alessandri, Zaccarian, "Stubborn and dead-zone redesign for nonlinear observers and filters", IEEE TAC 66(2) (2021).
 """
 
@@ -58,8 +58,8 @@ def dead_zone(
     `dead_zone.convergence` (a bound on theta is proved), `dead_zone.theta` (theta is above it).
 
     Args: `theta` >= 1; `decay` lambda > 0 and `r`, 0 < r < lambda, both without unit; `poles` (n) of A - K C, or
-    `gains` K (n) in their place; `sigma` its value at the start >= 0 (y^2); `initial` the plant's state; `accept` ids
-    of refuted checks to build on all the same.
+    `gains` K (n) in their place; `sigma` sigma(0) >= 0 (y^2); `initial` the plant's state; `accept` ids of refuted
+    checks to ignore.
 
     Raises: `Refuted`; `BadPoles`; `NotHurwitz`; `BadGain` for r >= decay, other numbers that do not fit, or a form that
     is no chain of integrators.

@@ -1,4 +1,4 @@
-"""High-gain observer whose output injection goes through low-pass filters: 2n states, no power of the gain above 2.
+"""High-gain observer with low-pass filters in its output injection: 2n states, no power of the gain above 2.
 
     x_i' = x_(i+1) + c_i(x, u) + l_i eta_i                     i = 1, .., n, x_(n+1) = 0
     eta_1' = -k alpha eta_1 + k^2 beta (y - x_1)
@@ -82,10 +82,10 @@ def filtered(
 
     Checks: `filtered.convergence` (a bound on theta is proved), `filtered.theta` (theta is above it).
 
-    Args: `theta` > 0, the paper's k; `alpha`, `beta` > 0 of the filters, which decay at theta alpha; `poles` (n) of
-    A - L C inside the parabola, or `gains` L (n) in their place; `initial` the plant's state; `saturate`
-    limits of b in value, by the state whose row it is in, and `arguments` whether its argument is clamped as well;
-    `accept` ids of refuted checks to build on all the same.
+    Args: `theta` > 0, the paper's k; `alpha`, `beta` > 0 of the filters, whose rate is theta alpha; `poles` (n) of
+    A - L C inside the parabola, or `gains` L (n) in their place; `initial` the plant's state; `saturate` limits of the
+    values of b, by the state of the row, and `arguments` whether its argument is clamped as well; `accept` ids of
+    refuted checks to ignore.
 
     Raises: `Refuted`; `BadPoles`; `OutsideParabola` with the ratio alpha^2/beta that admits the poles; `NotHurwitz` for
     gains whose core does not decay; `BadGain` for other numbers that do not fit, or a form that is no chain of
@@ -103,10 +103,10 @@ def filtered(
         source = ca.vertcat(valid * (y - w[0]), *(eta[i] for i in range(n - 1)))
         return {"w": shifted(w) + ca.DM(L) * eta, "eta": level * (level * (b * source) - a * eta)}
 
-    def rest(values: Mapping[str, Graph], u: Graph, y: Graph, valid: Graph) -> dict[str, Graph]:
+    def remainder(values: Mapping[str, Graph], u: Graph, y: Graph, valid: Graph) -> dict[str, Graph]:
         return {"w": chain.nonlinear(values["w"], u), "eta": ca.SX(n, 1)}
 
-    part = Ode(fields, rest, linear, chain.offset)
+    part = Ode(fields, remainder, linear, chain.offset)
     estimate, filters = tuple(range(n)), tuple(range(1, n + 1))
     layout = Layout(2 * estimate, estimate + filters, (True,) * n + (False,) * n, estimate)
     core, measured = core_at_one(part)
@@ -128,7 +128,7 @@ def filtered(
 
 
 def _gains(poles: Any, gains: Any, n: int, alpha: float, beta: float) -> np.ndarray:
-    """L (n), of which M is Hurwitz."""
+    """Return L (n) with a Hurwitz M."""
     if (poles is None) == (gains is None):
         raise BadGain("filtered", "takes either the poles of A - L C or the gains L; give one of the two")
     if gains is None:

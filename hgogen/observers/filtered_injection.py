@@ -1,13 +1,14 @@
-"""High-gain observer whose output injection goes through a linear filter of the user's.
+"""High-gain observer with a linear filter in its output injection, which the user supplies.
 
     x' = A x + c(x, u) + D N H eta,   eta' = k F eta + k G (y - x_1),   D = diag(k, .., k^n),   k = theta
 
 in the coordinates of `integrators` (A the shift), the argument of c saturated to the declared box; eta (m) of any size.
 The linear error core is similar to k Q, Q = [[A, N H], [-G C, F]], which must be Hurwitz. With F = -(alpha I - k beta
 A'), N = D^-1, H = diag L, G = k beta C' it is the observer `filtered` (the paper prints the opposite sign of F, which
-does not decay); so it is with numbers free of k, F = -alpha I + beta A', N = I, H = diag L, G = beta C': Q is then the
-M of `gains`. Source: Astolfi, Jungers, Zaccarian, "Output injection filtering redesign in high-gain observers", ECC
-2018, (18), (19), Theorem 2, with c_n alone; the rows c_1..c_(n-1) of a triangular form are an extension.
+does not decay). The same observer results from numbers free of k, F = -alpha I + beta A', N = I, H = diag L, G = beta
+C': Q is then the M of `gains`. Source: Astolfi, Jungers, Zaccarian, "Output injection filtering redesign in high-gain
+observers", ECC 2018, (18), (19), Theorem 2, with c_n alone; the rows c_1..c_(n-1) of a triangular form are an
+extension.
 """
 
 import math
@@ -53,7 +54,7 @@ Matrix = Sequence[Sequence[float]] | np.ndarray
 
 
 def _starting(scale: Scale) -> Gains:
-    """A filter of n states, each a third of the one before and behind it, three times as fast as the core."""
+    """Return a filter of n first-order lags in series, each with the gain 1/3 and three times as fast as the core."""
     n, third = scale.n, two(scale.corner / 3)
     F = -scale.corner * np.eye(n) + third * np.eye(n, k=-1)
     H = np.diag([math.comb(n, i) for i in range(1, n + 1)])
@@ -77,14 +78,14 @@ def filtered_injection(
     arguments: bool = True,
     accept: Iterable[str] = (),
 ) -> Observer:
-    """The observer with a filter of the user's in its output injection, on a form of one output with constant a_i.
+    """The observer with a user-supplied filter in its output injection, on a form of one output with constant a_i.
 
     Checks: `filtered_injection.convergence` (a bound on theta is proved), `filtered_injection.theta` (theta is above
     it).
 
     Args: `theta` > 0, the paper's k; `F` (m, m), `G` (m), `H` (n, m) of the filter, `N` (n, n), by default the unit
-    matrix; `initial` the plant's state; `saturate` limits of b in value, by the state whose row it is in, and
-    `arguments` whether its argument is clamped as well; `accept` ids of refuted checks to build on all the same.
+    matrix; `initial` the plant's state; `saturate` limits of the values of b, by the state of the row, and `arguments`
+    whether its argument is clamped as well; `accept` ids of refuted checks to ignore.
 
     Raises: `Refuted`; `NotHurwitz` where Q is not; `BadGain` for theta <= 0, matrices that do not fit, or a form that
     is no chain of integrators.
@@ -107,14 +108,14 @@ def filtered_injection(
             "eta": level * (_sparse(filter_) @ eta + _sparse(source) * (valid * (y - w[0]))),
         }
 
-    def rest(values: Mapping[str, Graph], u: Graph, y: Graph, valid: Graph) -> dict[str, Graph]:
+    def remainder(values: Mapping[str, Graph], u: Graph, y: Graph, valid: Graph) -> dict[str, Graph]:
         return {"w": chain.nonlinear(values["w"], u), "eta": ca.SX(m, 1)}
 
     error = injected(chain, filter_, source, pushed)
     return observer_on(
         chain,
         "filtered_injection",
-        parts=(Ode(fields, rest, linear, chain.offset),),
+        parts=(Ode(fields, remainder, linear, chain.offset),),
         gains=(high,),
         w=sym("state", "w", n),
         theorem=THEOREM,
@@ -142,7 +143,7 @@ def _matrix(name: str, value: Any, shape: tuple[int, ...]) -> np.ndarray:
 
 
 def _printed(matrix: np.ndarray) -> str:
-    """A matrix for a banner, row by row."""
+    """Return the text of a matrix for a banner, row by row."""
     return f"({', '.join(map(listed, matrix))})"
 
 

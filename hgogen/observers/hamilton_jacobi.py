@@ -1,15 +1,15 @@
-"""Minimum-energy estimator of Hamilton-Jacobi theory, its value function closed after second order.
+"""Minimum-energy estimator of Hamilton-Jacobi theory, with a value function truncated after second order.
 
     minimise  |xhat(0) - x0|^2_P0 + integral of |xhat' - f(xhat)|^2_Q + |y - h(xhat)|^2_R
     xhat' = f + Pi^-1 h_x'R (y - h)
     Pi'   = -Pi f_x - f_x'Pi - Pi Q^-1 Pi + h_x'R h_x - s sum_j R_j (y_j - h_j) d2h_j,    Pi(0) = P0
 
-2 Pi is the Hessian of the value function at its minimum xhat; its third derivatives are left out, which is exact for a
+2 Pi is the Hessian of the value function at its minimum xhat; its third derivatives are neglected, which is exact for a
 linear model. Q, R, P0 are weights, the inverses of a Kalman filter's covariances: without the last term the estimator
 is the extended Kalman filter with Q^-1, R^-1, P0^-1, and every method for its covariance P = Pi^-1 serves. The last
-term can take all of Pi; 0 <= s <= 1 keeps it positive definite (`stepping.discretise`). Source: Alessandri, "On
-Hamilton-Jacobi approaches to state reconstruction for dynamic systems", Mathematical Problems in Engineering (2020),
-(3), (18).
+term could make Pi indefinite; the factor 0 <= s <= 1 keeps it positive definite (`stepping.discretise`). Source:
+Alessandri, "On Hamilton-Jacobi approaches to state reconstruction for dynamic systems", Mathematical Problems in
+Engineering (2020), (3), (18).
 """
 
 from collections.abc import Iterable
@@ -57,7 +57,7 @@ LIMITED = Bit(
 
 
 def _starting(scale: Scale) -> Gains:
-    """The inverses of a Kalman filter's."""
+    """Return the inverses of the starting gains of a Kalman filter."""
     return {"Q": scale.density(-1), "P0": scale.start(-1), "R": scale.variance(-1)}
 
 
@@ -78,10 +78,10 @@ def hamilton_jacobi(
 
     Args: weights by the names of the form's coordinates, or in their order: `Q` of the model's error, diagonal (n) or
     symmetric positive definite (n, n), unit s/z^2; `R` positive, one for each output, unit 1/(y^2 s) (for white noise
-    of variance v per sample, R = 1/(v dt)); `P0` of the first error, as Q is given, unit 1/z^2, default the unit
-    matrix. `curvature`: the largest rate (1/s) at which the outputs' second derivatives may change Pi; 0 leaves them
-    out; with them every method integrates (z, Pi) or (z, P) by a Runge-Kutta method. `initial` the plant's state;
-    `accept` ids of refuted checks to build on all the same.
+    of variance v per sample, R = 1/(v dt)); `P0` of the initial error, in the same format as Q, unit 1/z^2, default the
+    unit matrix. `curvature`: the largest rate (1/s) at which the outputs' second derivatives may change Pi; 0 omits
+    them. With them every method integrates (z, Pi) or (z, P) by a Runge-Kutta method. `initial` the plant's state;
+    `accept` ids of refuted checks to ignore.
 
     Checks: `hamilton_jacobi.quadratic` (proved for a model that is affine in the state, else unknown);
     `hamilton_jacobi.lipschitz` in coordinates other than the plant's states.

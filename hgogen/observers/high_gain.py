@@ -2,16 +2,15 @@
 
     z' = A z + b(sat z, u) + diag(theta, .., theta^n) K (y - C z)
 
-A - K C Hurwitz, by its poles or by the gains K given; for several outputs chain by chain, or of all chains at once by
-a matrix K. The argument of b is
-saturated to the declared box, the linear part never. On a plant in its own coordinates with the Jacobian of
-Phi = (h, L h, .., L^(n-1) h), forms.phase,
+A - K C is Hurwitz, with its poles or the gains K as arguments; for several outputs chain by chain, or with one matrix K
+for all chains. The argument of b is saturated to the declared box, the linear part is not. On a plant in its own
+coordinates with the Jacobian of Phi = (h, L h, .., L^(n-1) h) (forms.phase),
 
     z' = f(sat z, u) + (dPhi/dx)^-1(sat z, u, u', ..) diag(theta, .., theta^n) K (y - h(z, u)),
 
 without correction where |det dPhi/dx| is at most `singular` times its largest value on the box. Source: Gauthier,
-Hammouri, Othman 1992; in the form of Astolfi, Jungers, Zaccarian 2018, (3). To Boizot, Busvelle, Gauthier 2010, remark
-1, an A(u) is beyond a constant gain; with one quadratic function for the range of its a_i it is not
+Hammouri, Othman 1992; in the form of Astolfi, Jungers, Zaccarian 2018, (3). Boizot, Busvelle, Gauthier 2010, remark 1,
+exclude an A(u) for a constant gain; here one quadratic Lyapunov function for the ranges of the a_i admits it
 (`prove.convergence`).
 """
 
@@ -86,15 +85,15 @@ def high_gain(
     Checks: `high_gain.convergence` (a bound on theta is proved), `high_gain.theta` (theta is above it);
     `high_gain.lipschitz` in coordinates other than the plant's states (b on the whole box of z).
 
-    Args: `theta` > 0; `poles` (n) of A - K C, negative real parts, the observer's linear core has them times theta,
-    for a_i free of inputs; or `gains` K (n), for any a_i in ranges, such as hg.design.constant_gain(form); of several
-    chains either is a sequence of such, one for each, and gains may be a matrix (n, q), each of whose rows acts on the
-    errors of all q chains' outputs, that of a row in the chain k times theta^(p(row) - p(k) + 1), theta^j of aligned
-    tops; `initial` the plant's state; `saturate` limits of b in value, by
-    the state whose row it is in, and `arguments` whether its argument is clamped as well; `singular` (0..1) switches
-    the correction off near a zero of det dPhi/dx, where that is not proved to have none; `weights` of outputs that show
-    the same state in the mean of their errors, by name (1 for one that is not named): of noise that is 1/v_j, v_j its
-    variance in the unit of the first; `accept` ids of refuted checks to build on all the same.
+    Args: `theta` > 0; `poles` (n) of A - K C with negative real parts, for a_i free of inputs (the poles of the
+    observer's linear core are theta times these); or `gains` K (n), for any a_i in ranges, such as
+    hg.design.constant_gain(form). For several chains either is a sequence, one entry for each chain, or `gains` is a
+    matrix (n, q): each row acts on the errors of all q chains' outputs, the entry of chain k times
+    theta^(p(row) - p(k) + 1), which is theta^j with aligned tops. `initial` the plant's state; `saturate` limits of the
+    values of b, by the state of the row, and `arguments` whether its argument is clamped as well; `singular` (0..1)
+    switches the correction off near a zero of det dPhi/dx, unless it is proved to have none; `weights`, by name,
+    default 1, in the mean error of outputs that measure the same state: 1/v_j is optimal for noise of variance v_j in
+    the unit of the first; `accept` ids of refuted checks to ignore.
 
     Raises: `Refuted`; `BadPoles`; `NotHurwitz` for gains that do not decay at the ends of the ranges of the a_i;
     `BadGain` for theta <= 0, gains of another length, a form that has no chains, or poles on an A(u).
@@ -145,53 +144,53 @@ def high_gain(
 
 
 def _means(form: Form, weights: Any) -> Iterator[str]:
-    """Lines on outputs of one state, and on those that enter nowhere."""
+    """Return lines on the outputs that measure the same state, and on those that are not used."""
     names, numbers = [y.name for y in form.system.outputs], weighted(form, weights)
     for chain in (chain for chain in shown(form) if len(chain) > 1):
         weighed = (f"{numbers[each.output]:g} {names[each.output]}" for each in chain)
         lead = names[chain[0].output]
         yield f"y - C z of {lead}: the mean of {', '.join(weighed)}, by weight, of the samples that are there"
-    if rest := [names[j] for j in unused(form)]:
-        yield f"{', '.join(rest)} {'has' if len(rest) == 1 else 'have'} no chain, and no part in the correction"
+    if spare := [names[j] for j in unused(form)]:
+        yield f"{', '.join(spare)} {'has' if len(spare) == 1 else 'have'} no chain, and no part in the correction"
 
 
 def _part(dynamics: Dynamics, chosen: ConstantGain, theta: float, least: float | None, weights: Sequence[float]) -> Ode:
-    """z' = A z + K (y - C z - offset), and b, where the core is constant."""
+    """Return z' = A z + b + K (y - C z - offset), with a constant core."""
     if dynamics.form.jacobian is not None:
         return _in_original(dynamics, least, theta, np.array(chosen.K.values, dtype=float))
     if chosen.driven:
         return _driven(dynamics, chosen, theta, weights)
 
-    def rest(values: Mapping[str, Graph], u: Graph, y: Graph, valid: Graph) -> dict[str, Graph]:
+    def remainder(values: Mapping[str, Graph], u: Graph, y: Graph, valid: Graph) -> dict[str, Graph]:
         return {"z": dynamics.nonlinear(values["z"], u)}
 
-    return injected_chains(dynamics, chosen.K, weights, rest)
+    return injected_chains(dynamics, chosen.K, weights, remainder)
 
 
 def _driven(dynamics: Dynamics, chosen: ConstantGain, theta: float, weights: Sequence[float]) -> Ode:
-    """z' = A(u) z + b + K (y - C(u) z - offset): the core moves with the input."""
+    """Return z' = A(u) z + b + K (y - C(u) z - offset), whose core varies with the input."""
 
-    def rest(values: Mapping[str, Graph], u: Graph, y: Graph, valid: Graph) -> dict[str, Graph]:
+    def remainder(values: Mapping[str, Graph], u: Graph, y: Graph, valid: Graph) -> dict[str, Graph]:
         z = values["z"]
         e = mean(dynamics.form, weights, y - dynamics.output(z, u), valid)
         return {"z": dynamics.flow(z, u) + chosen.K.onto(e, dynamics.n)}
 
-    return Ode((), rest, core=theta * chosen.vertices)
+    return Ode((), remainder, core=theta * chosen.vertices)
 
 
 def _in_original(dynamics: Dynamics, least: float | None, theta: float, p: np.ndarray) -> Ode:
-    """z' = f(sat z, u) + (dPhi/dx)^-1 K (y - h); the core is that of the phase coordinates."""
+    """Return z' = f(sat z, u) + (dPhi/dx)^-1 K (y - h), with the core of the phase coordinates."""
     n = dynamics.n
 
-    def rest(values: Mapping[str, Graph], u: Graph, y: Graph, valid: Graph) -> dict[str, Graph]:
+    def remainder(values: Mapping[str, Graph], u: Graph, y: Graph, valid: Graph) -> dict[str, Graph]:
         push = dynamics.pulled(sym("derived", "K", n), values["z"], u, least)
         return {"z": dynamics.flow(values["z"], u) + push * (valid * (y - dynamics.output(values["z"], u)))}
 
-    return Ode((), rest, core=theta * (np.diag(np.ones(n - 1), 1) - np.outer(p, np.eye(n)[0])))
+    return Ode((), remainder, core=theta * (np.diag(np.ones(n - 1), 1) - np.outer(p, np.eye(n)[0])))
 
 
 def _least(dynamics: Dynamics, share: float) -> float | None:
-    """The |det dPhi/dx| up to which there is no correction; None where it is proved to have no zero."""
+    """Return the |det dPhi/dx| up to which there is no correction; None where it is proved to have no zero."""
     share = real("singular", share)
     if not 0 <= share <= 1:
         raise BadGain(f"singular = {share!r}", "must be a share, from 0 to 1")

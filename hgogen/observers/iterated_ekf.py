@@ -3,8 +3,8 @@
     minimise  |z+ - z|^2_(P^-1) + (y - h(z+))^2 h/R   at each sample, in passes from z on, by halved steps where needed
     P <- P - K c P,  K = P c'/(R/h + c P c'),  c = dh/dz at z+
 
-Between samples it is the extended Kalman filter, and so it is for outputs linear in the state. A comparator for
-`riccati`, of the same Q, R and P(0), where an output bends within what the estimate may be off. Source: Bell, Cathey,
+Between samples, and for outputs linear in the state, it is the extended Kalman filter. Compare it with `riccati` at the
+same Q, R and P(0) where an output is strongly nonlinear over the size of the estimation error. Source: Bell, Cathey,
 "The iterated Kalman filter update as a Gauss-Newton method", IEEE TAC 38 (1993).
 """
 
@@ -56,8 +56,8 @@ def iterated_ekf(
 ) -> Observer:
     """The iterated extended Kalman filter of `form`, of up to 7 states.
 
-    Args: `Q`, `R`, `initial`, `covariance` as in `riccati`; `passes`, from 1 to 10, of each sample of an output that is
-    not linear in the state; `accept` ids of refuted checks to build on all the same.
+    Args: `Q`, `R`, `initial`, `covariance` as in `riccati`; `passes` (1 to 10) of Gauss-Newton for each sample of an
+    output that is not linear in the state; `accept` ids of refuted checks to ignore.
 
     Raises: `Refuted` for a refuted hypothesis that is not accepted; `BadGain`; `BadNames`; `Singular` for a model
     whose Jacobian is finite nowhere.

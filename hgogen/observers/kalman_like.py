@@ -4,31 +4,31 @@
     S' = -rho (S - S_0) - A' S - S A + C' R^-1 C - S Q_0 S,   Q_0 = q rho S_0^-1,   q = 1e-14
     P = S^-1:   P' = rho (P - P S_0 P) + A P + P A' + Q_0 - P C' R^-1 C P
 
-(e' S e)' = -rho (e' S e - e' S_0 e) - |C e|^2/R - e' S Q_0 S e whatever the plant does: e' S e decays like
-exp(-rho (1 - s) t) or faster, s the largest eigenvalue of S_0 P. By Q_0 S loses at most as if the past were forgotten
-at rho (1 + q w), w the largest eigenvalue of S_0^-1 S; at that rate its equation is linear, and S at least what the
-samples show plus what S_0 leaves. Where the input is regularly persistent the first stays above a multiple a of the
-unit matrix, s below |S_0|/a, and if that is below 1, |e| decays like exp(-rho (1 - s) t/2) from any initial state. No
-gain needs to be large, and no a_i needs to keep off zero.
+For every trajectory (e' S e)' = -rho (e' S e - e' S_0 e) - |C e|^2/R - e' S Q_0 S e: e' S e decays like exp(-rho
+(1 - s) t) or faster, where s is the largest eigenvalue of S_0 P. The effect of Q_0 on S is at most that of forgetting
+at the rate rho (1 + q w), where w is the largest eigenvalue of S_0^-1 S. At that constant rate the equation of S is
+linear, and S is at least the Gramian of the samples plus the contribution of S_0. Where the input is regularly
+persistent, that Gramian is at least a multiple a of the unit matrix and s <= |S_0|/a; if this is below 1, |e| decays
+like exp(-rho (1 - s) t/2) from any initial state. No gain needs to be large, and an a_i may be zero.
 
-The source has S_0 = 0, with which P grows like exp(rho t) where the input or a silence hides a state. Here S_0 is the
-inverse of the squares of the outer box's half-widths, far below S where the input shows the state: a sample of every
-state, equal to the estimate, that tells rho S_0 a second. Unseen, S_0^1/2 P S_0^1/2 stays below
-max(initial, 1 + q + 2 max(mu, 0)/rho), mu the largest logarithmic norm of M = S_0^1/2 A S_0^-1/2, and keeps the
-correlation that A gives it. The status COVARIANCE_LIMITED is set where sum_i P_ii S_0ii, which is at least s, is above
-1/2: unset, s < 1 at that sample. At first s is at most 1/4.
+The source has S_0 = 0, with which P grows like exp(rho t) where the input or missing samples make a state unobservable.
+Here S_0 is the inverse of the squares of the outer box's half-widths, far below S where the state is observable. S_0
+acts like a sample of every state that equals the estimate, with the information rho S_0 per second. Without
+observability S_0^1/2 P S_0^1/2 stays below max(initial, 1 + q + 2 max(mu, 0)/rho), where mu is the largest logarithmic
+norm of M = S_0^1/2 A S_0^-1/2, and P keeps the correlations due to A. The status COVARIANCE_LIMITED is set where sum_i
+P_ii S_0ii, which is at least s, is above 1/2; where it is not set, s < 1 at that sample. Initially s is at most 1/4.
 
-The source has Q_0 = 0, with which S grows without bound in what the plant contracts faster than exp(-rho t/2), and P
-loses its rank in any real number's digits. With it w stays below max(initial, max(x, 0)/q + sqrt((1 + m)/q)),
-x = 2 nu/rho - 1, nu the largest logarithmic norm of -M and rho m the largest eigenvalue of S_0^-1/2 C' R^-1 C
-S_0^-1/2: no eigenvalue of S_0^1/2 P S_0^1/2 falls below 1/w. A step leaves no D_i of P = L D L' below h Q_0ii,
-whatever it rounds, for Gram-Schmidt on [Phi L, I] leaves the unit matrix a unit triangle. q is the squared rounding of
-a float: what Q_0 adds is far below P where the input shows the state.
+The source has Q_0 = 0, with which S grows without bound in modes that decay faster than exp(-rho t/2), and P becomes
+singular in floating-point arithmetic. With Q_0, w stays below max(initial, max(x, 0)/q + sqrt((1 + m)/q)), x = 2
+nu/rho - 1, where nu is the largest logarithmic norm of -M and rho m the largest eigenvalue of S_0^-1/2 C' R^-1 C
+S_0^-1/2: no eigenvalue of S_0^1/2 P S_0^1/2 falls below 1/w. After a step no D_i of P = L D L' is below h Q_0ii
+whatever the rounding, since Gram-Schmidt on [Phi L, I] turns the unit matrix into a unit triangular one. q is the
+squared rounding unit of a float: Q_0 adds far less than P where the state is observable.
 
-Of what the plant contracts so fast P is small, seen or not, with x > 0 about q/x of S_0^-1 in silence: after a jump of
-the plant the error in it goes hardly faster than by the plant itself, and what it did to other states is forgotten
-like exp(-rho t/2). A rho above twice the rate of every such mode keeps them all. The measurement enters A and b as it
-is, with its noise.
+In modes that decay so fast, P is small with or without samples: about q/x of S_0^-1 without samples, for x > 0. After a
+jump of the plant the error in such a mode decays hardly faster than in the plant, and its effect on other states decays
+like exp(-rho t/2). A rho above twice the rate of every mode avoids this. A and b read the measurement without filtering
+its noise.
 
 Source: H. Hammouri, J. de Leon Morales, "Observer synthesis for state-affine systems", 29th IEEE CDC (1990); G.
 Besancon, G. Bornard, H. Hammouri, European Journal of Control 2 (1996), for the output injection; M. Salgado, G.
@@ -61,7 +61,7 @@ EQUATIONS = (
     "z' = A(u, y) z + b(u, y) + S^-1 C' R^-1 (y - C z - d)",
     "S' = -rho (S - S_0) - A' S - S A + C' R^-1 C - S Q_0 S,   P = S^-1",
 )
-SHARE = 1e-14  # q: the squared rounding of a float
+SHARE = 1e-14  # q: the squared rounding unit of a float
 PERSISTENCE = ClaimId("kalman_like", "persistence")
 GRAMIAN = ClaimId("kalman_like", "gramian")
 THEOREM = Theorem(
@@ -115,15 +115,16 @@ def kalman_like(
 ) -> Observer:
     """The Kalman-like observer of `forms.state_affine(plant)`, any number of outputs.
 
-    Args: `rho` > 0 (1/s), the rate at which the past is forgotten; `R` positive, one for each output, unit y^2 s: the
-    noise's own (for white noise of variance v per sample, v dt), so that P can be told from S_0^-1; `inputs`, `period`:
-    the inputs as they will be, where that is known, for the check of persistence (see `estimators.persistence`; a
-    record is judged by `hgogen.excitation`); `window` (s), of which the least that it shows is bounded, by default that
-    period, or 1/rho where A and C do not move; `initial` the plant's state; `covariance` P(0), diagonal (n) or (n, n),
-    by the names of the states or in their order, default the squares of the half-widths of the ranges, 1 without one;
-    `accept` ids of refuted checks to build on all the same.
+    Args: `rho` > 0 (1/s), the forgetting rate; `R` positive, one for each output, unit y^2 s: that of the noise (for
+    white noise of variance v per sample, v dt), so that P is distinct from S_0^-1; `inputs`, `period`: the future
+    inputs, where they are known, for the check of persistence (see `estimators.persistence`; `hgogen.excitation`
+    analyses measured data); `window` (s) of the Gramian whose smallest eigenvalue is bounded, by default that period,
+    or 1/rho where A and C are constant; `initial` the plant's state; `covariance` P(0), diagonal (n) or (n, n), by the
+    names of the states or in their order, default the squares of the half-widths of the ranges, 1 without one; `accept`
+    ids of refuted checks to ignore.
 
-    Checks: `kalman_like.persistence`; `kalman_like.gramian`, how much every window of the course shows at least.
+    Checks: `kalman_like.persistence`; `kalman_like.gramian`, a lower bound of the observability Gramian over every
+    window of the inputs.
 
     Raises: `Refuted`; `BadGain`; `BadNames`.
     """
@@ -138,7 +139,7 @@ def kalman_like(
     dynamics, z = Dynamics(form), state_field(form, initial, 1.0)
     half = np.array([(s.interval[1] - s.interval[0]) / 2 if s.bounded else 1.0 for s in form.states])
     start = spd("covariance", half**2 if covariance is None else by_coordinate("covariance", covariance, form), n)
-    # the diagonal of S_0^-1: the square of the outer box's half-width, without a range 1e12 P(0), but large enough that
+    # the diagonal of S_0^-1: the square of the outer box's half-width, 1e12 P(0) without a range, raised until
     # no eigenvalue of S_0 P(0) is above 1/4
     variance, outer = np.diag(start), np.array([(high - low) / 2 for low, high in z.box])
     correlated = np.linalg.eigvalsh(start / np.outer(np.sqrt(variance), np.sqrt(variance)))[-1]

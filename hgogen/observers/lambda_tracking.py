@@ -6,25 +6,27 @@
     k <- max(k/2, k_0)  once |e| <= lambda over a time in which the integral of k is 2 ln(100 r)/mu,
                         at most N = ceil(log2(k_max/k_0)) times after an |e| that was far by a fault
 
-on the phase form x_i' = x_(i+1), x_n' = phi(x, u, u', ..), y = x_1; the estimate in the plant's states goes through the
-inverse of the form, and rests where that is no number. Without phi the error is of order 1/k and never 0:
+on the phase form x_i' = x_(i+1), x_n' = phi(x, u, u', ..), y = x_1. The estimate of the plant's states is the inverse
+of the form at xhat, and stays constant where the inverse is not finite. Without phi the error is of order 1/k and never
+0:
 
     limsup |x_i - xhat_i| <= 2 mu |P| sqrt(cond P)/k(0)^(n+1-i),   |phi| <= mu,   A'P + P A = -I,  A = [shift - p C]
 
-The gain of the paper never falls, so that what one fault has raised amplifies the noise for ever. Here it falls by
-halves when the error has stayed in the strip for twice the time in which the core at k, whose slowest rate is k mu,
-brings an error as wide as the outer box, r times the declared one, down to a hundredth. It does so only after a fault:
-an error that is far, beyond lambda_hat, or beyond twice the strip and a tenth of what y can span, once it has been in
-the strip while the integral of k grew by 1/mu, or once errors that are far have changed their sign TURNS times, as
-those of wild samples from the start do: an error on its way from the start changes it n - 1 times where the core's
-poles are real, and has decayed by exp(-TURNS pi z/sqrt(1 - z^2)) where they have the damping ratio z. The gain falls no
-more often for each than it takes from k_max to k_0. Without such an error the law is the paper's, and after the last
-one the theorem holds from the last fall on. A phi that grows again after long calms, or that asks for the gain from
-which it has just fallen, makes such errors without any fault: then the gain may rise and fall for ever.
+The gain of the paper never falls, so that one fault amplifies the noise for ever. Here the gain is halved when the
+error has stayed in the strip for twice the settling time of the core at k: the time in which its slowest rate k mu
+reduces an error as wide as the outer box, r times the declared one, to a hundredth. It is halved only after a fault,
+and for each fault at most as often as it takes from k_max to k_0. A fault is a large error, beyond lambda_hat, or
+beyond twice the strip and a tenth of the range of y, after one of two conditions: the error has been in the strip while
+the integral of k grew by 1/mu; or large errors have changed their sign TURNS times, as those of spurious samples from
+the start do. The initial error changes its sign n - 1 times where the core's poles are real, and has decayed by
+exp(-TURNS pi z/sqrt(1 - z^2)) where they have the damping ratio z. Without a fault the law is that of the paper; after
+the last fault the theorem holds once the gain no longer falls. A phi that grows again after long periods at small
+values, or that requires the gain which was just halved, causes large errors without any fault: then the gain may rise
+and fall for ever.
 
 Source: Bullinger, Ilchmann, Allgoewer, "A simple adaptive observer for nonlinear systems", NOLCOS 1998, (2), (4), (5);
-the paper's (14) lacks the factor sqrt(cond P), which its own (11) brings in. The variant with phi, the cap k_max on the
-gain, which the length of a step asks for, and its fall are extensions.
+the paper's (14) lacks the factor sqrt(cond P), which its own (11) requires. The variant with phi, the cap k_max on the
+gain, which the step length requires, and the fall of the gain are extensions.
 """
 
 from collections.abc import Iterable, Mapping, Sequence
@@ -124,7 +126,8 @@ GROWN = replace(
 
 
 def _starting(scale: Scale) -> Gains:
-    """k from half of theta to ten times theta; an error as wide as the reading's range adds theta^2 a second to it."""
+    """Return k from half of theta to ten times theta; an error as large as the range of y raises it by theta^2 per
+    second."""
     y, strip, reach = scale.reading, two(scale.reading / 50), two(scale.reading / 2)
     moving = {"k_0": two(scale.theta / 2), "k_max": two(10 * scale.theta), "gamma": two((scale.theta / y) ** 2)}
     return moving | {"strip": strip, "reach": reach, "poles": scale.poles, "model": True}
@@ -158,13 +161,13 @@ def lambda_tracking(
     Checks: `lambda_tracking.phi` (phi is bounded on the box); `lambda_tracking.lipschitz` with `model`, in coordinates
     other than the plant's states.
 
-    Args: `k_0` the gain k(0) > 0 and `k_max` > k_0 its cap (1/s); `gamma` > 0 how fast it grows (1/(y^2 s^2));
-    `strip` lambda > 0 and `reach` lambda_hat > strip (unit of y); `gains` p (n), or `poles` (n) of s^n + p_1 s^(n-1) +
-    .. in their place; `initial` the plant's state, or `start` (n) the chain's own (y, y', ..) in its place; `accept`
-    ids of refuted checks to build on all the same.
+    Args: `k_0` the gain k(0) > 0 and `k_max` > k_0 its cap (1/s); `gamma` > 0 its adaptation rate (1/(y^2 s^2));
+    `strip` lambda > 0 and `reach` lambda_hat > strip (unit of y); `gains` p (n), or `poles` (n) of s^n + p_1
+    s^(n-1) + .. in their place; `initial` the plant's state, or `start` (n), (y, y', ..) of the chain; `accept` ids of
+    refuted checks to ignore.
 
     Raises: `Refuted`; `BadPoles`; `NotHurwitz`; `BadGain` for other numbers that do not fit, or a form that is no chain
-    of integrators, or has more than phi where there is no model.
+    of integrators, or, without `model`, has nonlinear terms other than phi.
     """
     accept = founded("lambda_tracking", form, accept, takes=integrators)
     declared = integrators("lambda_tracking", form)
@@ -176,7 +179,7 @@ def lambda_tracking(
     width, end = positive("strip", strip), positive("reach", reach)
     if not width < end:
         raise BadGain(f"reach = {reach!r}", f"must be above strip = {width:g}")
-    widest = (width + end) / 2  # so that strip stays below reach however they are tuned
+    widest = (width + end) / 2  # tuning keeps strip below reach
     rate = positive("gamma", gamma)
     w = _started(chain.field(initial, most), chain, start)
     k = scalar(
@@ -217,21 +220,21 @@ def lambda_tracking(
 
 
 def _falls(clock: Clock, chain: Integrators, w: Field, p: np.ndarray, k: Field) -> Pieces:
-    """The fall of the gain."""
+    """Return the statements that halve the gain."""
     ((least, most),) = k.box
     slowest = float(-np.linalg.eigvals(companion(p)).real.max())
     needed, times = 2 * log(FINE * max(3.0, most ** (chain.n - 1))) / slowest, float(ceil(log2(most / least)))
     signed, turns = last_error(chain, w, clock), sym("state", "turns")
-    e, quiet, falls = ca.fabs(signed), sym("state", "quiet"), sym("state", "falls")
-    level, seen = sym("state", "k"), clock.sampled
+    e, inside, falls = ca.fabs(signed), sym("state", "quiet"), sym("state", "falls")
+    level, sampled = sym("state", "k"), clock.sampled
     (low, high), reach = readings(chain.form)[0], sym("gain", "reach")
     far = ca.fmin(reach, ca.fmax(2 * sym("gain", "strip"), SHARE * (high - low))) if high - low < INF else reach
-    counted = ca.if_else(e <= sym("gain", "strip"), ca.fmin(quiet + level * clock.dt, needed), 0)
-    known = ca.fmax(sym("state", "settled"), quiet >= 1 / slowest)
+    counted = ca.if_else(e <= sym("gain", "strip"), ca.fmin(inside + level * clock.dt, needed), 0)
+    known = ca.fmax(sym("state", "settled"), inside >= 1 / slowest)
     turned = ca.if_else(signed * turns > 0, turns, ca.sign(signed) * ca.fmin(ca.fabs(turns) + 1, TURNS))
     fault = ca.logic_or(sym("state", "settled") > 0, ca.fabs(turns) >= TURNS)
-    may = ca.if_else(ca.logic_and(e > far, fault), times, falls)
-    test = ca.logic_and(quiet >= needed, ca.logic_and(falls >= 1, level > least))
+    allowed = ca.if_else(ca.logic_and(e > far, fault), times, falls)
+    test = ca.logic_and(inside >= needed, ca.logic_and(falls >= 1, level > least))
     fall = {
         Place("state", "quiet"): ca.SX(0),
         Place("state", "falls"): ca.fmax(falls - 1, 0),
@@ -262,9 +265,9 @@ def _falls(clock: Clock, chain: Integrators, w: Field, p: np.ndarray, k: Field) 
             Block(
                 "has the output error stayed inside the strip?",
                 {
-                    Place("state", "quiet"): ca.if_else(seen, counted, quiet),
-                    Place("state", "turns"): ca.if_else(ca.logic_and(seen, e > far), turned, turns),
-                    Place("state", "falls"): ca.if_else(seen, may, falls),
+                    Place("state", "quiet"): ca.if_else(sampled, counted, inside),
+                    Place("state", "turns"): ca.if_else(ca.logic_and(sampled, e > far), turned, turns),
+                    Place("state", "falls"): ca.if_else(sampled, allowed, falls),
                     Place("state", "settled"): known,
                 },
             ),
@@ -275,7 +278,7 @@ def _falls(clock: Clock, chain: Integrators, w: Field, p: np.ndarray, k: Field) 
 
 
 def _started(w: Field, chain: Integrators, start: Any) -> Field:
-    """The field with its own initial values, where they are given."""
+    """Return the field with the initial values `start`, if any, of the chain."""
     if start is None:
         return w
     values = reals("start", start)
@@ -288,9 +291,9 @@ def _started(w: Field, chain: Integrators, start: Any) -> Field:
 
 
 def _unmodelled(form: Form) -> Form:
-    """The form with b = 0, and without the inputs that nothing else reads.
+    """Return the form with b = 0, and without the inputs that only b reads.
 
-    Raises: `BadGain` where b has more than its last row.
+    Raises: `BadGain` where a row of b other than the last is not 0.
     """
     if any(row != 0 for row in form.b[:-1]):
         reason = "takes a form with b in its last row only where it has no model: take the form phase, or model=True"

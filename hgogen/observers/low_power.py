@@ -6,8 +6,8 @@
     e_1 = y - p_1,   e_i = q_(i-1) - p_i,   xhat = (p_1, q_1, .., q_(n-1)),   l = theta
 
 in the coordinates of `integrators`, the argument of c saturated to the declared box. p and q are the fields `xi_p` and
-`xi_q`, of the paper's pairs xi_i = (p_i, q_i): p_i estimates w_i, q_i w_(i+1). The linear error core has the 2n - 2
-poles asked for, times l; k_i = (2, (n - i)/i) puts them all at -l (`pairs`). Source: Astolfi, Marconi, "A high-gain
+`xi_q`, of the paper's pairs xi_i = (p_i, q_i): p_i estimates w_i, q_i w_(i+1). The linear error core has l times the
+2n - 2 specified poles; k_i = (2, (n - i)/i) places all of them at -l (`gains`). Source: Astolfi, Marconi, "A high-gain
 nonlinear observer with limited gain power", IEEE TAC 60 (2015), with c_n alone; the rows c_1..c_(n-1) of a triangular
 form are an extension: c_i/l^(i-1) is Lipschitz in the scaled errors, uniformly in l >= 1.
 """
@@ -73,9 +73,9 @@ def low_power(
 
     Checks: `low_power.convergence` (a bound on theta is proved), `low_power.theta` (theta is above it).
 
-    Args: `theta` > 0; `gains` k (n - 1, 2), or the 2n - 2 `poles` of the linear error core at theta = 1, by default
-    all at -1; `initial` the plant's state; `saturate` limits of b in value, by the state whose row it is in, and
-    `arguments` whether its argument is clamped as well; `accept` ids of refuted checks to build on all the same.
+    Args: `theta` > 0; `gains` k (n - 1, 2), or the 2n - 2 `poles` of the linear error core at theta = 1, by default all
+    at -1; `initial` the plant's state; `saturate` limits of the values of b, by the state of the row, and `arguments`
+    whether its argument is clamped as well; `accept` ids of refuted checks to ignore.
 
     Raises: `Refuted`; `NotHurwitz` for gains whose core does not decay; `BadPoles`; `BadGain` for theta <= 0, gains of
     another shape, or a form that is no chain of at least two integrators.
@@ -97,11 +97,11 @@ def low_power(
         onto_p, onto_q = injected(k, level, errors(valid * (y - p[0]), p, q))
         return {"xi_p": q + onto_p, "xi_q": shifted(q) + onto_q}
 
-    def rest(values: Mapping[str, Graph], u: Graph, y: Graph, valid: Graph) -> dict[str, Graph]:
+    def remainder(values: Mapping[str, Graph], u: Graph, y: Graph, valid: Graph) -> dict[str, Graph]:
         c = chain.nonlinear(ca.vertcat(values["xi_p"][0], values["xi_q"]), u)
         return {"xi_p": c[:pairs], "xi_q": c[1:]}
 
-    part = Ode(fields, rest, linear, chain.offset)
+    part = Ode(fields, remainder, linear, chain.offset)
     core, measured = core_at_one(part)
     demand_hurwitz("gains", core, "leave them out: (2, (n - i)/i)")
     order = (*range(pairs), *range(1, n))

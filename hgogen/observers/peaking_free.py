@@ -1,4 +1,4 @@
-"""Low-power high-gain observer without peaking: what a pair hands on is saturated to its state's range.
+"""Low-power high-gain observer without peaking: the estimate that a pair passes to the next is saturated to its range.
 
     p_i' = q_i + c_i(p, u) + l alpha_i e_i                            i = 1, .., n-1
     q_i' = sat q_(i+1) + c_(i+1)(p, u) + l^2 beta_i e_i               i = 1, .., n-2
@@ -8,9 +8,9 @@
 
 in the coordinates of `integrators`; sat q_i is q_i clamped to the declared range of w_(i+1), the argument of c to the
 declared box. p and q are the fields `xi_p` and `xi_q`, of the pairs xi_i = (p_i, q_i): p_i estimates w_i, q_i w_(i+1).
-Without saturation the linear error core is that of the low-power observer beside the pole -l alpha_n. Source: Astolfi,
-Marconi, Praly, Teel, "Low-power peaking-free high-gain observers", Automatica 98 (2018), with c_n alone; the rows
-c_1..c_(n-1) of a triangular form are an extension.
+Without saturation the linear error core is that of the low-power observer with the additional pole -l alpha_n. Source:
+Astolfi, Marconi, Praly, Teel, "Low-power peaking-free high-gain observers", Automatica 98 (2018), with c_n alone; the
+rows c_1..c_(n-1) of a triangular form are an extension.
 """
 
 from collections.abc import Iterable, Mapping, Sequence
@@ -85,13 +85,14 @@ def peaking_free(
     initial: Mapping[str, float] | Sequence[float] | None = None,
     accept: Iterable[str] = (),
 ) -> Observer:
-    """The peaking-free low-power observer on a form of one output with constant a_i, at least two states with ranges.
+    """The peaking-free low-power observer on a form of one output with constant a_i and at least two states, with
+    ranges.
 
-    Checks: `peaking_free.convergence` (a bound on theta is proved, saturations and all), `peaking_free.theta` (theta is
-    above it).
+    Checks: `peaking_free.convergence` (a bound on theta is proved, including the saturations), `peaking_free.theta`
+    (theta is above it).
 
     Args: `theta` > 0; `gains` (alpha_i, beta_i) (n - 1, 2), or 2n - 2 `poles` at theta = 1, by default (2, (n - i)/i):
-    all at -1; `last` alpha_n > 0; `initial` the plant's state; `accept` ids of refuted checks to build on all the same.
+    all poles at -1; `last` alpha_n > 0; `initial` the plant's state; `accept` ids of refuted checks to ignore.
 
     Raises: `Refuted`; `NotHurwitz` for gains whose core does not decay; `BadPoles`; `BadGain` for theta <= 0, gains of
     another shape or not positive, a state without a range, or a form that is no chain of at least two integrators.

@@ -4,11 +4,11 @@
     S' = -(A + b*)' S - S (A + b*) + C' R_theta^-1 C - S Q_theta S
     Q_theta = theta Delta^-1 Q Delta^-1,  R_theta = R/theta,  Delta = diag(1, 1/theta, ..., 1/theta^(n-1))
 
-theta = 1 is the extended Kalman filter; theta adapts to the innovation over a sliding window. Several outputs take
-chains aligned at their tops or at their ends, and Busvelle's slides another scaling for a theta that decays: both stand
-in `scaling`. Source: Boizot, Busvelle, Gauthier, "An adaptive high-gain observer for nonlinear systems", Automatica 46
-(2010), (4)-(6). The observer of the paper is continuous; the default method realises it as continuous-discrete (the
-authors' ECC 2009 paper).
+theta = 1 is the extended Kalman filter; an adaptive theta follows the innovation over a sliding window. Several outputs
+require chains aligned at their tops or at their ends. Busvelle's slides have another scaling for a theta that decays.
+Both scalings are in `scaling`. Source: Boizot, Busvelle, Gauthier, "An adaptive high-gain observer for nonlinear
+systems", Automatica 46 (2010), (4)-(6). The observer of the paper is continuous; the default method realises it as
+continuous-discrete (the authors' ECC 2009 paper).
 """
 
 import math
@@ -62,15 +62,15 @@ def riccati(
     """The high-gain extended Kalman filter of `form`.
 
     Args: `Q` diagonal (n) or symmetric positive definite (n, n), by the names of the form's coordinates or in their
-    order, unit z^2/s; numbers of a diagonal may be 0 where the noise of others reaches these states, (A, Q)
-    controllable; `R` positive, one for each output, unit y^2 s (spectral densities: for white noise of variance v
-    per sample, R = v dt); `theta` a number or a value of `hgogen.theta`; `initial` the plant's state (by name, or n
-    numbers in the plant's order); `covariance` P(0) = S(0)^-1, as Q is given, default the unit matrix; `accept` ids of
-    refuted checks to build on all the same. A matrix that is symmetric but for rounding (1e-12) is taken as (Q + Q')/2.
+    order, unit z^2/s; a diagonal entry may be 0 where the noise of other states reaches this state, (A, Q)
+    controllable; `R` positive, one for each output, unit y^2 s (spectral densities: for white noise of variance v per
+    sample, R = v dt); `theta` a number or a value of `hgogen.theta`; `initial` the plant's state (by name, or n numbers
+    in the plant's order); `covariance` P(0) = S(0)^-1, in the same format as Q, default the unit matrix; `accept` ids
+    of refuted checks to ignore. A matrix that is symmetric up to rounding (1e-12) is replaced by (Q + Q')/2.
 
-    Checks: `riccati.convergence` (proved of a linear plant with constant coefficients and a constant theta, where
-    (C, A) is observable and (A, Q) controllable, else unknown); `riccati.lipschitz` in coordinates other than the
-    plant's states (b on the whole box of z).
+    Checks: `riccati.convergence` (proved for a linear plant with constant coefficients and a constant theta, where (C,
+    A) is observable and (A, Q) controllable, else unknown); `riccati.lipschitz` in coordinates other than the plant's
+    states (b on the whole box of z).
 
     Raises: `Refuted` for a refuted hypothesis that is not accepted; `BadGain`; `BadNames`; `Singular` for a model
     whose Jacobian is finite nowhere.
@@ -99,7 +99,7 @@ def riccati(
 
 
 def _demand_scaled(form: Form, theta: Theta) -> None:
-    """Raises: `BadGain` for a theta that moves a filter on a form for which no high gain is defined."""
+    """Raise `BadGain` for a theta that differs from 1 on a form for which no high gain is defined."""
     what, outputs = f"theta up to {theta.peak:g}", form.system.outputs
     if theta.peak == 1 or len(form.output) == 1:
         return
@@ -109,8 +109,8 @@ def _demand_scaled(form: Form, theta: Theta) -> None:
             f"wants a chain for each of the {len(outputs)} outputs of {form.system.name}, aligned at the tops or the "
             'ends; take the form block_triangular, align "top" or "end", or theta = 1',
         )
-    if rest := unused(form):
-        names = ", ".join(outputs[j].name for j in rest)
+    if unused_outputs := unused(form):
+        names = ", ".join(outputs[j].name for j in unused_outputs)
         raise BadGain(
             what,
             f"wants outputs that show the first state of a chain, {names} of {form.system.name} shows another; leave "
@@ -119,7 +119,7 @@ def _demand_scaled(form: Form, theta: Theta) -> None:
 
 
 def _convergence(theta: Theta, form: Form, Q: np.ndarray, R: np.ndarray) -> Check:
-    """`riccati.convergence`: proved of a linear plant, of any other existential."""
+    """Return the check `riccati.convergence`: proved for a linear plant, else unknown."""
     id, plant = ClaimId("riccati", "convergence"), linear(form)
     if isinstance(plant, Linear) and isinstance(theta, Constant):
         obstacle = settles(plant, Q, theta.theta)

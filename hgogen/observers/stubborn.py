@@ -1,13 +1,12 @@
-"""Stubborn high-gain observer: of an output error that leaps, as an outlier does, no more than the usual is injected.
+"""Stubborn high-gain observer: the injection of an output error is saturated at its usual size, which rejects outliers.
 
     w' = A w + c(w, u) + diag(theta, .., theta^n) K sat e,   e = y - w_1,   |sat e| <= sqrt sigma
     sigma' = theta (-lambda sigma + r e^2),   sigma >= 0,   lambda > 0,   r > 0
 
-in the coordinates of `integrators`, the argument of c saturated to the declared box; l of the paper is theta. An error
-that lasts opens the saturation: one sample of it adds theta r e^2 dt to sigma by the methods of Euler and Heun, and two
-thirds of that by rk4, which takes it on lines to its neighbours. Source:
-Astolfi, Alessandri, Zaccarian, "Stubborn and dead-zone redesign for nonlinear observers and filters", IEEE TAC 66(2)
-(2021).
+in the coordinates of `integrators`, the argument of c saturated to the declared box; theta is l of the paper. A lasting
+error raises the saturation level: one sample adds theta r e^2 dt to sigma by the methods of Euler and Heun, and two
+thirds of that by rk4, which interpolates e linearly between samples. Source: Astolfi, Alessandri, Zaccarian, "Stubborn
+and dead-zone redesign for nonlinear observers and filters", IEEE TAC 66(2) (2021).
 """
 
 from collections.abc import Iterable, Mapping, Sequence
@@ -54,8 +53,7 @@ def stubborn(
     `stubborn.convergence` (a bound on theta is proved), `stubborn.theta` (theta is above it).
 
     Args: `theta` >= 1; `decay` lambda > 0 and `r` > 0, both without unit; `poles` (n) of A - K C, or `gains` K (n) in
-    their place; `sigma` its value at the start >= 0 (y^2); `initial` the plant's state; `accept` ids of refuted checks
-    to build on all the same.
+    their place; `sigma` sigma(0) >= 0 (y^2); `initial` the plant's state; `accept` ids of refuted checks to ignore.
 
     Raises: `Refuted`; `BadPoles`; `NotHurwitz`; `BadGain` for other numbers that do not fit, or a form that is no chain
     of integrators.

@@ -1,11 +1,11 @@
-"""Switched-gain high-gain observer: a high gain while the output error is large, a low one when it has stayed small.
+"""Switched-gain high-gain observer: a high gain while the output error is large, a low one after it has been small.
 
     w' = A w + c(w, u) + diag(l, .., l^n) K e,   e = y - w_1
     l = theta_low once |e| <= d at all samples over a time T_d,   l = theta as soon as |e| > d, and at the start
 
-in the coordinates of `integrators`, the argument of c saturated to the declared box; k_1, k_2 of the paper are theta,
-theta_low. A missing sample leaves the timer as it is. Source: Ahrens, Khalil, "High-gain observers in the presence of
-measurement noise: a switched-gain approach", Automatica 45 (2009).
+in the coordinates of `integrators`, the argument of c saturated to the declared box; theta and theta_low are k_1 and
+k_2 of the paper. A missing sample does not change the timer. Source: Ahrens, Khalil, "High-gain observers in the
+presence of measurement noise: a switched-gain approach", Automatica 45 (2009).
 """
 
 from collections.abc import Iterable, Mapping, Sequence
@@ -71,7 +71,7 @@ THEOREM = Theorem(
 
 
 def _starting(scale: Scale) -> Gains:
-    """theta_low a quarter of theta; a threshold above the noise, of 5 % of the range of y, and 2/theta_low to hold."""
+    """Return theta_low = theta/4, a threshold above the noise, 5 % of the range of y, and a hold of 2/theta_low."""
     low = max(1.0, two(scale.theta / 4))
     threshold, hold = two(scale.reading / 20), two(2 / low)
     return scale.high | {"theta": max(scale.theta, 2 * low), "theta_low": low, "threshold": threshold, "hold": hold}
@@ -93,11 +93,11 @@ def switched_gain(
     """The switched-gain observer on a form of one output with constant a_i.
 
     Checks: `switched_gain.convergence` (a bound on a gain is proved), `switched_gain.theta` (both gains are above it),
-    `switched_gain.hold` (the time in the high gain makes up for every switch).
+    `switched_gain.hold` (the decay at the high gain compensates for every switch).
 
     Args: `theta` > `theta_low` >= 1; `threshold` d > 0 (unit of y); `hold` T_d > 0 (s), rounded up to whole samples;
     `poles` (n) of A - K C, or `gains` K (n) in their place; `initial` the plant's state; `accept` ids of refuted checks
-    to build on all the same.
+    to ignore.
 
     Raises: `Refuted`; `BadPoles`; `NotHurwitz`; `BadGain` for other numbers that do not fit, or a form that is no chain
     of integrators; from `sample`, `BadGain` for a hold of more than a million samples.
@@ -131,21 +131,23 @@ def switched_gain(
 
 
 def _switch(clock: Clock, chain: Integrators, w: Field, hold: float) -> Pieces:
-    """A timer in samples, of kind real so that it restarts with the estimate."""
+    """Return the timer and the switch; the timer counts samples in a real number, so that it restarts with the
+    estimate."""
     needed = ceil(hold / clock.dt * (1 - 1e-12)) + 1  # n samples span n - 1 periods
     if needed > LONGEST:
         raise BadGain(f"hold = {hold:g}", f"is more than {LONGEST} samples of dt = {clock.dt:g}; shorten it")
-    quiet, high = sym("state", "quiet"), sym("gain", "theta")
+    count, high = sym("state", "quiet"), sym("gain", "theta")
     small = ca.fabs(last_error(chain, w, clock)) <= sym("gain", "threshold")
-    counted = ca.if_else(small, ca.fmin(quiet + 1, needed), 0)
-    after = ca.if_else(clock.sampled, counted, quiet)
+    counted = ca.if_else(small, ca.fmin(count + 1, needed), 0)
+    after = ca.if_else(clock.sampled, counted, count)
     low = ca.fmin(sym("gain", "theta_low"), high)
     return Pieces(
         fields=(scalar("quiet", 0.0, low=0.0, high=needed, meaning="samples in a row with a small output error"),),
         adapt=(
             Block("has the output error stayed small?", {Place("state", "quiet"): after}),
             Block(
-                "a low gain then, else the high one", {Place("state", "level"): ca.if_else(quiet >= needed, low, high)}
+                "a low gain then, else the high one",
+                {Place("state", "level"): ca.if_else(count >= needed, low, high)},
             ),
         ),
     )

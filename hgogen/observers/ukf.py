@@ -1,12 +1,13 @@
-"""Unscented Kalman filter in its square-root form: sigma points carry mean and covariance, no Jacobian does.
+"""Unscented Kalman filter in square-root form: sigma points represent mean and covariance, without a Jacobian.
 
     points   z and z +- g s_i,  S S' = P,  g = alpha sqrt(n + kappa)
     time     z, P: mean and covariance of the points after a Runge-Kutta step each; P <- P + h Q
     sample   K = S f/(r + |f|^2),  z <- z + K (y - mean of h),  P <- P - K (r + |f|^2) K'
 
-With f the half differences of h over pairs of points, and r = R/h with what their bends add. On a linear plant it is
-the Kalman filter. A comparator for `riccati`, of the same Q, R and P(0): it sees further than a slope, for 2n + 1
-models a step. Source: Julier, "The scaled unscented transformation", ACC 2002; van der Merwe, Wan, ICASSP 2001.
+f are half the differences of h over pairs of points, and r = R/h plus the second-order terms of these pairs. On a
+linear plant it is the Kalman filter. Compare it with `riccati` at the same Q, R and P(0): it includes second-order
+effects, at the cost of 2n + 1 evaluations of the model per step. Source: Julier, "The scaled unscented transformation",
+ACC 2002; van der Merwe, Wan, ICASSP 2001.
 """
 
 from collections.abc import Iterable
@@ -73,9 +74,9 @@ def ukf(
     """The unscented Kalman filter of `form`, of up to 7 states.
 
     Args: `Q`, `R`, `initial`, `covariance` as in `riccati`; `alpha` > 0, `beta` and `kappa` > -n of the scaled
-    unscented transform, with beta >= -alpha^2 kappa/n, which keeps P positive definite; a point lies alpha
-    sqrt(n + kappa) deviations g off the estimate, from 1e-3 to 1e3. In floats rounding adds about 6e-8 |z|/g to a
-    deviation at each step. `accept` ids of refuted checks to build on all the same.
+    unscented transform, with beta >= -alpha^2 kappa/n, which keeps P positive definite; a point lies g = alpha
+    sqrt(n + kappa) standard deviations from the estimate, 1e-3 <= g <= 1e3. In single precision, rounding adds about
+    6e-8 |z|/g to a standard deviation at each step. `accept` ids of refuted checks to ignore.
 
     Raises: `Refuted` for a refuted hypothesis that is not accepted; `BadGain`; `BadNames`; `Singular` for a model
     whose Jacobian is finite nowhere.
@@ -102,7 +103,7 @@ def ukf(
 
 
 def _points(n: int, alpha: float, beta: float, kappa: float) -> tuple[float, float]:
-    """g and beta - alpha^2. Raises: `BadGain`."""
+    """Return g and beta - alpha^2. Raises: `BadGain`."""
     if not kappa > -n:
         raise BadGain(f"kappa = {kappa:g}", f"must be above -{n}, the number of states with a minus")
     reach = alpha * sqrt(n + kappa)

@@ -1,14 +1,15 @@
-"""High-gain observer on the uniform form, whose slopes from state to state vary.
+"""High-gain observer on the uniform form, with varying partial derivatives from each state to the next.
 
     z' = F(z, u) + Lambda(z, u)^-1 diag(theta, .., theta^n) K (y - h(z_1, u))
     Lambda = a diag(1, F_1', F_1' F_2', ..),   F_k' = dF_k/dz_(k+1),   y = a z_1 + c
 
-on z_i' = F_i(z_1, .., z_(i+1), u). F and Lambda take z clamped to the declared box; beyond it F_k goes on in z_(k+1) on
-a line, whose slope s_k is one of those that F_k' has: it is s_k z_(k+1) + b_k(sat z, u). Source: Hammouri, Farza,
-"Nonlinear observers for locally uniformly observable systems", ESAIM: COCV 9 (2003). Its proof takes e in Lambda(z, u),
-whose derivative holds theta^i e_1, so that it bounds theta for small errors alone. What is proved here is a constant P
-in which the error decays from everywhere, all slopes and gains anywhere in their ranges (`uniform_error`): with K
-binomial, and no other slopes, while the largest F_k' is below 5.8 times the smallest for n = 2, and 2 times for n = 3.
+on z_i' = F_i(z_1, .., z_(i+1), u). F and Lambda take z clamped to the declared box. Beyond it F_k is continued linearly
+in z_(k+1), F_k = s_k z_(k+1) + b_k(sat z, u), with a slope s_k in the range of F_k'. Source: Hammouri, Farza,
+"Nonlinear observers for locally uniformly observable systems", ESAIM: COCV 9 (2003). Its proof scales e by Lambda(z,
+u), whose derivative contains theta^i e_1, so that it bounds theta for small errors only. Here convergence from every
+initial state is proved by a constant P, for all partial derivatives and gains in their ranges (`uniform_error`). With
+binomial K and no other partial derivatives, it exists while the largest F_k' is below 5.8 times the smallest for n = 2,
+and 2 times for n = 3.
 """
 
 from collections.abc import Iterable, Mapping, Sequence
@@ -71,14 +72,15 @@ def uniform_injection(
 ) -> Observer:
     """The high-gain observer on a uniform form whose output is linear in its state, up to a known offset.
 
-    Checks: `uniform_injection.convergence` (every theta above a bound converges; it takes Clarabel, up to six states),
-    `uniform_injection.theta` (theta is above it).
+    Checks: `uniform_injection.convergence` (every theta above a bound converges; the proof requires Clarabel, up to six
+    states), `uniform_injection.theta` (theta is above it).
 
     Args: `theta` > 0; `poles` (n) of A - K C, A the shift, or `gains` K (n) in their place; `initial` the plant's
-    state; `accept` ids of refuted checks to build on all the same.
+    state; `accept` ids of refuted checks to ignore.
 
     Raises: `Refuted`; `BadPoles`; `NotHurwitz` for gains that do not decay; `BadGain` for theta <= 0, gains of another
-    length, another form, an output that bends, or a slope that is not shown to keep off zero.
+    length, another form, an output that is nonlinear in its state, or a partial derivative that is not proved to be
+    nonzero.
     """
     accept = founded("uniform_injection", form, accept, takes=_split)
     high, form = any_theta(theta), _split("uniform_injection", form)
@@ -90,19 +92,19 @@ def uniform_injection(
     inverse = Dynamics(replace(form, jacobian=sp.ImmutableDenseMatrix(sp.diag(*entries))))
     labels = tuple(f"theta{f'^{i}' if i > 1 else ''} K_{i}" for i in range(1, form.n + 1))
 
-    def rest(values: Mapping[str, Graph], u: Graph, y: Graph, valid: Graph) -> dict[str, Graph]:
+    def remainder(values: Mapping[str, Graph], u: Graph, y: Graph, valid: Graph) -> dict[str, Graph]:
         push = inverse.pulled(sym("derived", "K", form.n), values["z"], u, None)
         return {"z": dynamics.flow(values["z"], u) + push * (valid * (y - dynamics.output(values["z"], u)))}
 
     part = Ode(
         (z,),
-        rest,
+        remainder,
         core=high.initial[0] * companion(K),
         derived=(Field("K", (0.0,) * form.n, labels=labels, meaning="observer gain"),),
         tune=(Block("observer gain", {Place("derived", "K"): scaled(K, sym("gain", "theta"))}),),
     )
     error = uniform_error(form, tuple(K.tolist()))
-    beyond = (f"{float(form.A[k, k + 1]):g} in {z}" for k, z in enumerate(form.states[1:]))
+    slopes = (f"{float(form.A[k, k + 1]):g} in {z}" for k, z in enumerate(form.states[1:]))
     return Observer(
         form=form,
         name="uniform_injection",
@@ -113,13 +115,13 @@ def uniform_injection(
         claims=lambda: (*form.checks, *theta_checks("uniform_injection", form, high.initial[0], error)),
         accepted=accept,
         theorem=THEOREM,
-        equations=(EQUATION, f"K = {listed(K)}", f"beyond the ranges F goes on with the slopes {', '.join(beyond)}"),
+        equations=(EQUATION, f"K = {listed(K)}", f"beyond the ranges F goes on with the slopes {', '.join(slopes)}"),
         reference=REFERENCE,
     )
 
 
 def _split(observer: str, form: Form) -> Form:
-    """The form with A = s_k above its diagonal, and b the rest. Raises: `BadGain`."""
+    """Return the form with A = s_k above its diagonal, and b = F - A z. Raises: `BadGain`."""
     if form.kind != "uniform" or not form.structured:
         fix = "use hg.forms.uniform, or high_gain"
         raise BadGain(observer, f"takes a uniform form, this one is {form.kind}", fix=fix)
@@ -133,5 +135,5 @@ def _split(observer: str, form: Form) -> Form:
     A = sp.zeros(form.n, form.n)
     for k, s in enumerate(numbers):
         A[k, k + 1] = s
-    rest = form.flow if not numbers else tuple(sp.Matrix(form.flow) - A * sp.Matrix(form.states))
-    return replace(form, A=sp.ImmutableDenseMatrix(A), b=tuple(rest))
+    b = form.flow if not numbers else tuple(sp.Matrix(form.flow) - A * sp.Matrix(form.states))
+    return replace(form, A=sp.ImmutableDenseMatrix(A), b=tuple(b))

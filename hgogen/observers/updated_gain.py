@@ -1,23 +1,24 @@
-"""Updated-gain high-gain observer: the gain follows how steep the model is at the estimate.
+"""Updated-gain high-gain observer: the gain follows the norm of the model's Jacobian at the estimate.
 
     w' = A w + c(w, u) + D_L K (y - w_1),   D_L = diag(L, .., L^n),   N = A - K C
     L' = L (p_1 (p_2 - L) + p_3 Gamma),   L(0) >= p_2,   Gamma = |D_L^-1 (dc/dw)(sat w, u) D_L|, Frobenius norm
 
-in the coordinates of `integrators`, the argument of c saturated to the declared box. L is stepped by the exact flow of
-its law with Gamma held over a sample, L/(E + p_1 L (1 - E)/a), a = p_1 p_2 + p_3 Gamma, E = exp(-a dt): whatever dt is,
-it stays between p_2 and p_2 + (p_3/p_1) sup Gamma. With error_i = L^(i-1+b) eps_i, D = diag(b, .., b + n - 1),
+in the coordinates of `integrators`, the argument of c saturated to the declared box. L is advanced by the exact flow of
+its law with Gamma constant over a sample, L/(E + p_1 L (1 - E)/a), a = p_1 p_2 + p_3 Gamma, E = exp(-a dt): for every
+dt, L stays between p_2 and p_2 + (p_3/p_1) sup Gamma. With error_i = L^(i-1+b) eps_i, D = diag(b, .., b + n - 1),
 
     d/dt eps'P eps = eps'(L (N'P + P N) + (p_1 (L - p_2) - p_3 Gamma) (D P + P D)) eps + 2 eps'P delta
 
-with |delta| <= Gamma |eps| where Gamma bounds the increments of c, since it is no less than the spectral norm. So
-D P + P D > 0, N'P + P N + p_1 (D P + P D) < 0 and p_3 (D P + P D) >= 2 lambda_max(P) are enough. The paper's Gamma has
-no D_L; this one, for L >= 1 never larger, lets the gain be lower. Where c is read at x = Psi(w) in the plant's ranges,
-dc/dw is dc/dx (dPhi/dx)^-1 there, which no clamp makes 0.
+with |delta| <= Gamma |eps| where Gamma bounds the increments of c, since it is no less than the spectral norm. So D
+P + P D > 0, N'P + P N + p_1 (D P + P D) < 0 and p_3 (D P + P D) >= 2 lambda_max(P) are sufficient. The paper's Gamma
+has no D_L; this one is never larger for L >= 1 and permits a lower gain. Where c is evaluated at x = Psi(w) in the
+plant's ranges, dc/dw is dc/dx (dPhi/dx)^-1 there, which a clamp does not set to 0.
 
-Gamma at the estimate bounds the increments of c to first order only. Where p_2 is enough alone, the gain may move as it
-does whatever Gamma is: that is shown by another P, for all slopes of c in their ranges (`moving`). Source: Andrieu,
-Praly, Astolfi, "High gain observers with updated gain and homogeneous correction terms", Automatica 45 (2009), with
-linear correction terms; the cap on L, which the length of a step asks for, is an extension.
+Gamma at the estimate bounds the increments of c to first order only. Where p_2 alone is large enough, the error
+converges whatever Gamma is: this is proved by another P, for all partial derivatives of c in their ranges
+(`proved_above`). Source: Andrieu, Praly, Astolfi, "High gain observers with updated gain and homogeneous correction
+terms", Automatica 45 (2009), with linear correction terms; the cap on L, which the step length requires, is an
+extension.
 """
 
 import operator
@@ -101,7 +102,7 @@ CLAMPED = Hypothesis(
 
 
 def _starting(scale: Scale) -> Gains:
-    """The gain falls to half of theta, and rises to ten times theta at most."""
+    """Return gains with L from theta/2 to ten times theta."""
     least, cap = max(1.0, two(scale.theta / 2)), two(10 * scale.theta)
     return {"p_1": 0.15, "p_2": least, "p_3": 6, "cap": cap, "poles": scale.poles, "b": scale.n / 2}
 
@@ -127,13 +128,12 @@ def updated_gain(
     `updated_gain.cap` (L' < 0 at the cap); `updated_gain.convergence` (a bound on p_2 is proved, whatever Gamma is),
     `updated_gain.theta` (p_2 is above it).
 
-    Args: `p_1` > 0 (how fast L falls, without unit), `p_2` >= 1 where it falls to (1/s), `p_3` > 0 how much it follows
-    Gamma; `cap` > p_2 the largest L; `poles` (n) of A - K C, or `gains` K (n) in their place; `b` > 0 of D; `start`
-    L(0) from p_2, its default, to the cap; `initial` the plant's state; `accept` ids of refuted checks to build on all
-    the same.
+    Args: `p_1` > 0 (decay of L, without unit), `p_2` >= 1 (1/s), the lower end of L, `p_3` > 0 (weight of Gamma);
+    `cap` > p_2 the largest L; `poles` (n) of A - K C, or `gains` K (n) in their place; `b` > 0 of D; `start` L(0) from
+    p_2, its default, to the cap; `initial` the plant's state; `accept` ids of refuted checks to ignore.
 
-    Raises: `Refuted`; `BadPoles`; `NotHurwitz`; `BadGain` where D P + P D is not positive definite, with the b from
-    which it is, for other numbers that do not fit, or a form that is no chain of integrators.
+    Raises: `Refuted`; `BadPoles`; `NotHurwitz`; `BadGain` where D P + P D is not positive definite, with the smallest b
+    for which it is, for other numbers that do not fit, or a form that is no chain of integrators.
     """
     accept = founded("updated_gain", form, accept, takes=integrators)
     chain = integrators("updated_gain", form)
@@ -183,7 +183,7 @@ def _update(clock: Clock, chain: Integrators, w: Field) -> Pieces:
         entry = scale[i] * J[i, j] / scale[j] * power
         total += entry * entry
     rate = p_1 * p_2 + p_3 * ca.sqrt(total)
-    left = ca.exp(-clock.dt * rate)
-    after = L / (left + p_1 * L * (1 - left) / rate)
+    decayed = ca.exp(-clock.dt * rate)
+    after = L / (decayed + p_1 * L * (1 - decayed) / rate)
     title = "L by the exact flow of its law over a sample"
-    return Pieces(adapt=(Block(title, {Place("state", "L"): after}, {"rate": rate, "left": left}),))
+    return Pieces(adapt=(Block(title, {Place("state", "L"): after}, {"rate": rate, "left": decayed}),))
