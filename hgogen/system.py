@@ -99,7 +99,7 @@ class System:
     def tables(self) -> tuple[Cells, ...]:
         """The tables that the flow and the output read, by their names; each once, held at its ends."""
         rows = (*self.flow, *self.output)
-        read = {node.cells.name: node.cells.holding() for row in rows for node in row.atoms(Table)}
+        read = {node.cells.name: node.cells.clamping() for row in rows for node in row.atoms(Table)}
         return tuple(read[name] for name in sorted(read))
 
     @property

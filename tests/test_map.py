@@ -38,7 +38,7 @@ from hgogen.recheck.box import differentiable
 from hgogen.recheck.file import digest, model_digest
 from hgogen.recheck.text import Unreadable, expression
 from hgogen.recheck.verification import recheck
-from hgogen.rigor.bounds import nonzero, taken
+from hgogen.rigor.bounds import as_programmed, nonzero
 from hgogen.rigor.box import Sides
 from hgogen.rigor.enclosure import enclose
 from hgogen.rigor.lookup import Cells, Kinked, Lookup, Stepped, applied, hessian, jacobian
@@ -185,7 +185,7 @@ def test_ranges_are_exact() -> None:
             inside = [[t for t in ts if low < t < high or low == high] for ts, (low, high) in zip(at, box, strict=True)]
             for order in ORDERS:
                 ends, seen = cells.limits(box, order)[0], [cells.at(place, order) for place in product(*inside)]
-                smooth = cells.least_smooth(cells.met(box))
+                smooth = cells.least_smooth(cells.overlapped(box))
                 assert (ends is None) == any(jump < k for jump, k in zip(smooth, order, strict=True))
                 assert ends is None or all(ends[0] <= value <= ends[1] for value in seen if value is not None)
             low, high = cells.limits(box, (1, 0))[0]
@@ -263,9 +263,9 @@ def test_on_a_box_it_is_held_where_it_may_leave_its_grid_only() -> None:
     cells = cells_of([[0, 1, 2], [0, 1]], [[0, 1], [2, 3], [4, 5]], "linear", "t")
     box = {X: (Fraction(0), Fraction(2)), Y: (Fraction(0), Fraction(2))}
     free = one_sided(applied(cells, (X, Y)), box)
-    assert [axis.held for axis in free.cells.axes] == [False, True]
+    assert [axis.clamped for axis in free.cells.axes] == [False, True]
     assert free.cells.smooth == ((1000, 1000, 1000), (1, 1))
-    assert free.cells.holding() == cells
+    assert free.cells.clamping() == cells
     assert not isinstance(free.diff(X), Stepped)
     assert sp.lambdify((X, Y), free + 10 * applied(cells, (X, Y)))(3.0, 0.5) == 6.5 + 45
     on = free.cells
@@ -334,7 +334,7 @@ def test_lipschitz_bounds_hold_the_steepest_chord(
         rise = exactly(cells, b, d) - exactly(cells, a, c)
         steepest = max(steepest, abs(float(rise)) / math.hypot(b - a, 0 if diagonal else d - c))
     assert steepest <= bound.high * (1 + 1e-9)
-    counted = taken(applied(cells, inner), Sides(names, tuple(ranges[name] for name in names))).cells
+    counted = as_programmed(applied(cells, inner), Sides(names, tuple(ranges[name] for name in names))).cells
     ends = [counted.limits(both, order)[0] for order in ((1, 0), (0, 1))]
     most = [float(max(map(abs, each))) for each in ends]
     assert bound.high <= 1.03 * (sum(most) if diagonal else math.hypot(*most)) + 1e-9
@@ -786,7 +786,7 @@ def test_a_map_that_goes_on_is_unbounded_where_it_is_not_level() -> None:
     whole = cells_of(axes, rows, "linear", "product")
     inside, beyond, level = (Fraction(0), Fraction(1)), (Fraction(1), math.inf), (Fraction(0), Fraction(0))
     for k, held in enumerate(((False, True), (True, False))):
-        on = whole.holding(*held)
+        on = whole.clamping(*held)
         sides = [(inside, beyond), (beyond, inside)][1 - k]
         assert on.limits(sides, (0, 0))[0] == (-math.inf, math.inf)
         assert on.limits([level if side == inside else side for side in sides], (0, 0))[0] is not None

@@ -36,8 +36,8 @@ from hgogen.recheck import tables as tables_module
 from hgogen.recheck.interval import between, intervals
 from hgogen.recheck.verification import recheck
 from hgogen.rigor import bounds
+from hgogen.rigor.bounds import as_programmed, nonzero, rounded
 from hgogen.rigor.bounds import bound as bound_of
-from hgogen.rigor.bounds import nonzero, rounded, taken
 from hgogen.rigor.box import Sides, box
 from hgogen.rigor.enclosure import enclose
 from hgogen.rigor.lookup import (
@@ -165,11 +165,11 @@ def test_monotone_has_one_continuous_derivative_between_its_ends() -> None:
     assert cells.smoothness == (0,)  # held, it has kinks at its ends
     box = {X: (Fraction(0), Fraction(4))}
     free = one_sided(call(cells, X), box)
-    assert (free.cells.axes[0].held, free.cells.smoothness) == (False, (1,))
+    assert (free.cells.axes[0].clamped, free.cells.smoothness) == (False, (1,))
     assert not isinstance(free, Kinked)
     assert isinstance(free.diff(X), Kinked)
     assert isinstance(free.diff(X, 2), Stepped)
-    assert one_sided(call(cells, X + 1), box).cells.axes[0].held
+    assert one_sided(call(cells, X + 1), box).cells.axes[0].clamped
     line = curve([0, 1, 2, 4], [0, 1, 3, 6], "linear", "t")
     assert isinstance(one_sided(call(line, X), box), Kinked)
 
@@ -196,7 +196,7 @@ def test_ranges_hold_every_value(kind: str, held: bool) -> None:
     draw = Random(f"{kind} {held}")
     for _ in range(60):
         cells = drawn(draw, kind)
-        cells = cells.holding(held)
+        cells = cells.clamping(held)
         for low, high in boxes(draw, cells):
             points = inside(cells, low, high)
             for order in range(4):
@@ -207,7 +207,7 @@ def test_ranges_hold_every_value(kind: str, held: bool) -> None:
                     assert all(ends[0] <= value <= ends[1] for value in reached)
                     assert order or ends[0] == min(reached) or kind == "monotone" or low < high
                 else:
-                    assert cells.least_smooth(cells.met([(low, high)]))[0] < order
+                    assert cells.least_smooth(cells.overlapped([(low, high)]))[0] < order
 
 
 def test_floats_beside_a_breakpoint_are_on_its_side() -> None:
@@ -217,9 +217,9 @@ def test_floats_beside_a_breakpoint_are_on_its_side() -> None:
     for end in [beside for x in nearest for beside in (math.nextafter(x, -1), x, math.nextafter(x, 2))]:
         exact = Fraction(end)
         below, until = sum(x < exact for x in axis.x), sum(x <= exact for x in axis.x)
-        assert axis.met(end, end) == axis.met(exact, exact) == (below, until)
-        assert axis.met(end, 2.0) == (until, 4)
-        assert axis.met(0.0, end) == (0, below)
+        assert axis.overlapped(end, end) == axis.overlapped(exact, exact) == (below, until)
+        assert axis.overlapped(end, 2.0) == (until, 4)
+        assert axis.overlapped(0.0, end) == (0, below)
 
 
 def test_extremes_hold_a_cubic_that_turns() -> None:
@@ -325,7 +325,7 @@ def test_lipschitz_bounds_hold_the_steepest_chord(kind: str) -> None:
             continue
         bound = lipschitz_bound([call(cells, X)], (X,), {X: (low, high)})
         assert bound.verdict is Verdict.PROVED
-        ends = span(taken(call(cells, X), Sides((X,), ((low, high),))).cells, low, high, 1)
+        ends = span(as_programmed(call(cells, X), Sides((X,), ((low, high),))).cells, low, high, 1)
         steepest = max(map(abs, ends))
         assert float(steepest) <= bound.high <= 1.03 * float(steepest) + 1e-12
         points = inside(cells, float(low), float(high))
@@ -416,7 +416,7 @@ def test_c_and_python_and_casadi_have_the_same_bits(kind: str, real: str, tmp_pa
     for count in (2, 3, 4, 5, 8, 9, 200):
         points = [x / 700 for x in sorted(draw.sample(range(-4000, 4000), count))]
         cells = curve(points, [draw.uniform(-3, 3) for _ in points], kind, f"t{count}")
-        curves.append(cells.holding(count % 2 == 0))
+        curves.append(cells.clamping(count % 2 == 0))
     binary = program(curves, real, tmp_path, "-O2", "-ffp-contract=off", "-fsanitize=address,undefined")
     for k, cells in enumerate(curves):
         xs = numbers(cells, real)
@@ -663,10 +663,10 @@ def test_beyond_the_image_of_the_plant_s_box_a_phase_form_s_table_is_held() -> N
 @pytest.mark.parametrize("held", [True, False])
 def test_a_slope_beyond_a_table_is_0_or_that_at_its_ends(kind: str, held: bool) -> None:
     """At the last point as well, where a lookup takes the cell above."""
-    cells = curve([-1, 0, 1], [0, 2, 3], kind, "T").holding(held)
+    cells = curve([-1, 0, 1], [0, 2, 3], kind, "T").clamping(held)
     first, second = (Lookup(cells, (order,)) for order in (1, 2))
-    ends = [float(cells.holding(False).of_order((1,))[k,][0]) for k in (0, 3)]
-    bends = [float(cells.holding(False).of_order((2,))[k,][0]) for k in (0, 3)]
+    ends = [float(cells.clamping(False).of_order((1,))[k,][0]) for k in (0, 3)]
+    bends = [float(cells.clamping(False).of_order((2,))[k,][0]) for k in (0, 3)]
     places = (-3, -1 - 2**-50, 1, 1 + 2**-50, 5)
     for lookup, (low, high) in ((first, ends), (second, bends)):
         expected = [0, 0, 0, 0, 0] if held else [low, low, high, high, high]
@@ -675,8 +675,8 @@ def test_a_slope_beyond_a_table_is_0_or_that_at_its_ends(kind: str, held: bool) 
     assert [each.name for each in (first, second)] == (
         ["flat_slope_T", "flat_slope_2_T"] if held else ["slope_T", "slope_2_T"]
     )
-    assert Lookup(cells, (0,)) == Lookup(cells.holding(not held), (0,))
-    assert first != Lookup(cells.holding(not held), (1,))
+    assert Lookup(cells, (0,)) == Lookup(cells.clamping(not held), (0,))
+    assert first != Lookup(cells.clamping(not held), (1,))
 
 
 def _two_states(*flow: sp.Expr, x: hg.Signal, v: hg.Signal) -> hg.System:
@@ -867,7 +867,7 @@ def test_the_cells_that_a_program_may_take_are_counted() -> None:
 
 def test_of_a_table_that_goes_on_a_program_takes_no_slope_but_within() -> None:
     """The bend of a cubic is linear, and would be steeper half a unit below the first point."""
-    cells = curve([0, 1, 3], [0, 1, 5], "monotone", "T").holding(False)
+    cells = curve([0, 1, 3], [0, 1, 5], "monotone", "T").clamping(False)
     counted = cells.rounding((Fraction(1, 2), Fraction(1, 2)))
     assert span(counted, 0, 3, 2) == span(cells, 0, 3, 2)
     assert span(counted, 0, Fraction(3, 4), 2) == span(cells, 0, Fraction(5, 4), 2) != span(cells, 0, Fraction(3, 4), 2)
@@ -1035,7 +1035,7 @@ def test_a_derivative_has_no_value_where_it_jumps() -> None:
 
 def test_a_held_table_and_one_that_goes_on_stand_in_one_expression() -> None:
     x, points = sp.Symbol("x"), ((Fraction(0), Fraction(1)), (Fraction(0), Fraction(2)))
-    held, on = (call(curve(*points, "linear", "two").holding(h), x) for h in (True, False))
+    held, on = (call(curve(*points, "linear", "two").clamping(h), x) for h in (True, False))
     assert sp.lambdify(x, held + 10 * on)(2.0) == 42.0
 
 

@@ -32,7 +32,7 @@ from hgogen.check import Check, ClaimId, Verdict
 from hgogen.form import Form
 from hgogen.rigor.bounds import bound, nonzero, problem_of
 from hgogen.rigor.box import Box, box, exact, kind, points, witness
-from hgogen.rigor.lookup import Table, held
+from hgogen.rigor.lookup import Table, all_clamped
 from hgogen.rigor.search import everywhere
 from hgogen.rigor.singular import NONZERO, Condition, reasons, singular
 from hgogen.rigor.tape import at_kinks
@@ -108,8 +108,8 @@ class Carried:
             meaning = f"derivative of {y.name} of order {k}" if k else y.meaning or y.name
             states.append(Signal(s.name, y.derivative(k, plant.time).unit, meaning, low=low, high=high))
         rename = dict(zip(self.images, states, strict=True))
-        psi = {x: held(e.xreplace(rename)) for x, e in back.items()}
-        b = tuple(min((e := held(row).xreplace(psi), tidy(e)), key=lambda e: size([e])) for row in self.rows)
+        psi = {x: all_clamped(e.xreplace(rename)) for x, e in back.items()}
+        b = tuple(min((e := all_clamped(row).xreplace(psi), tidy(e)), key=lambda e: size([e])) for row in self.rows)
         around = plant.box_with(states)
         direct = not recovered and all(row.is_number or _defined(row, around, _POLES) for row in b)
         return Form(

@@ -98,7 +98,7 @@ def _table(syntax: Syntax, prefix: str, real: Real, lookup: Lookup) -> Code:
         searches += [*statements, ast.Assign([ast.Name(axis.distance, ast.Store())], last.value)]
     tree.body = [*searches, *tree.body]
     words = _Words(syntax, prefix, real, there, {}, {})
-    return code(syntax.comment(lookup.said)) + _Function(words, tree).text(declared) + code("")
+    return code(syntax.comment(lookup.comment)) + _Function(words, tree).text(declared) + code("")
 
 
 class _Renamed(ast.NodeTransformer):

@@ -1,32 +1,30 @@
-"""Bounds of an expression on a box: by one look, with rational ends, and by bisection; and whether it is 0 there.
+"""Rigorous range of an expression on a closed box, and its sign there.
 
-Ranges on a box without bisection: by one look in outward-rounded intervals, and with rational ends.
+A single evaluation gives a range without bisection, in outward-rounded intervals or with rational ends. Rational ends
+do not overflow or underflow. Sums, products and powers of exact ends are exact up to `_BITS` bits and are rounded
+outward beyond; Arb gives exp and similar functions at the ends. Natural interval extension: R. E. Moore, R. B.
+Kearfott, M. J. Cloud, "Introduction to interval analysis", SIAM 2009, chapter 5.
 
-Of rational ends no number overflows, underflows or is rounded towards the wrong side. Sums, products and powers of
-exact ends are exact, up to what is rounded outward beyond `_BITS` bits; exp and the like come from Arb at the ends, a
-number from Arb whole. Natural interval extension: R. E. Moore, R. B. Kearfott, M. J. Cloud, "Introduction to interval
-analysis", SIAM 2009, chapter 5.
+A table in a program may read another cell than in exact arithmetic, since its argument is rounded: v + 273.15 may be
+rounded to a breakpoint that it does not reach, and the error of 1000 v - 1099 is far more than the rounding of its
+value. Proofs therefore consider all cells within a running error bound in single precision: an operation multiplies the
+errors of its operands by its partial derivatives and adds the share `UNIT` of its result (N. J. Higham, "Accuracy and
+stability of numerical algorithms", 2nd edition, SIAM 2002, section 3.3).
 
-Proofs count the cells of a table that a program may take. v + 273.15 is rounded to a breakpoint that it does not reach,
-and 1000 v - 1099 by far more than a number of its size is. A running error bound, in single precision: an operation
-adds a share of its result, `UNIT`, to the errors of its operands, which it multiplies by its slopes (N. J. Higham,
-"Accuracy and stability of numerical algorithms", 2nd edition, SIAM 2002, section 3.3).
+Beyond its breakpoints a table is clamped and its slope is 0. Where the argument stays between them on the box, the
+argument of a program leaves them by rounding alone. There the program's derivatives continue those of the last cell
+(`rigor.lookup`), and proofs need no slope beyond. `clamped_cells` decides this for both. A program's derivatives also
+continue where the box is larger by no more than the rounding of the argument, as for z = 0.3 x with ends rounded
+outward; there proofs consider both slopes.
 
-Beyond its points a table is held, and its slope 0. Where an argument keeps within them on the box, that of a program
-lies beyond by rounding alone: the program's derivatives go on there (`rigor.lookup`), and those of proofs end there.
-Else both have the slope 0 as well. `between` decides for either. A program's go on also where the box is larger by no
-more than the argument may be rounded, as that of z = 0.3 x is, with its ends outward; there proofs count both.
+Proofs use outward-rounded intervals and bisection (`rigor.search`), rational ends where floats are too coarse, or the
+factors found by exact algebra. Refutations are a point, or two points of opposite sign. Limits count boxes. Numbers are
+exact: a float is its shortest decimal.
 
-The range of an expression on a closed box, and whether it is 0 somewhere there, rigorous.
+A witness, at which an expression vanishes or is not a finite real number, is exact. Candidates are corners, middles,
+small rationals and the rational roots of polynomials; enclosures select possible zeros, exact arithmetic decides.
 
-What is proved comes from outward-rounded intervals and bisection (`rigor.search`), from rational ends where floats
-are too coarse, or factor by factor after exact algebra; what is refuted from a point, or between two points of opposite
-sign. Limits count boxes. Numbers are exact: a float is its shortest decimal.
-
-Points where an expression vanishes or is not a finite real number are shown exactly: candidates are corners, middles,
-small rationals, the rational roots of polynomials; enclosures sort out what may be a zero, exact arithmetic decides.
-
-A slope's values at a kink are a set, and a set that jumps over 0 has not one sign: an upper semicontinuous map with
+The generalised derivative at a kink is a set, and a set that contains 0 has no sign: an upper semicontinuous map with
 convex values takes connected boxes to connected sets (J.-P. Aubin, A. Cellina, "Differential inclusions", 1984, ch. 1).
 """
 
@@ -70,18 +68,18 @@ from hgogen.rigor.series import values
 from hgogen.rigor.tape import Norm, NoTape, Tape, jump, tape
 from hgogen.sentence import NONE, Encoded, Reason, because, down, equations, up
 
-# --- how far a program may round the argument of a table
+# --- rounding errors of the arguments of tables
 
-UNIT = 2.0**-21  # 8 times what a number is rounded by in single precision
-_TINY = 2.0**-120  # what is smaller may be lost
+UNIT = 2.0**-21  # 8 times the unit roundoff of single precision
+_TINY = 2.0**-120  # allowance for underflow
 
 
 def rounded(expression: sp.Expr, around: Sides) -> sp.Expr:
-    """The expression with tables that know how far their arguments may be rounded on a box."""
+    """The expression whose tables have bounds of the rounding errors of their arguments on a box."""
 
     def shares(axis: Axis, argument: sp.Expr) -> Ends:
-        # a signal by itself is rounded as breakpoints are: past none but one that is the same number in single
-        # precision as the end of its range
+        # a signal by itself and the breakpoints are rounded alike: it can pass only a breakpoint that is the same
+        # number in single precision as the end of its range
         error = _error(argument, around)
         most = Fraction(error) if math.isfinite(error) else math.inf
         if not argument.is_Symbol:
@@ -94,7 +92,7 @@ def rounded(expression: sp.Expr, around: Sides) -> sp.Expr:
 
 @lru_cache(maxsize=4096)
 def _error(e: sp.Expr, around: Sides) -> float:
-    """A bound of the error of an expression, infinite where none is known."""
+    """A bound of the rounding error of an expression, infinite where none is known."""
     if not e.args:
         return UNIT * _largest_size(e, around) + _TINY
     if isinstance(e, sp.Piecewise):  # one branch or another
@@ -115,7 +113,7 @@ def _error(e: sp.Expr, around: Sides) -> float:
 
 
 def _function_error(e: sp.Expr, errors: Sequence[float], around: Sides) -> float:
-    """The error of a function: by its slopes, where it has any, or by its whole range."""
+    """The rounding error of a function, by its partial derivatives or by its whole range."""
     varying = [(part, error) for part, error in zip(e.args, errors, strict=True) if part.free_symbols]
     dummies = {part: sp.Dummy(real=True) for part, _ in varying}
     ends = [(low - error, high + error) for (low, high), error in ((_range(part, around), d) for part, d in varying)]
@@ -149,14 +147,14 @@ def _sure(number: float) -> float:
     return math.inf if math.isnan(number) else number
 
 
-# --- one look
+# --- ranges by a single evaluation
 
 Interval: TypeAlias = tuple[End, End]
 
 
 def enclose(expression: sp.Expr, box: Box) -> Interval:
-    """An interval that holds the values of the expression on the box, where it and its parts are real; it is exact for
-    a rational number and for a symbol. A function without a rule may have any value."""
+    """An interval that encloses the expression on the box, where it and its parts are real. It is exact for a rational
+    number and for a symbol, and the real line for a function without a rule."""
     fixed, around = sides(exact(expression), box)
     if fixed.is_Rational:
         value = Fraction(fixed)
@@ -182,9 +180,9 @@ def finite(interval: Interval) -> bool:
 
 _BITS = 512  # of an end, of the ends of functions
 _PRECISIONS = (128, 512, 2048)  # of a number, until its sign is known
-_STEEPEST = 10**6  # beyond it exp is left alone: its ends would have too many digits
-_POWER = 64  # exponents beyond which ends are left to floats
-_RISING: dict[type, tuple[Callable[[Any], Any], End, End]] = {  # with bounds of all their values
+_STEEPEST = 10**6  # largest argument of exp that is evaluated: more ends would have too many digits
+_POWER = 64  # exponents beyond which ends are computed in floats
+_RISING: dict[type, tuple[Callable[[Any], Any], End, End]] = {  # increasing functions, with bounds of all their values
     sp.exp: (arb.exp, Fraction(0), math.inf),
     sp.sinh: (arb.sinh, *EVERYTHING),
     sp.tanh: (arb.tanh, Fraction(-1), Fraction(1)),
@@ -194,8 +192,7 @@ _RISING: dict[type, tuple[Callable[[Any], Any], End, End]] = {  # with bounds of
 
 
 def rational(expression: sp.Expr, box: Box) -> Interval:
-    """An interval that holds the values of the expression on the box, where it and its parts are real; as written and,
-    of a polynomial, in factors."""
+    """An interval that encloses the expression, where it and its parts are real: as written, and as a product."""
     e = exact(expression)
     low, high = _ends(e, box)
     if low < 0 < high and isinstance(e, sp.Add) and e.is_polynomial(*e.free_symbols):
@@ -246,7 +243,7 @@ def _number_ends(e: sp.Expr) -> Interval:
 
 
 def _applied(function: Callable[[Any], Any], end: End) -> Interval:
-    """A function's value at an end; the whole line where that has too many digits."""
+    """An enclosure of a function's value at an end; the real line where that value has too many digits."""
     if not -_STEEPEST <= end <= _STEEPEST:
         return EVERYTHING
     with ctx.workprec(_BITS):
@@ -273,7 +270,7 @@ def fractions(a: Interval) -> Interval:
 
 
 def multiplied(a: Interval, b: Interval) -> Interval:
-    """a b; an infinite end is a bound and no value, so 0 times it is 0."""
+    """The product a b; an infinite end is a bound and no value, so 0 times it is 0."""
 
     def times(x: End, y: End) -> End:
         if math.inf in (abs(x), abs(y)):
@@ -285,7 +282,7 @@ def multiplied(a: Interval, b: Interval) -> Interval:
 
 
 def raised(a: Interval, n: int) -> Interval:
-    """a^n for whole n; for n < 0 where a is not 0. The whole line for a power with too many digits."""
+    """The power a^n for whole n, for n < 0 where a is not 0; the real line for a power with too many digits."""
     if abs(n) > STEEP:
         return EVERYTHING
     if n < 0:
@@ -315,37 +312,40 @@ def _rounded_outward(a: Interval) -> Interval:
     return rounded(a[0], math.floor), rounded(a[1], math.ceil)
 
 
-# --- the cells that a program may take
+# --- the cells of tables that a program may read
 
-_LARGE_ROUNDING = 2.0**-6  # of a table: what is rounded by more keeps within nothing
-
-
-def taken(expression: sp.Expr, around: Sides) -> sp.Expr:
-    """The expression on a box with tables that know their ends there, and how far their arguments may be rounded."""
-    return rounded(ended(expression, around.box), around)
+_LARGE_ROUNDING = 2.0**-6  # share of a table's width beyond which a rounding error counts as leaving the table
 
 
-def ended(expression: sp.Expr, box: Box) -> sp.Expr:
-    """The expression on a box with tables that know their ends there."""
-    return replaced(expression, lambda node: between(node, node.args, box))
+def as_programmed(expression: sp.Expr, around: Sides) -> sp.Expr:
+    """The expression whose tables are clamped and rounded as a program computes them on the box."""
+    return rounded(clamped(expression, around.box), around)
 
 
-def beyond(expression: sp.Expr, around: Sides) -> tuple[Fraction, str] | None:
-    """A breakpoint on which the box ends, and its table, of which a program takes a derivative beyond; None without."""
+def clamped(expression: sp.Expr, box: Box) -> sp.Expr:
+    """The expression whose tables are clamped along the axes where their argument may leave the breakpoints."""
+    return replaced(expression, lambda node: clamped_cells(node, node.args, box))
+
+
+def breakpoint_at_end(expression: sp.Expr, around: Sides) -> tuple[Fraction, str] | None:
+    """A breakpoint at the end of the box beyond which a program may read a derivative, and the name of its table."""
     box = around.box
     for node in sorted(expression.atoms(Stepped), key=str):
-        axes, jumps = rounded(ended(node, box), around).cells.axes, node.cells.smooth
+        axes, jumps = rounded(clamped(node, box), around).cells.axes, node.cells.smooth
         for axis, argument, first, order in zip(axes, node.args, jumps, node.order, strict=True):
             side = rational(argument, box)
-            (a, b), (c, d) = axis.met(*side), axis.taken(*side)[1]
+            (a, b), (c, d) = axis.overlapped(*side), axis.readable(*side)[1]
             at = next((k for k in (*range(c, a), *range(b, d)) if first[k] <= order), None)
             if at is not None:
                 return axis.x[at], node.cells.name
     return None
 
 
-def between(node: Table, arguments: Sequence[sp.Expr], box: Box, *, program: bool = False) -> Cells:
-    """The table without its ends along the axes where its argument keeps within its points."""
+def clamped_cells(node: Table, arguments: Sequence[sp.Expr], box: Box, *, program: bool = False) -> Cells:
+    """The table without clamping along the axes where its argument stays between the breakpoints on the box.
+
+    `program`: also where the argument leaves them by no more than its rounding error.
+    """
 
     def within(axis: Axis, argument: sp.Expr) -> bool:
         (low, high), first, last = rational(argument, box), axis.x[0], axis.x[-1]
@@ -357,12 +357,12 @@ def between(node: Table, arguments: Sequence[sp.Expr], box: Box, *, program: boo
         return inside and is_defined(argument, box)
 
     pairs = zip(node.cells.axes, arguments, strict=True)
-    return node.cells.holding(*(axis.held and not within(axis, argument) for axis, argument in pairs))
+    return node.cells.clamping(*(axis.clamped and not within(axis, argument) for axis, argument in pairs))
 
 
 # --- zeros
 
-_CANDIDATES, _EXACT = 800, 16  # points looked at by enclosures, by exact arithmetic
+_CANDIDATES, _EXACT = 800, 16  # most points tested by enclosures, by exact arithmetic
 _DENOMINATORS, _FEW_DIGITS = 12, (1, 2, 6, 12, 100, 1000)
 _STEPS = 1100  # of a bisection: from the largest float down to the smallest
 
@@ -374,8 +374,8 @@ def special_point(
     kinds: tuple[str, ...] = ("= 0", "undefined"),
     hints: Iterable[Point] = (),
 ) -> tuple[str, Point] | None:
-    """("= 0" or "undefined", the point) for the first candidate that is one of the kinds; points of few digits next to
-    the `hints` are candidates, too."""
+    """The kind, "= 0" or "undefined", and the point of the first candidate of one of the `kinds`, if any; `hints`:
+    points near which candidates of few digits lie."""
     if largest_exponent(expression) > STEEP:
         return None
     simple = ({s: x.limit_denominator(q) for s, x in point.items()} for point in hints for q in _FEW_DIGITS)
@@ -396,8 +396,8 @@ def special_point(
 
 
 def crossing(expression: sp.Expr, program: Tape, sides: Sides, below: Point, above: Point) -> Point:
-    """A zero, a kink at which the sign jumps, or a point next to one, on the line from a point where the expression is
-    negative to one where it is positive; the expression is continuous there."""
+    """A zero, a kink where the sign jumps, or a point next to one of these, on the line from a point where a continuous
+    expression is negative to one where it is positive."""
     for _ in range(_STEPS):
         centre = {s: Fraction(outward.number((below[s] + above[s]) / 2)[0]) for s in sides.symbols}
         if centre in (below, above) or not sides.contains(centre):
@@ -469,7 +469,7 @@ def _roots(expression: sp.Expr, sides: Sides) -> Iterable[Fraction]:
 
 
 def _solved(expression: sp.Expr, sides: Sides, values: list[list[Fraction]]) -> Iterator[Point]:
-    """Zeros of an expression that is linear in a symbol, the others at simple values."""
+    """Zeros of an expression that is linear in a symbol, with the other symbols at simple values."""
     for k, symbol in enumerate(sides.symbols):
         slope = expression.diff(symbol)
         constant = None if slope == 0 or slope.has(symbol) else put(expression, {symbol: sp.S.Zero})
@@ -486,22 +486,21 @@ def _solved(expression: sp.Expr, sides: Sides, values: list[list[Fraction]]) -> 
                 yield solution
 
 
-# --- forms of one expression
+# --- equivalent forms of an expression
 
 _LARGE = 400  # operations beyond which rewriting would cost more than bisection
 _REWRITTEN = 12  # exponents beyond which it would grow out of hand
 
 
 def steep(e: sp.exp) -> bool:
-    """Whether SymPy would take it as a high power: exp(-8750/T) as exp(1/T)^-8750."""
+    """Whether SymPy would rewrite an exponential as a high power: exp(-8750/T) as exp(1/T)^-8750."""
     return any(abs(int(term.as_coeff_Mul(rational=True)[0].p)) > _REWRITTEN for term in sp.Add.make_args(e.args[0]))
 
 
 def variants(expression: sp.Expr) -> tuple[sp.Expr, ...]:
-    """The expression as it is, then its factors and its Horner forms where it is rational in its symbols.
+    """The expression as written, then factored and in Horner forms where it is rational in its symbols.
 
-    They come from exact algebra over the rationals: each is equal to the first where the first is defined, and may have
-    lost a removable pole.
+    Each form is equal to the first, by exact algebra, where the first is defined; it may lack a removable pole.
     """
     symbols = sorted(expression.free_symbols, key=str)
     if not symbols or expression.count_ops() > _LARGE or largest_exponent(expression) > _REWRITTEN:
@@ -522,16 +521,16 @@ def variants(expression: sp.Expr) -> tuple[sp.Expr, ...]:
 
 # --- proofs
 
-_SLACK = Fraction(1, 2**40)  # of the size, so that another arithmetic, or other roundings of a cut, reach the bounds
+_SLACK = Fraction(1, 2**40)  # relative, so that another arithmetic, or other roundings of a cut, can prove the bounds
 
 
 @dataclass(frozen=True)
 class Proof:
-    """A fact on a closed box, on which the `expressions` are defined, so that another arithmetic can verify it again.
+    """A fact on a closed box, on which the `expressions` are defined, in a form that another arithmetic can verify.
 
-    Of a range: low <= value <= high, of the one expression; of a slope: the spectral norm of the expressions' Jacobian
-    in the states is at most `high`, and `low` is None. Both are exact; `variables`, `tree`: the bisection, ("split",
-    index, left, right) and "leaf", sides cut in the middle.
+    For a range, low <= value <= high holds for the one expression. For a slope, `low` is None and `high` bounds the
+    spectral norm of the expressions' Jacobian in the states. Both are exact; `variables`, `tree`: the bisection,
+    ("split", index, left, right) and "leaf", sides cut in the middle.
     """
 
     expressions: tuple[sp.Expr, ...]
@@ -542,7 +541,7 @@ class Proof:
 
 
 def ends(low: Fraction | float, high: Fraction | float) -> tuple[Fraction | None, Fraction | None]:
-    """Bounds a little outside of these. Each keeps its sign, if it has one, and is None where it is infinite."""
+    """The bounds moved outward by `_SLACK`, which keeps their signs; None for an infinite one."""
     below, above = (
         None if abs(end) == math.inf else Fraction(end) + way * abs(Fraction(end)) * _SLACK
         for end, way in ((low, -1), (high, 1))
@@ -553,12 +552,12 @@ def ends(low: Fraction | float, high: Fraction | float) -> tuple[Fraction | None
 # --- ranges
 
 LIMIT = 20_000
-_FIRST = 500  # boxes before a pole is looked for
+_FIRST = 500  # boxes before the search for a pole
 
 
 @dataclass(frozen=True)
 class Attained:
-    """A point of the box and a bound of the value there: at most `value` for the least, at least for the most."""
+    """A point of the box with an upper bound `value` of a small value there, or a lower bound of a large one."""
 
     value: float
     point: Mapping[sp.Symbol, Fraction] = field(hash=False)
@@ -568,9 +567,9 @@ class Attained:
 class Range(Encoded):
     """The range of an expression on a box.
 
-    low <= value <= high wherever it and its parts are finite and real; -inf and inf where nothing is proved. `least`,
-    `most`: points where a value as small, as large is attained. `variables`: what the tree's indices count; `tree`: the
-    bisection, ("split", index, left, right) and "leaf", sides cut as `search.middle` says.
+    low <= value <= high wherever it and its parts are finite and real; -inf and inf where nothing is proved. `least`
+    and `most`: points that attain small and large values. `variables`: the symbols that the indices of the `tree`
+    count; `tree`: the bisection, ("split", index, left, right) and "leaf", sides cut at `search.middle`.
     """
 
     json_keys = "low high defined boxes note"
@@ -602,15 +601,15 @@ class Range(Encoded):
 
 
 def bound(expression: sp.Expr, box: Box, *, boxes: int = LIMIT, relative: float = 0.02) -> Range:
-    """The range of the expression on the box, rounded outward; it is wider than the true one by at most `relative` of
-    its width, or `note` says why not.
+    """The range of the expression on the box, rounded outward. It is wider than the true range by at most `relative` of
+    its width, or `note` gives the reason.
 
     Raises: `EmptyBox`; `NoTape` for a function without a rule.
     """
     return _bound(sp.sympify(expression), tuple((x, tuple(ends)) for x, ends in box.items()), boxes, relative)
 
 
-@lru_cache(maxsize=512)  # an observer and its hypotheses ask for the same ranges, as of the a_i
+@lru_cache(maxsize=512)  # an observer and its hypotheses need the same ranges, as of the a_i
 def _bound(expression: sp.Expr, ends: tuple[Any, ...], boxes: int, relative: float) -> Range:
     problem = problem_of(expression, dict(ends))
     if problem is None:
@@ -634,14 +633,14 @@ NOWHERE = Range(-math.inf, math.inf, False, None, None, 0, because("it is not a 
 
 @dataclass(frozen=True)
 class Problem:
-    """An expression with exact numbers, its points put in, and its forms as a tape."""
+    """An expression with exact numbers and constant symbols at their values, and its equivalent forms as a tape."""
 
     expression: sp.Expr
     sides: Sides
     program: Tape
 
     def search(self, goal: Goal, boxes: int, begun: Cover | None = None) -> Cover:
-        """The outcome of a bisection of its box for a goal, or of one that was begun for it."""
+        """The bisection of its box for a goal, continued where it was `begun`."""
         return search(self.program, self.sides, goal, boxes, begun)
 
 
@@ -650,12 +649,12 @@ def problem_of(expression: sp.Expr, box: Box) -> Problem | None:
     fixed, around = sides(exact(sp.sympify(expression)), box)
     if fixed.has(*STRANGE):
         return None
-    fixed = taken(fixed, around)
+    fixed = as_programmed(fixed, around)
     return Problem(fixed, around, tape(variants(fixed), around.symbols))
 
 
 def range_of(problem: Problem, outcome: Cover, relative: float) -> Range:
-    """The outcome of a search as a range; `relative`: how tight the search was asked to be."""
+    """The outcome of a search as a range; `relative`: the tolerance of the search."""
     boxes = counted(outcome.boxes)
     note = because("it was not shown to be finite and real everywhere, with {boxes}", boxes=boxes)
     if outcome.defined:
@@ -668,8 +667,8 @@ def range_of(problem: Problem, outcome: Cover, relative: float) -> Range:
 
 
 def attained(problem: Problem, inner: Inner) -> tuple[Attained | None, Attained | None]:
-    """Bounds of the least and the most value at points that a search looked at; None without one, or where a table's
-    derivative jumps there: what lies on its other side need not be of the box."""
+    """The smallest and the largest value at points that a search has evaluated. None where there is no point, or where
+    a table's derivative jumps: its other side need not belong to the box."""
 
     def at(value: float, place: Array | None) -> Attained | None:
         if not problem.sides.symbols and math.isfinite(value):
@@ -684,22 +683,22 @@ def attained(problem: Problem, inner: Inner) -> tuple[Attained | None, Attained 
 
 
 def counted(count: int) -> Reason:
-    """A number of boxes, in words."""
+    """The number of boxes in words."""
     return because("{count} box" if count == 1 else "{count} boxes", count=count)
 
 
 def place(point: Mapping[sp.Symbol, Fraction]) -> str:
-    """The place as the end of a sentence, in few digits."""
+    """The point as the end of a sentence, in few digits."""
     return ", at " + ", ".join(f"{s} = {float(value):g}" for s, value in point.items()) if point else ""
 
 
 # --- signs
 
-_GLANCE = 60  # boxes before a zero is looked for
+_GLANCE = 60  # boxes before the search for a zero
 
 
 class Cause(Enum):
-    """Why an expression has not one sign, at the witness."""
+    """The reason why an expression has no constant sign, at the witness."""
 
     ZERO = "vanishes"
     UNDEFINED = "is not a finite real number"
@@ -710,13 +709,13 @@ class Cause(Enum):
 
 @dataclass(frozen=True)
 class Sign:
-    """Whether an expression has one sign on a box.
+    """The answer whether an expression has one sign on a box.
 
-    PROVED: `sign` is 1 or -1 and 0 < `margin` <= |value| there, finite. REFUTED: `witness` is a point where it is zero
-    or undefined, next to a zero between two points of opposite sign, or at a kink where it jumps between them, as
-    `cause` says. UNKNOWN: `reason` says how many boxes were tried. `never`: proved to be 0 nowhere on the box, although
-    it may come as close to 0 as you like where the box is unbounded, or be undefined. `exact`: the rational ends that
-    prove it without bisection.
+    PROVED: `sign` is 1 or -1 and 0 < `margin` <= |value| there, finite. REFUTED: `witness` is a point where the
+    expression is zero or undefined, next to a zero between two points of opposite sign, or at a kink where it jumps
+    between them; `cause` says which. UNKNOWN: `reason` gives the number of boxes. `never`: a proof that the expression
+    has no zero on the box, although it may be undefined, or tend to 0 where the box is unbounded. `exact`: the rational
+    ends that prove the sign without bisection.
     """
 
     verdict: Verdict
@@ -737,15 +736,15 @@ class Sign:
 
 
 def nonzero(expression: sp.Expr, box: Box, *, boxes: int = LIMIT, refute: bool = True) -> Sign:
-    """Whether the expression is finite and has one sign on the whole box; without `refute`, which may take long, proved
-    or unknown.
+    """The answer whether the expression is finite and has one sign on the whole box; `refute`, which may take long:
+    search for counterexamples as well.
 
     Raises: `EmptyBox`; `NoTape` for a function without a rule.
     """
     return _nonzero(expression, tuple(box.items()), boxes, refute)
 
 
-@lru_cache(maxsize=512)  # several forms, and several hypotheses of one, ask for the sign of the same gain
+@lru_cache(maxsize=512)  # several forms, and several hypotheses of one, need the sign of the same gain
 def _nonzero(
     expression: sp.Expr, ends: tuple[tuple[sp.Symbol, tuple[End, End]], ...], boxes: int, refute: bool
 ) -> Sign:
@@ -770,7 +769,7 @@ def _nonzero(
             break
     undecided = "{boxes} does not decide it" if outcome.boxes == 1 else "{boxes} do not decide it"
     reason = because(undecided, boxes=counted(outcome.boxes))
-    if end := beyond(problem.expression, problem.sides):
+    if end := breakpoint_at_end(problem.expression, problem.sides):
         pattern = "{why}; the ranges end on {point} of the table {table}, whose slope beyond is taken there: move one"
         reason = because(pattern, why=reason, point=float(end[0]), table=end[1])
     return Sign(Verdict.UNKNOWN, 0, 0.0, {}, reason, range_of(problem, outcome, 0.0), never=never)
@@ -787,8 +786,8 @@ def _proof(problem: Problem, cover: Cover, exact: Interval | None = None) -> Sig
 
 
 def _by_algebra(expression: sp.Expr, box: Box) -> tuple[bool, End, End]:
-    """Whether an expression is 0 nowhere on the box where it is defined, by its factors; and its range, whose ends are
-    rational."""
+    """Whether factors prove that an expression has no zero on the box where it is defined; the rational ends of its
+    range."""
     low, high = rational(expression, box)
     factored = factors(expression)
     if factored is None or (low > 0 or high < 0):
@@ -798,11 +797,11 @@ def _by_algebra(expression: sp.Expr, box: Box) -> tuple[bool, End, End]:
         least, most = rational(one.base, box)
         known = one.definite or least > 0 or most < 0
         again = len(factored.factors) == 1 and one.exponent == 1 and one.base.count_ops() >= expression.count_ops()
-        other = not again and one.base not in (expression, -expression)  # no more than another way to write it
+        other = not again and one.base not in (expression, -expression)  # not the expression itself, rewritten
         if least <= 0 <= most and one.base.free_symbols and other:
             sign = nonzero(one.base, box, boxes=_GLANCE, refute=False)
             known = known or sign.never
-            if sign.verdict is Verdict.PROVED:  # its range is that of the proof
+            if sign.verdict is Verdict.PROVED:  # the range of the proof is narrower
                 ends = sign.exact or fractions((sign.range.low, sign.range.high))
                 least, most = max(least, ends[0]), min(most, ends[1])
         never = never and (known or one.exponent < 0)
@@ -811,7 +810,7 @@ def _by_algebra(expression: sp.Expr, box: Box) -> tuple[bool, End, End]:
 
 
 def _refutation(problem: Problem, outcome: Cover, boxes: int) -> tuple[Cause, Reason, Point] | None:
-    """The cause why an expression has not one sign, the same in words, and a point; None where none is known."""
+    """The cause why an expression has no constant sign, the reason in words, and a point; None where none is known."""
     extremes = [
         problem.sides.point(at.tolist()) for at in (outcome.inner.at_least, outcome.inner.at_most) if at is not None
     ]
@@ -850,7 +849,7 @@ def _crossed(problem: Problem, outcome: Cover, boxes: int) -> Point | None:
 
 
 def _parts(expression: sp.Expr) -> Iterator[tuple[sp.Expr, str]]:
-    """Factors, at whose zeros the expression is zero or undefined, and what it divides by, each with the pattern of a
+    """The divisors and the factors of an expression, which make it undefined or zero, each with the pattern of a
     reason."""
     powers = [] if expression.has(sp.Piecewise) else sorted(expression.atoms(sp.Pow), key=str)
     for node in powers:  # a Piecewise may not take the branch that is not finite
@@ -862,7 +861,7 @@ def _parts(expression: sp.Expr) -> Iterator[tuple[sp.Expr, str]]:
 
 
 def _irreducible(expression: sp.Expr) -> list[sp.Expr]:
-    """Its factors, as far as they are known: by exact algebra alone where SymPy would factor a high power of exp."""
+    """The known irreducible factors, by exact algebra alone where SymPy would factor a high power of exp."""
     if any(steep(e) for e in expression.atoms(sp.exp)):
         product = factors(expression)
         return [one.base for one in product.factors if one.exponent > 0 and not one.definite] if product else []

@@ -1,8 +1,6 @@
-"""Boxes: the range of each symbol with exact ends, and exact sample points, which refute and never prove.
+"""Boxes, the closed and perhaps unbounded ranges of symbols with exact ends, and exact rational sample points.
 
-Sample points of a box, exact rationals, and what an expression is there: what refutes, never what proves.
-
-A box: the closed, perhaps unbounded, range of each symbol, with exact ends.
+The value of an expression at a sample point can refute a claim and never prove one.
 """
 
 import math
@@ -22,22 +20,22 @@ from hgogen.rigor.outward import Pair, number
 
 RationalPoint = Mapping[sp.Symbol, sp.Rational]
 
-STEEP = 2000  # exponents beyond which exact numbers would
+STEEP = 2000  # exponents beyond which exact numbers would have too many digits
 _CORNERS = 64
 _RANDOM = 32
 # An imaginary part that is larger than this, evaluated to 15 digits, is not zero.
 _NOT_ZERO = 1e-9
-# What SymPy defines beyond the reals, and what it makes of it.
+# Functions that SymPy extends beyond the reals.
 _PARTIAL = (sp.Pow, sp.log, sp.asin, sp.acos, sp.acosh, sp.atanh)
-# Where they jump or have no bounded slope: at -1 and 1, or where an argument is 0.
+# Functions that jump or have no bounded slope at -1 or 1, or where an argument is 0.
 _WITH_ENDS = (sp.asin, sp.acos, sp.acosh, sp.atanh)
 _STEEP = (sp.log, sp.sign, sp.Heaviside, sp.atan2, sp.cot, sp.coth)
-_CLOSE = 0.01  # to an end within it: SymPy takes two digits for the sign of a number
-STRANGE = (sp.I, sp.nan, sp.zoo, sp.oo, -sp.oo, sp.AccumBounds)  # what is no finite real number
+_CLOSE = 0.01  # distance to an end below which SymPy, which needs two digits for a sign, may round to the end
+STRANGE = (sp.I, sp.nan, sp.zoo, sp.oo, -sp.oo, sp.AccumBounds)  # not finite real numbers
 
 
 class Ranged(Protocol):
-    """A symbol with a declared range, or none, and perhaps a nominal value: a `Signal`."""
+    """A symbol with an optional declared range and an optional nominal value: a `Signal`."""
 
     low: float | None
     high: float | None
@@ -49,11 +47,11 @@ class Ranged(Protocol):
 
 
 def points(signals: Sequence[Ranged]) -> Iterator[RationalPoint]:
-    """Midpoint, zeros in the box, corners, then random points from a fixed seed; exact rationals."""
+    """The midpoint, zeros in the box, corners, then random points from a fixed seed, as exact rationals."""
     ends = [_range_of(s) for s in signals]
     yield {s: (low + high) / 2 for s, (low, high) in zip(signals, ends, strict=True)}
     for s, (low, high) in zip(signals, ends, strict=True):
-        if low <= 0 <= high:  # the others off centre, so that s alone is the reason for what happens
+        if low <= 0 <= high:  # the others off centre, so that a failure is due to s alone
             yield {t: (3 * a + 4 * b) / 7 for t, (a, b) in zip(signals, ends, strict=True)} | {s: sp.S.Zero}
     for corner in islice(product(*ends), _CORNERS):
         yield dict(zip(signals, corner, strict=True))
@@ -66,13 +64,13 @@ def points(signals: Sequence[Ranged]) -> Iterator[RationalPoint]:
 
 
 def largest_exponent(expression: sp.Expr) -> int:
-    """The size of the largest numerical exponent."""
+    """The absolute value of the largest numerical exponent."""
     return max((abs(int(node.exp.p)) for node in expression.atoms(sp.Pow) if node.exp.is_Rational), default=0)
 
 
 def kind(expression: sp.Expr, point: RationalPoint) -> str:
-    """The kind of value at a point, by exact zero tests and guaranteed digits: "> 0", "< 0", "= 0", "undefined" or "?",
-    which is the answer for powers too large for exact numbers as well."""
+    """The kind of value at a point, by exact zero tests and guaranteed digits: "> 0", "< 0", "= 0", "undefined" or "?"
+    for unknown, also for powers too large for exact numbers."""
     if largest_exponent(expression) > STEEP:
         return "?"
     at = dict(point)
@@ -85,8 +83,8 @@ def kind(expression: sp.Expr, point: RationalPoint) -> str:
 
 
 def _by_an_end(node: sp.Expr, at: Mapping[Any, Any]) -> bool:
-    """Whether a function has an argument next to an end and within it, which SymPy may round to the end: it takes
-    acosh(1 + 10^-20) for 0, and 1/acosh(1 + 10^-20) for infinite."""
+    """Whether a function's argument lies inside and so close to an end of its domain that SymPy may round it to the
+    end: SymPy's acosh(1 + 10^-20) is 0, and 1/acosh(1 + 10^-20) infinite."""
     argument = node.args[0].xreplace(at)
     room = (argument - 1 if isinstance(node, sp.acosh) else 1 - argument**2).evalf(15)
     return argument not in (1, -1) and (_is_noise(room) or bool(room.is_Float and 0 < room < _CLOSE))
@@ -97,7 +95,7 @@ def _kind(value: sp.Expr) -> str:
         return "= 0"
     if value.has(sp.nan, sp.zoo, sp.oo, -sp.oo, sp.AccumBounds) or value.is_real is False:
         return "undefined"
-    if any(node.is_real is False for node in value.atoms(*_PARTIAL)):  # digits of what is made of it take minutes
+    if any(node.is_real is False for node in value.atoms(*_PARTIAL)):  # its digits would take minutes
         return "undefined"
     digits = _digits(value.evalf(15))
     return "?" if digits != "?" and any(_near_an_edge(node) for node in value.atoms(sp.Pow, sp.Function)) else digits
@@ -111,15 +109,15 @@ def _digits(value: sp.Expr) -> str:
 
 
 def _is_noise(value: sp.Expr) -> bool:
-    """SymPy gives a number of which no digit is certain the precision 1."""
+    """Whether no digit of a number is certain, to which SymPy gives the precision 1."""
     return bool(value.is_Float and value._prec == 1)
 
 
 def _near_an_edge(node: sp.Expr) -> bool:
-    """Whether a number is a function of what may be a place where the function jumps or has no bounded slope, as 0 of a
-    root: SymPy counts digits by the slope, and |sin(1)**2 + cos(1)**2 - 1|**(1/2) would have some."""
+    """Whether a function's argument may be a point where the function jumps or has no bounded slope, as 0 for a root.
+    SymPy counts digits by the slope, and would give digits of |sin(1)**2 + cos(1)**2 - 1|**(1/2)."""
     (first, *_) = node.args
-    edges = node.args if isinstance(node, _STEEP) else ()  # what is 0 at those places
+    edges = node.args if isinstance(node, _STEEP) else ()  # expressions that are 0 at those points
     if isinstance(node, sp.Pow):
         edges = () if node.exp.is_Integer and node.exp > 0 else (first,)
     elif isinstance(node, _WITH_ENDS):
@@ -130,7 +128,7 @@ def _near_an_edge(node: sp.Expr) -> bool:
 
 
 def put(expression: sp.Expr, values: Mapping[Any, Any]) -> sp.Expr | None:
-    """The expression with values for symbols; None where SymPy then has to compare what is not real."""
+    """The expression with values for symbols; None where SymPy then has to compare complex numbers."""
     try:
         return expression.xreplace(dict(values))
     except (ValueError, TypeError):
@@ -138,8 +136,8 @@ def put(expression: sp.Expr, values: Mapping[Any, Any]) -> sp.Expr | None:
 
 
 def settled(expression: sp.Expr, values: Mapping[sp.Symbol, sp.Rational]) -> sp.Expr:
-    """The expression with symbols at their values; those stay at which a root, an inverse or a logarithm would not be
-    a finite real number: SymPy goes on with what it is then, and |log(-1)| would be pi."""
+    """The expression with symbols at their values, but for symbols of which a root, an inverse or a logarithm would
+    then not be a finite real number: SymPy would continue with complex values, and |log(-1)| would be pi."""
     nodes = (node for node in expression.atoms(*_PARTIAL) if not values.keys().isdisjoint(node.free_symbols))
     stay = {s for node in nodes if not _is_real_at(node, values) for s in node.free_symbols}
     return expression.xreplace({s: value for s, value in values.items() if s not in stay})
@@ -155,13 +153,12 @@ def _is_real_at(node: sp.Expr, values: Mapping[sp.Symbol, sp.Rational]) -> bool:
 
 
 def witness(point: RationalPoint) -> dict[str, float]:
-    """The point as a report shows it."""
+    """The point as floats by name, for a report."""
     return {s.name: float(value) for s, value in point.items()}
 
 
 def exact(expression: sp.Expr) -> sp.Expr:
-    """The expression with each float as the rational of its shortest decimal; one that no float of 53 bits holds, as
-    it is."""
+    """The expression with each float as the rational of its shortest decimal, or its own rational beyond 53 bits."""
     rationals = {}
     for written in expression.atoms(sp.Float):
         nearest = float(written)
@@ -171,7 +168,7 @@ def exact(expression: sp.Expr) -> sp.Expr:
 
 
 def _range_of(signal: Ranged) -> tuple[sp.Rational, sp.Rational]:
-    """The range of a signal; one without a range may have any value, so a range around its nominal value serves."""
+    """The range of a signal, or a range around its nominal value, for a signal without one may have any value."""
     if signal.bounded:
         return sp.Rational(str(signal.low)), sp.Rational(str(signal.high))
     centre = sp.Rational(str(signal.nominal or 0.0))
@@ -187,7 +184,7 @@ EVERYTHING = (-math.inf, math.inf)
 
 @dataclass(eq=False)
 class EmptyBox(HgogenError):
-    """A range whose ends are no numbers or the wrong way round."""
+    """A range whose ends are NaN or in the wrong order."""
 
     name: str
     low: End
@@ -200,8 +197,8 @@ class EmptyBox(HgogenError):
 def box(
     signals: Iterable[Ranged], nominal: Mapping[sp.Symbol, sp.Rational] | None = None
 ) -> dict[sp.Symbol, tuple[End, End]]:
-    """The box of the declared ranges; one without a range is at its value in `nominal` (such as
-    `system.nominal`, of the parameters), else unbounded. A float is the number that its shortest decimal says."""
+    """The box of the declared ranges. A signal without a range has its value in `nominal` (such as `system.nominal`, of
+    the parameters), else it is unbounded. A float is the rational of its shortest decimal."""
     fixed = nominal or {}
     ends: dict[sp.Symbol, tuple[End, End]] = {}
     for signal in signals:
@@ -228,7 +225,7 @@ class Sides:
 
     @property
     def box(self) -> dict[sp.Symbol, tuple[End, End]]:
-        """The box that they are of."""
+        """The box by symbols."""
         return dict(zip(self.symbols, self.ends, strict=True))
 
     @cached_property
@@ -244,18 +241,18 @@ class Sides:
         return np.array(lows, dtype=float), np.array(highs, dtype=float)
 
     def point(self, x: Iterable[float]) -> Point:
-        """The exact point that a vector of floats of the outer box stands for: at an end, the exact end."""
+        """The exact point for a vector of floats of the outer box; an end of the outer box becomes the exact end."""
         coordinates = zip(self.symbols, x, self.ends, strict=True)
         return {s: Fraction(max(min(value, high), low)) for s, value, (low, high) in coordinates}
 
     def only(self, symbols: Iterable[sp.Symbol]) -> "Sides":
-        """The sides of some of its symbols."""
+        """The sides of some of the symbols."""
         wanted = set(symbols)
         some = {s: ends for s, ends in self.box.items() if s in wanted}
         return Sides(tuple(some), tuple(some.values()))
 
     def spread(self) -> Iterator[Point]:
-        """Some points inside, the first near the middle, no two coordinates at the same share of their sides."""
+        """Some interior points, the first near the middle, no two coordinates at the same share of their sides."""
         for shift in (0, 3, 7, 11, 17, 23):
             shares = [Fraction(40 + (5 * k + shift) * 7 % 47, 127) for k in range(len(self.symbols))]
             yield {s: _inside(e, t) for s, e, t in zip(self.symbols, self.ends, shares, strict=True)}
@@ -266,11 +263,10 @@ class Sides:
 
 
 def sides(expression: sp.Expr, box: Box) -> tuple[sp.Expr, Sides]:
-    """The expression with every symbol that is a point at its value, and the sides of the others, sorted by name.
+    """The expression with every symbol of a one-point range at its value, and the sides of the others, sorted by name.
 
-    A symbol that the box does not name is unbounded. A point stays a side where it makes a part not a real number, and
-    among powers too large for exact numbers.
-    Raises: `EmptyBox`.
+    A symbol that the box does not name is unbounded. A one-point range remains a side where its value makes a part not
+    a real number, and among powers too large for exact numbers. Raises: `EmptyBox`.
     """
     steep = largest_exponent(expression) > STEEP
     ends = {}

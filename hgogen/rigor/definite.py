@@ -4,10 +4,10 @@ All eigenvalues of a symmetric M are real, and det(x I + M) = sum_k e_k x^(n-k) 
 functions of them. So M >= 0 if and only if every e_k >= 0, and M > 0 if and only if every e_k > 0 (FLINT's
 characteristic polynomial; Horn, Johnson, "Matrix Analysis", 7.1 and 7.2). A matrix of doubles, which are rationals, is
 Hurwitz by Routh's array of its characteristic polynomial (E. J. Routh 1877; Gantmacher, "The Theory of Matrices", XV).
-Of a symmetric matrix of balls the signs are known as far as these tell.
+For a symmetric matrix of balls a sign is known where it is that of every matrix within the balls.
 
-Linear algebra on one thread: threads of BLAS wait for each other longer than a matrix of tens of rows takes, and
-what they add up depends on how many they are.
+NumPy's linear algebra runs on one thread (`one_thread`): for tens of rows the threads of BLAS wait longer than they
+compute, and their sums depend on the number of threads.
 """
 
 from collections.abc import Iterable, Sequence
@@ -27,21 +27,21 @@ from hgogen.errors import HgogenError
 
 Matrix = tuple[tuple[Fraction, ...], ...]
 
-_CLOSE = Fraction(1, 2**40)  # of the largest entry: how close to a float eigenvalue its enclosure begins
+_CLOSE = Fraction(1, 2**40)  # first radius of the enclosure of a float eigenvalue, as a share of the largest entry
 
 
 def exact(M: Iterable[Iterable[Fraction]]) -> Any:
-    """A matrix of fractions as FLINT's."""
+    """A FLINT matrix of fractions."""
     return fmpq_mat([[number(value) for value in row] for row in M])
 
 
 def rationals(M: np.ndarray) -> Matrix:
-    """A matrix of floats as the rationals that they are."""
+    """A matrix of floats as exact rationals."""
     return tuple(tuple(map(Fraction, row)) for row in M.tolist())
 
 
 def root(value: Fraction, bits: int = 24) -> Fraction:
-    """A short rational at or above the square root, by a share of some 2^-bits at most."""
+    """A short rational at or above the square root, too large by a share of about 2^-bits at most."""
     if not value:
         return value
     shift = 2 * max(0, bits - (value.numerator.bit_length() - value.denominator.bit_length()) // 2)
@@ -50,31 +50,30 @@ def root(value: Fraction, bits: int = 24) -> Fraction:
 
 
 def number(value: Any) -> Any:
-    """A fraction, or another number that is exact, as FLINT's."""
+    """A FLINT rational of a fraction or another exact number."""
     if isinstance(value, fmpq):
         return value
     return fmpq(*value.as_integer_ratio()) if isinstance(value, float) else fmpq(value.numerator, value.denominator)
 
 
 def fraction(value: Any) -> Fraction:
-    """FLINT's rational as a fraction."""
+    """A FLINT rational as a fraction."""
     return Fraction(int(value.p), int(value.q))
 
 
 def floats(M: Any) -> np.ndarray:
-    """FLINT's matrix as floats."""
+    """A FLINT matrix as floats."""
     return np.array([[float(fraction(M[i, j])) for j in range(M.ncols())] for i in range(M.nrows())])
 
 
 def unit(n: int) -> Any:
-    """The unit matrix (n, n), FLINT's."""
+    """The FLINT unit matrix (n, n)."""
     return fmpq_mat([[fmpq(int(i == j)) for j in range(n)] for i in range(n)])
 
 
 def positive(M: Any) -> bool:
-    """Whether a symmetric matrix of FLINT's is positive definite: proved either way, by a congruence that brings it
-    near the unit matrix, else by its leading minors, which are the pivots of an elimination without fractions that
-    leaves the rows in their order."""
+    """Whether a symmetric FLINT matrix is positive definite, proved either way: by a congruence to nearly the unit
+    matrix, else by its leading minors, the pivots of a fraction-free elimination without row exchanges."""
     whole, _ = M.numer_denom()
     if _near_unit(whole):
         return True
@@ -83,8 +82,9 @@ def positive(M: Any) -> bool:
 
 
 def _near_unit(M: Any) -> bool:
-    """Whether the diagonal of R M R' dominates its rows, so that it is positive definite (Gershgorin), and so is M, of
-    whole numbers or balls, whatever these hold: R the inverse of a Cholesky factor in floats, as whole numbers."""
+    """Whether R M R' is diagonally dominant, so that it and M are positive definite (Gershgorin), for every matrix
+    within the balls. M has whole numbers or balls; R is the inverse of a Cholesky factor in floats, as whole
+    numbers."""
     rows = [[arb(value).mid() for value in row] for row in M.tolist()]
     try:
         diagonal = [row[k].man_exp() for k, row in enumerate(rows)]
@@ -100,9 +100,9 @@ def _near_unit(M: Any) -> bool:
 
 
 def definite(M: np.ndarray) -> bool:
-    """Whether a symmetric matrix of FLINT's rationals is positive definite, proved either way; of its balls, whether
-    every matrix within them is shown to be: by a congruence that brings it near the unit matrix, in which wide balls
-    are no wider, else by the signs of pivots, in which narrow balls need no float."""
+    """Whether a symmetric matrix of FLINT rationals is positive definite, proved either way, or every matrix within
+    FLINT balls is proved to be: by a congruence to nearly the unit matrix, which does not widen wide balls, else by the
+    signs of pivots, which need no floats for narrow balls."""
     if not any(isinstance(value, arb) for value in M.flat):
         return positive(fmpq_mat(M.tolist()))
     if _near_unit(arb_mat(M.tolist())):
@@ -118,18 +118,17 @@ def definite(M: np.ndarray) -> bool:
 
 
 def nonnegative(M: Any) -> bool:
-    """Whether a symmetric matrix of FLINT's is positive semidefinite: proved either way."""
+    """Whether a symmetric FLINT matrix is positive semidefinite, proved either way."""
     elementary = (-M).charpoly().coeffs()[-2::-1]  # of det(x I + M) = (-1)^n det(-x I - M), after the first
     return all(value >= 0 for value in elementary)
 
 
 def smallest(M: Any) -> tuple[Fraction, Fraction]:
-    """An enclosure (low, high) of the smallest eigenvalue of a symmetric matrix of FLINT's: low <= eigenvalue < high is
-    proved, and low > 0 where the matrix is positive definite.
+    """A proved enclosure low <= eigenvalue < high of the smallest eigenvalue of a symmetric FLINT matrix; low > 0 where
+    the matrix is positive definite.
 
-    low is the float eigenvalue rounded to nine digits where that is a lower bound, so that it is 2 for an eigenvalue 2;
-    else both bounds start at a distance of 2^-40 of the largest entry from the float, and move outwards until they are
-    proved.
+    low is the float eigenvalue rounded to nine digits where that is a lower bound, so that it is 2 for an eigenvalue 2.
+    Else both bounds start at a distance of 2^-40 of the largest entry from the float, and move outwards until proved.
     """
     values = floats(M)
     eigenvalue, slack = float(np.linalg.eigvalsh(values).min()), _CLOSE * Fraction(float(np.abs(values).max()) or 1.0)
@@ -148,24 +147,23 @@ def smallest(M: Any) -> tuple[Fraction, Fraction]:
 
 
 def largest(M: Any) -> tuple[Fraction, Fraction]:
-    """(low, high) around the largest eigenvalue of a symmetric matrix of FLINT's: low < it <= high, both proved."""
+    """A proved enclosure low < eigenvalue <= high of the largest eigenvalue of a symmetric FLINT matrix."""
     low, high = smallest(-M)
     return -high, -low
 
 
-# --- symmetric but for rounding
+# --- symmetric up to rounding
 
 _ROUNDING = Fraction(1, 10**12)
 
 
 def symmetric(M: Sequence[Sequence[Fraction]]) -> tuple[tuple[Fraction, ...], ...] | None:
-    """(M + M')/2 in exact fractions, where M (n, n) is symmetric but for rounding; else None. Solvers leave M and M' a
-    rounding apart, which is
+    """The matrix (M + M')/2 in exact fractions, where M (n, n) is symmetric up to rounding as solvers leave it, else
+    None. Symmetric up to rounding means
 
         |M_ij - M_ji| <= 1e-12 max(|M_ij|, |M_ji|, sqrt|M_ii M_jj|)
 
-    for every i, j. The right side turns with the units of the coordinates as the entries do, so that no small one is
-    lost beside a large one.
+    for every i, j. Both sides scale alike with the units of the coordinates, so that small entries count, too.
     """
     n = range(len(M))
     for i, j in combinations(n, 2):
@@ -176,7 +174,7 @@ def symmetric(M: Sequence[Sequence[Fraction]]) -> tuple[tuple[Fraction, ...], ..
 
 
 def unsymmetric(name: str) -> str:
-    """Why a matrix of that name is refused, and what to give."""
+    """The message why a matrix of that name is refused, and the symmetric matrix to give."""
     return f"must be symmetric, to 1e-12 of its numbers; give ({name} + {name}')/2"
 
 
@@ -197,7 +195,8 @@ class NotHurwitz(HgogenError):
 
 
 def hurwitz(matrix: np.ndarray) -> bool:
-    """Whether every eigenvalue of a matrix (n, n), floats or fractions, has a negative real part: a proof."""
+    """Whether every eigenvalue of a matrix (n, n) of floats or fractions has a negative real part, proved either
+    way."""
     rows = [[value if isinstance(value, Fraction) else Fraction(float(value)) for value in row] for row in matrix]
     polynomial = exact(rows).charpoly().coeffs()[::-1]
     above, below = polynomial[0::2], polynomial[1::2]
@@ -211,7 +210,7 @@ def hurwitz(matrix: np.ndarray) -> bool:
 
 
 def demand_hurwitz(gains: str, matrix: np.ndarray, fix: str) -> None:
-    """Raises: `NotHurwitz` for a matrix (n, n) that is not; `fix` says what to change."""
+    """Raise `NotHurwitz` for a matrix (n, n) that is not Hurwitz; `fix` says what to change."""
     if hurwitz(matrix):
         return
     eigenvalues = np.linalg.eigvals(np.asarray(matrix, dtype=float)).astype(complex)
@@ -221,9 +220,9 @@ def demand_hurwitz(gains: str, matrix: np.ndarray, fix: str) -> None:
 
 
 def one_thread() -> AbstractContextManager[Any]:
-    """Within it NumPy's linear algebra takes one thread."""
+    """A context in which NumPy's linear algebra runs on one thread."""
     limit: AbstractContextManager[Any] = _threads().limit(limits=1, user_api="blas")
     return limit
 
 
-_threads = cache(ThreadpoolController)  # of the process, looked for once, as that takes ten milliseconds
+_threads = cache(ThreadpoolController)  # one for the process: the search for its libraries takes ten milliseconds

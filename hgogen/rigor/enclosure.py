@@ -1,13 +1,13 @@
-"""Enclosures of a tape's values, and of their slopes, on many boxes at once.
+"""Enclosures of a tape's values, and of their partial derivatives, on many boxes at once.
 
 Forward differentiation in outward-rounded intervals. A slope encloses the derivative where there is one and Clarke's
 gradient at a kink (Abs, Min, Max), so that the mean value theorem holds wherever the value is continuous and the slope
-is finite. What may jump on a box (sign, floor, Heaviside, Piecewise) is not continuous there and has no finite slope.
-A condition is a number, 1 for true and 0 for false.
+is finite. A function that may jump on a box (sign, floor, Heaviside, Piecewise) is not continuous there and has no
+finite slope. A condition is a number, 1 for true and 0 for false.
 
-Of elementary functions Arb (python-flint) encloses each value at the ends in a ball, between the points where they
-turn; the ball's ends become floats that are compared with it exactly. An infinite end takes the function's limit. Boxes
-of a bisection share ends, so the values are cached.
+Arb (python-flint) encloses each value of an elementary function at the ends of an interval in a ball, between the
+function's extrema; the ball's ends become floats that are compared with it exactly. The value at an infinite end is the
+function's limit. Boxes of a bisection share ends, so the values are cached.
 """
 
 import math
@@ -28,9 +28,9 @@ from hgogen.rigor.tape import Tape
 
 # --- elementary functions
 
-_PRECISION = 90  # bits, enough for the ends to be within an ulp
+_PRECISION = 90  # bits, enough for ends within an ulp
 _LARGEST = math.nextafter(math.inf, 0.0)
-_STEEP = 1e4  # beyond it e^x and e^-x are out of the range of doubles, and of the balls in the end
+_STEEP = 1e4  # beyond it e^x and e^-x are out of the range of doubles, and far beyond it of balls
 _STEEPER = {  # the values below -_STEEP, and above it
     "exp": ((0.0, 5e-324), (_LARGEST, math.inf)),
     "sinh": ((-math.inf, -_LARGEST), (_LARGEST, math.inf)),
@@ -43,7 +43,7 @@ _HALF_PI = (PI[0] / 2, PI[1] / 2)
 
 @dataclass(frozen=True)
 class Monotone:
-    """A monotone function: its domain (`closed`: with its ends), its values at the domain's ends, lower and upper."""
+    """A monotone function: its domain (`closed`: with its ends) and enclosures of its values at the domain's ends."""
 
     domain: tuple[float, float]
     closed: bool
@@ -72,7 +72,7 @@ FUNCTIONS = frozenset(_BALLS)
 
 
 def elementary(name: str, a: Pair) -> tuple[Pair, Flags]:
-    """The function's range on a, as far as a is in its domain, and whether all of a is."""
+    """The function's range on the part of a in its domain, and whether all of a is in the domain."""
     if name in _MONOTONE:
         return _monotone(name, _MONOTONE[name], a)
     everywhere: Flags = np.ones(a[0].shape, dtype=bool)
@@ -85,7 +85,7 @@ def elementary(name: str, a: Pair) -> tuple[Pair, Flags]:
 
 
 def arctangent(y: Pair, x: Pair) -> tuple[Pair, Flags, Flags]:
-    """atan2(y, x), whether it is defined, and whether it is continuous, as it is off the cut y = 0, x <= 0."""
+    """The range of atan2(y, x), whether it is defined, and whether it is continuous: off the cut y = 0, x <= 0."""
     at_origin = (y[0] <= 0) & (y[1] >= 0) & (x[0] <= 0) & (x[1] >= 0)
     cut = (y[0] < 0) & (y[1] >= 0) & (x[0] <= 0)
     corners = [_each(_arctangent_at, end, other) for end in y for other in x]
@@ -111,7 +111,7 @@ def _monotone(name: str, rule: Monotone, a: Pair) -> tuple[Pair, Flags]:
 
 
 def _turns(a: Pair, phase: float) -> Flags:
-    """Whether phase + 2 pi k may lie in a for a whole k, in floats, with more slack than their rounding errors."""
+    """Whether phase + 2 pi k may lie in a for a whole k, in floats with more slack than their rounding errors."""
     slack = 1e-14 * (1.0 + np.maximum(np.abs(a[0]), np.abs(a[1])))
     first, last = (a[0] - slack - phase) / (2 * PI[0]), (a[1] + slack - phase) / (2 * PI[0])
     inside = np.floor(last) >= np.ceil(first)
@@ -171,7 +171,7 @@ def _arctangent_at(y: float, x: float) -> tuple[float, float]:
 
 
 def _outward(ball: arb) -> tuple[float, float]:
-    """Floats that enclose the ball, equal where it is one float; compared with it exactly."""
+    """The closest floats that enclose the ball, equal where it is one float."""
     if not ball.is_finite():
         return -math.inf, math.inf
     below, above = ball.lower(), ball.upper()
@@ -227,11 +227,11 @@ def _pair(ends: tuple[float, float], like: Pair) -> Pair:
 
 @dataclass(frozen=True)
 class Enclosure:
-    """Facts on each of k boxes.
+    """The enclosure of an expression on each of k boxes.
 
     `value`: (low, high), k each, of the values where the expression and its parts are real; `defined`: finite and real
-    on the whole closed box; `continuous` there; `slope`: (low, high), a row for each symbol that it was asked for, k
-    each; `fixed`: a constant, whose slope is 0.
+    on the whole closed box; `continuous` there; `slope`: (low, high), a row for each requested symbol, k each; `fixed`:
+    a constant, whose slope is 0.
     """
 
     value: Pair
@@ -242,8 +242,8 @@ class Enclosure:
 
 
 def enclose(program: Tape, low: Array, high: Array, *, slopes: bool | Sequence[int] = False) -> list[Enclosure]:
-    """One enclosure for each output of the tape, on the boxes low <= x <= high (m x k), with `slopes` in all symbols,
-    or in those of some indices."""
+    """The enclosure of each output of the tape on the boxes low <= x <= high (m x k); `slopes`: in all or some
+    symbols."""
     by = (range(len(low)) if slopes else ()) if isinstance(slopes, bool) else slopes
     shape, level = low.shape[1:], np.zeros((len(by), *low.shape[1:]))
     everywhere, values = np.ones(shape, dtype=bool), list[Enclosure]()
@@ -274,7 +274,7 @@ def _both(args: list[Enclosure]) -> tuple[Flags, Flags]:
 
 
 def _chain(a: Enclosure, slope: Callable[[], Pair]) -> Pair:
-    """The slope of f(a) by the chain rule, from an enclosure of f'."""
+    """The slope of f(a), by the chain rule from an enclosure of f'."""
     return a.slope if a.fixed or not len(a.slope[0]) else scale(slope(), a.slope)
 
 
@@ -283,17 +283,17 @@ def _total(first: Pair, second: Pair) -> Pair:
 
 
 def _joint(a: Enclosure, b: Enclosure, first: Pair, second: Pair) -> Pair:
-    """The sum of what the slopes of a and of b contribute."""
+    """The slope of an operation as the sum of the contributions of a and b."""
     return second if a.fixed else first if b.fixed else _total(first, second)
 
 
 def _nowhere(slope: Pair, wild: Flags) -> Pair:
-    """The whole line for the slope where `wild`."""
+    """The slope, or the real line where `wild`."""
     return outward.where_known(~wild, slope)
 
 
 def _jumpy(slope: Pair, wild: Flags, reads: list[Enclosure]) -> Pair:
-    """The whole line where `wild`, but only for the variables that `reads` vary with: in the others nothing jumps."""
+    """The slope, or the real line where `wild`, for those variables with which some of `reads` vary."""
     if not len(slope[0]):
         return slope
     return _nowhere(slope, wild & np.logical_or.reduce([(a.slope[0] != 0) | (a.slope[1] != 0) for a in reads]))
@@ -317,7 +317,7 @@ def _multiply(args: list[Enclosure]) -> Enclosure:
 
 
 def _power(a: Enclosure, n: int) -> Enclosure:
-    """a^n, n whole."""
+    """The power a^n, n whole."""
     value = power(a.value, n)
     clear = (a.value[0] > 0) | (a.value[1] < 0) | (n >= 0)
     factor = number(Fraction(n))
@@ -326,7 +326,7 @@ def _power(a: Enclosure, n: int) -> Enclosure:
 
 
 def _root(a: Enclosure, r: Fraction) -> Enclosure:
-    """a^r, r rational and not whole: real for a >= 0, for r < 0 for a > 0."""
+    """The power a^r, r rational and not whole: real for a >= 0, for r < 0 for a > 0."""
     clear = (a.value[0] > 0) | ((a.value[0] >= 0) & (r > 0))
     factor = number(r)
     slope = _chain(a, lambda: multiply(_pair(factor, a.value), _fractional(a.value, r - 1)))
@@ -344,7 +344,7 @@ def _fractional(a: Pair, r: Fraction) -> Pair:
 
 
 def _raise(args: list[Enclosure]) -> Enclosure:
-    """a^b = exp(b log a), real for a > 0, and 0 at a = 0 for b > 0."""
+    """The power a^b = exp(b log a), real for a > 0, and 0 at a = 0 for b > 0."""
     a, b = args
     logarithm, _ = elementary("log", (np.maximum(a.value[0], 0.0), a.value[1]))
     value, _ = elementary("exp", multiply(b.value, logarithm))
@@ -386,8 +386,7 @@ def _norm(args: list[Enclosure]) -> Enclosure:
 
 
 def _direction(args: list[Enclosure], index: int, wide: bool) -> Enclosure:
-    """e_i/|e|, and at 0 what it is next to it, in the whole of which it counts as continuous: what is proved of slopes
-    is proved of sets."""
+    """The direction e_i/|e|, and at e = 0 the set of its limits, with which it counts as continuous."""
     value = outward.direction([a.value for a in args], index, wide)
     return Enclosure(value, *_both(args), _jumpy(_flat(args[0].slope), value[0] != value[1], args))
 
@@ -411,7 +410,7 @@ def _extreme(pick: np.ufunc, args: list[Enclosure], first: Flags, second: Flags)
 
 
 def _steps(a: Enclosure, value: Pair) -> Enclosure:
-    """A piecewise constant function with that range: constant on a box, or it may jump there."""
+    """A piecewise constant function with the range `value`, which may jump on a box unless the range is one number."""
     still = value[0] == value[1]
     return Enclosure(value, a.defined, a.continuous & still, _jumpy(_flat(a.slope), ~still, [a]))
 
@@ -429,12 +428,12 @@ def _heaviside(args: list[Enclosure]) -> Enclosure:
 
 
 def _compare(verdicts: Callable[[Pair, Pair], tuple[Flags, Flags]]) -> Callable[[list[Enclosure]], Enclosure]:
-    """A relation from when it must and when it may hold."""
+    """The rule of a relation, from the function of two intervals that says where it must and where it may hold."""
 
     def rule(args: list[Enclosure]) -> Enclosure:
         must, may = verdicts(args[0].value, args[1].value)
         defined = args[0].defined & args[1].defined
-        reads = _jumpy(_flat(args[0].slope), np.ones(must.shape, dtype=bool), args)  # what a condition varies with
+        reads = _jumpy(_flat(args[0].slope), np.ones(must.shape, dtype=bool), args)  # infinite where it varies
         return Enclosure((must.astype(float), may.astype(float)), defined, must == may, reads)
 
     return rule
@@ -446,7 +445,7 @@ def _equal(a: Pair, b: Pair) -> tuple[Flags, Flags]:
 
 
 def _piecewise(args: list[Enclosure]) -> Enclosure:
-    """The hull of the branches that a point of the box may take; continuous where there is one only."""
+    """The hull of the branches that points of the box may take, continuous where there is only one."""
     values, conditions = args[::2], args[1::2]
     shape = values[0].value[0].shape
     undecided, count = np.ones(shape, dtype=bool), np.zeros(shape, dtype=int)
@@ -474,8 +473,7 @@ def _joined(a: Pair, b: Pair, where: Flags) -> Pair:
 
 
 def _table(args: list[Enclosure], table: tuple[Cells, Index]) -> Enclosure:
-    """A derivative of a table; where it jumps it is the set of what lies between its limits, and along an axis across
-    whose breakpoints it jumps it has no slope."""
+    """A derivative of a table; where it jumps, the interval between its limits, without a slope along that axis."""
     (cells, order), place = table, [a.value for a in args]
     value, bounded, continuous = _cell_ranges(cells, order, place)
     slopes = [
@@ -487,17 +485,19 @@ def _table(args: list[Enclosure], table: tuple[Cells, Index]) -> Enclosure:
 
 
 def _cell_ranges(cells: Cells, order: Index, place: Sequence[Pair]) -> tuple[Pair, Flags, Flags]:
-    """The range of a derivative of a table where its arguments are in these intervals, with all its limits where it
-    jumps; whether it is bounded there, and along which axes, a row for each, it is continuous. Of a box that ends on a
-    breakpoint the cell within counts, of an argument that is one number, a breakpoint, both cells; of a table that a
-    program takes (`taken`) the cell above, of such a box as well."""
+    """The range of a derivative of a table whose arguments are in the intervals `place`, with all its limits where it
+    jumps; whether it is bounded; and along which axes, a row for each, it is continuous.
+
+    Where a box ends on a breakpoint only the cell inside counts, and where an argument is a breakpoint both cells. For
+    a table with rounded arguments (`bounds.as_programmed`) the cell above counts as well.
+    """
     sides = [zip(low.tolist(), high.tolist(), strict=True) for low, high in place]
     rows = [_on(cells, order, box) for box in zip(*sides, strict=True)]
     low, high, bounded, continuous = zip(*rows, strict=True)
     return (np.array(low), np.array(high)), np.array(bounded), np.array(continuous).T
 
 
-@lru_cache(maxsize=1 << 16)  # boxes of a bisection share ends, and a slope asks for the cells again
+@lru_cache(maxsize=1 << 16)  # boxes of a bisection share ends, and slopes read the same cells
 def _on(cells: Cells, order: Index, box: tuple[Ends, ...]) -> tuple[float, float, bool, tuple[bool, ...]]:
     range, continuous = cells.limits(box, order)
     if range is None:

@@ -1,38 +1,39 @@
-"""Determinants of matrices over a field, without fractions or as products, and that of the observability matrix.
+"""Determinants of matrices over a field as products of powers, and the determinant of the observability matrix.
 
-Rows of polynomials are each reduced by the rows before without fractions; the determinant is a product:
+Fraction-free elimination reduces each row of polynomials by the rows before it; the determinant is a product:
 
     w_k = c_k (given row k  -  a combination of the rows before)   =>   det = +- prod pivots / prod c_k
 
-Of the Lie derivatives w_0 = dh, w_(k+1) = c_k (L_f w_k modulo the rows before), L_f w = f . dw/dx + w df/dx, what is
-subtracted from w_k is a combination of rows before it, whose Lie derivatives are combinations of rows before w_(k+1).
-So every w_k may be reduced by elimination and scaled at once, and
+The rows of the observability matrix are Lie derivatives w_0 = dh, w_(k+1) = c_k (L_f w_k modulo the rows before), with
+L_f w = f . dw/dx + w df/dx. Elimination subtracts from w_k a combination of rows before it, whose Lie derivatives are
+combinations of rows before w_(k+1). So every w_k may be reduced and scaled before the next derivative, and
 
     det d(h, L_f h, ..)/dx = +- prod pivots / prod scales,   a scale of w_k counted for w_k and all its successors.
 
-They are taken over a field that is closed under its derivatives: quotients of polynomials in symbols and kernels,
+The field is closed under the derivatives. It consists of quotients of polynomials in symbols and kernels,
 
     x' = f(x, k),  y = h(x, k),  dk_j/dx_i = s_ji(x, k)         k: exp(m), tan(m/2), roots, logarithms, ..
 
 Source: the observability codistribution, R. Hermann, A. Krener, IEEE TAC 22 (1977); fraction-free elimination.
 
-Polynomials over a field as products, exactly: powers of irreducible ones, and which are 0 on a part of the domain.
+A product of polynomials over the field has an exact factorisation into irreducible ones:
 
     prod P^e = number * prod (irreducible, monic)^e
 
-A root's generator is a polynomial of its own: (p q)^(1/2) is p^(1/2) q^(1/2) only where p and q are not negative, and
-(p^2)^(1/2) is |p|. Only for the zero set it is what it is a root of to a fraction. Of a square root g that replaces a
-symbol, P(g) and P(-g) make one polynomial, which has no root.
+The generator of a root is a factor of its own: (p q)^(1/2) is p^(1/2) q^(1/2) only where p and q are not negative, and
+(p^2)^(1/2) is |p|. For zero sets alone the root is replaced by a fractional power of its radicand. For a square root g
+that replaces a symbol, P(g) and P(-g) are joined to one polynomial without the root.
 
-|x| - x is not 0, and is 0 where x >= 0: (|x| - x) (|x| + x) = 0, so a division by either, which elimination needs,
-loses the value on a part. It cannot be where the generators are analytic and even roots choose no sign: where no
+A function may vanish on a part of the domain: |x| - x is 0 where x >= 0. As (|x| - x) (|x| + x) = 0, a division by
+either factor, which elimination needs, loses the value on that part. This is excluded where the generators are analytic
+and even roots choose no sign. Even roots choose no sign where in every relation
 
-    prod value_i = c h^2,   a product of some of their values, c a number, so that their square roots make |h|,
+    prod value_i = c h^2,   a product of radicands, c a number, so that the product of their square roots is |h|,
 
-has an h that may change its sign (Kummer theory, S. Lang, Algebra, chapter VI.8).
+h cannot change its sign (Kummer theory, S. Lang, Algebra, chapter VI.8).
 
-A polynomial of degree d in T = tan(m/2), times cos(m/2)^d, is a form in cos(m/2), sin(m/2): it sees m = pi, too, where
-T is infinite. A form of even degree is a polynomial in cos m, sin m:
+A polynomial of degree d in T = tan(m/2), times cos(m/2)^d, is a form in cos(m/2), sin(m/2). The form has a value at m =
+pi, too, where T is infinite. A form of even degree is a polynomial in cos m, sin m:
 
     sin(m/2)^k cos(m/2)^(d - k) = (sin m/2)^(k mod 2) ((1 - cos m)/2)^(k div 2) ((1 + cos m)/2)^((d - k) div 2)
 """
@@ -75,25 +76,25 @@ _COMMON = 1000  # terms of a common denominator
 
 @dataclass(frozen=True)
 class Work:
-    """Products of terms that may still be formed."""
+    """A budget: the number of products of terms that may still be formed."""
 
-    left: list[int]
+    remaining: list[int]
 
     def times(self, a: Any, b: Any) -> Any:
-        """a b. Raises: `TooLarge`."""
+        """The product a b. Raises: `TooLarge`."""
         self.spend(len(a) * len(b))
         return a * b
 
     def spend(self, terms: int) -> None:
         """Count products of terms. Raises: `TooLarge`."""
-        self.left[0] -= terms
-        if self.left[0] < 0:
+        self.remaining[0] -= terms
+        if self.remaining[0] < 0:
             raise TooLarge("the matrix")
 
 
 @dataclass(frozen=True)
 class Elimination:
-    """`pivots`: (column, reduced row), as they come."""
+    """An elimination in progress: its `pivots` as pairs (column, reduced row), in the order of the rows."""
 
     field: Field
     work: Work
@@ -101,7 +102,7 @@ class Elimination:
 
     @property
     def odd(self) -> bool:
-        """Whether the pivots' columns are an odd permutation."""
+        """Whether the columns of the pivots are an odd permutation."""
         columns = [column for column, _ in self.pivots]
         return sum(a > b for i, a in enumerate(columns) for b in columns[i + 1 :]) % 2 == 1
 
@@ -112,9 +113,9 @@ class Elimination:
         return row[column]
 
     def added(self, row: list[Any]) -> tuple[list[Any], Product]:
-        """The row without what the rows before make up, now one of them, and by what it was multiplied.
+        """Reduce a row by the rows before and append it; return the reduced row and the factors that scaled it.
 
-        Raises: `TooLarge`; `ZeroDivisionError` for a row that is a combination.
+        Raises: `TooLarge`; `ZeroDivisionError` for a linear combination of the rows before.
         """
         scales: Product = []
         row = self._plain(row, scales)
@@ -133,7 +134,7 @@ class Elimination:
         return row, scales
 
     def _plain(self, row: list[Any], scales: Product) -> list[Any]:
-        """The row reduced by the roots' relations, without the common factor of its entries."""
+        """The row reduced by the relations of the roots and divided by the common factor of its entries."""
         for root in reversed(self.field.relations):
             row, power = reduced(row, root.index, root.degree, root.value)
             scales.append((root.value[1], power))
@@ -161,8 +162,8 @@ def cleared(rows: Sequence[Sequence[Quotient]]) -> tuple[Any, list[list[Any]]]:
 
 
 def expanded(field: Field, rows: Sequence[Sequence[Quotient]], work: Work) -> Quotient:
-    """The determinant of n x n quotients without a division, reduced by the roots' relations: by minors of the first k
-    rows, each from those of k - 1,
+    """The determinant of n x n quotients without a division, reduced by the relations of the roots: the minors of the
+    first k rows follow from those of the first k - 1,
 
         M_k(S) = sum_(j in S) +- a_kj M_(k-1)(S without j)        S: k columns
 
@@ -188,12 +189,12 @@ def expanded(field: Field, rows: Sequence[Sequence[Quotient]], work: Work) -> Qu
 
 # --- a plant over a field
 
-_KERNELS = 24  # kernels whose derivatives bring in others, without end or nearly
+_KERNELS = 24  # most kernels: derivatives of some introduce new ones without end
 
 
 @dataclass(frozen=True)
 class Tower:
-    """`flow` (n) and `output` (p) in the `field`; `slopes[g, i]`: dg/dx_i of generator g where it is not 0."""
+    """A plant over a field: `flow` (n), `output` (p), and `slopes[g, i]` = dg/dx_i of generator g where it is not 0."""
 
     states: tuple[sp.Symbol, ...]
     field: Field
@@ -213,7 +214,7 @@ class Tower:
 
 
 def tower(flow: Sequence[sp.Expr], output: Sequence[sp.Expr], states: Sequence[sp.Symbol]) -> Tower:
-    """The field of a plant and of its derivatives.
+    """The plant over the field of its functions and their derivatives.
 
     Raises: `TooLarge`; `ZeroDivisionError` for a division by what is identically 0; `NoTape` for an unknown function.
     """
@@ -255,8 +256,8 @@ Row = tuple[int, int]  # (output, order of the derivative), both from 0
 def _lie_derivative(
     row: list[Any], rates: Mapping[int, Any], jacobian: Sequence[Sequence[Any]], work: Work
 ) -> list[Any]:
-    """The Lie derivative L_f of a row, times a factor that makes polynomials of the `rates` of generators and of the
-    flow's Jacobian."""
+    """The Lie derivative L_f of a row, times the common denominator of `rates`, the generators' time derivatives, and
+    of the flow's Jacobian."""
     derivative = []
     for i, entry in enumerate(row):
         total = entry.context().constant(0)
@@ -271,9 +272,9 @@ def _lie_derivative(
 
 
 def codistribution_product(tower: Tower, rows: Sequence[Row], limit: int) -> Product:
-    """Polynomials whose product, each to its power, is the determinant of the rows up to a constant factor.
+    """The determinant of some rows of the observability matrix, up to a constant factor, as a product of powers.
 
-    `rows`: in an order in which the reduction is sound: one output after the other, or by order of derivative.
+    `rows` are in an order in which the reduction is valid: one output after the other, or by order of derivative.
     Raises: `TooLarge` beyond `limit` products of terms; `ZeroDivisionError` where the determinant is 0.
     """
     work = Work([limit])
@@ -309,9 +310,10 @@ _ONE_BRANCH = (sp.log, sp.exp, sp.tan, sp.Abs)
 
 
 def branches(field: Field) -> bool:
-    """Whether it may: for a function with kinks or jumps, two inverse functions, a root of a root, |h| of some h."""
+    """Whether a polynomial may vanish on a part of the domain: for a function with kinks or jumps, two inverse
+    functions, a root of a root, or roots whose product is an |h|."""
     kernels = [m for m, g in zip(field.meaning, field.generators, strict=True) if g.is_Dummy]
-    # a root, a logarithm, an exponential or an angle has no branches between which to choose
+    # a root, a logarithm, an exponential or an angle chooses between no branches
     functions = [m for m in kernels if isinstance(m, sp.Function) and not isinstance(m, _ONE_BRANCH)]
     if len(functions) > 1 or any(m.has(*ROUGH) for m in field.meaning):
         return True
@@ -328,9 +330,8 @@ def branches(field: Field) -> bool:
 
 
 def _squared(roots: Sequence[Root]) -> list[list[Any]]:
-    """For each product of values that is a square h^2, from a basis of such products, the factors of h with odd
-    exponents."""
-    exponents = []  # of each value: irreducible monic polynomials and their exponents, by their text
+    """The factors of h with odd exponents, for each product of radicands that is a square h^2, of a basis of these."""
+    exponents = []  # of each radicand: irreducible monic polynomials and their exponents, by their text
     for root in roots:
         ends = _irreducible([(root.value[0], Fraction(1)), (root.value[1], Fraction(-1))])
         exponents.append({str(p): (p, int(k)) for p, k in ends})
@@ -362,7 +363,8 @@ _Parts = list[tuple[Any, Fraction]]
 
 
 def powers(field: Field, product: Product) -> tuple[sp.Expr, list[Power]]:
-    """The number and the powers, all whole: the product's value wherever the roots are real. Raises: `TooLarge`."""
+    """The product as a number and powers with whole exponents, equal wherever the roots are real. Raises:
+    `TooLarge`."""
     for root in reversed(field.relations):  # so that equal functions are equal polynomials
         plain = [(*reduced([p], root.index, root.degree, root.value), e) for p, e in product]
         product = [*((p, e) for (p,), _, e in plain), (root.value[1], -sum(k * e for _, k, e in plain))]
@@ -377,8 +379,7 @@ def powers(field: Field, product: Product) -> tuple[sp.Expr, list[Power]]:
 
 
 def split_roots(field: Field, parts: Sequence[Power]) -> list[Power]:
-    """Powers with the same zeros and poles, though not the same value, in which each root is replaced by what it is a
-    root of."""
+    """Powers with the same zeros and poles, though not the same value, in which radicands replace the roots."""
     pairs = [(one.polynomial, one.exponent) for one in parts]
     for root in reversed(field.roots):
         generator = field.ring.gens()[root.index]
@@ -390,22 +391,21 @@ def split_roots(field: Field, parts: Sequence[Power]) -> list[Power]:
 
 
 def _fewest(root: Root, generator: Any, parts: _Parts) -> tuple[sp.Expr, _Parts]:
-    """The number and the factors of g^k = g^(k - t q) value^t for the t that leaves the fewest factors; g is no factor
-    where q divides k.
-    """
+    """The number and the factors of g^k = g^(k - t q) value^t with the t that leaves the fewest factors; g is no factor
+    where q divides k."""
     k = sum((e for p, e in parts if p == generator), Fraction(0))
     if not k:
         return sp.S.One, parts
-    rest, down = [(p, e) for p, e in parts if p != generator], k // root.degree
+    others, down = [(p, e) for p, e in parts if p != generator], k // root.degree
     candidates = []
     for t in dict.fromkeys([down] if k % root.degree == 0 else [0, down, down + 1]):
         factor, ends = _ends(root, Fraction(t))
-        candidates.append((factor, _merged([*rest, (generator, k - t * root.degree), *ends])))
+        candidates.append((factor, _merged([*others, (generator, k - t * root.degree), *ends])))
     return min(candidates, key=lambda one: (len(one[1]), sum(abs(e) for _, e in one[1])))
 
 
 def _ends(root: Root, share: Fraction) -> tuple[sp.Expr, _Parts]:
-    """The base of a root, to an exponent: the number, of whole exponents alone, and irreducible factors."""
+    """The radicand of a root to the exponent `share`, as a number and powers of irreducible factors."""
     if not share:
         return sp.S.One, []
     factor, ends = _monic([(root.value[0], share), (root.value[1], -share)])
@@ -413,30 +413,30 @@ def _ends(root: Root, share: Fraction) -> tuple[sp.Expr, _Parts]:
 
 
 def _monic(parts: _Parts) -> tuple[sp.Expr, _Parts]:
-    """The product of leading coefficients, each to its exponent, and the polynomials without them."""
+    """The product of the leading coefficients, each to its exponent, and the monic polynomials."""
     leading = sp.Mul(*(number(p.leading_coefficient()) ** sp.Rational(e) for p, e in parts))
     return leading, [(p / p.leading_coefficient(), e) for p, e in parts]
 
 
 def _irreducible(parts: _Parts) -> _Parts:
-    """The factors of monic polynomials, monic themselves, so that no number is lost."""
+    """The monic irreducible factors of monic polynomials."""
     return _merged((p / p.leading_coefficient(), e * k) for polynomial, e in parts for p, k in polynomial.factor()[1])
 
 
 def _joined(parts: _Parts, index: int) -> _Parts:
     """The powers with P(g) and P(-g) joined to one factor where both have the same exponent: with g^2 = x + 1,
     (g - 1) (g + 1) is x."""
-    left = {str(p): (p, e) for p, e in parts}
+    pending = {str(p): (p, e) for p, e in parts}
     joined = []
     for p, e in parts:
-        if left.pop(str(p), None) is None:
+        if pending.pop(str(p), None) is None:
             continue
         generators = list(p.context().gens())
         generators[index] = -generators[index]
         turned = p.compose(*generators)
         other = turned / turned.leading_coefficient()
-        if left.get(str(other), (None, None))[1] == e:
-            del left[str(other)]
+        if pending.get(str(other), (None, None))[1] == e:
+            del pending[str(other)]
             p = p * other
         joined.append((p, e))
     return joined
@@ -458,8 +458,7 @@ _OPERATIONS, _MOST_TERMS = 300, 200
 
 @dataclass(frozen=True)
 class Factor:
-    """base^exponent; `definite`: the base is positive, or negative, for all real values of its symbols at which its
-    parts are real."""
+    """A factor base^exponent; `definite`: the base has one sign, and is not 0, wherever its parts are real."""
 
     base: sp.Expr
     exponent: int
@@ -468,15 +467,15 @@ class Factor:
 
 @dataclass(frozen=True)
 class Factors:
-    """number * prod factors: equal to the expression wherever that is defined."""
+    """A number times a product of factors, equal to the expression wherever that is defined."""
 
     number: sp.Expr
     factors: tuple[Factor, ...]
 
 
 def factors(expression: sp.Expr) -> Factors | None:
-    """The factors of an expression without angles and kinks; None where it has them, or is too large, or is 0. It is
-    known that exp(2 x) + 1 is never 0, nor is cosh(x)^2 - sinh(x)^2 = 1."""
+    """The factors of an expression without angles and kinks; None where it has them, is too large, or is 0. Of such as
+    exp(2 x) + 1 and cosh(x)^2 - sinh(x)^2 = 1 they prove that there is no zero."""
     if expression.count_ops() > _OPERATIONS:
         return None
     writer, e = Writer(), exact(expression)
@@ -486,7 +485,7 @@ def factors(expression: sp.Expr) -> Factors | None:
         if over.angles or branches(over) or top.is_zero():
             return None
         whole = [(top, 1), (bottom, -1)]
-        if all(one_sign(over, p) for p, _ in whole):  # exp(2000 x) + 1 has factors that are not
+        if all(one_sign(over, p) for p, _ in whole):  # exp(2000 x) + 1 has factors without one sign
             return Factors(sp.S.One, tuple(Factor(over.expression(p), k, True) for p, k in whole))
         number, parts = powers(over, whole)
     except (TooLarge, NoTape, ZeroDivisionError):
@@ -498,7 +497,7 @@ def factors(expression: sp.Expr) -> Factors | None:
 
 
 def one_sign(field: Field, polynomial: Any) -> bool:
-    """Terms of one sign, in squares and what is never negative, one of them never 0."""
+    """Whether all terms have one sign, as products of squares and nonnegative generators, and one term is never 0."""
     terms = list(polynomial.terms())
     if len({c > 0 for _, c in terms}) > 1:
         return False
@@ -529,7 +528,7 @@ def even_degrees(degree: Mapping[int, int]) -> bool:
 def factored_form(
     field: Field, polynomial: Any, degree: Mapping[int, int]
 ) -> tuple[sp.Rational, list[tuple[sp.Expr, int]]]:
-    """The form of the given even degrees as a number and powers of factors, without numbers before them.
+    """The form of the given even degrees as a number and powers of primitive factors.
 
     Raises: `TooLarge`.
     """

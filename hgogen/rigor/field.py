@@ -1,6 +1,6 @@
-"""The field of a set of expressions, exactly: generators, quotients of polynomials, and zero tests.
+"""Exact algebra on a set of expressions: generators, quotients of polynomials, and zero tests.
 
-Expressions as rational functions of generators: what exp, sin, roots and powers are, so that algebra can cancel.
+Expressions are written as rational functions of generators, so that algebra can cancel exp, sin, roots and powers:
 
     exp(p m) = E^(p/g)                          E = exp(g m)
     cos(k t) + i sin(k t) = ((1 + i T)^2/(1 + T^2))^k     T = tan(t/2)
@@ -9,24 +9,21 @@ Expressions as rational functions of generators: what exp, sin, roots and powers
     |e|^2 = e^2, a relation,   max(a, b) = (a + b + |a - b|)/2,   min(a, b) = (a + b - |a - b|)/2
 
 m is a monomial of the expanded argument, g the greatest common divisor of its rational factors. Any other function of
-an argument is a generator of its own. Each rule is an identity over the reals wherever both sides are defined; that
-generators may depend on each other in a way not listed only loses proofs.
+an argument is a generator of its own. Each rule is an identity over the reals wherever both sides are defined.
+Relations between generators that are not listed only lose proofs.
 
-The field of a set of expressions: quotients of polynomials in symbols and kernels, with what each kernel means.
-
-The kernels: exp(m), tan(m/2), roots, logarithms, .. sin and cos are rational in T = tan(m/2), so
-that the ring has unique factorisation, which it has not with sin and cos and their relation. For the same reason a root
-of c s + r, with a number c and an r without the symbol s, takes the place of s:
+The field consists of quotients of polynomials in symbols and kernels: exp(m), tan(m/2), roots, logarithms, .. As sin
+and cos are rational in T = tan(m/2), the ring has unique factorisation, unlike the ring with sin, cos and their
+relation. For the same reason a root of c s + r, with a number c and an r without the symbol s, replaces s:
 
     g^q = c s + r   =>   s = (g^q - r)/c
 
-Quotients are formed by a tape with FLINT's polynomials over the rationals; sizes are limited by counts of terms.
+A tape forms quotients of FLINT polynomials over the rationals; sizes are limited by counts of terms.
 
-Exact zero tests: whether an expression is 0 wherever it is defined, and which symbols a function depends on.
-
-True is proved by exact algebra (`vanishes`); False by a value at an exact rational point whose ball excludes
-0, or by a polynomial that is not 0. None: neither. A box restricts the points, not the algebra: |x| - x is not
-refuted on x >= 1, and not proved either.
+Zero tests decide whether an expression is 0 wherever it is defined, and which symbols a function depends on. True is
+proved by exact algebra (`vanishes`), False by a value at a rational point whose ball excludes 0, or by a polynomial
+that is not 0; None means neither. A box restricts the points, not the algebra: |x| - x is neither refuted nor proved on
+x >= 1.
 """
 
 import random
@@ -48,7 +45,7 @@ from hgogen.rigor.series import values
 from hgogen.rigor.tape import Norm, NoTape, tape
 from hgogen.sentence import Reason, because
 
-# A multiple of an angle, the terms and the operations of one argument beyond these would only cost time.
+# Most multiples of an angle, and most terms and operations of an argument.
 _MULTIPLE, _ANGLES, _OPERATIONS = 16, 6, 200
 _TRIGONOMETRIC = (sp.sin, sp.cos, sp.tan, sp.cot, sp.sec, sp.csc)
 _TRIED = 2**16  # the primes that a large whole number under a logarithm is divided by
@@ -63,7 +60,7 @@ class TooLarge(HgogenError):
 
     @property
     def reason(self) -> Reason:
-        """Why it is not tried."""
+        """The reason why it is not computed."""
         return because("{what} is too large for exact algebra; write it in fewer or simpler terms", what=self.what)
 
     def __str__(self) -> str:
@@ -72,7 +69,7 @@ class TooLarge(HgogenError):
 
 @dataclass(frozen=True)
 class Relation:
-    """generator^degree = value, a rational function of generators that come before it."""
+    """The relation generator^degree = value, a rational function of earlier generators."""
 
     generator: sp.Dummy
     degree: int
@@ -81,7 +78,8 @@ class Relation:
 
 @dataclass(frozen=True, eq=False)
 class Writer:
-    """Kernels and relations as they are met; `units`: each exponential's or angle's monomial with its g."""
+    """Kernels and relations in the order of their first use; `units`: the g of each exponential's or angle's
+    monomial."""
 
     kernels: dict[sp.Expr, sp.Dummy] = attribute(default_factory=dict)
     relations: list[Relation] = attribute(default_factory=list)
@@ -89,7 +87,7 @@ class Writer:
     known: dict[sp.Expr, sp.Expr] = attribute(default_factory=dict)
 
     def measure(self, expression: sp.Expr) -> None:
-        """The greatest common divisors g of the factors of all arguments."""
+        """Update the greatest common divisors g by the factors of all arguments of an expression."""
         for node in sp.preorder_traversal(expression):
             kind = _kind(node)
             if kind:
@@ -99,7 +97,7 @@ class Writer:
                     self.measure(monomial)
 
     def write(self, node: sp.Expr) -> sp.Expr:
-        """The node in generators."""
+        """The node written in generators."""
         if node.is_Rational or node.is_Symbol:
             return node
         if node not in self.known:
@@ -132,7 +130,7 @@ class Writer:
         return self._kernel(node)
 
     def _kernel(self, node: sp.Expr) -> sp.Expr:
-        """A generator for the node; the same for arguments that are the same rational function."""
+        """The generator of the node; the same one for equal rational functions as arguments."""
         if isinstance(node, sp.Function) and not isinstance(node, sp.Piecewise):
             node = node.func(*(_canonical(part) for part in node.args), evaluate=False)
         return self.kernels.setdefault(node, sp.Dummy(f"kernel{len(self.kernels)}"))
@@ -149,12 +147,12 @@ class Writer:
             known = {} if argument < 2**40 else {"limit": _TRIED, "use_rho": False, "use_pm1": False, "use_ecm": False}
             factors = sp.factorint(argument, **known)
             return sp.Add(*(k * self._kernel(sp.log(p, evaluate=False)) for p, k in factors.items()))
-        factor, rest = argument.as_content_primitive()
+        factor, primitive = argument.as_content_primitive()
         if factor < 0:
-            factor, rest = -factor, -rest
-        powers = [part for part in sp.Mul.make_args(rest) if isinstance(part, sp.exp)]
-        rest = sp.Mul(*(part for part in sp.Mul.make_args(rest) if part not in powers))
-        inner = sp.S.Zero if rest == 1 else self._kernel(sp.log(rest, evaluate=False))
+            factor, primitive = -factor, -primitive
+        powers = [part for part in sp.Mul.make_args(primitive) if isinstance(part, sp.exp)]
+        others = sp.Mul(*(part for part in sp.Mul.make_args(primitive) if part not in powers))
+        inner = sp.S.Zero if others == 1 else self._kernel(sp.log(others, evaluate=False))
         ends = [self._log(sp.Integer(n)) if n != 1 else sp.S.Zero for n in (factor.p, factor.q)]
         return sp.Add(inner, ends[0], -ends[1], *(self.write(power.args[0]) for power in powers))
 
@@ -178,7 +176,8 @@ class Writer:
         return rules.get(type(node), power)
 
     def _unit(self, kind: str, factor: sp.Rational, monomial: sp.Expr) -> tuple[sp.Rational, int]:
-        """g and the whole number factor/g; an argument that was not measured has a g of its own."""
+        """The divisor g and the whole number factor/g; g = 1/q for a factor p/q of an argument that was not
+        measured."""
         unit = self.units.get((kind, monomial), sp.S.One)
         if not (factor / unit).is_Integer:
             unit = sp.Rational(1, factor.q)
@@ -222,7 +221,7 @@ class Half(sp.Function):  # type: ignore[misc]
 
 
 def _kind(node: sp.Basic) -> str:
-    """Whether the node is written with exp or with an angle."""
+    """The kind of generator that a node needs: "exp", "turn" for an angle, or ""."""
     if isinstance(node, (sp.exp, *_HYPERBOLIC)) or node == sp.E or (node.is_Pow and not node.exp.is_Rational):
         return "exp"
     return "turn" if isinstance(node, _TRIGONOMETRIC) else ""
@@ -246,7 +245,7 @@ def _terms(argument: sp.Expr) -> Iterator[tuple[sp.Rational, sp.Expr]]:
 
 
 def _canonical(argument: sp.Expr) -> sp.Expr:
-    """An argument in one form for equal rational functions of its symbols and functions."""
+    """An argument in a form that is the same for equal rational functions of its symbols and functions."""
     if argument.is_Atom:
         return argument
     inverse = any(not (node.exp.is_Integer and node.exp > 0) for node in argument.atoms(sp.Pow))
@@ -261,12 +260,9 @@ def _canonical(argument: sp.Expr) -> sp.Expr:
 
 # --- quotients
 
-# Products of more terms than this are not formed.
-_TERMS = 200_000
-# Nor powers whose coefficients may have more digits than this together.
-_DIGITS = 4_000_000
-# Numerator and denominator, without a common factor.
-Quotient = tuple[Any, Any]
+_TERMS = 200_000  # most terms of a product
+_DIGITS = 4_000_000  # most digits of all coefficients of a power
+Quotient = tuple[Any, Any]  # numerator and denominator without a common factor
 
 
 def ring_of(generators: Sequence[sp.Symbol]) -> Any:
@@ -275,9 +271,9 @@ def ring_of(generators: Sequence[sp.Symbol]) -> Any:
 
 
 def quotients(expressions: Iterable[sp.Expr], generators: Sequence[sp.Symbol], ring: Any) -> list[Quotient]:
-    """Rational functions of the generators.
+    """The expressions, rational functions of the generators, as quotients.
 
-    Raises: `TooLarge`; `ZeroDivisionError` for a denominator that is zero; `NoTape` for what is no such function.
+    Raises: `TooLarge`; `ZeroDivisionError` for a denominator that is zero; `NoTape` for other functions.
     """
     program = tape(expressions, generators)
     values, one = list[Quotient](), ring.constant(1)
@@ -300,24 +296,24 @@ def quotients(expressions: Iterable[sp.Expr], generators: Sequence[sp.Symbol], r
 
 
 def add(one: Quotient, other: Quotient) -> Quotient:
-    """a/b + c/d. Raises: `TooLarge`."""
+    """The sum a/b + c/d. Raises: `TooLarge`."""
     (a, b), (c, d) = one, other
     if b == d:
         return _cancelled(a + c, b)
     shared = b.gcd(d)
-    left, right = d / shared, b / shared
-    return _cancelled(times(a, left) + times(c, right), times(b, left))
+    to_a, to_c = d / shared, b / shared
+    return _cancelled(times(a, to_a) + times(c, to_c), times(b, to_a))
 
 
 def multiply(one: Quotient, other: Quotient) -> Quotient:
-    """a/b c/d. Raises: `TooLarge`."""
+    """The product a/b c/d. Raises: `TooLarge`."""
     (a, b), (c, d) = one, other
     (a, d), (c, b) = _cancelled(a, d), _cancelled(c, b)
     return times(a, c), times(b, d)
 
 
 def partial(value: Quotient, generator: int) -> Quotient:
-    """The derivative by one generator, the others held. Raises: `TooLarge`."""
+    """The partial derivative by one generator. Raises: `TooLarge`."""
     top, bottom = value
     if bottom.is_constant():
         return top.derivative(generator) / bottom, bottom.context().constant(1)
@@ -334,7 +330,7 @@ def times(a: Any, b: Any) -> Any:
 
 def power(base: Any, exponent: int) -> Any:
     """A whole power of a polynomial. Raises: `TooLarge`."""
-    if len(base) > 1:  # of two terms or more; first a bound that costs nothing
+    if len(base) > 1:  # a bound on the number of terms, before the power is formed
         terms = comb(len(base) + exponent - 1, exponent) if exponent < _TERMS else _TERMS + 1
         if terms > _TERMS or terms * exponent > _DIGITS:
             raise TooLarge("a power")
@@ -353,7 +349,7 @@ def _cancelled(top: Any, bottom: Any) -> Quotient:
 
 @dataclass(frozen=True)
 class Root:
-    """Generator number `index` to the power `degree` is `value`; `rational`: where it replaces a symbol."""
+    """A root: generator number `index` to the power `degree` is `value`; `rational`: whether it replaces a symbol."""
 
     index: int
     degree: int
@@ -363,10 +359,11 @@ class Root:
 
 @dataclass(frozen=True)
 class Field:
-    """`generators` of the `ring`: symbols, then kernels; `meaning`: the function of the symbols that each stands for.
+    """A field of quotients: the `generators` of the `ring`, symbols and then kernels, each with its `meaning`, a
+    function of the symbols.
 
-    `angles`: the angle m of each generator that is tan(m/2); `exponents`: what each generator that is an exponential
-    is exp of; `roots`: those with a relation, and those that replace a symbol.
+    `angles`: the angle m of each generator tan(m/2); `exponents`: the argument of each generator that is an
+    exponential; `roots`: the generators with a relation or that replace a symbol.
     """
 
     generators: tuple[sp.Symbol, ...]
@@ -378,11 +375,11 @@ class Field:
 
     @property
     def relations(self) -> tuple[Root, ...]:
-        """The roots that replace no symbol, inner ones first."""
+        """The roots that replace no symbol, inner roots first."""
         return tuple(root for root in self.roots if not root.rational)
 
     def expression(self, polynomial: Any) -> sp.Expr:
-        """A polynomial in the symbols and functions that the generators stand for."""
+        """A polynomial as an expression in symbols and functions."""
         value, highest = written(polynomial, self.meaning), polynomial.degrees()
         return sp.expand(value) if any(highest[root.index] for root in self.roots) else value
 
@@ -392,7 +389,7 @@ class Field:
 
 
 def written(polynomial: Any, values: Sequence[sp.Expr]) -> sp.Expr:
-    """The polynomial with a value for each generator."""
+    """The polynomial with an expression for each generator."""
     terms = (
         sp.Mul(number(c), *(v ** int(k) for v, k in zip(values, powers, strict=False) if k))
         for powers, c in polynomial.terms()
@@ -401,12 +398,12 @@ def written(polynomial: Any, values: Sequence[sp.Expr]) -> sp.Expr:
 
 
 def number(coefficient: Any) -> sp.Rational:
-    """A coefficient of a polynomial."""
+    """A coefficient of a polynomial as SymPy's rational."""
     return sp.Rational(int(coefficient.p), int(coefficient.q))
 
 
 def field(writer: Writer, expressions: Sequence[sp.Expr]) -> tuple[Field, list[Quotient]]:
-    """The field of what a writer has written, and the expressions in it.
+    """The field of the expressions that a writer has written, and their quotients in it.
 
     Raises: `TooLarge`; `ZeroDivisionError` for a division by what is identically 0; `NoTape` for an unknown function.
     """
@@ -428,7 +425,7 @@ def field(writer: Writer, expressions: Sequence[sp.Expr]) -> tuple[Field, list[Q
         Half: lambda m, unit: sp.tan(m * unit / 2),
     }
     meaning = {g: functions[type(key)](*key.args) if type(key) in functions else key for g, key in keys.items()}
-    made = Field(
+    result = Field(
         generators=generators,
         meaning=tuple(meaning.get(g, g) for g in generators),
         ring=ring,
@@ -436,11 +433,11 @@ def field(writer: Writer, expressions: Sequence[sp.Expr]) -> tuple[Field, list[Q
         angles={place[g]: key.args[0] * key.args[1] for g, key in keys.items() if isinstance(key, Half)},
         exponents={place[g]: key.args[0] * key.args[1] for g, key in keys.items() if isinstance(key, Exp)},
     )
-    return made, as_quotients[: len(expressions)]
+    return result, as_quotients[: len(expressions)]
 
 
 def _replaced(relations: Sequence[Relation]) -> tuple[dict[sp.Symbol, sp.Expr], set[sp.Symbol]]:
-    """The symbols that a root replaces, with their values; and the generators of those roots."""
+    """The symbols that roots replace, with their values, and the generators of those roots."""
     replacements: dict[sp.Symbol, sp.Expr] = {}
     roots: set[sp.Symbol] = set()
     for relation in relations:
@@ -458,8 +455,8 @@ def _replaced(relations: Sequence[Relation]) -> tuple[dict[sp.Symbol, sp.Expr], 
 
 
 def vanishes(expression: sp.Expr) -> bool | None:
-    """True: zero wherever it is defined. False: a rational function of symbols that is zero nowhere on a dense
-    open set, and defined there. None: not decided. The numbers are exact.
+    """Whether an expression with exact numbers is zero wherever it is defined. False for a rational function of symbols
+    that is defined and not zero on a dense open set, None where undecided.
 
     Source: normal forms of rational functions over a tower of radicals; B. F. Caviness, R. J. Fateman,
     "Simplification of radical expressions", SYMSAC 1976.
@@ -483,9 +480,7 @@ def vanishes(expression: sp.Expr) -> bool | None:
 
 def reduced(row: list[Any], index: int, degree: int, value: Quotient) -> tuple[list[Any], int]:
     """The polynomials with generator^degree replaced by a quotient, times a power of its denominator, and that power.
-
-    Raises: `TooLarge`.
-    """
+    Raises: `TooLarge`."""
     ring = row[0].context()
     most = max((int(powers[index]) // degree for top in row for powers in top.monoms()), default=0)
     if not most:
@@ -495,9 +490,9 @@ def reduced(row: list[Any], index: int, degree: int, value: Quotient) -> tuple[l
     for top in row:
         layers: dict[int, dict[tuple[int, ...], Any]] = {}
         for powers, coefficient in top.to_dict().items():
-            t, left = divmod(int(powers[index]), degree)
-            rest = tuple(left if i == index else int(k) for i, k in enumerate(powers))
-            layers.setdefault(t, {})[rest] = coefficient
+            t, remainder = divmod(int(powers[index]), degree)
+            exponents = tuple(remainder if i == index else int(k) for i, k in enumerate(powers))
+            layers.setdefault(t, {})[exponents] = coefficient
         replaced.append(
             sum((times(ring.from_dict(terms), weights[t]) for t, terms in layers.items()), ring.constant(0))
         )
@@ -508,10 +503,10 @@ Box = Mapping[sp.Symbol, tuple[Any, Any]]
 
 _QUICK, _PATIENT = 4, 12  # points
 _BITS, _MORE_BITS = 64, (256, 1024, 4096)
-# The ranges of points for a symbol without one: a positive range first, because logarithms and roots need it.
+# Ranges of points for a symbol without a declared one, a positive one first, for logarithms and roots.
 _SCALES = ((Fraction(1, 7), Fraction(2)), (Fraction(-3), Fraction(3)), (Fraction(0), Fraction(40)))
 _GRID = 997
-# Values at which a symbol is left out.
+# Values to put in for symbols that do not matter.
 _NUMBERS = ((0,), (1,), (2, 1, 3), (sp.Rational(-1, 2), 3, 5))
 _INFINITE = (sp.nan, sp.zoo, sp.oo, -sp.oo, sp.AccumBounds)
 
@@ -519,8 +514,8 @@ _INFINITE = (sp.nan, sp.zoo, sp.oo, -sp.oo, sp.AccumBounds)
 def is_zero(expression: sp.Expr, box: Box | None = None) -> bool | None:
     """Whether the expression is 0 at every real point at which it is defined, and is defined somewhere.
 
-    Args: `box` holds closed ranges of symbols, infinite ends allowed; a symbol without one may have any value. A
-    symbol whose ends are equal has that value.
+    `box`: closed ranges of symbols, infinite ends allowed; a symbol without one may have any value, a symbol whose ends
+    are equal has that value.
     """
     expression = _settled(expression, box)
     if expression.is_Rational or expression.has(*_INFINITE):
@@ -548,7 +543,7 @@ def is_zero(expression: sp.Expr, box: Box | None = None) -> bool | None:
 
 
 def depends(expression: sp.Expr, symbol: sp.Symbol, box: Box | None = None) -> bool | None:
-    """Whether the value changes with the symbol; terms that cancel do not count."""
+    """Whether the value depends on the symbol; terms that cancel do not count."""
     sure, maybe = dependence(expression, (symbol,), box)
     return True if sure else None if maybe else False
 
@@ -556,10 +551,10 @@ def depends(expression: sp.Expr, symbol: sp.Symbol, box: Box | None = None) -> b
 def dependence(
     expression: sp.Expr, symbols: Iterable[sp.Symbol], box: Box | None = None
 ) -> tuple[tuple[sp.Symbol, ...], tuple[sp.Symbol, ...]]:
-    """The symbols that the value is proved to depend on, and those for which this is not known.
+    """The symbols that the value is proved to depend on, and those for which this is unknown.
 
-    For the rest, e(.., s, ..) - e(.., t, ..) is 0 by exact algebra with s and t as two symbols; that the slope is 0
-    would not be enough: atan(x) + atan(1/x) jumps.
+    For all other symbols s, e(.., s, ..) - e(.., t, ..) is 0 by exact algebra with s and t as two symbols. A derivative
+    of 0 would not prove that: atan(x) + atan(1/x) jumps.
     """
     expression = _settled(expression, box)
     present = [s for s in symbols if s in expression.free_symbols]
@@ -578,17 +573,15 @@ def dependence(
 
 
 def reads(expression: sp.Expr, symbols: Iterable[sp.Symbol], box: Box | None = None) -> tuple[sp.Symbol, ...]:
-    """The symbols, in their order, that the value of the expression depends on, or may depend on."""
+    """The symbols, in their order, on which the value of the expression depends or may depend."""
     symbols = tuple(symbols)
     relevant = {s for part in dependence(expression, symbols, box) for s in part}
     return tuple(s for s in symbols if s in relevant)
 
 
 def free_of(expression: sp.Expr, symbols: Iterable[sp.Symbol], box: Box | None = None) -> sp.Expr:
-    """The function written without the symbols on which it is proved not to depend.
-
-    Each of these symbols is set to one value: to 0 where the function is defined there.
-    """
+    """The function without the symbols on which it is proved not to depend, each at one value, 0 where that is
+    defined."""
     idle = [s for s in symbols if s in expression.free_symbols and depends(expression, s, box) is False]
     for numbers in _NUMBERS if idle else ():
         plain = put(expression, {s: sp.sympify(numbers[i % len(numbers)]) for i, s in enumerate(idle)})
@@ -598,13 +591,13 @@ def free_of(expression: sp.Expr, symbols: Iterable[sp.Symbol], box: Box | None =
 
 
 def _settled(expression: sp.Expr, box: Box | None) -> sp.Expr:
-    """Exact numbers, and the value of each symbol that has one."""
+    """The expression with exact numbers, and with symbols whose ends are equal at their value."""
     point = {s: sp.Rational(str(low)) for s, (low, high) in (box or {}).items() if low == high}
     return exact(settled(expression, point) if point else sp.sympify(expression))
 
 
 def _changing(expression: sp.Expr, symbols: Sequence[sp.Symbol], box: Box | None) -> set[sp.Symbol]:
-    """The symbols that change the value between two sample points that differ in them only."""
+    """The symbols for which two sample points that differ in this symbol only have different values."""
     every = sorted(expression.free_symbols, key=str)
     try:
         program = tape((expression,), every)
@@ -614,8 +607,8 @@ def _changing(expression: sp.Expr, symbols: Sequence[sp.Symbol], box: Box | None
     for point, other in pairwise(list(_points(every, box, _QUICK + 1))):
         before = values(program, point, _BITS)[0]
         for s in symbols:
-            beside = [b if t == s else a for t, a, b in zip(every, point, other, strict=True)]
-            if s not in changing and _not_zero(before - values(program, beside, _BITS)[0]):
+            neighbour = [b if t == s else a for t, a, b in zip(every, point, other, strict=True)]
+            if s not in changing and _not_zero(before - values(program, neighbour, _BITS)[0]):
                 changing.add(s)
     return changing
 

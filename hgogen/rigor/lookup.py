@@ -1,44 +1,45 @@
-"""Lookup tables as piecewise polynomials with exact numbers, and as functions of SymPy.
+"""Lookup tables: as piecewise polynomials with exact numbers, as SymPy functions, and as operations of programs.
 
     f(t) = c_k0 + c_k1 (t - s_k) + c_k2 (t - s_k)^2 + c_k3 (t - s_k)^3     in cell k of its axis
     f(t, r) = c_k00 + c_k01 (r - s_l) + (t - s_k) (c_k10 + c_k11 (r - s_l))     in cell (k, l) of its axes
 
-s_k is the start of cell k. A table is held at the ends of its axes, so f has a kink there where its slope is not 0. A
-derivative by t jumps at breakpoints of t alone: across those of r it is as continuous as f. So what jumps, and where,
-is told axis by axis. A cell, and the order of a derivative, has a number for each axis. The polynomials are
+s_k is the start of cell k. A table is clamped at the ends of its axes, so f has a kink there where its slope is not 0.
+A derivative by t jumps at breakpoints of t only: across those of r it is as continuous as f. So smoothness is stored
+for each axis. A cell, and the order of a derivative, has an index for each axis. The polynomials are
 
-    linear     c_k1 = D_k = (y_k - y_(k-1))/(x_k - x_(k-1))
-    monotone   cubics through the points with slopes d_k, which rise and fall with the points and have no other turns
+    linear     c_k1 = D_k = (y_k - y_(k-1))/(x_k - x_(k-1)) monotone   cubics through the points with slopes d_k, which
+    rise and fall with the points and have no other extrema
 
-The slopes d_k are Fritsch and Butland's, as in PCHIP: 0 where D_k D_(k+1) <= 0, and inside the weighted harmonic mean
+The slopes d_k are Fritsch and Butland's, as in PCHIP: 0 where D_k D_(k+1) <= 0, else the weighted harmonic mean
 
     3 (h_k + h_(k+1))/d = (2 h_(k+1) + h_k)/D_k + (h_(k+1) + 2 h_k)/D_(k+1),    h_k = x_k - x_(k-1)
 
-At the ends it is the slope of the parabola through three points, 0 where its sign is not D's, and 3 D at most where the
+At the ends d is the slope of the parabola through three points, 0 where its sign is not D's, and 3 D at most where the
 next D has another sign. Sources: F. N. Fritsch and R. E. Carlson, "Monotone piecewise cubic interpolation", SIAM J.
-Numer. Anal. 17 (1980), for what slopes are monotone; F. N. Fritsch and J. Butland, "A method for constructing local
-monotone piecewise cubic interpolants", SIAM J. Sci. Stat. Comput. 5 (1984), for these.
+Numer. Anal. 17 (1980), for the slopes of monotone cubics; F. N. Fritsch and J. Butland, "A method for constructing
+local monotone piecewise cubic interpolants", SIAM J. Sci. Stat. Comput. 5 (1984), for these slopes.
 
-In expressions ocv(x) is a function of SymPy whose class holds the table, and ocv(x, 1) its derivative; of two arguments
-they are friction(v, T), friction(v, T, 1, 0) and friction(v, T, 0, 1). Where a derivative jumps, it is the set of what
-lies between its limits (`rigor.tape` says why), and an exact number put there stays unevaluated.
+In expressions ocv(x) is a SymPy function whose class has the table as an attribute, and ocv(x, 1) its derivative; with
+two arguments they are friction(v, T), friction(v, T, 1, 0) and friction(v, T, 0, 1). Where a derivative jumps, its
+value is the interval between its limits (reason in `rigor.tape`), and SymPy leaves it unevaluated at an exact number.
 
-A table as programs compute it: one operation, a bounded search for the cell and a polynomial of rounded numbers.
+Programs compute a table by one operation, a bounded search for the cell and a polynomial with rounded coefficients:
 
     k = how many breakpoints are <= x,    f(x) = c_k0 + d (c_k1 + d (c_k2 + d c_k3)),    d = x - s_k
 
-of the cells above, and of two arguments a search along each axis and, with e = y - s_l,
+with the cells above. For two arguments they search along each axis and compute, with e = y - s_l,
 
     f(x, y) = c_00 + e c_01 + d (c_10 + e c_11)        of the cell (k, l)
 
-Beyond its points a table is held, and its slope 0. Where its argument keeps within them (`Axis.held`), what lies beyond
-are estimates clamped to the ends and sums rounded past them: there a derivative stays what it is within, at the end.
+Beyond its breakpoints a table is clamped, and its slope is 0. Where the argument is proved to stay between them
+(`Axis.clamped` is false), only clamped estimates and rounding put it beyond: there a derivative keeps its value at the
+end.
 
-Of what is not a number k is 0 and d is not a number, nor is the value: a lookup needs no guard. In a graph of CasADi it
-is a call of its `graph`, whose name leads back to it.
+For an argument that is NaN k is 0, and d and the value are NaN: a lookup needs no guard. In a CasADi graph a lookup is
+a call of its `graph`, whose name identifies it.
 
-CasADi differentiates through a call by the function's own derivative, and mistakes one that is zero by structure; so
-`graph` depends on each of its arguments in any case. `jacobian` gives a graph whose slopes are lookups as well.
+CasADi differentiates a call by the function's own derivative, wrongly where that is structurally zero; so `graph`
+depends on each of its arguments in any case. `jacobian` gives a graph whose partial derivatives are lookups as well.
 """
 
 import hashlib
@@ -60,31 +61,31 @@ from sympy.core.function import FunctionClass
 
 from hgogen.rigor.definite import fraction, number
 
-Number = Fraction | float  # of which a float is infinite, or exactly what it is
+Number = Fraction | float  # a float is infinite, or an exact number
 Ends = tuple[Number, Number]
 Index = tuple[int, ...]
-Spans = list[tuple[int, int]]  # of each axis the first and the last cell
+Spans = list[tuple[int, int]]  # the first and the last cell, for each axis
 Side = tuple[Any, Any]
-Polynomial = Any  # its coefficients, an axis of an array for each argument, the constant first
-NEVER = 1000  # more than any order
+Polynomial = Any  # coefficients, an array with an axis for each argument, the constant first
+NEVER = 1000  # larger than any order of a derivative
 ZERO, _NOTHING = Fraction(0), fmpq(0)
 
 # --- polynomials
 
 
 def polynomial_value(coefficients: Polynomial, at: Sequence[Any], number: Callable[[Any], Any] = lambda c: c) -> Any:
-    """A polynomial's value by Horner's scheme; `number` is what a coefficient counts as."""
+    """A polynomial's value by Horner's scheme; `number` converts a coefficient."""
     if not at:
         return number(coefficients)
-    first, *rest = at
-    *others, total = (polynomial_value(c, rest, number) for c in coefficients)
+    first, *tail = at
+    *others, total = (polynomial_value(c, tail, number) for c in coefficients)
     for c in reversed(others):
         total = total * first + c
     return total
 
 
 def taylor(piece: Polynomial, a: Fraction) -> list[Any]:
-    """The coefficients of the same polynomial of the first argument about a, by Horner's scheme."""
+    """The coefficients of a polynomial about the point a of its first argument, by Horner's scheme."""
     shifted = list(piece)
     for i in range(len(piece) - 1):
         for j in range(len(piece) - 2, i - 1, -1):
@@ -93,11 +94,11 @@ def taylor(piece: Polynomial, a: Fraction) -> list[Any]:
 
 
 def polynomial_range(piece: Polynomial, box: Sequence[Side]) -> Side:
-    """The range of a polynomial on a box, of degree 1 at most in every argument but the first: it is attained at the
-    ends of those. In the first exact up to degree 2 and where the derivative keeps its sign, else that of the
-    coefficients in the basis of Bernstein, whose hull holds it."""
-    first, *rest = box
-    corners = product(*(dict.fromkeys(side) for side in rest))
+    """The range of a polynomial on a box, or an enclosure; of degree 1 at most in every argument but the first, so that
+    the extrema lie at the ends of these. It is exact up to degree 2 in the first argument and where the derivative by
+    it keeps its sign, else the hull of the Bernstein coefficients."""
+    first, *tail = box
+    corners = product(*(dict.fromkeys(side) for side in tail))
     ends = [_along([polynomial_value(c, corner) for c in piece], *first) for corner in corners]
     return min(low for low, _ in ends), max(high for _, high in ends)
 
@@ -107,7 +108,7 @@ def _along(piece: Sequence[Any], a: Any, b: Any) -> Side:
     slope = [k * c for k, c in enumerate(piece)][1:]
     if len(piece) > 3 and any(slope):
         low, high = _along(slope, a, b)
-        if low < 0 < high:  # coefficients on [a, b] in the basis of Bernstein: sum_j C(i, j)/C(n, j) p_j, p on [0, 1]
+        if low < 0 < high:  # Bernstein coefficients on [a, b]: sum_j C(i, j)/C(n, j) p_j, p on [0, 1]
             n = len(piece) - 1
             scaled = [c * (b - a) ** j / comb(n, j) for j, c in enumerate(taylor(piece, a))]
             ends = tuple(sum(comb(i, j) * scaled[j] for j in range(i + 1)) for i in range(n + 1))
@@ -150,62 +151,64 @@ KINDS: Mapping[str, Callable[..., list[tuple[Any, ...]]]] = {
     "monotone": _monotone,
 }
 DEGREES = {"linear": 1, "monotone": 3}
-SEVERAL = ("linear",)  # those that a table of several arguments may have
+SEVERAL = ("linear",)  # kinds for tables of several arguments
 
 # --- one argument
 
 
 @dataclass(frozen=True)
 class Axis:
-    """Breakpoints x_0 < .. < x_(n-1): cell 0 lies below the first, cell n above the last. Beyond them a table is
-    constant, `held`; where its argument keeps within them, the first and the last polynomial may go on instead.
-    `rounded`: of cells that a program takes, how far below and above its exact value it may compute the argument."""
+    """Breakpoints x_0 < .. < x_(n-1): cell 0 lies below the first, cell n above the last.
+
+    `clamped`: the table is constant beyond the breakpoints; else, where its argument stays between them, the first and
+    the last polynomial continue. `rounded`: bounds of the program's error of the argument, below and above.
+    """
 
     x: tuple[Fraction, ...]
-    held: bool = True
+    clamped: bool = True
     rounded: Ends | None = None
 
     @cached_property
     def starts(self) -> tuple[Fraction, ...]:
-        """The breakpoint below each cell, of the first cell the one above it."""
+        """The breakpoint below each cell, for the first cell the one above it."""
         return (self.x[0], *self.x)
 
     @cached_property
     def _floats(self) -> tuple[tuple[float, ...], tuple[float, ...]]:
-        """The floats next below the breakpoints, and those next above, or the breakpoints themselves."""
+        """The largest floats that are not above the breakpoints, and the smallest that are not below."""
         nearest = [(float(x), x) for x in self.x]
         below = tuple(f if f <= x else nextafter(f, -inf) for f, x in nearest)
         return below, tuple(f if f >= x else nextafter(f, inf) for f, x in nearest)
 
     def _before(self, end: Number) -> int:
-        """The number of breakpoints below a number; of a float as soon as the float next below them does."""
+        """The number of breakpoints below a number; a float is compared with the breakpoints rounded down."""
         return bisect_left(self._floats[0] if isinstance(end, float) else self.x, end)
 
     def _until(self, end: Number) -> int:
-        """The number of breakpoints that are not above a number."""
+        """The number of breakpoints that are not above a number; a float is compared with those rounded up."""
         return bisect_right(self._floats[1] if isinstance(end, float) else self.x, end)
 
-    def met(self, low: Number, high: Number) -> tuple[int, int]:
-        """The first and the last cell that have more than an end in common with [low, high]; of a breakpoint alone, the
-        cells on both its sides."""
+    def overlapped(self, low: Number, high: Number) -> tuple[int, int]:
+        """The first and the last cell that share more than an end with [low, high]; the cells beside a single
+        breakpoint."""
         if low == high:
             return self._before(low), self._until(low)
         return self._until(low), self._before(high)
 
-    def taken(self, low: Number, high: Number) -> tuple[Ends, tuple[int, int]]:
-        """The interval in which a program may compute an argument of [low, high], and the first and the last cell that
-        it takes, at a breakpoint the one above; beyond the ends of a table that is not held, what is at its ends."""
+    def readable(self, low: Number, high: Number) -> tuple[Ends, tuple[int, int]]:
+        """The interval of the computed argument for an exact one in [low, high], and the first and the last cell that a
+        program may read, at a breakpoint the cell above. The interval ends at those of a table that is not clamped."""
         if self.rounded is None:
-            return (low, high), self.met(low, high)
+            return (low, high), self.overlapped(low, high)
         low, high = low - self.rounded[0], high + self.rounded[1]
         cells = self._until(low), self._until(high)
-        if self.held:
+        if self.clamped:
             return (low, high), cells
         return (low if cells[0] else self.x[0], high if cells[1] < len(self.x) else self.x[-1]), cells
 
     def part(self, k: int, span: tuple[int, int], low: Number, high: Number) -> tuple[Any, Any]:
-        """The part of [low, high], which meets the cells of a span, that is in one of them, from its start on: numbers
-        of FLINT, or infinite ones."""
+        """The part of [low, high] in cell k, from the start of the cell, as FLINT numbers or infinite ones; `span`: the
+        first and the last cell that [low, high] overlaps."""
         x, starts = self._rational
         a = low if k == span[0] else starts[k]
         b = high if k == span[1] else x[k]
@@ -213,21 +216,20 @@ class Axis:
 
     @cached_property
     def _rational(self) -> tuple[list[Any], list[Any]]:
-        """The breakpoints and the starts as numbers of FLINT, which are added and compared far faster."""
+        """The breakpoints and the starts as FLINT numbers, whose arithmetic is far faster."""
         return list(map(number, self.x)), list(map(number, self.starts))
 
     def pieces(self, kind: str, values: np.ndarray) -> np.ndarray:
-        """The polynomials, along an axis of cells and one of powers, of values (n, ..) at the breakpoints."""
+        """The polynomials for values (n, ..) at the breakpoints, with an axis of cells and an axis of powers."""
         inner = KINDS[kind](self.x, values)
-        if self.held:
+        if self.clamped:
             outer = [[end, *[0 * end] * (len(inner[0]) - 1)] for end in (values[0], values[-1])]
         else:
             outer = [list(inner[0]), taylor(inner[-1], self.x[-1] - self.x[-2])]
         return np.array([outer[0], *inner, outer[1]], dtype=object)
 
     def smooth(self, pieces: np.ndarray) -> tuple[int, ...]:
-        """For each breakpoint the first derivative of such polynomials that jumps there, 1 for a kink, `NEVER` where
-        none does."""
+        """The order of the first derivative that jumps at each breakpoint, 1 for a kink, `NEVER` where none does."""
         widths = [b - a for a, b in zip(self.starts, self.x, strict=False)]
         jumps = []
         for width, below, above in zip(
@@ -247,8 +249,8 @@ def _since(start: Any, end: Any) -> Any:
 
 @dataclass(frozen=True)
 class Cells:
-    """A table by its name, its kind, "linear" or "monotone", its axes, and its values: a number for each breakpoint,
-    or a tuple of such, one for each of the next axis."""
+    """A table by its name, its kind, "linear" or "monotone", its axes, and its values: a number for each breakpoint, or
+    a tuple with one for each breakpoint of the next axis."""
 
     name: str
     kind: str
@@ -264,20 +266,20 @@ class Cells:
 
     @property
     def points(self) -> tuple[Any, ...]:
-        """The data by which two tables differ."""
+        """The data that identify a table: its kind, breakpoints and values."""
         return self.kind, tuple(axis.x for axis in self.axes), self.values
 
     @property
     def plain(self) -> Index:
-        """The order of the table itself."""
+        """The order 0 of the table itself as a derivative."""
         return (0,) * len(self.axes)
 
-    def holding(self, *held: bool) -> "Cells":
-        """The table held at the ends of these axes; of all without any."""
-        return self._with("held", held or (True,) * len(self.axes))
+    def clamping(self, *clamped: bool) -> "Cells":
+        """The table with a flag `clamped` for each axis; without flags it is clamped along all axes."""
+        return self._with("clamped", clamped or (True,) * len(self.axes))
 
     def rounding(self, *rounded: Ends) -> "Cells":
-        """The table with arguments that are rounded."""
+        """The table with error bounds of its arguments, one pair for each axis."""
         return self._with("rounded", rounded)
 
     def _with(self, name: str, values: Sequence[Any]) -> "Cells":
@@ -286,7 +288,7 @@ class Cells:
 
     @cached_property
     def pieces(self) -> np.ndarray:
-        """The polynomials of all cells: an axis of cells for each argument, then for each an axis of powers."""
+        """The polynomials of all cells: first an axis of cells for each argument, then an axis of powers for each."""
         values, count = np.array(self.values, dtype=object), len(self.axes)
         for axis in self.axes:
             values = np.moveaxis(axis.pieces(self.kind, values), (0, 1), (-2, -1))
@@ -303,37 +305,37 @@ class Cells:
 
     @cached_property
     def smooth(self) -> tuple[Index, ...]:
-        """For each axis and each of its breakpoints the first derivative that jumps there, `NEVER` where none does."""
+        """The order of the first derivative that jumps at each breakpoint of each axis, `NEVER` where none does."""
         values = np.array(self.values, dtype=object)
         return tuple(axis.smooth(axis.pieces(self.kind, np.moveaxis(values, k, 0))) for k, axis in enumerate(self.axes))
 
     @property
     def smoothness(self) -> Index:
-        """The number, for each axis, of derivatives that are continuous everywhere."""
+        """The number of derivatives that are continuous everywhere, for each axis."""
         return tuple(min(each) - 1 for each in self.smooth)
 
-    def met(self, box: Sequence[Ends]) -> Spans:
-        """The cells that have more than an edge in common with a box; `Axis.met` along each axis."""
-        return [axis.met(*side) for axis, side in zip(self.axes, box, strict=True)]
+    def overlapped(self, box: Sequence[Ends]) -> Spans:
+        """The cells that share more than an edge with a box: `Axis.overlapped` along each axis."""
+        return [axis.overlapped(*side) for axis, side in zip(self.axes, box, strict=True)]
 
     def cell(self, box: Sequence[Ends]) -> Index | None:
-        """The one cell that a box meets; None where it meets several."""
-        spans = self.met(box)
+        """The one cell that a box overlaps; None where it overlaps several."""
+        spans = self.overlapped(box)
         return tuple(last for _, last in spans) if all(first == last for first, last in spans) else None
 
     def least_smooth(self, spans: Spans) -> Index:
-        """For each axis the first derivative that jumps at a breakpoint between two cells, `NEVER` where none does."""
+        """The order of the first derivative that jumps between the cells, for each axis, `NEVER` where none does."""
         return tuple(
             min(each[first:last], default=NEVER) for each, (first, last) in zip(self.smooth, spans, strict=True)
         )
 
     def continuous(self, spans: Spans, order: Sequence[int]) -> tuple[bool, ...]:
-        """Return for each axis whether a derivative has no jump at a breakpoint between two cells."""
+        """Return whether a derivative has no jump between the cells, for each axis."""
         return tuple(k < smooth for k, smooth in zip(order, self.least_smooth(spans), strict=True))
 
     def at(self, place: Sequence[Fraction], order: Index) -> Fraction | None:
         """The value of a derivative; None where it jumps."""
-        spans = self.met([(t, t) for t in place])
+        spans = self.overlapped([(t, t) for t in place])
         if not all(self.continuous(spans, order)):
             return None
         cell = tuple(last for _, last in spans)
@@ -345,27 +347,27 @@ class Cells:
         """The start of a cell along each axis."""
         return [axis.starts[k] for axis, k in zip(self.axes, cell, strict=True)]
 
-    def taken(self, box: Sequence[Ends]) -> tuple[list[Ends], Spans]:
-        """The box in which a program may compute arguments of a box, and the cells; `Axis.taken` along each axis."""
-        sides, spans = zip(*(axis.taken(*side) for axis, side in zip(self.axes, box, strict=True)), strict=True)
+    def readable(self, box: Sequence[Ends]) -> tuple[list[Ends], Spans]:
+        """The box of computed arguments for exact ones in a box, and the cells: `Axis.readable` along each axis."""
+        sides, spans = zip(*(axis.readable(*side) for axis, side in zip(self.axes, box, strict=True)), strict=True)
         return list(sides), list(spans)
 
     def limits(self, box: Sequence[Ends], order: Index) -> tuple[Ends | None, tuple[bool, ...]]:
-        """Numbers between which a derivative lies on a box, with all its limits where it jumps, None where one before
-        it jumps as well; and for each axis whether it has no jump there: as far as a program may take it."""
-        wide, spans = self.taken(box)
+        """Bounds of a derivative on a box as a program may read it, with all its limits where it jumps, None where a
+        derivative of lower order jumps; and whether it has no jump, for each axis."""
+        wide, spans = self.readable(box)
         smooth = self.least_smooth(spans)
         continuous = tuple(k < jump for jump, k in zip(smooth, order, strict=True))
         if any(jump < k for jump, k in zip(smooth, order, strict=True)):
             return None, continuous
         if all(continuous) and any(axis.rounded is not None for axis in self.axes):
-            met = self.met(box)
-            if all(self.continuous(met, order)):
-                wide, spans = list(box), met
+            exact = self.overlapped(box)
+            if all(self.continuous(exact, order)):
+                wide, spans = list(box), exact
         return self._range(wide, spans, order), continuous
 
     def _range(self, box: Sequence[Ends], spans: Spans, order: Index) -> Ends:
-        """The range of a derivative on a box that meets the cells of `spans`."""
+        """The range of a derivative on a box that overlaps the cells of `spans`."""
         whole, level, pieces = _whole(self, order)
         ends = [
             whole[cell]
@@ -379,7 +381,7 @@ class Cells:
         return fraction(min(least for least, _ in sides)), fraction(max(most for _, most in sides))
 
     def _over(self, piece: np.ndarray, cell: Index, spans: Spans, box: Sequence[Ends]) -> Side | None:
-        """The range of one cell on a box that meets those of `spans`; None of one without an end."""
+        """The range of a cell's polynomial on a box that overlaps the cells of `spans`; None where it is unbounded."""
         sides = [axis.part(k, span, *side) for axis, k, span, side in zip(self.axes, cell, spans, box, strict=True)]
         for k, side in enumerate(sides):
             if inf in (-side[0], side[1]):
@@ -407,8 +409,8 @@ def _of_order(cells: Cells, order: Index) -> np.ndarray:
 
 @lru_cache(maxsize=256)
 def _whole(cells: Cells, order: Index) -> tuple[Mapping[Index, Side], Set[Index], np.ndarray]:
-    """The range of a derivative on each cell between breakpoints, and on those where it is level, which are named;
-    and the polynomials, in numbers of FLINT."""
+    """The range of a derivative on each whole cell that is bounded or where it is constant, the constant cells, and the
+    polynomials in FLINT numbers."""
     pieces = np.frompyfunc(number, 1, 1)(cells.of_order(order))
     count = len(order)
     varies = pieces.reshape(*pieces.shape[:count], -1)[..., 1:].astype(bool).any(axis=-1)
@@ -425,7 +427,7 @@ def _whole(cells: Cells, order: Index) -> tuple[Mapping[Index, Side], Set[Index]
 
 
 class Table(sp.Function):  # type: ignore[misc]
-    """A derivative of a table, of the `order` in each argument."""
+    """A derivative of a table as a SymPy function; `order`: that of the derivative by each argument."""
 
     cells: ClassVar[Cells]
     order: ClassVar[Index]
@@ -433,7 +435,7 @@ class Table(sp.Function):  # type: ignore[misc]
 
     @classmethod
     def eval(cls, *arguments: sp.Expr) -> sp.Expr | None:
-        """The exact value at rational numbers, where there is one."""
+        """The exact value at rational numbers; None where the derivative jumps."""
         if not all(isinstance(argument, (sp.Float, sp.Rational)) for argument in arguments):
             return None
         written = (repr(float(each)) if isinstance(each, sp.Float) else each for each in arguments)
@@ -441,7 +443,7 @@ class Table(sp.Function):  # type: ignore[misc]
         return None if exact is None else sp.Rational(exact)
 
     def fdiff(self, argindex: int = 1) -> sp.Expr:
-        """The derivative by an argument."""
+        """The derivative by argument number `argindex`, from 1."""
         return applied(self.cells, self.args, next_order(self.order, argindex - 1))
 
     def _eval_evalf(self, prec: int) -> sp.Expr | None:
@@ -479,12 +481,12 @@ class Stepped(Table):
 
 
 def applied(cells: Cells, arguments: Sequence[sp.Expr], order: Index = ()) -> sp.Expr:
-    """A derivative of a table, of the table itself by default, at expressions."""
+    """A table, or its derivative of the given order, at expressions."""
     return function(cells, order or cells.plain)(*arguments)
 
 
 def replaced(expression: sp.Expr, cells: Callable[[Table], Cells]) -> sp.Expr:
-    """The expression with every table replaced by the one that stands for it, at the same arguments."""
+    """The expression with every table replaced by `cells` of it, at the same arguments."""
     if not expression.has(Table):
         return expression
     return expression.replace(
@@ -492,32 +494,31 @@ def replaced(expression: sp.Expr, cells: Callable[[Table], Cells]) -> sp.Expr:
     )
 
 
-def held(expression: sp.Expr) -> sp.Expr:
-    """The expression with every table held at its ends, as programs compute it: where arguments may leave its points,
-    what stands for it between them is another function."""
-    return replaced(expression, lambda node: node.cells.holding())
+def all_clamped(expression: sp.Expr) -> sp.Expr:
+    """The expression with every table clamped along all axes, for arguments that may leave the breakpoints."""
+    return replaced(expression, lambda node: node.cells.clamping())
 
 
 def next_order(order: Index, k: int) -> Index:
-    """The order of the derivative by argument k, from 0."""
+    """The order of a derivative after one more by argument k, from 0."""
     return (*order[:k], order[k] + 1, *order[k + 1 :])
 
 
 @cache
 def function(cells: Cells, order: Index) -> FunctionClass:
-    """The function of SymPy that a derivative is; the same one for the same table."""
-    left = min(smooth - k for smooth, k in zip(cells.smoothness, order, strict=True))
-    kind = Stepped if left < 0 else Kinked if left == 0 else Table
-    held = {"cells": cells, "order": order, "nargs": len(order), "__module__": __name__}
-    held["_imp_"] = staticmethod(_floats(cells, order))
-    within = (f"within_{k}" for k, axis in enumerate(cells.axes) if not axis.held)
+    """The SymPy function of a derivative; the same one for the same table."""
+    margin = min(smooth - k for smooth, k in zip(cells.smoothness, order, strict=True))
+    kind = Stepped if margin < 0 else Kinked if margin == 0 else Table
+    members = {"cells": cells, "order": order, "nargs": len(order), "__module__": __name__}
+    members["_imp_"] = staticmethod(_floats(cells, order))
+    within = (f"within_{k}" for k, axis in enumerate(cells.axes) if not axis.clamped)
     roundings = (f"near_{sha256(repr(axis.rounded).encode()).hexdigest()[:16]}" for axis in cells.axes if axis.rounded)
     parts = (cells.name, *within, *roundings, *(map(str, order) if any(order) else ()))
-    return FunctionClass("__".join(parts), (kind,), held)  # for lambdify, a name that no other table has
+    return FunctionClass("__".join(parts), (kind,), members)  # a unique name, for lambdify
 
 
 def _floats(cells: Cells, order: Index) -> Callable[..., Any]:
-    """The function of numpy's arrays."""
+    """The function on numpy arrays."""
     breaks = [np.array(list(map(float, axis.x))) for axis in cells.axes]
     starts = [np.array(list(map(float, axis.starts))) for axis in cells.axes]
     coefficients = by_power(cells.of_order(order)).astype(float)
@@ -531,21 +532,21 @@ def _floats(cells: Cells, order: Index) -> Callable[..., Any]:
 
 
 def by_power(pieces: np.ndarray) -> np.ndarray:
-    """Many polynomials as one, whose coefficients have an entry for each cell."""
+    """The polynomials of all cells as one, each coefficient an array with an entry for each cell."""
     count = pieces.ndim // 2
     return np.moveaxis(pieces, range(count), range(-count, 0))
 
 
 Graph = Any
-_KNOWN: dict[str, "Lookup"] = {}  # by the names of their functions: a call carries nothing else
-_TERMS = 2  # of a polynomial in a graph, at least
+_KNOWN: dict[str, "Lookup"] = {}  # by the names of their functions, all that a call in a graph tells
+_TERMS = 2  # least number of terms of a polynomial in a graph
 _NAMES = (("x", "start", "k", "d"), ("y", "start_y", "j", "e"))
 
 
 @dataclass(frozen=True)
 class Argument:
-    """One argument of a lookup: the names in emitted code of the argument, of its array, of the cell that is searched,
-    and of the distance from its start; the breakpoint below each cell (n + 1)."""
+    """An argument of a lookup: the names in emitted code of the argument, the array, the cell and the distance from the
+    start of the cell; `starts` (n + 1): the breakpoint below each cell."""
 
     name: str
     array: str
@@ -560,27 +561,27 @@ class Argument:
 
     @property
     def probes(self) -> tuple[int, ...]:
-        """The steps of the search, powers of two from the largest that is not above n."""
+        """The steps of the search: powers of two, downwards from the largest that is not above n."""
         return tuple(2**i for i in reversed(range(len(self.breaks).bit_length())))
 
 
 @dataclass(frozen=True)
 class Lookup:
-    """A derivative of a table, of the `order` in each argument. `read`: the table as it is computed, held along each
-    axis that it has no derivative by; along the others `cells` tells."""
+    """A derivative of a table as an operation of programs, of the `order` by each argument. `computed`: the table as
+    computed, clamped along each axis without a derivative, along the others as in `cells`."""
 
     cells: Cells = field(compare=False)
     order: Index
-    read: Cells = field(init=False)
+    computed: Cells = field(init=False)
 
     def __post_init__(self) -> None:
         ways = zip(self.cells.axes, self.order, strict=True)
-        object.__setattr__(self, "read", self.cells.holding(*(axis.held or not k for axis, k in ways)))
+        object.__setattr__(self, "computed", self.cells.clamping(*(axis.clamped or not k for axis, k in ways)))
 
     @property
     def name(self) -> str:
-        """The name in emitted code: table_ocv, and its derivatives slope_ocv, slope_2_ocv, ..; of two
-        arguments slope_1_0_friction, slope_0_1_friction, ..; those that are 0 beyond the points flat_slope_ocv,
+        """The name in emitted code: table_ocv, and its derivatives slope_ocv, slope_2_ocv, ..; with two arguments
+        slope_1_0_friction, slope_0_1_friction, ..; derivatives that are 0 beyond the breakpoints flat_slope_ocv,
         flat_x_slope_1_0_friction, .."""
         order = "" if self.order == (1,) else "".join(f"{k}_" for k in self.order)
         axes = "".join(f"{x}_" for x in self._flat) if len(self.order) > 1 else ""
@@ -588,21 +589,21 @@ class Lookup:
         return f"{flat}slope_{order}{self.cells.name}" if any(self.order) else f"table_{self.cells.name}"
 
     @property
-    def said(self) -> str:
-        """The comment above its function."""
+    def comment(self) -> str:
+        """The comment above its function in emitted code."""
         order = " and ".join(map(str, self.order))
         derivative = "slope" if self.order == (1,) else f"derivative of order {order}"
-        of = f"the {derivative} of " if any(self.order) else ""
+        prefix = f"the {derivative} of " if any(self.order) else ""
         points = " x ".join(str(len(axis.x)) for axis in self.cells.axes)
         kind = self.cells.kind if len(self.order) == 1 else "bilinear"
         ends = "held at its ends" if not any(self.order) or self._flat else "with its slopes held at its ends"
-        return f"{of}the table {self.cells.name}: {kind}, {points} points, {ends}"
+        return f"{prefix}the table {self.cells.name}: {kind}, {points} points, {ends}"
 
     @property
     def _flat(self) -> list[str]:
-        """The arguments by which it is a derivative that is 0 beyond the points."""
-        ways = zip(self.read.axes, self.order, _NAMES, strict=False)
-        return [names[0] for axis, k, names in ways if k and axis.held]
+        """The arguments by which it is a derivative that is 0 beyond the breakpoints."""
+        ways = zip(self.computed.axes, self.order, _NAMES, strict=False)
+        return [names[0] for axis, k, names in ways if k and axis.clamped]
 
     @cached_property
     def axes(self) -> tuple[Argument, ...]:
@@ -612,34 +613,33 @@ class Lookup:
 
     @cached_property
     def coefficients(self) -> np.ndarray:
-        """The polynomial of the distances: an axis of powers for each argument, then for each one of cells."""
-        pieces = self.read.of_order(self.order).copy()
-        for k, axis in enumerate(self.read.axes):
-            if not axis.held:  # beyond the points it stays what it is at the start of a cell
+        """The coefficients of the polynomial in the distances: an axis of powers for each argument, then the cells."""
+        pieces = self.computed.of_order(self.order).copy()
+        for k, axis in enumerate(self.computed.axes):
+            if not axis.clamped:  # beyond the breakpoints it is constant
                 along = np.moveaxis(pieces, (k, k + len(self.axes)), (0, 1))
                 along[[0, -1], 1:] = ZERO
         return by_power(pieces).astype(float)
 
     @cached_property
     def arrays(self) -> dict[str, list[float]]:
-        """The arrays of emitted code by their names: the starts of cells, and the coefficients, c with the powers of
-        the distances."""
+        """The arrays of emitted code by name: the starts of cells, and the coefficients c with their powers."""
         starts = {axis.array: list(axis.starts) for axis in self.axes}
         powers = np.ndindex(self.coefficients.shape[: len(self.axes)])
         return starts | {f"c{''.join(map(str, each))}": self.coefficients[each].ravel().tolist() for each in powers}
 
     @property
     def flattened(self) -> list[str]:
-        """The statements of emitted code by which the cell of the last axis becomes that of all of them."""
+        """The statements of emitted code that turn the cell of the last axis into the index of the whole cell."""
         return [f"{b.cell} = {a.cell} * {len(b.starts)} + {b.cell}" for a, b in pairwise(self.axes)]
 
     def formula(self, zero: str) -> str:
-        """The polynomial as text, Horner's scheme in the order of `graph`; `zero` times a distance is what is not a
-        number where the distance is none."""
+        """The polynomial as text, by Horner's scheme in the order of `graph`; `zero`: the slope of a constant, which
+        makes it NaN where the distance is NaN."""
         return _formula(self.coefficients.shape, "c", [axis.distance for axis in self.axes], self.axes[-1].cell, zero)
 
     def slopes(self, *arguments: Graph) -> Graph:
-        """The row of its derivatives by each argument in a graph."""
+        """The row of its partial derivatives in a graph."""
         orders = (next_order(self.order, k) for k in range(len(arguments)))
         return ca.horzcat(*(Lookup(self.cells, order)(*arguments) for order in orders))
 
@@ -649,8 +649,8 @@ class Lookup:
 
     @cached_property
     def graph(self) -> ca.Function:
-        """The function in CasADi, which stays one operation of the graphs that call it."""
-        text = repr((self.cells.name, self.cells.points, self.order, [axis.held for axis in self.cells.axes]))
+        """The CasADi function, one operation of the graphs that call it."""
+        text = repr((self.cells.name, self.cells.points, self.order, [axis.clamped for axis in self.cells.axes]))
         name = f"table_{hashlib.sha256(text.encode()).hexdigest()[:20]}"
         _KNOWN[name] = self
         names = [axis.name for axis in self.axes]
@@ -665,11 +665,11 @@ class Lookup:
 
 
 def _formula(shape: Sequence[int], name: str, distances: Sequence[str], cell: str, zero: str) -> str:
-    """Horner's scheme for a polynomial of as many powers of each distance as the shape says."""
+    """The text of Horner's scheme for a polynomial with `shape` powers of each distance."""
     if not distances:
         return f"{name}[{cell}]"
-    d, *rest = distances
-    parts = [_formula(shape[1:], f"{name}{power}", rest, cell, zero) for power in range(shape[0])]
+    d, *tail = distances
+    parts = [_formula(shape[1:], f"{name}{power}", tail, cell, zero) for power in range(shape[0])]
     *others, total = parts if len(parts) > 1 else (*parts, zero)
     for part in reversed(others):
         total = f"{part} + {d} * ({total})"
@@ -691,7 +691,7 @@ def _element(numbers: Sequence[float], k: Graph) -> Graph:
 
 
 def called(instruction: Graph) -> Lookup | ca.Function:
-    """The lookup that an instruction of a graph, a call, is of, or the other function that it calls."""
+    """The lookup, or the other function, that a call in a graph calls."""
     function: ca.Function = instruction.which_function()
     return _KNOWN.get(function.name(), function)
 
@@ -706,9 +706,11 @@ def walked(
     call: Call | None = None,
     operations: Sequence[int] = (),
 ) -> list[Graph]:
-    """The outputs of an SX function at other inputs, by `apply(operation, lookup or None, arguments)`, and for a
-    function that it calls by `call(function, its arguments)`; without one that is written out. `operations`: those of
-    the instructions, CasADi's own without them."""
+    """The outputs of an SX function at other inputs.
+
+    `apply(operation, lookup or None, *arguments)`: the value of an operation; `call(function, arguments)`: the values
+    of a called function, which is inlined by default; `operations`: codes of the instructions, by default CasADi's.
+    """
 
     def of_call(target: Lookup | ca.Function, elements: Sequence[Graph]) -> Sequence[Graph]:
         if isinstance(target, Lookup):
@@ -737,31 +739,31 @@ def folded(
     call: Callable[[Any, list[Any]], Sequence[Any]],
     operations: Sequence[int] = (),
 ) -> list[list[Any]]:
-    """The outputs of an SX function in any arithmetic, the nonzeros of each.
+    """The nonzeros of each output of an SX function in any arithmetic.
 
     `inputs(k, i)`: element i of argument k; `constant(number)`; `apply(operation, values)`; `call(function, values)`:
-    what a lookup or a function gives, element by element. `operations`: as in `walked`.
+    the elements of a lookup's or a function's result. `operations`: as in `walked`.
     """
     work: dict[int, Any] = {}
     outputs = [[constant(0.0)] * function.nnz_out(k) for k in range(function.n_out())]
     rows = _rows(function)
-    for (own, read, wrote, more), op in zip(rows, operations or (row[0] for row in rows), strict=True):
-        if own == ca.OP_INPUT:
+    for (code, read, wrote, more), op in zip(rows, operations or (row[0] for row in rows), strict=True):
+        if code == ca.OP_INPUT:
             work[wrote[0]] = inputs(*read)
-        elif own == ca.OP_OUTPUT:
+        elif code == ca.OP_OUTPUT:
             outputs[wrote[0]][wrote[1]] = work[read[0]]
-        elif own == ca.OP_CONST:
+        elif code == ca.OP_CONST:
             work[wrote[0]] = constant(more)
-        elif own == ca.OP_CALL:
+        elif code == ca.OP_CALL:
             work |= zip(wrote, call(more, [work[place] for place in read]), strict=True)
         else:
             work[wrote[0]] = apply(op, [work[place] for place in read])
     return outputs
 
 
-@lru_cache(maxsize=256)  # a program is walked on many pieces of a plant's ranges
+@lru_cache(maxsize=256)  # a program is evaluated on many pieces of a plant's ranges
 def _rows(function: ca.Function) -> list[tuple[int, list[int], list[int], Any]]:
-    """(operation, what it reads, what it writes, its number or what it calls) of each instruction."""
+    """The operation, the inputs, the outputs, and the number or the called function of each instruction."""
     rows, texts = [], instructions(function)
     for k in range(function.n_instructions()):
         op = function.instruction_id(k)
@@ -772,7 +774,7 @@ def _rows(function: ca.Function) -> list[tuple[int, list[int], list[int], Any]]:
 
 
 def instructions(function: ca.Function) -> list[Graph]:
-    """The instructions of an SX function as graphs, of which calls know what they call; none where it has no call."""
+    """The instructions of an SX function as graphs, in which a call has its function; none where it has no call."""
     return ca.vertsplit(function.instructions_sx()) if calls(function) else []
 
 
@@ -782,13 +784,13 @@ def calls(function: ca.Function) -> bool:
 
 
 def jacobian(rows: Graph, x: Graph) -> Graph:
-    """The Jacobian of rows (p) in symbols x (n): that of CasADi, where slopes of tables are lookups.
+    """The Jacobian of rows (p) in symbols x (n), in which the derivatives of tables are lookups.
 
     With a value c_i for each call f_i(a_i), in the order of the program,
 
         dr/dx = r_x + sum_i r_(c_i) D_i,    D_i = f_i'(a_i) (a_(i,x) + sum_(j < i) a_(i,c_j) D_j)
 
-    where f_i' is the row of its derivatives by its arguments, and a_(i,x) has a row for each of them.
+    where f_i' is the row of partial derivatives of f_i, and a_(i,x) has a row for each of its arguments.
     """
     read = ca.symvar(rows)
     symbols = ca.vertcat(*read) if read else ca.SX(0, 1)
@@ -802,20 +804,20 @@ def jacobian(rows: Graph, x: Graph) -> Graph:
         return calls[-1][0]
 
     if not instructions(program):
-        return ca.jacobian(rows, x)  # of which the bytes of emitted code are
+        return ca.jacobian(rows, x)  # CasADi's own, on which the bytes of emitted code depend
     (whole,) = walked(program, [symbols], apply)
-    stands, values, slopes = ca.SX(0, 1), ca.SX(0, 1), ca.SX(0, x.numel())
+    placeholders, values, slopes = ca.SX(0, 1), ca.SX(0, 1), ca.SX(0, x.numel())
     for symbol, lookup, args in calls:
         at, row = ca.vertcat(*args), lookup.slopes(*args)
-        slopes = ca.vertcat(slopes, row @ (ca.jacobian(at, x) + ca.jacobian(at, stands) @ slopes))
-        values = ca.vertcat(values, lookup(*ca.vertsplit(ca.substitute(at, stands, values))))
-        stands = ca.vertcat(stands, symbol)
-    total = ca.jacobian(whole, x) + ca.jacobian(whole, stands) @ slopes
-    return ca.substitute(total, stands, values)
+        slopes = ca.vertcat(slopes, row @ (ca.jacobian(at, x) + ca.jacobian(at, placeholders) @ slopes))
+        values = ca.vertcat(values, lookup(*ca.vertsplit(ca.substitute(at, placeholders, values))))
+        placeholders = ca.vertcat(placeholders, symbol)
+    total = ca.jacobian(whole, x) + ca.jacobian(whole, placeholders) @ slopes
+    return ca.substitute(total, placeholders, values)
 
 
 def hessian(value: Graph, x: Graph) -> Graph:
-    """The second derivatives of a value in symbols x (n, n), in which slopes of tables are lookups."""
+    """The Hessian (n, n) of a value in symbols x (n), in which the derivatives of tables are lookups."""
     first = jacobian(value, x)
     program = ca.Function("rows", [ca.vertcat(*ca.symvar(value))] if ca.symvar(value) else [], [value])
     return jacobian(first.T, x) if instructions(program) else ca.hessian(value, x)[0]

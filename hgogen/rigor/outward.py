@@ -22,10 +22,10 @@ Flags = NDArray[np.bool_]
 Pair = tuple[Array, Array]
 
 _SPLIT = 134217729.0  # 2^27 + 1
-_SMALL, _LARGE = 1e-280, 1e290  # between them Dekker's and Newton's residuals neither underflow nor overflow
+_SMALL, _LARGE = 1e-280, 1e290  # range of numbers whose Dekker and Newton residuals neither underflow nor overflow
 
 
-@lru_cache(maxsize=1 << 12, typed=True)  # a tape's numbers, again on each batch of boxes
+@lru_cache(maxsize=1 << 12, typed=True)  # every batch of boxes needs the numbers of the tape
 def number(value: Fraction | float) -> tuple[float, float]:
     """The neighbouring floats that enclose a number, equal where it is a float."""
     if isinstance(value, float):
@@ -55,7 +55,7 @@ def up(x: Array) -> Array:
 
 
 def add(a: Pair, b: Pair) -> Pair:
-    """a + b."""
+    """The sum a + b."""
     return add_down(a[0], b[0]), add_up(a[1], b[1])
 
 
@@ -70,17 +70,17 @@ def add_up(x: Array, y: Array) -> Array:
 
 
 def negate(a: Pair) -> Pair:
-    """-a."""
+    """The interval -a."""
     return -a[1], -a[0]
 
 
 def multiply(a: Pair, b: Pair) -> Pair:
-    """a b; not negative where the signs say so, also after underflow."""
+    """The product a b; not negative where the signs of a and b exclude it, also after underflow."""
     product, error = (part.reshape(4, *part.shape[2:]) for part in _product(np.array(a)[:, None], np.array(b)))
     least, most = np.minimum.reduce(product), np.maximum.reduce(product)
     least = np.where(((product == least) > (error >= 0.0)).any(axis=0), down(least), least)
     most = np.where(((product == most) > (error <= 0.0)).any(axis=0), up(most), most)
-    if np.isnan(error).any():  # what underflows may move beyond 0
+    if np.isnan(error).any():  # an end that underflows may move beyond 0
         same, other, _ = _signs(a, b)
         least = np.where(same, np.maximum(least, 0.0), least)
         most = np.where(other, np.minimum(most, 0.0), most)
@@ -88,7 +88,7 @@ def multiply(a: Pair, b: Pair) -> Pair:
 
 
 def scale(a: Pair, b: Pair) -> Pair:
-    """a b without a look for exact products: cheaper, and one float wider; not negative where the signs say so."""
+    """The product a b without a test for exact products: cheaper, and one float wider, with the same rule of signs."""
     low, high = _ends([x * y for x in a for y in b])
     if np.isnan(low).any():  # 0 times an infinite end
         low, high = _ends([np.where((x == 0) | (y == 0), 0.0, x * y) for x in a for y in b])
@@ -101,19 +101,19 @@ def scale(a: Pair, b: Pair) -> Pair:
 
 
 def _ends(products: list[Array]) -> Pair:
-    """The least and the largest of four."""
+    """The smallest and the largest of four products."""
     a, b, c, d = products
     return np.minimum(np.minimum(a, b), np.minimum(c, d)), np.maximum(np.maximum(a, b), np.maximum(c, d))
 
 
 def _signs(a: Pair, b: Pair) -> tuple[Flags, Flags, Flags]:
-    """Flags: no product is negative, none is positive, one factor is 0."""
+    """Flags of boxes where no product is negative, where none is positive, and where a factor is 0."""
     (a_up, a_down), (b_up, b_down) = (((ends[0] >= 0), (ends[1] <= 0)) for ends in (a, b))
     return (a_up & b_up) | (a_down & b_down), (a_up & b_down) | (a_down & b_up), (a_up & a_down) | (b_up & b_down)
 
 
 def reciprocal(a: Pair) -> Pair:
-    """1/a where a is not 0."""
+    """The reciprocal 1/a where a is not 0."""
     low, high = a
     positive, negative = low > 0, high < 0
     clear = positive | negative
@@ -129,7 +129,7 @@ def reciprocal(a: Pair) -> Pair:
 
 
 def power(a: Pair, n: int) -> Pair:
-    """a^n for whole n; for n < 0 where a is not 0."""
+    """The power a^n for whole n, for n < 0 where a is not 0."""
     if n < 0:
         return reciprocal(power(a, -n))
     if n == 1:
@@ -154,36 +154,36 @@ def power_up(x: Array, n: int) -> Array:
 
 
 def square_root(a: Pair) -> Pair:
-    """The square root of what of a is not negative."""
+    """The square root of the part of a that is not negative."""
     return root_down(a[0]), root_up(a[1])
 
 
 def root_down(x: Array) -> Array:
-    """A float below the square root or equal, of what is negative 0."""
+    """A float below the square root or equal; 0 for a negative number."""
     return np.maximum(_below(*_root(np.maximum(x, 0.0))), 0.0)
 
 
 def root_up(x: Array) -> Array:
-    """A float above the square root or equal, of what is negative 0."""
+    """A float above the square root or equal; 0 for a negative number."""
     return np.maximum(_above(*_root(np.maximum(x, 0.0))), 0.0)
 
 
 def absolute(a: Pair) -> Pair:
-    """|a|."""
+    """The absolute value |a|."""
     sizes = np.abs(a[0]), np.abs(a[1])
     across = (a[0] <= 0) & (a[1] >= 0)
     return np.where(across, 0.0, np.minimum(*sizes)), np.maximum(*sizes)
 
 
 def norm(parts: Sequence[Pair]) -> Pair:
-    """|e|."""
+    """The Euclidean norm |e|."""
     return square_root(reduce(add, (power(a, 2) for a in parts)))
 
 
 def direction(parts: Sequence[Pair], index: int, wide: bool) -> Pair:
-    """The range of e_i/|e|; of a `wide` box without what it is at its faces alone: slopes there are limits from within.
+    """The range of e_i/|e|; for `wide` boxes without values on faces only, where slopes are limits from inside.
 
-    It rises with e_i, and falls with the size of the others where e_i > 0, rises with it where e_i < 0.
+    It increases with e_i. With the size of the other e_j it decreases where e_i > 0, and increases where e_i < 0.
     """
     low, high = parts[index]
     zero = np.zeros(low.shape)
@@ -200,22 +200,22 @@ def direction(parts: Sequence[Pair], index: int, wide: bool) -> Pair:
 
 
 def hull(a: Pair, b: Pair) -> Pair:
-    """The smallest interval that holds both."""
+    """The smallest interval that encloses both."""
     return np.minimum(a[0], b[0]), np.maximum(a[1], b[1])
 
 
 def meet(a: Pair, b: Pair) -> Pair:
-    """The intersection of two enclosures of one thing."""
+    """The intersection of two enclosures of one value."""
     return np.maximum(a[0], b[0]), np.minimum(a[1], b[1])
 
 
 def where_known(known: Flags, a: Pair) -> Pair:
-    """An interval where it is known, else the whole line."""
+    """The interval where it is known, else the real line."""
     return np.where(known, a[0], -np.inf), np.where(known, a[1], np.inf)
 
 
 def _share(e: Array, others: Array) -> Pair:
-    """e/sqrt(e^2 + others), between -1 and 1; not for e = others = 0."""
+    """The quotient e/sqrt(e^2 + others), between -1 and 1; not for e = others = 0."""
     whole = square_root(add(power((e, e), 2), (others, others)))
     low, high = multiply((e, e), reciprocal(whole))
     far = np.isinf(e)
@@ -223,25 +223,24 @@ def _share(e: Array, others: Array) -> Pair:
 
 
 def _below(value: Array, error: Array) -> Array:
-    """A rounded result, or the float below it unless its error, the exact result less it, is known not to be
-    negative."""
+    """The rounded result where its error, exact minus rounded, is known to be at least 0, else the float below it."""
     return np.where(error >= 0.0, value, down(value))
 
 
 def _above(value: Array, error: Array) -> Array:
-    """A rounded result, or the float above it unless its error is known not to be positive."""
+    """The rounded result where its error is known to be at most 0, else the float above it."""
     return np.where(error <= 0.0, value, up(value))
 
 
 def _sum(x: Array, y: Array) -> Pair:
-    """The rounded sum and its error; the error is NaN after overflow, which passes no comparison."""
+    """The rounded sum and its error, NaN after overflow, for which every comparison is false."""
     total = x + y
     part = total - x
     return total, (x - (total - part)) + (y - part)
 
 
 def _outside(value: Array, error: Array) -> Array:
-    """`_below` of the first half, `_above` of the second."""
+    """The result of `_below` for the first half and of `_above` for the second."""
     return np.array((_below(value[0], error[0]), _above(value[1], error[1])))
 
 
@@ -253,14 +252,14 @@ def _split(x: Array) -> Pair:
 
 
 def _residual(x: Array, y: Array, product: Array) -> Array:
-    """x y - product, exact."""
+    """The exact residual x y - product."""
     x_high, x_low = _split(x)
     y_high, y_low = (x_high, x_low) if y is x else _split(y)
     return ((x_high * y_high - product) + x_high * y_low + x_low * y_high) + x_low * y_low
 
 
 def _product(x: Array, y: Array) -> Pair:
-    """The rounded product and its error, NaN where that is not known; 0 times infinity is 0."""
+    """The rounded product and its error, NaN where it is not known; 0 times infinity is 0."""
     product = x * y
     size = np.abs(product)
     known, error = (size > _SMALL) & (size < _LARGE), _residual(x, y, product)  # NaN of factors beyond _LARGE
@@ -271,19 +270,19 @@ def _product(x: Array, y: Array) -> Pair:
 
 
 def _inverted(low: Array, high: Array) -> Pair:
-    """A float below 1/high or equal, and one above 1/low, neither of them 0; 1/inf is 0, from the side that x says."""
+    """A float below 1/high or equal, and one above 1/low or equal, for ends that are not 0; 1/inf is 0 of its sign."""
     x = np.array((high, low))
     inverse, size = 1.0 / x, np.abs(x)
     known = (size > _SMALL) & (size < 1.0 / _SMALL)
     product = inverse * x
     residual = np.where(known, (1.0 - product) - _residual(inverse, x, product), np.nan)
-    error = np.where(x > 0, residual, -residual)  # 1/x - inverse has its sign
+    error = np.where(x > 0, residual, -residual)  # of the sign of 1/x - inverse
     least = np.where(np.isinf(high), np.minimum(inverse[0], 0.0), _below(inverse[0], error[0]))
     return least, np.where(np.isinf(low), np.maximum(inverse[1], 0.0), _above(inverse[1], error[1]))
 
 
 def _root(x: Array) -> Pair:
-    """The root rounded, and a number of the sign of its error."""
+    """The rounded root, and a number with the sign of its error."""
     root = np.sqrt(x)
     known = (x > _SMALL) & (x < _LARGE)
     product = root * root
@@ -292,7 +291,7 @@ def _root(x: Array) -> Pair:
 
 
 def _repeated(x: Array, n: int, rounded: Callable[[Array, Array], Array]) -> Array:
-    """x^n, x >= 0, by squaring, each product rounded to one side."""
+    """The power x^n, x >= 0, by squaring, each product rounded to one side."""
     result = None
     while n:
         if n & 1:

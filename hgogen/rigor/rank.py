@@ -353,9 +353,9 @@ class _Walk:
         if cell is None:
             raise Undecided
         for argument, axis, k in zip(args, node.cells.axes, cell, strict=True):
-            if k > 0 and (axis.held or k > 1):
+            if k > 0 and (axis.clamped or k > 1):
                 self.needs(argument > sp.sympify(axis.x[k - 1]))
-            if k < len(axis.x) and (axis.held or k < len(axis.x) - 1):
+            if k < len(axis.x) and (axis.clamped or k < len(axis.x) - 1):
                 self.needs(argument < sp.sympify(axis.x[k]))
         d = [a - sp.sympify(start) for a, start in zip(args, node.cells.starts(cell), strict=True)]
         return sp.sympify(polynomial_value(node.cells.of_order(node.order)[cell], d, sp.sympify))

@@ -1,14 +1,14 @@
-"""How far a number that a program computes may be from that of exact arithmetic: a running error analysis on ranges.
+"""Bounds of the rounding errors of a program's values: a running error analysis on ranges.
 
-Each value v of exact arithmetic has a range, and a bound e on |v~ - v|, v~ what is computed of it. Round to nearest
-takes at most u |v~| more, u = 2^-24 or 2^-53, and `tiny` where a result underflows:
+Each value v of exact arithmetic has a range, and a bound e on |v~ - v|, v~ the computed value. Rounding to nearest adds
+at most u |v~|, u = 2^-24 or 2^-53, and `tiny` where a result underflows:
 
     v = a + b   e = e_a + e_b + u |v~|      v = a b   e = |a| e_b + |b| e_a + e_a e_b + u |v~|
     v = a / b   e = (e_a + |v| e_b)/(|b| - e_b) + u |v~|     v = f(a)   e = sup|f'| e_a + k ulp
 
-min, max and |.| do not enlarge errors. Where a comparison may turn out otherwise in the program, what hangs on it may
-be any of the two. The ulps of elementary functions are measured, not proved: twice the largest that are said of those
-of `emit.elementary`. Source: N. J. Higham, Accuracy and Stability of Numerical Algorithms, 2nd ed., 2002, section 3.3.
+min, max and |.| do not enlarge errors. Where rounding may change the result of a comparison, the value may be that of
+either branch. The ulps of elementary functions are measured, not proved: twice the largest errors documented in
+`emit.elementary`. Source: N. J. Higham, Accuracy and Stability of Numerical Algorithms, 2nd ed., 2002, section 3.3.
 """
 
 import math
@@ -25,22 +25,23 @@ from hgogen.rigor.series import rising
 Real = Literal["float", "double"]
 REALS: tuple[Real, ...] = ("float", "double")
 _NOTHING, _ONE = arb(0), arb(1)
-_ULPS = 2  # times those that are measured
-FOLDED = 8  # roundings of a double in a constant that is no whole number, as it was computed before it was written
-_UNSURE = 2  # more, by which a certificate's constant may be beside what its plant and its gains make it
-_WHOLE = 2**24  # whole numbers up to this are exact in every precision
+_ULPS = 2  # factor on the measured errors
+FOLDED = 8  # roundings of a double in the computation of a constant that is not whole, before it is printed
+_UNSURE = 2  # further roundings between a certificate's constant and its value by the plant and the gains
+_WHOLE = 2**24  # whole numbers up to it are exact in every precision
 
 
 class Unsure(ArithmeticError):
-    """A value without a bound: `args[0]` says what stands in the way."""
+    """A value without an error bound; `args[0]` is the reason."""
 
 
 @dataclass(frozen=True, eq=False)
 class Computed:
-    """The range of a value of exact arithmetic, and a bound on how far the computed one is from it, in Arb's balls. Of
-    a truth value the range is within [0, 1], and the error 1 where the program may decide otherwise. `test` and
-    `chosen`: of a value that is 0 where a test fails, the test and the value; `negates`: of a truth value, which it is
-    not."""
+    """The range of a value in exact arithmetic and a bound on the error of the computed one, as Arb balls.
+
+    A truth value has a range within [0, 1], and the error 1 where the program may decide otherwise. `test` and
+    `chosen`: the test and the value, for a value that is 0 where a test fails. `negates`: the negated truth value.
+    """
 
     value: Any
     error: Any = _NOTHING
@@ -55,41 +56,41 @@ class Computed:
 
     @property
     def around(self) -> Any:
-        """A ball that holds the exact and the computed value."""
+        """A ball around the exact and the computed value."""
         return self.value + arb(0, self.error.upper())
 
     @property
     def known(self) -> bool | None:
-        """The truth of a truth value, of which the program is sure; None where that is not known."""
+        """The truth value where exact arithmetic and the program decide alike; else None."""
         if not self.error.is_zero():
             return None
         return True if self.value == 1 else False if self.value == 0 else None
 
 
 def exactly(value: Any) -> Computed:
-    """A value that is the same in both, of a number or a ball."""
+    """A value without an error, from a number or a ball."""
     return Computed(arb(value))
 
 
 @dataclass(frozen=True)
 class Rounding:
-    """The operations of a working precision, by CasADi's numbers of them."""
+    """The arithmetic of a working precision; operations have CasADi's numbers."""
 
     real: Real
 
     @property
     def unit(self) -> Any:
-        """u."""
+        """The unit roundoff u."""
         return arb(2) ** (-24 if self.real == "float" else -53)
 
     @property
     def tiny(self) -> Any:
-        """The smallest normal number: what an underflow may cost, also where it is flushed to 0."""
+        """The smallest normal number: the error of an underflow, also where it is flushed to 0."""
         return arb(2) ** (-126 if self.real == "float" else -1022)
 
     @property
     def largest(self) -> Any:
-        """Below the largest number."""
+        """A power of two below the largest number."""
         return arb(2) ** (127 if self.real == "float" else 1023)
 
     def held(self, number: float) -> Computed:
@@ -97,11 +98,11 @@ class Rounding:
         return self.constant(number)
 
     def call(self, function: Any, columns: Any, body: Callable[[Any], Any]) -> Any:
-        """The values of a function of the program: calling it rounds nothing."""
+        """The values of a function of the program: a call rounds nothing."""
         return body(columns)
 
     def constant(self, number: float) -> Computed:
-        """A number of a graph, and what holding it costs."""
+        """A number of a graph, with the error of its representation."""
         value = arb(number)
         if not math.isfinite(number) or (abs(number) <= _WHOLE and number.is_integer()):
             return Computed(value)
@@ -109,7 +110,7 @@ class Rounding:
         return Computed(value + arb(0, folded.upper()), (abs(value) * self.unit + folded + self.tiny).upper())
 
     def apply(self, op: int, values: list[Computed]) -> Computed:
-        """The value of one operation. Raises: `Unsure`."""
+        """The result of one operation. Raises: `Unsure`."""
         if op in _EXACT:
             return _EXACT[op](*values)
         same = _unchanged(op, values)
@@ -126,7 +127,7 @@ class Rounding:
         raise Unsure("an operation whose rounding is not known")
 
     def _power(self, x: Computed, y: Computed) -> Computed:
-        """x^y of x > 0, or of a whole y."""
+        """The power x^y for x > 0, or a whole y."""
         value = x.value**y.value
         by_base = abs(y.around * x.around ** (y.around - 1)) * x.error
         slope = abs(abs(x.around).log() * y.around)
@@ -134,7 +135,7 @@ class Rounding:
         return self._rounded(value, by_base + by_exponent, 2 * _ULPS * (arb("1.5") + 2 * slope))
 
     def _rounded(self, value: Any, inherited: Any, units: Any = _ONE) -> Computed:
-        """The result of one operation that errs by so many units. Raises: `Unsure` of one that may overflow."""
+        """The result of an operation with an error of `units` times u. Raises: `Unsure` where it may overflow."""
         unit, inherited = self.unit * units, inherited.abs_upper()
         error = (inherited + unit * (abs(value) + inherited) * (1 + 2 * unit) + self.tiny * units).abs_upper()
         if not (value.is_finite() and error.is_finite() and abs(value) + error < self.largest):
@@ -142,7 +143,7 @@ class Rounding:
         return Computed(value, error)
 
 
-# --- what is exact but for what it takes
+# --- operations that round nothing
 
 
 def _extreme(pick: Callable[[Any, Any], Any], a: Computed, b: Computed) -> Computed:
@@ -155,7 +156,7 @@ def _larger(a: Any, b: Any) -> Any:
 
 
 def _below(equal: bool, a: Computed, b: Computed) -> Computed:
-    """a < b, or a <= b; where they may be equal in one of both, it is not known."""
+    """The truth value of a < b, or a <= b; unknown where errors may change it."""
     gap, error = b.value - a.value, a.error + b.error
     sure = bool(error.is_zero())
     holds = bool(gap > error or (equal and sure and gap >= 0))
@@ -165,14 +166,14 @@ def _below(equal: bool, a: Computed, b: Computed) -> Computed:
 
 
 def _all(least: int, a: Computed, b: Computed) -> Computed:
-    """a and b for `least` 0, a or b for 1: decided as soon as one of both is `least`."""
+    """The conjunction for `least` 0, the disjunction for 1: decided as soon as one of a and b is `least`."""
     if bool(least) in (a.known, b.known):
         return exactly(least)
     return _extreme(arb.max if least else arb.min, a, b)
 
 
 def _chosen(test: Computed, value: Computed) -> Computed:
-    """The value where the test holds, else 0."""
+    """The value where the test is true, else 0."""
     if test.known is False:
         return exactly(0)
     if test.known is True:
@@ -182,8 +183,8 @@ def _chosen(test: Computed, value: Computed) -> Computed:
 
 
 def _unchanged(op: int, values: list[Computed]) -> Computed | None:
-    """The value that an operation leaves as it is: a sum with 0, or of which one part is 0 by its test, a product with
-    1 or 0."""
+    """The result where an operation rounds nothing: a sum with 0, a choice as a sum, a product with 1 or 0; else
+    None."""
     if op not in (ca.OP_ADD, ca.OP_MUL):
         return None
     a, b = values
@@ -200,7 +201,7 @@ def _unchanged(op: int, values: list[Computed]) -> Computed | None:
 
 
 def _either(a: Computed, b: Computed) -> Computed | None:
-    """The one of two to which nothing is added, where one is 0 wherever the other is not by its test; else None."""
+    """The sum of a and b where their tests exclude each other, so that one of them is 0; else None."""
     yes, no = a.chosen, b.chosen
     if not (a.test and b.test and yes and no) or (a.test.negates is not b.test and b.test.negates is not a.test):
         return None
@@ -223,13 +224,13 @@ _EXACT: Mapping[int, Callable[..., Computed]] = {
 }
 
 
-# --- what is rounded once: the exact result, and the error that it inherits
+# --- operations that round once: the exact result and the inherited error
 
 
 def _product(a: Computed, b: Computed) -> tuple[Any, Any]:
     x, y = a.value, b.value
     product = x * y
-    if product.contains(0) and not (x.contains(0) or y.contains(0)):  # as Arb's may where both are wide: by their ends
+    if product.contains(0) and not (x.contains(0) or y.contains(0)):  # Arb's product of wide balls: use their ends
         product = reduce(arb.union, (s * t for s in (x.lower(), x.upper()) for t in (y.lower(), y.upper())))
     return product, abs(x) * b.error + abs(y) * a.error + a.error * b.error
 
@@ -240,7 +241,7 @@ def _quotient(a: Computed, b: Computed) -> tuple[Any, Any]:
 
 
 def _squared(x: Any) -> Any:
-    """x^2 of a ball. Arb's is below 0 in part of a ball that is wide, and has none of one whose middle is 0."""
+    """The square of a ball. Arb's own contains negative numbers for a wide ball, and fails where the midpoint is 0."""
     low, high = x.abs_lower(), x.abs_upper()
     return (low * low).union(high * high)
 
@@ -255,11 +256,11 @@ _ROUNDED: Mapping[int, Callable[..., tuple[Any, Any]]] = {
 }
 
 
-# --- elementary functions: the ulps that are said of them, the function and its slope
+# --- elementary functions: documented ulps, function, derivative
 
 
 def _angle(function: Callable[[Any], Any]) -> Callable[[Any], Any]:
-    """The function of angles up to 200, within which its ulps are measured in each precision."""
+    """The function for angles up to 200, the range of the measured ulps, else NaN."""
     return lambda x: function(x) if abs(x) <= _ANGLE else arb("nan")
 
 

@@ -349,7 +349,7 @@ def _ball_table(place: Sequence[Ball], derivative: tuple[Cells, Index]) -> Ball:
     if not all(a.is_finite() for a in place):
         return _NAN
     cells, order = derivative
-    spans = cells.met(list(map(ends, place)))
+    spans = cells.overlapped(list(map(ends, place)))
     if not all(cells.continuous(spans, order)):
         return _NAN
     values, pieces = [], cells.of_order(order)

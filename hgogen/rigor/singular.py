@@ -41,7 +41,7 @@ import sympy as sp
 from flint import arb, ctx, fmpq, fmpq_series
 
 from hgogen.check import Verdict
-from hgogen.rigor.bounds import between, contains_zero, enclose, nonzero, rational
+from hgogen.rigor.bounds import clamped_cells, contains_zero, enclose, nonzero, rational
 from hgogen.rigor.box import EVERYTHING, STRANGE, Box, End, exact, sides
 from hgogen.rigor.lookup import Cells, Table, applied, replaced
 from hgogen.rigor.search import is_defined
@@ -586,7 +586,7 @@ def _visited(node: sp.Expr, box: Box) -> sp.Expr:
         return _chosen(node, box)
     if isinstance(node, Table):  # without its ends along the axes where its argument keeps within its points
         arguments = [_visited(argument, box) for argument in node.args]
-        return applied(between(node, arguments, box), arguments, node.order)
+        return applied(clamped_cells(node, arguments, box), arguments, node.order)
     if not node.args:
         return node
     args = [_visited(part, box) if isinstance(part, sp.Expr) else part for part in node.args]
@@ -609,7 +609,7 @@ def _computed(expression: sp.Expr, sides: tuple[tuple[sp.Symbol, tuple[End, End]
     box = dict(sides)
 
     def cells(node: Table) -> Cells:
-        return between(node, [one_sided(part, box) for part in node.args], box, program=True)
+        return clamped_cells(node, [one_sided(part, box) for part in node.args], box, program=True)
 
     def unit(squares: sp.Expr) -> sp.Rational:
         """1, or of what is small on the whole box a power of 4 about as large, which is exact to divide by."""

@@ -39,7 +39,7 @@ import sympy as sp
 
 from hgogen.check import Verdict
 from hgogen.rigor import outward
-from hgogen.rigor.bounds import Proof, Sign, ends, nonzero, special_point, taken
+from hgogen.rigor.bounds import Proof, Sign, as_programmed, ends, nonzero, special_point
 from hgogen.rigor.box import STRANGE, Box, End, Point, Sides, exact, kind, put, sides
 from hgogen.rigor.enclosure import enclose
 from hgogen.rigor.lookup import Kinked, Stepped, Table
@@ -293,7 +293,7 @@ def _lipschitz_bound(
     b: tuple[sp.Expr, ...], states: tuple[sp.Symbol, ...], box: Ends, boxes: int, relative: float
 ) -> Lipschitz:
     whole, around = sides(sp.Tuple(*map(exact, b)), dict(box))
-    rows = [taken(row, around) for row in whole if not (row.is_number and row.is_real)]
+    rows = [as_programmed(row, around) for row in whole if not (row.is_number and row.is_real)]
     read = [x for x in states if x in around.symbols]
 
     def plain(verdict: Verdict, high: float, reason: Reason, tried: int = 0) -> Lipschitz:
