@@ -16,7 +16,7 @@ from hgogen.discretisation import kernels as matrix_loops
 from hgogen.discretisation import notation
 from hgogen.discretisation.kernels import KERNELS
 from hgogen.emit import helpers
-from hgogen.emit.portable import functions_of, kernels, passed, small
+from hgogen.emit.portable import functions_of, kernels, passed, small_functions
 from hgogen.emit.statements import Writer, routines
 from hgogen.emit.syntax import Number, Syntax
 from hgogen.emit.syntaxes import RUST, C
@@ -97,7 +97,7 @@ def test_its_loops_have_the_bits_of_python_in_rust(name: str, real: str) -> None
 def test_what_a_function_calls_comes_before_it(syntax: object) -> None:
     lines = "\n".join(kernels(syntax, "p", "float", {("exponential", 3)}).lines)
     assert 0 < lines.index("p_product(") < lines.index("p_exponential(")
-    lines = "\n".join(small(syntax, "p", "float", {"whole", "floor", "within"}, "int").lines)
+    lines = "\n".join(small_functions(syntax, "p", "float", {"whole", "floor", "within"}).lines)
     assert 0 < lines.index("p_within(") < lines.index("p_whole(") < lines.index("p_floor(")
 
 
@@ -128,7 +128,7 @@ class Bracketed(Syntax):
 
 def test_every_literal_is_written_by_the_syntax() -> None:
     language = Bracketed(**vars(C))
-    lines = "\n".join(small(language, "p", "float", {"floor", "inf"}, "int").lines)
+    lines = "\n".join(small_functions(language, "p", "float", {"floor", "inf"}).lines)
     assert "<float 3e38>" in lines
     assert "<float 8388608.0>" in lines
     assert language.literal(0.5, "double") == "<double 0.5>"

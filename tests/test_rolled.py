@@ -88,7 +88,7 @@ def code(function: ca.Function, least: int, size: int = N) -> tuple[Code, Code]:
         local=lambda argument, element: f"{ARRAYS[argument]}{element + 1}",
         indexed=lambda argument: ARRAYS[argument],
         least=least,
-        taken=set(ARRAYS),
+        reserved=set(ARRAYS),
     )
     targets = [target(argument, element) for argument in (1, 2) for element in range(size)]
     return printer.body(function, targets, hoist=[1, 2])

@@ -116,8 +116,11 @@ def test_a_part_that_says_something_leaves_nothing_as_after_a_reset() -> None:
         Place("state", "fault_count_range"): sym("state", "calls") * 0,
     }
     writer = SharingWriter(C, of, "float")
-    assert writer._left((Block("start", start),)) == set(start)
-    assert writer._left((Block("start", {**start, Place("status", "RESTARTED"): sym("state", "calls") + 1}),)) == set()
+    assert writer._reset_places((Block("start", start),)) == set(start)
+    assert (
+        writer._reset_places((Block("start", {**start, Place("status", "RESTARTED"): sym("state", "calls") + 1}),))
+        == set()
+    )
 
 
 def with_parts(of: hg.Step, **parts: Any) -> hg.Step:
@@ -127,14 +130,14 @@ def with_parts(of: hg.Step, **parts: Any) -> hg.Step:
 
 def test_only_what_is_as_after_a_reset_stands_in_the_reset() -> None:
     writer = SharingWriter(C, made("fitzhugh_nagumo"), "float")
-    names = {place.name for place in writer.fresh if place.struct == "state"}
+    names = {place.name for place in writer.resetting if place.struct == "state"}
     assert {"fault_count_y", "theta", "L", "D", "oldest"} <= names
     assert not names & {"z", "calls", "used_y", "u"}
-    assert Place("predictor", "z") in writer.fresh
+    assert Place("predictor", "z") in writer.resetting
     first, *others = made("fitzhugh_nagumo").layout.state
     state = (replace(first, initial=(1.0, 2.0, 3.0)), *others)
     other = with_parts(made("fitzhugh_nagumo"), layout=replace(made("fitzhugh_nagumo").layout, state=state))
-    assert Place("predictor", "z") not in SharingWriter(C, other, "float").fresh
+    assert Place("predictor", "z") not in SharingWriter(C, other, "float").resetting
 
 
 def test_what_keeps_a_value_does_not_begin_from_a_reset() -> None:
@@ -146,7 +149,7 @@ def test_what_keeps_a_value_does_not_begin_from_a_reset() -> None:
         Block("b", {place: value}, part="b") for value in (ca.SX(list(first)), sym(*place, len(first)) * 2)
     )
     assert first == (0.0,)
-    assert [writer._left((block,)) for block in (begins, keeps)] == [{place}, set()]
+    assert [writer._reset_places((block,)) for block in (begins, keeps)] == [{place}, set()]
 
 
 def test_a_part_ends_where_something_else_is_touched() -> None:

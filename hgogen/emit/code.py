@@ -1,4 +1,5 @@
-"""Lines of code and what they use, so that headers, casts and helper functions follow from data, not from the text."""
+"""Lines of code with the names that they use, so that headers, casts and small functions follow from data and not from
+the text; and the breaking of long lines."""
 
 # Takes apart: finished text, of which it counts the paths and breaks the long lines.
 
@@ -16,9 +17,9 @@ Names = frozenset[str]
 
 @dataclass(frozen=True)
 class Uses:
-    """The names to which lines refer: `parameters` of the function around them, `helpers` of `emit.portable`,
-    `kernels` (name, size), `types` that a language may have to be asked for; `widest` is the largest count that they
-    hold; `lookups` are those of tables, `routines` the keys of those that are called."""
+    """The names that lines use: `parameters` of the enclosing function, `helpers` of `emit.helpers` and mathematical
+    functions, `kernels` (name, size), `types` that may need a header, `lookups` in tables, `routines` by their keys;
+    `widest`: the largest count in the lines."""
 
     parameters: Names = frozenset()
     helpers: Names = frozenset()
@@ -48,7 +49,7 @@ class Code:
         return Code(self.lines + other.lines, self.uses | other.uses)
 
     def indented(self) -> "Code":
-        """Every line four blanks to the right."""
+        """The code, indented by four spaces."""
         return Code(tuple(indented(self.lines)), self.uses)
 
 
@@ -58,24 +59,24 @@ def code(*lines: str, parameters: Iterable[str] = (), widest: int = 0) -> Code:
 
 
 def joined(parts: Iterable[Code]) -> Code:
-    """The codes one after the other."""
+    """Pieces of code one after the other."""
     parts = list(parts)
     return Code(tuple(line for part in parts for line in part.lines), united(part.uses for part in parts))
 
 
 def braced(head: str, inner: Code) -> Code:
-    """A line that ends in a brace, with what is inside."""
+    """A block: its head, which ends in a brace, its indented body, and the closing brace."""
     return code(head) + inner.indented() + code("}")
 
 
 def spaced(parts: Iterable[Code]) -> Code:
-    """The codes with an empty line between two."""
-    first, *rest = parts
-    return joined([first, *(code("") + part for part in rest)])
+    """Pieces of code with an empty line between two."""
+    first, *others = parts
+    return joined([first, *(code("") + part for part in others)])
 
 
 def united(uses: Iterable[Uses]) -> Uses:
-    """The union of what they use."""
+    """The union of several uses."""
     every = {id(each): each for each in uses if each is not NOTHING}.values()
     if len(every) < 2:
         return next(iter(every), NOTHING)
@@ -84,22 +85,22 @@ def united(uses: Iterable[Uses]) -> Uses:
 
 
 def indented(lines: Iterable[str], by: int = 4) -> list[str]:
-    """Every line four blanks to the right."""
+    """The lines, indented."""
     return [" " * by + line if line else line for line in lines]
 
 
-MOST = 20  # paths through a function
+MAX_PATHS = 20  # paths through a function
 _VARIABLE = re.compile(r"(?<![\w.>])[A-Za-z_]\w*")  # not behind a point or an arrow
 _BRANCH = re.compile(r"\b(?:if|for|while|case)\b|&&|\|\||\?")
 
 
 def paths(lines: Iterable[str]) -> int:
-    """Return the cyclomatic complexity of the lines of a function."""
+    """The cyclomatic complexity of the lines of a function."""
     return 1 + len(_BRANCH.findall(_bare(lines)))
 
 
 def variables(lines: Iterable[str]) -> set[str]:
-    """Return the names in lines that are of no member of a struct."""
+    """The names in lines that are no member of a struct."""
     return set(_VARIABLE.findall(_bare(lines)))
 
 
@@ -109,15 +110,16 @@ def _bare(lines: Iterable[str]) -> str:
 
 COLUMNS = 110
 _GLUE = "\0"  # a blank at which no line is broken
-_MARKS = ("* ", "// ", "/// ", "//! ")  # inside a comment, or of one that ends with the line
+_MARKS = ("* ", "// ", "/// ", "//! ")  # that begin a line in a block comment, or a line comment
 _BREAK = re.compile(r"(?<=, )|(?<=\)[*/])(?=\()| (?=(?:[-+?:]|&&|\|\||else \{) )|(?<!else) (?=\{ )|(?<= = )(?=&)")
-_LIST = re.compile(r"(.*?= [{\[])(.*)([}\]];)")  # of values, as a table has
+_LIST = re.compile(r"(.*?= [{\[])(.*)([}\]];)")  # an array with its values
 _NESTED = re.compile(r"[()\[\]{}]")
-_PRODUCT = re.compile(r"(?<=[\w)\]][*/])(?=[\w(])")  # where there is no such place
+_PRODUCT = re.compile(r"(?<=[\w)\]][*/])(?=[\w(])")  # the second choice
 
 
 def folded(lines: Iterable[str]) -> list[str]:
-    """The lines, of which a longer one becomes several; a preprocessor line stays as it is."""
+    """The lines, with those longer than `COLUMNS` broken: comments are filled, code is broken where it nests least, a
+    preprocessor line is not broken."""
     return [part for line in lines for part in _fold(line)]
 
 
@@ -126,9 +128,9 @@ def _fold(line: str) -> list[str]:
         return [line]
     indent = line[: len(line) - len(line.lstrip())]
     text = line.strip()
-    if mark := next((mark for mark in _MARKS if text.startswith(mark)), ""):  # a comment, whose items hang
-        said = text[len(mark) :]
-        inner = len(said) - len(said.lstrip())
+    if mark := next((mark for mark in _MARKS if text.startswith(mark)), ""):  # a comment, its items indented
+        content = text[len(mark) :]
+        inner = len(content) - len(content.lstrip())
         return _filled(text, indent, f"{mark}{' ' * (inner + 2 if inner else 0)}")
     if text.startswith("/*"):
         return _filled(text, indent, " * ")

@@ -1,6 +1,6 @@
-"""What a call of a step costs: its operations, and the bytes of its memory.
+"""The cost of a call of a step: its operations, and the bytes of its memory.
 
-A function (sine, root, table, ..) is one beside the operations of `discretisation.kernel_graphs`.
+A call of a function (sine, root, table, ..) is counted apart from the operations of `discretisation.kernel_graphs`.
 """
 
 from collections import Counter

@@ -1,7 +1,7 @@
-"""A line of equations as LaTeX: z' = A z + b(sat z, u) as observers and methods write them, names by SymPy's printer.
+"""Lines of equations as LaTeX, from text as observers and methods have it: z' = A z + b(sat z, u).
 
-A name with a prime before = is a derivative, as is a primed small name with a number or i or n below it; any other
-prime is a transpose. A word of several letters that is no name of mathematics stays a word.
+A primed name before = is a derivative, and so is a primed lower-case name with the subscript i, n or a number; any
+other prime is a transpose. A word of several letters that is no mathematical name is set as text.
 """
 
 # Takes apart: lines of equations, which are written for people, and words in which Markdown would read marks.
@@ -46,35 +46,35 @@ _SMALL = re.compile(r"[a-z]\w*_(?:[in]|\d+)\Z")
 
 
 def formulas(line: str) -> list[str]:
-    """The equations of a line, each as LaTeX; what stands between semicolons is one."""
+    """The equations of a line, which semicolons separate, each as LaTeX."""
     return [_latex(part) for part in line.split("; ")]
 
 
-def named(name: str) -> str:
-    """A name as SymPy prints the symbol that has it."""
+def symbol_name(name: str) -> str:
+    """A name as SymPy prints the symbol of that name."""
     return str(sp.latex(sp.Symbol(name)))
 
 
 def _latex(text: str) -> str:
-    """Text of which each part is a word, a name, a number or a sign of mathematics."""
-    made, at, depth = "", 0, 0
+    """LaTeX of text that consists of words, names, numbers and mathematical signs."""
+    latex, at, depth = "", 0, 0
     while at < len(text):
         match = _PARTS.match(text, at)
         if match is None:
             depth += _DEPTH.get(text[at], 0)
-            made, at = made + (r",\quad" if text[at] == "," and depth == 0 else text[at]), at + 1
+            latex, at = latex + (r",\quad" if text[at] == "," and depth == 0 else text[at]), at + 1
             continue
         kind, end = match.lastgroup, match.end()
         if kind in ("power", "below"):  # what is in parentheses is above or below the line
             close = _close(text, end - (kind == "below"))
             inner = _latex(text[end:close] if kind == "below" else text[end : close + 1])
-            made += f"_{{{inner}}}" if kind == "below" else f"^{{{match['power'][1:]}{inner}}}"
+            latex += f"_{{{inner}}}" if kind == "below" else f"^{{{match['power'][1:]}{inner}}}"
             end = close + 1
         else:
             depth += {"{": 1, "}": -1}.get(match["sign"] or "", 0)
-            made += _part(match)
+            latex += _part(match)
         at = end
-    return _BETWEEN_WORDS.sub(" ", made).strip()
+    return _BETWEEN_WORDS.sub(" ", latex).strip()
 
 
 def _close(text: str, start: int) -> int:
@@ -89,7 +89,7 @@ def _close(text: str, start: int) -> int:
 def _part(match: re.Match[str]) -> str:
     if match["short"]:
         power = match["short"].removeprefix("-")
-        return f"^{{{'-' * match['short'].startswith('-')}{named(power)}}}"
+        return f"^{{{'-' * match['short'].startswith('-')}{symbol_name(power)}}}"
     if match["ratio"]:
         above, below = match["ratio"].split("/")
         return rf"\frac{{{above}}}{{{below}}}"
@@ -97,19 +97,19 @@ def _part(match: re.Match[str]) -> str:
         digits, _, power = match["number"].partition("e")
         return rf"{digits} \cdot 10^{{{int(power)}}}" if power else digits
     if match["rate"]:
-        return rf"\dot{{{named(match['rate'])}}}"
+        return rf"\dot{{{symbol_name(match['rate'])}}}"
     if word := match["name"] or match["article"] or match["joined"]:
         return _name(word, match["mark"] or "", word != match["name"])
     return _SIGNS[match["sign"]]
 
 
 def _name(name: str, mark: str, spoken: bool) -> str:
-    """A name with the mark that follows it, or a word."""
+    """LaTeX of a name, or of a word, with the mark that follows it."""
     if name in _OPERATORS:
         return rf"\operatorname{{{name}}}{mark}"
     if spoken or (len(name) > 1 and "_" not in name and name not in _NAMES and not name[1:].isdigit()):
         return rf"\text{{ {name} }}{mark}"
-    text = _SPECIAL.get(name, named(name))
+    text = _SPECIAL.get(name, symbol_name(name))
     if mark == "'":
         return rf"\dot{{{text}}}" if _SMALL.match(name) else rf"{text}^{{\top}}"
     return f"{text}^{{{mark}}}" if mark else f"{text} " if text.startswith("\\") else text
@@ -122,11 +122,11 @@ _MARKS = str.maketrans({mark: f"\\{mark}" for mark in r"\`*_{}[]<>|#$~"})
 
 
 def plain(text: str) -> str:
-    """Return words in which Markdown reads no mark."""
+    """Words in which Markdown reads no mark."""
     return " ".join(text.splitlines()).translate(_MARKS)
 
 
 def table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> list[str]:
-    """Return the lines of a table."""
+    """The lines of a Markdown table."""
     lines = [head, ["---"] * len(head), *rows]
     return [f"| {' | '.join(line)} |" for line in lines]

@@ -218,11 +218,11 @@ class LaneWriter(Writer):
         self.counted.pop()
         return text
 
-    def _call(self, call: Call, taken: frozenset[str]) -> Code:
+    def _call(self, call: Call, reserved: frozenset[str]) -> Code:
         return braced("{", self.function(call.section.program))
 
-    def _repeat(self, repeat: Repeat, taken: frozenset[str]) -> Code:
-        return self.program(repeat.unrolled, taken)
+    def _repeat(self, repeat: Repeat, reserved: frozenset[str]) -> Code:
+        return self.program(repeat.unrolled, reserved)
 
     # --- where lanes part ways
 
@@ -258,40 +258,40 @@ class LaneWriter(Writer):
         raised = f"__builtin_convertvector({self._on(f'({test})')}, {self.own}_raised)"
         return (f"status |= ({self.own}_status){raised} & {1 << bit:#x}u;",)
 
-    def _when(self, when: When, taken: frozenset[str]) -> Code:
+    def _when(self, when: When, reserved: frozenset[str]) -> Code:
         flag, name, other = when.flag.name, self._named(), f"{self._named()}_not"
         text = self._declared(name, flag)
         text += self._declared(other, f"~{flag}") if when.otherwise else Code()
-        text += self._where(name, when.body, taken)
-        text += self._where(other, when.otherwise, taken) if when.otherwise else Code()
+        text += self._where(name, when.body, reserved)
+        text += self._where(other, when.otherwise, reserved) if when.otherwise else Code()
         return braced("{", text)
 
-    def _where(self, name: str, body: Program, taken: frozenset[str]) -> Code:
+    def _where(self, name: str, body: Program, reserved: frozenset[str]) -> Code:
         everywhere = self.counted[-1]
         inner = frozenset(
             place for place, n in _counted(body).items() if everywhere[place] == n and place.struct == "work"
         )
         with self._masked(Mask(name, inner)):
-            return braced(f"if ({self._any(name)}) {{", self.program(body, taken))
+            return braced(f"if ({self._any(name)}) {{", self.program(body, reserved))
 
     # --- members
 
-    def _loop(self, loop: Loop, taken: frozenset[str]) -> Code:
+    def _loop(self, loop: Loop, reserved: frozenset[str]) -> Code:
         depth = len(self.kinds.groups[loop.group])
         k, i = (letter if depth == 1 else f"{letter}{depth}" for letter in "ki")
         total, whole = self.kinds.groups[loop.group][-1].count, self.syntax.types["unsigned"]
         at, number = f"{self.own}_at{len(self.masks)}", self._number(k)
         tests = [f"({number} < {self.whole(loop.active)})"] if loop.active else []
         if loop.start is None:
-            return self._members(loop, k, loop.count, tests, taken)
+            return self._members(loop, k, loop.count, tests, reserved)
         tests += [f"({at} == {self._number(i)})"]
-        inside = self._members(loop, i, total, tests, taken)
+        inside = self._members(loop, i, total, tests, reserved)
         once = code(f"{at} = {at} + {self._number('1')};", f"{at} = {self.within(at, total)};")
         start = code(f"{whole} {at} = {self.within(self.whole(loop.start), total)};")
         turns = f"for (unsigned {k} = 0u; {k} < {loop.count}u; ++{k}) {{"
         return braced("{", start + braced(turns, inside + once))
 
-    def _members(self, loop: Loop, k: str, count: int, tests: list[str], taken: frozenset[str]) -> Code:
+    def _members(self, loop: Loop, k: str, count: int, tests: list[str], reserved: frozenset[str]) -> Code:
         """The body for each member, number `k`, for the lanes that pass the tests."""
         array = self.whole(self._array(loop.group))
         head = f"for (unsigned {k} = 0u; {k} < {count}u; ++{k}) {{"
@@ -300,7 +300,7 @@ class LaneWriter(Writer):
         with self._masked(Mask(name := self._named()) if tests else self.masks[-1]):
             if loop.index:
                 member += code(self._assigned(loop.index, self.whole(loop.index), self._number(k)))
-            inner = member + self.program(loop.body, taken)
+            inner = member + self.program(loop.body, reserved)
         if tests:
             inner = self._declared(name, " & ".join(tests)) + braced(f"if ({self._any(name)}) {{", inner)
         return braced(head, inner) + Code((), uses)
@@ -311,7 +311,7 @@ class LaneWriter(Writer):
 
     # --- lane by lane
 
-    def _copy(self, copy: Copy, taken: frozenset[str]) -> Code:
+    def _copy(self, copy: Copy, reserved: frozenset[str]) -> Code:
         array, total = self._array(copy.group), self.kinds.groups[copy.group][-1].count
         numbers = [self.within(self.whole(place), total) for place in (copy.target, copy.source)]
         whole, size = self.syntax.types["unsigned"], f"sizeof({self.real})"
@@ -325,7 +325,7 @@ class LaneWriter(Writer):
         every = braced(f"for (int lane = 0; lane < {self.width}; ++lane) {{", one)
         return braced("{", declared + every) + Code((), self.uses(array, copy.target, copy.source))
 
-    def _kernel(self, kernel: Kernel, taken: frozenset[str]) -> Code:
+    def _kernel(self, kernel: Kernel, reserved: frozenset[str]) -> Code:
         """A call for all lanes at once, after which those that do not run have back what they had."""
         if kernel.name not in TOGETHER:
             raise NoLanes(kernel.name)
@@ -337,7 +337,7 @@ class LaneWriter(Writer):
                 back = self.syntax.choice.format(test=mask.name, yes=each.element, no=was.element)
                 before += code(f"{kind} {was.text}[{each.size}];") + each.all(f"{was.element} = {each.element};")
                 after += each.all(f"{each.element} = {back};")
-        return braced("{", before + super()._kernel(kernel, taken) + after)
+        return braced("{", before + super()._kernel(kernel, reserved) + after)
 
     def _changed(self, kernel: Kernel) -> Iterator["_Array"]:
         operands = [*([(kernel.columns, kernel.size)] if kernel.columns else []), *kernel.arguments]

@@ -13,7 +13,7 @@ import sympy as sp
 from hgogen.analysis.evidence import NotCertifiable, fingerprint
 from hgogen.check import Check, Verdict
 from hgogen.emit.cost import cost
-from hgogen.emit.naming import says
+from hgogen.emit.naming import renaming_sentence
 from hgogen.emit.promised import promised
 from hgogen.emit.syntax import Real, Syntax
 from hgogen.observer import Observer
@@ -171,7 +171,7 @@ def mathematics(step: Step, syntax: Syntax) -> list[str]:
     lines += [f"  {in_short(check, observer.accepted)}" for check in observer.checks]
     lines += promised(step)
     lines += [f"Hypotheses of its theorem, and the evidence of the claims: {document_name(step)}"]
-    names = says(step, syntax)
+    names = renaming_sentence(step, syntax)
     return [*lines, f"{names[0].upper()}{names[1:]}"] if names else lines
 
 
@@ -199,7 +199,7 @@ def summary(step: Step, syntax: Syntax) -> list[str]:
     lines += [f"  {in_short(each, observer.accepted)}" for each in left]
     lines += promised(step)[:1]
     lines += [f"Hypotheses of its theorem, and the evidence of the claims: {document_name(step)}"]
-    names = says(step, syntax)
+    names = renaming_sentence(step, syntax)
     return [*lines, f"{names[0].upper()}{names[1:]}"] if names else lines
 
 

@@ -1,8 +1,9 @@
-"""What signals, and files, are called in a language: by their own names, another one where a language has the name.
+"""The names of signals and files in a language, and the files of a step. A signal has another name where the language
+reserves its own.
 
-A struct's member is read by a C compiler after every header of the firmware that includes it, and a macro of one of
-them, such as I of <complex.h> or SREG of an AVR, replaces the member's name without a word. `names.txt` lists such
-names; those of the standard headers are compared with the installed compilers' by a test.
+A C compiler reads the member of a struct after every header of the firmware that includes it, and a macro of one of
+them, such as I of <complex.h> or SREG of an AVR, silently replaces the member's name. `names.txt` lists such names; a
+test compares those of the standard headers with the installed compilers' own.
 """
 
 # Takes apart: the lists of names that are taken.
@@ -31,7 +32,7 @@ _HEADERS = """
 
 @dataclass(eq=False)
 class HidesHeader(HgogenError):
-    """A model whose files would take the place of a standard header."""
+    """A model whose files would replace a standard header."""
 
     name: str
 
@@ -40,25 +41,25 @@ class HidesHeader(HgogenError):
 
 
 @cache
-def _taken() -> frozenset[str]:
+def _reserved_names() -> frozenset[str]:
     lines = files("hgogen.emit").joinpath("names.txt").read_text(encoding="ascii").splitlines()
     return frozenset(word for line in lines if not line.startswith("#") for word in line.split())
 
 
 def c_name(name: str) -> str:
     """The name in C: `I_` for I, which is a macro; almost always the name itself."""
-    return f"{name}_" if name in _taken() else name
+    return f"{name}_" if name in _reserved_names() else name
 
 
 def demand_file(name: str) -> None:
-    """Raise `HidesHeader` for the name of a header."""
+    """Raise `HidesHeader` for the name of a standard header."""
     if name.lower() in _HEADERS.split():
         raise HidesHeader(name)
 
 
 @dataclass(eq=False)
 class OneName(HgogenError):
-    """Two signals of one struct that a language would call the same."""
+    """Two signals of one struct that would have the same name in a language."""
 
     names: tuple[str, str]
     language: str
@@ -72,24 +73,24 @@ class OneName(HgogenError):
 
 
 def renamed(step: Step, syntax: Syntax) -> dict[str, str]:
-    """The signals that the language calls otherwise, and how."""
+    """The signals that have another name in the language, with that name."""
     names = dict.fromkeys(s.name for signals in _structs(step) for s in signals)
-    return {own: syntax.name(own) for own in names if syntax.name(own) != own}
+    return {name: syntax.name(name) for name in names if syntax.name(name) != name}
 
 
-def says(step: Step, syntax: Syntax) -> str:
-    """The renaming in words, "in C I is called I_, for a keyword or a macro has the name"; "" where none is."""
-    pairs = ", ".join(f"{own} is called {other}" for own, other in renamed(step, syntax).items())
+def renaming_sentence(step: Step, syntax: Syntax) -> str:
+    """The renaming in words, "in C I is called I_, for a keyword or a macro has the name"; "" without one."""
+    pairs = ", ".join(f"{name} is called {other}" for name, other in renamed(step, syntax).items())
     return f"in {syntax.language} {pairs}, for {syntax.reserved} has the name" if pairs else ""
 
 
 def demand_distinct(step: Step, syntax: Syntax) -> None:
-    """Raise `OneName` where two names of a struct would be one."""
+    """Raise `OneName` where two signals of a struct would have the same name."""
     for signals in _structs(step):
         names = {signal.name for signal in signals}
-        for own in sorted(names):
-            if syntax.name(own) != own and syntax.name(own) in names:
-                raise OneName((own, syntax.name(own)), syntax.language, syntax.reserved)
+        for name in sorted(names):
+            if syntax.name(name) != name and syntax.name(name) in names:
+                raise OneName((name, syntax.name(name)), syntax.language, syntax.reserved)
 
 
 def _structs(step: Step) -> Iterable[tuple[Signal, ...]]:
@@ -101,7 +102,7 @@ AnyStep = TypeVar("AnyStep", bound=Step)
 
 @dataclass(eq=False)
 class BadPrefix(HgogenError):
-    """A name that the files and symbols of a step cannot begin with, for a language has it already."""
+    """A name that cannot be the prefix of a step's files and symbols, since C reserves it."""
 
     name: str
 
@@ -110,7 +111,7 @@ class BadPrefix(HgogenError):
 
 
 def prefixed(step: AnyStep, name: str) -> AnyStep:
-    """The step with another name, so that two observers of one plant link together; nothing else of it is another.
+    """The step under another name, so that two observers of one plant can be linked together.
 
     Raises: as `demand_prefix`.
     """
@@ -119,7 +120,7 @@ def prefixed(step: AnyStep, name: str) -> AnyStep:
 
 
 def demand_prefix(name: str | None) -> None:
-    """Raises: `BadName`, `BadFileName`, `BadPrefix`; `HidesHeader` for the name of a standard header."""
+    """Raise `BadName`, `BadFileName`, `BadPrefix`, or `HidesHeader` for the name of a standard header."""
     if name is None:
         return
     check_name(name)
@@ -130,6 +131,7 @@ def demand_prefix(name: str | None) -> None:
 
 
 def sources(step: Step, syntax: Syntax, files: Mapping[str, Iterable[str]], recipe: Recipe = ()) -> Sources:
-    """Files of these lines, of which none is long, and the signals that the language calls otherwise."""
+    """The files with their long lines broken, and the signals that have another name in the language."""
     texts = tuple((name, "\n".join(folded(lines)) + "\n") for name, lines in files.items())
-    return Sources(texts, recipe, tuple(renamed(step, syntax).items()), tuple(filter(None, [says(step, syntax)])))
+    notes = tuple(filter(None, [renaming_sentence(step, syntax)]))
+    return Sources(texts, recipe, tuple(renamed(step, syntax).items()), notes)

@@ -37,11 +37,12 @@ _ANGLES = {
     ca.OP_SIN: ((SMALL, SMALL_SIN), (BOUNDED, BOUNDED_SIN)),
     ca.OP_COS: ((SMALL, SMALL_COS), (BOUNDED, BOUNDED_COS)),
 }
-_LARGE = 1e30  # what is larger may be infinite in single precision
+_LARGE = 1e30  # a larger number may be infinite in single precision
 
 
 class Bound(NamedTuple):
-    """Between `low` and `high` where it is a number; `number`: it always is one, an infinite one perhaps."""
+    """An interval of a result, from `low` to `high`, where the result is a number; `number`: whether it always is one,
+    possibly an infinite one."""
 
     low: float
     high: float
@@ -58,29 +59,29 @@ _WAVE = Bound(-1.0, 1.0, False)
 
 
 def operations(function: ca.Function) -> list[int]:
-    """The operation of each instruction of an SX function, with sines and cosines of bounded angles told apart."""
+    """The operation of each instruction of an SX function, with those of bounded angles as operations of their own."""
     codes = [function.instruction_id(k) for k in range(function.n_instructions())]
     if _ANGLES.keys().isdisjoint(codes):
         return codes
     bounds, result = dict[int, Bound](), list[int]()
     for k, op in enumerate(codes):
         known = op in _BOUNDS or op in _ANGLES
-        of = [bounds[place] for place in function.instruction_input(k)] if known else []
-        result.append(next((code for limit, code in _ANGLES.get(op, ()) if of[0].size <= limit), op))
+        operands = [bounds[place] for place in function.instruction_input(k)] if known else []
+        result.append(next((code for limit, code in _ANGLES.get(op, ()) if operands[0].size <= limit), op))
         value = function.instruction_constant(k) if op == ca.OP_CONST else inf
         if abs(value) < inf:
             bound = Bound(value, value, True)
         elif op in _BOUNDS:
-            bound = _BOUNDS[op](*of)
+            bound = _BOUNDS[op](*operands)
         else:
             bound = _WAVE if op in _ANGLES else _ANY
-        if op != ca.OP_OUTPUT:  # which names an output where others name a place of work
+        if op != ca.OP_OUTPUT:  # its output is no place of work
             bounds |= dict.fromkeys(function.instruction_output(k), bound)
     return result
 
 
 def _number(a: Bound, b: Bound) -> bool:
-    """Whether a sum, a difference or a product is one for certain: no operand may be infinite."""
+    """Whether a sum, a difference or a product is certainly a number: no operand may be infinite."""
     return a.number and b.number and max(a.size, b.size) < _LARGE
 
 
@@ -122,7 +123,7 @@ INFIX: dict[int, tuple[str, float]] = {
     ca.OP_EQ: (" == ", EQUAL),
     ca.OP_NE: (" != ", EQUAL),
 }
-LOGIC: dict[int, float] = {ca.OP_AND: AND, ca.OP_OR: OR}  # whose signs are a language's own
+LOGIC: dict[int, float] = {ca.OP_AND: AND, ca.OP_OR: OR}  # the signs depend on the language
 CALLS: dict[int, str] = {
     ca.OP_FABS: "abs",
     ca.OP_FMIN: "min",
@@ -169,26 +170,26 @@ class Node:
     name: str = ""
     lookup: Lookup | None = None  # of a call
     routine: Routine | None = None  # of a call
-    element: tuple[int, int] = (0, 0)  # of what a routine computes: result, element
+    element: tuple[int, int] = (0, 0)  # of a result of a routine: its number, element
     labels: dict[int, str] = field(default_factory=dict)  # of a call of a routine: the names of its results
-    passed: tuple[tuple["Node", ...], ...] = ()  # of a call of a routine: what it passes for each argument
-    count: int = 0  # of what a loop computes: how often it runs
-    step: int = 0  # of an element that moves with a loop, which at first is that of `source` or `element`
-    inside: bool = False  # whether it is another value each time that a loop around it runs
-    fold: int = 0  # of what a loop sums up: the operation
+    passed: tuple[tuple["Node", ...], ...] = ()  # of a call of a routine: the values of each argument
+    count: int = 0  # the passes of the loop that computes it
+    step: int = 0  # of `source` or `element` from one pass of a loop to the next
+    inside: bool = False  # whether it differs between the passes of a loop
+    fold: int = 0  # the operation by which a loop accumulates it
     table: tuple[float, ...] = ()
 
 
 _PAIRED = {ca.OP_OR: ca.OP_LT, ca.OP_AND: ca.OP_LE}
 _BOOLEAN = {ca.OP_LT, ca.OP_LE, ca.OP_EQ, ca.OP_NE, ca.OP_NOT, ca.OP_AND, ca.OP_OR}
-CLAMP, WITHIN, CHOOSE, KEEP = -1, -2, -3, -4  # such patterns
-ELEMENT = -5  # of what a routine computes
+CLAMP, WITHIN, CHOOSE, KEEP = -1, -2, -3, -4
+ELEMENT = -5  # of a result of a routine, or of an array
 NEAREST = -6  # the whole number nearest to one
-ARRAY = -7  # all of an argument, as a routine is passed it
+ARRAY = -7  # a whole argument, which a call passes as an array
 POWER_OF_TWO = -12
-FILL = -21  # an array whose elements a loop computes, each as the argument says
-FOLD = -22  # what a loop makes of a first value and of one more each time, as the arguments say
-AT = -23  # the element at which a loop is, of an input, or of the array that is the argument
+FILL = -21  # an array that a loop fills; the argument is an element
+FOLD = -22  # the result of a loop that accumulates; the arguments are the first value and a term
+AT = -23  # the element in a pass of a loop, of an input, or of the array that is the argument
 TABLE = -24  # an array of numbers
 _PRIMITIVES = {elementary.NEAREST: NEAREST, elementary.POWER_OF_TWO: POWER_OF_TWO}
 INSIDE, OUTSIDE = -13, -14  # of an interval
@@ -199,7 +200,8 @@ PATTERNS |= {op: name for name, op in _PRIMITIVES.items()}
 
 
 def read(function: ca.Function, intervals: bool = False) -> list[list[Node]]:
-    """The outputs of an SX function as nodes, one list for each output; `intervals`: tests of two ends are one node."""
+    """The outputs of an SX function as nodes, one list for each output; `intervals`: a test of both ends of an interval
+    is one node."""
     nodes: list[Node] = []
 
     @cache
@@ -231,14 +233,14 @@ def _called(function: Lookup | ca.Function, values: list[Node]) -> list[Node]:
 
 
 def columns(call: Node) -> Iterator[tuple[Argument, list[Node]]]:
-    """The arguments of a call of a routine, element by element."""
+    """The arguments of a call of a routine, with the elements of each."""
     assert call.routine
-    rest = iter(call.args)
-    return ((argument, list(islice(rest, argument.size))) for argument in call.routine.arguments)
+    elements = iter(call.args)
+    return ((argument, list(islice(elements, argument.size))) for argument in call.routine.arguments)
 
 
 def ordered(roots: Iterable[Node]) -> list[Node]:
-    """Every node once, after those that it takes."""
+    """Every node once, after its arguments."""
     done: dict[Node, None] = {}
     stack = list(roots)[::-1]
     while stack:
@@ -251,7 +253,7 @@ def ordered(roots: Iterable[Node]) -> list[Node]:
 
 
 def _settle(node: Node) -> None:
-    """A clamp that is 0 where its argument is not finite: `keep` as well."""
+    """Make a clamp that is 0 for a value that is not finite a `KEEP` node."""
     if node.op == ca.OP_IF_ELSE_ZERO:
         test, value = node.args
         if test.op == WITHIN and value.op == CLAMP and test.args[0] is value.args[0]:
@@ -259,7 +261,7 @@ def _settle(node: Node) -> None:
 
 
 def _node(op: int, args: tuple[Node, ...], intervals: bool) -> Node:
-    """A value, with the patterns of a choice, a clamp and a finite test recognised."""
+    """The node of an operation; a choice, a clamp and a test for a finite number are recognised as patterns."""
     if (same := _decided(op, args)) is not None:
         return same
     if op == ca.OP_ADD and args[0].op == args[1].op == ca.OP_IF_ELSE_ZERO:
@@ -284,8 +286,8 @@ def _node(op: int, args: tuple[Node, ...], intervals: bool) -> Node:
 
 
 def _decided(op: int, args: tuple[Node, ...]) -> Node | None:
-    """The argument that a value is, bit for bit: a choice that was made before by the same test, a truth value with
-    itself, or with one that decides nothing; None for other values."""
+    """The argument that equals the value bit for bit, or None: a choice nested in a choice by the same test, and the
+    conjunction or disjunction of a truth value with itself, or with a constant that decides nothing."""
     if op == ca.OP_IF_ELSE_ZERO and args[1].op == op and args[1].args[0] is args[0]:
         return args[1]
     if op in (ca.OP_AND, ca.OP_OR):
@@ -297,8 +299,8 @@ def _decided(op: int, args: tuple[Node, ...]) -> Node | None:
 
 
 def _by_size(op: int, args: tuple[Node, ...], intervals: bool) -> Node | None:
-    """v < -b or b < v as b < |v|, and -b <= v and v <= b as |v| <= b; of other numbers as a test of the interval, None
-    of other comparisons."""
+    """The comparisons v < -b or b < v as b < |v|, and -b <= v and v <= b as |v| <= b; those with two other constants as
+    a test of the interval; None for other comparisons."""
     (a, b), (c, d) = (arg.args for arg in args)
     v, low, high, w = (a, b, c, d) if op == ca.OP_OR else (b, a, d, c)
     if v is not w or {low.op, high.op} - {ca.OP_CONST, AT, ca.OP_NEG}:
@@ -310,21 +312,22 @@ def _by_size(op: int, args: tuple[Node, ...], intervals: bool) -> Node | None:
 
 
 def opposite(low: Node, high: Node) -> bool:
-    """Whether they are the numbers -b and b, b > 0, of a table too."""
+    """Whether two bounds are the numbers -b and b with b > 0, also where a table holds them."""
     if high.op == AT and low.op == ca.OP_NEG:
         return low.args[0] is high and high.args[0].op == TABLE and min(high.args[0].table) > 0
     return low.op == high.op == ca.OP_CONST and -low.constant == high.constant > 0
 
 
 def negative(node: Node) -> bool:
-    """Whether it is, or is a product that starts with, a negative number: adding it prints as a subtraction."""
+    """Whether a value is a negative number, or a product whose first factor is one: adding it prints as a
+    subtraction."""
     if node.op == ca.OP_MUL and not node.name:
         return negative(node.args[0])
     return node.op == ca.OP_CONST and node.constant < 0
 
 
 def negated(node: Node) -> Node:
-    """A negative number, or a product that starts with one, without its sign."""
+    """The value without the sign that `negative` found."""
     if node.op == ca.OP_CONST:
         return Node(ca.OP_CONST, constant=-node.constant)
     return Node(node.op, (negated(node.args[0]), node.args[1]))
@@ -340,7 +343,8 @@ REGISTERS = 8  # that take numbers in a call on x86-64; a Cortex-M4F has 16
 
 @dataclass(frozen=True)
 class Passed:
-    """An argument as calls pass it: number `number` of the routine's, these elements of it one by one, or the array."""
+    """An argument as calls pass it: number `number` of the routine's arguments, as these elements of it by value, or as
+    an array."""
 
     number: int
     argument: Argument
@@ -355,7 +359,7 @@ class Passed:
 
 @dataclass(frozen=True, eq=False)
 class Subprogram:
-    """A routine, its name in emitted code without the prefix, and what of its arguments is passed."""
+    """A routine, its name in emitted code without the prefix, and the arguments that calls pass."""
 
     routine: Routine
     name: str
@@ -363,18 +367,18 @@ class Subprogram:
 
     @property
     def reads_parameters(self) -> bool:
-        """Whether it is given the struct of parameters."""
+        """Whether the routine reads the struct of parameters."""
         return len(self.passed) < len(self.routine.arguments)
 
     def columns(self, call: Node) -> Iterator[tuple[Passed, list[Node]]]:
-        """The arguments of a call, element by element."""
+        """The passed arguments of a call, with the elements of each."""
         every = list(columns(call))
         return ((each, [every[each.number][1][k] for k in each.elements]) for each in self.passed)
 
 
-@lru_cache(maxsize=8)  # which each printer of a step asks for
+@lru_cache(maxsize=8)  # every printer of a step calls it
 def subprograms(step: Step) -> dict[str, Subprogram]:
-    """The routines that a step calls, by their keys, in the order of the first calls."""
+    """The routines that a step calls, by their keys, in the order of their first calls."""
     routines: dict[str, Routine] = {}
     moving: dict[str, set[Argument]] = {}
     for block, call in _calls(step):
@@ -389,7 +393,7 @@ def subprograms(step: Step) -> dict[str, Subprogram]:
 
 
 def _passed(routine: Routine, moving: set[Argument]) -> tuple[Passed, ...]:
-    """The form in which these arguments of a routine are passed: few numbers by value, else columns as arrays."""
+    """The form in which calls pass these arguments of a routine: few numbers by value, otherwise columns as arrays."""
     read = [(k, argument, routine.elements(k)) for k, argument in enumerate(routine.arguments) if argument in moving]
     few = sum(len(elements) for _, _, elements in read) <= REGISTERS
     return tuple(
@@ -405,7 +409,7 @@ def _distinct(routines: dict[str, Routine]) -> list[str]:
 
 
 def _calls(step: Step) -> Iterator[tuple[Block, Node]]:
-    """Every call of a routine, with the block that it stands in."""
+    """Every call of a routine, with its block."""
     programs = (*(section.program for section in step.code.called), step.code.estimate, step.code.tuning)
     for block in (each for program in programs for each in blocks(program)):
         if calls(block.graph):
@@ -414,7 +418,7 @@ def _calls(step: Step) -> Iterator[tuple[Block, Node]]:
 
 
 def _lies(block: Block, argument: Argument, column: list[Node]) -> bool:
-    """Whether a call gives for an argument the parameter that the routine was written with."""
+    """Whether a call passes for an argument the parameter that the routine reads itself."""
     if argument.place is None or reached([argument.place]) != {"p"}:
         return False
     sources = [node.source for node in column if node.op == ca.OP_INPUT]

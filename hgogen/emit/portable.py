@@ -30,7 +30,7 @@ from hgogen.emit.syntax import AND, ATOM, EQUAL, OR, ORDER, PRODUCT, SELECT, SUM
 from hgogen.rigor.lookup import Lookup
 
 _LARGE: Mapping[Real, str] = {"float": "3e38", "double": "1e308"}
-_ARRAYS = {  # by annotation: how many, and whether they are written
+_ARRAYS = {  # by annotation: the number of elements, and whether the function may write them
     "Vector": ("n", True),
     "FixedVector": ("n", False),
     "Matrix": ("square", True),
@@ -52,36 +52,37 @@ _INFIX: Mapping[type, tuple[str, float]] = {
     ast.Eq: (" == ", EQUAL),
     ast.NotEq: (" != ", EQUAL),
 }
-Text = tuple[str, float]  # and how tightly it binds
+Text = tuple[str, float]  # a text, and how tightly it binds
 NO_CODE = Code()
 
 
 @cache
 def functions_of(module: ModuleType) -> Mapping[str, ast.FunctionDef]:
-    """The functions of a file by name, in its order."""
+    """The functions of a module by name, in its order."""
     tree = ast.parse(inspect.getsource(module))
     return {node.name: node for node in tree.body if isinstance(node, ast.FunctionDef)}
 
 
-def small(syntax: Syntax, prefix: str, real: Real, names: Collection[str], whole: str) -> Code:
-    """The functions of `emit.helpers` that are named; `whole`: the type of whole numbers."""
-    there = functions_of(helpers)
+def small_functions(syntax: Syntax, prefix: str, real: Real, names: Collection[str]) -> Code:
+    """The functions of `emit.helpers` with these names."""
+    definitions = functions_of(helpers)
     numbers = {"ALL_WHOLE": ALL_WHOLE[real], "ROUNDS": ROUNDS[real]}
     reals = {"LARGE": syntax.marked(_LARGE[real], real)}
     reals |= {name: syntax.literal(number, real) for name, number in numbers.items()}
-    words = _Words(syntax, prefix, real, there, reals, {"int": whole})
-    return joined(_Function(words, there[name]).text() + code("") for name in there if name in names)
+    words = _Words(syntax, prefix, real, definitions, reals, {"int": syntax.types[f"whole {real}"]})
+    return joined(_Function(words, definitions[name]).text() + code("") for name in definitions if name in names)
 
 
 def tables(syntax: Syntax, prefix: str, real: Real, lookups: Iterable[Lookup]) -> Code:
-    """The functions of tables, by their names."""
+    """The functions of tables, in the order of their names."""
     return joined(_table(syntax, prefix, real, each) for each in sorted(lookups, key=lambda each: each.name))
 
 
 def _table(syntax: Syntax, prefix: str, real: Real, lookup: Lookup) -> Code:
-    """The arrays, a search along each axis, and the polynomial of the cell. Raises: `PointsMerge`."""
+    """The function of a table: its arrays, a search along each axis, and the polynomial of the cell. Raises:
+    `PointsMerge`."""
     demand_apart(lookup, real)
-    there = functions_of(helpers)
+    definitions = functions_of(helpers)
     declared = Code()
     for name, numbers in lookup.arrays.items():
         values = ", ".join(syntax.literal(number, real) for number in numbers)
@@ -94,28 +95,29 @@ def _table(syntax: Syntax, prefix: str, real: Real, lookup: Lookup) -> Code:
     for axis in lookup.axes:
         names = {"x": axis.name, "start": axis.array, "k": axis.cell}
         counts = {"n": len(axis.breaks), "FIRST": axis.probes[0]}
-        *statements, last = _Renamed(names, counts).visit(deepcopy(there["search"])).body
+        *statements, last = _Renamed(names, counts).visit(deepcopy(definitions["search"])).body
         searches += [*statements, ast.Assign([ast.Name(axis.distance, ast.Store())], last.value)]
     tree.body = [*searches, *tree.body]
-    words = _Words(syntax, prefix, real, there, {}, {})
+    words = _Words(syntax, prefix, real, definitions, {}, {})
     return code(syntax.comment(lookup.comment)) + _Function(words, tree).text(declared) + code("")
 
 
 class _Renamed(ast.NodeTransformer):
-    """Other names, and numbers for names."""
+    """Replaces names by other names, or by numbers."""
 
     def __init__(self, names: Mapping[str, str], counts: Mapping[str, int]) -> None:
         self.names, self.counts = names, counts
 
     def visit_Name(self, node: ast.Name) -> ast.expr:
-        """The text in its place."""
+        """The expression in the place of a name."""
         if node.id in self.counts:
             return ast.Constant(self.counts[node.id])
         return ast.Name(self.names.get(node.id, node.id), node.ctx)
 
 
 def chosen(syntax: Syntax, real: Real, name: str, body: Code) -> Code:
-    """The body of a function, or where the language has another one, that; behind a switch, if it has one, both."""
+    """The body of a function, or the one that the language has instead; both where a preprocessor switch selects
+    one."""
     if name not in syntax.instead:
         return body.indented()
     switch, *lines = syntax.instead[name]
@@ -130,36 +132,37 @@ def chosen(syntax: Syntax, real: Real, name: str, body: Code) -> Code:
 
 
 def called_by(names: Iterable[str]) -> set[str]:
-    """The named functions of `emit.helpers`, and those that they call themselves."""
+    """The named functions of `emit.helpers`, and those that they call, directly or not."""
     return set(names).union(*(_calls(functions_of(helpers), name) for name in names))
 
 
 def kernels(syntax: Syntax, prefix: str, real: Real, used: Collection[tuple[str, int]]) -> Code:
     """The functions of the kernels in `used`, (name, size), in the order of their file, after those that they call."""
-    there, written = functions_of(matrix_loops), []
-    for kernel in there:
+    definitions, written = functions_of(matrix_loops), []
+    for kernel in definitions:
         for size in sorted(size for name, size in used if name == kernel):
-            words = _Words(syntax, prefix, real, there, {}, {}, sizes(size))
-            written += [_Function(words, there[name]).text() for name in (*sorted(_calls(there, kernel)), kernel)]
+            words = _Words(syntax, prefix, real, definitions, {}, {}, sizes(size))
+            names = (*sorted(_calls(definitions, kernel)), kernel)
+            written += [_Function(words, definitions[name]).text() for name in names]
     return joined(each + code("") for each in written)
 
 
 def passed(syntax: Syntax, kernel: str) -> list[str]:
-    """The form in which each argument of a kernel is passed: a text with a hole."""
+    """The form in which calls pass each argument of a kernel: a text with a hole."""
     kinds = (_array(each) for each in functions_of(matrix_loops)[kernel].args.args)
     return [syntax.passed[kind[1]] if kind else "{}" for kind in kinds]
 
 
-def _calls(there: Mapping[str, ast.FunctionDef], name: str) -> set[str]:
-    if name not in there:
+def _calls(definitions: Mapping[str, ast.FunctionDef], name: str) -> set[str]:
+    if name not in definitions:
         return set()
-    nodes = (node.func for node in ast.walk(there[name]) if isinstance(node, ast.Call))
-    direct = {node.id for node in nodes if isinstance(node, ast.Name)} & set(there)
-    return direct.union(*(_calls(there, other) for other in direct))
+    nodes = (node.func for node in ast.walk(definitions[name]) if isinstance(node, ast.Call))
+    direct = {node.id for node in nodes if isinstance(node, ast.Name)} & set(definitions)
+    return direct.union(*(_calls(definitions, other) for other in direct))
 
 
 def writes(parameter: ast.arg) -> bool:
-    """Whether it is an array that the function may write."""
+    """Whether a parameter is an array that the function may write."""
     kind = _array(parameter)
     return kind is not None and kind[1]
 
@@ -179,7 +182,8 @@ def _annotation(node: ast.expr | None) -> str:
 
 @dataclass(frozen=True)
 class _Words:
-    """The meaning of a function's names: the language's words, the other functions, the constants, types, counts."""
+    """The meaning of the names in a function: the words of the language, the other functions, constants, types,
+    counts."""
 
     syntax: Syntax
     prefix: str
@@ -206,12 +210,13 @@ class _Function:
         self.once = {name for name in stores if stores.count(name) == 1}
 
     def text(self, declared: Code = NO_CODE) -> Code:
-        """Its comment, its head, what is declared first, its statements, and what its compiler needs around it."""
+        """The function: its comment, its head, the declarations `declared`, its statements, and what its compiler needs
+        around it."""
         syntax, tree = self.syntax, self.tree
-        said = ast.get_docstring(tree) or ""
+        docstring = ast.get_docstring(tree) or ""
         inner = chosen(syntax, self.words.real, tree.name, declared + self._block(tree.body))
         names = {**self.words.types, **self.words.reals}
-        comment = [] if not said or said.endswith(".") else [syntax.comment(said.format(**names))]
+        comment = [] if not docstring or docstring.endswith(".") else [syntax.comment(docstring.format(**names))]
         before, after = syntax.around.get(tree.name, ((), ()))
         head = {
             "type": self._type(_NUMBERS[_annotation(tree.returns)]),
@@ -243,7 +248,7 @@ class _Function:
     # --- statements
 
     def _block(self, body: list[ast.stmt]) -> Code:
-        """The statements of a block, whose own names are forgotten after it."""
+        """The statements of a block, whose local names end with it."""
         before = dict(self.kinds)
         text = joined(self._statement(statement) for statement in body)
         self.kinds = before
@@ -353,7 +358,8 @@ class _Function:
         raise NotImplementedError(ast.unparse(node))
 
     def _infix(self, kind: str, left: ast.expr, sign: ast.operator | ast.cmpop, right: ast.expr) -> Text:
-        """A sign between two values. A sum or product groups to the left; of comparisons neither side is one."""
+        """Two values with a sign between them; a sum or product groups to the left, an operand of a comparison is no
+        comparison."""
         text, binds = _INFIX[type(sign)]
         least = binds + 0.1 * isinstance(sign, ast.cmpop)
         whole = f"{self._value(left, least)}{text}{self._value(right, binds + 0.1)}"
@@ -372,7 +378,7 @@ class _Function:
         texts = list[str]()
         for node, parameter in zip(arguments, self.words.functions[name].args.args, strict=True):
             text, kind = self._value(node), _array(parameter)
-            # an array that is a parameter of this function already came as it is passed on
+            # a parameter that is an array is passed on as it is
             texts.append(self.syntax.passed[kind[1]].format(text) if kind and text not in self.parameters else text)
         return f"{self.words.prefix}_{name}({', '.join(texts)})", ATOM
 
@@ -385,24 +391,19 @@ _MEANINGS = {POWER_OF_TWO: "2^x for whole x, where that is a normal number"}
 
 
 def needed(names: Collection[str], real: Real) -> list[str]:
-    """Mathematical functions among `names`, in the order of `elementary`."""
+    """The mathematical functions among `names`, in the order of `elementary`."""
     return [name for name in elementary(real) if name in names]
 
 
-def small_functions(syntax: Syntax, prefix: str, real: Real, names: Collection[str]) -> Code:
-    """The small functions among `names`, and those that they call."""
-    return small(syntax, prefix, real, called_by(names), syntax.types[f"whole {real}"])
-
-
 def functions(syntax: Syntax, prefix: str, real: Real, used: Collection[str]) -> Code:
-    """The functions that `used` names, and those that they call."""
+    """The functions in `used`, after those that they call."""
     text = bundled(syntax, prefix, real, needed(used, real))
-    below = small_functions(syntax, prefix, real, {*used, *text.uses.helpers})
+    below = small_functions(syntax, prefix, real, called_by({*used, *text.uses.helpers}))
     return below + text + code("") if text.lines else below
 
 
 def bundled(syntax: Syntax, prefix: str, real: Real, names: Collection[str]) -> Code:
-    """Mathematical functions, one after the other, after what they call."""
+    """Mathematical functions, one after the other, after the power of two where they call it."""
     texts = [_bundled(syntax, prefix, real, name) for name in names]
     if any(POWER_OF_TWO in text.uses.helpers for text in texts):
         texts.insert(0, _bundled(syntax, prefix, real, POWER_OF_TWO))
@@ -415,7 +416,7 @@ def argument_names(name: str) -> tuple[str, ...]:
 
 
 def _head(syntax: Syntax, prefix: str, real: Real, name: str) -> list[str]:
-    """The lines that open the function."""
+    """The lines that open a mathematical function."""
     parameters = ", ".join(syntax.parameter.format(type=syntax.types[real], name=each) for each in argument_names(name))
     words = {"type": syntax.types[real], "name": f"{prefix}_{name}", "parameters": parameters}
     return [line.format(**words) for line in syntax.function]
@@ -434,23 +435,21 @@ def _bundled(syntax: Syntax, prefix: str, real: Real, name: str) -> Code:
         inputs=lambda argument, _: Operand(names[argument]),
         local=lambda argument, _: names[argument],
         calls=CALLS | {ca.OP_FLOOR: "whole"},  # their arguments are small
-        taken=set(names),
+        reserved=set(names),
     )
     constants, result = printer.body(_graph(name, real), [Target(syntax.result.format)])
     inner = chosen(syntax, real, name, constants + result)
-    said = [syntax.comment(_MEANINGS[name])] if name in _MEANINGS else []
-    return joined([code(*said, *_head(syntax, prefix, real, name)), inner, code("}")])
+    heading = [syntax.comment(_MEANINGS[name])] if name in _MEANINGS else []
+    return joined([code(*heading, *_head(syntax, prefix, real, name)), inner, code("}")])
 
 
-# what CMSIS-DSP has in single precision; the rest comes from the C library there
+# the functions of CMSIS-DSP in single precision; others come from the C library there
 _CMSIS = {"sin": "arm_sin_f32", "cos": "arm_cos_f32"}
-_WHOLE = {
-    f"{part}_{name}": name for part in ("small", "bounded") for name in ("sin", "cos")
-}  # what libraries have for a part of a function
+_FULL_RANGE = {f"{part}_{name}": name for part in ("small", "bounded") for name in ("sin", "cos")}
 
 
 def includes(prefix: str, real: Real, used: Collection[str]) -> list[str]:
-    """The headers of the library that was chosen, if `used` names a mathematical function."""
+    """The headers of the selected library, if `used` has a mathematical function."""
     if not needed(used, real):
         return []
     upper = prefix.upper()
@@ -459,13 +458,13 @@ def includes(prefix: str, real: Real, used: Collection[str]) -> list[str]:
 
 
 def c_functions(syntax: Syntax, prefix: str, real: Real, used: Collection[str]) -> Code:
-    """The functions that `used` names: the small ones, then the mathematical ones behind their switch."""
-    names, outside = needed(used, real), small_functions(syntax, prefix, real, used)
+    """The functions in `used`: the small ones, then the mathematical ones behind the switch that selects a library."""
+    names, outside = needed(used, real), small_functions(syntax, prefix, real, called_by(used))
     if not names:
         return outside
     texts = bundled(syntax, prefix, real, names)
-    there = called_by(texts.uses.helpers) - called_by(used)
-    inside = small(syntax, prefix, real, there, syntax.types[f"whole {real}"])
+    below = called_by(texts.uses.helpers) - called_by(used)
+    inside = small_functions(syntax, prefix, real, below)
     upper, suffix = prefix.upper(), "f" if real == "float" else ""
     cmsis = f", or {upper}_USE_CMSIS for CMSIS-DSP" if real == "float" else ""
     switch = [
@@ -473,10 +472,10 @@ def c_functions(syntax: Syntax, prefix: str, real: Real, used: Collection[str]) 
         f" * Define {upper}_USE_LIBM for those of <math.h>{cmsis}. */",
     ]
     libraries = {"LIBM": dict[str, str](), **({"CMSIS": _CMSIS} if real == "float" else {})}
-    for test, (library, own) in zip(("#if", "#elif"), libraries.items(), strict=False):
+    for test, (library, library_names) in zip(("#if", "#elif"), libraries.items(), strict=False):
         switch.append(f"{test} defined({upper}_USE_{library})")
         for name in names:
-            whole = _WHOLE.get(name, name)
-            call = f"{own.get(whole, f'{whole}{suffix}')}({', '.join(argument_names(name))})"
+            full_name = _FULL_RANGE.get(name, name)
+            call = f"{library_names.get(full_name, f'{full_name}{suffix}')}({', '.join(argument_names(name))})"
             switch += [*_head(syntax, prefix, real, name), f"    return {call};", "}", ""]
     return joined([outside, code(*switch, "#else"), inside, texts, code("#endif", "")])

@@ -1,9 +1,9 @@
-"""The printer: a block's SX instructions as readable text in a `Syntax`: named values, few parentheses.
+"""The printer: a block's SX instructions as readable text in a `Syntax`, with named values and few parentheses.
 
-The order of operations in the text is that of the instructions, but for operands of + and * turned round, so every
-reader of a block computes the same bits (where the compiler does not contract a*b + c). Values used more than once, or
-worth a name, become constant locals; the rest is written in place. What loops compute are arrays that they fill, sums
-that they make grow, and elements that they write (`emit.rolled`).
+The order of operations in the text is that of the instructions, except that operands of + and * may be exchanged, so
+every reader of a block computes the same bits (where the compiler does not contract a*b + c). Values that are used more
+than once, or have a name, become constant locals; others are written in place. Loops fill arrays, accumulate sums, and
+write elements (`emit.rolled`).
 """
 
 from collections import Counter
@@ -51,9 +51,9 @@ from hgogen.emit.syntax import (
     Syntax,
 )
 
-WIDTH = 92  # longest expression that is written in place
-LEAST = {"speed": 10, "flash": 4}  # times that a loop runs at least, by what a step is made for
-NEVER = 10**9  # times: no loop is made
+WIDTH = 92  # of the longest expression in place
+LEAST = {"speed": 10, "flash": 4}  # passes of a loop at least, by the preference of a step
+NEVER = 10**9  # passes: no loop is made
 
 
 def _binding(node: Node) -> float:
@@ -66,7 +66,8 @@ def _binding(node: Node) -> float:
 
 @dataclass(frozen=True)
 class Operand:
-    """A value that a block reads: its text, how tightly that binds, whether it is a local, and what it uses."""
+    """A value that a block reads: its text, how tightly that binds, whether it is a local, and the names that it
+    uses."""
 
     text: str
     binds: float = ATOM
@@ -76,12 +77,15 @@ class Operand:
 
 @dataclass
 class Printer:
-    """Prints one block. Element j of argument i is what `inputs` says, and `local` its name as a local; `is_flag` tells
-    whether argument i is a truth value. `routines`: those that the block may call, by their keys; `whole`: all of
-    argument i, as such a call takes it, and its size. `uses`: what the text uses, since each value that has one is
-    written. `indexed`: the text of an argument whose elements a loop can go through, else ""; `least`: how often a loop
-    runs at least; `looping`: whether a loop is at hand; `origin`: the first number that it counts;
-    `short`: whether tests of two ends are calls, which spares a function paths."""
+    """Prints one block.
+
+    Args: `inputs` the operand for argument i, element j, and `local` its name as a local; `is_flag` whether argument i
+    is a truth value; `routines` those that the block may call, by their keys; `whole` the text of argument i as an
+    array, and its size; `indexed` the same text if a loop can index the argument, otherwise ""; `least` the smallest
+    number of passes of a loop; `interval_calls` whether tests of both ends of an interval are calls, so that a function
+    has fewer paths. While it prints, `uses` collects the names that the text uses; `looping` says whether a loop is
+    open, and `origin` is the first number that it counts.
+    """
 
     syntax: Syntax
     real: Number
@@ -95,13 +99,13 @@ class Printer:
     called: Counter[str] = field(default_factory=Counter)
     uses: list[Uses] = field(default_factory=list)
     lines: list[str] = field(default_factory=list)
-    taken: set[str] = field(default_factory=set)
+    reserved: set[str] = field(default_factory=set)
     indexed: Callable[[int], str] = lambda _: ""
     least: int = LEAST["speed"]
     looping: bool = False
     origin: int = 0
     passed: Counter[str] = field(default_factory=Counter)
-    short: bool = False
+    interval_calls: bool = False
 
     def body(
         self,
@@ -112,16 +116,16 @@ class Printer:
     ) -> tuple[Code, Code]:
         """The constants that a block declares, and its statements.
 
-        `targets`: for each element of the first outputs; `names`: of the outputs after those, with their sizes;
-        `hoist`: arguments that must be read before anything is written.
+        Args: `targets` for each element of the first outputs; `names` of the outputs after those, with their sizes;
+        `hoist` arguments that must be read before anything is written.
         """
-        nodes = [node for output in read(function, self.short) for node in output]
+        nodes = [node for output in read(function, self.interval_calls) for node in output]
         pairs = [(n, t) for n, t in zip(nodes, targets, strict=False) if n.op != ca.OP_INPUT or n.source != t.source]
-        rest = iter(nodes[len(targets) :])
-        columns = [(name, list(islice(rest, size))) for name, size in names]
+        remaining = iter(nodes[len(targets) :])
+        columns = [(name, list(islice(remaining, size))) for name, size in names]
         for call in [node for node in ordered(nodes) if node.routine] if self.routines else ():
             self.arrange(call)
-        statements = rolled(pairs, self.goes_through, hoist, self.least)
+        statements = rolled(pairs, self.can_index, hoist, self.least)
         roots = [statement.node for statement in statements]
         every = ordered(roots)
         for used in chain(roots, (child for node in every for child in node.args)):
@@ -142,7 +146,8 @@ class Printer:
         return Code(tuple(self.lines), uses), Code(tuple(written), united([uses, *where]))
 
     def _label(self, columns: Iterable[tuple[str, list[Node]]], every: Iterable[Node]) -> None:
-        """Name arrays as the values that are their elements, else as the arguments of routines that are passed them."""
+        """Name arrays after the named values that are their elements, otherwise after the arguments for which calls
+        pass them."""
         for name, column in columns:
             for node in (each for each in column if each.op == ELEMENT):
                 node.args[0].labels.setdefault(node.element[0], name)
@@ -156,7 +161,7 @@ class Printer:
                         node.args[0].labels.setdefault(0, f"{each.argument.label}_{self.passed[key]}")
 
     def _declare_named(self, name: str, column: list[Node]) -> None:
-        """Declare a value that has a name, element by element."""
+        """Declare the elements of a named value."""
         for k, node in enumerate(column):
             if node.op not in (ca.OP_CONST, ca.OP_INPUT) and node.uses and not node.name:
                 self.prepare(node)
@@ -177,15 +182,15 @@ class Printer:
 
     @cached_property
     def counter(self) -> str:
-        """The type by which loops count."""
+        """The counter of the block's loops."""
         return self.fresh("j")
 
-    def goes_through(self, argument: int) -> bool:
-        """Whether a loop can go through the elements of an argument; counters are left alone."""
+    def can_index(self, argument: int) -> bool:
+        """Whether a loop can index an argument; blocks of counters have no loops."""
         return self.real != "unsigned" and bool(self.indexed(argument))
 
     def declare(self, node: Node, name: str) -> None:
-        """A named constant for a value; the name is made unique."""
+        """Declare a named constant for a value; the name is made unique."""
         if node.name or node.op in (ca.OP_CONST, ELEMENT):
             return
         if node.routine:
@@ -201,16 +206,16 @@ class Printer:
         self.lines.append(self.syntax.constant.format(type=self.syntax.types[kind], name=node.name, value=text))
 
     def true_or_false(self, node: Node) -> bool:
-        """Whether the language has a type of its own for the value, which is no number."""
+        """Whether the language has a separate type for the value, which is then no number."""
         flag = node.op == ca.OP_INPUT and self.is_flag(node.source[0])
         return boolean(node) or (flag and not self.syntax.truth_is_number)
 
     def fresh(self, name: str) -> str:
-        """`name` as the language takes it, with a number where it is taken."""
+        """A name that the language allows, with a number where a local has it already."""
         candidate, k = self.syntax.name(name), 2
-        while candidate in self.taken:
+        while candidate in self.reserved:
             candidate, k = f"{name}_{k}", k + 1
-        self.taken.add(candidate)
+        self.reserved.add(candidate)
         return candidate
 
     def _declare_looped(self, node: Node, name: str) -> None:
@@ -236,27 +241,28 @@ class Printer:
         self.lines += self._loop(node.count, 0, term, lambda: f"{name} = {self.raw(total)[0]};")
 
     def _loop(self, count: int, origin: int, node: Node, statement: Callable[[], str]) -> list[str]:
-        """A loop for a value, with the constants that it declares for it, which counts from `origin`."""
+        """A loop for a value, with the constants that it declares for it; it counts from `origin`."""
         before, self.lines, self.origin, self.looping = self.lines, [], origin, True
         self.prepare(node)
         inner, self.lines, self.looping = [*self.lines, statement()], before, False
         first, end = map(self.syntax.number, (origin, origin + count))
         self.uses.append(Uses(widest=origin + count))
-        head, *rest = self.syntax.loop(self.counter, first, end, "", True)
-        return [head, *indented([*rest, *inner]), "}"]
+        head, *first_lines = self.syntax.loop(self.counter, first, end, "", True)
+        return [head, *indented([*first_lines, *inner]), "}"]
 
     def _number(self, first: int, step: int) -> str:
-        """The text of the number that is the first where the loop begins, and goes on by steps."""
+        """The text of a number that is `first` in the first pass of the loop, and changes by `step`."""
         first -= step * self.origin
         size = self.syntax.number(abs(step))
-        moved = self.counter if abs(step) == 1 else f"{size}*{self.counter}"
+        offset = self.counter if abs(step) == 1 else f"{size}*{self.counter}"
         if step < 0:
-            return f"{self.syntax.number(first)} - {moved}"
+            return f"{self.syntax.number(first)} - {offset}"
         sign = " + " if first > 0 else " - "
-        return f"{moved}{sign}{self.syntax.number(abs(first))}" if first else moved
+        return f"{offset}{sign}{self.syntax.number(abs(first))}" if first else offset
 
     def prepare(self, root: Node) -> None:
-        """Declare what a value needs; of what is another each time that a loop runs, what the loop needs."""
+        """Declare the operands of a value; of a value that differs between the passes of a loop, those needed before
+        the loop."""
         if root.inside and not self.looping:
             for node in outside([root]):
                 self.prepare(node)
@@ -287,25 +293,25 @@ class Printer:
                 self.declare_worthy(node)
 
     def declare_worthy(self, node: Node) -> None:
-        """Declare a value that is better declared than written in place."""
+        """Declare a value where a local is better than text in place."""
         if self.worthy(node):
             self.declare(node, self.local(*node.source) if node.op == ca.OP_INPUT else self.number())
 
     def needs(self, node: Node) -> Sequence[Node]:
-        """The declarations before a value; what a loop needs, before the loop."""
+        """The values to declare before a value: of a loop's result, those needed before the loop."""
         if self.looping:
             return node.args if node.inside else ()
         return outside(node.args) if node.op in (FILL, FOLD) else node.args
 
     def number(self) -> str:
-        """The next temporary."""
+        """The name of the next temporary."""
         k = 1
-        while f"t{k}" in self.taken:
+        while f"t{k}" in self.reserved:
             k += 1
         return f"t{k}"
 
     def worthy(self, node: Node) -> bool:
-        """Whether a value is better declared than written in place; the element at which a loop is has a text."""
+        """Whether a local is better for a value than text in place."""
         if node.op in (ca.OP_CONST, ca.OP_NOT, ELEMENT, ARRAY, AT):
             return False
         if node.routine or node.op in (FILL, FOLD, TABLE):
@@ -339,7 +345,7 @@ class Printer:
         return f"({text})" if binds < level else text
 
     def clause(self, node: Node, op: int) -> str:
-        """An operand of `op`, && or ||: chains of the same and plain comparisons need no parentheses."""
+        """An operand of `op`, && or ||, in parentheses unless it is a plain comparison or the same operation."""
         same = node.op == op or node.op in (ca.OP_NOT, ca.OP_LT, ca.OP_LE, ca.OP_EQ, ca.OP_NE)
         return self.truth(node, 0 if same else ATOM)
 
@@ -350,7 +356,7 @@ class Printer:
         return text
 
     def constant(self, value: float) -> tuple[str, float]:
-        """A literal; what no language here writes as one is a call."""
+        """A literal, or a call for a number that the languages here cannot write as one."""
         if value != value:
             return self.call("nan")
         if abs(value) == float("inf"):
@@ -359,12 +365,13 @@ class Printer:
         return self.literal(value), ATOM if value >= 0 else UNARY
 
     def call(self, name: str, *args: Node) -> tuple[str, float]:
-        """A call of one of our functions."""
+        """A call of one of the small or mathematical functions."""
         self.uses.append(Uses(helpers=frozenset({name})))
         return f"{self.prefix}_{name}({', '.join(self.value(a) for a in args)})", ATOM
 
     def arrange(self, call: Node) -> None:
-        """Leave to a call of a routine what it passes: elements, or where a column is all of an argument, that."""
+        """Set the values that a call of a routine passes: the elements of each argument, or an array where they are all
+        of it."""
         assert call.routine
         columns = list[tuple[Node, ...]]()
         for each, column in self.routines[call.routine.key].columns(call):
@@ -378,7 +385,7 @@ class Printer:
         call.args = tuple(chain.from_iterable(call.passed))
 
     def call_routine(self, node: Node) -> None:
-        """Statements that call a routine: it fills an array for each of its results."""
+        """Add the statements that call a routine: it fills an array for each of its results."""
         assert node.routine
         subprogram, key = self.routines[node.routine.key], node.routine.key
         self.called[key] += 1
@@ -457,7 +464,7 @@ class Printer:
         raise NotPrintable(op)
 
     def _moving(self, node: Node) -> str:
-        """The text of the element at which a loop is."""
+        """The text of the element in a pass of a loop."""
         if node.args:
             result, first = node.element
             return f"{node.args[0].labels[result]}[{self._number(first, node.step)}]"
@@ -466,7 +473,7 @@ class Printer:
         return f"{self.indexed(argument)}[{self._number(first, node.step)}]"
 
     def choice(self, test: Node, yes: Node, no: Node, level: float = ATOM) -> tuple[str, float]:
-        """`yes` where the test holds, else `no`; a negated test exchanges the two."""
+        """The text of `yes` where the test holds, otherwise `no`; a negated test exchanges the two."""
         if test.op == ca.OP_NOT and not test.name and level == ATOM:
             test, yes, no = test.args[0], no, yes
         tested, chosen = self.syntax.chosen
@@ -474,7 +481,7 @@ class Printer:
         return self.syntax.choice.format(test=self.truth(test, min(level, tested)), **branches), SELECT
 
     def negation(self, test: Node) -> tuple[str, float]:
-        """!test; of counters, which are never NaN, the opposite comparison."""
+        """The negation of a test; of counters, which are never NaN, the opposite comparison."""
         opposite = {ca.OP_LT: ca.OP_LE, ca.OP_LE: ca.OP_LT, ca.OP_EQ: ca.OP_NE, ca.OP_NE: ca.OP_EQ}
         if self.real == "unsigned" and test.op in opposite and not test.name:
             swapped = test.op in (ca.OP_LT, ca.OP_LE)
@@ -482,8 +489,11 @@ class Printer:
         return self.syntax.opposite.format(self.truth(test, ATOM)), UNARY
 
     def infix(self, op: int, left: Node, right: Node) -> tuple[str, float]:
-        """left op right. The order of operations is part of the result, so a right operand that binds as loosely needs
-        parentheses; a sum or product, which commutes bit for bit, is turned round to save them."""
+        """The text left op right.
+
+        The order of operations is part of the result, so a right operand that binds as loosely needs parentheses. The
+        operands of a sum or product, which commutes bit for bit, are exchanged to save them.
+        """
         sign, binds = INFIX[op]
         if op in (ca.OP_EQ, ca.OP_NE) and self.syntax.equal and self.real != "unsigned":
             text, binds = self.call("equal", left, right)

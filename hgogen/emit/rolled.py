@@ -1,9 +1,9 @@
 """The statements of a block with loops in them: where values are alike, one loop computes them.
 
-Alike are values computed by the same operations, of elements whose numbers go on by equal steps. A value that two
-statements need, and what a routine is passed, goes to an array that a loop fills; a long sum, or a long conjunction,
-grows in a loop; elements of an array that are written alike are written in a loop. Each value is computed by the same
-operations as without loops, and so has the same bits.
+Values are alike if they are computed by the same operations, from elements whose numbers change by equal steps. A
+value that two statements need, and an argument of a routine, is an element of an array that a loop fills. A long sum,
+or a long conjunction, is accumulated in a loop. Elements of an array that are written alike are written in a loop. Each
+value is computed by the same operations as without loops, and so has the same bits.
 """
 
 from collections import Counter
@@ -17,15 +17,15 @@ import casadi as ca
 from hgogen.emit.code import NOTHING, Uses
 from hgogen.emit.node import ARRAY, AT, CLAMP, ELEMENT, FILL, FOLD, TABLE, Node, boolean, opposite, ordered
 
-MOST = 400  # operations of one that is compared with others
+MAX_OPERATIONS = 400  # of a value that is compared with others
 LEAVES = (ca.OP_CONST, ca.OP_INPUT, ELEMENT, ARRAY, FOLD)
 T = TypeVar("T")
 
 
 @dataclass(frozen=True)
 class Shape:
-    """The way in which a value is computed: `key` is the same for those alike, and so are the lengths of `elements`,
-    the numbers of the elements that it reads, and of `constants`."""
+    """The structure of a value: values alike have the same `key`, and as many `elements`, the numbers of the elements
+    that they read, and `constants`."""
 
     key: Hashable
     elements: tuple[int, ...] = ()
@@ -34,31 +34,31 @@ class Shape:
 
 @dataclass(frozen=True)
 class Shapes:
-    """Makes shapes, in which a value of `whole` is one to read, any other for another one unless it is `nameless`;
-    `indexed`: whether a loop can go through an argument."""
+    """Computes shapes. A value in `whole` is read as a name of its own in the shape of another value, or as no name
+    where `nameless`; `indexed`: whether a loop can index an argument."""
 
     whole: set[int]
     indexed: Callable[[int], bool]
     nameless: bool = False
 
     def of(self, node: Node, *, opened: bool = True, before: tuple[int, ...] = ()) -> Shape:
-        """The shape of a value; `opened`: where it is a whole, how that is computed; `before`:
-        numbers that come before those of its elements."""
+        """The shape of a value; `opened`: a value in `whole` has the shape of its computation; `before`: numbers to
+        place before those of its elements."""
         reading = _Reading(self, list(before))
         return Shape(reading.key(node, opened), tuple(reading.elements), tuple(reading.constants))
 
 
 @dataclass(frozen=True)
 class _Reading:
-    """A walk through a value."""
+    """The walk through a value that collects its elements and constants."""
 
     shapes: Shapes
     elements: list[int]
     constants: list[float] = field(default_factory=list)
-    seen: dict[int, int] = field(default_factory=dict)
+    numbers: dict[int, int] = field(default_factory=dict)
 
     def key(self, node: Node, opened: bool = False) -> Hashable:
-        """The key that values alike have in common; the rest is noted."""
+        """The key that values alike share; elements and constants are appended to the lists."""
         if node.op == ca.OP_CONST and isfinite(node.constant):
             self.constants.append(node.constant)
             return node.op
@@ -70,42 +70,42 @@ class _Reading:
             return node.op, node.source[0]
         if node.op in LEAVES or (id(node) in self.shapes.whole and not opened):
             return None if self.shapes.nameless else id(node)
-        if id(node) in self.seen:
-            return "again", self.seen[id(node)]
-        self.seen[id(node)] = len(self.seen)
-        if len(self.seen) > MOST:
-            return object()  # which is alike to no other
+        if id(node) in self.numbers:
+            return "again", self.numbers[id(node)]
+        self.numbers[id(node)] = len(self.numbers)
+        if len(self.numbers) > MAX_OPERATIONS:
+            return object()  # equal to no other key
         return node.op, node.lookup, *map(self.key, node.args)
 
 
 def runs(rows: Sequence[tuple[Shape, T]], least: int) -> list[list[T]]:
-    """The runs of things alike that go on by equal steps, in their order, at least so many: first with equal constants,
-    then with any."""
-    taken, result = set[int](), list[list[T]]()
+    """The runs, in order, of at least `least` things alike whose elements change by equal steps: first those with
+    equal constants, then with any."""
+    used, result = set[int](), list[list[T]]()
     for constant in (True, False):
         groups: dict[Hashable, list[tuple[Shape, T]]] = {}
-        for row in (each for each in rows if id(each) not in taken):
+        for row in (each for each in rows if id(each) not in used):
             key = row[0].key, tuple(map(repr, row[0].constants)) if constant else ()
             groups.setdefault(key, []).append(row)
         for group in groups.values():
-            result += _progressions(sorted(group, key=lambda row: row[0].elements), taken, least)
+            result += _progressions(sorted(group, key=lambda row: row[0].elements), used, least)
     return result
 
 
-def _progressions(rows: list[tuple[Shape, T]], taken: set[int], least: int) -> list[list[T]]:
-    """Things whose elements go on by equal steps, at least so many; their rows are then taken."""
+def _progressions(rows: list[tuple[Shape, T]], used: set[int], least: int) -> list[list[T]]:
+    """The runs of rows whose elements change by equal steps; the identities of their rows are added to `used`."""
     result, start = list[list[T]](), 0
     while start + least <= len(rows):
         end = start + length([shape.elements for shape, _ in rows[start:]])
         if end - start >= least:
-            taken.update(id(row) for row in rows[start:end])
+            used.update(id(row) for row in rows[start:end])
             result.append([thing for _, thing in rows[start:end]])
         start = end if end - start >= least else max(start + 1, end - 1)
     return result
 
 
 def length(rows: Sequence[tuple[int, ...]]) -> int:
-    """The number of rows, from the first, that go on by equal steps which are not all 0."""
+    """The number of rows, from the first, that change by equal steps which are not all 0."""
     if len(rows) < 2 or not any(step := _step(*rows[:2])):
         return min(len(rows), 1)
     k = 2
@@ -119,8 +119,11 @@ def _step(a: tuple[int, ...], b: tuple[int, ...]) -> tuple[int, ...]:
 
 
 def owners(nodes: Sequence[Node], used: Iterable[Sequence[Node]], wholes: set[int]) -> dict[int, int]:
-    """For each value the one whole that it is computed for, or itself: where it is one of `wholes`, or is computed for
-    two. `nodes`: every value after those that it takes; `used`: what each statement uses, which counts as a whole."""
+    """The owner of each value, by their identities: the only value or statement that it is computed for, or the value
+    itself if it is in `wholes`, has several users, or is a call of a routine.
+
+    Args: `nodes` every value after its arguments; `used` the values that each statement uses.
+    """
     above: dict[int, set[int]] = {}
     for number, roots in enumerate(used):
         for root in roots:
@@ -128,8 +131,8 @@ def owners(nodes: Sequence[Node], used: Iterable[Sequence[Node]], wholes: set[in
     owner = dict[int, int]()
     for node in reversed(nodes):
         users = above.pop(id(node), set())
-        own = id(node) in wholes or len(users) != 1 or bool(node.routine)
-        owner[id(node)] = id(node) if own else users.pop()
+        alone = id(node) in wholes or len(users) != 1 or bool(node.routine)
+        owner[id(node)] = id(node) if alone else users.pop()
         for child in node.args:
             above.setdefault(id(child), set()).add(owner[id(node)])
     return owner
@@ -141,14 +144,15 @@ Source = tuple[int, int]
 
 @dataclass(frozen=True)
 class Target:
-    """The place of an output element: `write` makes the statement of its text; `flag` asks for a truth value.
+    """The place of an output element: `write` makes the statement from the text of its value; `flag`: the text is a
+    truth value.
 
-    `raised`: of a bit of the status, the lines that raise it where a truth value holds, of its text; `write` then makes
-    the statement that raises it in any case.
+    `raised`, for a bit of the status: makes the lines that raise it where a truth value holds; `write` then makes the
+    statement that always raises it.
 
-    `array`, `element`: of an element of an array, of which, and its number; `each` then makes the statement of the text
-    of a number and of its value. `source`: the input element that is this same place; writing it back unchanged is left
-    out. `uses`: what the statement uses beside the text.
+    `array`, `element`, for an element of an array: the array and its number; `each` makes the statement from the texts
+    of a number and of its value. `source`: the input element at the same place, so that writing it back unchanged can
+    be omitted. `uses`: the names that the statement uses besides the text.
     """
 
     write: Callable[[str], str]
@@ -163,7 +167,7 @@ class Target:
 
 @dataclass(frozen=True)
 class Statement:
-    """A value and where it goes; in a loop, the value at which it is, and the targets in order."""
+    """A value and its targets: several in a loop, in order, with the value in a pass of the loop."""
 
     node: Node
     targets: tuple[Target, ...]
@@ -175,10 +179,10 @@ Pair = tuple[Node, Target]
 def rolled(
     pairs: Sequence[Pair], indexed: Callable[[int], bool], hoist: Collection[int], least: int
 ) -> list[Statement]:
-    """The statements of a block: loops for what is alike, and one for each other pair.
+    """The statements of a block: a loop for values alike, and one statement for each other pair.
 
-    `indexed`: whether a loop can go through an argument; `hoist`: arguments that the block also writes; `least`: how
-    often a loop runs at least.
+    Args: `indexed` whether a loop can index an argument; `hoist` arguments that the block also writes; `least` the
+    smallest number of passes of a loop.
     """
     nodes = ordered(node for node, _ in pairs)
     if _most_of_a_kind(nodes, pairs) < least:
@@ -187,8 +191,8 @@ def rolled(
 
 
 def _most_of_a_kind(nodes: Sequence[Node], pairs: Sequence[Pair]) -> int:
-    """The largest number of times that a loop can run: by operations of one kind, of which a sum has one less than
-    terms, and by elements of one array."""
+    """An upper bound on the passes of a loop: by operations of one kind, of which a sum has one less than terms, and by
+    elements of one array."""
     operations = Counter(node.op for node in nodes if node.op not in LEAVES)
     elements = Counter(target.array for _, target in pairs if target.each)
     return max(1 + max(operations.values(), default=0), max(elements.values(), default=0))
@@ -196,7 +200,7 @@ def _most_of_a_kind(nodes: Sequence[Node], pairs: Sequence[Pair]) -> int:
 
 @dataclass(frozen=True)
 class _Rolling:
-    """Finds loops in the values of a block, every one after those that it takes."""
+    """Finds loops in the values of a block; `nodes`: every value after its arguments."""
 
     pairs: Sequence[Pair]
     nodes: list[Node]
@@ -209,7 +213,7 @@ class _Rolling:
         chains = self._chains(passed, users)
         terms = {id(term) for _, terms in chains for term in terms if users[id(term)] == 1}
         owner = owners(self.nodes, [[node] for node, _ in self.pairs], passed | terms)
-        shapes = Shapes({node for node, own in owner.items() if node == own}, self.indexed)
+        shapes = Shapes({node for node, root in owner.items() if node == root}, self.indexed)
         unify = _Unify()
         for alike in self._by_height(shapes.whole - terms):
             for run in runs([(shapes.of(node), node) for node in alike], self.least):
@@ -220,7 +224,7 @@ class _Rolling:
         return self._written(shapes, unify)
 
     def _by_height(self, chosen: set[int]) -> Iterator[list[Node]]:
-        """The chosen values that a loop can compute, those first that none of the others need."""
+        """The chosen values that a loop can compute, in groups: a group needs only those before it."""
         height, levels = dict[int, int](), dict[int, list[Node]]()
         for node in self.nodes:
             level = height[id(node)] = 1 + max((height[id(child)] for child in node.args), default=0)
@@ -229,9 +233,9 @@ class _Rolling:
         return (levels[level] for level in sorted(levels))
 
     def _chains(self, passed: set[int], users: Counter[int]) -> list[tuple[Node, list[Node]]]:
-        """Long sums and the like that are no row among rows alike, with their terms in order; inner ones first."""
+        """Long sums and the like, each with its terms in order, inner ones first, but for those in rows alike."""
         owner = owners(self.nodes, [[node] for node, _ in self.pairs], passed)
-        shapes = Shapes({node for node, own in owner.items() if node == own}, self.indexed, nameless=True)
+        shapes = Shapes({node for node, root in owner.items() if node == root}, self.indexed, nameless=True)
         statements = [(-1 - k, node, target.array) for k, (node, target) in enumerate(self.pairs)]
         statements += [(id(node), node, "") for node in self.nodes if id(node) in shapes.whole]
         keys = {number: (shapes.of(node).key, array) for number, node, array in statements}
@@ -247,7 +251,7 @@ class _Rolling:
         return chains[::-1]
 
     def _written(self, shapes: Shapes, unify: "_Unify") -> list[Statement]:
-        """The statements, a loop where its first one was."""
+        """The statements, each loop at the place of its first statement."""
         numbers = dict[Hashable, list[tuple[Shape, int]]]()
         for k, (node, target) in enumerate(self.pairs):
             if target.each:
@@ -268,7 +272,7 @@ class _Rolling:
 
 
 def _spine(top: Node, inner: Callable[[Node], bool]) -> tuple[set[int], list[Node]]:
-    """The values along a sum of sums, and its terms in the order in which they are added."""
+    """The nested sums of a sum, by their identities, and its terms in the order of their addition."""
     spine, terms, node = {id(top)}, list[Node](), top
     while True:
         ways = [k for k, child in enumerate(node.args) if child.op == top.op and inner(child)]
@@ -280,13 +284,13 @@ def _spine(top: Node, inner: Callable[[Node], bool]) -> tuple[set[int], list[Nod
 
 
 class _Unify:
-    """Makes one value of values alike: that at which a loop is."""
+    """Merges values alike into one: the value in a pass of a loop."""
 
     def __init__(self) -> None:
         self.tables = dict[tuple[str, ...], Node]()
 
     def __call__(self, nodes: Sequence[Node]) -> Node:
-        """The value at which a loop through these is."""
+        """The value in a pass of a loop over these values."""
         return self._one(tuple(nodes), {})
 
     def filled(self, nodes: Sequence[Node]) -> None:
@@ -328,7 +332,7 @@ class _Unify:
 
 
 def _folded(top: Node, terms: Sequence[Node], shapes: Sequence[Shape], unify: _Unify, least: int) -> None:
-    """Make a sum one that grows in loops, where its terms are alike."""
+    """Accumulate a sum in loops where its terms are alike."""
     if all(_alike(shapes[k:]) < least for k in range(len(shapes))):
         return
     total, k = None, 0
@@ -348,7 +352,7 @@ def _folded(top: Node, terms: Sequence[Node], shapes: Sequence[Shape], unify: _U
 
 
 def _alike(shapes: Sequence[Shape]) -> int:
-    """The number of terms, from the first, that are alike and go on by equal steps."""
+    """The number of terms, from the first, that are alike and change by equal steps."""
     elements = list[tuple[int, ...]]()
     for shape in shapes:
         if shape.key != shapes[0].key:
@@ -363,7 +367,7 @@ def _become(node: Node, other: Node) -> None:
 
 
 def _safe(statements: Sequence[Statement], hoist: Collection[int]) -> Iterator[Statement]:
-    """The statements, of which a loop that would read what is written before has its values computed in advance."""
+    """The statements; a loop that would read an element after it is written reads values computed in advance."""
     written = set[Source]()
     for each in statements:
         if len(each.targets) > 1 and not _reads_before(each, written, hoist):
@@ -375,7 +379,7 @@ def _safe(statements: Sequence[Statement], hoist: Collection[int]) -> Iterator[S
 
 
 def _reads_before(statement: Statement, written: set[Source], hoist: Collection[int]) -> bool:
-    """Whether a loop reads each element before it is written, by statements before it or by the loop."""
+    """Whether a loop reads each element before the loop, or a statement before it, writes the element."""
     through = [node for node in _inside(statement.node) if node.op == AT and not node.args and node.source[0] in hoist]
     written = set(written)
     for k, target in enumerate(statement.targets):
@@ -386,17 +390,17 @@ def _reads_before(statement: Statement, written: set[Source], hoist: Collection[
 
 
 def _inside(root: Node) -> Iterator[Node]:
-    """The values that are others each time that the loop runs."""
-    stack, seen = [root], set[int]()
+    """The values that differ between the passes of a loop."""
+    stack, visited = [root], set[int]()
     while stack:
         node = stack.pop()
-        if node.inside and id(node) not in seen:
-            seen.add(id(node))
+        if node.inside and id(node) not in visited:
+            visited.add(id(node))
             yield node
             stack += node.args
 
 
 def outside(roots: Sequence[Node]) -> list[Node]:
-    """The code before a loop that computes these values."""
+    """The values that must be computed before a loop over these."""
     result = [root for root in roots if not root.inside]
     return result + [child for root in roots for node in _inside(root) for child in node.args if not child.inside]

@@ -1,11 +1,11 @@
-"""Statements of a step that stand in several places, or make a function too long, as functions of the emitted file.
+"""Statements of a step that occur several times, or make a function too long, as functions of the emitted file.
 
-A part is a block that has a name for it, and the statements behind it up to the next such block, as far as they touch
-nothing but the state and the status. One that stands more than once, and writes so many numbers that a call is
-shorter, is a function.
+A part is a block with a name for it, with the statements after it up to the next such block, as far as they touch only
+the state and the status. A part becomes a function if it occurs more than once and writes so many numbers that a call
+is shorter.
 
-A section with more than `MOST` paths has functions for what has a name in it: a block, or the body of a condition.
-They take the work values that they share with the rest of the section as arguments, by a pointer what they change.
+A section with more than `MAX_PATHS` paths has functions for its named blocks and the named bodies of its conditions.
+Their arguments are the work values that they share with the section, by pointer where they change them.
 """
 
 from collections import Counter
@@ -16,7 +16,7 @@ from itertools import count
 
 import numpy as np
 
-from hgogen.emit.code import MOST, Code, code, joined, paths, variables
+from hgogen.emit.code import MAX_PATHS, Code, code, joined, paths, variables
 from hgogen.emit.interface import AT, Parameter, Prototype, own, status_type, structs
 from hgogen.emit.statements import Writer
 from hgogen.program import (
@@ -36,8 +36,8 @@ from hgogen.program import (
 )
 from hgogen.stepping.machine import Reading
 
-FEWEST = 4  # numbers that a part writes
-SMALLEST = 3  # paths of a block that is a function
+FEWEST = 4  # numbers that a repeated part writes
+SMALLEST = 3  # paths of a named block that becomes a function
 _MEANINGS = {  # of the bodies of conditions
     "advance": "advance the estimate from the last call to now",
     "use_sample": "correct the estimate with a sample that can be used",
@@ -50,20 +50,22 @@ _MEANINGS = {  # of the bodies of conditions
 
 @dataclass(frozen=True, eq=False)
 class Passage(Call):
-    """The call of a function that does what is in its section, a part of another: the parameters of that which it is
-    passed; the work values that both have, of which it changes some, by a pointer, but for a single `result`; whether
-    it returns a status."""
+    """The call of a function for a part of a section.
+
+    Args: `parameters` the parameters of the section that it passes; `work` the shared work values, by pointer those
+    `changed` but for a single `result`; `returns_status` whether the function returns a status.
+    """
 
     prototype: Prototype
     parameters: tuple[str, ...]
     work: Sized
     changed: frozenset[Place]
     result: Place | None
-    says: bool
+    returns_status: bool
 
     @property
     def reads(self) -> Sized:
-        """The work values that it is passed."""
+        """The work values that it passes."""
         return self.work
 
     @property
@@ -74,7 +76,7 @@ class Passage(Call):
 
 @dataclass(frozen=True, eq=False)
 class Part:
-    """A part as a function: how it is declared, its program and the text of that."""
+    """A part as a function: its declaration, its program and the text of that."""
 
     prototype: Prototype
     program: Program
@@ -82,7 +84,7 @@ class Part:
 
     @property
     def call(self) -> Code:
-        """The statement in its place."""
+        """The statement that calls it."""
         call = self.prototype.call(own)
         text = f"{call};" if self.prototype.returns == "void" else f"status |= {call};"
         return code(text, parameters=("s",))
@@ -90,11 +92,12 @@ class Part:
 
 @dataclass(frozen=True, eq=False)
 class SharingWriter(Writer):
-    """Writes a part that stands more than once as a call, and those of a long section.
+    """Prints repeated parts, and those of a long section, as calls.
 
-    `passed`: the work values that the function at hand has as parameters; `pointed`: those of them behind a pointer;
-    `main`: what wrote the section around that function; `functions`: those that
-    parts of sections have become; `named`: their names by what they take and do."""
+    Args: `passed` the work values that are parameters of the current function, and `pointed` those behind a pointer;
+    `main` the writer of the section around that function; `functions` the functions of parts, and `named` their names
+    by signature and body.
+    """
 
     passed: frozenset[Place] = frozenset()
     pointed: frozenset[Place] = frozenset()
@@ -103,7 +106,7 @@ class SharingWriter(Writer):
     functions: dict[str, Code] = field(default_factory=dict)
 
     def program(self, program: Iterable[Statement], *known: frozenset[str]) -> Code:
-        """Every statement in order."""
+        """The statements in order, with calls of repeated parts."""
         texts = list[Code]()
         for run in _runs(program):
             part = self._parts.get(self._alone(run).lines) if _name(run) else None
@@ -116,19 +119,19 @@ class SharingWriter(Writer):
         return tuple(self._parts.values())
 
     @cached_property
-    def fresh(self) -> dict[Place, Part]:
-        """The places of the state that some of them leave as after a reset, where they begin from one."""
-        return {place: part for part in self.parts for place in self._left(part.program)}
+    def resetting(self) -> dict[Place, Part]:
+        """The places of the state that a part sets to their values after a reset, with that part."""
+        return {place: part for part in self.parts for place in self._reset_places(part.program)}
 
     def section(self, section: Section) -> tuple[list[Code], Code]:
-        """The functions that parts of a section have become, each after those that it calls, and its body."""
+        """The functions for parts of a section, each after those that it calls, and the section's body."""
         known = len(self.functions)
         body = self.function(self._split(section.program, section))
         return list(self.functions.values())[known:], body
 
     def _split(self, program: Program, section: Section) -> Program:
-        """A program of a section, with calls of functions where it is too long."""
-        if paths(self.function(program).lines) <= MOST:
+        """The program of a section, with calls of functions where it is too long."""
+        if paths(self.function(program).lines) <= MAX_PATHS:
             return program
         return tuple(self._passing(statement, section) for statement in program)
 
@@ -147,44 +150,44 @@ class SharingWriter(Writer):
         return replace(statement, body=inner, otherwise=otherwise)
 
     def _outlined(self, part: str, body: Program, section: Section) -> Passage:
-        """The call of a function for a part of a section, which is written with it."""
+        """The call of a function for a part of a section; the function is added to `functions`."""
         inside, statements = {id(each) for each in walk(body)}, list(walk(body))
         around = {p for s in walk(section.program) if id(s) not in inside for p, _ in (*s.reads, *s.written)}
         work = tuple(sorted((p, n) for p, n in places(body) if p.struct == "work" and p in around))
         written = {place for each in statements for place, _ in each.written}
         calls = any(isinstance(each, Call) for each in statements)
         changed = frozenset(place for place, _ in work if place in written)
-        says = calls or any(place.struct == "status" for place in written)
-        result = self._result(body, work, changed) if not says else None
+        returns_status = calls or any(place.struct == "status" for place in written)
+        result = self._result(body, work, changed) if not returns_status else None
         arguments = tuple((place, size) for place, size in work if place != result)
         pointed = frozenset(place for place, size in arguments if size == 1 and place in changed)
         inner = replace(self, passed=frozenset(dict(arguments)), pointed=pointed, main=self.main or self)
         program = inner._split(body, section) if len(body) > 1 else body
         text = inner.function(program)
-        if paths(text.lines) > MOST:
-            text = replace(inner, short=True).function(program)
-        used = variables(text.lines)  # of fewer values than blocks are given, where a method does not need all
+        if paths(text.lines) > MAX_PATHS:
+            text = replace(inner, interval_calls=True).function(program)
+        used = variables(text.lines)  # a method may need fewer values than its blocks read
         arguments = tuple((place, size) for place, size in arguments if place.name in used)
-        moved = calls or any(p.struct == "state" or p.struct in self.kinds.groups for p in written)
-        kinds = {each.name: replace(each, constant=each.name != "s" or not moved) for each in structs(self.step)}
+        writes_state = calls or any(p.struct == "state" or p.struct in self.kinds.groups for p in written)
+        kinds = {each.name: replace(each, constant=each.name != "s" or not writes_state) for each in structs(self.step)}
         structs_used = tuple(name for name in (*kinds, AT.name) if name in text.uses.parameters)
         parameters = [kinds.get(name, AT) for name in structs_used]
         for place, size in arguments:
             pointer = size > 1 or place in changed
             parameters.append(Parameter(self._type(place, size), place.name, pointer and place not in changed, pointer))
-        returns = status_type(self.step) if says else self._type(result, 1) if result else "void"
-        said = [self.syntax.comment(_MEANINGS[part])] if part in _MEANINGS else []
-        text = code(*[f"{returns} status = 0u;"] * says) + text
-        text += code(*["return status;"] * says, *[f"return {result.name};"] if result else [])
+        returns = status_type(self.step) if returns_status else self._type(result, 1) if result else "void"
+        heading = [self.syntax.comment(_MEANINGS[part])] if part in _MEANINGS else []
+        text = code(*[f"{returns} status = 0u;"] * returns_status) + text
+        text += code(*["return status;"] * returns_status, *[f"return {result.name};"] if result else [])
         whole = f"{returns} ({', '.join(map(str, parameters))})", text
         name = self.named.setdefault(whole, next(n for n in _names(part, section) if n not in self.named.values()))
         prototype = Prototype(returns, f"{self.prefix}_{name}", tuple(parameters), public=False)
-        self.functions[name] = code(*said, str(prototype), "{") + text.indented() + code("}")
+        self.functions[name] = code(*heading, str(prototype), "{") + text.indented() + code("}")
         work = tuple((place, size) for place, size in work if place == result or (place, size) in arguments)
-        return Passage(Section(name, "", body), prototype, structs_used, work, changed, result, says)
+        return Passage(Section(name, "", body), prototype, structs_used, work, changed, result, returns_status)
 
     def _result(self, body: Program, work: Sized, changed: frozenset[Place]) -> Place | None:
-        """The value that a function returns: of a block, the only one that it changes."""
+        """The value that a function returns: of a block, the only work value that it changes."""
         if len(body) > 1 or len(changed) != 1 or not isinstance(body[0], Block):
             return None
         read = dict(body[0].reads)
@@ -193,13 +196,13 @@ class SharingWriter(Writer):
     def _type(self, place: Place, size: int) -> str:
         return self.syntax.types[self.kind(place, size)]
 
-    def _passage(self, passage: Passage, taken: frozenset[str]) -> Code:
+    def _passage(self, passage: Passage, reserved: frozenset[str]) -> Code:
         work = [(place, size) for place, size in passage.work if place != passage.result]
         arguments = [*passage.parameters, *(self._argument(*each, passage.changed) for each in work)]
         call = f"{passage.prototype.name}({', '.join(arguments)})"
         if passage.result:
             call = self._assigned(passage.result, self.whole(passage.result), call).rstrip(";")
-        return code(f"{'status |= ' * passage.says}{call};", parameters=passage.parameters)
+        return code(f"{'status |= ' * passage.returns_status}{call};", parameters=passage.parameters)
 
     def _argument(self, place: Place, size: int, changed: frozenset[Place]) -> str:
         if size > 1 or place not in changed:
@@ -207,7 +210,7 @@ class SharingWriter(Writer):
         return place.name if place in self.pointed else f"&{place.name}"
 
     def whole(self, place: Place) -> str:
-        """The text of a place, of one behind a pointer what it points to."""
+        """The text of a place, dereferenced where it is behind a pointer."""
         return f"(*{place.name})" if place in self.pointed else super().whole(place)
 
     def _assigned(self, place: Place, target: str, text: str) -> str:
@@ -230,17 +233,17 @@ class SharingWriter(Writer):
         return parts
 
     def _prototype(self, run: Program, number: int) -> Prototype:
-        says = any(place.struct == "status" for place in _written(run))
+        returns = status_type(self.step) if any(place.struct == "status" for place in _written(run)) else "void"
         name = f"{self.prefix}_{_name(run)}" + (f"_{number}" if number > 1 else "")
-        return Prototype(status_type(self.step) if says else "void", name, structs(self.step)[:1], public=False)
+        return Prototype(returns, name, structs(self.step)[:1], public=False)
 
     @cached_property
     def _alone(self) -> Callable[[Program], Code]:
-        """The statements of a part as a function has them, once, as each is asked for wherever it stands."""
+        """The text of a part as the body of a function, computed once."""
         return cache(Writer(self.syntax, self.step, self.real).function)
 
-    def _left(self, run: Program) -> set[Place]:
-        """The places that a part writes, if all of them are as after a reset then; else none."""
+    def _reset_places(self, run: Program) -> set[Place]:
+        """The places that a part writes, if it sets all of them to their values after a reset; otherwise none."""
         structs_ = [("state", self.step.layout.state)]
         structs_ += [(line[-1].name, line[-1].fields) for line in lines_of(self.step.layout.groups)]
         initial = {Place(struct, field.name): field.initial for struct, fields in structs_ for field in fields}
@@ -261,7 +264,7 @@ def _names(part: str, section: Section) -> Iterator[str]:
 
 
 def _everywhere(program: Program) -> Iterator[Program]:
-    """The parts, and what is between them, of a program and of every program in it."""
+    """The parts of a program and of the programs in it, and each other statement by itself."""
     yield from _runs(program)
     for body in (body for statement in program for body in statement.bodies.values()):
         yield from _everywhere(body)
@@ -286,7 +289,7 @@ def _name(run: Program) -> str:
 
 
 def _closed(statement: Statement) -> bool:
-    """Whether a statement touches nothing but the state and the status."""
+    """Whether a statement touches only the state and the status."""
     inner = list(walk((statement,)))
     known = {"state", "status", *(each.group for each in inner if isinstance(each, Loop))}
     return all(isinstance(each, Block | Loop) for each in inner) and {p.struct for p, _ in places(inner)} <= known

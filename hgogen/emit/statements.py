@@ -44,13 +44,14 @@ from hgogen.stepping.guards import LARGEST_NUMBER
 
 @dataclass(frozen=True, eq=False)
 class Kinds:
-    """The kinds of the places of a step."""
+    """The kind of each place of a step in every language: a field or a group of its memory, a truth value, a
+    counter."""
 
     step: Step
 
     @cached_property
     def fields(self) -> dict[Place, Field]:
-        """The fields of state, parameters and groups by place."""
+        """The fields of the state, the parameters and the groups by place."""
         layout = self.step.layout
         kinds = {"state": layout.state, "plant": layout.plant, "gain": layout.gains, "derived": layout.derived}
         kinds |= {name: line[-1].fields for name, line in self.groups.items()}
@@ -58,7 +59,7 @@ class Kinds:
 
     @cached_property
     def groups(self) -> dict[str, tuple[Group, ...]]:
-        """The groups, each with those that it lies in, the outermost first."""
+        """The groups, each after the groups around it, the outermost first."""
         return {line[-1].name: line for line in lines_of(self.step.layout.groups)}
 
     @cached_property
@@ -68,7 +69,7 @@ class Kinds:
 
     @cached_property
     def indices(self) -> set[Place]:
-        """Work places that count or index."""
+        """Work places that are counters or indices."""
         loops = [s for s in walk(self._all) if isinstance(s, Loop)]
         counters = {place for loop in loops for place in (loop.start, loop.active, loop.index) if place}
         counters = {place for place in counters if place.struct == "work"}
@@ -78,8 +79,7 @@ class Kinds:
 
     @cached_property
     def members(self) -> dict[Place, int]:
-        """Work places that are the number of a member that a loop is at, and nothing else: how many members there
-        are."""
+        """The number of members for each work place that is only the index of a loop over members."""
         written = {place for block in blocks(self._all) for place in block.writes}
         loops = [s for s in walk(self._all) if isinstance(s, Loop) and s.index]
         counts = [(s.index, self.groups[s.group][-1].count) for s in loops if s.index]
@@ -97,12 +97,12 @@ class Kinds:
         return counts or place in self.indices or place.struct == "argument"
 
     def counts(self, block: Block) -> bool:
-        """Whether a block works on counters and flags only, and so computes in unsigned numbers."""
+        """Whether a block uses counters and flags only, and so computes in unsigned numbers."""
         touched = [place for place, _ in block.reads] + [p for p in block.writes if p.struct != "status"]
         return bool(touched) and all(self.is_index(place) or place in self.flags for place in touched)
 
     def _reals(self, indices: set[Place]) -> set[Place]:
-        """Work places that take more than a copy of a counter, or of one of `indices`."""
+        """Work places to which more is written than a copy of a counter, or of one of `indices`."""
         counters = {place for place, item in self.fields.items() if item.kind == "index"} | indices
         unwritten = self.work - {place for block in blocks(self._all) for place in block.writes}
         return unwritten | {
@@ -124,21 +124,21 @@ ARGUMENTS = ("s", "p", "in", "measurement", "x", "status", "i", "k")
 
 @dataclass(frozen=True, eq=False)
 class Writer(Reader[Code]):
-    """The text of a step's programs."""
+    """Prints a step's programs; `interval_calls`: tests of both ends of an interval are calls."""
 
     syntax: Syntax
     step: Step
     real: Real
-    short: bool = False  # whether tests of two ends are calls
+    interval_calls: bool = False
 
     @property
     def prefix(self) -> str:
-        """The prefix of every name of a file's own."""
+        """The prefix of every name that is local to a file."""
         return self.step.name
 
     @property
     def least(self) -> int:
-        """The least number of times that a loop runs."""
+        """The smallest number of passes of a loop."""
         return LEAST[self.step.clock.prefer]
 
     @cached_property
@@ -157,7 +157,7 @@ class Writer(Reader[Code]):
         return subprograms(self.step)
 
     def _array(self, group: str) -> Place:
-        """The place of the array of a group: in the state, or in the member of the group around it."""
+        """The place of the array of a group: in the state, or in a member of the group around it."""
         above = self.kinds.groups[group][:-1]
         return Place(above[-1].name if above else "state", group)
 
@@ -166,10 +166,10 @@ class Writer(Reader[Code]):
         return self.whole(place) if size == 1 else f"{self.whole(place)}[{index}]"
 
     def whole(self, place: Place) -> str:
-        """The text of a place, of an array all of it."""
+        """The text of a place, of an array without an index."""
         if place.struct in ("work", "argument"):
             return place.name
-        name, member = REACHED.get(place.struct, (place.struct, ""))  # of a group: the name of the member at hand
+        name, member = REACHED.get(place.struct, (place.struct, ""))  # of a group: the name of the current member
         start = self.syntax.reach.format(self.syntax.parameters.get(name, name)) + (f"{member}." if member else "")
         return f"{start}{self.syntax.name(place.name) if place.struct in _SIGNALS else place.name}"
 
@@ -178,18 +178,18 @@ class Writer(Reader[Code]):
         return self._read(place, 1, 0, self.real).text
 
     def uses(self, *places: Place | None) -> Uses:
-        """The parameters that places are reached through."""
+        """The parameters through which places are reached."""
         return Uses(parameters=frozenset(reached(place for place in places if place)))
 
     def function(self, program: Program) -> Code:
         """The body of a function: its work values, then its statements."""
         work = sorted((p, n) for p, n in places(program) if p.struct == "work")
         declared = joined(self._declaration(place, size) for place, size in work)
-        taken = {place.name for place, _ in work} | set(ARGUMENTS) | set(self.kinds.groups)
-        taken |= set(self.syntax.parameters.values())
+        reserved = {place.name for place, _ in work} | set(ARGUMENTS) | set(self.kinds.groups)
+        reserved |= set(self.syntax.parameters.values())
         depths = (len(self.kinds.groups[s.group]) for s in walk(program) if isinstance(s, Loop))
-        taken |= {f"{letter}{depth}" for depth in range(2, max(depths, default=0) + 1) for letter in "ik"}
-        return declared + self.program(program, frozenset(taken))
+        reserved |= {f"{letter}{depth}" for depth in range(2, max(depths, default=0) + 1) for letter in "ik"}
+        return declared + self.program(program, frozenset(reserved))
 
     def kind(self, place: Place, size: int) -> Number | Literal["bool"]:
         """The type of a work place."""
@@ -213,23 +213,23 @@ class Writer(Reader[Code]):
         """The statements one after the other."""
         return joined(parts)
 
-    def _call(self, call: Call, taken: frozenset[str]) -> Code:
+    def _call(self, call: Call, reserved: frozenset[str]) -> Code:
         return called(self.syntax, self.step, call.section)
 
-    def _when(self, when: When, taken: frozenset[str]) -> Code:
+    def _when(self, when: When, reserved: frozenset[str]) -> Code:
         idle = when.idle and self.syntax.analysed
         flag = f"{self.prefix}_acts({self.whole(when.flag)})" if idle else self.whole(when.flag)
         head = Code((self.syntax.condition.format(flag),), Uses(helpers=frozenset({"acts"})) if idle else Uses())
-        lines = head + self.program(when.body, taken).indented()
+        lines = head + self.program(when.body, reserved).indented()
         if when.otherwise:
-            lines += code("} else {") + self.program(when.otherwise, taken).indented()
+            lines += code("} else {") + self.program(when.otherwise, reserved).indented()
         return lines + code("}")
 
-    def _loop(self, loop: Loop, taken: frozenset[str]) -> Code:
+    def _loop(self, loop: Loop, reserved: frozenset[str]) -> Code:
         group, array = loop.group, self.whole(self._array(loop.group))
         depth, total = len(self.kinds.groups[group]), self.kinds.groups[group][-1].count
         k, i = (letter if depth == 1 else f"{letter}{depth}" for letter in "ki")
-        inner = self.program(loop.body, taken)
+        inner = self.program(loop.body, reserved)
         uses = self.uses(self._array(group), loop.start, loop.active, loop.index)
         uses |= Uses(widest=max(loop.count, total if loop.start else 0))
         bound, active = self.literal(loop.count, "unsigned"), f"{k} < {self.whole(loop.active)}" if loop.active else ""
@@ -250,7 +250,7 @@ class Writer(Reader[Code]):
         declared = self.syntax.variable.format(type=self.syntax.types["unsigned"], name=i, value=start)
         return braced("{", code(declared) + braced(head, before + inner + code(self.syntax.increment.format(i))))
 
-    def _repeat(self, repeat: Repeat, taken: frozenset[str]) -> Code:
+    def _repeat(self, repeat: Repeat, reserved: frozenset[str]) -> Code:
         fixed, k = code(), "r"
         for place, row in repeat.given.items():
             values = ", ".join(self.literal(number, self.real) for number in row)
@@ -258,7 +258,7 @@ class Writer(Reader[Code]):
             fixed += code(self.syntax.fixed.format(**named, values=values))
         head, *first = self.syntax.loop(k, self.syntax.number(0), self.syntax.number(repeat.count), "", True)
         taking = [f"{self.whole(place)} = each_{place.name}[{k}];" for place in repeat.given]
-        inner = code(*first, *taking) + self.program(repeat.body, taken | {k})
+        inner = code(*first, *taking) + self.program(repeat.body, reserved | {k})
         return braced("{", fixed + braced(head, inner))
 
     def _member(self, group: str, array: str, k: str) -> str:
@@ -267,20 +267,20 @@ class Writer(Reader[Code]):
         return self.syntax.member.format(type=self.syntax.struct(self.prefix, group), name=group, element=element)
 
     def within(self, index: str, total: int) -> str:
-        """The text of an index, the first member's where it is beyond the last."""
+        """The text of an index, or of the first one where the index is beyond the last."""
         texts = {"test": f"{index} < {self.literal(total, 'unsigned')}", "yes": index}
         if self.syntax.chosen[0]:
             texts["test"] = f"({texts['test']})"
         return self.syntax.choice.format(**texts, no=self.literal(0, "unsigned"))
 
-    def _copy(self, copy: Copy, taken: frozenset[str]) -> Code:
+    def _copy(self, copy: Copy, reserved: frozenset[str]) -> Code:
         array, total = self._array(copy.group), self.kinds.groups[copy.group][-1].count
         numbers = (self.within(self.whole(place), total) for place in (copy.target, copy.source))
         target, source = (self.syntax.index(self.whole(array), number) for number in numbers)
         text = self.syntax.copied.format(target=target, source=source)
         return Code((text,), self.uses(array, copy.target, copy.source) | Uses(widest=total))
 
-    def _kernel(self, kernel: Kernel, taken: frozenset[str]) -> Code:
+    def _kernel(self, kernel: Kernel, reserved: frozenset[str]) -> Code:
         operands = [self._array(kernel.columns.struct)] if kernel.columns else []
         operands += [place for place, _ in kernel.arguments]
         values = [*map(self.whole, operands), *map(self.syntax.number, kernel.counts)]
@@ -311,14 +311,14 @@ class Writer(Reader[Code]):
     def _raised_where(self, place: Place, test: str) -> Sequence[str]:
         return self.syntax.condition.format(test), f"    {self._raised(place)}", "}"
 
-    def _block(self, block: Block, taken: frozenset[str]) -> Code:
-        """The statements of a block, or a table where that is shorter."""
-        written = self._written(block, taken)
+    def _block(self, block: Block, reserved: frozenset[str]) -> Code:
+        """The statements of a block, or a table of its limits where that is shorter."""
+        written = self._written(block, reserved)
         if not block.limits or self.syntax.limited is None:
             return written
         return min(written, self._limited(block, self.syntax.limited), key=lambda code: sum(map(len, code.lines)))
 
-    def _written(self, block: Block, taken: frozenset[str]) -> Code:
+    def _written(self, block: Block, reserved: frozenset[str]) -> Code:
         reads, written = block.reads, set(block.writes)
         real: Number = "unsigned" if self.kinds.counts(block) else self.real
         printer = Printer(
@@ -332,8 +332,8 @@ class Writer(Reader[Code]):
             whole=lambda argument: (self.whole(reads[argument][0]), reads[argument][1]),
             indexed=lambda argument: self.indexed(*reads[argument]),
             least=NEVER if block.spelled else self.least,
-            taken=set(taken),
-            short=self.short and real != "unsigned",
+            reserved=set(reserved),
+            interval_calls=self.interval_calls and real != "unsigned",
         )
         sources = {place: argument for argument, (place, _) in enumerate(reads)}
         targets = [
@@ -358,8 +358,8 @@ class Writer(Reader[Code]):
         return Operand(text, local=size == 1 and place.struct == "work", uses=uses)
 
     def indexed(self, place: Place, size: int) -> str:
-        """The text of an array of real numbers; "" where it is none, or for speed the triangle of a matrix, which is
-        written out where it is small."""
+        """The text of an array of real numbers; "" for other places, and for the triangle of a matrix where speed is
+        preferred, which is written element by element."""
         if size == 1 or self.kinds.is_index(place) or place in self.kinds.flags:
             return ""
         known = self.kinds.fields.get(place)
@@ -367,15 +367,13 @@ class Writer(Reader[Code]):
         return "" if triangle and self.step.clock.prefer == "speed" else self.whole(place)
 
     def _local(self, place: Place, size: int, element: int) -> str:
-        """Name of an element as a local: z1, L21, or that of the scalar."""
+        """The name of an element as a local: z1, L21, or the name of the scalar."""
         kind, name = place
         if kind == "argument":
             return f"{name}_given"
         if kind == "output" and name in (outputs := [output.name for output in self.step.outputs]):
             return "reading" if len(outputs) == 1 else f"reading_{name}"
-        if (
-            kind != "work" and Place("work", name) in self.kinds.work
-        ):  # u: the input now; u_given: as it came; u_before: at the last call
+        if kind != "work" and Place("work", name) in self.kinds.work:  # u now, u_given, u_before at the last call
             name += {"input": "_given", "state": "_before"}.get(kind, f"_{kind}")
         known = self.kinds.fields.get(place)
         if known and known.entries:
@@ -403,31 +401,31 @@ class Writer(Reader[Code]):
         )
 
     def _assigned(self, place: Place, target: str, text: str) -> str:
-        """The statement that gives an element of a place a value, by their texts."""
+        """The statement that assigns a value to an element of a place, from their texts."""
         return f"{target} = {text};"
 
 
 def called(syntax: Syntax, step: Step, section: Section) -> Code:
-    """The call of a section, its status taken over."""
+    """The call of a section, with its status added to that of the caller."""
     function = of_section(step, section)
     return code(syntax.called(step.name, function), parameters=function.parameters)
 
 
 def routines(writer: Writer, keys: Collection[str]) -> Code:
-    """The functions of a step's routines with these keys, one after the other."""
+    """The functions of the step's routines with these keys, one after the other."""
     chosen = (subprogram for key, subprogram in writer.subprograms.items() if key in keys)
-    return joined(_Function(writer, subprogram).text() for subprogram in chosen)
+    return joined(_RoutineFunction(writer, subprogram).text() for subprogram in chosen)
 
 
 @dataclass(frozen=True, eq=False)
-class _Function:
-    """Prints one: it reads columns and parameters, and writes its results."""
+class _RoutineFunction:
+    """Prints the function of a routine, which reads arguments and parameters and fills an array for each result."""
 
     writer: Writer
     subprogram: Subprogram
 
     def text(self) -> Code:
-        """Its comment, its head and its statements."""
+        """The comment, the head and the statements of the function."""
         syntax, routine = self.writer.syntax, self.subprogram.routine
         head = {"type": syntax.types["void"], "name": f"{self.writer.prefix}_{self.subprogram.name}"}
         parameters = ", ".join(self._parameters())
@@ -441,21 +439,21 @@ class _Function:
             local=lambda argument, element: routine.arguments[argument].local(element),
             indexed=self._indexed,
             least=self.writer.least,
-            taken={"p", *(name for name, _ in routine.results), *names},
+            reserved={"p", *(name for name, _ in routine.results), *names},
         )
         places = [(name, k) for name, size in routine.results for k in range(size)]
         entries = [entry for k in range(len(routine.results)) for entry in routine.entries(k)]
         targets = [self._written(*place, entry) for place, entry in zip(places, entries, strict=True)]
         arrays = [each.number for each in self.subprogram.passed if not each.by_value]
         constants, statements = printer.body(routine.function, targets, hoist=arrays)
-        said = code(syntax.comment(MEANINGS[routine.name]), *lines)
-        return said + (constants + statements).indented() + code("}", "")
+        heading = code(syntax.comment(MEANINGS[routine.name]), *lines)
+        return heading + (constants + statements).indented() + code("}", "")
 
     def _written(self, name: str, k: int, entry: str) -> Target:
-        """The place of an element; of a matrix a comment says which it is."""
-        said = f" {self.writer.syntax.comment(entry)}" if entry else ""
+        """The target of an element of a result; for a matrix, a comment names its entry."""
+        heading = f" {self.writer.syntax.comment(entry)}" if entry else ""
         return Target(
-            lambda text: f"{name}[{k}] = {text};{said}",
+            lambda text: f"{name}[{k}] = {text};{heading}",
             array=name,
             element=k,
             each=lambda number, text: f"{name}[{number}] = {text};",

@@ -200,7 +200,7 @@ def _least(step: Step, item: Field) -> int:
 
 def _reset(writer: SharingWriter) -> Code:
     """Every number of the state, those by parts that do it last, for members begin where the estimate stands."""
-    step, real, done = writer.step, writer.real, writer.fresh
+    step, real, done = writer.step, writer.real, writer.resetting
     marked = (f"s->{step.layout.mark.name} = {step.name.upper()}_READY;",) if step.layout.mark else ()
     lines = code(*marked, parameters="s")
     for item in step.layout.state:
@@ -214,7 +214,7 @@ def _fresh(start: str, writer: SharingWriter, groups: Iterable[Group], k: str = 
     lines = Code()
     for group in groups:
         one = f"{start}{group.name}[{k}]."
-        left = (f for f in group.fields if Place(group.name, f.name) not in writer.fresh)
+        left = (f for f in group.fields if Place(group.name, f.name) not in writer.resetting)
         inner = joined(_assign(one, f, writer.real, _least(writer.step, f)) for f in left)
         inner += _fresh(one, writer, group.groups, "k2")
         if inner.lines:
