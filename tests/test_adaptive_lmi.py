@@ -20,7 +20,7 @@ from hgogen.check import Refuted, Verdict
 from hgogen.estimators.core import core_numbers, nominal
 from hgogen.model import load
 from hgogen.prove.adaptive_design import adaptive_gain, slope
-from hgogen.prove.varying_gain import MovingGain
+from hgogen.prove.varying_gain import VaryingGain
 from hgogen.reading.given import BadGain
 from hgogen.recheck.verification import recheck
 from hgogen.rigor.definite import NotHurwitz
@@ -228,10 +228,10 @@ TORQUE = (((0, 0), (0, 0), (0, 1)), (1, 0))
 
 def test_a_proof_at_the_least_gamma_alone_is_not_verified(monkeypatch: pytest.MonkeyPatch) -> None:
     """Of a v that enters y, and w_2 and w_3 as the injection does at gamma_inf, where they cancel."""
-    whole = MovingGain._systems
+    whole = VaryingGain._systems
     content = certified(CANCELLED)
     assert found(content) == "verified"
-    monkeypatch.setattr(MovingGain, "_systems", lambda gain: islice(whole(gain), 0, None, 4))  # two powers enter
+    monkeypatch.setattr(VaryingGain, "_systems", lambda gain: islice(whole(gain), 0, None, 4))  # two powers enter
     assert found(certified(CANCELLED)) != "verified"
 
 

@@ -202,8 +202,8 @@ def nilpotent(source: Fraction, lifted: int, bent: int, rest: int) -> Any:
     return SimpleNamespace(
         L=rational([[0, 1], [0, 0]]),
         h=number(Fraction(1)),
-        plant=SimpleNamespace(h=Fraction(1), flow=bent, rest=rest),
-        entering=rational([[source], [Fraction(1)]]),
+        plant=SimpleNamespace(h=Fraction(1), flow=bent, nonlinear_part=rest),
+        sample_input=rational([[source], [Fraction(1)]]),
         lifted=rational([[0], [lifted]]),
         most=lambda order, size: rational([size]),
     )
@@ -219,7 +219,7 @@ def test_the_integral_of_what_changes_its_sign_is_from_above() -> None:
 def test_what_the_polynomials_of_a_program_leave_counts() -> None:
     """2^-56 of 1 + h |L|/2, on a state whose rate moves at up to 1, which no sample shows."""
     step = nilpotent(Fraction(0), 1, 1, 0)
-    step.entering = 0 * step.entering
+    step.sample_input = 0 * step.sample_input
     assert [float(size) for size in by_matrix_exponential(step)] == [1.5 * 2**-56, 1.5 * 2**-56]
 
 

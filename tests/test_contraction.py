@@ -249,7 +249,7 @@ def test_the_slopes_of_a_corner_are_named_by_their_ends() -> None:
     assert isinstance(error, Inclusion)
     entries = [slope for slope in error.varying if slope.entry is not None]
     for share, end in ((-1.0, "low"), (1.0, "high")):
-        values = error.named(model("pendulum").states, np.full(len(error.varying), share))
+        values = error.slope_values(model("pendulum").states, np.full(len(error.varying), share))
         assert list(values.values()) == [getattr(slope, end) for slope in entries]
 
 

@@ -20,7 +20,7 @@ from hgogen.estimators.integrators import integrators
 from hgogen.model import load
 from hgogen.prove import semidefinite
 from hgogen.prove.convergence import AtTheta, FromTheta
-from hgogen.prove.varying_gain import Law, moving_checks
+from hgogen.prove.varying_gain import Law, varying_gain_checks
 from hgogen.recheck.verification import recheck
 from hgogen.theorem import Convergence, convergence, rows
 from tests.sweep import sweep
@@ -39,7 +39,7 @@ def states(n: int, size: float = 4.0) -> list[hg.Signal]:
 def pair(system: hg.System, K: Any, law: Law) -> tuple[Check, Check]:
     """The two claims."""
     line = integrators("it", hg.forms.triangular(system))
-    return moving_checks("it", line, [Fraction(float(k)) for k in K], law, {})
+    return varying_gain_checks("it", line, [Fraction(float(k)) for k in K], law, {})
 
 
 def law(least: float, fall: float, easing: bool, b: float = 1.0) -> Law:
@@ -136,7 +136,7 @@ def test_v_falls_at_every_gain_and_rate(n: int, seed: int, easing: bool, fall: f
     fact = known[0].proofs[0].fact
     assert isinstance(fact, FromTheta)
     P = np.array([[float(x) for x in row] for row in fact.falls.written["P"]])
-    b, units = float(fact.error.own["b"]), np.array([float(x) for x in fact.error.units])
+    b, units = float(fact.error.core_evidence["b"]), np.array([float(x) for x in fact.error.units])
     least, alpha, rng = float(fact.theta), float(fact.falls.alpha), np.random.default_rng(seed)
     N = np.diag(np.ones(n - 1), 1) - np.outer(K, np.eye(n)[0])
     for _ in range(300):
@@ -162,7 +162,7 @@ def test_the_error_decays_under_a_gain_that_jumps_up_and_falls_as_fast_as_it_may
     """gamma from 1 on, risen within .01 at random times, else falling by sigma gamma^2: V(t) <= exp(-2 r t) V(0)."""
     first, second = proofs(tuple(c for c in disturbed(1.0).checks if c.id.fact in ("convergence", "theta")))
     P = np.array([[float(x) for x in row] for row in second.falls.written["P"]])
-    b, rng = float(first.error.own["b"]), np.random.default_rng(seed)
+    b, rng = float(first.error.core_evidence["b"]), np.random.default_rng(seed)
     jumps, K = np.sort(rng.uniform(0, 1, size=4)), np.array(oracle.K)
     system = load(MODELS / "disturbed_pendulum.py").plant
     row = sp.lambdify(list(system.states), system.flow[2], "math")

@@ -239,7 +239,7 @@ def test_a_disturbance_enters_the_samples_of_the_state_that_it_moves() -> None:
     assert shown == {0: (0, 1), 1: (0, -2)}
 
     def entering(k: int, shown: Heads) -> tuple[Any, Any]:
-        beside = Sizes(beside=tuple(Fraction(i == k) for i in range(2)))
+        beside = Sizes(deviation=tuple(Fraction(i == k) for i in range(2)))
         inputs = beside.inputs(worst.at, worst.error, worst.start.scales, shown)
         return inputs.D.tolist(), inputs.Q.tolist()
 

@@ -17,7 +17,16 @@ import hgogen as hg
 from hgogen.check import Verdict
 from hgogen.estimators.integrators import companion, integrators
 from hgogen.prove import inequality
-from hgogen.prove.limited_injection import DEAD_ZONE, SATURATION, Adaptation, Behind, Shape, behind, core_check, decays
+from hgogen.prove.limited_injection import (
+    DEAD_ZONE,
+    SATURATION,
+    Adaptation,
+    LimitedInjection,
+    Shape,
+    core_check,
+    decays,
+    limited_injection,
+)
 
 seeds = st.integers(0, 2**32 - 1)
 
@@ -96,12 +105,12 @@ def test_every_proof_holds_in_its_coordinates(shape: Shape, r: float, poles: tup
         assert np.array(one.P, dtype=float) == pytest.approx(P, rel=1e-3)
 
 
-def sought(form: hg.Form, shape: Shape, r: float, K: tuple[float, ...], theta: float) -> Behind:
+def sought(form: hg.Form, shape: Shape, r: float, K: tuple[float, ...], theta: float) -> LimitedInjection:
     """What is sought of an observer of these gains on a form, with lambda = 1."""
     gains = np.array(K)
     proofs = decays(Adaptation(shape, Fraction(1), Fraction(r)), gains)
-    known = behind(integrators("x", form), theta, gains, proofs, {})
-    assert isinstance(known, Behind), known
+    known = limited_injection(integrators("x", form), theta, gains, proofs, {})
+    assert isinstance(known, LimitedInjection), known
     return known
 
 

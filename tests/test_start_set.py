@@ -18,7 +18,7 @@ from hgogen.certificates.start_set import Start, start_of
 from hgogen.model import load
 from hgogen.program import Place
 from hgogen.prove.quadratic import rational
-from hgogen.prove.questions import reached
+from hgogen.prove.questions import peak_errors
 from hgogen.recheck.verification import recheck
 from hgogen.stepping.machine import Machine
 
@@ -282,7 +282,7 @@ def test_a_field_that_estimates_nothing_begins_without_an_error(observer: str) -
 
 def test_a_box_of_twice_the_size_goes_twice_as_far() -> None:
     P, corners, c = (rational(np.array(each)) for each in ([[2, 1], [1, 2]], [[1, 1], [1, -1]], [1, 0]))
-    one, other = (reached(P, size * corners, {0: c})[0] for size in (1, 2))
+    one, other = (peak_errors(P, size * corners, {0: c})[0] for size in (1, 2))
     assert float(one) == pytest.approx(2)
     assert float(other) == pytest.approx(4)
 

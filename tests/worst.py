@@ -14,11 +14,11 @@ from hgogen.certificates.start_set import _in_form, start_of
 from hgogen.emit import layout
 from hgogen.emit.saved import sealed
 from hgogen.program import Field
-from hgogen.prove.inclusion import of_state
+from hgogen.prove.inclusion import state_row
 from hgogen.prove.inequality import Inputs, corners
 from hgogen.prove.plant_step import Sizes, heads_of
 from hgogen.prove.quadratic import floats, rational
-from hgogen.prove.questions import reached
+from hgogen.prove.questions import peak_errors
 from hgogen.signal import LOST
 
 Array = np.ndarray
@@ -118,8 +118,8 @@ class Worst:
 
     def left(self, calls: int) -> Array:
         """How far first errors go (calls, n) as their norm falls."""
-        rows = {k: of_state(self.start.scales, k) for k in self.error.layout.picks}
-        far = reached(rational(self.proof.weights.P), self.start.corners, rows)
+        rows = {k: state_row(self.start.scales, k) for k in self.error.layout.picks}
+        far = peak_errors(rational(self.proof.weights.P), self.start.corners, rows)
         falls = (1 - float(self.proof.alpha * self.proof.h)) ** (np.arange(calls) / 2)
         return falls[:, None] * np.array([float(far[k]) for k in self.error.layout.picks])
 
@@ -142,7 +142,7 @@ class Worst:
         """Of each state, of each of the corners."""
         p, n = len(self.form.output), self.form.n
         each = [Sizes(samples=tuple(Fraction(i == j) for i in range(p))) for j in range(p)]
-        each += [Sizes(beside=tuple(Fraction(i == j) for i in range(n))) for j in range(n)]
+        each += [Sizes(deviation=tuple(Fraction(i == j) for i in range(n))) for j in range(n)]
         shown = heads_of(self.form)
         assert shown is not None
         inputs = Inputs.of([size.inputs(self.at, self.error, self.start.scales, shown) for size in each])

@@ -109,13 +109,13 @@ def stated(content: Mapping[str, Any]) -> tuple[tuple[str, str], ...]:
 
 def _claim(form: Form, check: Check) -> dict[str, Any]:
     """The claim of a check with its evidence; of a verdict without evidence that can be verified, the reason."""
-    shown = {Verdict.PROVED: check.proofs[:1], Verdict.REFUTED: (check.disproof,)}.get(check.verdict)
-    if shown is None:
+    proofs_by_verdict = {Verdict.PROVED: check.proofs[:1], Verdict.REFUTED: (check.disproof,)}.get(check.verdict)
+    if proofs_by_verdict is None:
         return {"id": check.id, "verdict": str(check.verdict), "evidence": {"reason": str(check.reason)}}
-    by = next(filter(None, shown), None)
-    evidence = by and texts(form, by)
+    proof = next(filter(None, proofs_by_verdict), None)
+    evidence = proof and texts(form, proof)
     if evidence is None:
-        of = getattr(by, "unwritten", "")
-        reason = f"{check.verdict}: {check.reason}{of and f', {of}'}"
+        unwritten = getattr(proof, "unwritten", "")
+        reason = f"{check.verdict}: {check.reason}{unwritten and f', {unwritten}'}"
         return {"id": check.id, "verdict": "stated", "evidence": {"reason": reason}}
     return {"id": check.id, "verdict": str(check.verdict), "evidence": evidence}

@@ -160,13 +160,13 @@ def _unknown(
 
 def _why(observer: Observer, steps: Steps, h: Fraction) -> Reason:
     """Why there is no proof at a step length: slopes that are held, else what hinders most, and by how much."""
-    held = unstable(steps.at(h))
-    if held is None:
+    slopes = unstable(steps.at(h))
+    if slopes is None:
         known, share = Flow(steps.error, steps.theta).obstacle(observer.form.states), enough(steps, h)
         if share is None:
             return known
         return because("{why}; one is with {share} of the ranges of all slopes of b", why=known, share=Down(share, 2))
-    values = steps.error.named(observer.form.states, held)
+    values = steps.error.slope_values(observer.form.states, slopes)
     return because("with {slopes}, held there, errors do not decay", slopes=point(values))
 
 
@@ -195,8 +195,8 @@ def reach(steps: Steps, h: Fraction, limit: float) -> Reach:
         longest = _proved(steps.certain, h, farthest(steps.may_contract, h, far))
         least = _proved(lambda level: at(level).certain(h), theta, farthest(by_theta, theta, min(theta, Fraction(1))))
     else:
-        short = _first(steps.may_contract, (h / 2**k for k in range(1, _HALVINGS + 1)))
-        longest = short and _proved(steps.certain, short, farthest(steps.may_contract, short, h))
+        contracting = _first(steps.may_contract, (h / 2**k for k in range(1, _HALVINGS + 1)))
+        longest = contracting and _proved(steps.certain, contracting, farthest(steps.may_contract, contracting, h))
         high = _first(by_theta, (theta * 2**k for k in range(1, _DOUBLINGS + 1)))
         least = high and _proved(lambda level: at(level).certain(h), high, farthest(by_theta, high, theta))
     pieces = all_shorter(steps, longest) if longest else ()
@@ -208,14 +208,14 @@ def enough(steps: Steps, h: Fraction) -> Fraction | None:
     """Return, of a step that is not proved, the largest share of the ranges of its slopes with which it is; None of
     none. Raises: `NoSolver`."""
 
-    def of(share: Fraction) -> Steps:
+    def narrowed(share: Fraction) -> Steps:
         return replace(steps, error=steps.error.narrowed(share))
 
-    first = _first(lambda share: of(share).may_contract(h), (Fraction(1, 2**k) for k in range(1, _SHARES)))
+    first = _first(lambda share: narrowed(share).may_contract(h), (Fraction(1, 2**k) for k in range(1, _SHARES)))
     if first is None:
         return None
-    end = farthest(lambda share: of(share).may_contract(h), first, Fraction(1))
-    return _proved(lambda share: of(share).certain(h), first, end)
+    end = farthest(lambda share: narrowed(share).may_contract(h), first, Fraction(1))
+    return _proved(lambda share: narrowed(share).certain(h), first, end)
 
 
 def _first(holds: Callable[[Fraction], bool], values: Iterable[Fraction]) -> Fraction | None:

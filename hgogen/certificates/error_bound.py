@@ -33,7 +33,7 @@ from hgogen.certificates.start_set import NO_WAY, Running, Start, patient, room,
 from hgogen.check import Check, ClaimId, Verdict
 from hgogen.form import Form
 from hgogen.method import OnErrors
-from hgogen.prove.inclusion import NO_SCALES, Nothing, of_state
+from hgogen.prove.inclusion import NO_SCALES, Nothing, state_row
 from hgogen.prove.inequality import Contracts
 from hgogen.prove.plant_step import ErrorInput, PlantStep, Share, Sizes, Unbounded, heads_of, steepness_in, times
 from hgogen.prove.quadratic import rational
@@ -65,9 +65,9 @@ def slopes_of_states(form: Form, errors: Sequence[Fraction]) -> Slopes:
 def _of_form(form: Form, expression: sp.Expr, errors: Sequence[Fraction]) -> tuple[Fraction, ...]:
     """Return the slopes of a state that is reported as an expression of z, clamped to where it turns round. Raises:
     `Unbounded`."""
-    where, (_, rest) = form.box, linear_terms(expression, form.states)
+    where, (_, nonlinear) = form.box, linear_terms(expression, form.states)
     for z, error in zip(form.states, errors, strict=True):
-        (low, high), (least, most) = map(Fraction, z.interval), reach([rest], z, form.states)
+        (low, high), (least, most) = map(Fraction, z.interval), reach([nonlinear], z, form.states)
         where[z] = max(low - error, _end(least, low - error)), min(high + error, _end(most, high + error))
     return _steepest(expression, form, where)
 
@@ -85,8 +85,8 @@ def _of_plant(form: Form, state: sp.Symbol) -> tuple[Fraction, ...]:
             continue
         if not finite:
             raise Unbounded
-        own = _steepest(row, form, form.box)
-        total = [y + share * s for y, s in zip(total, own, strict=True)]
+        slopes = _steepest(row, form, form.box)
+        total = [y + share * s for y, s in zip(total, slopes, strict=True)]
     return tuple(total)
 
 
@@ -188,10 +188,10 @@ def error_bound(
         bounded = _bounded(step, known.proof, plant, most, real)
     except Unbounded as unbounded:
         return _unknown(step, unbounded.args[0])
-    asked = {"noise": noise, "rounded": rounded, "late": late, "disturbance": disturbance, "parameters": parameters}
-    own = {name: {key: float(x) for key, x in (each or {}).items() if x} for name, each in asked.items()}
-    own["rates"] = {u.name: float(x) for u, x in zip(form.system.inputs, moving, strict=True) if x}
-    assumed = {name: each for name, each in own.items() if each}
+    requested = {"noise": noise, "rounded": rounded, "late": late, "disturbance": disturbance, "parameters": parameters}
+    declared = {name: {key: float(x) for key, x in (each or {}).items() if x} for name, each in requested.items()}
+    declared["rates"] = {u.name: float(x) for u, x in zip(form.system.inputs, moving, strict=True) if x}
+    assumed = {name: each for name, each in declared.items() if each}
     far = known.reach
     least, longest = far.least if far.tuned else None, far.longest if far.pieces else None
     return replace(bounded, signed=replace(bounded.signed, assumed=assumed, real=real, least=least, longest=longest))
@@ -210,8 +210,8 @@ def _moving(step: Step, rates: Each) -> tuple[Fraction | None, ...]:
     """Return how fast each input moves between samples, None where that is not known. Raises: `BadNames`, `BadGain`."""
     inputs = step.observer.form.system.inputs
     declared = [max(map(abs, u.rates[0])) if u.rates else None for u in inputs]
-    asked = each_by_name("rates", rates, names_of(inputs), None)
-    known = [own if value is None else value for value, own in zip(asked, declared, strict=True)]
+    requested = each_by_name("rates", rates, names_of(inputs), None)
+    known = [fallback if value is None else value for value, fallback in zip(requested, declared, strict=True)]
     most = [None if x is None else size(f"rates of {u.name}", x) for u, x in zip(inputs, known, strict=True)]
     return (Fraction(0),) * len(inputs) if step.clock.between == "hold" else tuple(most)
 
@@ -220,18 +220,23 @@ def _error_inputs(plant: PlantStep, most: Mapping[str, Sequence[Fraction]]) -> d
     """Return the inputs of the error beside the method, each by its name, where it is not 0. Raises: `Unbounded`."""
     outputs, wrong, pushed = range(len(plant.form.output)), most["parameters"], most["disturbance"]
     change, by_parameters = plant.change(pushed), plant.by_parameters(wrong)
-    moved, mistaken = times(change, pushed), times(by_parameters, wrong)
-    beside = [x + y for x, y in zip(moved, mistaken, strict=True)]  # which a late sample shows as well
-    speeds = [plant.shown(j) if tau else tau for j, tau in zip(outputs, most["late"], strict=True)]
-    late = (tau * (v + plant.beside(j, beside)) for j, v, tau in zip(outputs, speeds, most["late"], strict=True))
-    flow = {"steepness": plant.steepness} if any(beside) else {}
+    disturbance, mismatch = times(change, pushed), times(by_parameters, wrong)
+    rate_errors = [x + y for x, y in zip(disturbance, mismatch, strict=True)]  # which a late sample shows as well
+    speeds = [plant.output_rate(j) if tau else tau for j, tau in zip(outputs, most["late"], strict=True)]
+    late = (
+        tau * (v + plant.output_rate_deviation(j, rate_errors))
+        for j, v, tau in zip(outputs, speeds, most["late"], strict=True)
+    )
+    flow = {"steepness": plant.steepness} if any(rate_errors) else {}
     each = {
         "noise": ErrorInput(Sizes(samples=tuple(most["noise"])), {"sizes": most["noise"]}),
         "rounded": ErrorInput(Sizes(samples=tuple(x / 2 for x in most["rounded"])), {"sizes": most["rounded"]}),
         "late": ErrorInput(Sizes(samples=tuple(late)), {"sizes": most["late"], "speeds": speeds}),
-        "disturbance": ErrorInput(Sizes(beside=plant.disturbed(moved)), {"sizes": pushed, "rows": change, **flow}),
+        "disturbance": ErrorInput(
+            Sizes(deviation=plant.disturbed(disturbance)), {"sizes": pushed, "rows": change, **flow}
+        ),
         "parameters": ErrorInput(
-            Sizes(beside=plant.disturbed(mistaken)), {"sizes": wrong, "rows": by_parameters, **flow}
+            Sizes(deviation=plant.disturbed(mismatch)), {"sizes": wrong, "rows": by_parameters, **flow}
         ),
     }
     return {name: one for name, one in each.items() if one.sizes.largest}
@@ -242,36 +247,37 @@ def _bounded(
 ) -> ErrorBound:
     """Raises: `Unbounded`, `NoSolver`."""
     assert isinstance(step.method, OnErrors)  # as a step is that is proved to contract
-    entering, error = _error_inputs(plant, most), proof.steps.error
+    error_inputs, error = _error_inputs(plant, most), proof.steps.error
     scales, heads = error.scales(proof.steps.theta), heads_of(plant.form)
     if scales is None or heads is None:
         raise Unbounded(NO_SCALES)
     method = step.method.beside(plant, error, proof.steps.theta)
-    entering |= {"method": method} if method.sizes.largest else {}
-    if not (entering or real):
+    error_inputs |= {"method": method} if method.sizes.largest else {}
+    if not (error_inputs or real):
         raise Unbounded(because("nothing enters the error: that of the start decays, to nothing"))
     running = Running(step, proof, plant, scales, heads)
-    shares, fields = _shares(running, entering), running.fields
-    each_sample = zip(*(one.sizes.samples for one in entering.values() if one.sizes.samples), strict=True)
+    shares, fields = _shares(running, error_inputs), running.fields
+    each_sample = zip(*(one.sizes.samples for one in error_inputs.values() if one.sizes.samples), strict=True)
     samples = [sum(each, Fraction(0)) for each in each_sample] or [Fraction(0)] * len(plant.form.output)
     start, early = start_of(step.observer, proof.steps), _totals(fields, shares)
-    begun, calls, left = _begun(running, start, early), 0, {k: _CLOSE * early[k] for k in error.layout.picks}
+    begun, calls, start_residual = _begun(running, start, early), 0, {k: _CLOSE * early[k] for k in error.layout.picks}
     if real:
         if isinstance(begun, Nothing):
             raise Unbounded(because("how much is rounded is not known: {why}", why=begun.reason))
         rounding = rounding_share(running, real, shares, *begun, samples)
-        early, calls, left = {k: early[k] + rounding.early[k] for k in fields}, rounding.calls, {**rounding.left}
+        early = {k: early[k] + rounding.early[k] for k in fields}
+        calls, start_residual = rounding.calls, {**rounding.start_residual}
         shares.append(rounding.share)
         begun = _begun(running, start, early)
         if isinstance(begun, Nothing):
             raise Unbounded(because("with what is rounded at first, {why}", why=begun.reason))
-    return _stated(running, shares, begun, room(running, samples, early), left, calls)
+    return _stated(running, shares, begun, room(running, samples, early), start_residual, calls)
 
 
-def _shares(running: Running, entering: Mapping[str, ErrorInput]) -> list[Share]:
+def _shares(running: Running, error_inputs: Mapping[str, ErrorInput]) -> list[Share]:
     """The shares of what enters, by their names. Raises: `Unbounded`, `NoSolver`."""
     shares, proofs = list[Share](), dict[Sizes, dict[int, InputBound] | None]()
-    for name, one in entering.items():
+    for name, one in error_inputs.items():
         relative = one.sizes.over(one.sizes.largest)
         if relative not in proofs:
             proofs[relative] = running.bounds(relative)
@@ -293,21 +299,21 @@ def _begun(
     """The start, and of how many times its first errors the limits are not touched, beside what the inputs do."""
     if isinstance(start, Nothing):
         return start
-    left = {k: limit - totals[k] for k, limit in start.limits.items()}
-    if min(left.values()) <= 0:
+    slack = {k: limit - totals[k] for k, limit in start.limits.items()}
+    if min(slack.values()) <= 0:
         names, index = running.step.observer.form.names, running.error.layout.index
-        return Nothing(because(_MET, states=dict.fromkeys(names[index[k]] for k, most in left.items() if most <= 0)))
-    rows = {k: of_state(start.scales, k) / rational(m) for k, m in left.items()}
+        return Nothing(because(_MET, states=dict.fromkeys(names[index[k]] for k, most in slack.items() if most <= 0)))
+    rows = {k: state_row(start.scales, k) / rational(m) for k, m in slack.items()}
     clear = confined(running.proof, start.corners, rows)
     return (start, 1 / max(clear.bounds.values())) if clear else Nothing(NO_WAY)
 
 
-def _calls(running: Running, start: Start, multiple: Fraction, left: Mapping[int, Fraction]) -> int:
+def _calls(running: Running, start: Start, multiple: Fraction, residual: Mapping[int, Fraction]) -> int:
     """The calls after which what is left of the start is that much at most, by field: from V(0) at most the largest of
     the corners V falls to (1 - alpha h)^k of it."""
-    begins, proof = running.begins(start, left), running.proof
+    begins, proof = running.begins(start, residual), running.proof
     falls, calls = -math.log1p(-float(proof.alpha * proof.h)) / 2, 0
-    for k, most in left.items():
+    for k, most in residual.items():
         ratio = number(begins[k] * min(multiple, Fraction(1)) / most)[1]
         calls = max(calls, math.ceil(math.log(max(ratio, 1.0)) / falls * _UP))
     return calls
@@ -318,12 +324,13 @@ def _stated(
     shares: Sequence[Share],
     begun: tuple[Start, Fraction] | Nothing,
     room: Mapping[int, Fraction] | None,
-    left: Mapping[int, Fraction],
+    residual: Mapping[int, Fraction],
     calls: int,
 ) -> ErrorBound:
     """The bound of these shares, from so many calls on after which no more than this is `left` of the start, by field;
     `room`: what errors may be beside the bounds for no guard to act, None where one may."""
-    (own, multiple, alone), totals = _settled(running, begun, room, left, calls), _totals(running.fields, shares)
+    settled, multiple, alone = _settled(running, begun, room, residual, calls)
+    totals = _totals(running.fields, shares)
     step, form, picks = running.step, running.step.observer.form, running.error.layout.picks
     names, slopes = form.names, slopes_of_states(form, [(1 + _CLOSE) * totals[k] for k in picks])
 
@@ -353,8 +360,8 @@ def _stated(
         for x in bounds
     ]
     pattern = "{each:; }; while the plant keeps {margins} clear of the ends of its ranges"
-    held = because(pattern, each=[*each, *vain], margins=[Up(value, 2) for value in margins.values()])
-    reason = joined(held, _from(step, own, multiple), NONE if alone else because(_GUARDS))
+    bounded_states = because(pattern, each=[*each, *vain], margins=[Up(value, 2) for value in margins.values()])
+    reason = joined(bounded_states, _from(step, settled, multiple), NONE if alone else because(_GUARDS))
     facts = {"method": step.code.rule, "dt": Fraction(step.dt), "shares": [share.written for share in shares]}
     check = claimed(step.observer, "error", _claim(step, list(bounds) if vain else ()), reason, running.error, facts)
     return ErrorBound(
@@ -362,10 +369,10 @@ def _stated(
         parts,
         bounds,
         margins,
-        own.settles,
+        settled.settles,
         None if multiple is None else number(multiple)[0],
-        because(_ENDLESS, why=own.unsettled) if own.unsettled else NONE,
-        replace(own, bounds=bounds, inside=margins, beyond=tuple(beyond)),
+        because(_ENDLESS, why=settled.unsettled) if settled.unsettled else NONE,
+        replace(settled, bounds=bounds, inside=margins, beyond=tuple(beyond)),
     )
 
 
@@ -373,7 +380,7 @@ def _settled(
     running: Running,
     begun: tuple[Start, Fraction] | Nothing,
     room: Mapping[int, Fraction] | None,
-    left: Mapping[int, Fraction],
+    residual: Mapping[int, Fraction],
     calls: int,
 ) -> tuple[Signed, Fraction | None, bool]:
     """When the start has decayed, from how many times its first errors, and whether no guard acts."""
@@ -382,12 +389,12 @@ def _settled(
     start, multiple = begun
     alone = room is not None and _calls(running, start, multiple, room) < patient(running.step)
     first = zip(running.plant.form.names, start.first, strict=True)
-    own = Signed(
-        settles=running.step.dt * (_calls(running, start, multiple, left) + calls),
+    signed_start = Signed(
+        settles=running.step.dt * (_calls(running, start, multiple, residual) + calls),
         begins={x: number(min(multiple, Fraction(1)) * most)[0] for x, most in first},
         everywhere=multiple >= 1,
     )
-    return own, multiple, alone or room == {}
+    return signed_start, multiple, alone or room == {}
 
 
 def _beyond(state: str, bound: float, width: float, parts: Mapping[str, float]) -> Sentence:
@@ -399,12 +406,12 @@ def _beyond(state: str, bound: float, width: float, parts: Mapping[str, float]) 
     )
 
 
-def _from(step: Step, own: Signed, multiple: Fraction | None) -> Reason:
+def _from(step: Step, settled: Signed, multiple: Fraction | None) -> Reason:
     """Return from when on the bound holds, and from which first errors."""
-    if own.settles is None or multiple is None:
+    if settled.settles is None or multiple is None:
         pattern = "once what is left of the start has decayed, for which no time is proved: {why}"
-        return because(pattern, why=own.unsettled)
-    time = Sentence.of("{at} {unit}", at=Up(own.settles, 3), unit=step.observer.form.system.time)
+        return because(pattern, why=settled.unsettled)
+    time = Sentence.of("{at} {unit}", at=Up(settled.settles, 3), unit=step.observer.form.system.time)
     if multiple >= 1:
         return because("after {time} to within a tenth, wherever in its ranges the plant starts", time=time)
     pattern = "after {time} to within a tenth, from errors of up to {multiple} times what the ranges allow"

@@ -24,10 +24,10 @@ from hgogen.check import Check, ClaimId, Verdict
 from hgogen.form import Form
 from hgogen.observer import Observer, asks_an_observer
 from hgogen.prove.convergence import Falls, Flow
-from hgogen.prove.inclusion import NO_SCALES, Inclusion, Nothing, Uncertain, of_state
+from hgogen.prove.inclusion import NO_SCALES, Inclusion, Nothing, Uncertain, state_row
 from hgogen.prove.inequality import Contracts, Inputs, pushed
 from hgogen.prove.quadratic import floats, inverse_root, rational, stacked
-from hgogen.prove.questions import Driven, InputBound, input_bound, l2_bound, obeyed, of_step, theta_of
+from hgogen.prove.questions import Driven, InputBound, input_bound, l2_bound, obeyed, step_input_bound, theta_of
 from hgogen.reading.given import Each, in_order, names_of, sizes
 from hgogen.rigor.box import exact
 from hgogen.rigor.outward import number
@@ -81,7 +81,7 @@ def _noise_gain(observer: Observer, rule: str, dt: float, proof: Contracts) -> N
     bounds: dict[tuple[int, int], InputBound] = {}
     for i, field in enumerate(error.layout.picks):
         for j in heads(form):
-            one = of_step(proof, Inputs.of(proof.step.ends(j)), of_state(scales, field))
+            one = step_input_bound(proof, Inputs.of(proof.step.ends(j)), state_row(scales, field))
             if one is None:
                 return Nothing(because("no bound is found of what noise of {y} does", y=form.system.outputs[j]))
             bounds[i, j] = one
@@ -143,13 +143,19 @@ def l2_gain(observer: Observer, *, noise: Each = None, disturbance: Each = None,
         known = because("nothing is counted of the error")
     if isinstance(known, Reason):
         return L2Gain(None, _unknown(observer, "l2_gain", claim, known))
-    rows = [of_state(known.scales, k) * w for k, w in zip(known.error.layout.picks, rational(weights), strict=True)]
+    rows = [state_row(known.scales, k) * w for k, w in zip(known.error.layout.picks, rational(weights), strict=True)]
     driven = Driven(known.driven, stacked(rows, len(known.scales)))
     bound = l2_bound([driven], inverse_root(floats(rational(known.falls.weights.P))))
     if bound is None:
         return L2Gain(None, _unknown(observer, "l2_gain", claim, _NO_V))
     reason = because("at most {mu}, {inputs}, {while_}", mu=Up(bound.mu, 3), inputs=known.phrases, while_=_WHILE)
-    facts = {"noise": known.noise, "beside": known.beside, "counts": weights, "mu": bound.mu, **bound.weights.written}
+    facts = {
+        "noise": known.noise,
+        "beside": known.disturbances,
+        "counts": weights,
+        "mu": bound.mu,
+        **bound.weights.written,
+    }
     return L2Gain(number(bound.mu)[1], claimed(observer, "l2_gain", claim, reason, known.error, facts))
 
 
@@ -166,7 +172,7 @@ def iss_gain(observer: Observer, *, noise: Each = None, disturbance: Each = None
         return IssGain({}, _unknown(observer, "iss_gain", claim, known))
     W, fields = inverse_root(floats(rational(known.falls.weights.P))), known.error.layout.picks
     q, fastest = known.driven.B.shape[1], known.falls.alpha
-    rows = (of_state(known.scales, k) for k in fields)
+    rows = (state_row(known.scales, k) for k in fields)
     each = [input_bound(lambda alpha: (pushed(known.driven, alpha),), W, q, c, fastest) for c in rows]
     bounds = [one for one in each if one]
     if len(bounds) < len(each):
@@ -174,7 +180,7 @@ def iss_gain(observer: Observer, *, noise: Each = None, disturbance: Each = None
     by_name = dict(zip(observer.form.names, bounds, strict=True))
     phrases = [Sentence.of("{state} to {bound}", state=x, bound=Up(one.bound, 3)) for x, one in by_name.items()]
     reason = because("{said}, {inputs}, {while_}", said=phrases, inputs=known.phrases, while_=_WHILE)
-    facts = {"noise": known.noise, "beside": known.beside, "bounds": [one.written for one in bounds]}
+    facts = {"noise": known.noise, "beside": known.disturbances, "bounds": [one.written for one in bounds]}
     gains = {x: number(one.bound)[1] for x, one in by_name.items()}
     return IssGain(gains, claimed(observer, "iss_gain", claim, reason, known.error, facts))
 
@@ -193,7 +199,7 @@ class _Known:
     falls: Falls
     driven: Uncertain
     noise: tuple[Fraction, ...]
-    beside: tuple[tuple[Fraction, ...], ...]
+    disturbances: tuple[tuple[Fraction, ...], ...]
     scales: tuple[Fraction, ...]
     phrases: tuple[Sentence, ...]
 
@@ -213,18 +219,18 @@ def _known(observer: Observer, noise: Each, disturbance: Each) -> _Known | Reaso
     scales, flow = error.scales(theta), Flow(error, theta)
     if scales is None:
         return NO_SCALES
-    beside = _beside(form, disturbed)
-    if isinstance(beside, Reason):
-        return beside
+    rows = _disturbance_rows(form, disturbed)
+    if isinstance(rows, Reason):
+        return rows
     if flow.fastest is None or not flow.fastest.alpha:
         return flow.obstacle(form.states)
     fields = [*zip(scales, error.layout.index, error.layout.fed, strict=True)]
-    columns = [rational([-scale * row[i] * fed for scale, i, fed in fields]) for row in beside]
+    columns = [rational([-scale * row[i] * fed for scale, i, fed in fields]) for row in rows]
     phrases = _phrases("noise of {y} of {size}", system.outputs, noises)
     phrases += _phrases("{y}' disturbed by {size}", system.declared.states, disturbed)
     noisy = error.at(theta).driven_by(rational(np.diag(noises))[:, [size > 0 for size in noises]])
     driven = noisy.disturbed(stacked(columns, len(scales)).T)
-    return _Known(error, theta, flow.fastest, driven, tuple(noises), beside, scales, tuple(phrases))
+    return _Known(error, theta, flow.fastest, driven, tuple(noises), rows, scales, tuple(phrases))
 
 
 def _phrases(pattern: str, signals: tuple[sp.Symbol, ...], sizes: list[Fraction]) -> list[Sentence]:
@@ -232,7 +238,7 @@ def _phrases(pattern: str, signals: tuple[sp.Symbol, ...], sizes: list[Fraction]
     return [Sentence(pattern, (("y", str(signal)), ("size", float(size)))) for signal, size in pairs if size]
 
 
-def _beside(form: Form, sizes: list[Fraction]) -> tuple[tuple[Fraction, ...], ...] | Reason:
+def _disturbance_rows(form: Form, sizes: list[Fraction]) -> tuple[tuple[Fraction, ...], ...] | Reason:
     """Return, by disturbance, what it is in the rows of the form (n); or why that is not known."""
     states, columns = form.system.declared.states, list[tuple[Fraction, ...]]()
     for x, size in zip(states, sizes, strict=True):

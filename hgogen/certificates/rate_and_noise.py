@@ -58,7 +58,7 @@ def designed(like: CallableStep, rate: float, argument: bool = False) -> Point:
     `argument` of b that is searched. Raises: `NoSolver`; as `hg.design.gain`, its observer and `sample` do."""
     form = like.observer.form
     gain = gain_for(form, rate=rate, argument=argument)
-    observer = getattr(observers, gain.observer)(form, **gain.taken)
+    observer = getattr(observers, gain.observer)(form, **gain.arguments)
     point = Point(observer, gain, rate, gain.rate, gain.bounds, None, {})
     dt = Fraction(like.dt)
     for _ in range(_HALVINGS):

@@ -44,7 +44,7 @@ from hgogen.graph import Graph
 from hgogen.method import Method
 from hgogen.part import Clock, Ode
 from hgogen.program import Block, Place, Program, Repeat, Statement
-from hgogen.prove.inclusion import Inclusion, of_state
+from hgogen.prove.inclusion import Inclusion, state_row
 from hgogen.prove.plant_step import SUMMED, Share, Sizes, Unbounded
 from hgogen.prove.quadratic import extent, rational
 from hgogen.prove.questions import InputBound
@@ -64,7 +64,7 @@ _SAMPLES, _INPUTS = ("y_last", "y"), ("state", "work")  # at the last call, and 
 class Arithmetic(Protocol):
     """Operations that a walk asks of its values."""
 
-    def held(self, number: float) -> Any:
+    def parameter(self, number: float) -> Any:
         """A gain or a parameter of the program."""
 
     def constant(self, number: float) -> Any:
@@ -91,13 +91,13 @@ def after_call(
     if not isinstance(part, Ode) or step.clock.periods != (step.dt,) * p or step.observer.delays:
         raise Unsure("an observer that is more than one differential equation, or samples that are not of every call")
     clock = replace(step.clock, every=())
-    rest = iter(fields)
-    memory: dict[Place, list[Any]] = {Place("state", x.name): list(islice(rest, x.size)) for x in part.fields}
+    elements = iter(fields)
+    memory: dict[Place, list[Any]] = {Place("state", x.name): list(islice(elements, x.size)) for x in part.fields}
     memory |= {Place("work", name): list(y) for name, y in zip(_SAMPLES, samples, strict=True)}
     memory |= {Place(struct, "u"): list(u) for struct, u in zip(_INPUTS, inputs, strict=True)}
     memory[Place("work", "valid")] = [arithmetic.constant(1.0)] * p
     for struct, numbers in (("plant", step.layout.plant), ("gain", step.layout.gains)):
-        memory |= {Place(struct, each.name): list(map(arithmetic.held, each.initial)) for each in numbers}
+        memory |= {Place(struct, each.name): list(map(arithmetic.parameter, each.initial)) for each in numbers}
     for statement in _statements(step.method, part, clock):
         if not isinstance(statement, Block):
             raise Unsure("a loop or a matrix operation")
@@ -106,7 +106,7 @@ def after_call(
     return [each for field in part.fields for each in memory[Place("state", field.name)]]
 
 
-def rounding_errors(step: Step, real: Real, held: Sequence[Any], y: Sequence[Any], u: Sequence[Any]) -> list[Any]:
+def rounding_errors(step: Step, real: Real, fields: Sequence[Any], y: Sequence[Any], u: Sequence[Any]) -> list[Any]:
     """Return, by element of the observer's fields (N), how far a call leaves it from what exact arithmetic makes of the
     same: of fields in the balls `held` (N), samples in `y` (p), now and at the last call, and inputs in `u` (m).
 
@@ -115,8 +115,8 @@ def rounding_errors(step: Step, real: Real, held: Sequence[Any], y: Sequence[Any
 
     Raises: `Unsure`.
     """
-    fields, samples, inputs = (list(map(exactly, each)) for each in (held, y, u))
-    return [each.error for each in after_call(Rounding(real), step, fields, [samples] * 2, [inputs] * 2)]
+    elements, samples, inputs = (list(map(exactly, each)) for each in (fields, y, u))
+    return [each.error for each in after_call(Rounding(real), step, elements, [samples] * 2, [inputs] * 2)]
 
 
 @lru_cache(maxsize=16)  # a program is walked on many pieces of the plant's ranges
@@ -138,8 +138,8 @@ def _outputs(arithmetic: Arithmetic, graph: Graph, arguments: Sequence[Sequence[
     def call(function: Graph, values: Sequence[Any]) -> list[Any]:
         if isinstance(function, Lookup):
             raise Unsure("a table")
-        rest = iter(values)
-        columns = [list(islice(rest, function.nnz_in(k))) for k in range(function.n_in())]
+        elements = iter(values)
+        columns = [list(islice(elements, function.nnz_in(k))) for k in range(function.n_in())]
         results = arithmetic.call(function, columns, lambda columns: _outputs(arithmetic, function, columns))
         return [value for column in results for value in column]
 
@@ -193,7 +193,7 @@ def listed(step: Step, error: Inclusion) -> Listing | None:
 def _pruned(writer: "_Writer", after: Sequence[Operand]) -> Listing:
     """Without statements that nothing reads, in their numbers."""
     wanted = {each.text for row in (*writer.stages, *writer.rates, after) for each in row}
-    statements = {operand.text: said for said, operand in writer.statements.items()}
+    statements = {operand.text: statement for statement, operand in writer.statements.items()}
     for name in reversed(statements):
         wanted |= {*statements[name].split()} if name in wanted else set()
     names = {name: f"v{i}" for i, name in enumerate((name for name in statements if name in wanted), 1)}
@@ -239,7 +239,7 @@ class _Writer:
     stages: list[list[Operand]] = field(default_factory=list)
     rates: list[list[Operand]] = field(default_factory=list)
 
-    def held(self, number: float) -> Operand:
+    def parameter(self, number: float) -> Operand:
         return _number(Fraction(repr(number)))
 
     def constant(self, number: float) -> Operand:
@@ -266,8 +266,8 @@ class _Writer:
         if op not in _WORDS or (op in _POWERS and values[1].number is None):
             raise Unsure("an operation that is not listed")
         word, order = _WORDS[op]
-        said = " ".join((word, *(each.text for each in order(values))))
-        return self.statements.setdefault(said, Operand(f"v{len(self.statements) + 1}"))
+        statement = " ".join((word, *(each.text for each in order(values))))
+        return self.statements.setdefault(statement, Operand(f"v{len(self.statements) + 1}"))
 
 
 def _off(known: Operand, value: Fraction) -> Fraction:
@@ -358,7 +358,7 @@ class RoundingShare:
 
     share: Share
     early: Sized
-    left: Sized
+    start_residual: Sized
     calls: int
 
 
@@ -371,25 +371,25 @@ def rounding_share(
     parts = [_of_share(share.unit, share.proofs, start.scales) for share in shares]
     others = {k: sum((part[k] for part in parts), Fraction(0)) for k in every}
     begins = running.begins(start, every)
-    taken, speeds = min(multiple, Fraction(1)), plant.stated_speeds
-    besides = [share.sizes.beside for share in shares if share.sizes.beside]
-    rates = [speed + sum((each[i] for each in besides), Fraction(0)) for i, speed in enumerate(speeds)]
-    moves = [plant.h * rate for rate in rates]  # of a plant in a call, by row of its form
-    sizes = _Sizing(running, real, samples, moves, speeds)
+    scale, speeds = min(multiple, Fraction(1)), plant.stated_speeds
+    deviations = [share.sizes.deviation for share in shares if share.sizes.deviation]
+    rates = [speed + sum((each[i] for each in deviations), Fraction(0)) for i, speed in enumerate(speeds)]
+    displacements = [plant.h * rate for rate in rates]  # of a plant in a call, by row of its form
+    sizes = _Sizing(running, real, samples, displacements, speeds)
 
-    wide = {k: others[k] + taken * begins[k] for k in every}
-    first = sizes.beside(wide)
+    wide = {k: others[k] + scale * begins[k] for k in every}
+    first = sizes.sizes(wide)
     _, bounds = _bounded(running, first)
-    most = _kept_to(lambda r: _times(sizes.beside({k: wide[k] + r * bounds[k] for k in every}), first))
+    most = _kept_to(lambda r: _times(sizes.sizes({k: wide[k] + r * bounds[k] for k in every}), first))
     early = {k: most * bounds[k] for k in every}
     within = {k: _ROOM * others[k] + (1 + CLOSE) * early[k] for k in every}
-    later = sizes.beside(within)
+    later = sizes.sizes(within)
     proofs, bounds = _bounded(running, later)
-    left = {k: CLOSE * (others[k] + min(bounds[k], early[k])) for k in every}
+    residual = {k: CLOSE * (others[k] + min(bounds[k], early[k])) for k in every}
     falls = min(one.alpha for one in proofs.values()) * running.proof.h
     calls = _calls(float(most * _times(first, later)), float(falls))
     share = Share("rounding", later, later.largest, proofs, sizes.follows([within[k] for k in every]))
-    return RoundingShare(share, early, left, calls)
+    return RoundingShare(share, early, residual, calls)
 
 
 def _bounded(running: Running, sizes: Sizes) -> tuple[dict[int, InputBound], dict[int, Fraction]]:
@@ -420,17 +420,17 @@ def _kept_to(times: Callable[[Fraction], Fraction]) -> Fraction:
 
 def _calls(ratio: float, falls: float) -> int:
     """The calls after which |e|_P, at most `ratio` at first, is at most 1 + `CLOSE`, where |e|_P^2 - 1 `falls`."""
-    left = float((1 + CLOSE) ** 2 - 1)
-    return max(0, math.ceil(math.log(max(1.0, (ratio**2 - 1) / left)) / -math.log1p(-falls) * _UP))
+    target = float((1 + CLOSE) ** 2 - 1)
+    return max(0, math.ceil(math.log(max(1.0, (ratio**2 - 1) / target)) / -math.log1p(-falls) * _UP))
 
 
 def _of_share(unit: Fraction, proofs: Mapping[int, InputBound], scales: Sequence[Fraction]) -> dict[int, Fraction]:
     """Return, by field, how far inputs in a unit move its error: by its own proof, of one without by the least that
     others say."""
     P = [rational(one.weights.P) for one in proofs.values()]
-    rows = {k: of_state(scales, k) for k in range(len(scales)) if k not in proofs}
-    beside = {k: min(root(extent(each, c)) for each in P) for k, c in rows.items()}
-    return {k: unit * (proofs[k].bound if k in proofs else beside[k]) for k in range(len(scales))}
+    rows = {k: state_row(scales, k) for k in range(len(scales)) if k not in proofs}
+    extents = {k: min(root(extent(each, c)) for each in P) for k, c in rows.items()}
+    return {k: unit * (proofs[k].bound if k in proofs else extents[k]) for k in range(len(scales))}
 
 
 @dataclass(frozen=True)
@@ -441,10 +441,10 @@ class _Sizing:
     running: Running
     real: Real
     samples: Sequence[Fraction]
-    moves: Sequence[Fraction]
+    displacements: Sequence[Fraction]
     speeds: Sequence[Fraction]
 
-    def beside(self, errors: Sized) -> Sizes:
+    def sizes(self, errors: Sized) -> Sizes:
         """Raises: `Unbounded`."""
         rounded = [self._on(ranges, errors) for ranges in self._pieces]
         each = zip(zip(*rounded, strict=True), self._remembered, strict=True)
@@ -470,13 +470,13 @@ class _Sizing:
 
     def _on(self, ranges: Sequence[Side], errors: Sized) -> list[Fraction]:
         """Return the rounding errors on a piece by field. Raises: `Unbounded`."""
-        layout, held = self.running.error.layout, []
+        layout, balls = self.running.error.layout, []
         for k, (i, fed, e) in enumerate(zip(layout.index, layout.fed, self._remembered, strict=True)):
             low, high = ranges[i] if fed else (Fraction(0), Fraction(0))
             unit = self.running.scales[k] / e
-            held.append(between(unit * (low - errors[k]), unit * (high + errors[k])))
+            balls.append(between(unit * (low - errors[k]), unit * (high + errors[k])))
         try:
-            rounded = rounding_errors(self.running.step, self.real, held, self._samples(ranges), self._inputs)
+            rounded = rounding_errors(self.running.step, self.real, balls, self._samples(ranges), self._inputs)
         except Unsure as error:
             raise Unbounded(because("how far rounding goes is not known: {what}", what=error.args[0])) from error
         return list(map(magnitude, rounded))
@@ -484,7 +484,7 @@ class _Sizing:
     @cached_property
     def _pieces(self) -> list[tuple[Side, ...]]:
         """The ranges (n) of the states, those of the first ones in pieces."""
-        heads = {head for head, _ in self.running.shown.values()}
+        heads = {head for head, _ in self.running.heads.values()}
         count, sides = round(_PIECES ** (1 / len(heads))), list[list[Side]]()
         for i, state in enumerate(self.running.step.observer.form.states):
             low, high = map(Fraction, state.interval)
@@ -503,8 +503,8 @@ class _Sizing:
         """The samples of a plant in these ranges at the beginning of a call, at both ends of it."""
         y = []
         for j, (low, high) in enumerate(self._offsets):
-            i, slope = self.running.shown[j]
-            ends = [slope * (end + way * self.moves[i]) for end, way in zip(ranges[i], (-1, 1), strict=True)]
+            i, slope = self.running.heads[j]
+            ends = [slope * (end + way * self.displacements[i]) for end, way in zip(ranges[i], (-1, 1), strict=True)]
             y.append(between(min(ends) + low - self.samples[j], max(ends) + high + self.samples[j]))
         return y
 
@@ -513,7 +513,7 @@ class _Sizing:
         """Return the difference of each output from its first state times its slope. Raises: `Unbounded`."""
         form, offsets = self.running.step.observer.form, list[Side]()
         where = form.box
-        slopes = {output: form.states[i] * sp.Rational(slope) for output, (i, slope) in self.running.shown.items()}
+        slopes = {output: form.states[i] * sp.Rational(slope) for output, (i, slope) in self.running.heads.items()}
         for j, row in enumerate(form.output):
             known = bound(sp.expand(row - slopes.get(j, 0)), where)
             if not (known.defined and known.finite) or j not in slopes:

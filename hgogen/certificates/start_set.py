@@ -27,11 +27,11 @@ from hgogen.graph import Graph
 from hgogen.observer import Observer
 from hgogen.part import Ode
 from hgogen.program import Field, sym
-from hgogen.prove.inclusion import NO_SCALES, Inclusion, Nothing, of_state
+from hgogen.prove.inclusion import NO_SCALES, Inclusion, Nothing, state_row
 from hgogen.prove.inequality import Contracts, Steps
 from hgogen.prove.plant_step import Heads, PlantStep, Sizes
 from hgogen.prove.quadratic import Array, rational
-from hgogen.prove.questions import InputBound, confined, of_step, reached
+from hgogen.prove.questions import InputBound, confined, peak_errors, step_input_bound
 from hgogen.rigor.bounds import bound
 from hgogen.rigor.outward import number
 from hgogen.sentence import Down, Sentence, Up, because
@@ -81,7 +81,7 @@ class Running:
     proof: Contracts
     plant: PlantStep
     scales: Sequence[Fraction]
-    shown: Heads
+    heads: Heads
 
     @property
     def error(self) -> Inclusion:
@@ -96,16 +96,16 @@ class Running:
     def bounds(self, sizes: Sizes) -> dict[int, InputBound] | None:
         """Return what inputs of these sizes, over the largest of them, do to each field that estimates; None where that
         is not proved of all. Raises: `NoSolver`."""
-        inputs = sizes.over(sizes.largest).inputs(self.proof.step, self.error, self.scales, self.shown)
-        rows = {k: of_state(self.scales, k) for k in self.fields}
-        tried = {k: of_step(self.proof, inputs, c) for k, c in rows.items()}
+        inputs = sizes.over(sizes.largest).inputs(self.proof.step, self.error, self.scales, self.heads)
+        rows = {k: state_row(self.scales, k) for k in self.fields}
+        tried = {k: step_input_bound(self.proof, inputs, c) for k, c in rows.items()}
         known = {k: one for k, one in tried.items() if one}
         return known if len(known) == len(tried) else None
 
     def begins(self, start: "Start", fields: Iterable[int]) -> dict[int, Fraction]:
         """Return how far each of these fields errs at most from a start, in the norm of the proof."""
-        rows = {k: of_state(self.scales, k) for k in fields}
-        return reached(rational(self.proof.weights.P), start.corners, rows)
+        rows = {k: state_row(self.scales, k) for k in fields}
+        return peak_errors(rational(self.proof.weights.P), start.corners, rows)
 
 
 @dataclass(frozen=True, eq=False)
@@ -152,19 +152,19 @@ def _start_set(observer: Observer, rule: str, dt: float, proof: Contracts) -> St
     start = start_of(observer, proof.steps)
     if isinstance(start, Nothing):
         return start
-    rows = {k: of_state(start.scales, k) / rational(m) for k, m in start.limits.items()}
+    rows = {k: state_row(start.scales, k) / rational(m) for k, m in start.limits.items()}
     clear = confined(proof, start.corners, rows)
     picks = proof.steps.error.layout.picks
-    each = (confined(proof, start.corners, {k: of_state(start.scales, k)}) for k in picks)
+    each = (confined(proof, start.corners, {k: state_row(start.scales, k)}) for k in picks)
     peaks = tuple(one for one in each if one)
     if clear is None or len(peaks) < len(picks):
         return Nothing(NO_WAY)
     names, multiple = observer.form.names, 1 / max(clear.bounds.values())
-    taken = min(multiple, Fraction(1))
-    reached = {name: number(taken * max(one.bounds.values()))[1] for name, one in zip(names, peaks, strict=True)}
+    scale = min(multiple, Fraction(1))
+    largest = {name: number(scale * max(one.bounds.values()))[1] for name, one in zip(names, peaks, strict=True)}
     begun = {name: number(value)[1] for name, value in zip(names, start.first, strict=True)}
     pattern = "{state} errs by at most {peak} from {first}"
-    said = [Sentence.of(pattern, state=x, peak=Up(reached[x], 3), first=Up(begun[x] * taken, 3)) for x in names]
+    phrases = [Sentence.of(pattern, state=x, peak=Up(largest[x], 3), first=Up(begun[x] * scale, 3)) for x in names]
     claim = (
         f"{running(observer, rule, dt)}, first errors of up to {Down(multiple, 3)} times what the ranges allow never "
         "touch the estimate's limits"
@@ -177,8 +177,8 @@ def _start_set(observer: Observer, rule: str, dt: float, proof: Contracts) -> St
         "clear": {**clear.weights.written, "multiple": multiple, "limits": limits},
         "peaks": [{**one.weights.written, "bound": max(one.bounds.values())} for one in peaks],
     }
-    check = claimed(observer, "start", claim, because("without noise {each}", each=said), proof.steps.error, facts)
-    return StartSet(begun, number(multiple)[0], reached, check)
+    check = claimed(observer, "start", claim, because("without noise {each}", each=phrases), proof.steps.error, facts)
+    return StartSet(begun, number(multiple)[0], largest, check)
 
 
 def _first(observer: Observer, error: Inclusion) -> list[Fraction] | Nothing:
@@ -239,14 +239,14 @@ def room(running: Running, samples: Sequence[Fraction], totals: Mapping[int, Fra
     where = form.box
     for y, (low, high), size in zip(form.output, readings(form), samples, strict=True):
         known, width = bound(sp.sympify(y), where), high - low
-        taken = known.low - size >= low - width and known.high + size <= high + width
-        if not taken:
+        accepted = known.low - size >= low - width and known.high + size <= high + width
+        if not accepted:
             return None
-    left = dict[int, Fraction]()
+    slack = dict[int, Fraction]()
     for state, most in _undetected_errors(running, samples):
         k = layout.picks[state]
-        left[k] = min(most * _CLOSE - totals[k], left.get(k, most))
-    return left if all(x > 0 for x in left.values()) else None
+        slack[k] = min(most * _CLOSE - totals[k], slack.get(k, most))
+    return slack if all(x > 0 for x in slack.values()) else None
 
 
 def patient(step: Step) -> int:
@@ -256,17 +256,17 @@ def patient(step: Step) -> int:
 
 def _undetected_errors(running: Running, samples: Sequence[Fraction]) -> Iterator[tuple[int, Fraction]]:
     """States, by place, and up to which error no sign of the estimate being lost shows."""
-    form, shown, inside = running.step.observer.form, running.shown, running.plant.margins
+    form, heads, inside = running.step.observer.form, running.heads, running.plant.margins
     spans = [high - low for low, high in readings(form)]
     for sign in running.step.code.signs:
         if sign.output is not None:
-            if sign.output not in shown:  # what else it shows is not followed
+            if sign.output not in heads:  # what else it shows is not followed
                 yield 0, Fraction(0)
                 continue
-            head, slope = shown[sign.output]
+            head, slope = heads[sign.output]
             yield head, (Fraction(SHARE * spans[sign.output]) - samples[sign.output]) / abs(slope)
             continue
-        own = all(row.is_Symbol or (-row).is_Symbol for row in form.from_form)
+        identity = all(row.is_Symbol or (-row).is_Symbol for row in form.from_form)
         for i, (state, clear) in enumerate(zip(form.states, inside, strict=True)):
             low, high = map(Fraction, state.interval)
-            yield i, clear + Fraction(MARGIN) * (high - low) if own else Fraction(0)
+            yield i, clear + Fraction(MARGIN) * (high - low) if identity else Fraction(0)

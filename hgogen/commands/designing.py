@@ -110,7 +110,7 @@ class Designs(ModelReport):
 
 def _call(gain: Gain) -> str:
     """The observer of a gain as Python makes it."""
-    taken = {**gain.taken, "theta": same(gain.theta)}
+    taken = {**gain.arguments, "theta": same(gain.theta)}
     return f"hg.observers.{gain.observer}(form, {', '.join(f'{name}={value}' for name, value in taken.items())})"
 
 

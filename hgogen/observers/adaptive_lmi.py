@@ -41,11 +41,11 @@ from hgogen.prove.varying_gain import (
     Disturbance,
     Given,
     Law,
-    MovingGain,
+    VaryingGain,
     candidate,
-    moving_checks,
     numbers,
     steepness,
+    varying_gain_checks,
 )
 from hgogen.prove.varying_gain import adaptive_checks as checks
 from hgogen.prove.varying_gain import disturbance as as_disturbance
@@ -179,7 +179,10 @@ def adaptive_lmi(
             f"P = {tuple(map(tuple, reals('P', P).tolist()))}",
         ),
         reference=REFERENCE,
-        claims=lambda: (*facts, *moving_checks("adaptive_lmi", chain, design.K, law, numbers(design, guarantees))),
+        claims=lambda: (
+            *facts,
+            *varying_gain_checks("adaptive_lmi", chain, design.K, law, numbers(design, guarantees)),
+        ),
         accepted=accept,
         traces=("gamma",),
     )
@@ -187,13 +190,13 @@ def adaptive_lmi(
 
 def _driven(
     chain: Integrators, design: Candidate, ends: tuple[Fraction, Fraction], disturbed: Disturbance
-) -> MovingGain | None:
+) -> VaryingGain | None:
     """Return the error model with the disturbance; None where the ranges of the partial derivatives are unknown."""
     K, form = np.array([float(k) for k in design.K]), chain.form
     error = on_integrators(chain, plain(form), companion(K), as_matrix(form, design.K), {})
     if isinstance(error, Nothing):
         return None
-    return MovingGain(error, *ends, design.sigma, disturbed.plant, disturbed.measurement)
+    return VaryingGain(error, *ends, design.sigma, disturbed.plant, disturbed.measurement)
 
 
 def _part(chain: Integrators, w: Field, moving: Field, K: np.ndarray) -> Ode:

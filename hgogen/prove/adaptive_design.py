@@ -260,7 +260,7 @@ def _where_needed(form: Form, task: Task, disturbance: Disturbance | None) -> Ta
         return chosen
     low, high = 1.0, float(design.gamma)
     for _ in range(_SLOPES):
-        middle = _short(math.sqrt(low * high), 4)
+        middle = _to_digits(math.sqrt(low * high), 4)
         variant, tried_design = at(middle)
         if tried_design is None:
             low = middle
@@ -316,9 +316,9 @@ def _column(K: Any, n: int) -> np.ndarray:
 
 def _rounded(task: Task, optimum: Optimum, disturbance: Disturbance | None, digits: tuple[int, int]) -> Design | None:
     """K and P in so many digits with what is proved of them; None where rounding lost it, or one of the bounds."""
-    P = [[_short(value, digits[1]) for value in row] for row in optimum.P.tolist()]
+    P = [[_to_digits(value, digits[1]) for value in row] for row in optimum.P.tolist()]
     if task.K is None:
-        K = [_short(k, digits[0]) for k in np.linalg.solve(optimum.P, optimum.Y).ravel().tolist()]
+        K = [_to_digits(k, digits[0]) for k in np.linalg.solve(optimum.P, optimum.Y).ravel().tolist()]
     else:
         K = task.K.ravel().tolist()
     known = candidate(K, P, task.bounds["sigma"])
@@ -339,7 +339,7 @@ def _rounded(task: Task, optimum: Optimum, disturbance: Disturbance | None, digi
     return Design(tuple(K), tuple(map(tuple, P)), task.bounds["sigma"], gamma, mu, proved)
 
 
-def _short(value: float, digits: int) -> float:
+def _to_digits(value: float, digits: int) -> float:
     return float(f"{value:.{digits}g}")
 
 

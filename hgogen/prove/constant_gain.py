@@ -35,7 +35,7 @@ from hgogen.estimators.gains import ScaledGain, as_matrix, coefficients, columns
 from hgogen.estimators.integrators import Integrators, companion, demand_divisor, demand_linear_rows, no_chain
 from hgogen.form import Form
 from hgogen.prove.error_models import on_companion, with_gains
-from hgogen.prove.inclusion import Inclusion, Nothing, Slope, of_field
+from hgogen.prove.inclusion import Inclusion, Nothing, Slope, field_row
 from hgogen.reading.given import BadGain, reals
 from hgogen.rigor.box import exact
 from hgogen.rigor.definite import demand_hurwitz
@@ -73,7 +73,7 @@ def injected(error: Inclusion | Nothing, form: Form, entries: Sequence[sp.Expr])
     scaled = [_number(error.scale[at.row] * entry, form) for at, entry in placed]
     known = [value for value in scaled if value is not None]
     if len(known) < len(scaled) or not error.B.size:
-        error, samples = error.deaf, np.zeros((form.n, 0))
+        error, samples = error.without_samples, np.zeros((form.n, 0))
     else:
         samples = as_matrix(form, known) @ entering(form, weighted(form, None))
     slopes = list[Slope]()
@@ -95,7 +95,7 @@ def bounded(error: Inclusion | Nothing, form: Form) -> Inclusion | Nothing:
 def _by_field(form: Form, error: Inclusion, N: np.ndarray) -> list[list[Fraction]] | Reason:
     """Return what b reads in the place of the error of each field (n, n): of it and of the first states of the
     chains."""
-    rows = [list(of_field(i, form.n)) for i in range(form.n)]
+    rows = [list(field_row(i, form.n)) for i in range(form.n)]
     for k, chain in ((k, chains(form)[k]) for k in form.leads):
         head = form.heads[k]
         for j, row in enumerate(rows):
@@ -209,8 +209,8 @@ def _groups(what: str, gains: Any, each: Sequence[Chain]) -> Iterator[tuple[Sequ
     for group, values in zip(groups, parts, strict=True):
         k, rows = reals(what, values), sum(map(len, group))
         if k.shape not in ((rows, len(group)), (rows,) * (len(group) == 1)) or not np.isfinite(k).all():
-            said = f"{n} x {q}" if whole and q > 1 else " and ".join(map(str, sizes))
-            raise BadGain(f"{what} = {gains!r}", f"must be {said} finite numbers")
+            shape = f"{n} x {q}" if whole and q > 1 else " and ".join(map(str, sizes))
+            raise BadGain(f"{what} = {gains!r}", f"must be {shape} finite numbers")
         yield group, k.reshape(rows, len(group))
 
 

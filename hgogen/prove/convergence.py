@@ -68,7 +68,7 @@ from hgogen.sentence import NONE, Down, Reason, Up, because, point, same, up
 EXISTS = "in continuous time, without noise, the error converges exponentially for every theta above a bound"
 
 
-def said(theta: float) -> str:
+def theta_claim(theta: float) -> str:
     """The claim that theta is above the bound."""
     return f"theta = {same(theta)} is above that bound"
 
@@ -78,7 +78,7 @@ def nothing(maker: str, theta: float, why: Reason) -> tuple[Check, Check]:
     none, fix = because("no bound is proved"), "Validate by trials."
     return (
         Check(ClaimId(maker, "convergence"), EXISTS, Verdict.UNKNOWN, why, fix=fix),
-        Check(ClaimId(maker, "theta"), said(theta), Verdict.UNKNOWN, none, fix=fix),
+        Check(ClaimId(maker, "theta"), theta_claim(theta), Verdict.UNKNOWN, none, fix=fix),
     )
 
 
@@ -208,7 +208,9 @@ class Flow:
         speed, d = self.slowest
         if speed < 0:
             return NONE
-        return because("with {slopes}, held there, errors do not decay", slopes=point(self.error.named(states, d)))
+        return because(
+            "with {slopes}, held there, errors do not decay", slopes=point(self.error.slope_values(states, d))
+        )
 
     @cached_property
     def _known(self) -> Any:
@@ -243,9 +245,9 @@ class Flow:
 
     def obstacle(self, states: Sequence[Any]) -> Reason:
         """Why there is no proof at theta: slopes at which, held, errors do not decay, or the one that hinders most."""
-        held = self.unstable(states)
-        if held:
-            return held
+        unstable = self.unstable(states)
+        if unstable:
+            return unstable
         try:
             most = self._hindrance()
         except NoSolver as missing:
@@ -282,8 +284,8 @@ class Flow:
             less = replace(slope, low=slope.low * _NARROWER, high=slope.high * _NARROWER)
             slopes = (*self.error.slopes[:k], less, *self.error.slopes[k + 1 :])
             others = replace(self, error=replace(self.error, slopes=slopes))._floats(self.theta, Fraction(0))
-            moved = (form.value(best.P, best.S) - value for form, value in zip(others, values, strict=True))
-            gains[slope] = sum(float((price * by).sum()) for price, by in zip(best.prices, moved, strict=True))
+            changes = (form.value(best.P, best.S) - value for form, value in zip(others, values, strict=True))
+            gains[slope] = sum(float((price * by).sum()) for price, by in zip(best.prices, changes, strict=True))
         return min(gains, key=gains.__getitem__, default=None)
 
     def at(self, theta: Fraction, alpha: Fraction = Fraction(0)) -> Falls | None:
@@ -325,8 +327,8 @@ class Flow:
                 T = np.eye(forms[0].size)
                 T[: len(W), : len(W)] = W
                 values = [T.T @ value @ T for value in values]
-            seen = np.array(values)
-            largest = np.linalg.eigvalsh(seen).max(axis=1)
+            matrices = np.array(values)
+            largest = np.linalg.eigvalsh(matrices).max(axis=1)
             order = [int(k) for k in largest.argsort()[::-1] if largest[k] > -best.margin / 2 and k not in few]
             if not order:
                 return best
@@ -341,7 +343,7 @@ class Flow:
         """The first P, its trace n, or that of the linear part alone, and S with which slopes take least from it; None
         where it shows nothing."""
         first = self.first
-        P = self.error.alone if first is None else np.asarray(first * len(first) / np.trace(first))
+        P = self.error.linear_lyapunov if first is None else np.asarray(first * len(first) / np.trace(first))
         if P is None:
             return None
         n = len(P)
@@ -535,7 +537,7 @@ def claims(
     proof = because(pattern, bound=bound, how=flow.how)
     grounds = (Grounds(numbers, FromTheta(flow.error, least)),)
     convergence = Check(ClaimId(maker, "convergence"), EXISTS, Verdict.PROVED, proof, proofs=grounds)
-    id, above = ClaimId(maker, "theta"), said(theta)
+    id, above = ClaimId(maker, "theta"), theta_claim(theta)
     if not sufficient:
         pattern = "not shown: {theta} is below the certified {bound}; {why}"
         low = because(pattern, theta=theta, bound=Up(least.theta, 3), why=why)

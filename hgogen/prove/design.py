@@ -244,8 +244,8 @@ def disturbed_error(
     and from V to |e| sqrt(cond P) comes on top. Raises: `BadGain`, also for a gamma that (62) does not admit.
     """
     known, rate = _candidate(K, P, sigma, decay)
-    driven, left = as_disturbance(disturbance, known.n), _number("share", share)
-    if not 0 < left < 1:
+    driven, remainder = as_disturbance(disturbance, known.n), _number("share", share)
+    if not 0 < remainder < 1:
         raise BadGain(f"share = {share!r}", "must be between 0 and 1: how much of the decay is left")
     least, k = _number("gamma", gamma), _number("slope", slope)
     net = least * rate - 2 * k * known.peak
@@ -254,8 +254,8 @@ def disturbed_error(
         raise BadGain(f"gamma = {gamma!r}", f"must be above {above:g} = max(1, 2 k lambda_max(P)/lambda), (62)")
     G = exact(driven.plant)
     push = root(largest(G * G.transpose())[1]) + root(_square(known.K) * _square(driven.measurement))
-    level = 2 * known.peak * push / ((1 - left) * net)
-    return DisturbedError(level, level * _condition(known.P, known.peak), left * net / (2 * known.peak))
+    level = 2 * known.peak * push / ((1 - remainder) * net)
+    return DisturbedError(level, level * _condition(known.P, known.peak), remainder * net / (2 * known.peak))
 
 
 def error_bounds(gains: Any, k: float, phi: float) -> tuple[Fraction, ...]:

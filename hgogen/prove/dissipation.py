@@ -63,7 +63,7 @@ from hgogen.sentence import NONE, Down, Reason, because, down, up
 from hgogen.signal import Signal
 from hgogen.system import System
 
-_LEFT = "is not kept by the plant: its flow leaves it"
+_NOT_INVARIANT = "is not kept by the plant: its flow leaves it"
 
 
 class BadErrorSystem(BadArgument):
@@ -274,16 +274,16 @@ def observer_errors(
     known = {*plant.states, *plant.outputs, *plant.parameters, *plant.inputs} - {*w}
     if strange := sorted(map(str, sp.Tuple(*rows).free_symbols - known)):
         raise BadErrorSystem("observer", f"uses {strange[0]}, which is no state, output, known input or parameter")
-    made = Equations(tuple(rows), tuple(plant.outputs), w, constraints)
-    return _made(plant, made)
+    equations = Equations(tuple(rows), tuple(plant.outputs), w, constraints)
+    return _error_system(plant, equations)
 
 
-def _made(plant: System, made: Equations) -> ErrorSystem:
+def _error_system(plant: System, equations: Equations) -> ErrorSystem:
     fixed = {s: value for s, value in plant.nominal.items() if not s.bounded}
     errors = tuple(sp.Symbol(f"e_{x}", real=True) for x in plant.states)
     estimate = {x: x - e for x, e in zip(plant.states, errors, strict=True)}
     known = estimate | dict(zip(plant.outputs, plant.output, strict=True))
-    on, signals = dict(made.along), (*plant.states, *plant.inputs, *plant.parameters)
+    on, signals = dict(equations.along), (*plant.states, *plant.inputs, *plant.parameters)
 
     def on_way(e: sp.Expr) -> sp.Expr:
         return exact(e.xreplace(fixed).xreplace(on))
@@ -292,22 +292,22 @@ def _made(plant: System, made: Equations) -> ErrorSystem:
         return _cancelled(on_way(e), plant)
 
     around = {s: ends for s, ends in box(signals, plant.nominal).items() if s not in fixed}
-    for x, a in made.along:
+    for x, a in equations.along:
         drift = sum((x - a).diff(other) * rate for other, rate in zip(plant.states, plant.flow, strict=True))
-        if fault := _fault(a, fixed, around) or ("" if reduced(drift) == 0 else _LEFT):
+        if fault := _fault(a, fixed, around) or ("" if reduced(drift) == 0 else _NOT_INVARIANT):
             raise BadErrorSystem(f"along {x} = {a}", fault)
-    rates = [reduced(f - g.xreplace(known)) for f, g in zip(plant.flow, made.observer, strict=True)]
-    flow = [reduced(rate.xreplace(dict.fromkeys(made.unknown, sp.S.Zero))) for rate in rates]
-    noise = [[reduced(rate.diff(w)) for w in made.unknown] for rate in rates]
+    rates = [reduced(f - g.xreplace(known)) for f, g in zip(plant.flow, equations.observer, strict=True)]
+    flow = [reduced(rate.xreplace(dict.fromkeys(equations.unknown, sp.S.Zero))) for rate in rates]
+    noise = [[reduced(rate.diff(w)) for w in equations.unknown] for rate in rates]
     for x, rate, drift, pushed in zip(plant.states, rates, flow, noise, strict=True):
-        moved = sum(p * w for p, w in zip(pushed, made.unknown, strict=True))
-        if not is_zero(rate - drift - moved, around):
+        driven = sum(p * w for p, w in zip(pushed, equations.unknown, strict=True))
+        if not is_zero(rate - drift - driven, around):
             raise BadErrorSystem(f"e_{x}' = {rate}", "is not shown to be affine in the unknown inputs")
-    others = {s: ends for s, ends in around.items() if s not in {*made.unknown, *on}}
-    pushes = sp.ImmutableDenseMatrix(len(noise), len(made.unknown), [entry for row in noise for entry in row])
+    others = {s: ends for s, ends in around.items() if s not in {*equations.unknown, *on}}
+    pushes = sp.ImmutableDenseMatrix(len(noise), len(equations.unknown), [entry for row in noise for entry in row])
     # not of the observer's own: without a value of it there is no estimate to speak of, as of x/sqrt(y) at y = 0
     part = lost(put_apart(written(plant), on_way), (*flow, *pushes), around)
-    return ErrorSystem(plant.name, errors, tuple(flow), pushes, others, origin=made, lost=part, doubt=plant.doubt)
+    return ErrorSystem(plant.name, errors, tuple(flow), pushes, others, origin=equations, lost=part, doubt=plant.doubt)
 
 
 def _cancelled(e: sp.Expr, plant: System) -> sp.Expr:
@@ -361,7 +361,7 @@ class Dissipates:
     mu: sp.Rational
     within: Box = field(hash=False)
     answer: Answer | None = field(default=None, hash=False)
-    left: sp.Expr | None = None
+    lhs: sp.Expr | None = None
     floor: Fraction | None = None
 
     @property
@@ -379,13 +379,13 @@ class Dissipates:
         answer = self.answer
         if answer is None or answer.basis is None:
             return None
-        whole = self.left is None or answer.share == 1
+        whole = self.lhs is None or answer.share == 1
         return {
             **system,
             "share": answer.share,
             "basis": answer.basis.tolist(),
-            "slabs": [_slab(proof, -1 if self.left is None else 1) for proof in answer.proofs[1:]],
-            **({} if whole else {"left": spelled(self.left, self._names)}),
+            "slabs": [_slab(proof, -1 if self.lhs is None else 1) for proof in answer.proofs[1:]],
+            **({} if whole else {"left": spelled(self.lhs, self._names)}),
         }
 
     @property
@@ -393,23 +393,23 @@ class Dissipates:
         """The names of the errors and of the signals of the error system."""
         return {s.name for s in (*self.system.errors, *self.system.box)}
 
-    def _about(self, made: Injection | Equations) -> dict[str, Any]:
+    def _about(self, origin: Injection | Equations) -> dict[str, Any]:
         """Return how the error system is made of the plant, outputs by their places, the ranges of e, V and mu."""
-        names = self._names | {s.name for s in made.names}
-        if isinstance(made, Equations):
-            system, seen = self.system, {y: sp.Symbol(f"y_{k}", real=True) for k, y in enumerate(made.outputs, 1)}
-            known = names | {y.name for y in seen.values()}
-            own: dict[str, Any] = {
-                "observer": [spelled(row.xreplace(seen), known) for row in made.observer],
-                "unknown": [w.name for w in made.unknown],
-                "along": {x.name: spelled(value, names) for x, value in made.along},
+        names = self._names | {s.name for s in origin.names}
+        if isinstance(origin, Equations):
+            system, outputs = self.system, {y: sp.Symbol(f"y_{k}", real=True) for k, y in enumerate(origin.outputs, 1)}
+            known = names | {y.name for y in outputs.values()}
+            parts: dict[str, Any] = {
+                "observer": [spelled(row.xreplace(outputs), known) for row in origin.observer],
+                "unknown": [w.name for w in origin.unknown],
+                "along": {x.name: spelled(value, names) for x, value in origin.along},
                 "flow": [spelled(row, names) for row in system.flow],
                 "noise": _rows(system.noise, names),
             }
         else:
-            own = {key: _rows(M, names) for key, M in (("gain", made.gain), ("G1", made.G1), ("G2", made.G2))}
+            parts = {key: _rows(M, names) for key, M in (("gain", origin.gain), ("G1", origin.G1), ("G2", origin.G2))}
         errors = [{"name": s.name, "low": end(low), "high": end(high)} for s, (low, high) in self.within.items()]
-        return {**own, "errors": errors, "V": spelled(self.V, names), "mu": str(self.mu)}
+        return {**parts, "errors": errors, "V": spelled(self.V, names), "mu": str(self.mu)}
 
 
 @dataclass(frozen=True)
@@ -439,8 +439,8 @@ class Dissipation:
         """The conclusion in one sentence."""
         if not self.proved or self.level is None:
             return "nothing is concluded"
-        made = self.system.origin
-        condition = f" and {made.condition}" if isinstance(made, Equations) and made.condition else ""
+        origin = self.system.origin
+        condition = f" and {origin.condition}" if isinstance(origin, Equations) and origin.condition else ""
         power, gain = (up(Fraction(x), 9) for x in (self.mu**2 / 2, self.mu))
         return (
             f"in continuous time, from e(0) in the box with V(e(0)) + {power} * integral of |w|^2 < "
@@ -474,8 +474,8 @@ def dissipation(system: ErrorSystem, V: Any, *, mu: Any, within: Any, boxes: int
     else:
         positive = negative(_positive_function(system, level, around), boxes, obstacle)
     lost = because("{part} of the plant may have no value, and cancels in e'", part=system.lost)
-    doubt = system.doubt if system.lost is None else lost  # whether e' is that of the plant
-    answers = (positive, negative(_inequality(system, level, mu, around), boxes, doubt or obstacle))
+    mismatch = system.doubt if system.lost is None else lost  # whether e' is that of the plant
+    answers = (positive, negative(_inequality(system, level, mu, around), boxes, mismatch or obstacle))
     floor = _floor(level, around, boxes)
     subject = Dissipates(system, level, mu, around)
     checks = (
@@ -485,7 +485,7 @@ def dissipation(system: ErrorSystem, V: Any, *, mu: Any, within: Any, boxes: int
             f"dV/de F + |dV/de G|^2/(2 mu^2) + |e|^2/2 < 0 for every e of the box but 0, mu = {mu} (38)",
             answers[1],
             "the left side",
-            replace(subject, left=_inequality(system, level, mu, around).value),
+            replace(subject, lhs=_inequality(system, level, mu, around).value),
         ),
         Check(
             ClaimId("dissipation", "level"),

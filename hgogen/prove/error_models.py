@@ -48,7 +48,7 @@ from hgogen.check import Verdict
 from hgogen.estimators.gains import as_matrix
 from hgogen.estimators.integrators import Integrators
 from hgogen.form import Form
-from hgogen.prove.inclusion import Inclusion, Layout, Nothing, Slope, of_field
+from hgogen.prove.inclusion import Inclusion, Layout, Nothing, Slope, field_row
 from hgogen.prove.inequality import one_by_one
 from hgogen.prove.quadratic import (
     Array,
@@ -166,7 +166,7 @@ def slopes_of(form: Form, layout: Layout, scale: tuple[sp.Expr, ...], endless: b
         low, high = min(outward(sides[0] - loose, -1), Fraction(0)), max(outward(sides[-1] + loose, 1), Fraction(0))
         way = (known.high == math.inf) - (known.low == -math.inf)
         low, high = high if way < 0 else low, low if way > 0 else high
-        reads, degree = of_field(layout.picks[j], len(onto)), powers[i] - powers[j]
+        reads, degree = field_row(layout.picks[j], len(onto)), powers[i] - powers[j]
         slopes.append(Slope(reads, onto, low, high, degree, endless=way, entry=(i, j), range=known))
     return tuple(slopes)
 
@@ -194,13 +194,13 @@ def inclusion(
     t, nothing = [units[i] for i in layout.index], (Fraction(0),) * measured.shape[1]
     scaled = rational(core) * np.outer(rational(t), 1 / rational(t))
     for slope in others:
-        of = t[slope.reads.index(Fraction(1))]  # the unit of the field that it reads
-        slopes = (*slopes, replace(slope, onto=tuple(x * unit_ / of for x, unit_ in zip(slope.onto, t, strict=True))))
+        read = t[slope.reads.index(Fraction(1))]  # the unit of the field that the slope reads
+        slopes = (*slopes, replace(slope, onto=tuple(x * unit_ / read for x, unit_ in zip(slope.onto, t, strict=True))))
     injected = rational(measured) * rational(t)[:, None]
-    powers, shown, own = exponents(form), heads(form), {"units": tuple(units)}
-    late = tuple(powers[shown[j]] if j in shown else 0 for j in range(measured.shape[1]))
+    powers, heads_by_output, evidence = exponents(form), heads(form), {"units": tuple(units)}
+    late = tuple(powers[heads_by_output[j]] if j in heads_by_output else 0 for j in range(measured.shape[1]))
     each = tuple(replace(slope, takes=nothing) for slope in slopes)
-    return Inclusion(scaled, injected, each, layout, tuple(units), tuple(scale), numbers, own, late)
+    return Inclusion(scaled, injected, each, layout, tuple(units), tuple(scale), numbers, evidence, late)
 
 
 def on_integrators(
@@ -224,7 +224,7 @@ def on_integrators(
     scale = from_form(chain.form, units)
     zero, one = Fraction(0), Fraction(1)
     shares = (
-        Slope(of_field(of, len(column)), tuple(map(Fraction, column.tolist())), zero, one, -1, realised=one)
+        Slope(field_row(of, len(column)), tuple(map(Fraction, column.tolist())), zero, one, -1, realised=one)
         for of, column in gates
     )
     error = inclusion(chain.form, layout, core, measured, scale, units, numbers, shares, endless)
@@ -257,7 +257,11 @@ def on_companion(
     numbers |= _weights(form, weights)
     measured = as_matrix(form, exactly) @ entering(form, weights)
     error = on_integrators(chain, plain(form), companions(exactly, form.blocks), measured, numbers, endless=endless)
-    return error if isinstance(error, Nothing) else replace(error, own={"core": fractions(error.N)}, chained=False)
+    return (
+        error
+        if isinstance(error, Nothing)
+        else replace(error, core_evidence={"core": fractions(error.N)}, chained=False)
+    )
 
 
 def with_gains(
@@ -273,24 +277,24 @@ def with_gains(
     heads = [form.heads[k] for k in form.leads]
     onto = [-gain[:, heads.index(at)] if at in heads else np.arange(n) == at - 1 for at in range(n)]
     core, slopes, ranges = np.zeros((n, n), dtype=object), list[Slope](), list[Evidence | None]()
-    moves = not all(a.is_Rational for a in each)
+    varying = not all(a.is_Rational for a in each)
     for at, a in enumerate(each):
         known = span(a, form)
         if not (known and known.defined and known.finite):
             return Nothing(because("a = {a} has no finite range on the box", a=a))
-        if not moves:
+        if not varying:
             core[:, at] = [Fraction(a.p, a.q) * Fraction(x) for x in onto[at].tolist()]
             continue
         ranges.append(enclosure(form, a, known))
         ends = (Fraction(a.p, a.q),) * 2 if a.is_Rational else (outward(known.low, -1), outward(known.high, 1))
-        slopes.append(Slope(of_field(at, n), tuple(map(Fraction, onto[at].tolist())), *ends, -1, realised=None))
+        slopes.append(Slope(field_row(at, n), tuple(map(Fraction, onto[at].tolist())), *ends, -1, realised=None))
     weights = weights or weighted(form, None)
     numbers = {"gains": tuple(map(sp.Rational, K)), **_weights(form, weights)}
     one, ones = [Fraction(1)] * n, [sp.S.One] * n
     error = inclusion(form, plain(form), core, gain @ entering(form, weights), ones, one, numbers, slopes, endless)
     if isinstance(error, Nothing):
         return error
-    return replace(error, own={"ranges": ranges} if moves else {"core": fractions(error.N)})
+    return replace(error, core_evidence={"ranges": ranges} if varying else {"core": fractions(error.N)})
 
 
 def _weights(form: Form, weights: Sequence[float]) -> dict[str, tuple[Fraction, ...]]:
@@ -327,8 +331,8 @@ def middles(form: Form) -> tuple[sp.Rational, ...] | Reason:
         if known is None or known.low <= 0 <= known.high:
             return because("F_{k}' = {slope} has no finite range that keeps off zero on the box", k=k, slope=each)
         middle = math.copysign(math.sqrt(known.low * known.high), known.low)
-        short = sp.Rational(f"{middle:.3g}")
-        numbers.append(short if known.low <= short <= known.high else sp.Rational(Fraction(middle)))
+        rounded = sp.Rational(f"{middle:.3g}")
+        numbers.append(rounded if known.low <= rounded <= known.high else sp.Rational(Fraction(middle)))
     return tuple(numbers)
 
 
@@ -355,10 +359,10 @@ def uniform_error(form: Form, K: Sequence[float]) -> Inclusion | Nothing:
     # what each K_i q_1 .. q_(i-1) brings is a slope of its own
     every = [_injected(gains, q) for q in product(*shares)]
     ends = [(min(each), max(each)) for each in zip(*every, strict=True)]
-    first = of_field(0, n)
+    first = field_row(0, n)
     pushes = tuple(Slope(first, tuple(Fraction(-int(k == i)) for k in range(n)), *ends[i], -1) for i in range(n))
     hull = _together(len(error.varying), pushes, gains, shares)
-    return replace(error, slopes=(*error.slopes, *pushes), own={"shares": ranges}, hull=hull)
+    return replace(error, slopes=(*error.slopes, *pushes), core_evidence={"shares": ranges}, hull=hull)
 
 
 def _shares(form: Form) -> tuple[Shares, list[Evidence | None]] | Nothing:

@@ -22,7 +22,7 @@ import numpy as np
 from hgogen.estimators.integrators import Integrators, integrators
 from hgogen.form import Form
 from hgogen.prove.error_models import on_integrators
-from hgogen.prove.inclusion import Inclusion, Layout, Nothing, of_state
+from hgogen.prove.inclusion import Inclusion, Layout, Nothing, state_row
 from hgogen.prove.inequality import NOW, driven, flow
 from hgogen.prove.quadratic import Array, floats, inverse_root
 from hgogen.prove.questions import Bounded, InputBound, bound_at, bound_in_floats
@@ -63,8 +63,8 @@ class InjectionFilter:
         return {"theta": self.theta, "F": self.F, "G": self.G, "H": self.H}
 
     def __str__(self) -> str:
-        held = f"noise of 1 moves {self.state} by {up(self.bound, 4)} at most, {up(self.before, 4)} before"
-        return f"F = {self.F}, G = {self.G}, H = {self.H}: rate {self.rate:g} at theta = {self.theta:g}; {held}"
+        effect = f"noise of 1 moves {self.state} by {up(self.bound, 4)} at most, {up(self.before, 4)} before"
+        return f"F = {self.F}, G = {self.G}, H = {self.H}: rate {self.rate:g} at theta = {self.theta:g}; {effect}"
 
 
 def injected(chain: Integrators, F: np.ndarray, G: np.ndarray, pushed: np.ndarray) -> Inclusion | Nothing:
@@ -108,12 +108,12 @@ def injection_filter(
     if before is None:
         reason = f"is not shown to be reached at theta = {level:g} by a first filter; raise theta, or lower the rate"
         raise BadGain(f"rate = {wanted:g}", reason)
-    shown = ((each, search.proved(each)) for each in search.improved(first))
-    better = ((each, known) for each, known in shown if known and known.bound < before.bound)
+    proofs = ((each, search.proved(each)) for each in search.improved(first))
+    better = ((each, known) for each, known in proofs if known and known.bound < before.bound)
     (F, G, H), best = next(better, (first, before))
-    own, pushed = (tuple(map(tuple, part.tolist())) for part in (F, H))
+    F_rows, H_rows = (tuple(map(tuple, part.tolist())) for part in (F, H))
     counted = names[search.state]
-    return InjectionFilter(level, own, tuple(G.tolist()), pushed, wanted, counted, best.bound, before.bound)
+    return InjectionFilter(level, F_rows, tuple(G.tolist()), H_rows, wanted, counted, best.bound, before.bound)
 
 
 Filter = tuple[np.ndarray, np.ndarray, np.ndarray]  # F, G and H
@@ -196,7 +196,7 @@ class _Search:
             if weights is None:
                 return None
             W = inverse_root(weights[0])
-        return lambda alpha: driven(e, alpha), W, 1, of_state(scales, self.state), 2 * self.rate
+        return lambda alpha: driven(e, alpha), W, 1, state_row(scales, self.state), 2 * self.rate
 
     def _numbers(self, filter_: Filter) -> np.ndarray:
         """The diagonal of F and the one above it, and H."""

@@ -91,12 +91,12 @@ class Open:
         B = np.vstack([self.B, np.eye(len(self.C))])
         return Uncertain(M, G, self.H, B, self.E, M, B)
 
-    def seen(self, T: Array, pace: float) -> "Open":
+    def scaled(self, T: Array, pace: float) -> "Open":
         """Return the system of x, e = diag(T) x, in a time that runs `pace` times as fast, each slope as strong where
         it enters as where it reads."""
         G, H = self.G / T[:, None] / pace, self.H * T
-        enters, reads = np.linalg.norm(G, axis=0), np.linalg.norm(H, axis=1)
-        g = np.sqrt(np.divide(reads, enters, out=np.ones_like(reads), where=(reads > _SMALL) & (enters > _SMALL)))
+        columns, reads = np.linalg.norm(G, axis=0), np.linalg.norm(H, axis=1)
+        g = np.sqrt(np.divide(reads, columns, out=np.ones_like(reads), where=(reads > _SMALL) & (columns > _SMALL)))
         M, B = self.M * T / T[:, None] / pace, self.B / T[:, None] / pace
         return Open(M, G * g, H / g[:, None], self.C * T, self.D * g, B, self.E / g[:, None], self.chain)
 
@@ -113,7 +113,7 @@ class Open:
         """A rate, or twice it, and so on, in whose scale no slope weighs more than the chain does."""
         pace = rate
         for _ in range(_DOUBLINGS):
-            x = self.seen(self.scale(pace), pace)
+            x = self.scaled(self.scale(pace), pace)
             if max(np.abs(x.M).max(), (np.abs(x.G) @ np.abs(x.H)).max(initial=0.0)) <= 1 + _SMALL:
                 break
             pace *= 2
@@ -141,7 +141,7 @@ class Task:
         T = self.open.scale(self.pace)
         rows = self.rows * T
         rows = rows / np.linalg.norm(rows, axis=1).max()
-        program = _Program(self.open.seen(T, self.pace), rate / self.pace, 2 * noisy / self.pace)
+        program = _Program(self.open.scaled(T, self.pace), rate / self.pace, 2 * noisy / self.pace)
         K = program.gain(rows, self.fastest / self.pace)
         return None if K is None else K * T[:, None] * self.pace
 
@@ -214,13 +214,13 @@ class _Program:
 @dataclass(frozen=True)
 class Candidate:
     """A gain K (n, p), with the entries of N in the `argument` of b, with a proof that the error `falls` at the rate;
-    `worth`: its largest bound, about."""
+    `noise_bound`: its largest bound, about."""
 
     K: tuple[tuple[float, ...], ...]
     argument: tuple[float, ...]
     flow: Flow
     falls: Falls
-    worth: float = _LARGE
+    noise_bound: float = _LARGE
 
 
 @dataclass(frozen=True, eq=False)
@@ -238,16 +238,16 @@ class Search:
         """Return the gain of the least cost; None where none is found. Raises: `NoSolver`."""
         tried = list[Candidate]()
 
-        def worth(noisy: float) -> float:
+        def noise_bound(noisy: float) -> float:
             one = self._slowest(math.exp(noisy))
             tried.extend([one] if one else [])
-            return one.worth if one else _LARGE
+            return one.noise_bound if one else _LARGE
 
         from scipy.optimize import minimize_scalar  # which the solver needs as well
 
         ends = math.log(self.task.rate * _SLOW), math.log(self._fast * _FAST)
-        minimize_scalar(worth, bounds=ends, method="bounded", options={"maxiter": _SEARCHED})
-        return min(tried, key=lambda one: one.worth, default=None)
+        minimize_scalar(noise_bound, bounds=ends, method="bounded", options={"maxiter": _SEARCHED})
+        return min(tried, key=lambda one: one.noise_bound, default=None)
 
     @property
     def _fast(self) -> float:
@@ -257,15 +257,15 @@ class Search:
     def written(self) -> tuple[float, ...]:
         """The entries of N over their powers of theta, in as many digits as those of K."""
         places = columns(self.form, len(self.argument)) if self.argument else ()
-        return tuple(self._short(x, at.power - 1) for x, at in zip(self.argument, places, strict=True))
+        return tuple(self._rounded(x, at.power - 1) for x, at in zip(self.argument, places, strict=True))
 
-    def _short(self, value: float, power: int) -> float:
+    def _rounded(self, value: float, power: int) -> float:
         return float(f"{value / self.theta**power:.{_DIGITS}g}")
 
     def promise(self) -> float:
-        """The worth with noise at about half of the rate, to two digits. Raises: `NoSolver`."""
+        """The noise bound with noise at about half of the rate, to two digits. Raises: `NoSolver`."""
         one = self.middle()
-        return float(f"{one.worth:.2g}") if one else _LARGE
+        return float(f"{one.noise_bound:.2g}") if one else _LARGE
 
     def middle(self) -> Candidate | None:
         """Return the gain with noise at about half of the rate; None where none is found. Raises: `NoSolver`."""
@@ -282,10 +282,10 @@ class Search:
             middle = (low + high) / 2
             one = self._at(middle, noisy)
             low, high, best = (low, middle, one) if one else (middle, high, best)
-        worth = together_in_floats(
+        noise_bound = together_in_floats(
             best.flow.error, self.sizes, self.task.rows, best.falls, 2 * noisy, self.task.fastest
         )
-        return replace(best, worth=min(worth, _LARGE))
+        return replace(best, noise_bound=min(noise_bound, _LARGE))
 
     def _at(self, less: float, noisy: float) -> Candidate | None:
         """The gain by one norm at so much of the rate, where it has the whole rate in its own."""
@@ -293,7 +293,7 @@ class Search:
         if K is None or not np.isfinite(K).all():
             return None
         K = K / self.sizes
-        entries = [self._short(K[at.row, at.chain], at.power) for at in columns(self.form, K.size)]
+        entries = [self._rounded(K[at.row, at.chain], at.power) for at in columns(self.form, K.size)]
         error = error_of(self.form, [*map(Fraction, entries)], self.written)
         if isinstance(error, Nothing):
             return None
@@ -391,8 +391,8 @@ _FORM = "a form: hg.forms.triangular(plant)"
 _FASTEST = 10  # times the number of states and the pace of rate and slopes
 _FAR = 1e15  # a number this large, or as small, is for another unit
 _FIRST, _MORE = 12, 8  # entries of N that are tried, and more for each that is sought
-_NO_GAIN = 1e30  # the worth of what has none
-_OWN: Any = object()  # the measure that a state's range gives
+_NO_GAIN = 1e30  # the noise bound of what has none
+_FROM_RANGE: Any = object()  # the measure that a state's range gives
 
 
 @dataclass(frozen=True)
@@ -417,10 +417,10 @@ class Gain:
         return "circle_criterion" if self.argument else "high_gain"
 
     @property
-    def taken(self) -> dict[str, Any]:
+    def arguments(self) -> dict[str, Any]:
         """The arguments of that observer beside the form, by name."""
-        own = {"argument": self.argument} if self.argument else {}
-        return {"theta": self.theta, "gains": self.K, **own}
+        optional = {"argument": self.argument} if self.argument else {}
+        return {"theta": self.theta, "gains": self.K, **optional}
 
     def bound(self, state: str, noise: Mapping[str, float]) -> float:
         """Return how far the estimate of a state goes at most for noise of at most these sizes, by output.
@@ -430,7 +430,7 @@ class Gain:
         return sum(self.bounds[state, output] * size for output, size in noise.items())
 
     def __str__(self) -> str:
-        moved = [
+        effects = [
             Sentence.of("{state} by at most {bound} for 1 of {output}", state=x, bound=Up(bound, 3), output=y)
             for (x, y), bound in self.bounds.items()
         ]
@@ -441,7 +441,7 @@ class Gain:
         argument = Sentence.of(", N = {N}", N=_numbers(self.argument)) if self.argument else ""
         theta, decay = same(self.theta), Down(self.rate, 3)
         return str(
-            because(pattern, theta=theta, K=_numbers(self.K), N=argument, rate=decay, time=self.time, moved=moved)
+            because(pattern, theta=theta, K=_numbers(self.K), N=argument, rate=decay, time=self.time, moved=effects)
         )
 
 
@@ -492,7 +492,7 @@ def gain(
     for read in _arguments(form, task, sizes, argument):
         one = searched(form, task, sizes, read)
         tried.append(min((replace(one, theta=level) for level in levels), key=Search.promise).best())
-    best = min(filter(None, tried), key=lambda one: one.worth, default=None)
+    best = min(filter(None, tried), key=lambda one: one.noise_bound, default=None)
     if best is None:
         raise unreached(form, task, sizes)
     return _stated(form, best)
@@ -526,9 +526,9 @@ def least_noise(form: Form, task: Task, sizes: Array) -> tuple[float, ...]:
         values[free] += x * steps
         return tuple(map(float, values))
 
-    def worth(x: Array) -> float:
+    def noise_bound(x: Array) -> float:
         one = searched(form, task, sizes, entries(x)).middle()
-        return one.worth if one else _NO_GAIN
+        return one.noise_bound if one else _NO_GAIN
 
     if not free:
         return ()
@@ -537,7 +537,7 @@ def least_noise(form: Form, task: Task, sizes: Array) -> tuple[float, ...]:
 
     simplex = np.vstack([np.zeros(len(free)), np.eye(len(free))])
     most = {"maxfev": _FIRST + _MORE * len(free), "initial_simplex": simplex}
-    return entries(minimize(worth, simplex[0], method="Nelder-Mead", options=most).x)
+    return entries(minimize(noise_bound, simplex[0], method="Nelder-Mead", options=most).x)
 
 
 def searched(form: Form, task: Task, sizes: Array, argument: Sequence[float]) -> Search:
@@ -552,10 +552,10 @@ def _measures(form: Form, per: Any) -> list[float]:
 
     Raises: `BadNames`, `BadGain`.
     """
-    each = each_by_name("per", per, form.names, _OWN)
+    each = each_by_name("per", per, form.names, _FROM_RANGE)
     halves = ((z.high - z.low) / 2 if z.low is not None and z.high is not None else 0.0 for z in form.states)
     return [
-        float(half) if value is _OWN else _moderate(f"per of {name}", value)
+        float(half) if value is _FROM_RANGE else _moderate(f"per of {name}", value)
         for name, value, half in zip(form.names, each, halves, strict=True)
     ]
 

@@ -98,7 +98,7 @@ class Slope:
         return {"low": None if self.endless < 0 else self.low, "high": None if self.endless > 0 else self.high}
 
 
-def of_field(field: int, count: int) -> tuple[Fraction, ...]:
+def field_row(field: int, count: int) -> tuple[Fraction, ...]:
     """Return the row that reads the error of one field (N)."""
     return tuple(Fraction(int(k == field)) for k in range(count))
 
@@ -119,7 +119,7 @@ class Inclusion:
     units: tuple[Fraction, ...]
     scale: tuple[sp.Expr, ...]
     numbers: Mapping[str, Any]
-    own: Evidence = field(default_factory=dict)
+    core_evidence: Evidence = field(default_factory=dict)
     late: tuple[int, ...] = (0,)
     hull: tuple[tuple[Fraction, ...], ...] = ()
     chained: bool = False
@@ -140,7 +140,7 @@ class Inclusion:
         return N
 
     @cached_property
-    def _alone(self) -> tuple[Array, Array] | None:
+    def _balanced_lyapunov(self) -> tuple[Array, Array] | None:
         """Units d (N) of e and P (N, N) with N'P + P N = -I for that in these: 1, or where P is too far from round for
         floats those in which N is balanced; None where it shows nothing."""
         N = self.limit
@@ -152,20 +152,20 @@ class Inclusion:
         return None
 
     @property
-    def alone(self) -> Array | None:
-        """The P of `_alone` for e, its trace N; None where it shows nothing. In floats."""
-        if self._alone is None:
+    def linear_lyapunov(self) -> Array | None:
+        """The P of `_balanced_lyapunov` for e, its trace N; None where it shows nothing. In floats."""
+        if self._balanced_lyapunov is None:
             return None
-        d, P = self._alone
+        d, P = self._balanced_lyapunov
         P = P / d / d[:, None]
         return np.asarray(P * len(P) / np.trace(P))
 
     @cached_property
     def coordinates(self) -> Array | None:
         """P^(-1/2) of it, near which the P that are sought are."""
-        if self._alone is None:
+        if self._balanced_lyapunov is None:
             return None
-        d, P = self._alone
+        d, P = self._balanced_lyapunov
         return np.asarray(d[:, None] * inverse_root(P))
 
     @property
@@ -174,7 +174,7 @@ class Inclusion:
         return tuple(slope for slope in self.slopes if slope.endless)
 
     @property
-    def deaf(self) -> "Inclusion":
+    def without_samples(self) -> "Inclusion":
         """The inclusion where it is not known how errors of the samples enter."""
         slopes = tuple(replace(slope, takes=()) for slope in self.slopes)
         return replace(self, B=self.B[:, :0], late=(), slopes=slopes)
@@ -186,7 +186,7 @@ class Inclusion:
         )
         return replace(self, slopes=tuple(slopes))
 
-    def named(self, states: Sequence[sp.Symbol], d: Array) -> dict[str, Fraction]:
+    def slope_values(self, states: Sequence[sp.Symbol], d: Array) -> dict[str, Fraction]:
         """The values of the slopes that are entries of a Jacobian, for d (m) in [-1, 1], by name."""
         values = {}
         for slope, share in zip(self.varying, d.tolist(), strict=True):
@@ -203,7 +203,7 @@ class Inclusion:
             if slope.entry is not None and slope.range is not None
             for i, j in [slope.entry]
         ]
-        return {"scale": self.scale, "slopes": slopes, **self.own}
+        return {"scale": self.scale, "slopes": slopes, **self.core_evidence}
 
     def scales(self, theta: Fraction) -> tuple[Fraction, ...] | None:
         """Return, by field (N), its error e_k where that of its state of the form is 1; None where a scale holds
@@ -270,7 +270,7 @@ class Uncertain:
         """The system in floats."""
         return Uncertain(*map(floats, (self.M, self.G, self.H, self.B, self.E, self.core, self.injected)))
 
-    def held(self, d: Array) -> "Uncertain":
+    def with_constant_slopes(self, d: Array) -> "Uncertain":
         """Return the system with constant slopes d (m)."""
         D = self.G * d
         return replace(self, M=self.M + D @ self.H, B=self.B + D @ self.E, G=D[:, :0], H=self.H[:0], E=self.E[:0])
@@ -286,6 +286,6 @@ class Uncertain:
         return replace(self, B=B, E=np.hstack([self.E, self.H @ (0 * onto)]), injected=injected)
 
 
-def of_state(scales: Sequence[Fraction], field: int) -> Array:
+def state_row(scales: Sequence[Fraction], field: int) -> Array:
     """c (N), of FLINT's rationals: c e is the error of the state of the form that a field stands for."""
     return np.asarray(identity(len(scales))[field] / number(scales[field]))

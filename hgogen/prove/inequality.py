@@ -143,7 +143,7 @@ class Inequality:
         first, last = zip(*parts, strict=True)
         return reduce(Inputs.__add__, first), reduce(Inputs.__add__, last)
 
-    def beside(self, onto: Array) -> Inputs:
+    def additive_input(self, onto: Array) -> Inputs:
         """Return the input that adds to e beside the step, `onto` (N) times h."""
         return Inputs(onto[:, None], 0 * self.Q[:, :1])
 
@@ -192,7 +192,7 @@ def ends(e: Uncertain, hull: Sequence[Sequence[Fraction]] = ()) -> tuple[Uncerta
     if not (hull or one_by_one(n, m)):
         return (e,)
     places: Sequence[Sequence[Any]] = hull or tuple(product((-1, 1), repeat=m))
-    return tuple(map(e.held, np.array(places, dtype=float) if e.G.dtype == float else rational(places)))
+    return tuple(map(e.with_constant_slopes, np.array(places, dtype=float) if e.G.dtype == float else rational(places)))
 
 
 def falling(e: Uncertain, alpha: Any, hull: Sequence[Sequence[Fraction]] = ()) -> tuple[Quadratic, ...]:
@@ -307,13 +307,13 @@ def realised(realisation: Realisation, h: Fraction, e: Uncertain) -> Inequality:
     """The step of length h >= 0, the samples at its ends injected by the realised core."""
     (n, m), p, (phi_1, phi_2) = e.G.shape, e.B.shape[1], realisation(e.core, h)
     size = n + 2 * m
-    unit, rest, beside = identity(size + 2 * p), e.M - e.core, e.B - e.injected
+    unit, remainder, direct = identity(size + 2 * p), e.M - e.core, e.B - e.injected
     X, v_0, v_1 = unit[:n], unit[size : size + p], unit[size + p :]
-    first = rest @ X + beside @ v_0 + e.G @ unit[n : n + m]
+    first = remainder @ X + direct @ v_0 + e.G @ unit[n : n + m]
     with ctx.workprec(BALLS):
         ahead = phi_1 @ (e.core @ X + first + e.injected @ v_0) + phi_2 @ e.injected @ (v_1 - v_0)  # (a - e)/h
         after = X + ahead * number(h)
-        D = ahead + phi_2 @ (rest @ after + beside @ v_1 + e.G @ unit[n + m : size] - first)
+        D = ahead + phi_2 @ (remainder @ after + direct @ v_1 + e.G @ unit[n + m : size] - first)
         Q = np.concatenate([e.H @ X + e.E @ v_0, e.H @ after + e.E @ v_1])
     return _with_samples(h, e, D, Q, (NOW, Fraction(1)))
 
@@ -458,9 +458,9 @@ def all_shorter(steps: Steps, longest: Fraction) -> tuple[Piece, ...]:
     polynomial in the length. Raises: `NoSolver`."""
     if not steps.at(longest).degree:
         return ()
-    left, pieces, tried = [(Fraction(0), longest)], [], 0
-    while left:
-        low, high = left.pop()
+    pending, pieces, tried = [(Fraction(0), longest)], [], 0
+    while pending:
+        low, high = pending.pop()
         tried += 1
         piece = _piece(steps, low, high)
         if piece is not None:
@@ -468,7 +468,7 @@ def all_shorter(steps: Steps, longest: Fraction) -> tuple[Piece, ...]:
         elif tried >= _PIECES:
             return ()
         else:
-            left += [(low, (low + high) / 2), ((low + high) / 2, high)]
+            pending += [(low, (low + high) / 2), ((low + high) / 2, high)]
     return tuple(sorted(pieces, key=lambda piece: piece.low))
 
 
@@ -482,8 +482,8 @@ def _piece(steps: Steps, low: Fraction, high: Fraction) -> Piece | None:
     parts = times(_bernstein(degree), np.array([value.ravel() for value in values])).reshape(-1, *values[0].shape)
     if any(np.linalg.eigvalsh(floats(part)).max() >= 0 for part in parts):
         return None
-    shown = all(positive(fmpq_mat((-part).tolist())) for part in parts) and positive(fmpq_mat(P.tolist()))
-    return Piece(low, high, Weights.of(P, S)) if shown else None
+    negative_definite = all(positive(fmpq_mat((-part).tolist())) for part in parts) and positive(fmpq_mat(P.tolist()))
+    return Piece(low, high, Weights.of(P, S)) if negative_definite else None
 
 
 @lru_cache(maxsize=8)

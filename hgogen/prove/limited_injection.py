@@ -208,12 +208,12 @@ def _decay(adaptation: Adaptation, K: Any, growth: Fraction) -> Decay | None:
     margins = -np.linalg.eigvalsh(adaptation.form(N_, K_, P_, mus, taus))[:, -1]
     size = float(solution.peak) + adaptation.shape.kept[0] * mus  # of V at most, over |eps|^2
     mu, tau = map(Fraction, _PAIRS[int(np.argmax(margins / size))])
-    shown = definite.positive(exact(-adaptation.form(N, gain, P, mu, tau)))
-    return Decay(adaptation, growth, solution.P, mu, tau) if shown else None
+    proved = definite.positive(exact(-adaptation.form(N, gain, P, mu, tau)))
+    return Decay(adaptation, growth, solution.P, mu, tau) if proved else None
 
 
 @dataclass(frozen=True)
-class Behind(Flow):
+class LimitedInjection(Flow):
     """The `error` with all of it injected, of gains `K` (n), behind what adapts; the `decays` of its linear core, of
     which V are those that are sought."""
 
@@ -234,7 +234,7 @@ class Behind(Flow):
     def at(self, theta: Fraction, alpha: Fraction = Fraction(0)) -> Falls | None:
         """A proof of that rate at a theta; None where none of these V shows it."""
         holding = (one for one in self.decays if self._holds(one, theta, alpha))
-        return next(filter(None, (self._shown(one, theta, alpha) for one in holding)), None)
+        return next(filter(None, (self._proof(one, theta, alpha) for one in holding)), None)
 
     @cached_property
     def _known(self) -> Decay | None:
@@ -261,7 +261,7 @@ class Behind(Flow):
         forms = self._values(one, parts, P, float(one.mu), float(one.tau), float(alpha / theta))
         return all(np.linalg.eigvalsh(form).max() < -_SMALL * np.abs(form).max() for form in forms)
 
-    def _shown(self, one: Decay, theta: Fraction, alpha: Fraction) -> Falls | None:
+    def _proof(self, one: Decay, theta: Fraction, alpha: Fraction) -> Falls | None:
         e = self.error.at(theta)
         parts = tuple(np.array(fractions(M), dtype=object).reshape(M.shape) for M in (e.M, e.G, e.H))
         M, G, H = parts
@@ -286,19 +286,19 @@ class Behind(Flow):
         (N, G, H), way, n = parts, one.adaptation, len(P)
         K = np.array([type(mu)(unit * k) for unit, k in zip(self.error.units, self.K, strict=True)])
         base = way.form(N, K, P, mu, tau)
-        moves = [way.form(N + np.outer(g, h), K, P, mu, tau) - base for g, h in zip(G.T, H, strict=True)]
+        changes = [way.form(N + np.outer(g, h), K, P, mu, tau) - base for g, h in zip(G.T, H, strict=True)]
         base = base + a * way.value(P, mu)
         inner = N.T @ P + P @ N + a * P
         turns = [np.outer(P @ g, h) + np.outer(h, P @ g) for g, h in zip(G.T, H, strict=True)]
         if one_by_one(len(P), len(H)):
             ends = list(product((-1, 1), repeat=len(H)))
-            return [_moved(form, by, d) for form, by in ((base, moves), (inner, turns)) for d in ends]
+            return [_combined(form, by, d) for form, by in ((base, changes), (inner, turns)) for d in ends]
         S = [type(mu)(_multiplier(v)) for v in (P @ G).T]
         wide = [np.append(h, 0 * mu) for h in H]
-        return [_bounded(base, moves, wide, S), _bounded(inner[:n], turns, list(H), S)]
+        return [_bounded(base, changes, wide, S), _bounded(inner[:n], turns, list(H), S)]
 
 
-def _moved(form: Array, by: Sequence[Array], d: Sequence[int]) -> Array:
+def _combined(form: Array, by: Sequence[Array], d: Sequence[int]) -> Array:
     return np.asarray(sum((sign * move for sign, move in zip(d, by, strict=True)), form))
 
 
@@ -315,9 +315,9 @@ def _multiplier(v: Array) -> Fraction:
     return Fraction(max(1, round(float(np.linalg.norm(v.astype(float))) * 2**_BITS)), 2**_BITS)
 
 
-def behind(
+def limited_injection(
     chain: Integrators, theta: float, K: np.ndarray, decays: tuple[Decay, ...], numbers: Any
-) -> Behind | Nothing:
+) -> LimitedInjection | Nothing:
     """Return what is sought of an observer of gains K on a chain, that is built with the `numbers`."""
     reason = obstacle(chain.form)
     if reason:
@@ -328,7 +328,9 @@ def behind(
     units, gains = [unit / near_z[0] for unit in near_z], [Fraction(k) for k in K.tolist()]
     form, scale = chain.form, from_form(chain.form, units)
     error = inclusion(form, plain(form), companion(np.array(gains)), as_matrix(form, gains), scale, units, numbers)
-    return error if isinstance(error, Nothing) else Behind(error, Fraction(theta), K=tuple(gains), decays=decays)
+    if isinstance(error, Nothing):
+        return error
+    return LimitedInjection(error, Fraction(theta), K=tuple(gains), decays=decays)
 
 
 REFERENCE = (
@@ -392,7 +394,7 @@ def limited(
 def _claims(name: str, chain: Integrators, theta: float, K: np.ndarray, adaptation: Adaptation) -> tuple[Check, ...]:
     proofs = decays(adaptation, K)
     numbers = {"theta": theta, "decay": adaptation.decay, "r": adaptation.r, "gains": K}
-    sought, core = behind(chain, theta, K, proofs, numbers), core_check(name, adaptation, proofs, numbers)
+    sought, core = limited_injection(chain, theta, K, proofs, numbers), core_check(name, adaptation, proofs, numbers)
     if isinstance(sought, Nothing):
         return core, *nothing(name, theta, sought.reason)
     return core, *claims(name, chain.form, sought, numbers)
@@ -402,7 +404,7 @@ def _part(chain: Integrators, w: Field, K: np.ndarray, theta: float, shape: Shap
     level = sym("gain", "theta")
     square = scalar("sigma", start, low=0.0, unit="y^2", meaning=f"square of the level of the {shape.name}")
 
-    def rest(values: Mapping[str, Any], u: Any, y: Any, valid: Any) -> dict[str, Any]:
+    def nonlinear(values: Mapping[str, Any], u: Any, y: Any, valid: Any) -> dict[str, Any]:
         w_, sigma = values["w"], values["sigma"]
         e, most = valid * (y - chain.offset(u) - w_[0]), ca.sqrt(ca.fmax(sigma, 0))
         sat = ca.fmin(ca.fmax(e, -most), most)
@@ -415,7 +417,7 @@ def _part(chain: Integrators, w: Field, K: np.ndarray, theta: float, shape: Shap
     labels = tuple(f"theta^{i} K_{i}" if i > 1 else "theta K_1" for i in range(1, n + 1))
     return Ode(
         (w, square),
-        rest,
+        nonlinear,
         derived=(Field("K", (0.0,) * n, labels=labels, meaning="observer gain"),),
         frozen={"sigma": (0.0 if shape.below else HUGE,)},  # all of the error is injected
         tune=(Block("observer gain", {Place("derived", "K"): scaled(K, level)}),),

@@ -117,14 +117,14 @@ def lipschitz_remainder(
     if sum(b) != 1 or any(sum(row) != at for row, at in zip(a, c, strict=True)):
         return None
     L = np.array(steepness, dtype=object)
-    in_states, bent, away = L[:, : len(L)], L @ np.array(moving, dtype=object), list[np.ndarray]()
+    in_states, second_rates, away = L[:, : len(L)], L @ np.array(moving, dtype=object), list[np.ndarray]()
     for row, at in zip((*a, b), (*c, _ONE), strict=True):
         stages = (h * abs(w) * (in_states @ off) for w, off in zip(row, away, strict=False))
-        away.append(sum(stages, h**2 * _kernel(at, row, c) * bent))
-    over_h, less = away[-1] / h, 0 * bent
+        away.append(sum(stages, h**2 * _kernel(at, row, c) * second_rates))
+    over_h, less = away[-1] / h, 0 * second_rates
     if sum(w * at for w, at in zip(b, c, strict=True)) == _HALF:
         spread = Fraction(1, 24) + sum((abs(w) * (at - _HALF) ** 2 / 2 for w, at in zip(b, c, strict=True)), _ZERO)
-        less = h * _kernel(_ONE, b, c) * bent - h**2 * spread * (in_states @ bent)
+        less = h * _kernel(_ONE, b, c) * second_rates - h**2 * spread * (in_states @ second_rates)
     return tuple(x - max(y, _ZERO) if line else x for x, y, line in zip(over_h, less, linear, strict=True))
 
 
@@ -132,8 +132,8 @@ def _kernel(end: Fraction, weights: Column, places: Column) -> Fraction:
     """The integral of |K| of values at these places, from 0 to 1."""
     cuts, total = sorted({_ZERO, end, _ONE, *places}), _ZERO
     for low, high in pairwise(cuts):
-        taken = sum((w for w, at in zip(weights, places, strict=True) if at <= low), _ZERO)
-        first, last = min(low, end) - taken, min(high, end) - taken
+        passed = sum((w for w, at in zip(weights, places, strict=True) if at <= low), _ZERO)
+        first, last = min(low, end) - passed, min(high, end) - passed
         sizes = abs(first) + abs(last)
         crossed = (first**2 + last**2) / (2 * sizes) if first * last < 0 else sizes / 2
         total += (high - low) * crossed
@@ -159,10 +159,10 @@ class StageDeviation:
         """The inputs of the error of this step, and from what their sizes follow. Raises: `Unbounded`."""
         outputs, still = range(len(self.plant.form.output)), (Fraction(0),) * len(self.tableau.b)
         stages = tuple(self.line(output) if output in self._used else still for output in outputs)
-        sizes, cells, rows = Sizes(stages=stages, beside=self.remainder()), self._cells, self._rows
+        sizes, cells, rows = Sizes(stages=stages, deviation=self.remainder()), self._cells, self._rows
         orders = [row.order for row in rows]
         follows = {
-            "rates": self.plant.moving,
+            "rates": self.plant.input_rates,
             "speeds": self.plant.stated_speeds,
             "slopes": self._output_steepness,
             "lines": self._lines,
@@ -177,11 +177,11 @@ class StageDeviation:
     def line(self, output: int) -> tuple[Fraction, ...]:
         """Return by how much the line between two samples of an output differs from what the plant shows at each stage
         (s). Raises: `Unbounded`."""
-        (a, _, _), moving = self._coefficients, (*self.plant.stated_speeds, *self.plant.moving)
-        bend = sum((x * most for x, most in zip(self._output_steepness[output], moving, strict=True)), _NONE)
+        (a, _, _), moving = self._coefficients, (*self.plant.stated_speeds, *self.plant.input_rates)
+        second_rate = sum((x * most for x, most in zip(self._output_steepness[output], moving, strict=True)), _NONE)
         away = [sum(map(abs, row), _NONE) for row in a]  # of a stage from the start, over h sup|F|
         shares = [sum((abs(w) * far for w, far in zip(row, away, strict=True)), _NONE) for row in self._line_weights]
-        sizes = [self.plant.h**2 * share * bend for share in shares]
+        sizes = [self.plant.h**2 * share * second_rate for share in shares]
         for i, third in zip(self._cubic, self._lines[output], strict=False):
             sizes[i] = min(sizes[i], self.plant.h**_THIRD * third)
         return tuple(sizes)
@@ -196,7 +196,7 @@ class StageDeviation:
         known, plant = self._known, self.plant
         rows = [known.rows(plant.h)] if known else []
         if not known or known.weight(plant.h, self._little) > 1:
-            moving = (*plant.stated_speeds, *plant.moving)
+            moving = (*plant.stated_speeds, *plant.input_rates)
             terms = (sp.Add.make_args(row) for row in plant.flow)
             linear = [all(term.is_number or term.as_coeff_Mul()[1].is_Symbol for term in row) for row in terms]
             sizes = lipschitz_remainder(plant.h, *self._coefficients, self._steepness, moving, linear)
@@ -241,8 +241,8 @@ class StageDeviation:
         plant has no series."""
         known, rows = self._known, list[tuple[Fraction, ...]]()
         for output, y in enumerate(self.plant.form.output):
-            shown = y if output in self._used else sp.S(0)
-            slopes = [self.plant.largest(sp.diff(shown, z)) for z in self.plant.form.states]
+            expression = y if output in self._used else sp.S(0)
+            slopes = [self.plant.largest(sp.diff(expression, z)) for z in self.plant.form.states]
             rows.append(tuple(off * SUMMED for off in times(known.lines, slopes)) if known else ())
         return tuple(rows)
 
@@ -284,7 +284,7 @@ class StageDeviation:
         length = flint.arb_series([between(Fraction(0), self.plant.h), flint.arb(1)], prec=order)
         slopes, stages = list[list[Any]](), list[list[list[Any]]]()
 
-        def moved(weights: Sequence[Fraction]) -> list[Any]:
+        def states_after(weights: Sequence[Fraction]) -> list[Any]:
             totals = [flint.arb_series([x], prec=order) for x in states]
             for weight, slope in zip(weights, slopes, strict=False):
                 totals = [
@@ -294,10 +294,10 @@ class StageDeviation:
 
         for row, at in zip(a, c, strict=True):
             here = [[u, rate * flint.arb(number(at))] for u, rate in inputs]
-            stages.append([_padded(x.coeffs(), order) for x in moved(row)])
+            stages.append([_padded(x.coeffs(), order) for x in states_after(row)])
             rates = self.plant.rates_of(stages[-1], here, constant, order)
             slopes.append([flint.arb_series(rate, prec=order) for rate in rates])
-        return stages, [_padded(x.coeffs(), order) for x in moved(b)]
+        return stages, [_padded(x.coeffs(), order) for x in states_after(b)]
 
     @property
     def _coefficients(self) -> tuple[list[list[Fraction]], list[Fraction], list[Fraction]]:
@@ -384,7 +384,7 @@ class CoreDeviation:
         """Return it by derivatives of the flow and of b, or what stands for them. Raises: `Unbounded`."""
         with ctx.workprec(BALLS):
             weight, alpha = np.abs(realisation(self.L, self.plant.h)[1]) * self.h, leaves.alpha(self)
-            ahead = alpha + weight @ np.abs(self.lifted) @ self.most(1, self.plant.rest) * self.h
+            ahead = alpha + weight @ np.abs(self.lifted) @ self.most(1, self.plant.nonlinear_part) * self.h
             e = self.obeyed
             slopes = np.abs(e.M - e.core) + np.abs(e.G) @ np.abs(e.H)  # at most, of what the rest makes of an error
             total = alpha + weight @ slopes @ ahead
@@ -394,14 +394,14 @@ class CoreDeviation:
         return ErrorInput(sizes, self._follows(leaves))
 
     def _follows(self, leaves: "Leaves") -> Evidence:
-        flow, rest = self.plant.flow, self.plant.rest
-        known = {"rates": self.plant.moving, "speeds": self.plant.stated_speeds}
+        flow, nonlinear = self.plant.flow, self.plant.nonlinear_part
+        known = {"rates": self.plant.input_rates, "speeds": self.plant.stated_speeds}
         if not self.smooth:
-            return {**known, "flow": [], "rest": [], "steepness": [self.plant.steep(flow), self.plant.steep(rest)]}
+            return {**known, "flow": [], "rest": [], "steepness": [self.plant.steep(flow), self.plant.steep(nonlinear)]}
         return {
             **known,
             "flow": self._derivatives(leaves.flow, flow),
-            "rest": tuple(self._derivatives(order, rest) for order in range(1, leaves.rest + 1)),
+            "rest": tuple(self._derivatives(order, nonlinear) for order in range(1, leaves.nonlinear + 1)),
             "steepness": [],
         }
 
@@ -429,20 +429,20 @@ class CoreDeviation:
         return rational([[s * int(fed and i == at) for at in range(self.plant.form.n)] for s, i, fed in fields])
 
     @cached_property
-    def entering(self) -> Array:
+    def sample_input(self) -> Array:
         """B (N, n), by what samples show of each state."""
-        entering, shown = 0 * self.lifted, heads_of(self.plant.form)
-        assert shown is not None
-        for output, (head, slope) in shown.items():
-            entering[:, head] += self.obeyed.injected[:, output] * number(slope)
-        return entering
+        columns, heads_by_output = 0 * self.lifted, heads_of(self.plant.form)
+        assert heads_by_output is not None
+        for output, (head, slope) in heads_by_output.items():
+            columns[:, head] += self.obeyed.injected[:, output] * number(slope)
+        return columns
 
     def most(self, order: int, rows: Sequence[sp.Expr]) -> Array:
         """sup of sizes (n) of the derivatives of rows in time, of the order 1 or 2, or what stands for the second.
         Raises: `Unbounded`."""
         if self.smooth:
             return rational(self._derivatives(order, rows))
-        rates = times(self.plant.steep(rows), (*self.plant.stated_speeds, *self.plant.moving))
+        rates = times(self.plant.steep(rows), (*self.plant.stated_speeds, *self.plant.input_rates))
         return rational([(_SECOND_PER_FIRST / self.plant.h) ** (order - 1) * rate for rate in rates])
 
     def _derivatives(self, order: int, rows: Sequence[sp.Expr]) -> tuple[Fraction, ...]:
@@ -458,7 +458,7 @@ class CoreDeviation:
             self.plant.demand_no_input(form.output[output])
         A = form.A.applyfunc(lambda a: exact(sp.sympify(a).xreplace(fixed(form))))
         chain = rational([[Fraction(int(A[i, j].p), int(A[i, j].q)) for j in each] for i in each])
-        if (self.L @ self.lifted + self.entering != self.lifted @ chain).any():
+        if (self.L @ self.lifted + self.sample_input != self.lifted @ chain).any():
             raise Unbounded(because("its core is not the plant's chain in exact numbers"))
 
     def _demand_smooth(self) -> None:
@@ -479,7 +479,7 @@ class Leaves:
     counts whatever the realisation."""
 
     flow: int
-    rest: int
+    nonlinear: int
     alpha: Callable[[CoreDeviation], Array]
 
 
@@ -492,11 +492,11 @@ def by_bilinear_rule(step: CoreDeviation) -> Array:
 def by_matrix_exponential(step: CoreDeviation) -> Array:
     """Return alpha by the integral, and by what a program's polynomials may be beside the exponential. Raises:
     `Unbounded`."""
-    source, bent = np.hstack([step.entering, step.lifted]), step.most(1, step.plant.flow)
-    driven = _integral(step.L, step.plant.h, source) @ np.concatenate([bent, step.most(2, step.plant.rest)])
+    source, rates = np.hstack([step.sample_input, step.lifted]), step.most(1, step.plant.flow)
+    driven = _integral(step.L, step.plant.h, source) @ np.concatenate([rates, step.most(2, step.plant.nonlinear_part)])
     any_of_it = 0 * step.L + number(inequality.WITHIN)
     turned = identity(len(step.L)) + np.abs(step.L) * (step.h / 2)
-    return np.asarray(driven + any_of_it @ turned @ np.abs(step.lifted) @ bent * step.h**2)
+    return np.asarray(driven + any_of_it @ turned @ np.abs(step.lifted) @ rates * step.h**2)
 
 
 BILINEAR = Leaves(2, 1, by_bilinear_rule)

@@ -65,7 +65,7 @@ class PlantStep:
         return self._fixed(self.form.A * sp.Matrix(self.form.states) + sp.Matrix(self.form.b))
 
     @property
-    def rest(self) -> tuple[sp.Expr, ...]:
+    def nonlinear_part(self) -> tuple[sp.Expr, ...]:
         """b (n) alike."""
         return self._fixed(self.form.b)
 
@@ -87,12 +87,12 @@ class PlantStep:
         """The distance by which the plant keeps clear of the ends of the ranges (n). Raises: `Unbounded`."""
         return tuple(self.h * speed for speed in self.speeds)
 
-    def shown(self, output: int) -> Fraction:
+    def output_rate(self, output: int) -> Fraction:
         """sup|y'| of an output. Raises: `Unbounded`."""
         rate = self.rate(output)
         return loose(rate, self.largest(rate))
 
-    def beside(self, output: int, most: Sequence[Fraction]) -> Fraction:
+    def output_rate_deviation(self, output: int, most: Sequence[Fraction]) -> Fraction:
         """Return by how much more y' may be where the rates are beside F by at most these sizes (n). Raises:
         `Unbounded`."""
         y = self.form.output[output]
@@ -180,8 +180,8 @@ class PlantStep:
 
     def series(self, order: int, cell: Ranges) -> list[list[Any]]:
         """Taylor coefficients of the flow at any point of a cell."""
-        first, moving, constant = self.balls(cell)
-        states, inputs = [[ball] for ball in first], [list(pair) for pair in moving]
+        first, input_rates, constant = self.balls(cell)
+        states, inputs = [[ball] for ball in first], [list(pair) for pair in input_rates]
         for k in range(order - 1):
             rows = self.rates_of(states, inputs, constant, k + 1)
             for row, rate in zip(states, rows, strict=True):
@@ -223,23 +223,23 @@ class PlantStep:
         form, system, ends = self.form, self.form.system, {**self._ranges, **cell}
         each = (form.states, system.inputs, system.parameters)
         states, inputs, parameters = ([between(*ends[x]) for x in group] for group in each)
-        rates = [between(-most, most) for most in self.moving]
+        rates = [between(-most, most) for most in self.input_rates]
         return states, list(zip(inputs, rates, strict=True)), parameters
 
     @property
-    def moving(self) -> tuple[Fraction, ...]:
+    def input_rates(self) -> tuple[Fraction, ...]:
         """The rates of the inputs, 0 of one that the flow does not read. Raises: `Unbounded`."""
-        read, moving = sp.Matrix(self.flow).free_symbols, list[Fraction]()
+        read, input_rates = sp.Matrix(self.flow).free_symbols, list[Fraction]()
         for u, rate in zip(self.form.system.inputs, self.rates, strict=True):
             if rate is None and u in read:
                 pattern = 'how fast {u} moves between samples is not known: give rates={{"{u}": ..}}, or hold it there'
                 raise Unbounded(because(pattern, u=u.name))
-            moving.append(rate if rate and u in read else _NONE)
-        return tuple(moving)
+            input_rates.append(rate if rate and u in read else _NONE)
+        return tuple(input_rates)
 
     def largest(self, expression: sp.Expr) -> Fraction:
         """The largest |expression| on the ranges, which may hold rates of inputs. Raises: `Unbounded`."""
-        rates = {_rate_of(u): (-most, most) for u, most in zip(self.form.system.inputs, self.moving, strict=True)}
+        rates = {_rate_of(u): (-most, most) for u, most in zip(self.form.system.inputs, self.input_rates, strict=True)}
         return _largest(expression, {**box(signals(self.form)), **rates})
 
 
@@ -316,36 +316,38 @@ class Sizes:
 
     samples: tuple[Fraction, ...] = ()
     stages: tuple[tuple[Fraction, ...], ...] = ()
-    beside: tuple[Fraction, ...] = ()
+    deviation: tuple[Fraction, ...] = ()
     fields: tuple[Fraction, ...] = ()
 
     @property
     def largest(self) -> Fraction:
         """The largest of all, whatever their units."""
         stages = (x for row in self.stages for x in row)
-        return max((*self.samples, *stages, *self.beside, *self.fields), default=_NOTHING)
+        return max((*self.samples, *stages, *self.deviation, *self.fields), default=_NOTHING)
 
     def over(self, size: Fraction) -> "Sizes":
         """The inputs in units of a size > 0."""
         rows = tuple(tuple(x / size for x in row) for row in self.stages)
-        samples, beside, fields = (tuple(x / size for x in each) for each in (self.samples, self.beside, self.fields))
-        return Sizes(samples, rows, beside, fields)
+        samples, deviation, fields = (
+            tuple(x / size for x in each) for each in (self.samples, self.deviation, self.fields)
+        )
+        return Sizes(samples, rows, deviation, fields)
 
-    def inputs(self, step: Inequality, error: Inclusion, scales: Sequence[Fraction], shown: Heads) -> Inputs:
+    def inputs(self, step: Inequality, error: Inclusion, scales: Sequence[Fraction], heads: Heads) -> Inputs:
         """The inputs of a step that are not 0; `scales` (N) as `Inclusion.scales` gives them."""
         each = list[Inputs]()
         for output, size in enumerate(self.samples):
             each += [end * size for end in step.ends(output) if size]
         for output, row in enumerate(self.stages):
             each += [step.stages[i][output] * size for i, size in enumerate(row) if size]
-        for state, size in enumerate(self.beside):
+        for state, size in enumerate(self.deviation):
             fields = zip(scales, error.layout.index, error.layout.fed, strict=True)
-            moved = step.beside(rational([-scale * (fed and i == state) for scale, i, fed in fields]))
-            for output, (head, slope) in shown.items():
-                moved += step.ends(output)[1] * (step.h * slope * (head == state))
-            each += [moved * size] if size else []
+            effect = step.additive_input(rational([-scale * (fed and i == state) for scale, i, fed in fields]))
+            for output, (head, slope) in heads.items():
+                effect += step.ends(output)[1] * (step.h * slope * (head == state))
+            each += [effect * size] if size else []
         one = identity(len(scales))
-        each += [step.beside(one[k]) * size for k, size in enumerate(self.fields) if size]
+        each += [step.additive_input(one[k]) * size for k, size in enumerate(self.fields) if size]
         return Inputs.of(each)
 
 
@@ -377,4 +379,6 @@ class Share:
     def written(self) -> Evidence:
         """The share as a certificate has it."""
         bounds = [{"field": k + 1, **one.written, "bound": self.bound(k)} for k, one in self.proofs.items()]
-        return {"inputs": self.what, "follows": self.follows, **vars(self.sizes), "unit": self.unit, "bounds": bounds}
+        sizes = {"samples": self.sizes.samples, "stages": self.sizes.stages, "fields": self.sizes.fields}
+        known = {"inputs": self.what, "follows": self.follows, **sizes, "beside": self.sizes.deviation}
+        return {**known, "unit": self.unit, "bounds": bounds}

@@ -212,11 +212,11 @@ def even(of: Quadratic, W: Array) -> Array:
     """The g (k) with which each relation enters the form of x by as much as it reads of x. A small reading counts as a
     small share of the largest at least; one of nothing but rounding, which says nothing of its size, as a tenth."""
     n = len(W)
-    enters = np.linalg.norm(np.linalg.inv(W) @ of.pairs[0][1][:, n:], axis=0)
+    columns = np.linalg.norm(np.linalg.inv(W) @ of.pairs[0][1][:, n:], axis=0)
     reads = np.linalg.norm(of.Q[:, :n] @ W, axis=1)
     reads = np.where(reads > _NIL * reads.max(initial=0), reads, _TENTH * reads.max(initial=0))
-    enters, reads = (np.maximum(each, _SMALL * each.max(initial=0)) for each in (enters, reads))
-    return np.asarray(np.sqrt(np.divide(reads, enters, out=np.ones_like(reads), where=(reads > 0) & (enters > 0))))
+    columns, reads = (np.maximum(each, _SMALL * each.max(initial=0)) for each in (columns, reads))
+    return np.asarray(np.sqrt(np.divide(reads, columns, out=np.ones_like(reads), where=(reads > 0) & (columns > 0))))
 
 
 def negative(forms: Sequence[Quadratic], P: Array, S: Array, W: Array | None = None) -> bool:

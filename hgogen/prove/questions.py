@@ -27,7 +27,7 @@ import numpy as np
 from hgogen.form import Form
 from hgogen.observer import Observer, asks_an_observer
 from hgogen.prove.convergence import Falls, Flow
-from hgogen.prove.inclusion import NO_SCALES, Inclusion, Nothing, Uncertain, of_state
+from hgogen.prove.inclusion import NO_SCALES, Inclusion, Nothing, Uncertain, state_row
 from hgogen.prove.inequality import NOW, Contracts, Inputs, driven, pushed
 from hgogen.prove.quadratic import (
     MARGINS,
@@ -102,7 +102,7 @@ def input_bound(bounded: Bounded, W: Array | None, q: int, c: Array, most: Fract
     return next(filter(None, proofs), None)
 
 
-def of_step(proof: Contracts, inputs: Inputs, c: Array) -> InputBound | None:
+def step_input_bound(proof: Contracts, inputs: Inputs, c: Array) -> InputBound | None:
     """A bound of |c e| of a step that contracts. Raises: `NoSolver`."""
     step, q = proof.step, inputs.D.shape[1]
     return input_bound(lambda alpha: (step.driven(alpha, inputs),), proof.steps.coordinates, q, c, proof.alpha)
@@ -125,8 +125,8 @@ def _walk(bound: Callable[[Fraction], float]) -> None:
 def bound_at(bounded: Bounded, W: Array, q: int, c: Array, alpha: Fraction) -> InputBound | None:
     """A bound of |c e| at this alpha, proved; None where none is. Arguments as of `input_bound`. Raises: `NoSolver`."""
     forms = bounded(alpha)
-    asked = [form.floats for form in forms], floats(c[None]), float(alpha), W, q
-    exactly = confirmed(forms, lambda margin: weights_in_floats(*asked, margin), q, alpha)
+    arguments = [form.floats for form in forms], floats(c[None]), float(alpha), W, q
+    exactly = confirmed(forms, lambda margin: weights_in_floats(*arguments, margin), q, alpha)
     if exactly is None:
         return None
     return InputBound(alpha, Weights.of(*exactly), root(extent(exactly[0], c)))
@@ -185,10 +185,10 @@ def confined(proof: Contracts, corners: Array, rows: Mapping[int, Array]) -> Con
         return shortest(View((of,), W, even(of, W)), reads @ W, limits, margin, 1 / far, _START)
 
     exactly = confirmed((form,), lambda margin: settled(lambda W: sought_in(W, margin), W))
-    return Confined(Weights.of(*exactly), reached(exactly[0], corners, rows)) if exactly else None
+    return Confined(Weights.of(*exactly), peak_errors(exactly[0], corners, rows)) if exactly else None
 
 
-def reached(P: Array, corners: Array, rows: Mapping[int, Array]) -> dict[int, Fraction]:
+def peak_errors(P: Array, corners: Array, rows: Mapping[int, Array]) -> dict[int, Fraction]:
     """Return how far |c e| goes at most: the root of c P^-1 c' times the largest |e(0)|_P^2."""
     begins = fraction(max(corner @ P @ corner for corner in corners))
     return {place: root(extent(P, c) * begins) for place, c in rows.items()}
@@ -215,7 +215,7 @@ class Driven:
         return replace(form, constant=counted)
 
     @property
-    def seen(self) -> float:
+    def peak_response(self) -> float:
         """The largest response of z to v where each slope is at its middle, at the frequencies that are tried."""
         M, B, C = map(floats, (self.e.M, self.e.B, self.C))
         at = 1j * _TIMES[:, None, None] * np.linalg.norm(M, 2) * np.eye(len(M))
@@ -237,7 +237,7 @@ def l2_bound(each: Sequence[Driven], W: Array, growing: Array | None = None) -> 
     e = W x, in which P is expected to be near the unit matrix; `growing` (N, N), of rationals: D of a term -r D e, r >=
     0 of any size, so that D'P + P D >= 0 is asked for. Raises: `NoSolver`."""
     forms, q, n = [one.form for one in each], each[0].e.B.shape[1], len(W)
-    k, back, most = len(forms[0].Q), np.linalg.inv(W), max(one.seen for one in each)
+    k, back, most = len(forms[0].Q), np.linalg.inv(W), max(one.peak_response for one in each)
     if growing is not None:
         nothing = 0 * growing[:1].repeat(k, axis=0)
         forms.append(Quadratic(((identity(n), -growing),), nothing, nothing))
@@ -311,7 +311,7 @@ def bounds(flow: Flow, falls: Falls) -> Mapping[tuple[int, int], float] | Reason
             return driven(of, alpha, error.hull)
 
         for i, place in picks:
-            one = input_bound(forms, W, 1, of_state(scales, place), Fraction(1))
+            one = input_bound(forms, W, 1, state_row(scales, place), Fraction(1))
             if one is None:
                 return because("no bound is found of what noise does")
             known[i, j] = outward(one.bound)[1]
@@ -331,7 +331,7 @@ def together_in_floats(
     assert scales is not None
     e, W = error.at(falls.theta).floats, inverse_root(floats(rational(falls.weights.P)))
     e, least = _over(e.driven_by(np.diag(sizes)), alpha), float("inf")
-    rows = rows @ np.array([floats(of_state(scales, k)[None])[0] for k in error.layout.picks])
+    rows = rows @ np.array([floats(state_row(scales, k)[None])[0] for k in error.layout.picks])
     for share in _TRIED:
         candidate = weights_in_floats(driven(e, share, error.hull), rows, share, W, len(sizes), _MARGIN)
         if candidate is not None and np.linalg.eigvalsh(candidate[0]).min() > 0:

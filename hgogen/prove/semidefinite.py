@@ -105,8 +105,8 @@ def lyapunov(N: Matrix) -> Lyapunov | None:
         step = Fraction(1, 2 ** (int(4 * n * n * steepest / slack).bit_length()))
         grid = tuple(tuple(round((1 + slack) * value / step) * step for value in row) for row in P)
         peak = float(np.linalg.eigvalsh(np.array(grid, dtype=float)).max())
-        short = slack * Fraction(2) ** int(np.ceil(np.log2(max(peak, 1e-300))))
-        above = -(-Fraction(peak) * (1 + slack) // short) * short  # by that share at least, a few times that at most
+        quantum = slack * Fraction(2) ** int(np.ceil(np.log2(max(peak, 1e-300))))
+        above = -(-Fraction(peak) * (1 + slack) // quantum) * quantum  # larger by one to a few slacks
         if verified(candidate := Lyapunov(grid, above, N)):
             return candidate
     return None
@@ -247,7 +247,7 @@ def margin(forms: Sequence[Quadratic], what: str, priced: bool = False, span: Sp
     n, whole = len(forms[0].pairs[0][0]), forms
     forms, groups = merged(forms[0]) if len(forms) == 1 and not (priced or span) else (forms, ())
     of_forms, others = _at_most(forms, groups, 1.0, 0.0), len(whole[0].Q) + len(groups) + 1
-    one = np.hstack([short(np.eye(n)[None]).T, np.zeros((1, others))])
+    one = np.hstack([upper_triangles(np.eye(n)[None]).T, np.zeros((1, others))])
     trace: Rows = (one, np.array([float(n)]), False)
     rows = [*of_forms, _positive(n, others, _LEAST), trace]
     solution = _solved(whole[0], groups, rows, -1.0, CLOSER if span else _CLOSE, what, span)
@@ -328,7 +328,7 @@ def _solved(
     n, k, t = len(form.pairs[0][0]), len(form.Q), len(groups)
     p = q = n * (n + 1) // 2
     if span:
-        each, signs = short(span[0]), span[1]
+        each, signs = upper_triangles(span[0]), span[1]
         q = each.shape[1]
         rows = [(np.hstack([A[:, :p] @ each, A[:, p:]]), b, kind) for A, b, kind in rows]
         rows.append((np.hstack([-signs, np.zeros((len(signs), k + t + 1))]), np.zeros(len(signs)), False))
@@ -439,7 +439,7 @@ def basis(n: int) -> Array:
     return np.array([symmetric(row, n) for row in np.eye(n * (n + 1) // 2)])
 
 
-def short(matrices: Array) -> Array:
+def upper_triangles(matrices: Array) -> Array:
     """Symmetric matrices (q, N, N) as the columns of their entries on and above the diagonal, column by column."""
     i, j = _places(matrices.shape[-1])
     return np.asarray(matrices[:, i, j].T)
@@ -447,7 +447,7 @@ def short(matrices: Array) -> Array:
 
 def _packed(matrices: Array) -> Array:
     """Return these columns as the solver takes them, so that a scalar product is that of the matrices."""
-    return np.asarray(short(matrices) * _weights(matrices.shape[-1])[:, None])
+    return np.asarray(upper_triangles(matrices) * _weights(matrices.shape[-1])[:, None])
 
 
 @cache
@@ -500,14 +500,14 @@ def _columns(form: Quadratic) -> Array:
 
 def _alike(form: Quadratic) -> Iterator[list[int]]:
     """The multipliers by direction, of each the one that enters most first."""
-    columns, left = _columns(form), list(range(len(form.Q)))
+    columns, remaining = _columns(form), list(range(len(form.Q)))
     lengths = np.linalg.norm(columns, axis=0)
-    while left:
-        first = max(left, key=lengths.__getitem__)
-        places = [k for k in left if k == first or _along(columns, lengths, first, k)]
+    while remaining:
+        first = max(remaining, key=lengths.__getitem__)
+        places = [k for k in remaining if k == first or _along(columns, lengths, first, k)]
         places.sort(key=lambda k: -lengths[k])
         yield places
-        left = [k for k in left if k not in places]
+        remaining = [k for k in remaining if k not in places]
 
 
 def _along(columns: Array, lengths: Array, first: int, other: int) -> bool:

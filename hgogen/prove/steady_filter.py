@@ -94,7 +94,7 @@ def steady_gain(
     in_chains(form)
     noise, level = spd("Q", by_coordinate("Q", Q, form), form.n), positive("theta", theta)
     variances = np.array(positive_numbers("R", by_output("R", R, form), len(form.output)))
-    point, said = _point(form, at, u)
+    point, place = _point(form, at, u)
     (F,), (C,) = jacobians_at(Dynamics(form), point[None])
     inputs = dict(zip(form.system.inputs, point[form.n :].tolist(), strict=True))
     A = np.array(form.A.subs(form.system.nominal).subs(inputs).tolist(), dtype=float)
@@ -102,14 +102,14 @@ def steady_gain(
 
     def at_theta(value: float) -> np.ndarray:
         scaled = F * value ** (powers[None, :] - powers[:, None] - 1)  # Delta F Delta^-1/theta; C is as it is
-        return _settled(scaled, C, noise, variances, said)
+        return _settled(scaled, C, noise, variances, place)
 
     K = at_theta(level)
     if not hurwitz(A - K @ C):
         larger = (level * factor for factor in _LARGER)
         enough = next((value for value in larger if hurwitz(A - at_theta(value) @ C)), None)
         ways = "raise Q of states whose b is steep" if enough is None else f"theta = {enough:g} would do"
-        fix = f"they lean on the slopes of b at {said}, and those of a clamped estimate are 0; {ways}"
+        fix = f"they lean on the slopes of b at {place}, and those of a clamped estimate are 0; {ways}"
         demand_hurwitz(f"the steady gains at theta = {level:g}", A - K @ C, fix)
     return tuple(K[:, 0].tolist()) if len(form.output) == 1 else tuple(map(tuple, K.tolist()))
 
@@ -127,8 +127,8 @@ def _point(form: Form, at: Any, u: Any) -> tuple[np.ndarray, str]:
     states, inputs = form.system.declared.states, form.system.inputs
     values = {**_values("at", at, states), **_values("u", {} if u is None else u, inputs)}
     z = state_field(form, values, 1.0).initial
-    said = ", ".join(f"{name} = {same(value)}" for name, value in values.items())
-    return np.array([*z, *(values[s.name] for s in inputs)]), said
+    place = ", ".join(f"{name} = {same(value)}" for name, value in values.items())
+    return np.array([*z, *(values[s.name] for s in inputs)]), place
 
 
 def _values(what: str, values: Any, signals: Sequence[Signal]) -> dict[str, float]:
@@ -146,26 +146,26 @@ def _values(what: str, values: Any, signals: Sequence[Signal]) -> dict[str, floa
     return known
 
 
-def _settled(N: np.ndarray, C: np.ndarray, Q: np.ndarray, R: np.ndarray, said: str) -> np.ndarray:
+def _settled(N: np.ndarray, C: np.ndarray, Q: np.ndarray, R: np.ndarray, place: str) -> np.ndarray:
     """K (n, p) of the stabilising P. Raises: `BadGain` where there is none that is shown."""
-    shown, F = [C], N / max(np.linalg.norm(N), 1e-300)
+    observed, F = [C], N / max(np.linalg.norm(N), 1e-300)
     for _ in N[1:]:
-        shown.append(shown[-1] @ F)
-    rows = np.vstack(shown)
-    seen = np.linalg.svd(rows / np.maximum(np.abs(rows).max(axis=0), 1e-300), compute_uv=False)
+        observed.append(observed[-1] @ F)
+    rows = np.vstack(observed)
+    singular = np.linalg.svd(rows / np.maximum(np.abs(rows).max(axis=0), 1e-300), compute_uv=False)
     (P,) = FrozenRiccati.of(N[None], C[None], Q, R).steady(1.0)
-    if not (seen[-1] > _WEAKEST * seen[0] and np.isfinite(P).all()):
+    if not (singular[-1] > _WEAKEST * singular[0] and np.isfinite(P).all()):
         what = "shows not every state: (A, C) of the plant linearised there is not observable"
-        raise BadGain(f"the point {said}", f"{what}; take one, or an input, at which the outputs show all of them")
+        raise BadGain(f"the point {place}", f"{what}; take one, or an input, at which the outputs show all of them")
     for _ in range(_ROUNDS):
         K = P @ C.T / R
         refined = lyapunov((N - K @ C).T, Q + K * R @ K.T)
         P = P if refined is None else refined
     K = P @ C.T / R
-    rest = np.abs(N @ P + P @ N.T + Q - K * R @ K.T).max()
-    sound = rest <= _SETTLED * max(np.abs(N @ P).max(), np.abs(Q).max())
+    residual = np.abs(N @ P + P @ N.T + Q - K * R @ K.T).max()
+    sound = residual <= _SETTLED * max(np.abs(N @ P).max(), np.abs(Q).max())
     if not (sound and definite.positive(definite.exact(definite.rationals(P))) and hurwitz(N - K @ C)):
-        raise BadGain(f"the point {said}", "has an equation too badly scaled to be solved; take units nearer to 1")
+        raise BadGain(f"the point {place}", "has an equation too badly scaled to be solved; take units nearer to 1")
     return np.asarray(K)
 
 
@@ -234,8 +234,8 @@ def settles(plant: Linear, Q: np.ndarray, theta: float) -> Reason | None:
 def _gramian(A: Any, start: Any, turned: bool) -> fmpq_mat:
     """sum_k (A')^k M A^k for k < n where `turned`, else sum_k A^k M (A')^k."""
     total = term = start
-    left, right = (A.transpose(), A) if turned else (A, A.transpose())
+    outer, inner = (A.transpose(), A) if turned else (A, A.transpose())
     for _ in range(A.nrows() - 1):
-        term = left * term * right
+        term = outer * term * inner
         total = total + term
     return total

@@ -29,7 +29,7 @@ A smaller mu than that of (87) has one V for all of gamma's course, in e_i = uni
 Where D P + P D >= 0, a larger r takes from V' what a smaller leaves. At r = -sigma, V' + |w - what|^2 - mu^2 |v|^2 is
 for each e and v a sum of what is convex in gamma, linear in the gamma^-i, and linear in the slopes of c, whose ranges
 shrink as gamma grows: it is negative where it is at both ends of gamma, and of each gamma^-i by itself, with the slopes
-at the lowest gamma (`MovingGain`).
+at the lowest gamma (`VaryingGain`).
 
 What an observer claims whose gain l moves: by one norm for every value of l, every rate that its law permits, and
 all slopes of b in their ranges.
@@ -123,7 +123,7 @@ _SLACKS = tuple(Fraction(1, 2**k) for k in range(40, 4, -4))  # of s, what round
 
 
 @dataclass(frozen=True, eq=False)
-class MovingGain:
+class VaryingGain:
     """A gamma in [`low`, `high`] that falls at most like -`sigma` gamma^2, of an observer whose error at a constant one
     obeys `error`; `plant` (n, m) and `measurement` (m): by what a disturbance v enters w' and y."""
 
@@ -152,8 +152,8 @@ class MovingGain:
         e, units, D, one = self.error.at(self.low), rational(self.error.units), self._powers, identity(len(self.plant))
         falling = e.core * (1 / number(self.low)) + D * number(self.sigma)
         noise = e.driven_by(rational([self.measurement]) / number(self.low))
-        entering = [any(row) for row in self.plant]
-        ends = [(self.low**-p, self.high**-p) if enters else (self.low**-p,) for p, enters in enumerate(entering, 1)]
+        nonzero = [any(row) for row in self.plant]
+        ends = [(self.low**-p, self.high**-p) if driven else (self.low**-p,) for p, driven in enumerate(nonzero, 1)]
         for gamma, powers in product((self.low, self.high), product(*ends)):
             M = falling * number(gamma) + (e.M - e.core)
             pushed = rational(self.plant) * (units * rational(powers))[:, None]
@@ -240,7 +240,7 @@ class Given:
     reason: Reason = NONE
     disturbance: Disturbance | None = None
     steep: Steep | None = None
-    moving: MovingGain | None = None
+    moving: VaryingGain | None = None
 
 
 @dataclass(frozen=True)
@@ -437,7 +437,7 @@ class Law:
     P: np.ndarray | None = None
 
 
-def moving_checks(
+def varying_gain_checks(
     maker: str, chain: Integrators, K: Sequence[Fraction], law: Law, numbers: dict[str, Any]
 ) -> tuple[Check, Check]:
     """`MAKER.convergence`, that there is a bound on the least value of the gain; `MAKER.theta`, that it is above it."""
@@ -452,9 +452,9 @@ def moving_checks(
     for b in (_DEFAULT_B, law.b):
         D = rational(np.diag([b + p for p in error.layout.power]))
         fall = D * number(law.fall)
-        moved = GainVariation(0 * D, (error.N + fall,), (-D,)) if law.easing else GainVariation(fall, (), (-D,))
-        own = replace(error, own={**error.own, "b": b})
-        flows.append(Flow(own, Fraction(law.least), "one norm at every rate of the gain", moved, first))
+        variation = GainVariation(0 * D, (error.N + fall,), (-D,)) if law.easing else GainVariation(fall, (), (-D,))
+        extended = replace(error, core_evidence={**error.core_evidence, "b": b})
+        flows.append(Flow(extended, Fraction(law.least), "one norm at every rate of the gain", variation, first))
     try:
         flow = next((flow for flow in flows if flow.least is not None), flows[0])
     except OverflowError:  # which the claims say
@@ -508,14 +508,14 @@ def update_checks(
     numbers = {"p_1": p_1, "p_2": p_2, "p_3": p_3, "cap": cap, "gains": K}
     weighted_by = {"P": proof.P, "b": Fraction(b)}
     fall, rise = Facts(None, weighted_by), Facts(None, {**weighted_by, "peak": proof.peak})
-    stay = stays(chain, p_1, p_2, p_3, cap)
-    each = ((falls(proof, spread, p_1, b), fall), (rises(proof, spread, p_3, b), rise), (stay, *stay.proofs))
+    stay = cap_check(chain, p_1, p_2, p_3, cap)
+    each = ((fall_check(proof, spread, p_1, b), fall), (rise_check(proof, spread, p_3, b), rise), (stay, *stay.proofs))
     known = (replace(check, proofs=tuple(Grounds(numbers, fact) for fact in facts)) for check, *facts in each)
-    moves = Law("p_2", p_2, Fraction(p_1), easing=True, b=Fraction(b))
-    return (*known, *moving_checks("updated_gain", chain, [Fraction(k) for k in K.tolist()], moves, numbers))
+    law = Law("p_2", p_2, Fraction(p_1), easing=True, b=Fraction(b))
+    return (*known, *varying_gain_checks("updated_gain", chain, [Fraction(k) for k in K.tolist()], law, numbers))
 
 
-def falls(proof: Lyapunov, spread: np.ndarray, p_1: float, b: float) -> Check:
+def fall_check(proof: Lyapunov, spread: np.ndarray, p_1: float, b: float) -> Check:
     """N'P + P N + p_1 (D P + P D) < 0."""
     P, N = np.array(proof.P), np.array(proof.N)
     gap = -(N.T @ P + P @ N)
@@ -524,7 +524,7 @@ def falls(proof: Lyapunov, spread: np.ndarray, p_1: float, b: float) -> Check:
     return _positive("p_1", claim, gap - Fraction(p_1) * spread, b, "not {about}; another P or b may do", fix)
 
 
-def rises(proof: Lyapunov, spread: np.ndarray, p_3: float, b: float) -> Check:
+def rise_check(proof: Lyapunov, spread: np.ndarray, p_3: float, b: float) -> Check:
     """p_3 (D P + P D) >= 2 lambda_max(P)."""
     least = 2 * float(proof.peak) / np.linalg.eigvalsh(spread.astype(float))[0]
     claim, fix = "p_3 is large enough: p_3 (D P + P D) >= 2 lambda_max(P)", f"Take p_3 >= {up(1.01 * float(least))}."
@@ -542,7 +542,7 @@ def _positive(fact: str, claim: str, M: np.ndarray, b: float, pattern: str, fix:
     return Check(id, claim, Verdict.UNKNOWN, because(pattern, about=about), fix=fix)
 
 
-def stays(chain: Integrators, p_1: float, p_2: float, p_3: float, cap: float) -> Check:
+def cap_check(chain: Integrators, p_1: float, p_2: float, p_3: float, cap: float) -> Check:
     """p_1 (p_2 - cap) + p_3 Gamma(cap) < 0 at every point of the declared ranges, to which Gamma is clamped."""
     id, claim = (
         ClaimId("updated_gain", "cap"),
@@ -605,7 +605,7 @@ def switching(
     `MAKER.hold`, that the time `hold` is long enough: too short a one may keep the gain switching for ever."""
     claim = f"in continuous time hold = {same(hold)} is long enough: switching keeps the error's decay"
     why = because("theta_low is not above a proved bound")
-    held = Check(ClaimId(maker, "hold"), claim, Verdict.UNKNOWN, why, fix="Validate by trials.")
+    hold_check = Check(ClaimId(maker, "hold"), claim, Verdict.UNKNOWN, why, fix="Validate by trials.")
     if isinstance(error, Nothing):
         known = nothing(maker, low, error.reason)
     else:
@@ -613,12 +613,12 @@ def switching(
         flow = Flow(error, Fraction(low))
         known = claims(maker, form, flow, numbers, "theta_low", "between switches")
         if known[1].verdict is Verdict.PROVED:
-            held = _dwell(held, flow, Fraction(theta), hold)
-        held = replace(held, proofs=tuple(Grounds(numbers, proof) for proof in held.proofs))
+            hold_check = _dwell(hold_check, flow, Fraction(theta), hold)
+        hold_check = replace(hold_check, proofs=tuple(Grounds(numbers, proof) for proof in hold_check.proofs))
     convergence, above = known
     convergence = replace(convergence, claim=_BETWEEN)
     above = replace(above, claim=f"theta_low = {same(low)}, and theta with it, is above that bound")
-    return convergence, above, held
+    return convergence, above, hold_check
 
 
 def _dwell(unknown: Check, flow: Flow, theta: Fraction, hold: float) -> Check:

@@ -93,7 +93,7 @@ class Rounding:
         """A power of two below the largest number."""
         return arb(2) ** (127 if self.real == "float" else 1023)
 
-    def held(self, number: float) -> Computed:
+    def parameter(self, number: float) -> Computed:
         """A number that a program is given, as one that stands in it."""
         return self.constant(number)
 
