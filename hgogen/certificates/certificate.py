@@ -1,44 +1,45 @@
-"""Certificates: what was proved of a model, as a JSON value that `recheck.verification` verifies again.
+"""Certificates: the proved claims about a model, as a JSON value that `recheck.verification` verifies again.
 
     {"format": "hgogen certificate", "version": "3", "hgogen": its version,
      "plant": {"name", "states", "inputs", "parameters": [{"name", "low", "high"}], "outputs": [name], "flow",
                "output"},
      "form": {"kind", "states", "to_form", "from_form", "A", "b", "output", "blocks", "alignment"},
-     "observer": {"name"}, and the numbers that it is built with where something is proved of it; or null,
+     "observer": {"name"}, and the numbers of the observer if a claim is about it; or null,
      "model": SHA-256 of plant, form and observer,
      "claims": [{"id", "verdict", "evidence"}],
-     "digest": SHA-256 of all the rest}
+     "digest": SHA-256 of all the other keys}
 
 Numbers are exact and texts, "7/2" or "0.05"; an infinite end of a range is null; a parameter without a range has its
-value as both ends. x' = flow(x, u), y = output(x, u) is the plant as first declared, z = to_form(x), x = from_form(z),
-z' = A z + b, y = output the form, with the number of states of each output's chain, and how chains may read each other.
+value as both ends. The plant as first declared is x' = flow(x, u), y = output(x, u). The form is z = to_form(x), x =
+from_form(z), z' = A z + b, y = output, with the number of states of each output's chain, and the alignment of chains.
+
 A high_gain observer is z' = A z + b(sat z) + diag(theta, .., theta^n) gains (y - output(z)), b's argument clamped to
-the box; of several chains gains act chain by chain, or are a matrix, row by row, whose entry for the state i and the
-output of chain k stands times theta^(p(i) - p(k) + 1), p the powers of theta that scale states; an output whose chain
-has no states, and that is a multiple of another's, shares the mean of their errors (`analysis.scaling`), by the
-observer's "weights", one for each output; of a form
-"phase.recovered" b is taken at the recovered state instead. In circle_criterion b takes sat(z + N (y - output(z))) in
-the place of sat z, N of the numbers "argument" in the order of gains, each times theta^(p(i) - p(k)). from_form is the
-plain inverse: what an observer evaluates is the same on the image of the plant's ranges, and beyond keeps its
-denominators off 0. The equations of the others, with their numbers, stand where they are verified, in the files of
-`hgogen.recheck.rules`.
-`model` stands in the banner of the C as well. The digests find accidents; they are no signature.
+the box. For several chains gains act chain by chain. Or they are a matrix, row by row, whose entry for the state i and
+the output of chain k is multiplied by theta^(p(i) - p(k) + 1), p the powers of theta that scale states. An output whose
+chain has no states, and that is a multiple of another's, shares the mean of their errors (`analysis.scaling`), by the
+observer's "weights", one for each output. Of a form "phase.recovered" b is taken at the recovered state instead. In
+circle_criterion b has the argument sat(z + N (y - output(z))) in place of sat z, N of the numbers "argument" in the
+order of gains, each times theta^(p(i) - p(k)). from_form is the plain inverse: the observer's inverse is the same on
+the image of the plant's ranges, and keeps its denominators off 0 beyond. The files of `hgogen.recheck.rules` state the
+equations and numbers of the other observers.
+
+The banner of the C contains `model` as well. The digests detect accidents; they are no signature.
 
 Evidence of an enclosure: "expression", "box", "low", "high", "tree"; of a Lipschitz bound: "box", "bound" of |db/dz| in
 the spectral norm, "tree"; of a refutation: "expression", "witness", and "other" where the sign is another; of a phase
-form: "chain" (y, y', ..) in the plant's states; that it is one to one: "weights" L, and of L dPhi/dx the enclosures of
-the "minors" at "places"; of the convergence of an observer of a constant injection: "scale" S, the ranges of the
-"slopes" of b in S z, each of "row", "column", "low", "high" (null of no end), "tree", with "core" N = S (A - gains C)
-S^-1, or "ranges", the enclosures of the a_i, or "units" s_i of which S is s_i a_1 .. a_i, and "P", with multipliers "S"
-or without, of a norm that falls at the theta "least"; of the rate at theta: "alpha" and the "P" of it, with its "S". Of
-other observers: "units", "scale", and what their modules say. Of inequality (38): the "gain" of the observer, the
-disturbances "G1" and "G2" and the ranges of the "errors", of which the system is rebuilt, with V and mu; on which
-"share" of the box of errors its second order is definite in which "basis"; "slabs" cover the rest, "floor" is V's on
-the faces. A tree is a bisection in prefix order: a name cuts its side of the box at the midpoint (an unbounded side at
-0, beyond 0 at twice its end and one), a dot is a leaf.
+form: "chain" (y, y', ..) in the plant's states; of its injectivity: "weights" L, and of L dPhi/dx the enclosures of the
+"minors" at "places"; of the convergence of an observer of a constant injection: "scale" S, the ranges of the "slopes"
+of b in S z, each of "row", "column", "low", "high" (null of no end), "tree", with "core" N = S (A - gains C) S^-1, or
+"ranges", the enclosures of the a_i, or "units" s_i of which S is s_i a_1 .. a_i, and "P", with multipliers "S" or
+without, of a quadratic Lyapunov function at the theta "least"; of the rate at theta: "alpha" and its "P", with its "S".
+Of other observers: "units", "scale", and the keys in the docstrings of their modules. Of inequality (38): the "gain" of
+the observer, the disturbances "G1" and "G2" and the ranges of the "errors", from which the system is rebuilt, with V
+and mu; on which "share" of the box of errors its second order is definite in which "basis"; "slabs" cover the
+remainder, "floor" is that of V on the faces. A tree is a bisection in prefix order: a name cuts its side of the box at
+the midpoint (an unbounded side at 0, beyond 0 at twice its end and one), a dot is a leaf.
 
-A claim is "proved" or "refuted" here only if its evidence is verified by `hgogen recheck`; what has no such evidence is
-"stated", with a reason, and so are open verdicts as they are: they assert nothing.
+A claim is "proved" or "refuted" here only if `hgogen recheck` verifies its evidence. A claim without such evidence is
+"stated", with a reason. Open verdicts are copied: they assert nothing.
 """
 
 import json
@@ -54,16 +55,17 @@ from hgogen.recheck.verification import recheck
 
 
 class NoClaims(BadArgument):
-    """Something that a certificate was asked of, and that is no form, no checks or no name of an observer."""
+    """An argument of `certificate` that is no form, no checks or no name of an observer."""
 
 
 def certificate(form: Form, checks: Iterable[Check], observer: str = "") -> dict[str, Any]:
-    """The certificate of a form's checks, and of the observer of that name.
+    """Return the certificate of a form's checks, and of the observer of that name.
 
-    What `recheck.verification` does not verify is "stated" in it, not "proved".
+    A claim that `recheck.verification` does not verify is "stated" in it, not "proved".
 
-    Raises: `NotCertifiable` for a model with functions that the certificate's grammar has not (Piecewise, floor);
-    `OtherNumbers` for an observer that does not fit its rules; `NoClaims` for what is no form, check or name.
+    Raises: `NotCertifiable` for a model with functions that the certificate's grammar lacks (Piecewise, floor);
+    `OtherNumbers` for an observer that does not fit its rules; `NoClaims` for an argument that is no form, check or
+    name.
     """
     checks = _demanded(form, checks, observer)
     claims = [_claim(form, check) for check in checks]
@@ -81,7 +83,7 @@ def certificate(form: Form, checks: Iterable[Check], observer: str = "") -> dict
 
 
 def _demanded(form: object, checks: object, observer: object) -> tuple[Check, ...]:
-    """The checks. Raises: `NoClaims`."""
+    """Return the checks. Raises: `NoClaims`."""
     if not isinstance(form, Form):
         raise NoClaims(f"{type(form).__name__} given to certificate", "is no form; give observer.form, observer.checks")
     each = tuple(checks) if isinstance(checks, Iterable) else (checks,)
@@ -95,20 +97,19 @@ def _demanded(form: object, checks: object, observer: object) -> tuple[Check, ..
 
 
 def asserted(content: Mapping[str, Any]) -> int:
-    """Return how many claims of a certificate say something that `recheck.verification` verifies."""
+    """Return the number of claims in a certificate that `recheck.verification` verifies."""
     return sum(claim["verdict"] in ("proved", "refuted") for claim in content["claims"])
 
 
 def stated(content: Mapping[str, Any]) -> tuple[tuple[str, str], ...]:
-    """The ids and reasons of the claims that were proved or refuted, and that a certificate could not give evidence
-    of."""
+    """Return the ids and reasons of the claims that were proved or refuted, but have no evidence in the certificate."""
     return tuple(
         (claim["id"], claim["evidence"]["reason"]) for claim in content["claims"] if claim["verdict"] == "stated"
     )
 
 
 def _claim(form: Form, check: Check) -> dict[str, Any]:
-    """The claim of a check with its evidence; of a verdict without evidence that can be verified, the reason."""
+    """Return the claim of a check with its evidence, or with a reason where no evidence can be verified."""
     proofs_by_verdict = {Verdict.PROVED: check.proofs[:1], Verdict.REFUTED: (check.disproof,)}.get(check.verdict)
     if proofs_by_verdict is None:
         return {"id": check.id, "verdict": str(check.verdict), "evidence": {"reason": str(check.reason)}}

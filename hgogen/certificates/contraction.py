@@ -1,19 +1,20 @@
-"""Whether the error of an estimate contracts as the step runs, at its own gains and dt: the step's own certificate.
+"""Whether the error of an estimate contracts in the running step, at its own gains and dt: the step's own certificate.
 
     |e+|_P <= sqrt(1 - alpha dt) |e|_P   over one call of the program, by its method
 
-e is the difference of two estimates that are given the same samples and inputs, from anywhere; it is also the error
-against a plant whose state, with its output at each stage, moves by the same step: what a plant does otherwise, noise
-among it, enters as bounded inputs. Every sample is there, no guard acts on the estimate, inputs keep to their ranges,
-gains and parameters have their declared values, and numbers are real numbers. The slopes of b lie anywhere in their
-ranges, in each stage by themselves, so that the proof needs more than that each frozen slope decays.
+e is the difference of two estimates with the same samples and inputs, from any start. It is also the error against a
+plant whose state, with its output at each stage, moves by the same step; other motion of the plant, and noise, are
+bounded inputs. No sample is missing, no guard acts on the estimate, inputs keep to their ranges, gains and parameters
+have their declared values, and numbers are real numbers. The slopes of b are anywhere in their ranges, independently in
+each stage: this is more than the decay at each constant slope.
 
-How far dt and theta may go is looked for in floats by halving, from the step's own values where it contracts there,
-else from the first that are found, and proved in rationals where the search ends, at a short number on the near side.
+The limits of dt and theta are searched in floats by bisection, from the step's own values if it contracts there, else
+from the first values at which it does. The end of the search is proved in rationals, at a short number on the near
+side.
 
-A proof at (dt, theta) serves every (dt', theta') with theta' >= theta and dt' theta' = dt theta: dt M is the same but
-for the slopes of b, which dt'/dt theta'^-degree/theta^-degree makes smaller, and whose ranges hold 0. So what is proved
-at theta of every step length up to dt is proved of every theta' from theta to theta dt/dt' at each shorter dt'.
+A proof at (dt, theta) is valid for every (dt', theta') with theta' >= theta and dt' theta' = dt theta: dt M is the same
+but for the slopes of b, which are multiplied by dt'/dt theta'^-degree/theta^-degree <= 1, and whose ranges hold 0. So a
+proof at theta for every step length up to dt covers every theta' from theta to theta dt/dt' at each shorter dt'.
 """
 
 from collections.abc import Callable, Iterable, Iterator
@@ -34,17 +35,18 @@ from hgogen.prove.questions import obeyed, theta_of
 from hgogen.sentence import Down, Reason, Sentence, because, down, point, same, up
 from hgogen.step import Step, demand_step
 
-_ROOM = 2**10  # how much longer a dt is looked for where nothing is refused
-_SHARES = 8  # that are tried, each half of the one before
-_HALVINGS, _DOUBLINGS = 10, 6  # of dt, of theta, where there is no proof at the step's own
-_BACK = tuple(Fraction(k, 100) for k in (0, 1, 5, 20))  # of the way to the start: where a proof is tried
+_ROOM = 2**10  # the longest dt of a search over the step's own, without a refused one
+_SHARES = 8  # the most shares that are tried, each half of the last one
+_HALVINGS, _DOUBLINGS = 10, 6  # of dt, of theta, in the search for a first proof
+# of the way from the end of a search back to its start, for proofs
+_BACK = tuple(Fraction(k, 100) for k in (0, 1, 5, 20))
 
 
 @dataclass(frozen=True)
 class Reach:
-    """`longest`: the largest dt at the step's theta, and `pieces`: proofs of all dt up to it; `least`: the smallest
-    theta at the step's dt, and `tuned`: proofs at it of all dt that serve each theta up to the step's own. None, or no
-    pieces, where nothing was proved."""
+    """The limits of dt and theta: `longest`, the largest proved dt at the step's theta, and `pieces`, proofs of all dt
+    up to it; `least`, the smallest proved theta at the step's dt, and `tuned`, proofs at it of all dt that cover each
+    theta up to the step's own. None, or no pieces, where nothing is proved."""
 
     longest: Fraction | None = None
     pieces: tuple[Piece, ...] = ()
@@ -57,12 +59,11 @@ NOWHERE = Reach()
 
 @dataclass(frozen=True)
 class Contraction:
-    """Proofs of how the error of a step contracts, call by call.
+    """Proofs that the error of a step contracts, call by call.
 
-    `checks`: OBSERVER.step, that it contracts at its dt and theta; OBSERVER.shorter, that it does at every dt up to a
-    longest; OBSERVER.tuned, that it does at every theta from a least one to its own: of the last two only what is
-    proved. `rate` (1/s), at which |e|_P falls at its dt and theta, rounded down, None where that is not proved;
-    `reach`: how far dt and theta may go; `proof`: of the first.
+    `checks`: OBSERVER.step, at its dt and theta; OBSERVER.shorter, at every dt up to a longest one; OBSERVER.tuned, at
+    every theta from a least one to its own; the last two only if they are proved. `rate` (1/s) of |e|_P at its dt and
+    theta, rounded down, None where it is not proved; `reach`: the limits of dt and theta; `proof`: of the first check.
     """
 
     checks: tuple[Check, ...]
@@ -80,10 +81,10 @@ class Contraction:
 
 
 def contraction(step: Step) -> Contraction:
-    """Return what is proved of the error of a step at its gains and dt, and how far dt and theta may go.
+    """Return the proofs about the error of a step at its gains and dt, and the limits of dt and theta.
 
-    Of `high_gain`, `circle_criterion`, `filtered`, `filtered_injection`, `low_power` and `peaking_free` by an explicit
-    method, or by one that realises a core that does not move; of others the check says why nothing is proved.
+    They exist for `high_gain`, `circle_criterion`, `filtered`, `filtered_injection`, `low_power` and `peaking_free` by
+    an explicit method, or by one that realises a constant core; for others the check says why nothing is proved.
 
     Raises: `NoSolver` without Clarabel; `NoStep`.
     """
@@ -117,7 +118,7 @@ def _contraction(observer: Observer, method: Method, rule: str, dt: float, limit
 
 
 def _beyond(observer: Observer, rule: str, steps: Steps, far: Reach) -> Iterator[Check]:
-    """The checks of other step lengths and of other thetas, those that are proved."""
+    """Yield the proved checks of other step lengths and of other thetas."""
     reason = because("the inequality is a polynomial in dt, negative on the whole range, in rational arithmetic")
     if far.pieces:
         longest = far.pieces[-1].high
@@ -131,7 +132,7 @@ def _beyond(observer: Observer, rule: str, steps: Steps, far: Reach) -> Iterator
 
 
 def _facts(rule: str, theta: Fraction, pieces: Iterable[Piece]) -> Evidence:
-    """Proofs at one theta of every step length up to a longest, as a certificate has them."""
+    """Return proofs at one theta of every step length up to a longest, as a certificate has them."""
     each = [{"low": one.low, "high": one.high, **one.weights.written} for one in pieces]
     return {"method": rule, "theta": theta, "pieces": each}
 
@@ -141,12 +142,12 @@ def _claim(observer: Observer, rule: str, dt: float) -> str:
 
 
 def running(observer: Observer, rule: str, dt: float) -> str:
-    """Return how a claim about a step begins."""
+    """Return the beginning of a claim about a step."""
     return f"as it runs, by {rule} at dt = {same(dt)} {observer.form.system.time}"
 
 
 def claimed(observer: Observer, fact: str, claim: str, reason: Reason, error: Inclusion, facts: Evidence) -> Check:
-    """A proved claim about the error of an observer, with the `facts` that show it."""
+    """Return a proved claim about the error of an observer, with the `facts` that prove it."""
     grounds = Grounds({"theta": float(theta_of(observer)), **error.numbers}, Facts(error, facts))
     return Check(ClaimId(observer.name, fact), claim, Verdict.PROVED, reason, proofs=(grounds,))
 
@@ -159,7 +160,8 @@ def _unknown(
 
 
 def _why(observer: Observer, steps: Steps, h: Fraction) -> Reason:
-    """Why there is no proof at a step length: slopes that are held, else what hinders most, and by how much."""
+    """Return why there is no proof at a step length: constant slopes with growing errors, else the main obstacle and
+    its size."""
     slopes = unstable(steps.at(h))
     if slopes is None:
         known, share = Flow(steps.error, steps.theta).obstacle(observer.form.states), enough(steps, h)
@@ -171,7 +173,7 @@ def _why(observer: Observer, steps: Steps, h: Fraction) -> Reason:
 
 
 def _fix(far: Reach) -> str:
-    """Return what can be changed, each with the number at which it is proved."""
+    """Return the changes with which there is a proof, with their numbers."""
     ways = [f"dt = {Down(far.longest, 3)}"] if far.longest else []
     ways += [f"theta = {same(float(far.least))}"] if far.least else []
     known = f"It is proved with {' or with '.join(ways)}. " if ways else ""
@@ -182,7 +184,7 @@ def _fix(far: Reach) -> str:
 
 
 def reach(steps: Steps, h: Fraction, limit: float) -> Reach:
-    """The reach of a step of length h, which is refused above `limit`. Raises: `NoSolver`."""
+    """Return the limits for a step of length h, which is refused above `limit`. Raises: `NoSolver`."""
     theta, far = steps.theta, h * _ROOM if limit == float("inf") else Fraction(limit)
 
     def at(level: Fraction) -> Steps:
@@ -205,8 +207,8 @@ def reach(steps: Steps, h: Fraction, limit: float) -> Reach:
 
 
 def enough(steps: Steps, h: Fraction) -> Fraction | None:
-    """Return, of a step that is not proved, the largest share of the ranges of its slopes with which it is; None of
-    none. Raises: `NoSolver`."""
+    """Return, for a step without a proof, the largest share of the ranges of its slopes with which there is one; None
+    for none. Raises: `NoSolver`."""
 
     def narrowed(share: Fraction) -> Steps:
         return replace(steps, error=steps.error.narrowed(share))
@@ -223,7 +225,7 @@ def _first(holds: Callable[[Fraction], bool], values: Iterable[Fraction]) -> Fra
 
 
 def _proved(certain: Callable[[Fraction], object], start: Fraction, end: Fraction) -> Fraction | None:
-    """The value nearest to the end that is proved, a short number between it and the start."""
+    """Return the value nearest to the end that is proved, a short number between it and the start."""
     towards = up if start > end else down
     for share in _BACK:
         value = Fraction(towards(end + (start - end) * share, 3))
@@ -234,7 +236,7 @@ def _proved(certain: Callable[[Fraction], object], start: Fraction, end: Fractio
 
 @dataclass(frozen=True)
 class Admitted:
-    """Limits of a step's dt."""
+    """The limits of a step's dt."""
 
     dt: Annotated[float, "the step's own dt"]
     time: Annotated[str, "unit of time"]
@@ -245,13 +247,13 @@ class Admitted:
 
     @property
     def sentence(self) -> Sentence:
-        """The limits in their order; of what is advised only where it goes beyond what is certified."""
+        """The limits in ascending order; the advised one only if it is above the certified one."""
         limits = []
         if self.certified is None:
             limits.append(Sentence.of("certified at none"))
         else:
             pattern = "certified up to {most}" if self.throughout else "certified at {most}"
-            typed = Fraction(repr(self.certified))  # as it is typed: 0.147, which no float is
+            typed = Fraction(repr(self.certified))  # the decimal number, such as 0.147, not its float
             limits.append(Sentence.of(pattern, most=Down(typed, 3)))
         if self.advised is not None and not (self.throughout and self.advised <= (self.certified or 0)):
             limits.append(Sentence.of("tried without failure up to {most}", most=Down(self.advised, 3)))
@@ -261,7 +263,7 @@ class Admitted:
 
 
 def admitted(step: Step, known: Contraction) -> Admitted:
-    """The limits of a step's dt, of what is known of its contraction."""
+    """Return the limits of a step's dt, with those of its contraction."""
     far = known.reach
     certified = float(far.longest) if far.longest else step.dt if known.proved else None
     advised, refused = (None if most == INF else most for most in (step.advised, step.limit))

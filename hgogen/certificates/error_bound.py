@@ -1,19 +1,17 @@
-"""Error bounds of a step as it runs, of the form's states and of the plant's own.
+"""Error bounds of a running step, for the form's states and the plant's own, with the share of each cause, for ever.
 
-How far the plant's own states err behind a change of coordinates, of bounds of the errors of a form's states.
+    e+ = Phi e + inputs,   V = |e|_P^2 of the contraction loses alpha h of itself without inputs
+
+The parts of e from each input have a bound and a norm of their own, and add up; the part of the start decays.
+`prove.plant_step` bounds the sizes of the inputs.
+
+Errors of the plant's own states behind a change of coordinates follow from those of the form's states:
 
     |x_i - xhat_i| <= sum_j sup |dx_i/dz_j| |z_j - zhat_j|
 
-The supremum is over where an observer takes the map back, between a z of the plant, in its ranges, and an estimate that
-errs by no more than the bounds allow: by outward-rounded intervals, of a map that bends but does not jump. What is
-linear in z is taken at z, the rest where it is clamped; a clamp leaves a share of an error, one to the ranges as well.
-
-How well a state is known, as the step runs: noise, disturbances and the method, each with its share, for ever.
-
-    e+ = Phi e + what enters,   V = |e|_P^2 of the contraction falls by alpha h of itself where nothing does
-
-The parts of e that the inputs drive are bounded one by one, each by its own norm, and add; that of the start decays.
-How large the inputs are `prove.plant_step` says.
+The supremum, by outward-rounded intervals, is over the segments between a z of the plant, in its ranges, and an
+estimate within the bounds, for a map that may have kinks but no jumps. The terms that are linear in z are taken at z,
+the others where it is clamped. A clamp multiplies an error by a share in [0, 1], also at the ranges.
 """
 
 import math
@@ -49,8 +47,8 @@ Slopes = Mapping[str, tuple[Fraction, ...]]
 
 
 def slopes_of_states(form: Form, errors: Sequence[Fraction]) -> Slopes:
-    """Return, by the name of a state of the plant that is none of the form's, the sup |dx/dz_j| (n), where the states
-    of the form err by at most these `errors` (n); without those of which no slope is known."""
+    """Return, by the name of a state of the plant that is none of the form's, the sup |dx/dz_j| (n), where the errors
+    of the form's states are at most `errors` (n); without states whose slopes are unknown."""
     slopes = {}
     for state, expression in form.estimates:
         if state.name in form.names:
@@ -63,8 +61,8 @@ def slopes_of_states(form: Form, errors: Sequence[Fraction]) -> Slopes:
 
 
 def _of_form(form: Form, expression: sp.Expr, errors: Sequence[Fraction]) -> tuple[Fraction, ...]:
-    """Return the slopes of a state that is reported as an expression of z, clamped to where it turns round. Raises:
-    `Unbounded`."""
+    """Return the slopes of a state that is reported as an expression of z, which is clamped where the map turns.
+    Raises: `Unbounded`."""
     where, (_, nonlinear) = form.box, linear_terms(expression, form.states)
     for z, error in zip(form.states, errors, strict=True):
         (low, high), (least, most) = map(Fraction, z.interval), reach([nonlinear], z, form.states)
@@ -73,8 +71,8 @@ def _of_form(form: Form, expression: sp.Expr, errors: Sequence[Fraction]) -> tup
 
 
 def _of_plant(form: Form, state: sp.Symbol) -> tuple[Fraction, ...]:
-    """Return the slopes of a state that is reported as an expression of the states of the form's system, which are
-    recovered of z clamped to its ranges, and are then clamped to theirs. Raises: `Unbounded`."""
+    """Return the slopes of a state that is reported as an expression of the states of the form's system. These are
+    recovered from z, clamped to its ranges, and then clamped to theirs. Raises: `Unbounded`."""
     system, inverse = form.system, sided(form)
     (reported,) = (expression for signal, expression in system.reported if signal == state)
     around = system.box_with(system.states)
@@ -91,8 +89,8 @@ def _of_plant(form: Form, state: sp.Symbol) -> tuple[Fraction, ...]:
 
 
 def _steepest(expression: sp.Expr, form: Form, where: Box) -> tuple[Fraction, ...]:
-    """sup |l_j + c r_j|, c in [0, 1], of what is linear in z, with slopes l, and the rest, with slopes r: at an end of
-    c. Raises: `Unbounded`."""
+    """Return sup |l_j + c r_j|, c in [0, 1], at an end of c: l are the slopes of the terms that are linear in z, r
+    those of the others. Raises: `Unbounded`."""
     linear, _ = linear_terms(expression, form.states)
     return tuple(max(steepness_in(linear, z, where), steepness_in(expression, z, where)) for z in form.states)
 
@@ -102,27 +100,28 @@ def _end(end: float, otherwise: Fraction) -> Fraction:
 
 
 AnyStep = TypeVar("AnyStep", bound=Step)
-_CLOSE = Fraction(1, 10)  # of the bound: what is left of the start when it is said to have settled
+_CLOSE = Fraction(1, 10)  # of the bound: the error from the start after it has settled
 _ENDLESS = "no time is proved from which on the bounds of the errors hold: {why}"
 _MET = "what enters may move the estimate of {states} to its limits; state less of it, or lower the gains"
 _SHORTER = "Take a shorter dt."
 _LESS = "State less of what enters, or take other gains."
 _GUARDS = "while no sample is rejected, and the estimate does not restart from one"
-_UP = 1 + 1e-9  # of a count of calls, for what its floats may be off
+_UP = 1 + 1e-9  # of a count of calls, for rounding errors
 
 
 @dataclass(frozen=True)
 class ErrorBound:
-    """Bounds of how far the estimate of a step errs.
+    """Bounds of the estimate's errors for a step.
 
-    `shares`: by what enters ("noise", "rounded", "late", "disturbance", "parameters", "method", "rounding") and by the
-    name of a state of the form, or of the plant behind a change of coordinates (`slopes_of_states`), what it adds;
-    `bounds`: their sums, without the states of which the sum is more than the width of their range, which `check` names
-    with it. `settles` (the model's unit of time): after which an error is within 1.1 of its bound, from first errors of
-    min(1, `multiple`) times what the ranges allow; `multiple`: of how many times these the limits of the estimate are
-    not touched. Where no start is known both are None, and `missing` says why; where nothing is proved it says why not,
-    and the mappings are empty. `inside`: by how much the plant keeps clear of the ends of its ranges for it. `check`:
-    OBSERVER.error; certificates carry it for the states of the form. `signed`: what the code of a step states of it.
+    `shares`: by cause ("noise", "rounded", "late", "disturbance", "parameters", "method", "rounding") and by the name
+    of a state of the form, or of the plant behind a change of coordinates (`slopes_of_states`), its part; `bounds`:
+    their sums, without the states whose sum exceeds the width of their range; `check` names these. `settles` (the
+    model's unit of time): the time after which an error is within 1.1 of its bound, for initial errors of min(1,
+    `multiple`) times those that the ranges allow; `multiple`: the largest multiple of these with which the estimate
+    never reaches its limits. If no start is known both are None, and `missing` says why; if nothing is proved it says
+    why, and the mappings are empty. `inside`: the distance by which the plant must keep clear of the ends of its
+    ranges. `check`: OBSERVER.error; certificates contain it for the states of the form. `signed`: the statements in the
+    code of a step.
     """
 
     check: Check
@@ -149,20 +148,20 @@ def error_bound(
     rates: Each = None,
     real: Real | None = None,
 ) -> ErrorBound:
-    """Return how far the estimate of a step that is proved to contract errs at most, for ever, and from when on.
+    """Return the largest errors of the estimate for ever, and from when on, for a step that is proved to contract.
 
-    By name, what is not given is 0: `noise`, at most this error in each sample of an output, whatever its course;
-    `rounded`, to steps of which samples are rounded; `late`, the time by which a sample may be taken beside its own;
-    `disturbance`, at most this in the rate of a state of the plant, of any course; `parameters`, by how much the
-    plant's may be beside the program's, a constant; `rates`, at most how fast an input moves between two samples, by
-    default its declared rates; of an input that is held there none. `real`, "float" or "double": with what the program
-    rounds in that precision; by default its numbers are real numbers.
+    Sizes are given by name, 0 by default: `noise`, the largest error in each sample of an output, of any course;
+    `rounded`, the quantisation step of samples; `late`, the largest difference of a sample's time from its nominal
+    time; `disturbance`, the largest one in the rate of a state of the plant, of any course; `parameters`, the largest
+    difference of the plant's from the program's, a constant; `rates`, the largest speed of an input between two
+    samples, by default its declared rates; 0 for an input that is constant there. `real`, "float" or "double": includes
+    rounding errors of the program in that precision; by default its numbers are real numbers.
 
-    The plant keeps to its ranges, clear of their ends by `inside`; inputs do, and move between samples as the program
-    takes them to; every sample is there, and is a number of the program's precision, as inputs are. Of rounding it is
-    taken that the elementary functions err by no more than twice what was measured of them.
+    The plant keeps to its ranges, clear of their ends by `inside`. Inputs keep to theirs, and move between samples as
+    the program assumes. No sample is missing; samples and inputs are numbers of the program's precision. The errors of
+    elementary functions are assumed to be at most twice those that were measured.
 
-    Raises: `NoSolver` without Clarabel; `BadNames`, `BadGain` for what is no size; `BadStep` for no precision.
+    Raises: `NoSolver` without Clarabel; `BadNames`, `BadGain` for an invalid size; `BadStep` for an unknown precision.
     """
     demand_choice("real", real, (None, *REALS))
     demand_step(step, "error_bound")
@@ -198,8 +197,8 @@ def error_bound(
 
 
 def signed(step: AnyStep, **bounds: Any) -> AnyStep:
-    """The step with what `error_bound` proves of it under these `bounds`, its arguments: the code that targets make of
-    it states the numbers and what they assume. Nothing else of the step is another.
+    """Return the step with the result of `error_bound` under these `bounds`, its arguments: the code that targets
+    generate states the numbers and their assumptions. Nothing else of the step changes.
 
     Raises: as `error_bound`.
     """
@@ -207,7 +206,8 @@ def signed(step: AnyStep, **bounds: Any) -> AnyStep:
 
 
 def _moving(step: Step, rates: Each) -> tuple[Fraction | None, ...]:
-    """Return how fast each input moves between samples, None where that is not known. Raises: `BadNames`, `BadGain`."""
+    """Return the largest speed of each input between samples, None where it is unknown. Raises: `BadNames`,
+    `BadGain`."""
     inputs = step.observer.form.system.inputs
     declared = [max(map(abs, u.rates[0])) if u.rates else None for u in inputs]
     requested = each_by_name("rates", rates, names_of(inputs), None)
@@ -217,7 +217,7 @@ def _moving(step: Step, rates: Each) -> tuple[Fraction | None, ...]:
 
 
 def _error_inputs(plant: PlantStep, most: Mapping[str, Sequence[Fraction]]) -> dict[str, ErrorInput]:
-    """Return the inputs of the error beside the method, each by its name, where it is not 0. Raises: `Unbounded`."""
+    """Return the inputs of the error by name, without that of the method and those that are 0. Raises: `Unbounded`."""
     outputs, wrong, pushed = range(len(plant.form.output)), most["parameters"], most["disturbance"]
     change, by_parameters = plant.change(pushed), plant.by_parameters(wrong)
     disturbance, mismatch = times(change, pushed), times(by_parameters, wrong)
@@ -246,7 +246,7 @@ def _bounded(
     step: Step, proof: Contracts, plant: PlantStep, most: Mapping[str, Sequence[Fraction]], real: Real | None
 ) -> ErrorBound:
     """Raises: `Unbounded`, `NoSolver`."""
-    assert isinstance(step.method, OnErrors)  # as a step is that is proved to contract
+    assert isinstance(step.method, OnErrors)  # the contraction is proved
     error_inputs, error = _error_inputs(plant, most), proof.steps.error
     scales, heads = error.scales(proof.steps.theta), heads_of(plant.form)
     if scales is None or heads is None:
@@ -275,7 +275,7 @@ def _bounded(
 
 
 def _shares(running: Running, error_inputs: Mapping[str, ErrorInput]) -> list[Share]:
-    """The shares of what enters, by their names. Raises: `Unbounded`, `NoSolver`."""
+    """Return the shares of the inputs. Raises: `Unbounded`, `NoSolver`."""
     shares, proofs = list[Share](), dict[Sizes, dict[int, InputBound] | None]()
     for name, one in error_inputs.items():
         relative = one.sizes.over(one.sizes.largest)
@@ -296,7 +296,8 @@ def _totals(fields: Sequence[int], shares: Sequence[Share]) -> dict[int, Fractio
 def _begun(
     running: Running, start: Start | Nothing, totals: Mapping[int, Fraction]
 ) -> tuple[Start, Fraction] | Nothing:
-    """The start, and of how many times its first errors the limits are not touched, beside what the inputs do."""
+    """Return the start, and the multiple of its initial errors with which the estimate reaches no limit under the
+    inputs."""
     if isinstance(start, Nothing):
         return start
     slack = {k: limit - totals[k] for k, limit in start.limits.items()}
@@ -309,8 +310,8 @@ def _begun(
 
 
 def _calls(running: Running, start: Start, multiple: Fraction, residual: Mapping[int, Fraction]) -> int:
-    """The calls after which what is left of the start is that much at most, by field: from V(0) at most the largest of
-    the corners V falls to (1 - alpha h)^k of it."""
+    """Return the calls after which the error from the start is at most `residual`, by field: V(0) is at most the
+    largest of the corners, and is multiplied by (1 - alpha h)^k."""
     begins, proof = running.begins(start, residual), running.proof
     falls, calls = -math.log1p(-float(proof.alpha * proof.h)) / 2, 0
     for k, most in residual.items():
@@ -327,8 +328,8 @@ def _stated(
     residual: Mapping[int, Fraction],
     calls: int,
 ) -> ErrorBound:
-    """The bound of these shares, from so many calls on after which no more than this is `left` of the start, by field;
-    `room`: what errors may be beside the bounds for no guard to act, None where one may."""
+    """Return the bound of these shares, from `calls` on, after which the error from the start is at most `residual`, by
+    field; `room`: the further errors at which no guard acts, None where one may."""
     settled, multiple, alone = _settled(running, begun, room, residual, calls)
     totals = _totals(running.fields, shares)
     step, form, picks = running.step, running.step.observer.form, running.error.layout.picks
@@ -383,7 +384,8 @@ def _settled(
     residual: Mapping[int, Fraction],
     calls: int,
 ) -> tuple[Signed, Fraction | None, bool]:
-    """When the start has decayed, from how many times its first errors, and whether no guard acts."""
+    """Return the time after which the start has decayed, the multiple of its initial errors, and whether no guard
+    acts."""
     if isinstance(begun, Nothing):
         return Signed(unsettled=begun.reason), None, room == {}
     start, multiple = begun
@@ -398,7 +400,7 @@ def _settled(
 
 
 def _beyond(state: str, bound: float, width: float, parts: Mapping[str, float]) -> Sentence:
-    """Return that a bound says nothing, and what makes it so large."""
+    """Return the sentence that a bound is useless, with its largest cause."""
     what = max(parts, key=lambda each: parts[each])
     pattern = "{state} is unknown, as {bound} is more than its range is wide, {width}, and {what} alone has {size}"
     return Sentence.of(
@@ -407,7 +409,7 @@ def _beyond(state: str, bound: float, width: float, parts: Mapping[str, float]) 
 
 
 def _from(step: Step, settled: Signed, multiple: Fraction | None) -> Reason:
-    """Return from when on the bound holds, and from which first errors."""
+    """Return the sentence with the time from which the bound holds, and the initial errors."""
     if settled.settles is None or multiple is None:
         pattern = "once what is left of the start has decayed, for which no time is proved: {why}"
         return because(pattern, why=settled.unsettled)
@@ -419,7 +421,7 @@ def _from(step: Step, settled: Signed, multiple: Fraction | None) -> Reason:
 
 
 def _claim(step: Step, known: Sequence[str] = ()) -> str:
-    """Return the claim about every state, or about those that are named."""
+    """Return the claim about every state, or about those with the names."""
     which = f"of the states {', '.join(known)}" if known else "every state"
     return f"{running(step.observer, step.code.rule, step.dt)}, {which} is known within a bound, for ever"
 

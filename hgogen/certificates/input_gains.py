@@ -1,12 +1,12 @@
-"""How far inputs drive the error of an observer: noise as the step runs, and L2 and ISS gains in continuous time.
+"""Gains from inputs to the error of an observer: noise in the running step; L2 and ISS gains in continuous time.
 
     noise    |e_i| <= beta_ij for noise of at most 1 in each sample of output j, whatever its course, at every call
-    L2       |C e|_2 <= mu |v|_2 + what the start leaves, v the inputs in units of their sizes, |.|_2 over all time
-    ISS      |e_i| comes to its bound at most, and stays there, while each input is at most its size, of any course
+    L2       |C e|_2 <= mu |v|_2 + a term of the start, v the inputs in units of their sizes, |.|_2 over all time
+    ISS      |e_i| is at most its bound in the end, while each input is at most its size, of any course
 
 All hold at the observer's own theta, whatever the slopes of b in their ranges, while the plant keeps to its ranges and
-no guard acts. The first is of the step that runs. The others are of continuous time, for observers of a constant
-injection: for design, and to compare with what papers give.
+no guard acts. The first is for the step that runs. The others are for continuous time and observers of a constant
+injection: for design, and to compare with the literature.
 """
 
 from collections.abc import Mapping
@@ -37,18 +37,18 @@ from hgogen.step import Step, demand_step
 
 @dataclass(frozen=True)
 class NoiseGain:
-    """`gains`: by the name of a state of the form and of an output, how far the estimate of the one goes at most for
-    noise of at most 1 in the samples of the other, in their units; of several outputs the shares add. `check`: that it
-    is so, OBSERVER.noise."""
+    """The effect of noise: `gains`, by the names of a state of the form and of an output, the largest error of the
+    state for noise of at most 1 in the samples of the output, in their units; for several outputs they add up. `check`:
+    OBSERVER.noise."""
 
     gains: Mapping[tuple[str, str], float]
     check: Check
 
     def bound(self, state: str, noise: Mapping[str, float]) -> float:
-        """Return how far the estimate of a state goes at most for noise of at most these sizes, by output: their shares
-        add. Rounding of samples to steps of q is noise of q/2.
+        """Return the largest error of a state for noise of at most these sizes, by output: their effects add up.
+        Rounding of samples to steps of q is noise of q/2.
 
-        Raises: `BadNames` for a state or an output that there is not; `BadGain` for what is no size.
+        Raises: `BadNames` for an unknown state or output; `BadGain` for an invalid size.
         """
         states, outputs = (tuple(dict.fromkeys(names)) for names in zip(*self.gains, strict=True))
         in_order("state", {state: None}, states, default=dict.fromkeys(states))
@@ -57,11 +57,11 @@ class NoiseGain:
 
 
 def noise_gain(step: Step) -> NoiseGain | Nothing:
-    """Return what noise does to the estimate of a step that is proved to contract; or why that is not known: of one
-    that is not, or whose chain has gains that are no numbers.
+    """Return the effect of noise on the estimate of a step that is proved to contract; or why it is unknown: no
+    contraction, or a chain whose gains are no numbers.
 
-    From elsewhere a bound is approached: where it is reached V = |e|_P^2 is 1, and what V is above that falls by
-    alpha dt of itself at each call.
+    An error beyond the bound approaches it: the bound is |e|_P^2 = 1, and |e|_P^2 - 1 loses alpha dt of itself at each
+    call.
 
     Raises: `NoSolver` without Clarabel; `NoStep`.
     """
@@ -86,7 +86,7 @@ def _noise_gain(observer: Observer, rule: str, dt: float, proof: Contracts) -> N
                 return Nothing(because("no bound is found of what noise of {y} does", y=form.system.outputs[j]))
             bounds[i, j] = one
     outputs = [output.name for output in form.system.outputs]
-    gains = {(state, output): 0.0 for state in form.names for output in outputs}  # of one that enters nowhere
+    gains = {(state, output): 0.0 for state in form.names for output in outputs}  # 0 for an output that is not injected
     gains |= {(form.names[i], outputs[j]): number(one.bound)[1] for (i, j), one in bounds.items()}
     at = running(observer, rule, dt)
     claim = f"{at}, noise of at most 1 at each sample moves the estimate by a bounded amount, whatever its course"
@@ -106,7 +106,7 @@ _WHILE = Sentence.of("while the estimate keeps to its outer box; in rational ari
 
 @dataclass(frozen=True)
 class L2Gain:
-    """`gain`: a bound of the L2 gain, None where none is proved; `check`: OBSERVER.l2_gain, which says why."""
+    """A bound `gain` of the L2 gain, None where none is proved; `check`: OBSERVER.l2_gain, with the reason."""
 
     gain: float | None
     check: Check
@@ -117,8 +117,8 @@ class L2Gain:
 
 @dataclass(frozen=True)
 class IssGain:
-    """`bounds`: by the name of a state of the form, to how much its error comes at most; empty where nothing is proved.
-    `check`: OBSERVER.iss_gain, which says why."""
+    """The ultimate `bounds` of the errors by the name of a state of the form; empty where nothing is proved. `check`:
+    OBSERVER.iss_gain, with the reason."""
 
     bounds: Mapping[str, float]
     check: Check
@@ -129,12 +129,12 @@ class IssGain:
 
 @asks_an_observer
 def l2_gain(observer: Observer, *, noise: Each = None, disturbance: Each = None, of: Each = None) -> L2Gain:
-    """A bound of the L2 gain from inputs to the error of a constant injection, at its own theta.
+    """Return a bound of the L2 gain from inputs to the error of a constant injection, at its own theta.
 
-    By name: `noise`, of an output, and `disturbance`, in the rate of a state of the plant, the size that counts as 1;
-    what is not named does not enter. `of`: what the error of a state of the form counts for, by default 1 each.
+    By name: `noise`, of an output, and `disturbance`, in the rate of a state of the plant, the size that counts as 1,
+    by default 0; `of`: the weight of the error of a state of the form, by default 1.
 
-    Raises: `NoSolver` without Clarabel; `BadNames`, `BadGain` for what is no size.
+    Raises: `NoSolver` without Clarabel; `BadNames`, `BadGain` for an invalid size.
     """
     claim = "in continuous time, the L2 gain from noise and disturbances to the error has a bound"
     weights = sizes("of", of, observer.form.names, 1.0)
@@ -161,10 +161,10 @@ def l2_gain(observer: Observer, *, noise: Each = None, disturbance: Each = None,
 
 @asks_an_observer
 def iss_gain(observer: Observer, *, noise: Each = None, disturbance: Each = None) -> IssGain:
-    """The bound to which the error of each state of the form comes under inputs of at most these sizes, whatever their
-    course; of inputs k times as large k times as much. Arguments as of `l2_gain`.
+    """Return the ultimate bound of the error of each state of the form under inputs of at most these sizes, whatever
+    their course; it is proportional to the inputs. Arguments as of `l2_gain`.
 
-    Raises: `NoSolver` without Clarabel; `BadNames`, `BadGain` for what is no size.
+    Raises: `NoSolver` without Clarabel; `BadNames`, `BadGain` for an invalid size.
     """
     claim = "in continuous time, under noise and disturbances the error of every state comes to a bound"
     known = _known(observer, noise, disturbance)
@@ -191,7 +191,7 @@ def iss_gain(observer: Observer, *, noise: Each = None, disturbance: Each = None
 @dataclass(frozen=True, eq=False)
 class _Known:
     """The `error` at `theta`, which `falls` without inputs; `driven` by the inputs (q), first those of the outputs, of
-    the sizes `noise` (p), then those `beside` in the form's rows, each (n); `scales` (N); and `phrases` of the
+    the sizes `noise` (p), then the `disturbances` in the form's rows, each (n); `scales` (N); and `phrases` of the
     inputs."""
 
     error: Inclusion
@@ -205,8 +205,7 @@ class _Known:
 
 
 def _known(observer: Observer, noise: Each, disturbance: Each) -> _Known | Reason:
-    """Return what is known of the error and of its inputs, or why nothing is. Raises: `NoSolver`, `BadNames`,
-    `BadGain`."""
+    """Return the error with its inputs, or why it is unknown. Raises: `NoSolver`, `BadNames`, `BadGain`."""
     form, system = observer.form, observer.form.system
     noises = of_used(form, sizes("noise", noise, names_of(system.outputs)))
     disturbed = sizes("disturbance", disturbance, names_of(system.declared.states))
@@ -239,7 +238,7 @@ def _phrases(pattern: str, signals: tuple[sp.Symbol, ...], sizes: list[Fraction]
 
 
 def _disturbance_rows(form: Form, sizes: list[Fraction]) -> tuple[tuple[Fraction, ...], ...] | Reason:
-    """Return, by disturbance, what it is in the rows of the form (n); or why that is not known."""
+    """Return each disturbance in the rows of the form (n); or why it is unknown."""
     states, columns = form.system.declared.states, list[tuple[Fraction, ...]]()
     for x, size in zip(states, sizes, strict=True):
         if not size:

@@ -1,7 +1,7 @@
-"""Gains side by side: the rate at which errors decay, what noise does to each state, and how long a step may be.
+"""A comparison of gains: the rate of decay, the effect of noise on each state, and the longest step.
 
-The first two in continuous time, where a gain is designed; then of the step of each gain, as it runs: what noise does
-at its dt, and up to which dt it is proved.
+The first two are for continuous time, where a gain is designed. Then follow, for the step of each gain, the effect of
+noise at its dt, and the longest dt with a proof.
 """
 
 import warnings
@@ -22,14 +22,14 @@ from hgogen.prove.inclusion import Nothing
 from hgogen.prove.questions import Bounds, noise_bounds, theta_of
 from hgogen.step import StepTooLong
 
-_HALVINGS = 20  # of a dt that is refused
-_GUESS = 4.0  # a theta over the rate that it may have, where none is proved
+_HALVINGS = 20  # the most halvings of a refused dt
+_GUESS = 4.0  # theta over the guess of its rate, where none is proved
 
 
 @dataclass(frozen=True)
 class Point:
-    """An observer on the curve. `gain`: the designed one, None of a tuning; `rate` (1/time); `continuous`, `step`: the
-    bounds of what noise does in continuous time, and by the step at its dt, empty where none are proved."""
+    """An observer on the curve. `gain`: the designed one, None for a tuning; `rate` (1/time); `continuous`, `step`: the
+    bounds of the effect of noise in continuous time, and in the step at its dt, empty where none are proved."""
 
     observer: Observer = field(repr=False)
     gain: Gain | None
@@ -41,12 +41,12 @@ class Point:
 
     @property
     def about(self) -> float:
-        """Its rate, or one to begin with."""
+        """The proved rate, or a guess."""
         return float(theta_of(self.observer)) / _GUESS if self.rate is None else self.rate
 
 
 def tuned(step: CallableStep) -> Point:
-    """The point of a step of a constant injection. Raises: `NoSolver`."""
+    """Return the point of a step of a constant injection. Raises: `NoSolver`."""
     error, known = step.observer.error, noise_bounds(step.observer)
     falls = None if error is None or isinstance(error, Nothing) else Flow(error, theta_of(step.observer)).fastest
     bounds: Mapping[tuple[str, str], float] = {} if isinstance(known, Nothing) else known
@@ -54,8 +54,8 @@ def tuned(step: CallableStep) -> Point:
 
 
 def designed(like: CallableStep, rate: float, argument: bool = False) -> Point:
-    """The point of a gain that is designed for a rate, on the form, at the dt and by the method of a step; with an
-    `argument` of b that is searched. Raises: `NoSolver`; as `hg.design.gain`, its observer and `sample` do."""
+    """Return the point of a gain that is designed for a rate, on the form, at the dt and by the method of a step; with
+    an `argument` of b that is searched. Raises: `NoSolver`; as `hg.design.gain`, its observer and `sample` do."""
     form = like.observer.form
     gain = gain_for(form, rate=rate, argument=argument)
     observer = getattr(observers, gain.observer)(form, **gain.arguments)
@@ -64,7 +64,7 @@ def designed(like: CallableStep, rate: float, argument: bool = False) -> Point:
     for _ in range(_HALVINGS):
         try:
             with warnings.catch_warnings():
-                warnings.simplefilter("ignore")  # of a long dt: what is asked is up to which it is proved
+                warnings.simplefilter("ignore")  # about a long dt: the question is the longest with a proof
                 step = sample(observer, like.method, float(dt), between=like.clock.between, guards=like.clock.guards)
             return _as_it_runs(point, step, like.dt)
         except StepTooLong:
@@ -73,7 +73,7 @@ def designed(like: CallableStep, rate: float, argument: bool = False) -> Point:
 
 
 def _as_it_runs(point: Point, step: CallableStep, dt: float | None = None) -> Point:
-    """Return the point with what is proved of its step; of noise only where that has the dt that is asked for."""
+    """Return the point with the proofs about its step; those about noise only if the step has the length `dt`."""
     longest, noise = contraction(step).reach.longest, noise_gain(step) if dt in (None, step.dt) else None
     gains = noise.gains if isinstance(noise, NoiseGain) else {}
     return replace(point, longest=None if longest is None else float(longest), step=gains)

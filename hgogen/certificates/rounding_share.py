@@ -1,27 +1,24 @@
-"""The share of rounding in an error bound, from the listed operations of one call.
+"""The share of rounding in an error bound, from the operations of one call of the step.
 
-One call of a step's program, walked in any arithmetic: statement by statement, in the order of every language.
+1. A call of the step's program is evaluated in any arithmetic, statement by statement, in the order of every language.
+Guards are left out: no sample is missing, neither in this call nor in the last one.
 
-What guards do beside is left out: every sample is there, that of the last call as well.
-
-A call's program as a certificate lists it: one operation a statement, of names, numbers and statements before it.
+2. A certificate lists the program: one operation a statement, of names, numbers and earlier statements.
 
     x1, ..   the elements of the fields      y1_last, y1, ..   samples, of the last call and of this one
-    v1, ..   the statements                  u1_last, u1, ..   inputs alike
+    v1, ..   the statements                  u1_last, u1, ..   inputs of the two calls
 
-A constant stands as the number of which a few roundings of a double make it: a gain of the observer, the end of a range
-in the unit of a field, a number of the plant, else the simplest quotient, else as it is printed. What leaves a number
-as it is, a product with 1 or a sum with 0, is no statement.
+A constant is written as the exact number that it rounds: a gain of the observer, the end of a range in the unit of a
+field, a number of the plant, else the simplest quotient, else its printed digits. Operations that change nothing, such
+as a product with 1 or a sum with 0, are no statements.
 
-The share that rounding has in an error: its sizes on the states that the other shares and the start leave.
-
-What rounding does depends on how large the numbers are, these on the error, and the error on rounding. With R what it
-does where it moves nothing itself,
+3. The rounding errors rho depend on the size of the numbers, these on the error, and the error on rounding. With R the
+bound of the rounding errors without this feedback,
 
     rho(plant's ranges + start + the other shares + r R) <= r rho(plant's ranges + start + the other shares)
 
-shows by induction that it does no more than r R. Once the start has decayed it does less: |e|_P^2 - 1 falls to 1 -
-alpha h of itself at each call, in the norm of what is rounded from then on.
+shows by induction that the error from rounding is at most r R. After the start has decayed it is less: |e|_P^2 - 1
+loses alpha h of itself at each call, in the norm for the later rounding errors.
 """
 
 import math
@@ -62,19 +59,19 @@ _SAMPLES, _INPUTS = ("y_last", "y"), ("state", "work")  # at the last call, and 
 
 
 class Arithmetic(Protocol):
-    """Operations that a walk asks of its values."""
+    """The operations that an evaluation of the program needs."""
 
     def parameter(self, number: float) -> Any:
-        """A gain or a parameter of the program."""
+        """Return the value of a gain or a parameter of the program."""
 
     def constant(self, number: float) -> Any:
-        """A number that stands in the program."""
+        """Return the value of a number in the program."""
 
     def apply(self, op: int, values: list[Any]) -> Any:
         """Return the value of one operation, by CasADi's number of it. Raises: `Unsure`."""
 
     def call(self, function: Graph, columns: Columns, body: Callable[[Columns], Columns]) -> Columns:
-        """The columns that a function of the program gives, by its `body`. Raises: `Unsure`."""
+        """Return the columns of a function of the program, by its `body`. Raises: `Unsure`."""
 
 
 def after_call(
@@ -84,8 +81,8 @@ def after_call(
     samples: Sequence[Sequence[Any]],
     inputs: Sequence[Sequence[Any]],
 ) -> list[Any]:
-    """The elements of the observer's fields (N) after a call: of `fields` (N) before it, of the `samples` (2, p) and
-    the `inputs` (2, m) of the last call and of this one. Raises: `Unsure`."""
+    """Return the elements of the observer's fields (N) after a call, from `fields` (N) before it, and from the
+    `samples` (2, p) and the `inputs` (2, m) of the last call and of this one. Raises: `Unsure`."""
     (part,) = step.observer.parts
     p = len(samples[0])
     if not isinstance(part, Ode) or step.clock.periods != (step.dt,) * p or step.observer.delays:
@@ -107,11 +104,11 @@ def after_call(
 
 
 def rounding_errors(step: Step, real: Real, fields: Sequence[Any], y: Sequence[Any], u: Sequence[Any]) -> list[Any]:
-    """Return, by element of the observer's fields (N), how far a call leaves it from what exact arithmetic makes of the
-    same: of fields in the balls `held` (N), samples in `y` (p), now and at the last call, and inputs in `u` (m).
+    """Return, by element of the observer's fields (N), the difference of a call from exact arithmetic, for fields in
+    the balls `fields` (N), samples in `y` (p), now and at the last call, and inputs in `u` (m).
 
-    What a step remembers, samples and inputs are numbers of the working precision, the same in both; gains, parameters,
-    constants and what `tune` computes of them are rounded.
+    The memory of a step, samples and inputs are numbers of the working precision, the same in both; gains, parameters,
+    constants and the results of `tune` are rounded.
 
     Raises: `Unsure`.
     """
@@ -121,19 +118,19 @@ def rounding_errors(step: Step, real: Real, fields: Sequence[Any], y: Sequence[A
 
 @lru_cache(maxsize=16)  # a program is walked on many pieces of the plant's ranges
 def _statements(method: Method, part: Ode, clock: Clock) -> tuple[Statement, ...]:
-    """Return the statements of a call, one after the other."""
+    """Return the statements of a call in their order."""
     pieces = method.ode(part, clock)
     return tuple(_plain((*pieces.tune, *pieces.predict)))
 
 
 def _plain(program: Program | Iterable[Statement]) -> Iterable[Statement]:
-    """The statements one after the other."""
+    """Yield the statements in their order, with loops unrolled."""
     for statement in program:
         yield from _plain(statement.unrolled) if isinstance(statement, Repeat) else (statement,)
 
 
 def _outputs(arithmetic: Arithmetic, graph: Graph, arguments: Sequence[Sequence[Any]]) -> Columns:
-    """The outputs of an SX function. Raises: `Unsure`."""
+    """Return the outputs of an SX function. Raises: `Unsure`."""
 
     def call(function: Graph, values: Sequence[Any]) -> list[Any]:
         if isinstance(function, Lookup):
@@ -147,12 +144,12 @@ def _outputs(arithmetic: Arithmetic, graph: Graph, arguments: Sequence[Sequence[
 
 
 _SIMPLE = 10**6  # the largest denominator of a simple quotient, far from those of doubles
-_DIGITS = 40  # of a number that is no quotient
+_DIGITS = 40  # digits of a number that is no quotient
 
 
 @dataclass(frozen=True)
 class Operand:
-    """An operand of a statement: its `text`, and its value where it is a number."""
+    """An operand of a statement: its `text`, and its value if it is a number."""
 
     text: str
     number: Fraction | None = None
@@ -160,8 +157,8 @@ class Operand:
 
 @dataclass(frozen=True)
 class Listing:
-    """The statements; the elements of the fields (N) at which each stage has the observer's equation, what that gives
-    there, and the fields after the call."""
+    """The statements; by stage the elements of the fields (N) at which the observer's equation is evaluated, and the
+    rates there; and the fields after the call."""
 
     statements: tuple[str, ...]
     stages: tuple[tuple[str, ...], ...]
@@ -170,12 +167,12 @@ class Listing:
 
 
 def listed(step: Step, error: Inclusion) -> Listing | None:
-    """The program of a step whose observer has this error; None where a certificate cannot list it: of tables, loops
-    over matrices, and tests that are not of numbers."""
+    """Return the program of a step whose observer has this error; None where a certificate cannot list it: for tables,
+    loops over matrices, and tests of variables."""
     form, numbers = step.observer.form, _flat(error.numbers.values())
     gains = (Fraction(x) for x in numbers if isinstance(x, float | Rational))
     scales, units = error.scales(Fraction(1)), error.remembered(Fraction(1))
-    ends = list[Fraction]()  # of the ranges of states, in the units of their fields
+    ends = list[Fraction]()  # ends of the ranges of states, in the units of their fields
     for i, scale, unit in zip(error.layout.index, scales or (), units or (), strict=False):
         declared = box((form.states[i],))[form.states[i]]
         ends += [end * scale / unit for end in declared if isinstance(end, Fraction)]
@@ -191,7 +188,7 @@ def listed(step: Step, error: Inclusion) -> Listing | None:
 
 
 def _pruned(writer: "_Writer", after: Sequence[Operand]) -> Listing:
-    """Without statements that nothing reads, in their numbers."""
+    """Return the listing without statements that nothing reads, numbered anew."""
     wanted = {each.text for row in (*writer.stages, *writer.rates, after) for each in row}
     statements = {operand.text: statement for statement, operand in writer.statements.items()}
     for name in reversed(statements):
@@ -213,7 +210,7 @@ def _named(name: str, end: str, count: int) -> list[Operand]:
 
 
 def _constants(form: Form) -> list[Operand]:
-    """The numbers that stand in the plant, and what is a number of each sum and product: 2 pi of 2 pi f t."""
+    """Return the numbers in the plant, and the numeric factor of each sum and product: 2 pi of 2 pi f t."""
     nodes = {node for row in (*form.A, *form.b, *form.output) for node in sp.preorder_traversal(exact(row))}
     parts = {node.as_independent(*node.free_symbols)[0] for node in nodes if node.is_Add or node.is_Mul}
     numbers = {x for x in nodes | parts if x.is_number and x.is_real and x.is_finite}
@@ -225,14 +222,14 @@ def _constants(form: Form) -> list[Operand]:
 
 
 def _flat(values: Iterable[Any]) -> Iterable[Any]:
-    """The numbers in lists of lists."""
+    """Yield the numbers in nested lists."""
     for value in values:
         yield from _flat(value) if isinstance(value, Iterable) and not isinstance(value, str) else (value,)
 
 
 @dataclass(frozen=True)
 class _Writer:
-    """An arithmetic whose values are operands: what it computes it writes."""
+    """An arithmetic whose values are operands: it writes down each operation."""
 
     known: Sequence[Operand]
     statements: dict[str, Operand] = field(default_factory=dict)
@@ -280,7 +277,7 @@ def _number(value: Fraction) -> Operand:
 
 
 def _unchanged(op: int, values: list[Operand]) -> Operand | None:
-    """Return the operand that an operation leaves as it is, or makes of numbers without rounding."""
+    """Return the operand that an operation leaves unchanged, or computes from numbers without rounding."""
     known = [each.number for each in values]
     if op in _TESTS and None not in known:
         return _number(Fraction(_TESTS[op](*known)))
@@ -311,12 +308,12 @@ def _as_is(values: list[Operand]) -> list[Operand]:
 
 
 def _sorted(values: list[Operand]) -> list[Operand]:
-    """Numbers at the end, where the order is none of the operation's."""
+    """Return the values with numbers last, for operations with any order."""
     return sorted(values, key=lambda each: each.number is not None)
 
 
 def _after(number: int) -> Order:
-    """The values after a number."""
+    """Return the order with a number first."""
     return lambda values: [_number(Fraction(number)), *values]
 
 
@@ -341,20 +338,20 @@ _WORDS: Mapping[int, tuple[str, Order]] = {
 }
 
 
-CLOSE = Fraction(1, 20)  # of a bound: what is left of the start, and of rounding, when it is said to have settled
-_ROOM = Fraction(11, 10)  # of the other shares, with what is left of the start
+CLOSE = Fraction(1, 20)  # of a bound: the errors from the start and from early rounding after they have settled
+_ROOM = Fraction(11, 10)  # of the other shares, with the error from the start
 _ROUNDS = 40
 _GROWTH = Fraction(11, 10)  # of r, from round to round
 _PIECES = 32  # of the ranges of the first states
-_UP = 1 + 1e-9  # of a count of calls, for what its floats may be off
+_UP = 1 + 1e-9  # of a count of calls, for rounding errors
 Side = tuple[Fraction, Fraction]
 Sized = Mapping[int, Fraction]  # by field, in the unit of its state of the form
 
 
 @dataclass(frozen=True)
 class RoundingShare:
-    """The `share` in the end; `early`: how far rounding moves the error of each field at first, at most; `calls`: after
-    which it does no more than 1 + `CLOSE` of its share, once no more is left of the start than `left`."""
+    """The final `share`; `early`: the largest effect of rounding on each field at first; `calls`: the number after
+    which it is at most 1 + `CLOSE` times its share, once the error from the start is at most `start_residual`."""
 
     share: Share
     early: Sized
@@ -365,8 +362,8 @@ class RoundingShare:
 def rounding_share(
     running: Running, real: Real, shares: Sequence[Share], start: Start, multiple: Fraction, samples: Sequence[Fraction]
 ) -> RoundingShare:
-    """The share of a program in a working precision, beside the others, from first errors of `multiple` times what the
-    ranges allow, of samples that err by at most `samples` (p). Raises: `Unbounded`, `NoSolver`."""
+    """Return the share of a program in a working precision, in addition to the others, for initial errors of `multiple`
+    times those that the ranges allow, and sample errors of at most `samples` (p). Raises: `Unbounded`, `NoSolver`."""
     every, plant = range(len(start.scales)), running.plant
     parts = [_of_share(share.unit, share.proofs, start.scales) for share in shares]
     others = {k: sum((part[k] for part in parts), Fraction(0)) for k in every}
@@ -374,7 +371,7 @@ def rounding_share(
     scale, speeds = min(multiple, Fraction(1)), plant.stated_speeds
     deviations = [share.sizes.deviation for share in shares if share.sizes.deviation]
     rates = [speed + sum((each[i] for each in deviations), Fraction(0)) for i, speed in enumerate(speeds)]
-    displacements = [plant.h * rate for rate in rates]  # of a plant in a call, by row of its form
+    displacements = [plant.h * rate for rate in rates]  # motion of a plant in a call, by row of its form
     sizes = _Sizing(running, real, samples, displacements, speeds)
 
     wide = {k: others[k] + scale * begins[k] for k in every}
@@ -393,7 +390,8 @@ def rounding_share(
 
 
 def _bounded(running: Running, sizes: Sizes) -> tuple[dict[int, InputBound], dict[int, Fraction]]:
-    """The proofs of what such sizes do, over the largest, and the bound of each field. Raises: `Unbounded`."""
+    """Return the proofs for the effect of such sizes, over the largest, and the bound of each field. Raises:
+    `Unbounded`."""
     known = running.bounds(sizes)
     if known is None:
         raise Unbounded(because("no bound is found of what rounding does"))
@@ -401,14 +399,14 @@ def _bounded(running: Running, sizes: Sizes) -> tuple[dict[int, InputBound], dic
 
 
 def _times(more: Sizes, less: Sizes) -> Fraction:
-    """Return how many times as much is rounded, in no field more. Raises: `Unbounded`."""
+    """Return the largest ratio of `more` to `less` over the fields. Raises: `Unbounded`."""
     if not all(less.fields):
         raise Unbounded(because("a field is not rounded"))
     return max(x / y for x, y in zip(more.fields, less.fields, strict=True))
 
 
 def _kept_to(times: Callable[[Fraction], Fraction]) -> Fraction:
-    """An r with times(r) <= r. Raises: `Unbounded`."""
+    """Return an r with times(r) <= r. Raises: `Unbounded`."""
     r = Fraction(1)
     for _ in range(_ROUNDS):
         needed = times(r)
@@ -419,14 +417,15 @@ def _kept_to(times: Callable[[Fraction], Fraction]) -> Fraction:
 
 
 def _calls(ratio: float, falls: float) -> int:
-    """The calls after which |e|_P, at most `ratio` at first, is at most 1 + `CLOSE`, where |e|_P^2 - 1 `falls`."""
+    """Return the calls after which |e|_P, at most `ratio` at first, is at most 1 + `CLOSE`, where |e|_P^2 - 1 loses the
+    share `falls` of itself at each."""
     target = float((1 + CLOSE) ** 2 - 1)
     return max(0, math.ceil(math.log(max(1.0, (ratio**2 - 1) / target)) / -math.log1p(-falls) * _UP))
 
 
 def _of_share(unit: Fraction, proofs: Mapping[int, InputBound], scales: Sequence[Fraction]) -> dict[int, Fraction]:
-    """Return, by field, how far inputs in a unit move its error: by its own proof, of one without by the least that
-    others say."""
+    """Return the bound of each field for inputs in a unit: by its own proof, else the least by the norms of other
+    fields."""
     P = [rational(one.weights.P) for one in proofs.values()]
     rows = {k: state_row(scales, k) for k in range(len(scales)) if k not in proofs}
     extents = {k: min(root(extent(each, c)) for each in P) for k, c in rows.items()}
@@ -435,8 +434,8 @@ def _of_share(unit: Fraction, proofs: Mapping[int, InputBound], scales: Sequence
 
 @dataclass(frozen=True)
 class _Sizing:
-    """The sizes of what a call rounds on the plant's ranges, with errors of its fields beside: the most of pieces of
-    the ranges of the first states, as what is injected is small where samples are those of the same piece."""
+    """The sizes of the rounding errors of a call on the plant's ranges, with given errors of its fields. It takes the
+    largest over pieces of the ranges of the first states: samples from the same piece make the injection small."""
 
     running: Running
     real: Real
@@ -445,14 +444,14 @@ class _Sizing:
     speeds: Sequence[Fraction]
 
     def sizes(self, errors: Sized) -> Sizes:
-        """Raises: `Unbounded`."""
+        """Return the sizes for these errors. Raises: `Unbounded`."""
         rounded = [self._on(ranges, errors) for ranges in self._pieces]
         each = zip(zip(*rounded, strict=True), self._remembered, strict=True)
         return Sizes(fields=tuple(max(rhos) * e * SUMMED / Fraction(self.running.step.dt) for rhos, e in each))
 
     def follows(self, within: Sequence[Fraction]) -> Evidence:
-        """Return the facts from which the sizes follow where the error of each field (N) is within its bound, as a
-        certificate has it; empty where it cannot list the program."""
+        """Return the facts from which the sizes follow if the error of each field (N) is `within` its bound, as a
+        certificate has them; empty where it cannot list the program."""
         listing = listed(self.running.step, self.running.error)
         if listing is None:
             return {}
@@ -483,7 +482,7 @@ class _Sizing:
 
     @cached_property
     def _pieces(self) -> list[tuple[Side, ...]]:
-        """The ranges (n) of the states, those of the first ones in pieces."""
+        """The ranges (n) of the states, with those of the first states of chains in pieces."""
         heads = {head for head, _ in self.running.heads.values()}
         count, sides = round(_PIECES ** (1 / len(heads))), list[list[Side]]()
         for i, state in enumerate(self.running.step.observer.form.states):
@@ -496,11 +495,11 @@ class _Sizing:
     @cached_property
     def _remembered(self) -> Sequence[Fraction]:
         known = self.running.error.remembered(self.running.proof.steps.theta)
-        assert known is not None  # as `start.scales` is not
+        assert known is not None  # `start.scales` is not None either
         return known
 
     def _samples(self, ranges: Sequence[Side]) -> list[Any]:
-        """The samples of a plant in these ranges at the beginning of a call, at both ends of it."""
+        """Return the samples at both ends of a call, for a plant that is in these ranges at its beginning."""
         y = []
         for j, (low, high) in enumerate(self._offsets):
             i, slope = self.running.heads[j]
@@ -510,7 +509,7 @@ class _Sizing:
 
     @cached_property
     def _offsets(self) -> list[Side]:
-        """Return the difference of each output from its first state times its slope. Raises: `Unbounded`."""
+        """The difference of each output from its first state times its slope. Raises: `Unbounded`."""
         form, offsets = self.running.step.observer.form, list[Side]()
         where = form.box
         slopes = {output: form.states[i] * sp.Rational(slope) for output, (i, slope) in self.running.heads.items()}
@@ -523,7 +522,7 @@ class _Sizing:
 
     @cached_property
     def _inputs(self) -> list[Any]:
-        """Raises: `Unbounded`."""
+        """The balls of the inputs. Raises: `Unbounded`."""
         for signal in self.running.step.inputs:
             if not signal.bounded:
                 raise Unbounded(because("{signal} has no range", signal=signal))

@@ -1,14 +1,11 @@
-"""Initial errors from which an estimate keeps clear of its limits, and of the guards.
+"""Initial errors from which an estimate keeps clear of its limits and of the guards, and its largest errors on the way.
 
-From which first errors an estimate never comes to its limits, as the step runs, and how far it goes on the way.
+The program keeps the estimate in an outer box, which no proof of contraction covers. From the starts of this file the
+estimate never meets it: errors that begin in a box are always less than its distance from the declared ranges, which
+hold the plant.
 
-The program keeps the estimate in an outer box, of which no proof of contraction speaks. From the starts of this file it
-is never met: the errors that begin in a box stay within its distance to the ranges, in which the plant is.
-
-Whether samples are used and the estimate is left alone, while its error is within its bounds.
-
-No proof of a step speaks of a sample that is rejected, or of an estimate that restarts from one as it seems to be lost
-(`stepping.recovery`): by noise above a tenth of what an output can span that may be, however small the error.
+No proof of a step covers a sample that is rejected, or an estimate that restarts from a sample because it seems lost
+(`stepping.recovery`). Noise above a tenth of the span of an output may cause both, however small the error.
 """
 
 import math
@@ -41,16 +38,15 @@ from hgogen.stepping.guards import readings
 from hgogen.stepping.recovery import MARGIN, SHARE
 
 NO_WAY = because("no bound is found of how far errors go on the way")
-_STATES = 8  # up to which all corners of the first errors are asked
-_ROUNDED = Fraction(1, 10**9)  # of a limit: more than what its floats may be off
+_STATES = 8  # the most states whose corners of initial errors are checked
+_ROUNDED = Fraction(1, 10**9)  # of a limit: more than its rounding errors
 
 
 @dataclass(frozen=True)
 class StartSet:
-    """`first`: by the name of a state of the form, the largest error with which the estimate may begin where the plant
-    starts within its ranges, in its unit; `multiple`: of how many times these the limits of the estimate are never
-    touched; `peaks`: how far it errs at most on the way, from errors of min(1, `multiple`) times `first`. `check`: that
-    it is so, OBSERVER.start."""
+    """The largest initial errors: `first`, by the name of a state of the form, in its unit, for a plant that starts in
+    its ranges; `multiple`: the multiple of these with which the estimate never touches its limits; `peaks`: the largest
+    errors on the way, from initial errors of min(1, `multiple`) times `first`. `check`: OBSERVER.start."""
 
     first: Mapping[str, float]
     multiple: float
@@ -59,9 +55,9 @@ class StartSet:
 
 
 def start_set(step: Step) -> StartSet | Nothing:
-    """Return from which first errors a step that is proved to contract never comes to the limits of its estimate,
-    without noise; or why that is not known: of one that is not, of more than 8 states, of states without ranges, or
-    whose chain has gains that are no numbers.
+    """Return the initial errors from which the estimate of a step that is proved to contract never reaches its limits,
+    without noise; or why they are unknown: no contraction, more than 8 states, states without ranges, or a chain whose
+    gains are no numbers.
 
     Raises: `NoSolver` without Clarabel; `NoStep`.
     """
@@ -74,8 +70,8 @@ def start_set(step: Step) -> StartSet | Nothing:
 
 @dataclass(frozen=True, eq=False)
 class Running:
-    """A `step` that contracts by the `proof`, of a `plant`; by field (N) the `scales` of its error, and what outputs
-    have `shown`."""
+    """A `step` that contracts by the `proof`, for a `plant`; by field (N) the `scales` of its error, and the first
+    state of each output's chain, `heads`."""
 
     step: Step
     proof: Contracts
@@ -85,7 +81,7 @@ class Running:
 
     @property
     def error(self) -> Inclusion:
-        """The inclusion that the error obeys."""
+        """The inclusion of the error."""
         return self.proof.steps.error
 
     @property
@@ -94,8 +90,8 @@ class Running:
         return [k for k, fed in enumerate(self.error.layout.fed) if fed]
 
     def bounds(self, sizes: Sizes) -> dict[int, InputBound] | None:
-        """Return what inputs of these sizes, over the largest of them, do to each field that estimates; None where that
-        is not proved of all. Raises: `NoSolver`."""
+        """Return the effect of inputs of these sizes, over the largest of them, on each field that estimates a state;
+        None where one is not proved. Raises: `NoSolver`."""
         inputs = sizes.over(sizes.largest).inputs(self.proof.step, self.error, self.scales, self.heads)
         rows = {k: state_row(self.scales, k) for k in self.fields}
         tried = {k: step_input_bound(self.proof, inputs, c) for k, c in rows.items()}
@@ -103,16 +99,16 @@ class Running:
         return known if len(known) == len(tried) else None
 
     def begins(self, start: "Start", fields: Iterable[int]) -> dict[int, Fraction]:
-        """Return how far each of these fields errs at most from a start, in the norm of the proof."""
+        """Return the largest error of each of these fields from a start, in the norm of the proof."""
         rows = {k: state_row(self.scales, k) for k in fields}
         return peak_errors(rational(self.proof.weights.P), start.corners, rows)
 
 
 @dataclass(frozen=True, eq=False)
 class Start:
-    """The beginning of an estimate: by field (N) the `scales` of its error; the `first` errors (n) by state of the
-    form, at most; the `corners` (k, N) of these, one of each two that are opposite; by field that estimates, in the
-    unit of its state of the form, the `limits`: how far its outer box is from the ranges."""
+    """The start of an estimate: by field (N) the `scales` of its error; the largest `first` errors (n) by state of the
+    form; their `corners` (k, N), one of each two that are opposite; the `limits`, by field that estimates a state, in
+    the unit of that state: the distance of its outer box from the ranges."""
 
     scales: Sequence[Fraction]
     first: Sequence[Fraction]
@@ -121,9 +117,11 @@ class Start:
 
 
 def start_of(observer: Observer, steps: Steps) -> Start | Nothing:
-    """The start of an estimate; or why none is known: of more than 8 states, of states without ranges, or of ranges
-    that its outer box does not hold with room around, where fields of one state do not start alike, or whose chain has
-    gains that are no numbers."""
+    """Return the start of an estimate, or why none is known.
+
+    The reasons are: more than 8 states; states without ranges; ranges that touch its outer box; fields of one state
+    with different initial values; a chain whose gains are no numbers.
+    """
     error, form = steps.error, observer.form
     scales = error.scales(steps.theta)
     endless = [name for name, state in zip(form.names, form.states, strict=True) if not state.bounded]
@@ -182,8 +180,7 @@ def _start_set(observer: Observer, rule: str, dt: float, proof: Contracts) -> St
 
 
 def _first(observer: Observer, error: Inclusion) -> list[Fraction] | Nothing:
-    """Return, by state of the form (n), the largest error at the start; none where fields of one state do not start
-    alike."""
+    """Return, by state of the form (n), the largest error at the start; or that fields of one state differ there."""
     begins = _in_form(observer, error, [value for field in _fields(observer) for value in field.initial])
     first = []
     for i, state in enumerate(observer.form.states):
@@ -196,7 +193,7 @@ def _first(observer: Observer, error: Inclusion) -> list[Fraction] | Nothing:
 
 
 def _limits(observer: Observer, error: Inclusion) -> dict[int, Fraction]:
-    """Return, by field that estimates, in units of its state of the form, the distance of its outer box to the
+    """Return, by field that estimates a state, in the unit of that state, the distance of its outer box from the
     ranges."""
     boxes = [ends for field in _fields(observer) for ends in field.box_within(LOST)]
     ends = [_in_form(observer, error, side) for side in zip(*boxes, strict=True)]
@@ -210,7 +207,7 @@ def _limits(observer: Observer, error: Inclusion) -> dict[int, Fraction]:
 
 
 def _of(error: Inclusion, state: int) -> list[int]:
-    """The fields that estimate a state of the form."""
+    """Return the fields that estimate a state of the form."""
     layout = error.layout
     return [k for k, (i, fed) in enumerate(zip(layout.index, layout.fed, strict=True)) if fed and i == state]
 
@@ -221,7 +218,7 @@ def _fields(observer: Observer) -> list[Field]:
 
 
 def _in_form(observer: Observer, error: Inclusion, values: Sequence[float]) -> list[Fraction]:
-    """Values (N) of fields in the units of the states of the form that they stand for."""
+    """Return values (N) of fields in the units of the form's states that they estimate."""
     fields = _fields(observer)
     places: list[Graph] = [sym("state", field.name, field.size) for field in fields]
     slopes = ca.Function("z", places, [ca.jacobian(observer.z, ca.vertcat(*places))])(*(0 for _ in places))
@@ -229,12 +226,12 @@ def _in_form(observer: Observer, error: Inclusion, values: Sequence[float]) -> l
     return [Fraction(value) * Fraction(picked[i]) for value, i in zip(values, error.layout.index, strict=True)]
 
 
-_CLOSE = 1 - Fraction(1, 10**9)  # of a limit, which a program compares in floats
+_CLOSE = 1 - Fraction(1, 10**9)  # of a limit, for a comparison in floats
 
 
 def room(running: Running, samples: Sequence[Fraction], totals: Mapping[int, Fraction]) -> dict[int, Fraction] | None:
-    """Return, by field, what an error may be beside its bound of the `totals` for no guard to act; None where one may
-    act with no more than these. `samples` (p): by how much a sample may err."""
+    """Return, by field, the error in addition to its bound of the `totals` at which no guard acts; None where a guard
+    may act within these bounds. `samples` (p): the largest errors of samples."""
     form, layout = running.step.observer.form, running.error.layout
     where = form.box
     for y, (low, high), size in zip(form.output, readings(form), samples, strict=True):
@@ -250,17 +247,17 @@ def room(running: Running, samples: Sequence[Fraction], totals: Mapping[int, Fra
 
 
 def patient(step: Step) -> int:
-    """Return for how many calls a sign that the estimate is lost may last before it restarts."""
+    """Return the number of calls that a sign of a lost estimate may last before the estimate restarts."""
     return min((math.floor(sign.time / step.dt * (1 - 1e-9)) for sign in step.code.signs), default=0)
 
 
 def _undetected_errors(running: Running, samples: Sequence[Fraction]) -> Iterator[tuple[int, Fraction]]:
-    """States, by place, and up to which error no sign of the estimate being lost shows."""
+    """Yield states, by place, with the largest error at which there is no sign of a lost estimate."""
     form, heads, inside = running.step.observer.form, running.heads, running.plant.margins
     spans = [high - low for low, high in readings(form)]
     for sign in running.step.code.signs:
         if sign.output is not None:
-            if sign.output not in heads:  # what else it shows is not followed
+            if sign.output not in heads:  # the rest of such an output is not bounded
                 yield 0, Fraction(0)
                 continue
             head, slope = heads[sign.output]

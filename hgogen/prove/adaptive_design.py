@@ -1,4 +1,4 @@
-"""The convex programs behind an adaptive gain: K and P in floats, of which nothing is proved here.
+"""Convex programs for an adaptive gain: K and P in floats, rounded, with their proofs.
 
     minimise gamma = (4 k lambda_max(P) + 1)/(2 lambda)                                                         (88)
     or       mu = sqrt(2 s) gamma^n                                                                             (89)
@@ -6,15 +6,14 @@
     Phi = A'P + P A - Y C - C'Y' + sigma (D P + P D) + lambda I <= 0,                                           (54)
     and for (89)   Phi + (delta_1 P P + delta_2 Y Y')/s <= 0                                               (85), (87)
 
-in the notation of `varying_gain`. (88) is linear-fractional: one semidefinite program in P/t, Y/t. (89) is one
+in the notation of `varying_gain`. (88) is linear-fractional: one semidefinite program in P/t, Y/t. (89) is one program
 at each gamma with 2 lambda gamma >= 4 k lambda_max(P) + 1, and gamma is searched. Source: Alessandri, "On
 Hamilton-Jacobi approaches to state reconstruction for dynamic systems" (2020); Boyd, Vandenberghe, "Convex
 Optimization", 4.3.2.
 
-Without |Y| <= largest the cone (54) has no bound. What is said of the rounded K and P is computed and proved of them,
-by `varying_gain`. Of a form the slope k(gamma), for every gamma from that one on, falls as gamma grows, and the bound
-on gamma with it: k is taken where the two meet, by bisection, for the bound of k(1) can be many times too large
-(section 4 of the first source).
+Without |Y| <= largest the cone (54) has no bound. `varying_gain` proves the claims about the rounded K and P. The slope
+k(gamma) of a form, for every gamma from that one on, decreases as gamma grows, and the bound on gamma with it. k is
+taken where the two meet, by bisection: the bound for k(1) can be many times too large (section 4 of the first source).
 """
 
 import math
@@ -39,17 +38,17 @@ from hgogen.reading.given import BadGain, Misfit, positive, real, reals
 from hgogen.rigor.definite import demand_hurwitz, root
 from hgogen.sentence import down, up
 
-_REACH = 1e3  # how far above its smallest value gamma is searched
-_STEPS = 12  # of a search on a grid, and of the one inside its best cells
+_REACH = 1e3  # the largest gamma that is searched, over the smallest
+_STEPS = 12  # points of a grid, and of a finer one inside its best cells
 
 
 @dataclass(frozen=True)
 class Task:
     """The task of a gain for a chain of `n` integrators with the slope k.
 
-    `bounds`: "sigma", "largest" of |Y|, and what "gamma" and "mu" may be at most, inf for no bound; `deltas` None
-    without a disturbance; `K` (n, 1) where the gain is given and only P is sought; D P + P D >= `margin` lambda;
-    `least` what gamma may be at least, from where k holds.
+    `bounds`: "sigma", "largest" of |Y|, and upper bounds of "gamma" and "mu", inf for none; `deltas` None without a
+    disturbance; `K` (n, 1) a given gain, for which only P is searched; D P + P D >= `margin` lambda; `least` the lower
+    bound of gamma, from which k holds.
     """
 
     n: int
@@ -61,11 +60,11 @@ class Task:
     least: float = 1.0
 
     def bounded(self, name: str, value: float) -> "Task":
-        """The task with another bound of that name."""
+        """Return the task with another bound of that name."""
         return replace(self, bounds={**self.bounds, name: value})
 
     def unknown(self, x: Array) -> tuple[Array, Array]:
-        """P and Y = P K, of the first of the variables x."""
+        """Return P and Y = P K from the first of the variables x."""
         p = self.n * (self.n + 1) // 2
         P = symmetric(x[:p], self.n)
         return P, x[p : p + self.n, None] if self.K is None else P @ self.K
@@ -73,7 +72,7 @@ class Task:
 
 @dataclass(frozen=True)
 class Optimum:
-    """P (n, n) and Y = P K (n, 1) as the solver leaves them; `gamma` and `mu` (inf without a disturbance)."""
+    """The solution P (n, n) and Y = P K (n, 1) of the solver, with `gamma` and `mu` (inf without a disturbance)."""
 
     P: np.ndarray
     Y: np.ndarray
@@ -82,8 +81,8 @@ class Optimum:
 
 
 def best(task: Task) -> Optimum | None:
-    """The smallest gamma, or mu where there is a disturbance, within the bounds; None where the solver finds none.
-    Raises: `NoSolver`."""
+    """Return the optimum with the smallest gamma, or mu where there is a disturbance, within the bounds; None where the
+    solver finds none. Raises: `NoSolver`."""
     optimum = _optimum(task)
     if optimum is None or optimum.gamma > task.bounds["gamma"]:
         return None
@@ -103,13 +102,14 @@ def best(task: Task) -> Optimum | None:
 
 
 def _optimum(task: Task, gamma: float | None = None) -> Optimum | None:
-    """(88) by one program in P/t, Y/t, with lambda/t = 1/2; or (89) at a gamma: the smallest s, and what it gives."""
+    """Return the optimum of (88) by one program in P/t, Y/t, with lambda/t = 1/2; or of (89) at a gamma, with the
+    smallest s."""
     n, p = task.n, task.n * (task.n + 1) // 2
     A, C, D, one = np.diag(np.ones(n - 1), 1), np.eye(1, n), np.diag(np.arange(1.0, n + 1)), np.eye(n)
     largest, free = task.bounds["largest"], 0 if task.K is not None else n
 
     def blocks(x: Array) -> list[Array]:
-        """(54), D P + P D >= 0, P <= peak I, |Y| <= largest; for (89) lambda gamma >= .., (87)."""
+        """Return (54), D P + P D >= 0, P <= peak I, |Y| <= largest; for (89) lambda gamma >= .., (87)."""
         (P, Y), (peak, decay, last) = task.unknown(x), (x[-2], 0.5, x[-1]) if gamma is None else x[-3:]
         turned, scale = D @ P + P @ D, last if gamma is None else 1.0
         phi = A.T @ P + P @ A - Y @ C - C.T @ Y.T + task.bounds["sigma"] * turned + decay * one
@@ -134,19 +134,20 @@ def _optimum(task: Task, gamma: float | None = None) -> Optimum | None:
 
 
 _FORM = "a form: hg.forms.triangular(plant)"
-_MARGINS = (1e-6, 1e-4, 1e-2)  # of D P + P D >= 0, for what rounding takes
+_MARGINS = (1e-6, 1e-4, 1e-2)  # of D P + P D >= 0, so that it remains true after rounding
 _DIGITS = ((6, 9), (9, 12), (17, 17))  # of K and P
-_FACTORS, _BISECTIONS = 6, 6  # how far to relax a bound, by factors of 10, and how near to come to the edge
+_FACTORS, _BISECTIONS = 6, 6  # factors of 10 to relax a bound; bisections
 _STARTS = (1.0, 1e2, 1e4)  # from which gamma on a form's slope is taken first: a huge one is more than a solver takes
-_SLOPES = 12  # how many are tried from there
+_SLOPES = 12  # number of further gammas
 
 
 @dataclass(frozen=True)
 class Design:
-    """K (n), P (n, n) and sigma, as an observer takes them, with what is proved of them.
+    """A design: K (n), P (n, n) and sigma as an observer accepts them, with their proofs.
 
-    `gamma`: gamma_inf may be anything from it on, (88) from above; `mu`: the L2 gain where gamma_sup is `gamma`, from
-    above, else (gamma_sup/gamma)^n times that; None without a disturbance. `checks`: P > 0, D P + P D >= 0 and (54).
+    `gamma`: gamma_inf may be any number from it on, (88) rounded up; `mu`: the L2 gain where gamma_sup is `gamma`,
+    rounded up, else (gamma_sup/gamma)^n times that; None without a disturbance. `checks`: P > 0, D P + P D >= 0 and
+    (54).
     """
 
     K: tuple[float, ...]
@@ -165,8 +166,8 @@ class Design:
 
 @dataclass(eq=False)
 class Infeasible(HgogenError):
-    """Bounds that no K and P satisfy: `bounds` by name, and `enough`, what would do in the place of one, the others
-    kept."""
+    """Bounds that no K and P satisfy: `bounds` by name, and `enough`, by name a feasible value of one bound with the
+    others unchanged."""
 
     n: int
     bounds: dict[str, float]
@@ -190,17 +191,17 @@ def adaptive_gain(
     disturbance: tuple[Any, Any] | None = None,
     K: Any = None,
 ) -> Design:
-    """K and P for a chain of n integrators whose nonlinear part has the slope k, of a small bound on gamma, or with a
-    `disturbance` of a small L2 gain.
+    """Return K and P for a chain of n integrators whose nonlinear part has the slope k, with a small bound on gamma, or
+    with a `disturbance` with a small L2 gain.
 
     Args: `n` the number of integrators, with their slope; or a form, whose slope is then found at the gamma from which
     on it is needed; `slope` k >= |T^-1 dc/dw T| in the coordinates of integrators, from gamma_inf on, as `slope` finds
-    it; `sigma` > 0 how fast gamma may fall; `largest` |Y|: the larger, the smaller the bound and the larger K; `gamma`,
-    `mu` what the bounds may be at most; `disturbance` (G_1 (n, m), G_2 (m)) in the same coordinates; `K` (n) a given
-    gain, for which P is sought.
+    it; `sigma` > 0 the fastest decrease of gamma; `largest` |Y|: the larger, the smaller the bound and the larger K;
+    `gamma`, `mu` upper limits of the bounds; `disturbance` (G_1 (n, m), G_2 (m)) in the same coordinates; `K` (n) a
+    given gain, for which P is searched.
 
-    Raises: `Infeasible`, which says what bound to relax; `NoSolver`; `NotHurwitz` for a given K; `BadGain`, also
-    for a form that is no chain of integrators, or whose slope has no bound that is shown.
+    Raises: `Infeasible`, which names the bound to relax; `NoSolver`; `NotHurwitz` for a given K; `BadGain`, also for a
+    form that is no chain of integrators, or whose slope has no proved bound.
     """
     count = _count(n, slope)
     disturbed = None if disturbance is None else as_disturbance(disturbance, count)
@@ -221,7 +222,7 @@ def adaptive_gain(
 
 
 def _count(n: Any, slope: Any) -> int:
-    """The number of integrators, where it and the slope are as they must be."""
+    """Return the number of integrators, and demand that it and the slope are valid."""
     if isinstance(n, Form):
         if slope is not None:
             raise BadGain("slope", f"is found of {n.system.name} itself; leave it out, or give n in place of the form")
@@ -242,10 +243,10 @@ def _count(n: Any, slope: Any) -> int:
 
 
 def _where_needed(form: Form, task: Task, disturbance: Disturbance | None) -> Task:
-    """The task with the form's slope from the gamma on that gives the best design, all but mu's bound kept.
+    """Return the task with the form's slope from the gamma with the best design, within all bounds but that of mu.
 
-    k(gamma) falls as gamma grows: where the bound of a design is above the gamma of its slope, a larger gamma serves,
-    and else a smaller one may.
+    k(gamma) decreases as gamma grows: where the bound of a design is above the gamma of its slope, a larger gamma is
+    valid; otherwise a smaller one may be.
     """
     free = task.bounded("mu", math.inf)
 
@@ -272,12 +273,12 @@ def _where_needed(form: Form, task: Task, disturbance: Disturbance | None) -> Ta
 
 
 def _objective(design: Design) -> Fraction:
-    """The bound that the best design has smallest: that of mu, or without a disturbance that of gamma."""
+    """Return the bound that the best design minimises: that of mu, or without a disturbance that of gamma."""
     return design.gamma if design.mu is None else design.mu
 
 
 def _designed(task: Task, disturbance: Disturbance | None) -> Design | None:
-    """The best design within the bounds that is proved, in few digits if they are enough; None where there is none."""
+    """Return the best proved design within the bounds, in few digits if possible; None where there is none."""
     for margin in _MARGINS:
         optimum = best(replace(task, margin=margin))
         if optimum is None:
@@ -290,10 +291,10 @@ def _designed(task: Task, disturbance: Disturbance | None) -> Design | None:
 
 
 def slope(form: Form, gamma: float = 1.0) -> float:
-    """The slope k of a form for every gamma from this one on, as `adaptive_gain` takes it; proved from above.
+    """Return the slope k of a form for every gamma from this one on, as `adaptive_gain` needs it; proved, rounded up.
 
-    The larger gamma, the smaller the slope: `adaptive_gain(form)` finds the gamma that it takes. Raises: `BadGain` for
-    a form that is no chain of integrators, or whose slope has no bound that is shown; `Misfit` for no form.
+    The larger gamma, the smaller the slope: `adaptive_gain(form)` finds the gamma itself. Raises: `BadGain` for a form
+    that is no chain of integrators, or whose slope has no proved bound; `Misfit` for no form.
     """
     if not isinstance(form, Form):
         raise Misfit("slope", form, _FORM)
@@ -315,7 +316,7 @@ def _column(K: Any, n: int) -> np.ndarray:
 
 
 def _rounded(task: Task, optimum: Optimum, disturbance: Disturbance | None, digits: tuple[int, int]) -> Design | None:
-    """K and P in so many digits with what is proved of them; None where rounding lost it, or one of the bounds."""
+    """Return K and P in so many digits with their proofs; None where rounding loses a proof, or violates a bound."""
     P = [[_to_digits(value, digits[1]) for value in row] for row in optimum.P.tolist()]
     if task.K is None:
         K = [_to_digits(k, digits[0]) for k in np.linalg.solve(optimum.P, optimum.Y).ravel().tolist()]
@@ -344,7 +345,7 @@ def _to_digits(value: float, digits: int) -> float:
 
 
 def _enough(task: Task, disturbance: Disturbance | None, names: Iterable[str]) -> dict[str, str]:
-    """The value that would do of each bound that alone is in the way, by its name."""
+    """Return, by name, a feasible value of each bound that alone makes the task infeasible."""
     enough = {}
     for name in names:
 
@@ -364,7 +365,7 @@ def _enough(task: Task, disturbance: Disturbance | None, names: Iterable[str]) -
 
 
 def _edge(at: Callable[[float], Design | None], refused: float, factor: float) -> float | None:
-    """A value in the direction of the factor at which there is a design, near the edge; None where it is too far."""
+    """Return a feasible value in the direction of the factor, near the edge; None where the edge is too far."""
     good = next((refused * factor**k for k in range(1, _FACTORS + 1) if at(refused * factor**k)), None)
     if good is None:
         return None

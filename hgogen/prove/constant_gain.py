@@ -1,23 +1,22 @@
-"""The gains by which an observer puts the output error into the argument of its nonlinear part.
-
-    z' = A z + b(sat(z + N_theta (y - C z)), u) + ..,   N_theta = theta^(p(j) - p(k)) N_jk
-
-p(j) is the power of theta that scales z_j, p(k) that of the first state of chain k. What b reads of z_j is then
-
-    e_j - N_jk (a_(k,1) e_k - v_k),   e_k the error of the first state of chain k, v_k that of the sample
-
-with the slopes of b as they are: with N_jk = 1/a_(k,1) in the row of that state, b reads the sample in its place.
-Source: Arcak, Kokotovic, "Nonlinear observers: a circle criterion design and robustness analysis", Automatica 37
-(2001).
-
-The constant gain of a high-gain observer on chains: from poles, or as given.
+"""Constant gains of high-gain observers on chains, from poles or as given, with an injection into the argument of b.
 
     z' = A z + b(sat z, u) + diag(theta, .., theta^n) K (y - C z)
 
 Poles make K_j = p_j/(a_1..a_j), p the coefficients of their polynomial: the linear error core has theta times them,
-whatever the parameters. A gain K as given serves an A(u) and C(u) as well: A - K C is Hurwitz at the ends of the ranges
-of all a_j, by exact test; that one quadratic function decays for every u is what `convergence` proves. One for several
-chains is a sequence for each, which acts on the output of its own chain, or a matrix, each of whose rows acts on all.
+whatever the parameters. A gain K as given also allows an A(u) and C(u): A - K C is Hurwitz at the ends of the ranges of
+all a_j, by exact test; `convergence` proves one quadratic Lyapunov function for every u. A gain for several chains is
+one sequence for each, which acts on the output of its own chain, or a matrix, whose rows act on all outputs.
+
+With an output error in the argument of b:
+
+    z' = A z + b(sat(z + N_theta (y - C z)), u) + ..,   N_theta = theta^(p(j) - p(k)) N_jk
+
+p(j) is the power of theta that scales z_j, p(k) that of the first state of chain k. b then reads in place of z_j
+
+    e_j - N_jk (a_(k,1) e_k - v_k),   e_k the error of the first state of chain k, v_k that of the sample
+
+with the same slopes. With N_jk = 1/a_(k,1) in the row of that state, b reads the sample in its place. Source: Arcak,
+Kokotovic, "Nonlinear observers: a circle criterion design and robustness analysis", Automatica 37 (2001).
 """
 
 from collections.abc import Iterable, Iterator, Sequence
@@ -43,7 +42,7 @@ from hgogen.sentence import NONE, Reason, because
 
 
 def no_argument(form: Form) -> Reason:
-    """Why the b of a form takes no output error into its argument, or `NONE`."""
+    """Return why the b of a form allows no output error in its argument, or `NONE`."""
     if form.jacobian is not None:
         return because("it works in chains, and this form keeps the plant's coordinates")
     if any(a.free_symbols & {*form.system.inputs} for chain in form.gains for a in chain):
@@ -52,18 +51,18 @@ def no_argument(form: Form) -> Reason:
 
 
 def sample_in_place(form: Form) -> tuple[sp.Expr, ...]:
-    """The entries N (n) with which b reads the sample in the place of the first state of each chain."""
+    """Return the entries N (n) with which b reads the sample in the place of the first state of each chain."""
     return tuple(1 / a if i == 0 else sp.S.Zero for chain in chains(form) for i, a in enumerate(chain))
 
 
 def numbers_in_place(form: Form) -> list[float]:
-    """Return these entries at the nominal parameters."""
+    """Return the entries of `sample_in_place` at the nominal parameters."""
     return [float(sp.sympify(entry).subs(form.system.nominal)) for entry in sample_in_place(form)]
 
 
 def injected(error: Inclusion | Nothing, form: Form, entries: Sequence[sp.Expr]) -> Inclusion | Nothing:
-    """The inclusion of an observer of a constant gain whose b has an argument of these entries N (n, or n q: `columns`)
-    beside, of numbers and parameters."""
+    """Return the inclusion of an observer of a constant gain whose b has an argument with these entries N (n, or n q:
+    `columns`) of numbers and parameters."""
     if isinstance(error, Nothing):
         return error
     read = _by_field(form, error, as_matrix(form, entries))
@@ -77,14 +76,14 @@ def injected(error: Inclusion | Nothing, form: Form, entries: Sequence[sp.Expr])
     else:
         samples = as_matrix(form, known) @ entering(form, weighted(form, None))
     slopes = list[Slope]()
-    for slope in error.slopes:  # those of b by what b reads, of the samples as well
+    for slope in error.slopes:  # slopes of b read the argument of b, and so the samples
         at = None if slope.entry is None else slope.reads.index(1)
         slopes.append(slope if at is None else replace(slope, reads=tuple(read[at]), takes=tuple(samples[at])))
     return replace(error, slopes=tuple(slopes), numbers={**error.numbers, "argument": tuple(entries)})
 
 
 def bounded(error: Inclusion | Nothing, form: Form) -> Inclusion | Nothing:
-    """The inclusion, or why there is none for a step: a slope without an end."""
+    """Return the inclusion, or why there is none for a step: a slope with an infinite end."""
     if isinstance(error, Nothing) or not error.endless:
         return error
     i, j = error.endless[0].entry or (0, 0)
@@ -93,8 +92,8 @@ def bounded(error: Inclusion | Nothing, form: Form) -> Inclusion | Nothing:
 
 
 def _by_field(form: Form, error: Inclusion, N: np.ndarray) -> list[list[Fraction]] | Reason:
-    """Return what b reads in the place of the error of each field (n, n): of it and of the first states of the
-    chains."""
+    """Return, for the error of each field, the row (n, n) that b reads in its place: of that error and of the first
+    states of the chains."""
     rows = [list(field_row(i, form.n)) for i in range(form.n)]
     for k, chain in ((k, chains(form)[k]) for k in form.leads):
         head = form.heads[k]
@@ -108,7 +107,7 @@ def _by_field(form: Form, error: Inclusion, N: np.ndarray) -> list[list[Fraction
 
 
 def _number(value: Any, form: Form) -> Fraction | None:
-    """The value where it is a rational number, whatever the parameters that have ranges."""
+    """Return the value as a rational number, if it has one whatever the parameters that have ranges."""
     known = sp.cancel(exact(sp.sympify(value).xreplace(fixed(form))))
     return Fraction(known.p, known.q) if known.is_Rational else None
 
@@ -118,10 +117,9 @@ Chain = tuple[sp.Expr, ...]
 
 @dataclass(frozen=True, eq=False)
 class ConstantGain:
-    """The gain `K`.
+    """The gain `K` with the inclusion `error`.
 
-    `driven` says whether A or C depends on an input: then `vertices` (k, n, n) are A - K C at the ends of the ranges.
-    `error` is what the error obeys.
+    `driven`: whether A or C depends on an input; then `vertices` (k, n, n) are A - K C at the ends of the ranges.
     """
 
     K: ScaledGain
@@ -138,9 +136,12 @@ def _of_error(form: Form, entries: Iterable[sp.Expr]) -> ScaledGain:
 def constant_gain(
     observer: str, form: Form, poles: Any, gains: Any, weights: Sequence[float], endless: bool = False
 ) -> ConstantGain:
-    """The gain on a form in chains, from `poles` or `gains`: a sequence (n), or for several outputs one for each; gains
-    may be a matrix (n, q), of a column for each chain's output, the mean of outputs by their `weights` (p); `endless`
-    as of `inclusion`. Raises: `BadGain`, `BadPoles`, `NotHurwitz`."""
+    """Return the gain on a form in chains, from `poles` or `gains`: a sequence (n), or for several outputs one for
+    each. Raises: `BadGain`, `BadPoles`, `NotHurwitz`.
+
+    Gains may be a matrix (n, q), with a column for the output of each chain, the mean of outputs by their `weights`
+    (p); `endless` as in `inclusion`.
+    """
     if (poles is None) == (gains is None):
         raise BadGain(observer, "takes either the poles of A - K C or the gains K; give one of the two")
     make, numbers = (_placed, poles) if gains is None else (_from_gains, gains)
@@ -161,7 +162,7 @@ def _placed(
     p = list[float]()
     for chain_poles, n in zip(_split("poles", poles, sizes), sizes, strict=True):
         rounded = coefficients(chain_poles, n)
-        # these are proved to decay too, since poles at the edge may not survive rounding
+        # rounding may move poles across the edge, so the rounded ones are proved to decay
         demand_hurwitz("poles, rounded to doubles", companion(rounded), "take them further to the left")
         p.extend(rounded)
     products = [sp.prod(chain[: j + 1]) for chain in each for j in range(len(chain))]
@@ -193,14 +194,14 @@ def _from_gains(
 
 
 def entries_of(what: str, values: Any, form: Form) -> tuple[float, ...]:
-    """The entries of a gain of chains (n, or n q: `columns`), given as K is. Raises: `BadGain`."""
+    """Return the entries of a gain of chains (n, or n q: `columns`), given in the same way as K. Raises: `BadGain`."""
     groups = _groups(what, values, [chain for chain in chains(form) if chain])
     return tuple(x for _, k in groups for x in k.ravel().tolist())
 
 
 def _groups(what: str, gains: Any, each: Sequence[Chain]) -> Iterator[tuple[Sequence[Chain], np.ndarray]]:
-    """Chains that the gain ties to each other, with its block for them: all for a matrix, else one after the other.
-    Raises: `BadGain`."""
+    """Yield the chains that the gain couples, with its block for them: all chains for a matrix, else one after the
+    other. Raises: `BadGain`."""
     sizes = tuple(map(len, each))
     n, q = sum(sizes), len(sizes)
     whole = _shape(gains) == (n, q)
@@ -215,7 +216,7 @@ def _groups(what: str, gains: Any, each: Sequence[Chain]) -> Iterator[tuple[Sequ
 
 
 def _shape(values: Any) -> tuple[int, ...]:
-    """Return the shape of an array, () of what is none, as rows of different lengths are not."""
+    """Return the shape of an array, () of anything else, such as rows of different lengths."""
     try:
         return np.shape(values)
     except ValueError:
@@ -223,7 +224,7 @@ def _shape(values: Any) -> tuple[int, ...]:
 
 
 def _stacked(ends: list[np.ndarray]) -> np.ndarray:
-    """Return each group's matrices (k_i, n_i, n_i) along the diagonal; all eigenvalues are there, not all
+    """Return each group's matrices (k_i, n_i, n_i) along the diagonal: with all their eigenvalues, not all their
     combinations."""
     n, most = sum(each.shape[1] for each in ends), max(map(len, ends))
     stacked = np.zeros((most, n, n))
@@ -233,7 +234,7 @@ def _stacked(ends: list[np.ndarray]) -> np.ndarray:
 
 
 def _split(what: str, values: Any, sizes: tuple[int, ...], instead: str = "") -> Sequence[Any]:
-    """The values for each chain. Raises: `BadGain` where they are not one sequence for each."""
+    """Return the values for each chain. Raises: `BadGain` where they are not one sequence for each."""
     if len(sizes) == 1:
         return (values,)
     count = len(values) if isinstance(values, Sequence | np.ndarray) and not isinstance(values, str) else 0
@@ -244,7 +245,7 @@ def _split(what: str, values: Any, sizes: tuple[int, ...], instead: str = "") ->
 
 
 def constant_chains(observer: str, form: Form) -> tuple[tuple[sp.Expr, ...], ...]:
-    """a_(i,1), .. of each output, free of states; those of the phase coordinates are 1. Raises: `BadGain`."""
+    """Return a_(i,1), .. of each output, free of states; 1 for phase coordinates. Raises: `BadGain`."""
     if len(form.output) != len(form.blocks):
         reason = f"takes a chain for each output, {form.system.name} has {len(form.output)} outputs and no chains"
         raise BadGain(observer, reason, fix="use the form block_triangular if the plant is in it, else riccati")

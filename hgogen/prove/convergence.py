@@ -1,36 +1,36 @@
-"""One norm in which an error falls, whatever its slopes: in continuous time, at a theta, and from which theta on.
+"""One quadratic Lyapunov function for all slopes of an error: continuous time, at one theta, and from which theta on.
 
     V = e'P e,   V' <= -alpha V:   M'P + P M + alpha P < 0   for every M = M_0 + G diag(d) H, |d_j| <= 1
 
-M is affine in each slope d_j, so that the corners, 2^m of m slopes, stand for all. Of more slopes than are worth that,
-one form has a multiplier S_j >= 0 for each:
+M is affine in each slope d_j, so it is enough to check the corners, 2^m for m slopes. For too many slopes one form has
+a multiplier S_j >= 0 for each:
 
     [M_0'P + P M_0 + alpha P + H'S H, P G; G'P, -S] < 0
 
-A P that serves a theta at the corners serves every larger one: M/theta is N and the slopes over theta^(degree + 1), and
-those of a degree above -1 have 0 in their ranges, which shrink. What the form shows holds at the corners.
+A P that is valid for a theta at the corners is valid for every larger one: M/theta is N plus the slopes over
+theta^(degree + 1), and the ranges of those with a degree above -1 hold 0 and shrink. The form implies the corners.
 
-How far theta or the rate goes is searched in floats, with weights that are known as far as these reach and with others
-from there, and proved where that ends. A solver finds P and S, rationals prove them. Without a solver, or of more rows
-than it is asked for, P is one that is at hand, or that of large theta alone, N'P + P N = -I with all that moves in N at
-its middle: it may serve too, from a larger theta on.
+The search for theta or for the rate runs in floats: as far as known weights reach, then with new ones from there. Its
+end is proved. A solver finds P and S, rationals prove them. Without a solver, or for more rows than it can handle, P is
+the first one given, or that of large theta, N'P + P N = -I with each slope in N at its middle. It may also be valid,
+from a larger theta on.
 
-Slopes of one sign may have no other end:
+Slopes of one sign may be unbounded:
 
     e' = M e + G p - sum_k s_k onto_k q_k,   q_k = d_k reads_k e,   d_k >= 0 of any size,   V = e'P e
 
-A slope that is at most h, whatever it is below, is h less a d >= 0 (s = 1); one that is at least h is h and more (s =
--1); h stands in M. With
+A slope of at most h, with no lower bound, is h less a d >= 0 (s = 1). One of at least h is h plus a d >= 0 (s = -1). M
+contains h. With
 
     P onto_k = s_k lambda_k reads_k',   lambda_k >= 0,
 
-V' loses 2 lambda_k (reads_k e)^2 d_k, however large d_k is: what makes V fall without the d does with them. That V
-falls wherever e is asks for a slope in the last of two states of a chain, N between 0 and a bound, or in its only one:
-from longer chains to what b reads the response is not strictly positive. P keeps to these equations exactly: it is a
-sum of rational matrices that do, of which a solver finds the shares, rounded, and rationals prove the rest as
-above. What b reads nothing of, reads_k = 0, asks for nothing. An h of a degree above -1 has the sign that
-makes the set of slopes shrink as theta grows, so that a P that serves a theta serves larger ones. Source: Arcak,
-Kokotovic, "Nonlinear observers: a circle criterion design and robustness analysis", Automatica 37 (2001), theorem 1.
+V' gets the term -2 lambda_k (reads_k e)^2 d_k, however large d_k is: if V decreases without the d, it does with them.
+Such a P exists for a slope in the last of two states of a chain, with N between 0 and a bound, or in its only state. In
+longer chains the response from the slope to what b reads is not strictly positive real. P satisfies these equations
+exactly: it is a sum of rational matrices that do. A solver finds the coefficients, which are rounded, and rationals
+prove the rest as above. reads_k = 0 adds no equation. An h of a degree above -1 has the sign with which the set of
+slopes shrinks as theta grows, so that a P for a theta is valid for larger ones. Source: Arcak, Kokotovic, "Nonlinear
+observers: a circle criterion design and robustness analysis", Automatica 37 (2001), theorem 1.
 """
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -69,12 +69,12 @@ EXISTS = "in continuous time, without noise, the error converges exponentially f
 
 
 def theta_claim(theta: float) -> str:
-    """The claim that theta is above the bound."""
+    """Return the claim that theta is above the bound."""
     return f"theta = {same(theta)} is above that bound"
 
 
 def nothing(maker: str, theta: float, why: Reason) -> tuple[Check, Check]:
-    """The two claims, where no bound is proved."""
+    """Return the two claims, without a proved bound."""
     none, fix = because("no bound is proved"), "Validate by trials."
     return (
         Check(ClaimId(maker, "convergence"), EXISTS, Verdict.UNKNOWN, why, fix=fix),
@@ -83,33 +83,33 @@ def nothing(maker: str, theta: float, why: Reason) -> tuple[Check, Check]:
 
 
 def decays(rate: float, during: str = "") -> Reason:
-    """Return that the error decays at a rate, or does `during` some times alone."""
+    """Return the sentence that the error decays at a rate, or that it does so `during` certain times."""
     pattern = "the error decays at least like exp(-{rate} t) while the estimate keeps to its outer box"
     decay = because(pattern, rate=Down(rate, 2))
     return because("{during} {decay}", during=during, decay=decay) if during else decay
 
 
-ROWS = 48  # of one form with multipliers: beyond, a solver takes longer than a check may
+ROWS = 48  # of one form with multipliers: above, a solver is too slow for a check
 _WHAT = "one norm for all slopes"
-LOWEST = Fraction(1, 100)  # theta that is looked for
-FACTOR, TIMES = 4, 24  # by which theta is raised, and how often, until there is a norm
-_STEP, _ROUNDS = 1.1, 8  # shorter ones are not worth new weights
-CLOSE = 1.003  # where a search with known weights ends
-SLOW = Fraction(1, 2**12)  # of the fastest rate: where a rate is looked for first
-SHARES = tuple(Fraction(k, 200) for k in (200, 199, 190, 100, 0))  # of a rate that is proved
-_BEYOND = tuple(Fraction(k, 1000) for k in (1000, 1001, 1010, 1050))  # of a theta that is proved
-_BELOW = tuple(1 - Fraction(1, 2**k) for k in (10, 20, 30))  # of a theta, for one that is hardly smaller
-_JOIN = 2  # forms at a time
+LOWEST = Fraction(1, 100)  # the smallest theta of a search
+FACTOR, TIMES = 4, 24  # factor and number of increases of theta until a P is found
+_STEP, _ROUNDS = 1.1, 8  # the least step with new weights, and the number of steps
+CLOSE = 1.003  # ratio of the ends of a search with known weights at which it stops
+SLOW = Fraction(1, 2**12)  # first rate of a search, over its upper bound
+SHARES = tuple(Fraction(k, 200) for k in (200, 199, 190, 100, 0))  # of a rate found in floats, for proofs
+_BEYOND = tuple(Fraction(k, 1000) for k in (1000, 1001, 1010, 1050))  # of a theta found in floats, for proofs
+_BELOW = tuple(1 - Fraction(1, 2**k) for k in (10, 20, 30))  # of a theta, for proofs just below it
+_JOIN = 2  # forms that join the binding ones at a time
 _NARROWER = Fraction(99, 100)
-_THETAS = 16  # of which what the error obeys is remembered
+_THETAS = 16  # number of thetas whose systems are cached
 
 Pair = tuple[Array, Array]  # P and S, in floats
 
 
 @dataclass(frozen=True)
 class Falls:
-    """A proof that V' <= -alpha V at `theta`, by the `weights`; their S is empty where corners stand one by one.
-    `others`: what V holds beside P, by name."""
+    """A proof that V' <= -alpha V at `theta`, by the `weights`, whose S is empty where corners are checked one by one.
+    `others`: parameters of V other than P, by name."""
 
     theta: Fraction
     alpha: Fraction
@@ -123,14 +123,14 @@ class Falls:
 
     @property
     def written(self) -> Evidence:
-        """P and the others, and S where there are multipliers."""
+        """The P and the other parameters for a certificate, and S where there are multipliers."""
         return {"P": self.weights.P, **self.others} | ({"S": self.weights.S} if self.weights.S else {})
 
 
 @dataclass(frozen=True, eq=False)
 class GainVariation:
-    """The effect of a time-varying gain on e' = M e: `shift` comes to M over theta; `cores` N, of which e' = theta N e
-    is without b; and `ways` W, where W e comes to e' besides, times any share >= 0. All of FLINT's rationals."""
+    """The effect of a time-varying gain on e' = M e: `shift` is added to M/theta; each of the `cores` N adds the system
+    e' = theta N e without b; each of the `ways` W adds W e times any share >= 0 to e'. All are of FLINT's rationals."""
 
     shift: Array
     cores: tuple[Array, ...] = ()
@@ -139,7 +139,7 @@ class GainVariation:
     def forms(
         self, e: Uncertain, theta: Fraction, alpha: Any, hull: Sequence[Sequence[Fraction]]
     ) -> Iterator[Quadratic]:
-        """Yield the forms of `falling`, and those of the other terms, which are as large."""
+        """Yield the forms of `falling`, and those of the additional terms in the same size."""
         known = floats if e.M.dtype == float else np.asarray
         shifted = falling(replace(e, M=e.M + known(self.shift * number(theta))), alpha, hull)
         yield from shifted
@@ -151,23 +151,25 @@ class GainVariation:
             yield flow(replace(still, M=known(way * number(theta)))).falls(NOW)
 
 
-STILL = GainVariation(rational([[0]]))  # of a constant gain
+STILL = GainVariation(rational([[0]]))  # for a constant gain
 
 
 @dataclass(frozen=True)
 class Flow:
-    """The `error` of an observer in continuous time, for which functions that fall are sought, at `theta` and beyond.
+    """The `error` of an observer in continuous time, and the search for Lyapunov functions at `theta` and beyond.
 
-    `how`: what they are; here norms, of an observer whose gain varies by its `variation`. `first` (n, n): a P > 0 in
-    floats that may serve. Another kind of function says which weights it has in floats at a theta and an alpha
-    (`_weights`), which thetas and alphas these serve (`_thetas`, `_alphas`), and what it proves there (`at`)."""
+    `how`: their name in claims; here norms, of an observer whose gain varies by its `variation`. `first` (n, n): a P >
+    0 in floats to try first. A subclass for another kind of function defines its weights in floats at a theta and an
+    alpha (`_weights`), for which other thetas and alphas they are valid (`_thetas`, `_alphas`), and its proof (`at`).
+    """
 
     error: Inclusion
     theta: Fraction
     how: str = "one norm"
     variation: GainVariation = STILL
     first: Array | None = None
-    close: ClassVar[tuple[float, float]] = (1.02, 1.1)  # where a search for weights ends: for theta, for a rate
+    # ratio of the ends at which a search for weights stops: for theta, for a rate
+    close: ClassVar[tuple[float, float]] = (1.02, 1.1)
 
     @cached_property
     def fastest(self) -> Falls | None:
@@ -184,8 +186,8 @@ class Flow:
 
     @cached_property
     def least(self) -> Falls | None:
-        """A proof at a theta close to the least, which is below the one at hand where there are weights at that; None
-        where none is found."""
+        """A proof at a theta close to the least one, below the declared theta if there are weights for that; None where
+        none is found."""
         thetas = (self.theta * FACTOR**k for k in range(1, TIMES))
         later = ((theta, weights) for theta in thetas if (weights := self._weights(theta)) is not None)
         first = (self.theta, self._known) if self._known is not None else next(later, None)
@@ -200,11 +202,12 @@ class Flow:
 
     @property
     def _most(self) -> Fraction:
-        """A bound of every alpha at theta."""
+        """An upper bound of every alpha at theta."""
         return Fraction(-2 * self.slowest[0])
 
     def unstable(self, states: Sequence[Any]) -> Reason:
-        """The slopes at which, held, errors do not decay at theta; `NONE` where none of those tried is so."""
+        """Return constant slopes at which errors do not decay at theta; `NONE` if errors decay at all those that are
+        tried."""
         speed, d = self.slowest
         if speed < 0:
             return NONE
@@ -214,16 +217,17 @@ class Flow:
 
     @cached_property
     def _known(self) -> Any:
-        """Weights at theta; None where there are none, or an error does not decay with slopes that are held."""
+        """The weights at theta; None where there are none, or where an error does not decay at constant slopes."""
         return self._weights(self.theta) if self.slowest[0] < 0 else None
 
     @cached_property
     def _moving(self) -> Callable[[Fraction], Uncertain]:
-        """The system that the error obeys at a theta, once for the last ones, as each is asked for at several rates."""
+        """The function that returns the system of the error at a theta; it caches the last ones, as each is used at
+        several rates."""
         return lru_cache(maxsize=_THETAS)(self.error.at)
 
     def _slowest(self, theta: Fraction) -> tuple[float, Array]:
-        """The largest real part of an eigenvalue at the corners that are tried, and the corner."""
+        """Return the largest real part of an eigenvalue over the corners that are tried, and its corner."""
         e = self._moving(theta).floats
         d = np.array(self.error.hull, dtype=float) if self.error.hull else corners(e.G.shape[1])
         parts = np.linalg.eigvals(e.M + (e.G * d[:, None]) @ e.H).real.max(axis=1)
@@ -244,7 +248,8 @@ class Flow:
         return lambda a: a <= last
 
     def obstacle(self, states: Sequence[Any]) -> Reason:
-        """Why there is no proof at theta: slopes at which, held, errors do not decay, or the one that hinders most."""
+        """Return why there is no proof at theta: constant slopes at which errors do not decay, or the slope that
+        hinders most."""
         unstable = self.unstable(states)
         if unstable:
             return unstable
@@ -259,20 +264,20 @@ class Flow:
         return because(pattern, i=i + 1, z=states[j], low=low, high=high)
 
     def by(self, weights: Weights, alpha: Fraction) -> Falls | None:
-        """A proof at theta by these weights; None where they show nothing."""
+        """Return a proof at theta by these weights; None where they prove nothing."""
         P, S = rational(weights.P), rational(weights.S)
         forms = self._exactly(self.theta, alpha)
         return Falls(self.theta, alpha, weights) if verified(forms, P, S) else None
 
     @property
     def missing(self) -> Reason:
-        """Why there is no norm at any theta."""
+        """The reason why there is no Lyapunov function at any theta."""
         return no_solver(_WHAT) or because(
             "no norm is found in which the linear part of the error falls, whatever moves in it"
         )
 
     def _hindrance(self) -> Slope | None:
-        """The slope of b whose narrowing would bring the forms at theta nearest to being negative."""
+        """Return the slope of b whose narrowing brings the forms at theta nearest to being negative."""
         forms = self._floats(self.theta, Fraction(0))
         best = widest(forms, _WHAT, self._coordinates, priced=True) if forms[0].size <= ROWS else None
         if best is None:
@@ -289,17 +294,17 @@ class Flow:
         return min(gains, key=gains.__getitem__, default=None)
 
     def at(self, theta: Fraction, alpha: Fraction = Fraction(0)) -> Falls | None:
-        """A proof of that rate at a theta; None where none is found."""
+        """Return a proof of that rate at a theta; None where none is found."""
         weights = self._weights(theta, alpha)
         known = weights and self._proved(self._exactly(theta, alpha), *weights)
         return Falls(theta, alpha, known) if known else None
 
     def _proved(self, forms: Sequence[Quadratic], P: Array, S: Array) -> Weights | None:
-        """Weights near those in floats that prove the forms."""
+        """Return weights near those in floats that prove the forms."""
         return proved(forms, P, S)
 
     def _weights(self, theta: Fraction, alpha: Fraction = Fraction(0)) -> Any:
-        """Weights in floats with which the forms are negative."""
+        """Return weights in floats with which the forms are negative."""
         forms = self._floats(theta, alpha)
         weights = self._sought(forms)
         return weights if weights is not None and negative(forms, *weights, self._coordinates) else None
@@ -314,8 +319,8 @@ class Flow:
         return (best.P, best.S) if best is not None and best.margin > 0 else None
 
     def _widest(self, forms: tuple[Quadratic, ...]) -> Margin | None:
-        """The weights with the largest margin for the forms that ask for most: these are few, and are remembered. The
-        others are checked, and join them until no form has less than half of the margin."""
+        """Return the weights with the largest margin for the binding forms. These are few, and are cached. Other forms
+        join them until every form has at least half of the margin."""
         W, few, last = self._coordinates, self._binding, len(forms) - 1
         while True:
             few.extend({0, last} - {*few} if not few else ())
@@ -323,7 +328,7 @@ class Flow:
             if best is None or best.margin <= 0 or len(few) == len(forms):
                 return best
             values = [form.value(best.P, best.S) for form in forms]
-            if W is not None:  # with multiplied relations as they are
+            if W is not None:  # in coordinates of P, without a change of the multiplied inputs
                 T = np.eye(forms[0].size)
                 T[: len(W), : len(W)] = W
                 values = [T.T @ value @ T for value in values]
@@ -336,12 +341,12 @@ class Flow:
 
     @cached_property
     def _binding(self) -> list[int]:
-        """The numbers of the forms that ask for most, as far as they are known."""
+        """The indices of the binding forms that are known so far."""
         return []
 
     def _plain(self, forms: tuple[Quadratic, ...]) -> Pair | None:
-        """The first P, its trace n, or that of the linear part alone, and S with which slopes take least from it; None
-        where it shows nothing."""
+        """Return the first P, scaled to the trace n, or that of the linear part, and the S with which slopes cost
+        least; None where there is no such P."""
         first = self.first
         P = self.error.linear_lyapunov if first is None else np.asarray(first * len(first) / np.trace(first))
         if P is None:
@@ -360,7 +365,7 @@ class Flow:
 
     @cached_property
     def _coordinates(self) -> Array | None:
-        """P^(-1/2) of the first P, near which the P that are sought are."""
+        """P^(-1/2) of the first P: coordinates in which a solver expects P near the unit matrix."""
         return self.error.coordinates if self.first is None else inverse_root(self.first)
 
 
@@ -372,8 +377,8 @@ def _reached(
     seek: Callable[[Fraction], Any],
     close: float,
 ) -> Fraction:
-    """Return how far from the start towards the end there are weights: first as far as those reach that are known, and
-    from there again with those that are sought there; then by halving."""
+    """Return how far from `start` towards `end` there are weights: first as far as the known weights are valid, then
+    from there on with new ones, last by bisection."""
     for _ in range(_ROUNDS):
         value = farthest(serving(weights), start, end, CLOSE)
         better = seek(value) if not 1 / _STEP < value / start < _STEP else None
@@ -385,7 +390,7 @@ def _reached(
 
 
 _ONE_SIDED = "one norm for slopes without an end"
-_MARGIN = 1e-7  # that a form has to have in floats
+_MARGIN = 1e-7  # the least margin of a form in floats
 _BITS = (20, 30, 44)
 _NO_NORM = (
     "no norm is found that keeps to the slopes without an end: there may be one where they are in the last of two "
@@ -395,27 +400,27 @@ _NO_NORM = (
 
 @dataclass(frozen=True)
 class OneSided(Flow):
-    """Norms for an `error` some of whose slopes have one end, at `theta` and beyond."""
+    """The search for an `error` of which some slopes have an infinite end, at `theta` and beyond."""
 
     how: str = "one norm that keeps to the signs of slopes without an end,"
     close: ClassVar[tuple[float, float]] = (CLOSE, CLOSE)
 
     @property
     def endless(self) -> tuple[Slope, ...]:
-        """The slopes without an end, of which something is read."""
+        """The slopes with an infinite end that read an error."""
         return tuple(slope for slope in self.error.endless if any(slope.reads))
 
     @property
     def missing(self) -> Reason:
-        """Why there is a proof at no theta."""
+        """The reason why there is no proof at any theta."""
         return no_solver(_ONE_SIDED) or because(_NO_NORM)
 
     def obstacle(self, states: Sequence[Any]) -> Reason:
-        """Why there is none at theta."""
+        """Return why there is no proof at theta."""
         return no_solver(_ONE_SIDED) or because("no norm is found for all slopes in their ranges")
 
     def _proved(self, forms: Sequence[Quadratic], P: Array, S: Array) -> Weights | None:
-        """The shares of the basis, rounded, so that P keeps to the equations exactly."""
+        """Return weights of rounded coefficients of the basis, so that P satisfies the equations exactly."""
         rows = np.array([floats(matrix).ravel() for matrix in self._basis])
         y = np.linalg.lstsq(rows.T, P.ravel(), rcond=None)[0]
         for bits in _BITS:
@@ -429,7 +434,8 @@ class OneSided(Flow):
 
     @cached_property
     def _basis(self) -> tuple[Array, ...]:
-        """Symmetric matrices (n, n), of FLINT's rationals, of whose sums P onto_k is along reads_k for every k."""
+        """A basis of the symmetric matrices P (n, n), of FLINT's rationals, for which P onto_k is parallel to reads_k
+        for every k."""
         n = len(self.error.N)
         units, slopes = list[Array](), self.endless
         for j in range(n):
@@ -447,14 +453,14 @@ class OneSided(Flow):
         return tuple(sum((x * unit for x, unit in zip(row, units, strict=False)), 0 * units[0]) for row in null)
 
     def _lambdas(self, P: Array) -> Iterator[Any]:
-        """The lambda_k, in the arithmetic of P, of one that keeps to the equations."""
+        """Yield the lambda_k of a P that satisfies the equations, in its arithmetic."""
         for slope in self.endless:
             onto, reads = rational(slope.onto), rational(slope.reads)
             onto, reads = (onto, reads) if P.dtype == object else (floats(each[None])[0] for each in (onto, reads))
             yield -slope.endless * ((P @ onto) @ reads) / (reads @ reads)
 
     def _sought(self, forms: Sequence[Quadratic]) -> tuple[Array, Array] | None:
-        """P that keeps to the equations, and multipliers S, with which forms of floats are negative by the most."""
+        """Return P that satisfies the equations, and multipliers S, with the largest margin of the forms in floats."""
         basis = [floats(matrix) for matrix in self._basis]
         if not basis or no_solver(_ONE_SIDED):
             return None
@@ -464,7 +470,7 @@ class OneSided(Flow):
 
 
 def _null(rows: Sequence[Sequence[fmpq]], count: int) -> list[list[fmpq]]:
-    """A basis of the x (count) with which every row is 0."""
+    """Return a basis of the null space of the rows, of vectors x (count)."""
     if not rows:
         return [[fmpq(int(i == j)) for j in range(count)] for i in range(count)]
     reduced, rank = fmpq_mat([list(row) for row in rows]).rref()
@@ -481,18 +487,18 @@ def _null(rows: Sequence[Sequence[fmpq]], count: int) -> list[list[fmpq]]:
 
 @dataclass(frozen=True)
 class FromTheta:
-    """A proof that every theta above `theta` converges: by the norm that falls there."""
+    """A proof that every theta above `theta` converges, by the Lyapunov function there."""
 
     error: Inclusion
     falls: Falls
 
     @property
     def theta(self) -> Fraction:
-        """The bound, which is proved to converge too."""
+        """The bound, at which the error is proved to converge too."""
         return self.falls.theta
 
     def evidence(self, form: Form) -> Evidence | None:
-        """Return how the slopes are bounded, theta, and the P and S at it."""
+        """Return the bounds of the slopes, theta, and the P and S at it."""
         function = self.falls.written
         return None if function is None else {"error": self.error, "least": self.theta, **function}
 
@@ -504,13 +510,14 @@ class AtTheta:
     falls: Falls
 
     def evidence(self, form: Form) -> Evidence | None:
-        """alpha, and the P and S for it; the slopes are those of the claim of convergence."""
+        """Return alpha, and the P and S for it; the slopes are those of the claim of convergence."""
         function = self.falls.written
         return None if function is None else {"alpha": self.falls.alpha, **function}
 
 
 def theta_checks(maker: str, form: Form, theta: float, error: Inclusion | Nothing) -> tuple[Check, Check]:
-    """`MAKER.convergence`, that there is a bound; `MAKER.theta`, that theta is above it, with the rate there."""
+    """Return `MAKER.convergence`, that there is a bound, and `MAKER.theta`, that theta is above it, with the rate
+    there."""
     if isinstance(error, Nothing):
         return nothing(maker, theta, error.reason)
     kind = OneSided if error.endless else Flow
@@ -520,8 +527,8 @@ def theta_checks(maker: str, form: Form, theta: float, error: Inclusion | Nothin
 def claims(
     maker: str, form: Form, flow: Flow, numbers: Mapping[str, Any], name: str = "theta", during: str = ""
 ) -> tuple[Check, Check]:
-    """Return these claims of an observer of these numbers, theta the gain of that name; the error decays `during` some
-    times."""
+    """Return these two claims for an observer with these numbers, in which theta is the gain `name`; the error decays
+    `during` certain times."""
     theta = float(flow.theta)
     try:
         least = flow.least

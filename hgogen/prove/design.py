@@ -4,17 +4,17 @@
     constant_gain    K of `observers.high_gain`, for a_i that vary in ranges
     steady_gain      K of the same, to which the filter `riccati` settles at a point: of Q and R, without a solver
     injection_filter F, G and H of `observers.filtered_injection`, for little noise at a wanted rate
-    adaptive_gain    K and P of `observers.adaptive_lmi`, for a high gain that moves; `slope` is what it takes of a form
-    verified         what holds of K and P, whoever designed them
+    adaptive_gain    K and P of `observers.adaptive_lmi`, for a time-varying high gain; `slope` is its k for a form
+    verified         the checks of any K and P, designed here or not
 
-Numbers that papers give by formula, for who designs a gain by hand, each rounded to the safe side by exact algebra:
+Numbers that papers give by formula, for the design of a gain by hand, each rounded to the safe side by exact algebra:
 
     gain_of_poles      L of the poles of A - L C                      Astolfi, Jungers, Zaccarian 2018, remark 1
     core_eigenvalues   those of A - L C, or of M with a filter        (10)
     inside_parabola    whether poles lie in S_(alpha, beta)           (9)
     least_gamma        from which gamma_inf on the error decays       Alessandri 2020, (88)
     attenuation        the L2 gain from a disturbance                 (89)
-    disturbed_error    how far a disturbance keeps the error from 0   (69), corrected
+    disturbed_error    the ultimate bound under a disturbance         (69), corrected
     error_bounds       the error without a model of the last row      Bullinger and others 1998, (14), corrected
     gain_in_time       the gain for a given error and time            theorem 1
 
@@ -80,8 +80,8 @@ _FORM = "a form: hg.forms.triangular(plant)"
 
 
 def constant_gain(form: Form, *, largest: float = 100.0) -> tuple[float, ...] | Nothing:
-    """A constant gain K (n), |K| <= `largest`, for all a_i of a chain in their ranges, with a small lambda_max(P) in
-    the bound of `high_gain`; or why there is none.
+    """Return a constant gain K (n), |K| <= `largest`, for all a_i of a chain in their ranges, with a small
+    lambda_max(P) in the bound of `high_gain`; or why there is none.
 
     Raises: `NoSolver`; `Misfit` for no form; `BadGain`.
     """
@@ -97,7 +97,7 @@ def constant_gain(form: Form, *, largest: float = 100.0) -> tuple[float, ...] | 
 
 
 class Checks(tuple[Check, ...]):
-    """Checks that print as one a line."""
+    """Checks that print one on each line."""
 
     __slots__ = ()
 
@@ -108,8 +108,8 @@ class Checks(tuple[Check, ...]):
 def verified(
     K: Any, P: Any, sigma: Any, decay: float | None = None, alphas: tuple[float, float] | None = None
 ) -> Checks:
-    """Whether P > 0, D P + P D >= 0, (54) with lambda = `decay`, by default any, and (87) with `alphas`, in the
-    notation of `varying_gain`: each proved, or refuted with the eigenvalue.
+    """Return the checks of P > 0, D P + P D >= 0, (54) with lambda = `decay`, by default any, and (87) with `alphas`,
+    in the notation of `varying_gain`: each proved, or refuted with the eigenvalue.
 
     Raises: `BadGain`.
     """
@@ -126,13 +126,13 @@ def verified(
     return Checks(checks)
 
 
-_SHARES = tuple(Fraction(k, 16) for k in range(1, 16))  # of the decay, that a disturbance may use up
-_SQUARES = 12  # of 1 + x/2^12, whose power is below e^x
+_SHARES = tuple(Fraction(k, 16) for k in range(1, 16))  # of the decay that the disturbance uses up
+_SQUARES = 12  # squarings of 1 + x/2^12, whose power is below e^x
 _STEPS = 60  # of a bisection
 
 
 def gain_of_poles(poles: Sequence[complex]) -> tuple[float, ...]:
-    """L (n), the coefficients of the polynomial of the n `poles` after the first: A - L C has these eigenvalues.
+    """Return L (n), the coefficients after the first of the polynomial of the n `poles`: A - L C has these eigenvalues.
 
     Astolfi, Jungers, Zaccarian, ECC 2018, remark 1. Raises: `BadPoles` for poles that do not decay, or are in no
     conjugate pairs.
@@ -144,7 +144,7 @@ def gain_of_poles(poles: Sequence[complex]) -> tuple[float, ...]:
 
 
 def core_eigenvalues(L: Any, alpha: float | None = None, beta: float | None = None) -> tuple[complex, ...]:
-    """The eigenvalues of A - L C (n), or with a filter's `alpha` and `beta` those of M (2 n), the fastest first.
+    """Return the eigenvalues of A - L C (n), or with a filter's `alpha` and `beta` those of M (2 n), the fastest first.
 
     They are those of the error's linear part at a high gain 1, in floats. Astolfi, Jungers, Zaccarian, ECC 2018, (10).
     Raises: `BadGain` for L that is no column of finite numbers, for one of alpha and beta alone, or not positive.
@@ -160,7 +160,7 @@ def core_eigenvalues(L: Any, alpha: float | None = None, beta: float | None = No
 
 
 def inside_parabola(poles: Sequence[complex], alpha: float, beta: float) -> tuple[bool, ...]:
-    """Whether each of the poles lies in S = {alpha^2 Re + beta Im^2 < 0}, exactly: M is Hurwitz if all do.
+    """Return, for each pole, whether it lies in S = {alpha^2 Re + beta Im^2 < 0}, exactly: M is Hurwitz if all do.
 
     Astolfi, Jungers, Zaccarian, ECC 2018, (9) and lemma 1. Raises: `BadGain`.
     """
@@ -175,7 +175,7 @@ def inside_parabola(poles: Sequence[complex], alpha: float, beta: float) -> tupl
 
 
 def least_gamma(K: Any, P: Any, sigma: float, slope: float, *, decay: float | None = None) -> Fraction:
-    """max(1, (4 k lambda_max(P) + 1)/(2 lambda)) from above, k the `slope`: gamma_inf may be anything above it.
+    """Return max(1, (4 k lambda_max(P) + 1)/(2 lambda)) rounded up, k the `slope`: gamma_inf may be any larger number.
 
     `decay` is lambda of (54), by default the largest that K, P and sigma have. Alessandri 2020, (88), which is (70).
     Raises: `BadGain`, also where P > 0, D P + P D >= 0 or (54) does not hold.
@@ -194,11 +194,11 @@ def attenuation(
     *,
     decay: float,
 ) -> Fraction:
-    """mu_0 = sqrt(2 max(delta_1 alpha_1, delta_2 alpha_2)) gamma^n at the least gamma of (88), from above: the L2 gain
-    from v to the error of w, w' = .. + G_1 v, y = w_1 + G_2 v, where gamma_sup is that gamma.
+    """Return mu_0 = sqrt(2 max(delta_1 alpha_1, delta_2 alpha_2)) gamma^n at the least gamma of (88), rounded up: the
+    L2 gain from v to the error of w, w' = .. + G_1 v, y = w_1 + G_2 v, where gamma_sup is that gamma.
 
-    `decay` and `alphas` are lambda, alpha_1 and alpha_2 of (87); `disturbance` is (G_1 (n, m), G_2 (m)). For gamma up
-    to gamma_sup it is (gamma_sup/gamma)^n times as much. Alessandri 2020, (89), with delta_1 for the matrix of (72).
+    `decay` and `alphas` are lambda, alpha_1 and alpha_2 of (87); `disturbance` is (G_1 (n, m), G_2 (m)). A larger
+    gamma_sup has (gamma_sup/gamma)^n times the gain. Alessandri 2020, (89), with delta_1 for the matrix of (72).
     Raises: `BadGain`, also where (87) does not hold.
     """
     known, rate = _candidate(K, P, sigma, decay)
@@ -214,11 +214,12 @@ def attenuation(
 
 @dataclass(frozen=True)
 class DisturbedError:
-    """The level to which a disturbance |v| <= 1 keeps the scaled error e = T^-1 (w - what), T = diag(gamma, ..,
-    gamma^n), from 0.
+    """The ultimate bound of the scaled error e = T^-1 (w - what), T = diag(gamma, .., gamma^n), under a disturbance |v|
+    <= 1.
 
-    `level`: V = e'P e falls wherever |e| is above `level`, chi of (69), corrected; `ultimate`: |e| comes below it, and
-    stays there; `rate`: |e|_P falls at least like exp(-rate t) where |e| is above `level`. All in proportion to |v|.
+    `level`: V = e'P e decreases wherever |e| is above `level`, chi of (69), corrected; `ultimate`: |e| is below it in
+    the end, for ever; `rate`: |e|_P decays at least like exp(-rate t) where |e| is above `level`. `level` and
+    `ultimate` are proportional to |v|.
     """
 
     level: Fraction
@@ -237,11 +238,11 @@ def disturbed_error(
     share: float = 0.5,
     decay: float | None = None,
 ) -> DisturbedError:
-    """2 lambda_max(P) (|G_1| + |K G_2|)/((1 - share) (gamma lambda - 2 k lambda_max(P))) and what follows of it.
+    """Return 2 lambda_max(P) (|G_1| + |K G_2|)/((1 - share) (gamma lambda - 2 k lambda_max(P))) and its consequences.
 
-    `gamma` is gamma_inf; `share` (0..1) of the decay is left where |e| is above the level; the others as in
+    `gamma` is gamma_inf; `share` (0..1) of the decay remains where |e| is above the level; the others as in
     `least_gamma` and `attenuation`. Alessandri 2020, theorem 6: the printed (69) lacks 2 lambda_max(P), which (68) has,
-    and from V to |e| sqrt(cond P) comes on top. Raises: `BadGain`, also for a gamma that (62) does not admit.
+    and the step from V to |e| adds a factor sqrt(cond P). Raises: `BadGain`, also for a gamma that (62) does not admit.
     """
     known, rate = _candidate(K, P, sigma, decay)
     driven, remainder = as_disturbance(disturbance, known.n), _number("share", share)
@@ -259,13 +260,14 @@ def disturbed_error(
 
 
 def error_bounds(gains: Any, k: float, phi: float) -> tuple[Fraction, ...]:
-    """2 phi |P| sqrt(cond P)/k^(n+1-i) for i = 1, .., n: the limits of |x_i - xhat_i| of the observer without a model,
+    """Return 2 phi |P| sqrt(cond P)/k^(n+1-i), i = 1, .., n: the limits of |x_i - xhat_i| of the observer without a
+    model,
 
         xhat_i' = xhat_(i+1) + p_i k^i (y - xhat_1),   xhat_n' = p_n k^n (y - xhat_1),   A'P + P A <= -I,
 
-    p the `gains` (n), A their companion, |x_n'| <= `phi`, and `k` > 0 the first value of a gain that does not fall and
-    comes to rest. Bullinger, Ilchmann, Allgoewer, NOLCOS 1998, (14), which lacks sqrt(cond P). Raises: `BadGain`;
-    `NotHurwitz`.
+    p the `gains` (n), A their companion matrix, |x_n'| <= `phi`, and `k` > 0 the first value of a gain that does not
+    decrease and converges. Bullinger, Ilchmann, Allgoewer, NOLCOS 1998, (14), which lacks sqrt(cond P). Raises:
+    `BadGain`; `NotHurwitz`.
     """
     p, P, peak = _decaying(gains)
     level, most = Fraction(positive("k", k)), _number("phi", phi)
@@ -274,13 +276,13 @@ def error_bounds(gains: Any, k: float, phi: float) -> tuple[Fraction, ...]:
 
 
 def gain_in_time(gains: Any, *, error: float, time: float, phi: float, start: float) -> float:
-    """A gain k >= 1 so that for every constant gain from it on |x - xhat| <= `error` from `time` on, of the observer of
-    `error_bounds`, where |x - xhat| <= `start` at first and |x_n'| <= `phi`.
+    """Return a gain k >= 1 from which on every constant gain has |x - xhat| <= `error` from `time` on, in the observer
+    of `error_bounds`, where |x - xhat| <= `start` at first and |x_n'| <= `phi`.
 
     Of V = n'P n, n_i = e_i/k^(i-1): where |n| >= 2 |P| phi/(s k^n), V' <= -(1 - s) k V/|P|, so that |e| is at most the
     larger of 2 |P| sqrt(cond P) phi/(s k) and k^(n-1) sqrt(cond P) start exp(-(1 - s) k t/(2 |P|)), for s in (0, 1).
-    Both fall in k from (n - 1) 2 |P|/((1 - s) t) on. Bullinger, Ilchmann, Allgoewer, NOLCOS 1998, theorem 1, which says
-    that there is one. Raises: `BadGain`; `NotHurwitz`.
+    Both decrease in k from (n - 1) 2 |P|/((1 - s) t) on. Bullinger, Ilchmann, Allgoewer, NOLCOS 1998, theorem 1, which
+    states that there is one. Raises: `BadGain`; `NotHurwitz`.
     """
     p, P, peak = _decaying(gains)
     wanted, after = Fraction(positive("error", error)), Fraction(positive("time", time))
@@ -297,7 +299,7 @@ def gain_in_time(gains: Any, *, error: float, time: float, phi: float, start: fl
 
 
 def _below_exp(x: Fraction) -> Fraction:
-    """A number below e^x, x >= 0: (1 + x/m)^m by squares, each rounded down."""
+    """Return a number below e^x, x >= 0: (1 + x/m)^m by squares, each rounded down."""
     power = 1 + x / (1 << _SQUARES)
     for _ in range(_SQUARES):
         power = Fraction(int(power * power * (1 << 60)), 1 << 60)
@@ -305,7 +307,7 @@ def _below_exp(x: Fraction) -> Fraction:
 
 
 def _least(enough: Callable[[Fraction], bool]) -> float:
-    """About the least k >= 1 that is enough, where every larger one is; it is enough."""
+    """Return approximately the least k >= 1 that is `enough`, where every larger one is enough; the result is."""
     low, high = 1.0, 1.0
     while not enough(Fraction(high)):
         low, high = high, 2 * high
@@ -318,7 +320,7 @@ def _least(enough: Callable[[Fraction], bool]) -> float:
 
 
 def _candidate(K: Any, P: Any, sigma: Any, decay: float | None) -> tuple[Candidate, Fraction]:
-    """K, P and sigma, of which (54) is proved with lambda = `decay`, and this. Raises: `BadGain`."""
+    """Return K, P and sigma with a proof of (54) for lambda = `decay`, and lambda. Raises: `BadGain`."""
     known = candidate(K, P, sigma)
     rate = None if decay is None else Fraction(positive("decay", decay))
     for check in facts("design", known):
@@ -330,7 +332,7 @@ def _candidate(K: Any, P: Any, sigma: Any, decay: float | None) -> tuple[Candida
 
 
 def _decaying(gains: Any) -> tuple[np.ndarray, Any, Fraction]:
-    """The gains, P with A'P + P A <= -I and an upper bound of |P|. Raises: `BadGain`, `NotHurwitz`."""
+    """Return the gains, P with A'P + P A <= -I and an upper bound of |P|. Raises: `BadGain`, `NotHurwitz`."""
     p = _column("gains", gains)
     exactly = np.array([Fraction(x) for x in p.tolist()], dtype=object)
     A = companion(exactly)
@@ -341,12 +343,12 @@ def _decaying(gains: Any) -> tuple[np.ndarray, Any, Fraction]:
 
 
 def _square(column: Sequence[Fraction]) -> Fraction:
-    """|x|^2."""
+    """Return |x|^2."""
     return sum((x * x for x in column), Fraction(0))
 
 
 def _condition(P: Any, peak: Fraction) -> Fraction:
-    """sqrt(cond P), from above."""
+    """Return sqrt(cond P), rounded up."""
     return root(peak / smallest(exact(P))[0], bits=52)
 
 

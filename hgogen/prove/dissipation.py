@@ -1,33 +1,30 @@
-"""The error of an observer as a system of its own, driven by the disturbances.
+"""The error of an observer as a system driven by disturbances, and its L2 gain by a Hamilton-Jacobi inequality.
 
     x' = f(x, u) + G1(x) w,   y = h(x, u) + G2(x) w,   xhat' = f(xhat, u) + l(xhat, u) (y - h(xhat, u))
     e = x - xhat:   e' = f(x) - f(x - e) - l(x - e) (h(x) - h(x - e)) + (G1(x) - l(x - e) G2(x)) w
 
-or of an observer of any equations, driven by inputs that it does not know,
+The observer may also have any other equations, with inputs w that it does not know,
 
     x' = f(x, u, w),   y = h(x, u, w),   xhat' = g(xhat, y, u)
     e' = f(x, u, w) - g(x - e, h(x, u, w), u) = F(e, x, u) + G(e, x, u) w
 
-which may hold on a set x_k = a_k(x) alone, which the plant keeps to: f_k = sum_j da_k/dx_j f_j on it; and holds
-wherever both sides have a value. Nothing is saturated: where x - e leaves the ranges of x, f, h and l are taken as
-their expressions are there. Source: Alessandri, "On Hamilton-Jacobi approaches to state reconstruction for dynamic
-systems", Mathematical Problems in Engineering (2020), (19), (24), (25), (29), (30).
-
-The Hamilton-Jacobi inequality of an error system: its L2 gain, and a region where the error stays.
+This equation may be restricted to an invariant set x_k = a_k(x) of the plant: f_k = sum_j da_k/dx_j f_j on it. It holds
+wherever both sides have a value. Nothing is saturated: where x - e leaves the ranges of x, the expressions of f, h and
+l still apply. Source: Alessandri, "On Hamilton-Jacobi approaches to state reconstruction for dynamic systems",
+Mathematical Problems in Engineering (2020), (19), (24), (25), (29), (30).
 
     V(0) = 0,  V(e) > 0,   dV/de F(e, x) + |dV/de G(e, x)|^2/(2 mu^2) + |e|^2/2 < 0     for e other than 0
 
 gives V' <= -|e|^2/2 + mu^2 |w|^2/2 along e' = F + G w: input-to-state stability, with the L2 gain mu from w to e, while
-e stays where it holds. On a box of e that is the case in the part of {V <= level} in the box, which touches none of its
-faces, as long as V(e(0)) + mu^2/2 times the integral of |w|^2 is below the level.
+e is where it holds. If it holds on a box of e, e remains in the part of {V <= level} in the box, which touches none of
+its faces, as long as V(e(0)) + mu^2/2 times the integral of |w|^2 is below the level.
 
-With V_ee the Hessian of V and F_e the slope of F, V_e(e) and F(e) are averages of V_ee e and F_e e over the points of
-the way from 0 to e, and P G G'P is a convex function of P: the left side is at most - e'N e, N an average of
+With V_ee the Hessian of V and F_e the Jacobian of F, V_e(e) and F(e) are averages of V_ee e and F_e e over the segment
+from 0 to e, and P G G'P is a convex function of P: the left side is at most - e'N e, N an average of
 
     N(c, d) = -(V_ee(c) F_e(d) + F_e(d)'V_ee(c) + V_ee(c) G G'V_ee(c)/mu^2 + I)/2
 
-over such points c and d, which `rigor.slope` decides. Source: Alessandri, "On Hamilton-Jacobi approaches to state
-reconstruction for dynamic systems", Mathematical Problems in Engineering (2020), theorem 1, (21), (38), (39).
+over such points c and d, which `rigor.slope` decides. Source: the same, theorem 1, (21), (38), (39).
 """
 
 from collections.abc import Iterable, Mapping, Sequence
@@ -72,7 +69,7 @@ class BadErrorSystem(BadArgument):
 
 @dataclass(frozen=True)
 class Injection:
-    """The matrices by which a plant makes an error system: `gain` l (n, p), `G1` (n, k), `G2` (p, k), of the plant's
+    """The matrices that turn a plant into an error system: `gain` l (n, p), `G1` (n, k), `G2` (p, k), in the plant's
     signals."""
 
     gain: sp.ImmutableDenseMatrix
@@ -81,15 +78,15 @@ class Injection:
 
     @property
     def names(self) -> frozenset[sp.Symbol]:
-        """The symbols that they read."""
+        """The symbols in the matrices."""
         return frozenset().union(*(M.free_symbols for M in (self.gain, self.G1, self.G2)))
 
 
 @dataclass(frozen=True)
 class Equations:
-    """The equations by which a plant and an observer make an error system: `observer` g (n), of states, which
-    stand for the estimate, of outputs and known inputs; the inputs `unknown` to it; and pairs `along` of a state and
-    its value."""
+    """The equations that turn a plant and an observer into an error system: `observer` g (n) in states, which mean the
+    estimate, outputs and known inputs; the inputs `unknown` to the observer; and pairs `along` of a state and its
+    value."""
 
     observer: tuple[sp.Expr, ...]
     outputs: tuple[Signal, ...]
@@ -98,7 +95,7 @@ class Equations:
 
     @property
     def names(self) -> frozenset[sp.Symbol]:
-        """The symbols that it reads."""
+        """The symbols in the equations."""
         read = frozenset().union(*(e.free_symbols for e in (*self.observer, *(a for _, a in self.along))))
         return read.union(self.unknown, (x for x, _ in self.along))
 
@@ -110,12 +107,12 @@ class Equations:
 
 @dataclass(frozen=True)
 class ErrorSystem:
-    """e' = flow(e, x) + noise(e, x) w with flow = 0 at e = 0.
+    """The error system e' = flow(e, x) + noise(e, x) w with flow = 0 at e = 0.
 
     `errors`: the symbols e (n); `flow` (n); `noise` (n, k); `box`: the closed range of every other symbol; `states`:
-    the x (n) that belong to the e, where x - e is the estimate, or none; `origin`: how it was made of a plant, None
+    the x (n) that belong to the e, where x - e is the estimate, or none; `origin`: its construction from a plant, None
     where it is given; `lost`: a part of the plant that cancels in e' and may have no value on the box; `doubt`: why it
-    may not be that of the plant as first declared, or `NONE`.
+    may differ from that of the plant as first declared, or `NONE`.
 
     Raises: `BadErrorSystem`.
     """
@@ -131,7 +128,7 @@ class ErrorSystem:
     doubt: Reason = NONE
 
     def __post_init__(self) -> None:
-        """Numbers exact, lengths and symbols as they should be."""
+        """Make numbers exact, and check lengths and symbols."""
         errors, n = tuple(self.errors), len(self.errors)
         noise = sp.ImmutableDenseMatrix(self.noise)
         object.__setattr__(self, "errors", errors)
@@ -160,13 +157,13 @@ class ErrorSystem:
 
 @requires_plant
 def error_system(plant: System, gain: Any, G1: Any = None, G2: Any = None) -> ErrorSystem:
-    """The error system of xhat' = f(xhat, u) + gain (y - h(xhat, u)) on the plant, its errors named e_STATE.
+    """Return the error system of xhat' = f(xhat, u) + gain (y - h(xhat, u)) on the plant, its errors named e_STATE.
 
-    Args: `gain` l (n, p) of numbers or expressions, of the plant's states, which stand for the estimate there, inputs
-    and parameters (for one output n of them will do); `G1` (n, k), `G2` (p, k) of states, inputs and parameters, by
-    default (I, 0) and (0, I): a disturbance on every row of f and on every output. Rows, and of `gain` columns, may be
-    given by the names of states and outputs. Inputs, parameters and states take their declared ranges; a parameter
-    without one has its value.
+    Args: `gain` l (n, p) of numbers or expressions, of the plant's states, which mean the estimate there, inputs and
+    parameters (for one output n of them will do); `G1` (n, k), `G2` (p, k) of states, inputs and parameters, by default
+    (I, 0) and (0, I): a disturbance on every row of f and on every output. Rows, and of `gain` columns, may be given by
+    the names of states and outputs. Inputs, parameters and states take their declared ranges; a parameter without one
+    has its value.
 
     Raises: `Misfit`; `BadNames`; `BadErrorSystem` for matrices of another shape.
     """
@@ -220,8 +217,8 @@ def _matrix(name: str, entries: Any, shape: tuple[int, int | None], plant: Syste
 
 
 def error_box(system: ErrorSystem, within: Any) -> Box:
-    """The box of the errors: of half widths (n) or ranges (low, high), low < 0 < high, in their order, or by the name
-    of the error or of its state.
+    """Return the box of the errors, from half widths (n) or ranges (low, high), low < 0 < high, in their order, or by
+    the name of the error or of its state.
 
     Raises: `BadErrorSystem`, `BadNames`.
     """
@@ -250,15 +247,15 @@ def _ends(name: str, value: Any) -> tuple[Any, Any]:
 def observer_errors(
     plant: System, observer: Any, *, unknown: Iterable[Any] | Signal | str, along: Mapping[Any, Any] | None = None
 ) -> ErrorSystem:
-    """The error system of xhat' = observer on the plant, its errors named e_STATE.
+    """Return the error system of xhat' = observer on the plant, its errors named e_STATE.
 
-    Args: `observer` (n) expressions of the plant's states, which stand for the estimate, outputs, known inputs and
-    parameters, in the order of the states or by their names; `unknown` inputs or their names, or one alone:
-    they are the disturbances w; `along` the states that others tell while the plant runs, by name, such as
-    {"x2": x1**2}.
+    Args: `observer` (n) expressions of the plant's states, which mean the estimate, outputs, known inputs and
+    parameters, in the order of the states or by their names; `unknown` inputs or their names, or one alone: they are
+    the disturbances w; `along` the states that are functions of others while the plant runs, by name, such as {"x2":
+    x1**2}.
 
-    Raises: `Misfit`; `BadNames`; `BadGain` for an `unknown` that is no names; `BadErrorSystem` where the plant does not
-    keep to `along`, or the error system is not affine in w.
+    Raises: `Misfit`; `BadNames`; `BadGain` for an `unknown` that is no names; `BadErrorSystem` where `along` is not
+    invariant, or the error system is not affine in w.
     """
     states = names_of(plant.states)
     rows = [_expression("observer", row) for row in in_order("observer", observer, states)]
@@ -311,18 +308,19 @@ def _error_system(plant: System, equations: Equations) -> ErrorSystem:
 
 
 def _cancelled(e: sp.Expr, plant: System) -> sp.Expr:
-    """The expression without common factors; of each signal is known what its range says of its sign, so that the root
-    of a square is known."""
+    """Return the expression without common factors. Each signal has the sign of its range, so that the root of a square
+    simplifies."""
     signs = {s: "nonnegative" if s.low is not None and s.low >= 0 else "real" for s in plant.signals}
     real = {s: sp.Dummy(s.name, **{sign: True}) for s, sign in signs.items()}
     return sp.cancel(e.xreplace(real)).xreplace({dummy: s for s, dummy in real.items()})
 
 
 def _fault(a: sp.Expr, fixed: Mapping[sp.Symbol, sp.Expr], around: Box) -> str:
-    """Why a state may jump along an expression, or "": the plant's has no part of it, and its slope does not see it."""
+    """Return why a state may jump along an expression, or "". The plant's equations do not hold this expression, and
+    its slope does not show a jump."""
     if a.has(*JUMPS):
         return "may jump; write it with Abs, Min and Max"
-    # as of atan(tan(x)) at a pole
+    # such as atan(tan(x)) at a pole
     defined = is_defined(a.xreplace(fixed), around)
     return "" if defined else "may have no value on the box, and jump there; narrow the ranges"
 
@@ -353,8 +351,8 @@ _SHARP = 1e-2  # of V's range on a face
 
 @dataclass(frozen=True)
 class Dissipates:
-    """The subject of a claim of (38), and what was found of it: the `answer`, of the `left` side or of V, or `floor`,
-    below which {V <= c} keeps off the faces of the box `within` of the errors."""
+    """The subject of a claim about (38), with its result: the `answer`, about the left-hand side `lhs` or V, or
+    `floor`, below which {V <= c} touches no face of the box `within` of the errors."""
 
     system: ErrorSystem
     V: sp.Expr
@@ -366,11 +364,11 @@ class Dissipates:
 
     @property
     def unwritten(self) -> str:
-        """Why a certificate cannot show it, "" where it can."""
+        """The reason why a certificate cannot hold the evidence, "" where it can."""
         return "" if self.system.origin else "of an error system that is given and not made of the plant"
 
     def evidence(self, form: Form) -> Evidence | None:
-        """The error system, and the floor or the bisections."""
+        """Return the error system, and the floor or the bisections."""
         if self.system.origin is None:
             return None
         system = {"system": self._about(self.system.origin)}
@@ -394,7 +392,8 @@ class Dissipates:
         return {s.name for s in (*self.system.errors, *self.system.box)}
 
     def _about(self, origin: Injection | Equations) -> dict[str, Any]:
-        """Return how the error system is made of the plant, outputs by their places, the ranges of e, V and mu."""
+        """Return the construction of the error system from the plant, outputs by their places, the ranges of e, V and
+        mu."""
         names = self._names | {s.name for s in origin.names}
         if isinstance(origin, Equations):
             system, outputs = self.system, {y: sp.Symbol(f"y_{k}", real=True) for k, y in enumerate(origin.outputs, 1)}
@@ -414,11 +413,11 @@ class Dissipates:
 
 @dataclass(frozen=True)
 class Dissipation:
-    """The knowledge of (38) for V and mu on the box `within` of the errors.
+    """The result about (38) for V and mu on the box `within` of the errors.
 
-    `checks`: `dissipation.positive`, (21); `dissipation.inequality`, (38); `dissipation.level`. `level`: every
-    {V <= c} with c below it keeps off the faces of the box; None where it is not proved. `witness`: the exact point
-    that refutes (38), or (21).
+    `checks`: `dissipation.positive`, (21); `dissipation.inequality`, (38); `dissipation.level`. `level`: every {V <= c}
+    with c below it touches no face of the box; None where that is not proved. `witness`: the exact point that refutes
+    (38), or (21).
     """
 
     system: ErrorSystem
@@ -431,7 +430,7 @@ class Dissipation:
 
     @property
     def proved(self) -> bool:
-        """Whether every check is."""
+        """Whether every check is proved."""
         return all(check.verdict is Verdict.PROVED for check in self.checks)
 
     @property
@@ -453,12 +452,12 @@ class Dissipation:
 
 
 def dissipation(system: ErrorSystem, V: Any, *, mu: Any, within: Any, boxes: int = LIMIT) -> Dissipation:
-    """Inequality (38) of an error system, proved or refuted on a box.
+    """Prove or refute inequality (38) of an error system on a box.
 
     Args: `V` an expression of the system's errors, or a matrix P (n, n) for e'P e, symmetric but for rounding (1e-12),
-    in their order or with rows by name; `mu` > 0; `within` the box of the errors: half widths (n), or ranges
-    (low, high) around 0, in their order or by name, of the error or of its state; `boxes` at most for each question of
-    a sign.
+    in their order or with rows by name; `mu` > 0; `within` the box of the errors: half widths (n), or ranges (low,
+    high) around 0, in their order or by name, of the error or of its state; `boxes` at most for each question of a
+    sign.
 
     Raises: `BadErrorSystem`; `BadNames`; `Misfit`.
     """
@@ -502,7 +501,7 @@ def dissipation(system: ErrorSystem, V: Any, *, mu: Any, within: Any, boxes: int
 
 
 def _function(system: ErrorSystem, V: Any) -> sp.Expr:
-    """V as an expression of the errors."""
+    """Return V as an expression of the errors."""
     n, V = len(system.errors), quadratic("V", V, names_of(system.errors), aliases=system.aliases)
     try:
         level = sp.sympify(V, strict=True) if isinstance(V, sp.Basic | int | float) else sp.Matrix(V)
@@ -536,9 +535,9 @@ def _positive(name: str, value: Any) -> sp.Rational:
 
 
 def _obstacle(system: ErrorSystem, V: sp.Expr, around: Box, boxes: int) -> Reason:
-    """Why F and dV/de are not shown to be averages of their slopes, or `NONE`.
+    """Return why F and dV/de are not proved to be averages of their slopes, or `NONE`.
 
-    F(0, x) = 0, dV/de(0) = 0 and V(0) = 0; no kinks, no jumps, slopes that are bounded on the whole box.
+    The conditions are F(0, x) = 0, dV/de(0) = 0 and V(0) = 0; no kinks, no jumps; bounded slopes on the whole box.
     """
     zero, box = dict.fromkeys(system.errors, sp.S.Zero), {**system.plain, **around}
     slopes = tuple(V.diff(e) for e in system.errors)
@@ -560,14 +559,14 @@ def _copies(system: ErrorSystem, label: str) -> tuple[sp.Symbol, ...]:
 
 
 def _positive_function(system: ErrorSystem, V: sp.Expr, around: Box) -> SecondOrder:
-    """V as the average of its Hessian."""
+    """Return V as the average of its Hessian."""
     copy = _copies(system, "c")
     hessian = sp.hessian(V, system.errors).xreplace(dict(zip(system.errors, copy, strict=True))) / 2
     return SecondOrder(-V, hessian, (copy,), system.errors, around, {})
 
 
 def _inequality(system: ErrorSystem, V: sp.Expr, mu: sp.Rational, around: Box) -> SecondOrder:
-    """The left side of (38), and N."""
+    """Return the left side of (38), and N."""
     errors, G = system.errors, sp.Matrix(system.noise)
     here, there, c, d = sp.Matrix(errors), _copies(system, "e"), _copies(system, "c"), _copies(system, "d")
     F = sp.Matrix(system.flow)
@@ -581,9 +580,9 @@ def _inequality(system: ErrorSystem, V: sp.Expr, mu: sp.Rational, around: Box) -
 
 
 def _floor(V: sp.Expr, around: Box, boxes: int) -> Fraction | None:
-    """A lower bound of V on the faces of the box, short and not far below it, or None where none is positive.
+    """Return a lower bound of V on the faces of the box, short and not far below it, or None where none is positive.
 
-    Of e'P e it is the least end_i^2/(P^-1)_ii, where an ellipsoid first touches a face.
+    For e'P e it is the least end_i^2/(P^-1)_ii, where an ellipsoid first touches a face.
     """
     e = sp.Matrix(list(around))
     P = sp.hessian(V, list(around)) / 2
@@ -598,7 +597,7 @@ def _floor(V: sp.Expr, around: Box, boxes: int) -> Fraction | None:
 
 
 def _check(what: str, claim: str, answer: Answer, side: str, subject: Dissipates) -> Check:
-    """`side`: the name of what must be negative."""
+    """Return the check of a claim that `side`, a name, is negative."""
     there = because("{side} is {value:.3g} there", side=side, value=answer.value)
     reason = answer.reason if answer.value is None else there
     witness = {s.name: float(number) for s, number in answer.point.items()}
@@ -611,6 +610,7 @@ def _rows(M: sp.ImmutableDenseMatrix, names: set[str]) -> list[list[str]]:
 
 
 def _slab(proof: Proof, way: int) -> dict[str, Any]:
-    """S < 0 (`way` 1), or -V < 0 as V > 0 (-1), half of what was proved, so that a weaker arithmetic reaches it."""
+    """Return S < 0 (`way` 1), or -V < 0 as V > 0 (-1), with half of the proved bound, so that a weaker arithmetic
+    proves it."""
     assert proof.high is not None  # it is negative
     return {"tree": tree(proof), "bound": way * Fraction(f"{float(proof.high) / 2:.6g}")}

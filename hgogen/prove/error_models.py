@@ -1,31 +1,31 @@
-"""The inclusions that errors of high-gain observers obey: slopes of b in scaled coordinates, and the uniform form.
+"""The inclusions of the errors of high-gain observers: slopes of b in scaled coordinates, and the uniform form.
 
-How steep b is in scaled coordinates of a form in chains, and what stands in the way of a proof there.
+1. A Lipschitz constant of b in scaled coordinates of a form in chains, and the hypotheses of a proof there:
 
     |S db/dz S^-1| <= L_b on the box,   S diagonal, positive, of numbers and parameters: constant in time
 
 The box is convex and b Lipschitz on it, so that b(sat z) - b(x) = J (sat z - x) with J in the closed convex hull of the
 values of db/dz, lower triangular; sat clamps each component to an interval that holds x_i. J_ij turns into theta^(j-i)
-J_ij, j <= i, by Delta J Delta^-1, Delta = diag(1, 1/theta, .., 1/theta^(n-1)); for a triangular J it is analytic in
-1/theta, with the norm |J| on the unit circle, so that its norm is at most |J| for theta >= 1 (maximum modulus). Of
+J_ij, j <= i, by Delta J Delta^-1, Delta = diag(1, 1/theta, .., 1/theta^(n-1)). For a triangular J this is analytic in
+1/theta, with the norm |J| on the unit circle, so that its norm is at most |J| for theta >= 1 (maximum modulus). For
 several outputs Delta is that of their chains' alignment (`scaling`), and rows read states of no higher power of theta.
 
-The error of a high gain on the uniform form, against the plant, and one norm in which it decays.
+2. The error of a high gain on the uniform form against the plant, and one quadratic Lyapunov function for it.
 
     z' = F(z, u) + diag(g_1, .., g_n) (y - h(z, u)),   F_k = s_k z_(k+1) + b_k(sat z, u),   y = a z_1 + c
     g_i = theta^i K_i/(a F_1' .. F_(i-1)') at (sat z, u),   F_k' = dF_k/dz_(k+1)
 
-s_k is a number between the ends of the range of F_k': so F_k goes on beyond the ranges, and its mean slope from the
-plant's state to any estimate is in that range still. With e = z - x, exactly, in e_i s_1 .. s_(i-1)/theta^(i-1),
+s_k is a number between the ends of the range of F_k'. So F_k continues beyond the ranges, and its mean slope from the
+plant's state to any estimate is in the same range. With e = z - x, exactly, in e_i s_1 .. s_(i-1)/theta^(i-1),
 
     e' = (theta (N - diag(K_1, K_2 q_1, K_3 q_1 q_2, ..) 1 C) + slopes) e,   q_k in the range of s_k/F_k'
 
-N the shift. The slopes are those of b: of F_k in z_(k+1), which stay as theta grows, and in z_j, j <= k, which shrink,
-whose ranges hold 0. So one P > 0 that decays for all of them at some theta decays for every larger one, at a rate that
-grows with it. The matrix is affine in each slope and in each q_k, so that it is in the hull of those at all
-combinations of their ends: of few that is what is shown, of many with a multiplier for each slope, and each
-K_i q_1 .. q_(i-1) a slope of its own (`convergence`). The difference of two estimates obeys no such equation, for it
-holds (g(z) - g(z~)) (y - h(z~)).
+N the shift. The slopes are those of b: of F_k in z_(k+1), which do not depend on theta, and in z_j, j <= k, which
+shrink as theta grows and whose ranges hold 0. So one P > 0 that is valid for all of them at some theta is valid for
+every larger one, with a rate that grows with theta. The matrix is affine in each slope and in each q_k, so it is in the
+hull of the matrices at all combinations of their ends. Few combinations are all checked; for many, each slope has a
+multiplier, and each K_i q_1 .. q_(i-1) is a slope of its own (`convergence`). The difference of two estimates obeys no
+such equation, as it holds (g(z) - g(z~)) (y - h(z~)).
 """
 
 import math
@@ -64,13 +64,13 @@ from hgogen.rigor.slope import JUMPS
 from hgogen.rigor.tape import bent
 from hgogen.sentence import NONE, Reason, because
 
-GROWTHS = (Fraction(1), Fraction(1, 2), Fraction(1, 4), Fraction(1, 8))  # of scales from state to state
-_BOXES = 500  # L_b need not be the least: more boxes would cost more than they bring
+GROWTHS = (Fraction(1), Fraction(1, 2), Fraction(1, 4), Fraction(1, 8))  # ratios of the scales of consecutive states
+_BOXES = 500  # enough for L_b, which need not be tight
 
 
 def slope(form: Form, scale: Sequence[sp.Expr]) -> Proof | Nothing:
-    """|S db/dz S^-1| on the box from above, S the diagonal `scale` (n) of numbers and parameters, b_i of z_1, .., z_i;
-    or why there is no bound, or no such form."""
+    """Return an upper bound of |S db/dz S^-1| on the box, S the diagonal `scale` (n) of numbers and parameters, b_i of
+    z_1, .., z_i; or why there is no bound, or no such form."""
     reason = obstacle(form)
     if reason:
         return Nothing(reason)
@@ -82,9 +82,10 @@ def slope(form: Form, scale: Sequence[sp.Expr]) -> Proof | Nothing:
     return Proof(form.b, None, root(Fraction(max(enclosure.high, 0.0))), enclosure.variables, enclosure.tree)
 
 
-@lru_cache(maxsize=32)  # a search asks it of each gain
+@lru_cache(maxsize=32)  # a search calls it for each gain
 def obstacle(form: Form, endless: bool = False) -> Reason:
-    """Why the theorem does not apply as it stands, or `NONE`; `endless`: whether b need not be Lipschitz."""
+    """Return why the theorem does not apply to the form, or `NONE`; `endless`: whether b may be other than
+    Lipschitz."""
     if len(form.output) > 1 and (form.alignment not in ALIGNED or len(form.blocks) != len(form.output)):
         return because("the bound of several outputs is for chains aligned at the top or at the end")
     if limited := cut(form):
@@ -99,14 +100,14 @@ def obstacle(form: Form, endless: bool = False) -> Reason:
     open_ = [check.id for check in others if check.verdict is not Verdict.PROVED]
     if open_:
         return because("the bound rests on {check}, which is not proved", check=open_[0])
-    part = valueless(form.system) if endless else None  # at a pole of it b may jump, which its slope does not see
+    part = valueless(form.system) if endless else None  # b may jump at a pole of it, without effect on its slope
     if part is not None:
         return because("{part} of the plant is not shown to have a value on the box", part=part)
     return _no_triangle(form)
 
 
 def _no_triangle(form: Form) -> Reason:
-    """Why A, b and the output are not those of chains in a triangle, or `NONE`."""
+    """Return why A, b and the output are not those of triangular chains, or `NONE`."""
     known, power, heads = {*form.system.inputs, *form.system.parameters}, exponents(form), form.heads
     for i in range(form.n):
         for j in range(form.n):
@@ -124,26 +125,26 @@ def _no_triangle(form: Form) -> Reason:
 
 
 def jacobian(form: Form) -> sp.Matrix:
-    """The Jacobian db/dz, with constants at their values."""
+    """Return the Jacobian db/dz, with constants at their values."""
     b = sp.Matrix([exact(sp.sympify(row).xreplace(fixed(form))) for row in form.b])
     return b.jacobian(sp.Matrix(form.states))
 
 
 def companions(p: Sequence[Fraction], blocks: Sequence[int]) -> Matrix:
-    """The companion matrices of the blocks' polynomials along the diagonal."""
+    """Return the companion matrices of the blocks' polynomials along the diagonal."""
     n, heads = range(len(p)), [sum(blocks[:i]) for i, size in enumerate(blocks) for _ in range(size)]
     inner = [[Fraction(int(j == i + 1 and heads[i] == heads[j])) for j in n] for i in n]
     return tuple(tuple(inner[i][j] - (p[i] if j == heads[i] else 0) for j in n) for i in n)
 
 
 _SLOPE_BOXES = 2_000  # for the range of one slope
-_STEEPEST = sys.float_info.max / 4  # an end of a range, which is then widened
-_LOOSE = 1e-9  # what a range with 0 is wider by, over its width, so that a weaker arithmetic reaches it
+_STEEPEST = sys.float_info.max / 4  # the largest end of a range, which is widened later
+_LOOSE = 1e-9  # relative widening of a range that holds 0, so that a weaker arithmetic proves it
 
 
-@lru_cache(maxsize=32)  # a search asks it of each gain
+@lru_cache(maxsize=32)  # a search calls it for each gain
 def slopes_of(form: Form, layout: Layout, scale: tuple[sp.Expr, ...], endless: bool) -> tuple[Slope, ...] | Reason:
-    """Return the slopes of b, with 0 in each range; `endless`: whether one may have one end alone."""
+    """Return the slopes of b, with 0 in each range; `endless`: whether a slope may have an infinite end."""
     slopes, powers, J = [], exponents(form), jacobian(form)
     jumps = sorted(map(str, (part for row in form.b for part in bent(row).atoms(*JUMPS) if part.has(*form.states))))
     if endless and jumps:
@@ -160,7 +161,7 @@ def slopes_of(form: Form, layout: Layout, scale: tuple[sp.Expr, ...], endless: b
                 "db_{i}/d{z} = {slope} is beyond the range of a double on the box", i=i + 1, z=z, slope=slope
             )
         onto = tuple(Fraction(int(fed and index == i)) for fed, index in zip(layout.fed, layout.index, strict=True))
-        # the ends of the slope, 0 among them, and whether it goes on beyond one (`Slope.endless`)
+        # the ends of the range, which holds 0, and the sign of an infinite end (`Slope.endless`)
         sides = [end for end in (known.low, known.high) if math.isfinite(end)]
         loose = _LOOSE * (max(*sides, 0.0) - min(*sides, 0.0))
         low, high = min(outward(sides[0] - loose, -1), Fraction(0)), max(outward(sides[-1] + loose, 1), Fraction(0))
@@ -182,11 +183,12 @@ def inclusion(
     others: Iterable[Slope] = (),
     endless: bool = False,
 ) -> Inclusion | Nothing:
-    """The inclusion of an observer on a form in chains, in the errors `scale` (n, of parameters) times those of z.
+    """Return the inclusion of an observer on a form in chains, in the errors `scale` (n, of parameters) times those of
+    z.
 
-    `core` (N, N): the linear error core at theta = 1 in fields of the coordinates scale/units times z, floats as they
-    are; `measured` (N, p): by what the samples enter there; `others`: what varies in the core, in those fields;
-    `endless`: whether slopes of b may have one end alone.
+    `core` (N, N): the linear error core at theta = 1 in fields of the coordinates scale/units times z, floats without
+    rounding; `measured` (N, p): the input matrix of the samples there; `others`: slopes of the core, in those fields;
+    `endless`: whether slopes of b may have an infinite end.
     """
     slopes = slopes_of(form, layout, tuple(scale), endless)
     if isinstance(slopes, Reason):
@@ -212,9 +214,9 @@ def on_integrators(
     gates: Iterable[tuple[int, np.ndarray]] = (),
     endless: bool = False,
 ) -> Inclusion | Nothing:
-    """The inclusion of an estimator on a chain of integrators, in errors of w near the units of z. `gates`: fields
-    whose error saturations pass by a share in [0, 1], each with the column by which it enters the `core`; `endless` as
-    of `inclusion`."""
+    """Return the inclusion of an estimator on a chain of integrators, in errors of w near the units of z. `gates`:
+    fields whose error passes a saturation by a share in [0, 1], each with its column of the `core`; `endless` as in
+    `inclusion`."""
     reason = obstacle(chain.form, endless)
     if reason:
         return Nothing(reason)
@@ -232,7 +234,7 @@ def on_integrators(
 
 
 def nominal_units(chain: Integrators) -> list[Fraction] | Nothing:
-    """The s_i (n) near 1/(a_1 .. a_i) at the nominal parameters, in which w is near z; or why there are none."""
+    """Return the s_i (n) near 1/(a_1 .. a_i) at the nominal parameters, in which w is near z; or why there are none."""
     units = [Fraction(f"{float(1 / product):.6g}") for product in chain.nominal]
     if any(unit_ <= 0 for unit_ in units):
         return Nothing(because("the bound is for a_i shown to be positive"))
@@ -240,7 +242,7 @@ def nominal_units(chain: Integrators) -> list[Fraction] | Nothing:
 
 
 def from_form(form: Form, units: Sequence[Fraction]) -> tuple[sp.Expr, ...]:
-    """s_i a_1 .. a_i (n) of each chain, which scale z to s_i w_i."""
+    """Return s_i a_1 .. a_i (n) of each chain, which scale z to s_i w_i."""
     products = (sp.Mul(*each[: i + 1]) for each in chains(form) for i in range(len(each)))
     return tuple(sp.Rational(s) * product for s, product in zip(units, products, strict=True))
 
@@ -248,8 +250,8 @@ def from_form(form: Form, units: Sequence[Fraction]) -> tuple[sp.Expr, ...]:
 def on_companion(
     chain: Integrators, p: Sequence[float], weights: Sequence[float] | None = None, endless: bool = False
 ) -> Inclusion | Nothing:
-    """The inclusion of gains p_i/(a_1 .. a_i), `p` (n) the coefficients of the chains' polynomials, on the means of
-    outputs by their `weights` (p), by default all alike; `endless` as of `inclusion`."""
+    """Return the inclusion of gains p_i/(a_1 .. a_i), `p` (n) the coefficients of the chains' polynomials, on the means
+    of outputs by their `weights` (p), by default equal; `endless` as in `inclusion`."""
     form, exactly = chain.form, [Fraction(x) for x in p]
     weights = weights or weighted(form, None)
     products = (sp.Mul(*each[: i + 1]) for each in chains(form) for i in range(len(each)))
@@ -267,8 +269,8 @@ def on_companion(
 def with_gains(
     form: Form, K: Sequence[Fraction], weights: Sequence[float] | None = None, endless: bool = False
 ) -> Inclusion | Nothing:
-    """The inclusion of a constant gain of the entries K (n, or n q: `columns`) in the form's own coordinates, whose a_i
-    may move with inputs, on the means of outputs by their `weights` (p), by default all alike; `endless` as of
+    """Return the inclusion of a constant gain with entries K (n, or n q: `columns`) in the form's own coordinates,
+    whose a_i may vary with inputs, on the means of outputs by their `weights` (p), by default equal; `endless` as in
     `inclusion`."""
     reason = obstacle(form, endless)
     if reason:
@@ -298,7 +300,7 @@ def with_gains(
 
 
 def _weights(form: Form, weights: Sequence[float]) -> dict[str, tuple[Fraction, ...]]:
-    """The weights (p) as a number of an observer; none where no outputs share a state."""
+    """Return the weights (p) among the numbers of an observer; nothing where no outputs share a state."""
     return {"weights": tuple(map(Fraction, weights))} if sharing(form) else {}
 
 
@@ -307,24 +309,24 @@ def plain(form: Form) -> Layout:
     return Layout(tuple(range(form.n)), exponents(form), (True,) * form.n, tuple(range(form.n)))
 
 
-UNIFORM_STATES = 6  # of more the search for P takes longer than a check may
-_OPERATIONS, _EXPONENT = 100, 100  # of a slope that is factored
+UNIFORM_STATES = 6  # above, the search for P is too slow for a check
+_OPERATIONS, _EXPONENT = 100, 100  # limits of a slope that is factored
 Shares = list[tuple[Fraction, Fraction]]  # the range of each q_k
 
 
 def slopes_on(form: Form) -> tuple[sp.Expr, ...]:
-    """F_1', .., F_(n-1)' of a form in the order of its chain, constants at their values."""
+    """Return F_1', .., F_(n-1)' of a form in the order of its chain, constants at their values."""
     known, slopes = dict(fixed(form)), []
     for row, z in zip(form.flow, form.states[1:], strict=False):
         each = exact(tape.slope(sp.sympify(row), z).xreplace(known))
-        # in factors a variable stands less often and ranges are narrower; as it is where that may take long
+        # factors repeat variables less often, for narrower ranges; large expressions are not factored
         brief = sp.count_ops(each) <= _OPERATIONS and largest_exponent(each) <= _EXPONENT
         slopes.append(sp.factor(each) if brief else each)
     return tuple(slopes)
 
 
 def middles(form: Form) -> tuple[sp.Rational, ...] | Reason:
-    """s_1, .., s_(n-1), each short and in the range of its F_k'; or why there are none."""
+    """Return s_1, .., s_(n-1), short numbers in the ranges of the F_k'; or why there are none."""
     numbers = []
     for k, each in enumerate(slopes_on(form), 1):
         known = _range(each, form)
@@ -337,8 +339,8 @@ def middles(form: Form) -> tuple[sp.Rational, ...] | Reason:
 
 
 def uniform_error(form: Form, K: Sequence[float]) -> Inclusion | Nothing:
-    """Return what the error obeys of the gains K (n), on a form whose A holds the s_k above its diagonal and nothing
-    else."""
+    """Return the inclusion for the gains K (n), on a form whose A holds the s_k above its diagonal and nothing else; or
+    why there is none."""
     if form.n > UNIFORM_STATES:
         return Nothing(because("the bound is computed for up to {most} states", most=UNIFORM_STATES))
     open_ = [check.id for check in form.checks if check.verdict is not Verdict.PROVED]
@@ -356,7 +358,7 @@ def uniform_error(form: Form, K: Sequence[float]) -> Inclusion | Nothing:
     error = inclusion(form, plain(form), A, np.zeros((n, 0)), scale, units, {"gains": gains})
     if isinstance(error, Nothing):
         return error
-    # what each K_i q_1 .. q_(i-1) brings is a slope of its own
+    # each K_i q_1 .. q_(i-1) is a slope of its own
     every = [_injected(gains, q) for q in product(*shares)]
     ends = [(min(each), max(each)) for each in zip(*every, strict=True)]
     first = field_row(0, n)
@@ -366,7 +368,7 @@ def uniform_error(form: Form, K: Sequence[float]) -> Inclusion | Nothing:
 
 
 def _shares(form: Form) -> tuple[Shares, list[Evidence | None]] | Nothing:
-    """The range of each q_k = s_k/F_k', and the evidence of that of 1/F_k'."""
+    """Return the range of each q_k = s_k/F_k', and the evidence of that of 1/F_k'."""
     shares, ranges = Shares(), list[Evidence | None]()
     for k, dF in enumerate(slopes_on(form)):
         inverse, s = exact(sp.sympify(1 / dF)), Fraction(str(form.A[k, k + 1]))
@@ -384,7 +386,8 @@ def _shares(form: Form) -> tuple[Shares, list[Evidence | None]] | Nothing:
 def _together(
     of_b: int, pushes: Sequence[Slope], gains: Sequence[Fraction], shares: Shares
 ) -> tuple[tuple[Fraction, ...], ...]:
-    """The places of so many slopes of b, and of these, at all combinations of ends; none of too many."""
+    """Return the points of the hull: all combinations of the ends of `of_b` slopes of b, and of the `pushes`; none if
+    there are too many."""
     ends = [sorted(set(pair)) for pair in shares]
     if not one_by_one(len(gains), of_b + sum(len(pair) > 1 for pair in ends)):
         return ()
@@ -401,7 +404,7 @@ def _together(
 
 
 def _injected(gains: Sequence[Fraction], q: Sequence[Fraction]) -> tuple[Fraction, ...]:
-    """K_1, K_2 q_1, K_3 q_1 q_2, .."""
+    """Return K_1, K_2 q_1, K_3 q_1 q_2, .."""
     return tuple(k * math.prod(q[:i]) for i, k in enumerate(gains))
 
 

@@ -1,14 +1,14 @@
-"""The filter of `observers.filtered_injection` that lets least noise through to a state, at a wanted rate.
+"""The filter of `observers.filtered_injection` with the least noise in a state, at a wanted rate.
 
     e' = (M + G_b diag(d) H) e + B v,   |d_j| <= 1, |v| <= 1;   M and B of the filter's F, G and N H
     X > 0:  (M + rate) X + X (M + rate)' + B B'/(2 rate) + G_b diag(s) G_b' + X H' diag(1/s) H X <= 0,   s > 0
 
-For slopes of b anywhere in their ranges the errors decay like exp(-rate t), and the error of the state comes to no more
-than sqrt(c X c') times the largest noise, whatever its course: P = X^-1 is the norm. For a given filter that is a cone
-program, proved in rationals (`questions`). In the filter and X together it has no one minimum: a search without
-derivatives (SciPy's, which the solver needs as well) goes from a first filter to where no small change helps, and what
-it finds counts only if it is proved, and better. By similarity G = (1, 0, .., 0), and F has ones below its diagonal,
-and no others than that and the one above.
+For slopes of b anywhere in their ranges the errors decay like exp(-rate t), and the error of the state is at most sqrt
+(c X c') times the largest noise, whatever its course: P = X^-1 defines the norm. For a given filter this is a cone
+program, proved in rationals (`questions`). In the filter and X together it has several minima: a search without
+derivatives (SciPy's, which the solver needs as well) starts from a first filter and ends where no small change helps.
+Its result counts only if it is proved, and better. By similarity G = (1, 0, .., 0), and F is tridiagonal with ones
+below its diagonal.
 """
 
 from collections.abc import Iterator
@@ -33,18 +33,18 @@ from hgogen.sentence import up
 _NAME = "filtered_injection"
 _STATES = 6  # of the chain, and of the filter
 _DIGITS = 6  # of the filter's numbers
-_TRIES = 400  # filters that are tried
-_PROOFS = 12  # of the best that are tried
+_TRIES = 400  # evaluations of the search
+_PROOFS = 12  # of the best filters
 _SPEEDS = (3.0, 6.0, 12.0, 24.0)  # of the first filters
-_SIDE = 0.3  # of the first simplex, as a share
-_LARGE = 1e6  # in the place of a logarithm
+_SIDE = 0.3  # relative size of the first simplex
+_LARGE = 1e6  # the logarithm of a missing bound
 
 
 @dataclass(frozen=True)
 class InjectionFilter:
-    """F (m, m), G (m) and H (n, m) for `filtered_injection(form, theta=.., F=.., G=.., H=..)`, N = I.
+    """The matrices F (m, m), G (m) and H (n, m) for `filtered_injection(form, theta=.., F=.., G=.., H=..)`, N = I.
 
-    `rate` (1/s): the errors decay like exp(-rate t); `bound`: what noise of at most 1 leaves of the error of `state`,
+    `rate` (1/s): the errors decay like exp(-rate t); `bound`: the largest error of `state` for noise of at most 1,
     proved in continuous time for all slopes in their ranges; `before`: that of the filter from which the search began.
     """
 
@@ -68,7 +68,7 @@ class InjectionFilter:
 
 
 def injected(chain: Integrators, F: np.ndarray, G: np.ndarray, pushed: np.ndarray) -> Inclusion | Nothing:
-    """Return what the error of the observer obeys, `pushed` (n, m) its N H."""
+    """Return the inclusion of the observer's error, with `pushed` (n, m) its N H; or why there is none."""
     n, m = pushed.shape
     order = (*range(n), *[0] * m)
     layout = Layout(order, order, (True,) * n + (False,) * m, tuple(range(n)))
@@ -78,7 +78,7 @@ def injected(chain: Integrators, F: np.ndarray, G: np.ndarray, pushed: np.ndarra
 
 
 def core(F: np.ndarray, G: np.ndarray, pushed: np.ndarray) -> np.ndarray:
-    """Q (n + m, n + m)."""
+    """Return Q (n + m, n + m)."""
     n = len(pushed)
     return np.block([[np.diag(np.ones(n - 1), 1), pushed], [-np.outer(G, np.eye(n)[0]), F]])
 
@@ -86,12 +86,13 @@ def core(F: np.ndarray, G: np.ndarray, pushed: np.ndarray) -> np.ndarray:
 def injection_filter(
     form: Form, *, theta: float, rate: float, state: str | None = None, size: int | None = None
 ) -> InjectionFilter:
-    """A filter of `size` states, by default n, with which the errors decay at `rate` and noise moves a state least.
+    """Return a filter of `size` states, by default n, with which the errors decay at `rate` and noise moves a state
+    least.
 
     Args: `theta` > 0 of the observer; `rate` (1/s) > 0; `state` whose error counts, by default the last of the chain.
 
     Raises: `BadGain` for a form that is no chain of integrators of up to 6 states, or a rate that no first filter is
-    shown to reach; `Misfit` for no form; `NoSolver`.
+    proved to reach; `Misfit` for no form; `NoSolver`.
     """
     if not isinstance(form, Form):
         raise Misfit("injection_filter", form, "a form: hg.forms.triangular(plant)")
@@ -131,9 +132,9 @@ class _Search:
 
     @property
     def first(self) -> Filter:
-        """The one of least bound of that of alpha = 3, beta = 1, with all poles at -1, and of faster ones, which at
-        rest inject what puts them there; one of fewer states feeds the last of its own on, one of more has states that
-        feed nothing."""
+        """The first filter with the least bound: that of alpha = 3, beta = 1, with all poles at -1, or a faster one
+        with the same injection at rest. A filter with fewer states injects its last state into the remaining ones;
+        additional states are not injected."""
         n, m = self.chain.n, self.m
         at = [(i, min(i, m - 1)) for i in range(n)]
         filters = []
@@ -145,15 +146,16 @@ class _Search:
         return min(filters, key=lambda each: self._cost(self._numbers(each))[0])
 
     def proved(self, filter_: Filter) -> InputBound | None:
-        """A proof of the rate, with a bound of what noise does."""
+        """Return a proof of the rate, with a bound of the effect of noise."""
         query = self._query(filter_)
         return bound_at(*query) if query and bound_in_floats(*query) else None
 
     def improved(self, filter_: Filter) -> Iterator[Filter]:
-        """Filters of few digits, the best first: about the last, as far as floats tell, none is better."""
-        from scipy.optimize import minimize  # which the solver needs as well
+        """Yield filters with few digits, the best first: in floats none near the first one is better."""
+        from scipy.optimize import minimize  # a dependency of the solver
 
-        known, W = list[tuple[float, np.ndarray]](), list[Array]()  # with the coordinates of the best P
+        # filters and costs, and the coordinates of the best P
+        known, W = list[tuple[float, np.ndarray]](), list[Array]()
 
         def cost(numbers: np.ndarray) -> float:
             value, coordinates = self._cost(numbers, *W)
@@ -170,8 +172,8 @@ class _Search:
             yield self._filter(np.array([float(f"{x:.{_DIGITS}g}") for x in numbers]))
 
     def _cost(self, numbers: np.ndarray, *coordinates: Array) -> tuple[float, Array | None]:
-        """The logarithm of the bound in floats, sought from these coordinates of its P or else from its own, and those
-        in which its P is the unit matrix; a large number where there is none."""
+        """Return the logarithm of the bound in floats, and the coordinates in which its P is the unit matrix; a large
+        number where there is none. The search for P starts in the given coordinates, or else in those of the filter."""
         for W in (*coordinates, None):
             query = self._query(self._filter(numbers), W)
             known = query and bound_in_floats(*query)
@@ -180,8 +182,8 @@ class _Search:
         return _LARGE, None
 
     def _query(self, filter_: Filter, W: Array | None = None) -> tuple[Bounded, Array, int, Array, Fraction] | None:
-        """Return the arguments of a bound, in coordinates W or those of a P with which all decays; None of a filter
-        with which nothing does."""
+        """Return the arguments of a bound, in coordinates W or those of a P with which all errors decay; None where
+        there is no such P."""
         error = injected(self.chain, *filter_)
         if isinstance(error, Nothing):
             raise BadGain(_NAME, f"has no bound here: {error}")
@@ -199,7 +201,7 @@ class _Search:
         return lambda alpha: driven(e, alpha), W, 1, state_row(scales, self.state), 2 * self.rate
 
     def _numbers(self, filter_: Filter) -> np.ndarray:
-        """The diagonal of F and the one above it, and H."""
+        """Return the diagonal of F and the one above it, and H."""
         F, _, H = filter_
         return np.concatenate([np.diag(F), np.diag(F, 1), H.ravel()])
 

@@ -1,33 +1,28 @@
-"""A gain of a small noise bound at a wanted rate: the program over P and Y = P K, and the search for a proved one.
+"""A constant gain with a small noise bound at a wanted rate: a cone program over P and Y = P K, and a proof of its
+gain.
 
+    z' = A z + b(sat z, u) + diag(theta, .., theta^n) K (y - C z)
     e' = (M - K C) e + (B + K) v + (G - K D) diag(d) (H e + E v),   |d_j| <= 1,   |v_j| <= 1,   V = e'P e
 
     minimise t:   V' <= -2 rate V where v = 0,   V' <= -alpha V + sum_j lambda_j v_j^2,   sum_j lambda_j <= alpha,
                   c P^-1 c' <= t for every c,   K'P K <= fastest^2 I
 
-for all d at the corners, or by multipliers where these are many; all of it is linear in P, Y, the multipliers and t:
-P (M - K C) is [P, Y] times the rows of M and -C, so that the forms are those of `inequality`, with [P, Y] for P.
-The last row asks that noise alone moves e by at most `fastest`, per unit of time, in the norm in which e is at most 1:
-without it the gain of a single state, for one, would have no end. Source: Boyd, El Ghaoui, Feron, Balakrishnan, "Linear
+for all d at the corners, or with multipliers for many slopes. Everything is linear in P, Y, the multipliers and t: P (M
+- K C) is [P, Y] times the rows of M and -C, so that the forms are those of `inequality`, with [P, Y] for P. The last
+row limits the speed of e under noise alone to `fastest` per unit of time, in the norm in which e is at most 1. Without
+it the gain of a single state, for example, would be unbounded. Source: Boyd, El Ghaoui, Feron, Balakrishnan, "Linear
 Matrix Inequalities in System and Control Theory", SIAM (1994), 6.1.3, 7.1.
 
-That is one norm for the rate and for noise, though each may have its own. So it is asked for less than the rate, as
-little as leaves a gain of which a norm of its own proves the rate, with noise at a rate that is searched; of these
-gains the one of the least bound is taken, which is found in floats. The rate is proved of rounded numbers. Where no
-gain reaches it, the slope that stands in the way most is told.
+The program has one P for the rate and for noise, but a proof may have one for each. So the program demands less than
+the rate, as little as gives a gain for which another P proves the whole rate, and noise at a rate that is searched. The
+gain with the least bound is selected in floats. Its digits are rounded, and rationals prove the rate, and the bound of
+each state with its own P. Where no gain reaches the rate, the error names the slope that hinders most. theta is only
+the unit of time in which K is written: by default numbers are near 1, or a proof is accurate.
 
-A constant gain of an observer for a wanted rate, of a small noise bound, proved in continuous time.
-
-    z' = A z + b(sat z, u) + diag(theta, .., theta^n) K (y - C z)
-
-theta is only the unit of time in which K is written, by default one in which its numbers are near 1, or in which a
-proof is accurate. The gain is that of `Search`; what is said of it is proved of its rounded numbers in rationals,
-the bound of each state by a norm of its own.
-
-b may read e_j - N_j (C e - v) in the place of e_j. With N given, all else is the convex program of `Search`; N is
-sought from outside, in floats, near the samples in the place of what they measure (N_1 = 1/a_1), in steps that are as
-large as noise moves a state. Where slopes stand at their corners one by one, N makes what is left of them smaller; with
-a multiplier for each, all that N does K does as well (Arcak, Kokotovic, Automatica 37 (2001), have slopes of one sign).
+b may read e_j - N_j (C e - v) in the place of e_j. With N given, all else is the convex program of `Search`. N itself
+is searched without derivatives, in floats, from where samples replace the measured states (N_1 = 1/a_1), in steps as
+large as the effect of noise on a state. Where slopes are at their corners, N reduces the remaining slopes. With a
+multiplier for each slope K has the same effect as N (Arcak, Kokotovic, Automatica 37 (2001), have slopes of one sign).
 """
 
 import math
@@ -55,25 +50,25 @@ from hgogen.reading.given import BadGain, Each, Misfit, cached, each_by_name, na
 from hgogen.sentence import NONE, Down, Reason, Sentence, Up, because, same
 
 _WHAT = "the design of a gain"
-_LESS = 1 - 1e-6  # of alpha for the lambda
-_BY = 1e-7  # by which forms are negative
-_DOUBLINGS = 60  # of the pace
+_LESS = 1 - 1e-6  # sum of the lambda over alpha
+_BY = 1e-7  # margin of the negative forms
+_DOUBLINGS = 60  # the most doublings of the pace
 _SMALL = 1e-12
-_SLOW, _FAST, _SEARCHED = 1 / 8, 6, 8  # of the rates of noise: where they begin and end, and how many are tried
-_OF_PACE = 1 / 10  # of the pace of slopes: as fast as it are rates of noise, however slow the wanted one
-_LARGE = 1e30  # in the place of a bound, where there is no gain
-_PARTS = (1.02, 0.7, 0.4)  # of the rate, that the one norm is asked for first
+_SLOW, _FAST, _SEARCHED = 1 / 8, 6, 8  # ends of the rates of noise over the wanted rate, and their number
+_OF_PACE = 1 / 10  # of the pace of slopes: lower limit of the rates of noise
+_LARGE = 1e30  # the bound of a missing gain
+_PARTS = (1.02, 0.7, 0.4)  # first parts of the rate for the common P
 _LEAST, _HALVINGS = 0.0, 6
 _DIGITS = 6
 _ONE = Fraction(1)
-_BACK, _STEPS = 12, 5  # halvings of the rate; steps from it to the one that is reached
-_NOISY = 0.5  # the share of a rate with which noise is bounded
+_BACK, _STEPS = 12, 5  # halvings of an unreached rate; steps between it and the reached one
+_NOISY = 0.5  # the rate of noise over the rate of decay
 
 
 @dataclass(frozen=True, eq=False)
 class Open:
-    """The system that the error obeys before there is a gain: `M` (n, n), `G` (n, m), `H` (m, n), `C` (p, n), `D` (p,
-    m), `B` (n, p) and `E` (m, p), v in its sizes; `chain` (n): the output of each state's chain."""
+    """The system of the error without a gain: `M` (n, n), `G` (n, m), `H` (m, n), `C` (p, n), `D` (p, m), `B` (n, p)
+    and `E` (m, p), with v in units of its sizes; `chain` (n): the output of each state's chain."""
 
     M: Array
     G: Array
@@ -86,14 +81,14 @@ class Open:
 
     @property
     def with_gain(self) -> Uncertain:
-        """The system of the error, below which stands what a gain multiplies (n + p, ..)."""
+        """The system of the error, with the rows that a gain multiplies below it (n + p, ..)."""
         M, G = np.vstack([self.M, -self.C]), np.vstack([self.G, -self.D])
         B = np.vstack([self.B, np.eye(len(self.C))])
         return Uncertain(M, G, self.H, B, self.E, M, B)
 
     def scaled(self, T: Array, pace: float) -> "Open":
-        """Return the system of x, e = diag(T) x, in a time that runs `pace` times as fast, each slope as strong where
-        it enters as where it reads."""
+        """Return the system of x, e = diag(T) x, in a time that runs `pace` times as fast, with each slope's input
+        balanced with its reading."""
         G, H = self.G / T[:, None] / pace, self.H * T
         columns, reads = np.linalg.norm(G, axis=0), np.linalg.norm(H, axis=1)
         g = np.sqrt(np.divide(reads, columns, out=np.ones_like(reads), where=(reads > _SMALL) & (columns > _SMALL)))
@@ -101,8 +96,8 @@ class Open:
         return Open(M, G * g, H / g[:, None], self.C * T, self.D * g, B, self.E / g[:, None], self.chain)
 
     def scale(self, pace: float) -> Array:
-        """The T (n) in which noise moves the head of a chain by 1, and a state of size 1 the one before it by the pace
-        in a unit of time."""
+        """Return the T (n) with which noise moves the head of a chain by 1, and a state of size 1 moves the one before
+        it by `pace` in a unit of time."""
         T = np.zeros(len(self.M))
         for i, j in enumerate(self.chain):
             head = i == 0 or self.chain[i - 1] != j
@@ -110,7 +105,8 @@ class Open:
         return T
 
     def pace(self, rate: float) -> float:
-        """A rate, or twice it, and so on, in whose scale no slope weighs more than the chain does."""
+        """Return the rate times the least power of 2 at whose scale no slope is larger than the entries of the
+        chain."""
         pace = rate
         for _ in range(_DOUBLINGS):
             x = self.scaled(self.scale(pace), pace)
@@ -122,8 +118,8 @@ class Open:
 
 @dataclass(frozen=True, eq=False)
 class Task:
-    """The task: a gain for the `open` system, of a `rate`, with a small largest |c e| of the `rows` c (r, n), and no
-    faster than `fastest` (1/time)."""
+    """The task: a gain for the `open` system with a `rate`, a small largest |c e| over the `rows` c (r, n), and a speed
+    of at most `fastest` (1/time)."""
 
     open: Open
     rate: float
@@ -136,8 +132,8 @@ class Task:
         return self.open.pace(self.rate) * (1 + len(self.open.M) / 4)
 
     def gain(self, rate: float, noisy: float) -> Array | None:
-        """K (n, p) by a norm that falls at this rate, and with noise at the rate `noisy`; None where there is none.
-        Raises: `NoSolver`."""
+        """Return K (n, p) by one P for this rate, and for noise at the rate `noisy`; None where there is none. Raises:
+        `NoSolver`."""
         T = self.open.scale(self.pace)
         rows = self.rows * T
         rows = rows / np.linalg.norm(rows, axis=1).max()
@@ -149,14 +145,14 @@ class Task:
 @dataclass(frozen=True, eq=False)
 class _Program:
     """The program in the scale of the chain. Its variables (N) are the entries of P and Y, the multipliers of slopes
-    for the rate, and with noise, and the lambda; t is the last."""
+    for the rate, those with noise, and the lambda; t is the last."""
 
     open: Open
     rate: float
     alpha: float
 
     def gain(self, rows: Array, fastest: float) -> Array | None:
-        """K (n, p)."""
+        """Return K (n, p)."""
         (p, n), (of_P, of_Y, k) = self.open.C.shape, self._sizes
         size, one = self._size, np.eye(self._size + 1)
 
@@ -164,7 +160,7 @@ class _Program:
             return symmetric(x[:of_P], n), x[of_P : of_P + of_Y].reshape(n, p)
 
         def limited(x: Array) -> list[Array]:
-            """[P, Y; Y', fastest^2 I]."""
+            """Return [P, Y; Y', fastest^2 I]."""
             P, Y = norm(x)
             return [np.block([[P, Y], [Y.T, fastest**2 * np.eye(p)]])]
 
@@ -181,30 +177,30 @@ class _Program:
 
     @cached_property
     def _ends(self) -> tuple[Uncertain, ...]:
-        """The forms at each corner, or with multipliers."""
+        """The systems at each corner, or one with multipliers."""
         return ends(self.open.with_gain)
 
     @cached_property
     def _sizes(self) -> tuple[int, int, int]:
-        """The numbers of entries of P and Y, and how many slopes have multipliers: none at corners one by one."""
+        """The numbers of entries of P and Y, and of slopes with multipliers: none if corners are checked one by one."""
         n = len(self.open.M)
         return n * (n + 1) // 2, self.open.C.size, len(self._ends[0].H)
 
     @cached_property
     def _size(self) -> int:
-        """N."""
+        """The number N of variables without t."""
         of_P, of_Y, k = self._sizes
         return of_P + of_Y + 2 * k + len(self.open.C)
 
     def _falling(self) -> Iterator[Rows]:
-        """The forms of the rate, and with noise."""
+        """Yield the forms of the rate, and with noise."""
         of_P, of_Y, k = self._sizes
         for e in self._ends:
             yield self._negative(flow(e).falls(2 * self.rate), of_P + of_Y)
             yield self._negative(pushed(e, self.alpha), of_P + of_Y + k)
 
     def _negative(self, form: Quadratic, first: int) -> Rows:
-        """Return the cone of a form that is negative, its multipliers from the `first` variable on."""
+        """Return the cone in which a form is negative, its multipliers from the `first` variable on."""
         brings, shared = entries(form), sum(self._sizes[:2])
         whole = np.zeros((self._size, form.size, form.size))
         whole[:shared], whole[first : first + len(form.Q)] = brings[:shared], brings[shared:]
@@ -213,8 +209,8 @@ class _Program:
 
 @dataclass(frozen=True)
 class Candidate:
-    """A gain K (n, p), with the entries of N in the `argument` of b, with a proof that the error `falls` at the rate;
-    `noise_bound`: its largest bound, about."""
+    """A gain K (n, p), with the entries of N in the `argument` of b, and the proof that the error `falls` at the rate;
+    `noise_bound`: its largest bound, approximately."""
 
     K: tuple[tuple[float, ...], ...]
     argument: tuple[float, ...]
@@ -225,8 +221,8 @@ class Candidate:
 
 @dataclass(frozen=True, eq=False)
 class Search:
-    """A search for gains of a form, of a `task` under noise of these `sizes` (p), written with `theta`; with the output
-    error in the argument of b by `argument`, the entries of N at theta = 1, or none."""
+    """A search for gains of a form, of a `task` under noise of these `sizes` (p), written with `theta`; `argument`: the
+    entries of N at theta = 1, or none."""
 
     form: Form
     task: Task
@@ -235,7 +231,7 @@ class Search:
     argument: tuple[float, ...] = ()
 
     def best(self) -> Candidate | None:
-        """Return the gain of the least cost; None where none is found. Raises: `NoSolver`."""
+        """Return the gain with the least noise bound; None where none is found. Raises: `NoSolver`."""
         tried = list[Candidate]()
 
         def noise_bound(noisy: float) -> float:
@@ -263,7 +259,7 @@ class Search:
         return float(f"{value / self.theta**power:.{_DIGITS}g}")
 
     def promise(self) -> float:
-        """The noise bound with noise at about half of the rate, to two digits. Raises: `NoSolver`."""
+        """Return the noise bound with noise at about half of the rate, to two digits. Raises: `NoSolver`."""
         one = self.middle()
         return float(f"{one.noise_bound:.2g}") if one else _LARGE
 
@@ -272,8 +268,8 @@ class Search:
         return self._slowest(math.sqrt(self.task.rate * self._fast) / 2)
 
     def _slowest(self, noisy: float) -> Candidate | None:
-        """Return, with noise at that rate, the gain of the least rate in one norm that has the wanted one in its
-        own."""
+        """Return the gain for noise at that rate whose program demands the least part of the wanted rate, while a P of
+        its own proves all of it."""
         start = next(((less, one) for less in _PARTS if (one := self._at(less, noisy))), None)
         if start is None:
             return None
@@ -288,7 +284,7 @@ class Search:
         return replace(best, noise_bound=min(noise_bound, _LARGE))
 
     def _at(self, less: float, noisy: float) -> Candidate | None:
-        """The gain by one norm at so much of the rate, where it has the whole rate in its own."""
+        """Return the gain by one P for the part `less` of the rate, if another P proves the whole rate."""
         K = self.task.gain(less * self.task.rate, noisy)
         if K is None or not np.isfinite(K).all():
             return None
@@ -304,14 +300,14 @@ class Search:
 
 
 def error_of(form: Form, K: Sequence[Fraction], argument: Sequence[float]) -> Inclusion | Nothing:
-    """Return what the error obeys with a gain of these entries, and with those of N in the argument of b, or none."""
+    """Return the inclusion for a gain with these entries, and those of N in the argument of b; or why there is none."""
     error = with_gains(form, K)
     return injected(error, form, [sp.Rational(Fraction(x)) for x in argument]) if argument else error
 
 
 def plain(form: Form, sizes: Array, narrower: int | None = None, argument: Sequence[float] = ()) -> Open | Reason:
-    """Return what the error obeys before there is a gain, noise in its sizes (p), with half of the range of the slope
-    of that number; or why there is nothing to design."""
+    """Return the system of the error without a gain, with noise in its sizes (p), and half of the range of the slope
+    `narrower`; or why no gain is designed."""
     if len(form.leads) < len(form.blocks):
         return because("it is for outputs of which each has a chain of its own")
     without, ones = (error_of(form, [Fraction(k)] * form.n, argument) for k in (0, 1))
@@ -322,23 +318,23 @@ def plain(form: Form, sizes: Array, narrower: int | None = None, argument: Seque
     for error in (without, ones):
         slopes = tuple(_half(slope) if k == narrower else slope for k, slope in enumerate(error.slopes))
         parts.append(replace(error, slopes=slopes).at(_ONE).floats)
-    e, with_ones = parts  # with a gain of 0, and of ones: they differ by what the gain reads
+    e, with_ones = parts  # for gains of 0 and of ones: their difference is what the gain reads
     heads, read = list(form.heads), sizes[:, None]
     C, D = (e.M - with_ones.M)[heads] / read, (e.G - with_ones.G)[heads] / read
     return Open(e.M, e.G, e.H, C, D, e.B * sizes, e.E * sizes, tuple(chain))
 
 
 def _half(slope: Slope) -> Slope:
-    """Return the slope with half of its range: about its middle, but that of an entry of a Jacobian, which holds 0,
-    about that."""
+    """Return the slope with half of its range: around its middle, or around 0 for an entry of a Jacobian, whose range
+    holds 0."""
     centre = (slope.low + slope.high) / 2 if slope.entry is None else Fraction(0)
     return replace(slope, low=(slope.low + centre) / 2, high=(slope.high + centre) / 2)
 
 
 @dataclass(eq=False)
 class NoGain(HgogenError):
-    """No gain is found with which errors decay at the wanted `rate`. `reached`: the largest of the smaller rates tried
-    at which one is, 0.0 where none is; `hindrance`: what stands in the way."""
+    """The absence of a gain with which errors decay at the wanted `rate`. `reached`: the largest smaller rate with a
+    gain of those tried, 0.0 for none; `hindrance`: the reason."""
 
     plant: str
     rate: float
@@ -354,8 +350,8 @@ class NoGain(HgogenError):
 
 
 def unreached(form: Form, task: Task, sizes: Array) -> NoGain:
-    """Return the error of a task, under noise of these `sizes` (p), for which there is no gain: the slope that is named
-    is that in half of whose range more is reached than in that of any other. Raises: `NoSolver`."""
+    """Return the error of a task without a gain, under noise of these `sizes` (p). It names the slope whose halved
+    range allows the largest rate. Raises: `NoSolver`."""
     error = with_gains(form, [Fraction(0)] * form.n)
     slopes = () if isinstance(error, Nothing) else error.slopes
     reached = _reached(task, (task.rate / 2**k for k in range(1, _BACK)))
@@ -383,26 +379,28 @@ def unreached(form: Form, task: Task, sizes: Array) -> NoGain:
 
 
 def _reached(task: Task, rates: Iterable[float]) -> float:
-    """The first of these rates at which one norm has a gain; 0.0 where none has."""
+    """Return the first of these rates at which one P gives a gain; 0.0 where none does."""
     return next((rate for rate in rates if task.gain(rate, rate * _NOISY) is not None), 0.0)
 
 
 _FORM = "a form: hg.forms.triangular(plant)"
 _FASTEST = 10  # times the number of states and the pace of rate and slopes
-_FAR = 1e15  # a number this large, or as small, is for another unit
-_FIRST, _MORE = 12, 8  # entries of N that are tried, and more for each that is sought
-_NO_GAIN = 1e30  # the noise bound of what has none
+_FAR = 1e15  # limit of moderate numbers, and its inverse
+_FIRST, _MORE = 12, 8  # evaluations of a search for N, and more for each entry
+_NO_GAIN = 1e30  # the noise bound of a missing gain
 _FROM_RANGE: Any = object()  # the measure that a state's range gives
 
 
 @dataclass(frozen=True)
 class Gain:
-    """`theta` and `K`, as the `observer` takes them that `taken` makes: K a number for each state, or
-    of several outputs a matrix, a row for each state. `rate` (1/time): |e|_P falls at least like exp(-rate t), in
-    continuous time without noise; `bounds`: by the name of a state of the form and of an output, how far the estimate
-    of the one goes at most for noise of at most 1 of the other, in their units; of several outputs the shares add. Both
-    are proved in rational arithmetic. `argument`: N as `hg.observers.circle_criterion` takes it with the others; empty
-    of a gain for `hg.observers.high_gain`."""
+    """A gain: `theta` and `K`, as the `observer` accepts them with its `arguments`: K a number for each state, or for
+    several outputs a matrix with a row for each state.
+
+    `rate` (1/time): |e|_P decays at least like exp(-rate t), in continuous time without noise; `bounds`: by the names
+    of a state of the form and of an output, the largest error of the state for noise of at most 1 in the output, in
+    their units; for several outputs they add up. Both are proved in rational arithmetic. `argument`: N for
+    `hg.observers.circle_criterion`; empty for a gain of `hg.observers.high_gain`.
+    """
 
     theta: float
     K: Annotated[tuple[Any, ...], "injection gains; null for the tuning"]
@@ -413,19 +411,19 @@ class Gain:
 
     @property
     def observer(self) -> str:
-        """The observer of the package that it is for."""
+        """The observer of the package for which the gain is designed."""
         return "circle_criterion" if self.argument else "high_gain"
 
     @property
     def arguments(self) -> dict[str, Any]:
-        """The arguments of that observer beside the form, by name."""
+        """The arguments of that observer besides the form, by name."""
         optional = {"argument": self.argument} if self.argument else {}
         return {"theta": self.theta, "gains": self.K, **optional}
 
     def bound(self, state: str, noise: Mapping[str, float]) -> float:
-        """Return how far the estimate of a state goes at most for noise of at most these sizes, by output.
+        """Return the largest error of a state for noise of at most these sizes, by output.
 
-        Raises: `KeyError` for a state or an output that there is not.
+        Raises: `KeyError` for a state or an output that does not exist.
         """
         return sum(self.bounds[state, output] * size for output, size in noise.items())
 
@@ -457,19 +455,19 @@ def gain(
     theta: float | None = None,
     argument: Any = None,
 ) -> Gain:
-    """A constant gain of `observers.high_gain` for a form in chains, of a small noise bound; with an `argument` one of
-    `observers.circle_criterion`.
+    """Return a constant gain of `observers.high_gain` for a form in chains, with a small noise bound; with an
+    `argument` one of `observers.circle_criterion`.
 
-    Args: `rate` (1/time) > 0 at which errors decay at least; `noise` how large that of each output is at most, by name,
-    by default 1: what of several outputs counts is how they compare; `per` in what the error of each state of the form
-    is measured, by its name, by default half of its range: the largest bound in these is made small; `fastest` (1/time)
-    by how much noise alone may move the estimate in a unit of time, over how far it moves it at most: by default ten
-    times n times the rate, or what the slopes ask for; `theta` > 0, by whose powers K is divided; `argument`
-    for an output error in the argument of b, on a form whose a_i are numbers: True for an N that is searched, or its
-    entries at theta = 1, as `circle_criterion` takes them.
+    Args: `rate` (1/time) > 0 at which errors decay at least; `noise` the largest noise of each output, by name, by
+    default 1: for several outputs only their ratios count; `per` the unit of the error of each state of the form, by
+    its name, by default half of its range: the largest bound in these units is minimised; `fastest` (1/time) the
+    largest speed of the estimate under noise alone, over its largest deviation: by default ten times n times the rate,
+    or the speed that the slopes need; `theta` > 0, by whose powers K is divided; `argument` for an output error in the
+    argument of b, on a form whose a_i are numbers: True for an N that is searched, or its entries at theta = 1, as
+    `circle_criterion` accepts them.
 
     Raises: `NoGain` for a rate that is not reached; `NoSolver`; `Misfit` for no form; `BadGain` for a form without
-    chains of constant gains, and for numbers that are none or not positive; `BadNames`.
+    chains of constant gains, and for arguments that are no numbers or not positive; `BadNames`.
     """
     if not isinstance(form, Form):
         raise Misfit("gain", form, _FORM)
@@ -484,7 +482,7 @@ def gain(
     rows = np.diag([1 / (size or natural) for size, natural in zip(measures, open_.scale(pace), strict=True)])
     quickest = _FASTEST * form.n * pace if fastest is None else _moderate("fastest", fastest)
     task = Task(open_, wanted, rows, quickest)
-    if theta is None:  # the first is taken unless one of the others, from there to 1, is more accurate
+    if theta is None:  # the pace, unless a smaller level is more accurate
         levels = tuple(float(f"{level:.2g}") for level in (task.pace, math.sqrt(task.pace), 1.0))
     else:
         levels = (_moderate("theta", theta),)
@@ -499,7 +497,7 @@ def gain(
 
 
 def _arguments(form: Form, task: Task, sizes: np.ndarray, argument: Any) -> Sequence[tuple[float, ...]]:
-    """The entries of N that are tried, of one that is searched none first. Raises: `NoSolver`, `BadGain`."""
+    """Return the candidates for the entries of N; a search also has the empty one. Raises: `NoSolver`, `BadGain`."""
     if argument is None or argument is False:
         return ((),)
     moving = because("its {a} moves in a range", a=form.gain_names[0][0]) if task.open.D.any() else NONE
@@ -512,7 +510,8 @@ def _arguments(form: Form, task: Task, sizes: np.ndarray, argument: Any) -> Sequ
 
 
 def least_noise(form: Form, task: Task, sizes: Array) -> tuple[float, ...]:
-    """The entries of N (n, or n q: `columns`), none where b reads no error; `task` without it.
+    """Return the entries of N (n, or n q: `columns`) with the least noise bound, none where b reads no error; the
+    `task` has no N.
 
     Raises: `NoSolver`.
     """
@@ -541,14 +540,14 @@ def least_noise(form: Form, task: Task, sizes: Array) -> tuple[float, ...]:
 
 
 def searched(form: Form, task: Task, sizes: Array, argument: Sequence[float]) -> Search:
-    """The search with these entries of N, whose task is that of the error with them, written at theta = 1."""
+    """Return the search with these entries of N, on the error with them, written at theta = 1."""
     open_ = plain(form, sizes, argument=argument)
     assert not isinstance(open_, Reason)
     return Search(form, replace(task, open=open_), sizes, 1.0, tuple(argument))
 
 
 def _measures(form: Form, per: Any) -> list[float]:
-    """The unit in which the error of each state is measured; 0 where neither it nor a range says.
+    """Return the unit of the error of each state; 0 where neither `per` nor a range gives it.
 
     Raises: `BadNames`, `BadGain`.
     """
@@ -561,7 +560,7 @@ def _measures(form: Form, per: Any) -> list[float]:
 
 
 def _moderate(what: str, value: Any) -> float:
-    """A positive number. Raises: `BadGain`."""
+    """Return a positive number of moderate size. Raises: `BadGain`."""
     size = positive(what, value)
     if not 1 / _FAR <= size <= _FAR:
         raise BadGain(f"{what} = {size:g}", f"must be from {1 / _FAR:g} to {_FAR:g}; take other units")
@@ -582,5 +581,5 @@ def _stated(form: Form, best: Candidate) -> Gain:
 
 
 def _numbers(K: Any) -> str:
-    """A gain as text that reads back as the same."""
+    """Return a gain as text that evaluates to the same numbers."""
     return f"({', '.join(map(_numbers, K))})" if isinstance(K, tuple) else same(K)

@@ -1,20 +1,19 @@
-"""What is said of a bound, above which every theta converges, by whichever proof, or where there is none.
-
-The error of an estimate against its plant as a linear differential inclusion, in exact numbers.
+"""The error of an estimate against its plant as a linear differential inclusion, in exact numbers.
 
     e' = theta (N e + B diag(theta^-late) v) + sum over slopes of theta^-degree d onto (reads'e + takes'diag(..) v)
 
-d in [low, high], by itself; e holds the errors of the observer's fields, that of the field k over s_k theta^p(k), v the
-errors of the samples; `late` are the p of the first states of the outputs' chains. A slope is what it `reads` brings
-into the rates of others: the error of one field, or of b(z + L (y - C z)) that and what is injected:
+Each slope d is anywhere in [low, high], independent of the others. e holds the errors of the observer's fields, that of
+field k over s_k theta^p(k). v holds the errors of the samples; `late` are the powers p of the first states of the
+outputs' chains. A slope multiplies what it `reads` and adds it to the rates of others. It reads the error of one field,
+or of b(z + L (y - C z)) that error and the injected output error. There are three kinds:
 
-    db_i/dz_j              the mean of the slope on the way from the plant's state to the clamped estimate, times the
+    db_i/dz_j              the mean of the derivative between the plant's state and the clamped estimate, times the
                            share c_j in [0, 1] of the error that the clamp leaves: degree p(i) - p(j), 0 in its range
-    a_i                    of a constant gain K, where a_i moves with an input or a parameter: degree -1
-    a saturation           in the linear core: the share in [0, 1] that it leaves: degree -1
+    a_i                    of a constant gain K, where a_i varies with an input or a parameter: degree -1
+    a saturation           in the linear core: the share in [0, 1] of the error that passes: degree -1
 
-That b(sat z, u) - b(x, u) = J (sat z - x), J the mean of db/dz along the segment, asks b to be Lipschitz only, and
-holds for every z, also far outside of the box: the box is convex, and x is in it. So it does for two estimates.
+b(sat z, u) - b(x, u) = J (sat z - x), J the mean of db/dz along the segment, needs b to be Lipschitz only. It holds for
+every z, also far outside of the declared ranges, as these are convex and contain x. It also holds for two estimates.
 """
 
 from collections.abc import Mapping, Sequence
@@ -45,7 +44,7 @@ from hgogen.sentence import Reason, because
 
 @dataclass(frozen=True)
 class Nothing:
-    """No bound, and why."""
+    """A bound that is not proved, with the `reason`."""
 
     reason: Reason
 
@@ -53,14 +52,15 @@ class Nothing:
         return str(self.reason)
 
 
-NO_SCALES = because("the gains of its chain are no numbers")  # where `Inclusion.scales` are None
-_ROUND = 1e-10  # of the largest eigenvalue of a P in floats: a smaller one may be rounding
+NO_SCALES = because("the gains of its chain are no numbers")  # the reason for `Inclusion.scales` of None
+_ROUND = 1e-10  # of the largest eigenvalue of P in floats: a smaller eigenvalue may be a rounding error
 
 
 @dataclass(frozen=True)
 class Layout:
-    """The fields of an estimator in its core's order: `index` (N), i(k) from 0, by whose units a field is scaled;
-    `power` (N), p(k); `fed` (N): whether c_i(k) enters; `picks` (n): the field that stands for w_i where c reads it."""
+    """The fields of an estimator in its core's order: `index` (N), i(k) from 0, the state whose unit scales field k;
+    `power` (N), p(k); `fed` (N): whether c_i(k) is in the rate of field k; `picks` (n): the field from which c reads
+    w_i."""
 
     index: tuple[int, ...]
     power: tuple[int, ...]
@@ -70,11 +70,11 @@ class Layout:
 
 @dataclass(frozen=True)
 class Slope:
-    """A slope: what `reads` (N) of e, and `takes` (p) of the samples' errors at theta = 1, bring into the rates by
-    `onto` (N), over theta^`degree`: a number in [`low`, `high`]. `entry`: (i, j) where it is that of db_i/dz_j times
-    units, which `range` shows; None of others. `endless`: 1 where it may be any number more than `low` = `high`, -1 any
-    less, 0 of others (`error_models`). `realised`: what of it is in the linear core that a method realises, as much
-    as a saturation passes of what is in its range, 0 of b; None where that core moves."""
+    """A number d in [`low`, `high`] that adds onto d (reads'e + takes'v)/theta^`degree` to the rates, `onto` and
+    `reads` (N), `takes` (p) at theta = 1. `entry`: (i, j) of a slope db_i/dz_j times units, of which `range` is the
+    proof; None for others. `endless`: 1 for a slope that may be any number from `low` = `high` up, -1 down, 0 for
+    others (`error_models`). `realised`: the value of d in the linear core that a method realises, 1 for a saturation
+    that passes all, 0 for b; None if that core varies."""
 
     reads: tuple[Fraction, ...]
     onto: tuple[Fraction, ...]
@@ -89,28 +89,28 @@ class Slope:
 
     @cached_property
     def exactly(self) -> tuple[Array, Array, Array]:
-        """`onto`, `reads` and `takes`, of FLINT's rationals."""
+        """The arrays `onto`, `reads` and `takes`, of FLINT's rationals."""
         return rational(self.onto), rational(self.reads), rational(self.takes)
 
     @property
     def ends(self) -> dict[str, Fraction | None]:
-        """The ends as a certificate has them, None where there is none."""
+        """The ends of the range as a certificate has them, None for an infinite one."""
         return {"low": None if self.endless < 0 else self.low, "high": None if self.endless > 0 else self.high}
 
 
 def field_row(field: int, count: int) -> tuple[Fraction, ...]:
-    """Return the row that reads the error of one field (N)."""
+    """Return the row (N) that reads the error of one field."""
     return tuple(Fraction(int(k == field)) for k in range(count))
 
 
 @dataclass(frozen=True, eq=False)
 class Inclusion:
-    """`N` (N, N); `B` (N, p), by which errors v of the samples enter at theta = 1; the `slopes`; how the fields lie,
-    the `layout`; the `units` (n) of the chain's states, by which the errors of fields are scaled; `scale` (n), of
-    parameters, from the form's states to these; `numbers`: what the observer is built with beside theta; `own`:
-    evidence of the core, beside these; `late` (p): the powers of theta of the first states of the outputs' chains;
-    `hull`: places of the slopes that vary, from -1 to 1 in their ranges, in whose hull they keep together; none where
-    each goes by itself; `chained`: whether a program's fields are of w, not of z."""
+    """The inclusion: `N` (N, N); `B` (N, p), the input matrix of the sample errors v at theta = 1; the `slopes`; the
+    `layout` of the fields; the `units` (n) of the chain's states, which scale the errors of fields; `scale` (n), with
+    parameters, from the form's states to these units; `numbers`: the observer's arguments other than theta;
+    `core_evidence`: further evidence about the core; `late` (p): the powers of theta of the first states of the
+    outputs' chains; `hull`: points in [-1, 1]^m, whose convex hull holds the varying slopes, scaled to their ranges;
+    empty for independent slopes; `chained`: whether the program's fields estimate w, not z."""
 
     N: Array
     B: Array
@@ -126,12 +126,12 @@ class Inclusion:
 
     @property
     def varying(self) -> tuple[Slope, ...]:
-        """The slopes that are no numbers."""
+        """The slopes whose range is more than one number."""
         return tuple(slope for slope in self.slopes if slope.low < slope.high)
 
     @property
     def limit(self) -> Array:
-        """The limit of M over theta as theta grows, with all that moves in it at its middle; in floats."""
+        """The limit of M/theta as theta grows, with each slope at the middle of its range; in floats."""
         N = floats(self.N)
         for slope in self.slopes:
             if slope.degree == -1:
@@ -141,8 +141,8 @@ class Inclusion:
 
     @cached_property
     def _balanced_lyapunov(self) -> tuple[Array, Array] | None:
-        """Units d (N) of e and P (N, N) with N'P + P N = -I for that in these: 1, or where P is too far from round for
-        floats those in which N is balanced; None where it shows nothing."""
+        """Units d (N) of e and P (N, N) with N'P + P N = -I for N in these units: d = 1, or if P is too ill-conditioned
+        for floats a d that balances N; None if neither gives P > 0."""
         N = self.limit
         for units in (lambda N: np.ones(len(N)), balance):
             d = units(N)
@@ -153,7 +153,7 @@ class Inclusion:
 
     @property
     def linear_lyapunov(self) -> Array | None:
-        """The P of `_balanced_lyapunov` for e, its trace N; None where it shows nothing. In floats."""
+        """The P of `_balanced_lyapunov` for e in floats, scaled to the trace N; None if there is none."""
         if self._balanced_lyapunov is None:
             return None
         d, P = self._balanced_lyapunov
@@ -162,7 +162,7 @@ class Inclusion:
 
     @cached_property
     def coordinates(self) -> Array | None:
-        """P^(-1/2) of it, near which the P that are sought are."""
+        """P^(-1/2) of `_balanced_lyapunov`: coordinates in which a solver expects P near the unit matrix."""
         if self._balanced_lyapunov is None:
             return None
         d, P = self._balanced_lyapunov
@@ -170,24 +170,24 @@ class Inclusion:
 
     @property
     def endless(self) -> tuple[Slope, ...]:
-        """The slopes that have one end alone."""
+        """The slopes with an infinite end."""
         return tuple(slope for slope in self.slopes if slope.endless)
 
     @property
     def without_samples(self) -> "Inclusion":
-        """The inclusion where it is not known how errors of the samples enter."""
+        """The inclusion without sample errors, for an observer of which their input matrix is unknown."""
         slopes = tuple(replace(slope, takes=()) for slope in self.slopes)
         return replace(self, B=self.B[:, :0], late=(), slopes=slopes)
 
     def narrowed(self, share: Fraction) -> "Inclusion":
-        """Return the inclusion, the ranges of the slopes of b that share of what they are; 0 stays in them."""
+        """Return the inclusion with the ranges of the slopes of b, which hold 0, scaled by `share`."""
         slopes = (
             replace(each, low=each.low * share, high=each.high * share) if each.entry else each for each in self.slopes
         )
         return replace(self, slopes=tuple(slopes))
 
     def slope_values(self, states: Sequence[sp.Symbol], d: Array) -> dict[str, Fraction]:
-        """The values of the slopes that are entries of a Jacobian, for d (m) in [-1, 1], by name."""
+        """Return the values of the slopes of b at d (m) in [-1, 1], by name."""
         values = {}
         for slope, share in zip(self.varying, d.tolist(), strict=True):
             if slope.entry is not None:
@@ -196,7 +196,7 @@ class Inclusion:
         return values
 
     def evidence(self, form: Form) -> Evidence | None:
-        """The scale, how each slope of b is bounded in these coordinates, and what is the core's own."""
+        """Return the scale, the proved range of each slope of b, and the evidence of the core."""
         slopes = [
             {"row": i + 1, "column": j + 1, **slope.ends, "tree": tree(slope.range, form)}
             for slope in self.slopes
@@ -206,7 +206,7 @@ class Inclusion:
         return {"scale": self.scale, "slopes": slopes, **self.core_evidence}
 
     def scales(self, theta: Fraction) -> tuple[Fraction, ...] | None:
-        """Return, by field (N), its error e_k where that of its state of the form is 1; None where a scale holds
+        """Return, by field (N), the error e_k for an error of 1 in its state of the form; None where a scale holds
         parameters."""
         scale = tuple(map(sp.sympify, self.scale))
         if not all(each.is_Rational for each in scale):
@@ -215,14 +215,14 @@ class Inclusion:
         return tuple(Fraction(scale[i].p, scale[i].q) / theta**p for i, p in zip(index, power, strict=True))
 
     def remembered(self, theta: Fraction) -> tuple[Fraction, ...] | None:
-        """Return, by field (N), its error e_k where that of a program's field is 1; None where a scale holds
+        """Return, by field (N), the error e_k for an error of 1 in the program's field; None where a scale holds
         parameters."""
         if not self.chained:
             return self.scales(theta)
         return tuple(self.units[i] / theta**p for i, p in zip(self.layout.index, self.layout.power, strict=True))
 
     def at(self, theta: Fraction) -> "Uncertain":
-        """The inclusion at a theta > 0."""
+        """Return the uncertain linear system at a theta > 0."""
         level = number(theta)
         late = np.array([level**-power for power in self.late], dtype=object)
         M, B, core, injected = self.N * level, self.B * late * level, self.N * level, self.B * late * level
@@ -240,22 +240,21 @@ class Inclusion:
 
 @dataclass(frozen=True)
 class Facts:
-    """A proof: `facts`, by name, as a certificate has them beside how the slopes of an `error` are bounded, of which
-    some are proved."""
+    """The `facts` of a proof by name, as a certificate has them, and the `error` whose slopes they assume, if any."""
 
     error: Inclusion | None
     facts: Evidence = field(hash=False)
 
     def evidence(self, form: Form) -> Evidence:
-        """Return how the slopes are bounded, and the facts."""
+        """Return the facts, with the bounds of the slopes."""
         return self.facts if self.error is None else {"error": self.error, **self.facts}
 
 
 @dataclass(frozen=True, eq=False)
 class Uncertain:
-    """e' = M e + B v + G diag(d) (H e + E v), |d_j| <= 1: `M` (N, N), `G` (N, m), `H` (m, N), `B` (N, p) and `E` (m, p)
-    of FLINT's rationals; `core` (N, N) and `injected` (N, p): the parts of M and B that a method realises, which are no
-    slope of b, saturations open."""
+    """The system e' = M e + B v + G diag(d) (H e + E v), |d_j| <= 1: `M` (N, N), `G` (N, m), `H` (m, N), `B` (N, p) and
+    `E` (m, p) of FLINT's rationals; `core` (N, N) and `injected` (N, p): the parts of M and B that a method realises,
+    without slopes of b, and with saturations that pass all."""
 
     M: Array
     G: Array
@@ -276,16 +275,15 @@ class Uncertain:
         return replace(self, M=self.M + D @ self.H, B=self.B + D @ self.E, G=D[:, :0], H=self.H[:0], E=self.E[:0])
 
     def driven_by(self, columns: Array) -> "Uncertain":
-        """Return the system with inputs of which each is a sum of errors of the samples, the `columns` (p, q) say how
-        much of each."""
+        """Return the system with q inputs, from which the sample errors are v = `columns` (p, q) times the inputs."""
         return replace(self, B=self.B @ columns, E=self.E @ columns, injected=self.injected @ columns)
 
     def disturbed(self, onto: Array) -> "Uncertain":
-        """Return the system with more inputs, each of which enters the rates alone, by a column of `onto` (N, q)."""
+        """Return the system with further inputs, each added to the rates by a column of `onto` (N, q)."""
         B, injected = (np.hstack([columns, onto]) for columns in (self.B, self.injected))
         return replace(self, B=B, E=np.hstack([self.E, self.H @ (0 * onto)]), injected=injected)
 
 
 def state_row(scales: Sequence[Fraction], field: int) -> Array:
-    """c (N), of FLINT's rationals: c e is the error of the state of the form that a field stands for."""
+    """Return c (N), of FLINT's rationals: c e is the error of the state of the form that a field estimates."""
     return np.asarray(identity(len(scales))[field] / number(scales[field]))

@@ -1,31 +1,30 @@
-"""The one inequality: how a form of what the error obeys falls in one time model, a step of a method or the flow.
+"""The decrease of |e|_P^2 over one step of a method, or along the flow, as a quadratic inequality; contraction of
+steps.
 
     X_i = e + h sum_j a_ij w_j,   w_i = M X_i + G p_i,   p_i = diag(d_i) H X_i,   e+ = e + h sum_i b_i w_i
     X_2 = e + h (phi_1 (L e + r_1)),   r_i = (M - L) X_i + G p_i,   e+ = X_2 + h phi_2 (r_2 - r_1)
 
-The first line is an explicit Runge-Kutta method, the second one that realises the linear core L of M, its rest by a
-scheme of order 2. All is linear in v = (e, p_1, .., p_s): e+ = e + h D v, H X_i = Q_i v; an error of what is injected
-at a stage adds a column to D and Q (`Inputs`). The slopes |d_ij| <= 1 of different stages are independent, so what
-holds for all d_i holds for whatever the estimate meets on its way. With P > 0 and S_i >= 0 diagonal,
+The first line is an explicit Runge-Kutta method. The second is a method that realises the linear core L of M, with a
+scheme of order 2 for the remainder. Both are linear in v = (e, p_1, .., p_s): e+ = e + h D v, H X_i = Q_i v. An error
+of the injection at a stage adds a column to D and Q (`Inputs`). The slopes |d_ij| <= 1 of different stages are
+independent, so the result covers every course of the estimate. With P > 0 and S_i >= 0 diagonal,
 
     (|e+|_P^2 - |e|_P^2)/h + alpha |e|_P^2 + sum of Q_i'S_i Q_i - p_i'S_i p_i < 0
 
 proves |e+|_P^2 <= (1 - alpha h) |e|_P^2. The difference over h is 2 e'P D v + h |D v|_P^2: continuous time is Euler's
 step of the length 0, V' <= -alpha V.
 
-With X = h L, phi_1 - phi_2 and phi_2 weigh what is injected at the two ends of a realised step; so it has a limit at
-h = 0. By the bilinear rule phi_1 is (1 - X/2)^-1, and phi_2 half of it. The matrix exponential has phi_1 = 1 + X phi_2;
-so have the polynomials that a program takes for them (`discretisation.kernels`), as halvings and doublings of X keep to
-it. There phi_2 is in balls that hold these polynomials.
+With X = h L, phi_1 - phi_2 and phi_2 weigh the injections at the two ends of a realised step, which so has a limit at h
+= 0. The bilinear rule has phi_1 = (1 - X/2)^-1 and phi_2 = phi_1/2. The matrix exponential has phi_1 = 1 + X phi_2, and
+so have the polynomials of a program (`discretisation.kernels`), as halving and doubling X keep this identity. There
+phi_2 consists of balls that hold these polynomials.
 
-How fast a step contracts, and at which step lengths and gains it still does.
-
-A solver finds the weights, rationals prove them; what is searched is only proved where it ends. A proof is of one step
-length and one theta, or of every step length up to one, each with the same slopes: for fixed weights the form of an
-explicit method is a polynomial in h, of degree d = 2 s - 1 for s stages. On a piece [a, b] it is a mean of its d + 1
-Bernstein coefficients, so that it is negative there where these are; they are what takes its values at d + 1 points,
-and are exact (Farouki, "The Bernstein polynomial basis: a centennial retrospective", Computer Aided Geometric Design 29
-(2012), 3.1). Pieces that have no weights are halved.
+A solver finds the weights, rationals prove them. Of a search over step lengths or thetas only the end is proved. A
+proof is of one step length and one theta, or of every step length up to one with the same slopes: for fixed weights the
+form of an explicit method is a polynomial in h, of degree d = 2 s - 1 for s stages. On a piece [a, b] it is a mean of
+its d + 1 Bernstein coefficients, so that it is negative there where these are. They follow exactly from its values at d
++ 1 points (Farouki, "The Bernstein polynomial basis: a centennial retrospective", Computer Aided Geometric Design 29
+(2012), 3.1). Pieces without weights are halved.
 """
 
 import math
@@ -61,14 +60,14 @@ from hgogen.prove.semidefinite import sought
 from hgogen.rigor.definite import fraction, number, positive
 
 _DENOMINATOR = 10_000  # the largest denominator of a tableau's coefficients
-WORK = 2**13  # corners times fields^3, up to which corners are taken one by one
-_ALL = 8  # slopes of which all corners are tried
+WORK = 2**13  # corners times fields^3, up to which corners are checked one by one
+_ALL = 8  # the most slopes of which all corners are tried
 Pairs = tuple[tuple[Array, Array], ...]
-NOW = Fraction(0)  # the length of a step of continuous time
+NOW = Fraction(0)  # the step length of continuous time
 WITHIN = Fraction(1, 2**56)  # of an element of phi_2: what a program's may be beside it
-_SURE = 0.9  # of a spectral radius in floats
+_SURE = 0.9  # safety factor of a spectral radius in floats
 
-Realisation = Callable[[Array, Fraction], tuple[Array, Array]]  # of a core (N, N) at a length >= 0: phi_1 and phi_2
+Realisation = Callable[[Array, Fraction], tuple[Array, Array]]  # phi_1 and phi_2 of a core (N, N) at a length >= 0
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,11 +78,11 @@ class Inputs:
     Q: Array
 
     def __mul__(self, size: Fraction) -> "Inputs":
-        """Return the terms of inputs in units of a size."""
+        """Return the terms of inputs that are measured in units of `size`."""
         return Inputs(self.D * number(size), self.Q * number(size))
 
     def __add__(self, other: "Inputs") -> "Inputs":
-        """Return one input that is both."""
+        """Return the terms of one input that acts in both places."""
         return Inputs(self.D + other.D, self.Q + other.Q)
 
     @classmethod
@@ -95,9 +94,10 @@ class Inputs:
 
 @dataclass(frozen=True, eq=False)
 class Inequality:
-    """A step of length `h`, 0 of the flow, on `slopes` m: `D` (N, N + s m), what it adds to e over h, and `Q` (s m, N +
-    s m). `stages`: what an error of each output (p) at each stage (s) adds, (s, p) of them, none of the flow; `nodes`
-    (s): where the stages stand, from 0 to 1. `degree`: of its form as a polynomial in h, 0 where it is none."""
+    """A step of length `h`, 0 for the flow, with m = `slopes`: `D` (N, N + s m), the change of e over h, and `Q` (s m,
+    N + s m), the readings of the slopes. `stages` (s, p): the terms of an error of each output at each stage, empty for
+    the flow; `nodes` (s): the times of the stages, from 0 to 1. `degree`: that of the form as a polynomial in h, 0 if
+    it is none."""
 
     h: Fraction
     slopes: int
@@ -109,16 +109,17 @@ class Inequality:
 
     @property
     def rows(self) -> int:
-        """The size of its form."""
+        """The size of the quadratic form."""
         return int(self.D.shape[1])
 
     @property
     def arithmetic(self) -> str:
-        """The arithmetic in which its forms are shown to be negative."""
+        """The arithmetic that proves the forms negative."""
         return "outward rounded" if any(isinstance(value, arb) for value in self.D.flat) else "rational"
 
     def falls(self, alpha: Any) -> Quadratic:
-        """The form that is negative where |e+|_P^2 <= (1 - alpha h) |e|_P^2, in the arithmetic of D."""
+        """Return the form that proves |e+|_P^2 <= (1 - alpha h) |e|_P^2 where it is negative, in the arithmetic of
+        D."""
         size = self.rows
         n = size - len(self.Q)
         one, half = _one(self.D, size), (float if self.D.dtype == float else number)(alpha) / 2
@@ -130,45 +131,46 @@ class Inequality:
         return Quadratic(pairs, self.Q, one[n:])
 
     def driven(self, alpha: Any, inputs: Inputs) -> Quadratic:
-        """The form that is negative where |e+|_P^2 <= (1 - alpha h) |e|_P^2 + h sum_k lambda_k v_k^2, v the inputs (q);
-        the lambda_k are the last q multipliers."""
+        """Return the form that proves |e+|_P^2 <= (1 - alpha h) |e|_P^2 + h sum_k lambda_k v_k^2 where it is negative,
+        v the inputs (q); the lambda_k are the last q multipliers."""
         onto: Pairs = ((0 * inputs.D[: self.rows - len(self.Q)], inputs.D),)
         if self.h:
             onto += ((inputs.D * (number(self.h) / 2), inputs.D),)
         return self.falls(alpha).driven(onto, inputs.Q)
 
     def ends(self, output: int) -> tuple[Inputs, Inputs]:
-        """An error of the sample of an output at the beginning, and at the end, with those on the line between."""
+        """Return the terms of an error of an output's sample at the beginning of the step, and at its end. Stages
+        between read the interpolated sample."""
         parts = [(one[output] * (1 - c), one[output] * c) for one, c in zip(self.stages, self.nodes, strict=True)]
         first, last = zip(*parts, strict=True)
         return reduce(Inputs.__add__, first), reduce(Inputs.__add__, last)
 
     def additive_input(self, onto: Array) -> Inputs:
-        """Return the input that adds to e beside the step, `onto` (N) times h."""
+        """Return the input that adds h times `onto` (N) to e+."""
         return Inputs(onto[:, None], 0 * self.Q[:, :1])
 
     def frozen(self, d: np.ndarray) -> np.ndarray:
-        """e+ = T e, T (k, N, N) in floats, of slopes d (k, m) that are the same at all stages."""
+        """Return T (k, N, N) of e+ = T e in floats, for slopes d (k, m) that are the same at all stages."""
         n, size = self.D.shape
         v = np.zeros((len(d), size, n))
         v[:, :n] = np.eye(n)
-        for i, row in enumerate(floats(self.Q)):  # reads nothing of its own stage, nor of later ones
+        for i, row in enumerate(floats(self.Q)):  # a stage reads earlier ones only
             v[:, n + i] = d[:, i % self.slopes, None] * (row @ v)
         return np.asarray(np.eye(n) + float(self.h) * (floats(self.D) @ v))
 
 
-ErrorStep = Callable[[Fraction, Uncertain], Inequality]  # a method: a step of that length on what the error obeys
+ErrorStep = Callable[[Fraction, Uncertain], Inequality]  # a method's step of that length on an uncertain system
 
 
 def corners(m: int) -> np.ndarray:
-    """The corners (k, m) of the cube of m slopes; of many slopes some, always the same."""
+    """Return the corners (k, m) of the cube of m slopes; of many slopes a fixed sample of them."""
     if m <= _ALL:
         return np.array(list(product((-1.0, 1.0), repeat=m))).reshape(2**m, m)
     return np.random.default_rng(0).choice((-1.0, 1.0), size=(2**_ALL, m))
 
 
 def flow(e: Uncertain) -> Inequality:
-    """The flow, in the arithmetic of e.
+    """Return the inequality of continuous time, in the arithmetic of e.
 
     [M'P + P M + alpha P + H'S H, P G; G'P, -S]
     """
@@ -177,17 +179,18 @@ def flow(e: Uncertain) -> Inequality:
 
 
 def _one(like: Array, size: int) -> Array:
-    """The unit matrix in the arithmetic of another."""
+    """Return the unit matrix in the arithmetic of another matrix."""
     return np.eye(size) if like.dtype == float else identity(size)
 
 
 def one_by_one(n: int, m: int) -> bool:
-    """Whether the corners of m slopes of n fields are taken one by one."""
+    """Return whether the corners of m slopes of n fields are few enough to be treated one by one."""
     return bool(2**m * n**3 <= WORK)
 
 
 def ends(e: Uncertain, hull: Sequence[Sequence[Fraction]] = ()) -> tuple[Uncertain, ...]:
-    """e with its slopes held at each corner of their ranges, or of a hull; e itself where these are too many."""
+    """Return e with constant slopes at each corner of their ranges, or of a hull; e itself where the corners are too
+    many."""
     m, n = e.H.shape
     if not (hull or one_by_one(n, m)):
         return (e,)
@@ -196,24 +199,24 @@ def ends(e: Uncertain, hull: Sequence[Sequence[Fraction]] = ()) -> tuple[Uncerta
 
 
 def falling(e: Uncertain, alpha: Any, hull: Sequence[Sequence[Fraction]] = ()) -> tuple[Quadratic, ...]:
-    """The forms that are all negative where V' <= -alpha V, in the arithmetic of e; of slopes that keep to a `hull`,
-    where they do."""
+    """Return the forms that prove V' <= -alpha V where all are negative, in the arithmetic of e; for slopes in a
+    `hull`."""
     return tuple(flow(each).falls(alpha) for each in ends(e, hull))
 
 
 def driven(e: Uncertain, alpha: Any, hull: Sequence[Sequence[Fraction]] = ()) -> tuple[Quadratic, ...]:
-    """Return the forms that are negative where V' <= -alpha V + sum_k lambda_k v_k^2, v all inputs (q) of e; the
-    lambda_k are the last q multipliers."""
+    """Return the forms that prove V' <= -alpha V + sum_k lambda_k v_k^2 where all are negative, v the inputs (q) of e;
+    the lambda_k are the last q multipliers."""
     return tuple(pushed(each, alpha) for each in ends(e, hull))
 
 
 def pushed(e: Uncertain, alpha: Any) -> Quadratic:
-    """Return the form of `driven` of slopes each with a multiplier."""
+    """Return the form of `driven` with a multiplier for each slope."""
     return flow(e).driven(alpha, Inputs(e.B, e.E))
 
 
 def stagewise(tableau: Tableau, h: Fraction, e: Uncertain) -> Inequality:
-    """The step of length h >= 0, what is injected at a stage by itself."""
+    """Return the step of length h >= 0 of an explicit method, which injects at each stage anew."""
     (n, m), s, p, length = e.G.shape, len(tableau.b), e.B.shape[1], number(h)
     size = n + s * m
     unit = identity(size + s * p)[:n]
@@ -222,7 +225,7 @@ def stagewise(tableau: Tableau, h: Fraction, e: Uncertain) -> Inequality:
         X = unit + length * sum((_exactly(a) * w for a, w in zip(row, rates, strict=True) if a), nothing)
         slopes, samples = slice(n + i * m, n + (i + 1) * m), slice(size + i * p, size + (i + 1) * p)
         read, rate = times(e.H, X), times(e.M, X)
-        read[:, samples], rate[:, slopes], rate[:, samples] = e.E, e.G, e.B  # which nothing before has read
+        read[:, samples], rate[:, slopes], rate[:, samples] = e.E, e.G, e.B  # earlier stages have zeros there
         reads.append(read)
         rates.append(rate)
     D = sum((_exactly(b) * w for b, w in zip(tableau.b, rates, strict=True)), nothing)
@@ -233,7 +236,8 @@ def stagewise(tableau: Tableau, h: Fraction, e: Uncertain) -> Inequality:
 def _with_samples(
     h: Fraction, e: Uncertain, D: Array, Q: Array, nodes: tuple[Fraction, ...], degree: int = 0
 ) -> Inequality:
-    """The step of D and Q (.., N + s m + s p), in whose last columns errors of the samples stand, stage by stage."""
+    """Return the step of D and Q (.., N + s m + s p), whose last columns are those of the sample errors, stage by
+    stage."""
     (n, m), p = e.G.shape, e.B.shape[1]
     size = n + len(nodes) * m
     each = [Inputs(D[:, [k]], Q[:, [k]]) for k in range(size, size + len(nodes) * p)]
@@ -243,7 +247,7 @@ def _with_samples(
 
 @cache
 def _exactly(coefficient: float) -> Any:
-    """A coefficient as the tableau means it, such as 1/6."""
+    """Return a coefficient as the tableau means it, such as 1/6."""
     return number(Fraction(coefficient).limit_denominator(_DENOMINATOR))
 
 
@@ -255,8 +259,8 @@ def by_bilinear_rule(L: Array, h: Fraction) -> tuple[Array, Array]:
 
 
 def by_matrix_exponential(L: Array, h: Fraction) -> tuple[Array, Array]:
-    """Return phi_1 and phi_2 of balls that hold what a program takes; without an end where that may be further than
-    `WITHIN` from the exponential's."""
+    """Return phi_1 and phi_2 as balls that hold the program's; infinite ones where these may differ from the
+    exponential's by more than `WITHIN`."""
     X, known = L * number(h), number(WITHIN)
     halvings = _halvings(X)
     with ctx.workprec(BALLS):
@@ -276,14 +280,14 @@ def _phi_2(X: Array) -> Array:
 
 
 def _halvings(X: Array) -> int:
-    """The fewest that bring the sums of |x_ij| by rows to 1/2, in coordinates that a diagonal matrix scales: in none is
-    the largest sum below the spectral radius of |X|."""
+    """Return how many halvings bring the row sums of |x_ij| to 1/2, in the best coordinates that a diagonal matrix
+    scales: there the largest sum is the spectral radius of |X|."""
     radius = float(np.abs(np.linalg.eigvals(np.abs(floats(X)))).max(initial=0)) * _SURE
     return max(0, int(np.ceil(np.log2(2 * radius)))) if radius else 0
 
 
 def _program_phi_2(X: Array, halvings: int) -> Array:
-    """The program's polynomial for phi_2. Each halving more leaves 2^-14 of the rest of the series."""
+    """Return the program's polynomial for phi_2. Each further halving multiplies the truncation error by 2^-14."""
     one = _balls(identity(len(X)))
     X = _balls(X) / 2**halvings
     phi_2 = one
@@ -304,7 +308,8 @@ def _balls(M: Array) -> Array:
 
 
 def realised(realisation: Realisation, h: Fraction, e: Uncertain) -> Inequality:
-    """The step of length h >= 0, the samples at its ends injected by the realised core."""
+    """Return the step of length h >= 0 of a method that realises the core, by which it injects the samples at both
+    ends."""
     (n, m), p, (phi_1, phi_2) = e.G.shape, e.B.shape[1], realisation(e.core, h)
     size = n + 2 * m
     unit, remainder, direct = identity(size + 2 * p), e.M - e.core, e.B - e.injected
@@ -318,23 +323,24 @@ def realised(realisation: Realisation, h: Fraction, e: Uncertain) -> Inequality:
     return _with_samples(h, e, D, Q, (NOW, Fraction(1)))
 
 
-ROWS = 48  # fields and slopes of all stages: beyond, a solver takes longer than a check may
-CLOSE = 1.02  # a search ends where its ends are that close
-_HALVINGS = 6  # of the rate
-_FIRST = Fraction(3, 4)  # of the rate at slopes that are held, which no norm exceeds, where one is looked for first
-_LATER = Fraction(1, 3)  # of what was tried, where next
+ROWS = 48  # fields and slopes of all stages: above, a solver is too slow for a check
+CLOSE = 1.02  # ratio of the ends at which a search stops
+_HALVINGS = 6  # bisections of the rate
+_FIRST = Fraction(3, 4)  # first rate of a search, over that at constant slopes, an upper bound
+_LATER = Fraction(1, 3)  # next rate, over the last one
 _PASSES = 2
 _SHARES = (Fraction(1), Fraction(199, 200), Fraction(19, 20), Fraction(0))  # of a rate found in floats, for proofs
 _WHAT = "a proof of the step"
 _NOTHING = Fraction(0)
-_LENGTHS = 16  # of which steps are remembered
-_PIECES = 12  # that are tried before it is given up
+_LENGTHS = 16  # number of cached steps
+_PIECES = 12  # the most pieces that are tried
 _GRID = 60  # bits after the point of the weights
 
 
 @dataclass(frozen=True)
 class Steps:
-    """The steps of a method on the error of an observer, at one theta and any length, of which proofs are sought."""
+    """The steps of a method on the error of an observer, at one theta and any length, and the search for their
+    proofs."""
 
     error: Inclusion
     way: ErrorStep
@@ -342,7 +348,8 @@ class Steps:
 
     @cached_property
     def at(self) -> Callable[[Fraction], Inequality]:
-        """The step of a length h, made once for the last lengths, as each is asked for at several rates."""
+        """The function that returns the step of a length h; it caches the last ones, as each is used at several
+        rates."""
         return lru_cache(maxsize=_LENGTHS)(lambda h: self.way(h, self._uncertain))
 
     @cached_property
@@ -350,12 +357,12 @@ class Steps:
         return self.error.at(self.theta)
 
     def may_contract(self, h: Fraction) -> bool:
-        """Whether floats find a proof, so that one in rationals is worth a try. Raises: `NoSolver`."""
+        """Return whether floats find a proof, before one in rationals is tried. Raises: `NoSolver`."""
         step = self.at(h)
         return step.rows <= ROWS and unstable(step) is None and self.weights(h, Fraction(0)) is not None
 
     def weights(self, h: Fraction, alpha: Fraction) -> tuple[Array, Array] | None:
-        """Weights in floats for |e+|_P^2 <= (1 - alpha h) |e|_P^2; None where a solver finds none.
+        """Return weights in floats for |e+|_P^2 <= (1 - alpha h) |e|_P^2; None where a solver finds none.
 
         Raises: `NoSolver`.
         """
@@ -367,8 +374,8 @@ class Steps:
 
     @cached_property
     def coordinates(self) -> Array | None:
-        """P^(-1/2) (N, N) of continuous time, near which the P of a step are; None where a solver finds none. It is
-        sought near that of the linear part, and where that is far off once more."""
+        """P^(-1/2) (N, N) of continuous time, near which a solver expects the P of a step; None where it finds none.
+        The solver starts near the P of the linear part, and then again near its own solution."""
         W = self.error.coordinates
         for _ in range(_PASSES):
             weights = sought((flow(self._uncertain).falls(NOW),), _WHAT, W)
@@ -378,7 +385,7 @@ class Steps:
         return W
 
     def proved(self, h: Fraction) -> "Contracts | None":
-        """A proof with a rate that is close to the largest that the inequality gives; None where none is found. Raises:
+        """Return a proof with a rate close to the largest that the inequality gives; None where none is found. Raises:
         `NoSolver`."""
         if not self.may_contract(h):
             return None
@@ -393,7 +400,7 @@ class Steps:
         return None
 
     def certain(self, h: Fraction, alpha: Fraction = _NOTHING) -> Weights | None:
-        """Weights in rationals that prove |e+|_P^2 <= (1 - alpha h) |e|_P^2; None where none are found. Raises:
+        """Return weights in rationals that prove |e+|_P^2 <= (1 - alpha h) |e|_P^2; None where none are found. Raises:
         `NoSolver`."""
         weights = self.weights(h, alpha)
         return weights and proved((self.at(h).falls(alpha),), *weights)
@@ -410,18 +417,19 @@ class Contracts:
 
     @property
     def step(self) -> Inequality:
-        """The step."""
+        """The step of that length."""
         return self.steps.at(self.h)
 
     @property
     def rate(self) -> float:
         """r (1/s) with |e|_P <= exp(-r t) at the samples, rounded down."""
-        lost = self.alpha * self.h  # by a logarithm of 1 - lost, a short step would lose its digits
+        lost = self.alpha * self.h  # log1p keeps the digits of a short step
         return -math.log1p(-float(lost)) / 2 / float(self.h) * (1 - 1e-9) if lost < 1 else math.inf
 
 
 def farthest(holds: Callable[[Fraction], bool], start: Fraction, end: Fraction, close: float = CLOSE) -> Fraction:
-    """A value between `start`, where it holds, and `end`, close to the last up to which it does as far as is tried."""
+    """Return a value between `start`, where `holds` is true, and `end`, close to the last up to which it is true in a
+    search."""
     if holds(end):
         return end
     while not 1 / close < start / end < close:
@@ -431,13 +439,14 @@ def farthest(holds: Callable[[Fraction], bool], start: Fraction, end: Fraction, 
 
 
 def unstable(step: Inequality) -> Array | None:
-    """Slopes d (m) in [-1, 1] at which, held, errors do not decay; None where none of those tried is so."""
+    """Return constant slopes d (m) in [-1, 1] at which errors do not decay; None if they decay at all slopes that are
+    tried."""
     radius, d = _frozen(step)
     return d if radius >= 1 else None
 
 
 def _frozen(step: Inequality) -> tuple[float, Array]:
-    """The largest factor by which errors decay at slopes that are held, of those tried, and these slopes."""
+    """Return the largest spectral radius of a step over the constant slopes that are tried, and these slopes."""
     d = corners(step.slopes)
     radius = np.abs(np.linalg.eigvals(step.frozen(d))).max(axis=1)
     worst = int(radius.argmax())
@@ -454,8 +463,8 @@ class Piece:
 
 
 def all_shorter(steps: Steps, longest: Fraction) -> tuple[Piece, ...]:
-    """Proofs of every step length above 0 up to the longest; none where not all are proved, or where the form is no
-    polynomial in the length. Raises: `NoSolver`."""
+    """Return proofs of every step length above 0 up to the longest; none where a part is not proved, or where the form
+    is no polynomial in the length. Raises: `NoSolver`."""
     if not steps.at(longest).degree:
         return ()
     pending, pieces, tried = [(Fraction(0), longest)], [], 0
@@ -473,7 +482,7 @@ def all_shorter(steps: Steps, longest: Fraction) -> tuple[Piece, ...]:
 
 
 def _piece(steps: Steps, low: Fraction, high: Fraction) -> Piece | None:
-    weights = steps.weights(high, _NOTHING)  # the longest asks for most
+    weights = steps.weights(high, _NOTHING)  # the longest step is the hardest
     if weights is None:
         return None
     P, S = (on_grid(value, _GRID) for value in weights)
@@ -488,7 +497,8 @@ def _piece(steps: Steps, low: Fraction, high: Fraction) -> Piece | None:
 
 @lru_cache(maxsize=8)
 def _bernstein(degree: int) -> Array:
-    """(d + 1, d + 1): the Bernstein coefficients of a polynomial from its values at k/d, k = 0, .., d."""
+    """Return the matrix (d + 1, d + 1) from the values of a polynomial at k/d, k = 0, .., d, to its Bernstein
+    coefficients."""
     at = [Fraction(k, degree) for k in range(degree + 1)]
     basis = rational([[comb(degree, j) * t**j * (1 - t) ** (degree - j) for j in range(degree + 1)] for t in at])
     return np.array(fmpq_mat(basis.tolist()).inv().tolist(), dtype=object)

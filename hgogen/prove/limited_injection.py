@@ -1,9 +1,14 @@
-"""Whether an error decays behind a saturation or a dead zone whose level adapts, at a theta and beyond.
+"""Observers that inject the output error through a saturation or a dead zone with an adaptive level, and their decay.
 
+    w' = A w + c(w, u) + D_l K i(e),   i(e) = sat e or e - sat e,   |sat e| <= sqrt sigma,   l = theta
+    sigma' = l (-lambda sigma + r e^2),   sigma >= 0
     eps' = l (N eps - K (eps_1 - i(eps_1))) + J eps,   sigma' = l (-lambda sigma + r eps_1^2),   N = A - K C
 
+Neither has a linear error core for noise: the level follows the noise. The step length is limited by the fastest core,
+which injects all of e, and by the decay of sigma.
+
 First the linear core, J = 0, l = theta, C = (1, 0, .., 0). Dead zone, i(e) = e - s, s = sat e at +- sqrt sigma: V =
-eps'P eps + mu sigma, and -lambda sigma <= -lambda s^2, s (eps_1 - s) >= 0 bound V' by l times the quadratic form in
+eps'P eps + mu sigma. With -lambda sigma <= -lambda s^2, s (eps_1 - s) >= 0, V' is at most l times the quadratic form in
 (eps, s)
 
     eps'(N'P + P N) eps + 2 eps'P K s + mu (r eps_1^2 - lambda s^2) + 2 tau s (eps_1 - s)
@@ -18,20 +23,12 @@ A form that is negative for some mu > 0, tau >= 0 proves exponential decay from 
 N'P + P N = -I in the coordinates g^(i-1) eps_i, g, mu and tau are powers of two: sufficient, not necessary. The idea of
 the forms: Alessandri, Zaccarian, "Stubborn state observers for linear time-invariant systems", Automatica 88 (2018).
 
-With a model V is that of the linear core, with N + J/l in the place of N: its form is affine in each slope of b, as J
-is, so that it is negative for all slopes in their ranges where it is at the corners. So is what is left where q = 0,
-(N + J/l)'P + P (N + J/l). Of more slopes than are worth corners, each is bounded by a multiplier: with h its reading
-and v what it enters, d (v h' + h v') <= S h h' + v v'/S for |d| <= 1. V' <= -alpha V asks for alpha/l times V beside
-the form; of the dead zone, whose V holds sigma, alpha is l lambda at most. A V that serves a theta serves every larger
-one, as J/l shrinks, and 0 is in the ranges (`convergence`).
-
-High-gain observers that inject the output error through a saturation, or a dead zone, whose level adapts.
-
-    w' = A w + c(w, u) + D_l K i(e),   i(e) = sat e or e - sat e,   |sat e| <= sqrt sigma,   l = theta
-    sigma' = l (-lambda sigma + r e^2),   sigma >= 0
-
-Neither has a linear error core that noise goes through: the level follows the noise. What limits the step length is the
-core with all of e injected, the fastest there is, beside the decay of sigma.
+With a model V is that of the linear core, with N + J/l in the place of N. Its form is affine in each slope of b, as J
+is, so it is negative for all slopes in their ranges if it is at the corners. The same holds for the form where q = 0,
+(N + J/l)'P + P (N + J/l). For too many corners each slope has a multiplier: with h its reading and v its input, d (v h'
++ h v') <= S h h' + v v'/S for |d| <= 1. V' <= -alpha V adds alpha/l times V to the form; for the dead zone, whose V
+holds sigma, alpha is at most l lambda. A V that is valid at a theta is valid at every larger one, as J/l shrinks, and 0
+is in the ranges (`convergence`).
 """
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -75,20 +72,20 @@ from hgogen.rigor.definite import Matrix, exact
 from hgogen.sentence import Reason, because
 from hgogen.theorem import Theorem
 
-FEW = 6  # states up to which several g are tried
+FEW = 6  # the most states with several values of g
 _PAIRS = tuple((2.0**i, 2.0**j) for i, j in product(range(-12, 13), repeat=2))  # mu and tau
 _SMALL = 1e-9  # of a form's entries: by how much it is negative where floats take it to be
-_BITS = 24  # of a multiplier
+_BITS = 24  # bits after the point of a multiplier
 
 
 @dataclass(frozen=True)
 class Shape:
     """A law for an output error e: i(e) is `injected` of (e, sat e), `text` in equations.
 
-    `below`: whether r must be below lambda; `drift`: of (N, K, C, lambda, r), what the second term of V brings into the
-    form over mu: (n, n), (n) and the corner; `kept`: over mu, what that term is at least or at most in the form, times
-    2 eps_1 s and s^2 (q of the other); `most`: whether V falls no faster than sigma; `fix`: what may give a proof where
-    there is none.
+    `below`: whether r must be below lambda; `drift`: a function of (N, K, C, lambda, r) with the terms of the form from
+    the second term of V, over mu: (n, n), (n) and the corner; `kept`: a bound of that term of V over mu, as factors of
+    2 eps_1 s and s^2 (q of the other); `most`: whether V decreases no faster than sigma; `fix`: advice where there is
+    no proof.
     """
 
     name: str
@@ -102,12 +99,12 @@ class Shape:
 
 
 def _squared(N: Any, K: Any, C: Any, decay: Any, r: Any) -> tuple[Any, Any, Any]:
-    """(-lambda s^2 + r eps_1^2)."""
+    """Return the terms of -lambda s^2 + r eps_1^2."""
     return r * np.outer(C, C), 0 * C, -decay
 
 
 def _beyond(N: Any, K: Any, C: Any, decay: Any, r: Any) -> tuple[Any, Any, Any]:
-    """2 eps_1 C (N eps + K q) + lambda (eps_1 - q)^2 - r eps_1^2."""
+    """Return the terms of 2 eps_1 C (N eps + K q) + lambda (eps_1 - q)^2 - r eps_1^2."""
     first = np.outer(C, N[0])
     return first + first.T + (decay - r) * np.outer(C, C), (K[0] - decay) * C, decay
 
@@ -136,15 +133,15 @@ SATURATION = Shape(
 
 @dataclass(frozen=True)
 class Adaptation:
-    """sigma' = l (-decay sigma + r e^2) of an injection of that `shape`."""
+    """The law sigma' = l (-decay sigma + r e^2) of an injection of that `shape`."""
 
     shape: Shape
     decay: Fraction
     r: Fraction
 
     def form(self, N: Any, K: Any, P: Any, mu: Any, tau: Any) -> Any:
-        """The symmetric matrix (n + 1, n + 1) of the form, of N, P (n, n), K (n); of floats or of rationals. Of several
-        mu and tau (k) as many matrices (k, n + 1, n + 1)."""
+        """Return the symmetric matrix (n + 1, n + 1) of the form, for N, P (n, n), K (n); of floats or of rationals.
+        For several mu and tau (k) return as many matrices (k, n + 1, n + 1)."""
         number = Fraction if isinstance(mu, Fraction) else float
         n, (decay, r) = len(K), (number(self.decay), number(self.r))
         C = np.array([number(1), *[number(0)] * (n - 1)])
@@ -155,7 +152,7 @@ class Adaptation:
         return np.concatenate([np.concatenate([top, side[..., None]], -1), last[..., None, :]], -2)
 
     def value(self, P: Any, mu: Any) -> Any:
-        """The symmetric matrix (n + 1, n + 1) of V, as far as a rate of it is asked for; of floats or of rationals."""
+        """Return the symmetric matrix (n + 1, n + 1) that bounds V in a proof of a rate; of floats or of rationals."""
         side, corner = np.array([self.shape.kept[0] * mu, *[mu * 0] * (len(P) - 1)]), self.shape.kept[1] * mu
         return np.vstack([np.column_stack([P, side]), [*side, corner]])
 
@@ -171,21 +168,21 @@ class Decay:
     tau: Fraction
 
     def evidence(self, form: Form) -> Evidence:
-        """The matrix P and the multipliers of the quadratic form, in scaled coordinates of integrators, the units of
-        which are powers of their growth."""
+        """Return the matrix P and the multipliers of the quadratic form, in scaled coordinates of integrators, whose
+        units are powers of their growth."""
         units = [self.growth**i for i in range(len(self.P))]
         return {"units": units, "P": self.P, "mu": self.mu, "tau": self.tau}
 
 
 def decays(adaptation: Adaptation, K: np.ndarray) -> tuple[Decay, ...]:
-    """Proofs that the core of the gains K (n), A - K C Hurwitz, decays, one for each g that gives one."""
+    """Return proofs that the core of the gains K (n), A - K C Hurwitz, decays, one for each g with a proof."""
     growths = GROWTHS[: 0 if len(K) > STATES else 1 if len(K) > FEW else None]
     proofs = (_decay(adaptation, np.array([Fraction(float(k)) for k in K]), growth) for growth in growths)
     return tuple(one for one in proofs if one is not None)
 
 
 def core_check(maker: str, adaptation: Adaptation, proofs: Iterable[Decay], numbers: Mapping[str, Any]) -> Check:
-    """`MAKER.core`, that there is such a proof, of an observer that is built with the `numbers`."""
+    """Return `MAKER.core`, that there is such a proof, for an observer with the `numbers`."""
     id = ClaimId(maker, "core")
     claim = f"the linear error core decays behind its {adaptation.shape.name}, from any initial error"
     for one in proofs:
@@ -206,7 +203,7 @@ def _decay(adaptation: Adaptation, K: Any, growth: Fraction) -> Decay | None:
     N_, K_, P_ = (array.astype(float) for array in (N, gain, P))
     mus, taus = np.array(_PAIRS).T
     margins = -np.linalg.eigvalsh(adaptation.form(N_, K_, P_, mus, taus))[:, -1]
-    size = float(solution.peak) + adaptation.shape.kept[0] * mus  # of V at most, over |eps|^2
+    size = float(solution.peak) + adaptation.shape.kept[0] * mus  # the largest V over |eps|^2
     mu, tau = map(Fraction, _PAIRS[int(np.argmax(margins / size))])
     proved = definite.positive(exact(-adaptation.form(N, gain, P, mu, tau)))
     return Decay(adaptation, growth, solution.P, mu, tau) if proved else None
@@ -214,8 +211,8 @@ def _decay(adaptation: Adaptation, K: Any, growth: Fraction) -> Decay | None:
 
 @dataclass(frozen=True)
 class LimitedInjection(Flow):
-    """The `error` with all of it injected, of gains `K` (n), behind what adapts; the `decays` of its linear core, of
-    which V are those that are sought."""
+    """The search for an `error`, with all of it injected, of gains `K` (n), and a limited injection; each V is that of
+    one of the `decays` of its linear core."""
 
     how: str = "one function"
     K: tuple[Fraction, ...] = ()
@@ -224,21 +221,21 @@ class LimitedInjection(Flow):
 
     @property
     def missing(self) -> Reason:
-        """Why there is no proof at any theta."""
+        """The reason why there is no proof at any theta."""
         return because("the linear core is not shown to decay")
 
     def obstacle(self, states: Sequence[Any]) -> Reason:
-        """Why there is none at theta."""
+        """Return why there is no proof at theta."""
         return self.unstable(states) or because("no function is found for all slopes in their ranges")
 
     def at(self, theta: Fraction, alpha: Fraction = Fraction(0)) -> Falls | None:
-        """A proof of that rate at a theta; None where none of these V shows it."""
+        """Return a proof of that rate at a theta; None where none of these V gives one."""
         holding = (one for one in self.decays if self._holds(one, theta, alpha))
         return next(filter(None, (self._proof(one, theta, alpha) for one in holding)), None)
 
     @cached_property
     def _known(self) -> Decay | None:
-        """The V that falls at theta, one that has a rate where there is one."""
+        """The V that decreases at theta, one with a rate if possible."""
         return self._weights(self.theta, self._most * SLOW) or self._weights(self.theta)
 
     @property
@@ -275,14 +272,15 @@ class LimitedInjection(Flow):
         return Falls(theta, alpha, Weights(self._P(one), S), {"mu": one.mu, "tau": one.tau})
 
     def _P(self, one: Decay) -> tuple[tuple[Fraction, ...], ...]:
-        """P of a V in the errors of the inclusion."""
+        """Return the P of a V in the errors of the inclusion."""
         t = [one.growth**i / unit for i, unit in enumerate(self.error.units)]
         return tuple(tuple(t[i] * x * t[j] for j, x in enumerate(row)) for i, row in enumerate(one.P))
 
     def _values(
         self, one: Decay, parts: tuple[Array, Array, Array], P: Array, mu: Any, tau: Any, a: Any
     ) -> list[Array]:
-        """The forms that are negative where V' <= -alpha V, a = alpha/theta, of M/theta, G/theta and H."""
+        """Return the forms that prove V' <= -alpha V where they are negative, a = alpha/theta, from M/theta, G/theta
+        and H."""
         (N, G, H), way, n = parts, one.adaptation, len(P)
         K = np.array([type(mu)(unit * k) for unit, k in zip(self.error.units, self.K, strict=True)])
         base = way.form(N, K, P, mu, tau)
@@ -303,7 +301,7 @@ def _combined(form: Array, by: Sequence[Array], d: Sequence[int]) -> Array:
 
 
 def _bounded(form: Array, by: Sequence[Array], reads: Sequence[Array], S: Sequence[Any]) -> Array:
-    """The form with what each move v h' + h v' comes to at most, either way."""
+    """Return the form plus the largest value of each term v h' + h v', of either sign."""
     for move, h, s in zip(by, reads, S, strict=True):
         v = move @ h - h * (h @ move @ h) / 2
         form = form + s * np.outer(h, h) + np.outer(v, v) / s
@@ -311,14 +309,14 @@ def _bounded(form: Array, by: Sequence[Array], reads: Sequence[Array], S: Sequen
 
 
 def _multiplier(v: Array) -> Fraction:
-    """A short rational near |v|, above 0."""
+    """Return a short rational near |v|, above 0."""
     return Fraction(max(1, round(float(np.linalg.norm(v.astype(float))) * 2**_BITS)), 2**_BITS)
 
 
 def limited_injection(
     chain: Integrators, theta: float, K: np.ndarray, decays: tuple[Decay, ...], numbers: Any
 ) -> LimitedInjection | Nothing:
-    """Return what is sought of an observer of gains K on a chain, that is built with the `numbers`."""
+    """Return the search for an observer of gains K on a chain with the `numbers`, or why there is none."""
     reason = obstacle(chain.form)
     if reason:
         return Nothing(reason)
@@ -356,7 +354,7 @@ def limited(
     accept: Iterable[str],
     theorem: Theorem,
 ) -> Observer:
-    """The observer of that name and shape; its checks `NAME.core`, `.convergence` and `.theta` are by `behind`.
+    """Return the observer of that name and shape, with the checks `NAME.core`, `.convergence` and `.theta`.
 
     Raises: `Refuted`; `BadPoles`; `NotHurwitz`; `BadGain`.
     """
@@ -370,7 +368,7 @@ def limited(
     if shape.below:
         if not fast < slow:
             raise BadGain(f"r = {r!r}", f"must be below decay = {slow:g}, or nothing would ever be injected")
-        least = (slow + fast) / 2  # so that r stays below it however they are tuned
+        least = (slow + fast) / 2  # so that r is below it at every tuning
     adaptation = Adaptation(shape, Fraction(slow), Fraction(fast))
     return observer_on(
         chain,

@@ -1,24 +1,23 @@
-"""The deviation of the plant from a step: of explicit methods, by Lipschitz constants, and of realised cores.
+"""The local error of a method: bounds on the declared ranges of how far its step ends from the plant.
 
-What a plant does beside a step of an explicit Runge-Kutta method, of a flow that is Lipschitz and no more.
-
-With |dF_i/dx_j|, |dF_i/du_k| <= L, |x'| <= V, |u'| <= r: W = L (V, r) bounds the rates of F on the plant's way, where
-F may have kinks. The kernel of Peano of a sum of values on [0, c], their weights w_l at c_l, is its integral from 0,
+1. Explicit Runge-Kutta methods, on a Lipschitz flow. With |dF_i/dx_j|, |dF_i/du_k| <= L, |x'| <= V, |u'| <= r, W = L
+(V, r) bounds the rates of F along the plant's path, where F may have kinks. The Peano kernel of a sum of values on [0,
+c], with weights w_l at c_l, is its integral from 0,
 
     K(s) = min(s, c) - sum of w_l over c_l <= s,   |integral from 0 to c h of F - h sum_l w_l F(c_l h)| <= h^2 W int|K|
 
-so that with d_i, how far a stage is from the plant at its time, and d that of the result,
+so that d_i, the distance of a stage from the plant at its time, and that of the result have the bounds
 
     d_i <= h^2 W int|K_i| + h sum_j |a_ij| L d_j,   |x(t + h) - Phi_h(x)| <= h^2 W int|K| + h sum_i |b_i| L d_i
 
-A row of F that is linear has a second derivative there of at most L W, and of weights that are exact for lines the
-first term is at most h^3 L W (1/24 + sum_i |b_i| (c_i - 1/2)^2/2).
+A linear row of F has a second derivative of at most L W. For weights that are exact for lines its first term is at most
+h^3 L W (1/24 + sum_i |b_i| (c_i - 1/2)^2/2).
 
-What a plant does beside a step of an explicit Runge-Kutta method, on its ranges.
+2. Explicit Runge-Kutta methods, on a flow with Taylor series.
 
     x(t + h) = Phi_h(x) + delta,   Phi_h: a step of the method on x' = F(x, u) = A x + b, without injection
 
-Where the plant keeps clear of the ends of its ranges by h sup|F_i|, the stages X_i, and the flow from x, do not leave
+While the plant keeps clear of the ends of its ranges by h sup|F_i|, the stages X_i and the flow from x do not leave
 them, and no clamp acts. Then
 
     line          l_i = (1 - c_i) y_k + c_i C Phi_h(x) - C X_i;
@@ -26,37 +25,35 @@ them, and no clamp acts. Then
                   and h^3 sup|l_(i,3)|, its Taylor coefficient, where that of h^2 is 0: sum_j (c_i b_j - a_ij) c_j = 0
     remainder     |x(t + h) - Phi_h(x)| <= h^(q+1) (sup|x_(q+1)| + sup|Phi_(q+1)|) for each q from 1 to p, of a method
                   of order p: Taylor coefficients in time of the flow at any point, of the step at any length up to h,
-                  in Arb's balls on cells of the ranges; where that is more, or there is none, as of a flow that is
-                  Lipschitz (`lipschitz_remainder`). Of a row it is the least
+                  in Arb's balls on cells of the ranges; or the bound of part 1 (`lipschitz_remainder`), also where
+                  there is no series. Each row takes the least
 
-What a plant does beside a step that realises the linear core of an observer, on its ranges.
-
-The plant in the coordinates of the errors, X_k = s_k z_i of a field k that estimates z_i and 0 of a filter, obeys the
-observer's own equations, as its output injects nothing. With the core L of `realised`, y the plant's own output and
-beta_k = s_k b_i,
+3. Methods that realise the linear core of an observer. The plant in the coordinates of the errors, X_k = s_k z_i for a
+field k that estimates z_i and 0 for a filter, obeys the observer's own equations, as it injects no output error. With
+the core L of `realised`, y the plant's own output and beta_k = s_k b_i,
 
     X' = L X + w,   w = B y + beta
     a = X_0 + h phi_1 X'_0 + h phi_2 B (y_1 - y_0),   X+ = a + h phi_2 (beta(a) - beta_0)
 
-the last a step of the program from X_0, of samples y_0 and y_1 that are the plant's at both ends: the line between two
-samples needs no share of its own. alpha is what a realisation leaves of a rest that is known at both ends,
+the last a step of the program from X_0, with samples y_0 and y_1 of the plant at both ends: here the line between two
+samples needs no term of its own. alpha is the error of a realisation whose nonlinear part is known at both ends,
 
     alpha = X_0 + h phi_1 X'_0 + h phi_2 (w_1 - w_0) - X(t + h),   so that
     a - X(t + h) = alpha - h phi_2 (beta_1 - beta_0),   X+ - X(t + h) = alpha + h phi_2 (beta(a) - beta_1)
 
-With v - line what a signal v is beside the line between its ends, |v - line| <= s (h - s)/2 sup|v''|, phi* the
-exponential's phi, phi_1 = 1 + h L phi_2 as of each realisation, and h L X'_0 + w_1 - w_0 the integral of
-(1 - (h - s) L) X''(s),
+Let v - line be the difference of a signal v from the line between its ends, |v - line| <= s (h - s)/2 sup|v''|, and
+phi* the exponential's phi. With phi_1 = 1 + h L phi_2, which each realisation has, and h L X'_0 + w_1 - w_0 the
+integral of (1 - (h - s) L) X''(s),
 
     by the matrix exponential   alpha = h (phi_2 - phi_2*) integral of (1 - (h - s) L) X''(s)
                                         - integral of exp((h - s) L) (w - line)(s)
     by the bilinear rule        alpha = -(1 - h L/2)^-1 integral of (X' - line)(s)
 
-entry by entry. Where F has kinks, and derivatives no bound, F and b have steepness in states and inputs that move so
-fast, which bounds z'' and b'; and |v - line| <= 2 s (h - s)/h sup|v'|, as if v'' were 4/h times that. |beta_1 - beta_0|
-<= h sup|beta'|, and beta(a) is beside beta_1 by what its slopes, those of the error, make of a - X(t + h): that a is
-clamped brings it nearer to a plant that keeps to its ranges. The integral with the exponential is a sum over pieces, in
-each of which Arb's balls hold it.
+entry by entry. Where F has kinks, or derivatives without a bound, z'' and b' are bounded by the Lipschitz constants of
+F and b times the rates of states and inputs; and |v - line| <= 2 s (h - s)/h sup|v'|, as if v'' were 4/h times that.
+|beta_1 - beta_0| <= h sup|beta'|. |beta(a) - beta_1| is at most the slopes of the error times |a - X(t + h)|: clamping
+a brings it nearer to a plant within its ranges. The integral with the exponential is a sum over pieces, in each of
+which Arb's balls hold it.
 """
 
 import math
@@ -112,8 +109,9 @@ def lipschitz_remainder(
     moving: Column,
     linear: Sequence[bool],
 ) -> tuple[Fraction, ...] | None:
-    """|x(t + h) - Phi_h(x)|/h (n) of a method a, b, c, of `steepness` L (n, n + m), of states and inputs that are
-    `moving` so fast (n + m), of rows that are `linear` (n) or not; None of a method that is not exact for constants."""
+    """Return |x(t + h) - Phi_h(x)|/h (n) for a method a, b, c: `steepness` L (n, n + m) in states and inputs, `moving`
+    (n + m) their rates, `linear` (n) whether a row is linear. Return None for a method that is not exact for
+    constants."""
     if sum(b) != 1 or any(sum(row) != at for row, at in zip(a, c, strict=True)):
         return None
     L = np.array(steepness, dtype=object)
@@ -129,7 +127,7 @@ def lipschitz_remainder(
 
 
 def _kernel(end: Fraction, weights: Column, places: Column) -> Fraction:
-    """The integral of |K| of values at these places, from 0 to 1."""
+    """Return the integral of |K| from 0 to 1, for values with these `weights` at these `places`."""
     cuts, total = sorted({_ZERO, end, _ONE, *places}), _ZERO
     for low, high in pairwise(cuts):
         passed = sum((w for w, at in zip(weights, places, strict=True) if at <= low), _ZERO)
@@ -143,20 +141,20 @@ def _kernel(end: Fraction, weights: Column, places: Column) -> Fraction:
 _SECOND, _THIRD = 2, 3  # order of the Taylor coefficient of a line
 _DENOMINATOR = 10_000  # the largest denominator of a tableau's coefficients
 _NONE = Fraction(0)
-_LITTLE = Fraction(1, 1000)  # of how fast the plant moves: what is left is not looked into further
+_LITTLE = Fraction(1, 1000)  # remainder over the plant's speed, below which cells are not cut
 _NO_REMAINDER = "the method's remainder has no bound on the ranges: {flow}"
 
 
 @dataclass(frozen=True)
 class StageDeviation:
-    """The plant's step beside that of a tableau."""
+    """The deviation of the plant from a step of an explicit method, given by its `tableau`."""
 
     plant: PlantStep
     tableau: Tableau
 
     @property
     def error_input(self) -> ErrorInput:
-        """The inputs of the error of this step, and from what their sizes follow. Raises: `Unbounded`."""
+        """The inputs of the error of this step, and the facts from which their sizes follow. Raises: `Unbounded`."""
         outputs, still = range(len(self.plant.form.output)), (Fraction(0),) * len(self.tableau.b)
         stages = tuple(self.line(output) if output in self._used else still for output in outputs)
         sizes, cells, rows = Sizes(stages=stages, deviation=self.remainder()), self._cells, self._rows
@@ -175,11 +173,11 @@ class StageDeviation:
         return ErrorInput(sizes, follows)
 
     def line(self, output: int) -> tuple[Fraction, ...]:
-        """Return by how much the line between two samples of an output differs from what the plant shows at each stage
-        (s). Raises: `Unbounded`."""
+        """Return, by stage (s), the largest difference between the line through two samples of an output and the output
+        at the stage. Raises: `Unbounded`."""
         (a, _, _), moving = self._coefficients, (*self.plant.stated_speeds, *self.plant.input_rates)
         second_rate = sum((x * most for x, most in zip(self._output_steepness[output], moving, strict=True)), _NONE)
-        away = [sum(map(abs, row), _NONE) for row in a]  # of a stage from the start, over h sup|F|
+        away = [sum(map(abs, row), _NONE) for row in a]  # distance of a stage from the start, over h sup|F|
         shares = [sum((abs(w) * far for w, far in zip(row, away, strict=True)), _NONE) for row in self._line_weights]
         sizes = [self.plant.h**2 * share * second_rate for share in shares]
         for i, third in zip(self._cubic, self._lines[output], strict=False):
@@ -187,7 +185,7 @@ class StageDeviation:
         return tuple(sizes)
 
     def remainder(self) -> tuple[Fraction, ...]:
-        """|x(t + h) - Phi_h(x)|/h (n) without disturbances. Raises: `Unbounded`."""
+        """Return |x(t + h) - Phi_h(x)|/h (n) without disturbances. Raises: `Unbounded`."""
         return tuple(row.size for row in self._rows)
 
     @cached_property
@@ -211,7 +209,7 @@ class StageDeviation:
 
     @cached_property
     def _output_steepness(self) -> Rows:
-        """The steepness of y' of each output in the states and inputs (p, n + m)."""
+        """The Lipschitz constants of y' of each output in the states and inputs (p, n + m)."""
         plant, outputs = self.plant, range(len(self.plant.form.output))
         return plant.steep(plant.rate(output) if output in self._used else sp.S(0) for output in outputs)
 
@@ -222,13 +220,13 @@ class StageDeviation:
 
     @cached_property
     def _line_weights(self) -> Rows:
-        """c_i b_j - a_ij (s, s)."""
+        """The weights c_i b_j - a_ij (s, s)."""
         a, b, c = self._coefficients
         return tuple(tuple(at * w - x for w, x in zip(b, row, strict=True)) for at, row in zip(c, a, strict=True))
 
     @cached_property
     def _cubic(self) -> list[int]:
-        """The stages at which a line begins with its third Taylor coefficient, as the second is 0."""
+        """The stages at which the second Taylor coefficient of a line is 0."""
         a, _, c = self._coefficients
         if [sum(row) for row in a] != c:
             return []
@@ -237,8 +235,8 @@ class StageDeviation:
 
     @cached_property
     def _lines(self) -> Rows:
-        """The third Taylor coefficients of the lines of each output at these stages (p, ..); without those where the
-        plant has no series."""
+        """The third Taylor coefficients of the lines of each output at the `_cubic` stages (p, ..); empty rows where
+        the plant has no series."""
         known, rows = self._known, list[tuple[Fraction, ...]]()
         for output, y in enumerate(self.plant.form.output):
             expression = y if output in self._used else sp.S(0)
@@ -248,12 +246,12 @@ class StageDeviation:
 
     @cached_property
     def _known(self) -> "Coefficients | None":
-        """The largest of all cells, None where one has no series."""
+        """The largest coefficients over all cells, None where a cell has no series."""
         return Coefficients.largest(self._cells.cells) if self._cells else None
 
     @cached_property
     def _cells(self) -> "Subdivision[Coefficients] | None":
-        """The ranges in cells, cut until what is left is little beside how fast it moves. Raises: `Unbounded`."""
+        """The ranges in cells, cut until the remainder is small against the speed of the plant. Raises: `Unbounded`."""
         weight = partial(Coefficients.weight, h=self.plant.h, little=self._little)
         return subdivided(self.plant.read, self._on, weight)
 
@@ -277,8 +275,8 @@ class StageDeviation:
         return Coefficients(*(tuple(tuple(magnitude(x) * SUMMED for x in row) for row in rows) for rows in kinds))
 
     def _step_series(self, cell: Ranges) -> tuple[list[list[list[Any]]], list[list[Any]]]:
-        """Return the series of the stages (s) and of the step in its length, at any length up to h: as many as are
-        read."""
+        """Return the series in the step length, at any length up to h, of the stages (s) and of the step, up to the
+        coefficients that are used."""
         (a, b, c), (states, inputs, constant) = self._coefficients, self.plant.balls(cell)
         order = max(_THIRD + 1, self.tableau.order + 2)
         length = flint.arb_series([between(Fraction(0), self.plant.h), flint.arb(1)], prec=order)
@@ -301,7 +299,7 @@ class StageDeviation:
 
     @property
     def _coefficients(self) -> tuple[list[list[Fraction]], list[Fraction], list[Fraction]]:
-        """a, its rows as long as b, b and c as the tableau means them."""
+        """The coefficients a, with rows as long as b, b and c, as the tableau means them."""
 
         def exactly(values: Sequence[float]) -> list[Fraction]:
             return [Fraction(value).limit_denominator(_DENOMINATOR) for value in values]
@@ -312,7 +310,8 @@ class StageDeviation:
 
 @dataclass(frozen=True)
 class Row:
-    """The remainder in a row over h, by an `order`: of coefficients of the `flow` and of the `step`, none of 0."""
+    """The remainder in a row over h, from the Taylor coefficients of the `flow` and of the `step` of that `order`;
+    order 0 for the Lipschitz bound."""
 
     order: int
     flow: Fraction
@@ -322,8 +321,8 @@ class Row:
 
 @dataclass(frozen=True)
 class Coefficients:
-    """Sizes of Taylor coefficients, from the second on those of the `flow` and of the `step` (.., n), and the third
-    ones of the `lines` by which stages are beside them (.., n)."""
+    """Sizes of Taylor coefficients: from the second on those of the `flow` and of the `step` (.., n), and the third
+    ones of the `lines`, by which stages differ from the interpolated samples (.., n)."""
 
     flow: Rows
     step: Rows
@@ -331,19 +330,19 @@ class Coefficients:
 
     @classmethod
     def largest(cls, each: Sequence["Coefficients"]) -> "Coefficients":
-        """The largest of several."""
+        """Return the largest coefficients of several cells."""
         kinds = zip(*((one.flow, one.step, one.lines) for one in each), strict=True)
         grouped = (zip(*kind, strict=True) for kind in kinds)
         return cls(*(tuple(tuple(map(max, zip(*rows, strict=True))) for rows in kind) for kind in grouped))
 
     def rows(self, h: Fraction) -> tuple[Row, ...]:
-        """Return the remainder in each row, by the best of their orders (n)."""
+        """Return the remainder in each row, by the order with the least (n)."""
         each = enumerate(zip(self.flow, self.step, strict=True), 1)
         orders = [[Row(q, x, y, h**q * (x + y)) for x, y in zip(*pair, strict=True)] for q, pair in each]
         return tuple(min(row, key=lambda one: one.size) for row in zip(*orders, strict=True))
 
     def weight(self, h: Fraction, little: Sequence[Fraction]) -> float:
-        """Return how many times more than little the remainders are (n), of all rows the most."""
+        """Return the largest ratio of a row's remainder to its `little` (n)."""
         pairs = zip(self.rows(h), little, strict=True)
         return max((float(row.size / most) if most else math.inf for row, most in pairs if row.size), default=0.0)
 
@@ -352,19 +351,17 @@ def _padded(values: list[Any], order: int) -> list[Any]:
     return [*values, *[flint.arb(0)] * (order - len(values))]
 
 
-_FEW, _MANY = 8, 64  # pieces of a step
-_FINE = 8  # of them, where the core turns by 1
-_BARELY = 1 + Fraction(1, 10**6)  # of a size: what is said of it, which a weaker arithmetic reaches
-_SECOND_PER_FIRST = (
-    4  # over h: by how much of a first derivative a signal may be beside a line as if it were its second
-)
-_SMOOTH = 5  # Taylor coefficients of the plant that are asked for, the last of which is of its third derivative
+_FEW, _MANY = 8, 64  # the least and the most pieces of a step
+_FINE = 8  # pieces per unit of |L| h
+_BARELY = 1 + Fraction(1, 10**6)  # factor on a size, so that a weaker arithmetic proves it
+_SECOND_PER_FIRST = 4  # over h: factor from a bound of v' to a substitute for that of v''
+_SMOOTH = 5  # number of Taylor coefficients of the plant, up to its third derivative
 
 
 @dataclass(frozen=True, eq=False)
 class CoreDeviation:
-    """The plant's step beside one of an estimator whose error obeys `error` at `theta`; of a plant that is not taken to
-    be `smooth` how steep it is stands for its derivatives."""
+    """The deviation of the plant from a step of an estimator whose error obeys `error` at `theta`. For a plant that is
+    not `smooth`, Lipschitz constants replace derivatives."""
 
     plant: PlantStep
     error: Inclusion
@@ -372,8 +369,8 @@ class CoreDeviation:
     smooth: bool = True
 
     def error_input(self, realisation: inequality.Realisation, leaves: "Leaves") -> ErrorInput:
-        """Return the deviation of each field of an estimate that begins at the plant's own state, and of what that
-        follows. Raises: `Unbounded`."""
+        """Return the deviation of each field of an estimate that begins at the plant's own state, and the facts from
+        which it follows. Raises: `Unbounded`."""
         self._demand_chain()
         try:
             return self._by_derivatives(realisation, leaves)
@@ -381,12 +378,12 @@ class CoreDeviation:
             return replace(self, smooth=False)._by_derivatives(realisation, leaves)
 
     def _by_derivatives(self, realisation: inequality.Realisation, leaves: "Leaves") -> ErrorInput:
-        """Return it by derivatives of the flow and of b, or what stands for them. Raises: `Unbounded`."""
+        """Return the deviation by derivatives of the flow and of b, or by Lipschitz constants. Raises: `Unbounded`."""
         with ctx.workprec(BALLS):
             weight, alpha = np.abs(realisation(self.L, self.plant.h)[1]) * self.h, leaves.alpha(self)
             ahead = alpha + weight @ np.abs(self.lifted) @ self.most(1, self.plant.nonlinear_part) * self.h
             e = self.obeyed
-            slopes = np.abs(e.M - e.core) + np.abs(e.G) @ np.abs(e.H)  # at most, of what the rest makes of an error
+            slopes = np.abs(e.M - e.core) + np.abs(e.G) @ np.abs(e.H)  # bound of the slopes outside of the core
             total = alpha + weight @ slopes @ ahead
             if not all(arb(x).is_finite() for x in total):
                 raise Unbounded(because("its core turns too fast for a step of {h}", h=float(self.plant.h)))
@@ -407,22 +404,22 @@ class CoreDeviation:
 
     @cached_property
     def obeyed(self) -> Uncertain:
-        """The inclusion that the error obeys."""
+        """The uncertain system of the error at theta."""
         return self.error.at(self.theta)
 
     @property
     def L(self) -> Array:
-        """The core (N, N)."""
+        """The realised core (N, N)."""
         return self.obeyed.core
 
     @property
     def h(self) -> Any:
-        """The length of the step, FLINT's."""
+        """The length of the step as FLINT's rational."""
         return number(self.plant.h)
 
     @cached_property
     def lifted(self) -> Array:
-        """s (N, n), from the plant's states to the coordinates of the errors."""
+        """The matrix s (N, n) from the plant's states to the coordinates of the errors."""
         scales, layout = self.error.scales(self.theta), self.error.layout
         assert scales is not None  # a plant's step is asked of numbers alone
         fields = zip(scales, layout.index, layout.fed, strict=True)
@@ -430,7 +427,7 @@ class CoreDeviation:
 
     @cached_property
     def sample_input(self) -> Array:
-        """B (N, n), by what samples show of each state."""
+        """The matrix B C (N, n), by which samples of the states enter."""
         columns, heads_by_output = 0 * self.lifted, heads_of(self.plant.form)
         assert heads_by_output is not None
         for output, (head, slope) in heads_by_output.items():
@@ -438,8 +435,8 @@ class CoreDeviation:
         return columns
 
     def most(self, order: int, rows: Sequence[sp.Expr]) -> Array:
-        """sup of sizes (n) of the derivatives of rows in time, of the order 1 or 2, or what stands for the second.
-        Raises: `Unbounded`."""
+        """Return sup (n) of the sizes of the time derivatives of rows, of the order 1 or 2; of a plant that is not
+        smooth, a substitute for the second. Raises: `Unbounded`."""
         if self.smooth:
             return rational(self._derivatives(order, rows))
         rates = times(self.plant.steep(rows), (*self.plant.stated_speeds, *self.plant.input_rates))
@@ -462,7 +459,7 @@ class CoreDeviation:
             raise Unbounded(because("its core is not the plant's chain in exact numbers"))
 
     def _demand_smooth(self) -> None:
-        """Demand that derivatives are what rules of differentiation say. Raises: `Unbounded`."""
+        """Demand that the rules of differentiation hold on the ranges. Raises: `Unbounded`."""
         if not any(row.has(*JUMPS, *KINKS, Table) for row in self.plant.flow):
             return
         try:
@@ -474,9 +471,9 @@ class CoreDeviation:
 
 @dataclass(frozen=True)
 class Leaves:
-    """The remainder of a realisation whose nonlinear part is known at both ends of a step: the sizes of `alpha` (N),
-    from the derivative of z' of the order `flow`, and from those of b of up to the order `rest`, the first of which
-    counts whatever the realisation."""
+    """The error of a realisation whose nonlinear part is known at both ends of a step: the sizes of `alpha` (N), from
+    the time derivative of z' of the order `flow`, and from those of b up to the order `nonlinear`; every realisation
+    uses the first of b."""
 
     flow: int
     nonlinear: int
@@ -484,13 +481,13 @@ class Leaves:
 
 
 def by_bilinear_rule(step: CoreDeviation) -> Array:
-    """|(1 - h L/2)^-1 s| h^3/12 sup of the third derivatives of z. Raises: `Unbounded`."""
+    """Return |(1 - h L/2)^-1 s| h^3/12 sup of the third derivatives of z. Raises: `Unbounded`."""
     resolvent, _ = inequality.by_bilinear_rule(step.L, step.plant.h)
     return np.asarray(np.abs(resolvent @ step.lifted) @ step.most(2, step.plant.flow) * (step.h**3 / 12))
 
 
 def by_matrix_exponential(step: CoreDeviation) -> Array:
-    """Return alpha by the integral, and by what a program's polynomials may be beside the exponential. Raises:
+    """Return alpha by the integral, and by the difference of a program's polynomials from the exponential. Raises:
     `Unbounded`."""
     source, rates = np.hstack([step.sample_input, step.lifted]), step.most(1, step.plant.flow)
     driven = _integral(step.L, step.plant.h, source) @ np.concatenate([rates, step.most(2, step.plant.nonlinear_part)])
@@ -504,7 +501,7 @@ EXPONENTIAL = Leaves(1, 2, by_matrix_exponential)
 
 
 def _integral(L: Array, h: Fraction, source: Array) -> Array:
-    """An upper bound of the integral of s (h - s)/2 |exp(s L) source| over s from 0 to h, entry by entry."""
+    """Return an upper bound of the integral of s (h - s)/2 |exp(s L) source| over s from 0 to h, entry by entry."""
     turns = float(np.abs(floats(L)).sum(axis=1).max()) * float(h)
     count, total = min(_MANY, max(_FEW, math.ceil(_FINE * turns))), 0 * source
     for low, high in pairwise(h * Fraction(k, count) for k in range(count + 1)):
@@ -515,7 +512,7 @@ def _integral(L: Array, h: Fraction, source: Array) -> Array:
 
 
 def _power(L: Array, low: Fraction, high: Fraction) -> Array:
-    """Balls that hold exp(s L) of each s between two ends."""
+    """Return balls that hold exp(s L) of each s between two ends."""
     half, each = (high - low) / 2, range(len(L))
     ends = (arb(number(low + half)), between(-half, half))
     middle, around = (arb_mat([[arb(x) * s for x in row] for row in L.tolist()]).exp() for s in ends)

@@ -1,18 +1,18 @@
-"""How a plant moves over one step, on its ranges: how fast, how far disturbances push it, how it bends.
+"""The plant over one step, on its declared ranges: its speed, the effect of disturbances, its Taylor series.
 
     disturbance   |d_i(t)| <= dbar_i of any course in x' = F + d: |delta| <= integral over h of exp(s |dF/dx|) dbar
 
-F = A x + b in the form's states. u moves between two samples as the program takes it to: on the line, at most at its
-rates, or it is held. Where the plant keeps clear of the ends of its ranges by h sup|F_i|, neither it nor the flow
-without disturbances leaves them within a step. What a step of a method leaves of it is in `method_error`.
+F = A x + b in the form's states. Between two samples u moves as the program assumes: linearly, at most at its rates, or
+it is constant. While the plant keeps clear of the ends of its ranges by h sup|F_i|, neither it nor the flow without
+disturbances leaves them within a step. `method_error` bounds the local error of a method.
 
-What enters the error of a step from outside, and how large it is at most.
+The inputs of the error of a step, and their largest sizes (`Sizes`):
 
-samples     an error of an output's samples at both ends of a call, each by itself, with those on the line between
-stages      an error of what is injected at a stage
-beside      what the plant does in a row of its form beside a step of the method, over h; its sample at the end of
-            the call shows it
-fields      what comes to a field of the estimator itself, over h
+samples     an error of an output's samples at both ends of a call, independent of each other, with the line between
+stages      an error of the injection at a stage deviation   the deviation of the plant from a step of the method in a
+row of its form, over h; the sample at the end of
+            the call contains it
+fields      a deviation of a field of the estimator itself, over h
 """
 
 from collections.abc import Iterable, Mapping, Sequence
@@ -43,17 +43,18 @@ from hgogen.rigor.slope import JUMPS, KINKS, lipschitz_bound
 from hgogen.rigor.tape import NoTape, tape
 from hgogen.sentence import because
 
-_LOOSE = Fraction(1001, 1000)  # of a supremum: what is taken for it
-SUMMED = 1 + Fraction(1, 10**9)  # of a number, which another arithmetic ends elsewhere
+_LOOSE = Fraction(1001, 1000)  # factor on a supremum, so that a weaker arithmetic proves it
+SUMMED = 1 + Fraction(1, 10**9)  # factor on a number that another arithmetic rounds differently
 _NONE = Fraction(0)
 Rows = tuple[tuple[Fraction, ...], ...]
-UNKNOWN = Undecided, ZeroDivisionError, ValueError, NoTape  # of a series, the third where FLINT divides by a ball of 0
+# of a series; ValueError where FLINT divides by a ball around 0
+UNKNOWN = Undecided, ZeroDivisionError, ValueError, NoTape
 
 
 @dataclass(frozen=True)
 class PlantStep:
-    """A step of length `h` of a form whose inputs move between samples at up to `rates` (m), None where that is not
-    known."""
+    """A step of length `h` of a form whose inputs move between samples at up to `rates` (m), None where a rate is
+    unknown."""
 
     form: Form
     h: Fraction
@@ -61,12 +62,12 @@ class PlantStep:
 
     @cached_property
     def flow(self) -> tuple[sp.Expr, ...]:
-        """F (n), of z, inputs and parameters, those without a range at their values."""
+        """The flow F (n) in z, inputs and parameters, with parameters without a range at their values."""
         return self._fixed(self.form.A * sp.Matrix(self.form.states) + sp.Matrix(self.form.b))
 
     @property
     def nonlinear_part(self) -> tuple[sp.Expr, ...]:
-        """b (n) alike."""
+        """The b (n) of the form in the same symbols."""
         return self._fixed(self.form.b)
 
     def _fixed(self, rows: Iterable[sp.Expr]) -> tuple[sp.Expr, ...]:
@@ -74,7 +75,7 @@ class PlantStep:
 
     @cached_property
     def speeds(self) -> tuple[Fraction, ...]:
-        """sup|F_i| (n). Raises: `Unbounded`."""
+        """The suprema sup|F_i| (n). Raises: `Unbounded`."""
         return tuple(self.largest(row) for row in self.flow)
 
     @cached_property
@@ -88,19 +89,19 @@ class PlantStep:
         return tuple(self.h * speed for speed in self.speeds)
 
     def output_rate(self, output: int) -> Fraction:
-        """sup|y'| of an output. Raises: `Unbounded`."""
+        """Return sup|y'| of an output. Raises: `Unbounded`."""
         rate = self.rate(output)
         return loose(rate, self.largest(rate))
 
     def output_rate_deviation(self, output: int, most: Sequence[Fraction]) -> Fraction:
-        """Return by how much more y' may be where the rates are beside F by at most these sizes (n). Raises:
+        """Return the largest change of y' if the rates of the states differ from F by at most these sizes (n). Raises:
         `Unbounded`."""
         y = self.form.output[output]
         by = zip(self.form.states, most, strict=True)
         return sum((self.largest(sp.diff(y, z)) * size for z, size in by if size), Fraction(0))
 
     def rate(self, output: int) -> sp.Expr:
-        """y' of an output that reads no input. Raises: `Unbounded`."""
+        """Return y' of an output that reads no input. Raises: `Unbounded`."""
         form, y = self.form, self.form.output[output]
         self.demand_no_input(y)
         return sum((sp.diff(y, z) * row for z, row in zip(form.states, self.flow, strict=True)), sp.S(0))
@@ -111,14 +112,14 @@ class PlantStep:
             raise Unbounded(because("the output {y} reads an input", y=y))
 
     def along(self, expression: sp.Expr) -> sp.Expr:
-        """The rate of an expression of states and inputs, of the rates of these."""
+        """Return the time derivative of an expression of states and inputs."""
         inputs = self.form.system.inputs
         by = zip((*self.form.states, *inputs), (*self.flow, *map(_rate_of, inputs)), strict=True)
         return sum((sp.diff(expression, x) * rate for x, rate in by), sp.S(0))
 
     def change(self, most: Sequence[Fraction]) -> Rows:
-        """sup|dT_i/dx_j| (n, n) of the form's coordinates T in the plant's states x as first declared, 0 where `most`
-        (n) is. Raises: `Unbounded`."""
+        """Return sup|dT_i/dx_j| (n, n) of the form's coordinates T in the plant's states x as first declared, 0 where
+        `most` (n) is. Raises: `Unbounded`."""
         system, form, plant = self.form.system, self.form, self.form.system.declared
         where = system.box_with(plant.states)
         rows = [sp.sympify(row).xreplace(self._recast) for row in form.to_form]
@@ -135,8 +136,8 @@ class PlantStep:
         return dict(zip(self.form.system.states, origin.forward, strict=True)) if origin else {}
 
     def by_parameters(self, most: Sequence[Fraction]) -> Rows:
-        """sup|dF_i/dp| (n, q) of parameters p of the plant that are beside the program's by at most these sizes (q), 0
-        where `most` is. Raises: `Unbounded`."""
+        """Return sup|dF_i/dp| (n, q) of the plant's parameters p, which differ from the program's by at most `most`
+        (q), 0 where `most` is. Raises: `Unbounded`."""
         form, system = self.form, self.form.system
         wrong = {p: size for p, size in zip(system.parameters, most, strict=True) if size}
         read = sp.Matrix([*form.to_form, *form.output, *self._recast.values()]).free_symbols & wrong.keys()
@@ -154,16 +155,16 @@ class PlantStep:
 
     @cached_property
     def steepness(self) -> Rows:
-        """sup|dF_i/dz_j| (n, n). Raises: `Unbounded`."""
+        """The suprema sup|dF_i/dz_j| (n, n). Raises: `Unbounded`."""
         return tuple(tuple(self.steepest(row, z) for z in self.form.states) for row in self.flow)
 
     def steep(self, rows: Iterable[sp.Expr]) -> Rows:
-        """Return how steep rows are in the states and the inputs (.., n + m). Raises: `Unbounded`."""
+        """Return the Lipschitz constants of rows in the states and the inputs (.., n + m). Raises: `Unbounded`."""
         names = (*self.form.states, *self.form.system.inputs)
         return tuple(tuple(self.steepest(row, x) for x in names) for row in rows)
 
     def steepest(self, row: sp.Expr, x: sp.Symbol) -> Fraction:
-        """sup|drow/dx|, at a kink that from each side. Raises: `Unbounded` of a row that jumps."""
+        """Return sup|drow/dx|, at a kink from each side. Raises: `Unbounded` for a row that jumps."""
         if not row.has(*JUMPS, *KINKS):
             slope = sp.diff(row, x)
             with suppress(Unbounded):
@@ -171,7 +172,7 @@ class PlantStep:
         return loose(row, steepness_in(row, x, self.form.box))
 
     def disturbed(self, most: Sequence[Fraction]) -> tuple[Fraction, ...]:
-        """|delta|/h (n) of disturbances of at most these sizes (n) in the rows of F, of any course. Raises:
+        """Return |delta|/h (n) for disturbances of any course of at most these sizes (n) in the rows of F. Raises:
         `Unbounded`."""
         n = self.form.n
         M = [[*(x * self.h for x in row), size] for row, size in zip(self.steepness, most, strict=True)]
@@ -179,7 +180,7 @@ class PlantStep:
         return tuple(magnitude(whole[i, n]) * SUMMED for i in range(n))
 
     def series(self, order: int, cell: Ranges) -> list[list[Any]]:
-        """Taylor coefficients of the flow at any point of a cell."""
+        """Return the Taylor coefficients of the flow at any point of a cell."""
         first, input_rates, constant = self.balls(cell)
         states, inputs = [[ball] for ball in first], [list(pair) for pair in input_rates]
         for k in range(order - 1):
@@ -191,7 +192,7 @@ class PlantStep:
     def rates_of(
         self, states: list[list[Any]], inputs: list[list[Any]], constant: list[Any], order: int
     ) -> list[list[Any]]:
-        """F of series, below t^order."""
+        """Return F of series, below t^order."""
         balls = Balls(0)
         values = [balls.series(row, order) for row in (*states, *inputs, *([p] for p in constant))]
         rows = evaluate(self._tape, balls, values, order, 1)
@@ -203,7 +204,7 @@ class PlantStep:
 
     @cached_property
     def read(self) -> Ranges:
-        """The ranges of what the flow reads, but for what is constant. Raises: `Unbounded`."""
+        """The ranges of the symbols that the flow reads, without constants. Raises: `Unbounded`."""
         names = sp.Matrix(self.flow).free_symbols
         return {x: (low, high) for x, (low, high) in self._ranges.items() if x in names and low < high}
 
@@ -218,8 +219,8 @@ class PlantStep:
         return {x: (Fraction(low), Fraction(high)) for x, (low, high) in ends.items()}
 
     def balls(self, cell: Ranges) -> tuple[list[Any], list[tuple[Any, Any]], list[Any]]:
-        """Return the balls of the states, of the inputs and their rates, and of the parameters, where some are in a
-        cell."""
+        """Return the balls of the states, of the inputs with their rates, and of the parameters; those in `cell` have
+        its ranges."""
         form, system, ends = self.form, self.form.system, {**self._ranges, **cell}
         each = (form.states, system.inputs, system.parameters)
         states, inputs, parameters = ([between(*ends[x]) for x in group] for group in each)
@@ -228,7 +229,7 @@ class PlantStep:
 
     @property
     def input_rates(self) -> tuple[Fraction, ...]:
-        """The rates of the inputs, 0 of one that the flow does not read. Raises: `Unbounded`."""
+        """The rates of the inputs, 0 for an input that the flow does not read. Raises: `Unbounded`."""
         read, input_rates = sp.Matrix(self.flow).free_symbols, list[Fraction]()
         for u, rate in zip(self.form.system.inputs, self.rates, strict=True):
             if rate is None and u in read:
@@ -238,17 +239,17 @@ class PlantStep:
         return tuple(input_rates)
 
     def largest(self, expression: sp.Expr) -> Fraction:
-        """The largest |expression| on the ranges, which may hold rates of inputs. Raises: `Unbounded`."""
+        """Return the largest |expression| on the ranges; it may hold rates of inputs. Raises: `Unbounded`."""
         rates = {_rate_of(u): (-most, most) for u, most in zip(self.form.system.inputs, self.input_rates, strict=True)}
         return _largest(expression, {**box(signals(self.form)), **rates})
 
 
 class Unbounded(ArithmeticError):
-    """A quantity that has no bound on the ranges, `args[0]` is the reason."""
+    """A quantity without a proved bound on the ranges; `args[0]` is the reason."""
 
 
 def times(rows: Rows, sizes: Sequence[Fraction]) -> tuple[Fraction, ...]:
-    """The product of rows with a column."""
+    """Return the product of rows with a column."""
     return tuple(sum((x * size for x, size in zip(row, sizes, strict=True)), Fraction(0)) for row in rows)
 
 
@@ -258,7 +259,7 @@ def _rate_of(u: sp.Symbol) -> sp.Symbol:
 
 
 def loose(expression: sp.Expr, most: Fraction) -> Fraction:
-    """Return what an expression is at most, a little larger, so that a weaker arithmetic reaches it."""
+    """Return the supremum of an expression, a little larger, so that a weaker arithmetic also proves it."""
     return most if expression.is_Symbol else most * (SUMMED if expression.is_number else _LOOSE)
 
 
@@ -273,7 +274,7 @@ def _largest(expression: sp.Expr, where: Box) -> Fraction:
 
 
 def steepness_in(expression: sp.Expr, p: sp.Symbol, where: Box) -> Fraction:
-    """The largest slope in p of an expression that does not jump. Raises: `Unbounded`."""
+    """Return the largest slope in p of an expression that does not jump. Raises: `Unbounded`."""
     try:
         known = lipschitz_bound((expression,), (p,), where, relative=0.005)
     except NoTape as error:
@@ -295,7 +296,7 @@ ERROR_INPUTS = (
 )  # whose sizes a user declares
 
 
-Heads = Mapping[int, tuple[int, Fraction]]  # by an output's place, that of the state that it shows, and dy/dz
+Heads = Mapping[int, tuple[int, Fraction]]  # by an output's place: the place of the state that it measures, and dy/dz
 
 
 def heads_of(form: Form) -> Heads | None:
@@ -311,8 +312,8 @@ def heads_of(form: Form) -> Heads | None:
 
 @dataclass(frozen=True)
 class Sizes:
-    """The sizes of the `samples` (p), of the `stages` (p, s), `beside` (n) in units of the form's states, and of the
-    `fields` (N) as e has them; empty of none."""
+    """The sizes of the inputs: `samples` (p), `stages` (p, s), `deviation` (n) in units of the form's states, `fields`
+    (N) in units of e; empty for none."""
 
     samples: tuple[Fraction, ...] = ()
     stages: tuple[tuple[Fraction, ...], ...] = ()
@@ -321,12 +322,12 @@ class Sizes:
 
     @property
     def largest(self) -> Fraction:
-        """The largest of all, whatever their units."""
+        """The largest size, whatever its unit."""
         stages = (x for row in self.stages for x in row)
         return max((*self.samples, *stages, *self.deviation, *self.fields), default=_NOTHING)
 
     def over(self, size: Fraction) -> "Sizes":
-        """The inputs in units of a size > 0."""
+        """Return the sizes in units of a size > 0."""
         rows = tuple(tuple(x / size for x in row) for row in self.stages)
         samples, deviation, fields = (
             tuple(x / size for x in each) for each in (self.samples, self.deviation, self.fields)
@@ -334,7 +335,7 @@ class Sizes:
         return Sizes(samples, rows, deviation, fields)
 
     def inputs(self, step: Inequality, error: Inclusion, scales: Sequence[Fraction], heads: Heads) -> Inputs:
-        """The inputs of a step that are not 0; `scales` (N) as `Inclusion.scales` gives them."""
+        """Return the inputs of a step that are not 0; `scales` (N) as `Inclusion.scales` gives them."""
         each = list[Inputs]()
         for output, size in enumerate(self.samples):
             each += [end * size for end in step.ends(output) if size]
@@ -353,7 +354,7 @@ class Sizes:
 
 @dataclass(frozen=True)
 class ErrorInput:
-    """The `sizes` of what enters, and of what they follow, as a certificate has it."""
+    """The `sizes` of inputs, and the facts from which they follow, as a certificate has them."""
 
     sizes: Sizes
     follows: Evidence
@@ -361,9 +362,8 @@ class ErrorInput:
 
 @dataclass(frozen=True)
 class Share:
-    """The effect of some inputs of these `sizes`, by name: by the `proofs` of their sizes over `unit`, by field.
-    `follows`: of what the sizes follow, numbers that a user says and suprema on the ranges; empty where that is not
-    written."""
+    """The effect `what` of inputs of these `sizes`, by the `proofs` for their sizes over `unit`, by field. `follows`:
+    the declared numbers and suprema from which the sizes follow; empty where these are not written."""
 
     what: str
     sizes: Sizes
@@ -372,7 +372,7 @@ class Share:
     follows: Evidence = field(default_factory=dict)
 
     def bound(self, field: int) -> Fraction:
-        """Return how far these inputs move the error for which a field stands."""
+        """Return the largest error of a field under these inputs."""
         return self.unit * self.proofs[field].bound
 
     @property

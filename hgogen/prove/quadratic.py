@@ -1,11 +1,11 @@
-"""A quadratic form that a P > 0 and multipliers S >= 0 make negative: found in floats, proved in rationals.
+"""Quadratic forms that a P > 0 and multipliers S >= 0 make negative: weights found in floats, proved in rationals.
 
     sum over pairs (X, Y) of X'P Y + Y'P X,   plus   Q'S Q - Z'S Z,   is negative definite;   S diagonal
 
-A vector v of the form holds what decays and what multiplies it: each multiplier is of a relation |Z_j v| <= |Q_j v|,
-such as p = d q, |d| <= 1, of a slope d. Where the form is negative for all v, the pairs alone are negative for each v
-that keeps to the relations (the S-procedure; Boyd, El Ghaoui, Feron, Balakrishnan, "Linear Matrix Inequalities in
-System and Control Theory", SIAM (1994), 2.6.3).
+A vector v of the form holds the state that decays and the multiplied inputs: each multiplier belongs to a relation |Z_j
+v| <= |Q_j v|, such as p = d q, |d| <= 1, for a slope d. Where the form is negative for all v, the pairs alone are
+negative for each v that satisfies the relations (the S-procedure; Boyd, El Ghaoui, Feron, Balakrishnan, "Linear Matrix
+Inequalities in System and Control Theory", SIAM (1994), 2.6.3).
 """
 
 import math
@@ -25,18 +25,18 @@ from hgogen.rigor.definite import Matrix, definite, fraction, number, positive
 Array = np.ndarray  # of floats, or of FLINT's rationals or balls as objects
 BALLS = 256  # bits of a ball
 
-MARGINS = (1e-4, 1e-6, 1e-3)  # by which a form is negative, so that it is when it is rounded
-_FINE = (34, 48)  # bits after the point, where P is of any size
-_GRIDS = (30, 44, 60, 110)  # bits after the point to which P and S are rounded, where the trace of P is its size
-_ROUNDING = 1e-8  # what rounding to a grid may take from a form
+MARGINS = (1e-4, 1e-6, 1e-3)  # margins of a negative form, for rounding
+_FINE = (34, 48)  # bits after the point, over the size of P
+_GRIDS = (30, 44, 60, 110)  # bits after the point of rounded P and S, for a P of trace n
+_ROUNDING = 1e-8  # the largest effect of rounding to a grid on a form
 _SWEEPS = 10  # over all rows and columns
-_SMALL = 1e-6  # of the largest reading: what counts for one that is smaller
-_NIL, _TENTH = 1e-12, 0.1  # of it: a reading of nothing, and what counts for that
+_SMALL = 1e-6  # of the largest reading: a lower limit
+_NIL, _TENTH = 1e-12, 0.1  # of the largest reading: one of rounding errors, and its substitute
 
 
 @dataclass(frozen=True, eq=False)
 class Quadratic:
-    """The form: `pairs` of (X, Y) (n, N), `Q` and `Z` (k, N), and a `constant` (N, N) beside, None of none."""
+    """The form: `pairs` of (X, Y) (n, N), `Q` and `Z` (k, N), and a `constant` term (N, N), None for zero."""
 
     pairs: tuple[tuple[Array, Array], ...]
     Q: Array
@@ -44,7 +44,7 @@ class Quadratic:
     constant: Array | None = None
 
     def value(self, P: Array, S: Array) -> Array:
-        """The matrix (N, N) of P (n, n) and S (k)."""
+        """Return the matrix (N, N) of the form at P (n, n) and S (k)."""
         if P.dtype == object and not any(isinstance(value, arb) for value in self.pairs[0][1].flat):
             value = self._of_rationals(P, S)
         else:
@@ -54,7 +54,7 @@ class Quadratic:
         return value if self.constant is None else value + self.constant
 
     def _of_rationals(self, P: Array, S: Array) -> Array:
-        """The value in whole numbers over common denominators, which takes a tenth of the time."""
+        """Return the value in integers over common denominators, in a tenth of the time."""
         parts = []
         for X, Y in self.pairs:
             half, below = _product(X.T, P, Y)
@@ -64,8 +64,8 @@ class Quadratic:
         return _array(fmpq_mat(reduce(add, (part * (common // int(below)) for part, below in parts))) / common)
 
     def driven(self, onto: Sequence[tuple[Array, Array]], reads: Array) -> "Quadratic":
-        """The form of v and of inputs (q) beside it: what they add to the X v and Y v of each pair, `onto`, and to
-        Q v, `reads` (k, q); the last q multipliers are of the inputs themselves."""
+        """Return the form of v and of inputs (q). The inputs add `onto` to the X v and Y v of each pair, and `reads`
+        (k, q) to Q v; the last q multipliers belong to the inputs themselves."""
         q, size = reads.shape[1], self.size
         one = np.eye(size + q, dtype=int) + 0 * self.pairs[0][0][0, 0]
         pairs = tuple((np.hstack([X, x]), np.hstack([Y, y])) for (X, Y), (x, y) in zip(self.pairs, onto, strict=True))
@@ -74,13 +74,13 @@ class Quadratic:
         return Quadratic(pairs, Q, np.vstack([np.hstack([self.Z, 0 * reads]), one[size:]]), constant)
 
     def over(self, pace: Any) -> "Quadratic":
-        """The form over a number > 0, with the multipliers over it as well: where the one is negative the other is."""
+        """Return the form divided by `pace` > 0, with its multipliers: it is negative where the original is."""
         constant = None if self.constant is None else self.constant / pace
         return Quadratic(tuple((X, Y / pace) for X, Y in self.pairs), self.Q, self.Z, constant)
 
     @property
     def size(self) -> int:
-        """N."""
+        """The size N."""
         return int(self.pairs[0][0].shape[1])
 
     @property
@@ -101,7 +101,7 @@ class Weights:
 
     @classmethod
     def of(cls, P: Array, S: Array) -> "Weights":
-        """Return the weights of FLINT's rationals."""
+        """Return the weights from FLINT's rationals."""
         return cls(fractions(P), tuple(map(fraction, S)))
 
     @property
@@ -111,7 +111,8 @@ class Weights:
 
 
 def proved(forms: Sequence[Quadratic], P: Array, S: Array) -> Weights | None:
-    """Weights near those in floats that make exact forms negative, proved in rationals; None where none are found."""
+    """Return rational weights near those in floats that are proved to make exact forms negative; None where none are
+    found."""
     for bits in _GRIDS:
         exactly = on_grid(P, bits), on_grid(S, bits)
         if verified(forms, *exactly):
@@ -126,13 +127,15 @@ def confirmed(
     most: Fraction | None = None,
     margins: Sequence[float] = MARGINS,
 ) -> tuple[Array, Array] | None:
-    """Weights, of FLINT's rationals, that make exact forms negative, from those in floats that are sought with a
-    margin, a smaller one where there is no room for it, a larger one where a solver has taken all of it; the sum of the
-    last q of S is at most `most`, where that is asked. None where none are confirmed."""
+    """Return weights of FLINT's rationals that make exact forms negative; None where none are confirmed.
+
+    `by_margin` searches weights in floats with each of the `margins`: a smaller one helps if the forms have no room for
+    it, a larger one if the solver uses all of it. The last q of S sum up to at most `most`, if that is given.
+    """
     for candidate in filter(None, map(by_margin, margins)):
         if not np.isfinite(np.concatenate([each.ravel() for each in candidate])).all():
             continue
-        places = max(0, -int(np.floor(np.log2(np.trace(candidate[0])))))  # by which the trace of P lies below 1
+        places = max(0, -int(np.floor(np.log2(np.trace(candidate[0])))))  # bits between the trace of P and 1
         for bits in _FINE:
             P, S = (on_grid(each, bits + places) for each in candidate)
             if (most is None or sum(S[-q:]) <= number(most)) and verified(forms, P, S):
@@ -142,7 +145,7 @@ def confirmed(
 
 @dataclass(frozen=True, eq=False)
 class View:
-    """Forms `of` floats in coordinates x of e = `W` x, each multiplied relation in units of its `g` (k)."""
+    """The forms `of` floats in coordinates x of e = `W` x, each multiplied relation in units of its `g` (k)."""
 
     of: Sequence[Quadratic]
     W: Array
@@ -150,15 +153,15 @@ class View:
 
     @classmethod
     def paced(cls, forms: Sequence[Quadratic], W: Array) -> tuple["View", float]:
-        """Forms in a unit of time of their own, each relation as strong where it enters as where it reads; and how many
-        of these units there are in one of time."""
+        """Return the view of forms in their own unit of time, with each relation balanced between input and reading,
+        and the number of these units in one unit of time."""
         fast = pace(forms[0], W)
         slow = [form.over(fast) for form in forms]
         return cls(slow, W, even(slow[0], W)), fast
 
     @cached_property
     def forms(self) -> list[Quadratic]:
-        """The forms of x."""
+        """The forms in x."""
         n, size = self.of[0].pairs[0][0].shape
         whole, back, g, forms = np.eye(size), self._inverse, self.g[:, None], list[Quadratic]()
         whole[:n, :n] = self.W
@@ -175,13 +178,13 @@ class View:
         return np.linalg.inv(self.W)
 
     def back(self, P: Array, S: Array) -> tuple[Array, Array]:
-        """The weights of e from those of x."""
+        """Return the weights in e from those in x."""
         back = self._inverse.T @ P @ self._inverse
-        return (back + back.T) / 2, S / self.g**2  # rounding leaves it not quite symmetric
+        return (back + back.T) / 2, S / self.g**2  # symmetric after rounding
 
 
 def lyapunov(N: Array, W: Array | None = None) -> Array | None:
-    """P (n, n) with N'P + P N = -W, by default -I, in floats; None where there is none."""
+    """Return P (n, n) with N'P + P N = -W, by default -I, in floats; None where there is none."""
     n, one = len(N), np.eye(len(N))
     try:
         P = np.linalg.solve(np.kron(N.T, one) + np.kron(one, N.T), -(one if W is None else W).ravel()).reshape(n, n)
@@ -191,7 +194,7 @@ def lyapunov(N: Array, W: Array | None = None) -> Array | None:
 
 
 def balance(N: Array) -> Array:
-    """Units d (n) with which the rows and columns of N, in e over d, are as long as each other (Osborne 1960)."""
+    """Return units d (n) that make the rows and columns of N, in e over d, equally long (Osborne 1960)."""
     d = np.ones(len(N))
     for _ in range(_SWEEPS):
         for i in range(len(N)):
@@ -202,15 +205,15 @@ def balance(N: Array) -> Array:
 
 
 def pace(of: Quadratic, W: Array) -> float:
-    """Return how fast the x of e = W x move in a form of floats, by which it is in a unit of time of its own."""
+    """Return the speed of x, e = W x, in a form of floats: the factor to its own unit of time."""
     n = len(W)
     fast = float(np.linalg.norm(np.linalg.inv(W) @ of.pairs[0][1][:, :n] @ W))
     return fast if 0 < fast < math.inf else 1.0
 
 
 def even(of: Quadratic, W: Array) -> Array:
-    """The g (k) with which each relation enters the form of x by as much as it reads of x. A small reading counts as a
-    small share of the largest at least; one of nothing but rounding, which says nothing of its size, as a tenth."""
+    """Return the g (k) that make each relation's input to x as large as its reading of x. Readings below a small share
+    of the largest are raised to it. A reading of rounding errors alone counts as a tenth of the largest."""
     n = len(W)
     columns = np.linalg.norm(np.linalg.inv(W) @ of.pairs[0][1][:, n:], axis=0)
     reads = np.linalg.norm(of.Q[:, :n] @ W, axis=1)
@@ -220,15 +223,15 @@ def even(of: Quadratic, W: Array) -> Array:
 
 
 def negative(forms: Sequence[Quadratic], P: Array, S: Array, W: Array | None = None) -> bool:
-    """Whether all forms of floats are negative as far as floats tell, by what rounding to a grid may take: in
-    coordinates x of e = `W` x, in which P is near the unit matrix."""
+    """Return whether all forms of floats are negative, with a margin for rounding to a grid, in coordinates x of e =
+    `W` x, in which P is near the unit matrix."""
     values, P = _valued(forms, P, S, W)
     return bool(np.linalg.eigvalsh(values).max() < -_ROUNDING and np.linalg.eigvalsh(P).min() > 0)
 
 
 def reach(forms: Sequence[Quadratic], towards: Sequence[Quadratic], P: Array, S: Array, W: Array | None) -> float:
-    """The largest share of the way from forms `towards` others up to which they are `negative`, 0 where they are not:
-    their values are affine in it."""
+    """Return the largest share of the way from `forms` `towards` others at which the forms are `negative`, 0 where they
+    are not at the start. Their values are affine in it."""
     values, _ = _valued((*forms, *towards), P, S, W)
     first, last = np.split(values, 2)
     try:
@@ -240,7 +243,7 @@ def reach(forms: Sequence[Quadratic], towards: Sequence[Quadratic], P: Array, S:
 
 
 def _valued(forms: Sequence[Quadratic], P: Array, S: Array, W: Array | None) -> tuple[Array, Array]:
-    """The values (k, N, N) of forms of floats, and P, in coordinates x of e = W x."""
+    """Return the values (k, N, N) of forms of floats, and P, in coordinates x of e = W x."""
     if W is not None:
         view, fast = View.paced(forms, W)
         forms, P, S = view.forms, W.T @ P @ W, S * view.g**2 / fast
@@ -248,7 +251,7 @@ def _valued(forms: Sequence[Quadratic], P: Array, S: Array, W: Array | None) -> 
 
 
 def verified(forms: Sequence[Quadratic], P: Array, S: Array) -> bool:
-    """Whether P > 0, S >= 0 and all forms are negative, in exact arithmetic, of forms of balls in theirs; P and S of
+    """Return whether P > 0, S >= 0 and all forms are negative, in exact arithmetic or that of their balls; P and S of
     FLINT's rationals."""
     if any(value < 0 for value in S) or not positive(fmpq_mat(P.tolist())):
         return False
@@ -257,52 +260,52 @@ def verified(forms: Sequence[Quadratic], P: Array, S: Array) -> bool:
 
 
 def extent(P: Array, c: Array) -> Fraction:
-    """c P^-1 c', the largest |c e|^2 where |e|_P <= 1; of FLINT's rationals."""
+    """Return c P^-1 c', the largest |c e|^2 where |e|_P <= 1; of FLINT's rationals."""
     row = fmpq_mat([c.tolist()])
     return fraction((row * fmpq_mat(P.tolist()).solve(row.transpose()))[0, 0])
 
 
 def inverse_root(P: Array) -> Array:
-    """P^(-1/2) of a P > 0 in floats: coordinates x, e = P^(-1/2) x, in which P is the unit matrix."""
+    """Return P^(-1/2) of a P > 0 in floats: in coordinates x of e = P^(-1/2) x, P is the unit matrix."""
     values, vectors = np.linalg.eigh(P)
     return np.asarray(vectors / np.sqrt(values) @ vectors.T)
 
 
 def floats(M: Array) -> Array:
-    """An array of rationals or balls, or of floats already, as floats."""
+    """Return an array of rationals, balls or floats as floats."""
     if M.dtype == float:
         return M
     return np.array([float(arb(value)) if value else 0.0 for value in M.ravel().tolist()]).reshape(M.shape)
 
 
 def on_grid(values: Array, bits: int) -> Array:
-    """Floats rounded to so many bits after the point, as FLINT's rationals."""
+    """Return floats rounded to so many bits after the point, as FLINT's rationals."""
     step = fmpq(1, 2**bits)
     rounded = np.array([round(value * 2**bits) * step for value in values.ravel().tolist()], dtype=object)
     return rounded.reshape(values.shape)
 
 
 def rational(values: Any) -> Array:
-    """Fractions, floats as they are, or whole numbers as an array of FLINT's rationals."""
+    """Return fractions, floats without rounding, or integers as an array of FLINT's rationals."""
     array = np.array(values, dtype=object)
     exactly = [fmpq(*each.as_integer_ratio()) for each in array.ravel().tolist()]
     return np.array(exactly, dtype=object).reshape(array.shape)
 
 
 def fractions(M: Array) -> Matrix:
-    """A matrix of FLINT's rationals as fractions."""
+    """Return a matrix of FLINT's rationals as fractions."""
     return tuple(tuple(map(fraction, row)) for row in M)
 
 
 def identity(n: int) -> Array:
-    """The unit matrix (n, n), of FLINT's rationals."""
+    """Return the unit matrix (n, n), of FLINT's rationals."""
     one = np.full((n, n), fmpq(0))
     np.fill_diagonal(one, fmpq(1))
     return one
 
 
 def times(A: Array, B: Array) -> Array:
-    """A B, of FLINT's rationals."""
+    """Return A B, of FLINT's rationals."""
     whole, below = _product(A, B)
     return _array(fmpq_mat(whole) / below)
 
@@ -312,11 +315,11 @@ def _array(M: Any) -> Array:
 
 
 def _product(*factors: Array) -> tuple[Any, Any]:
-    """The product of matrices of rationals: FLINT's matrix of whole numbers, and their denominator."""
+    """Return the product of rational matrices as FLINT's integer matrix and its denominator."""
     each = [fmpq_mat(*M.shape, M.ravel().tolist()).numer_denom() for M in factors]
     return reduce(mul, (whole for whole, _ in each)), reduce(mul, (below for _, below in each))
 
 
 def stacked(rows: Sequence[Array], size: int) -> Array:
-    """Rows (size) as a matrix, (0, size) of none; of FLINT's rationals."""
+    """Return rows (size) of FLINT's rationals as a matrix, (0, size) for no rows."""
     return np.array([list(row) for row in rows], dtype=object).reshape(len(rows), size)

@@ -1,23 +1,23 @@
-"""Weights P > 0 and S >= 0 with which quadratic forms are negative, by a cone program in floats: no proof of it.
+"""Weights P > 0 and S >= 0 with which quadratic forms are negative, by a cone program in floats, which proves nothing.
 
     margin    maximise m:   F(P, S) <= -m I for every form F,   P >= least I,   trace P <= n
     shortest  minimise t:   F(P, S) <= -m I,   [t, c; c', P] >= 0 for every c,   limits on P and S
     cheapest  minimise t:   F(P, S) <= -m I for every form F,   the last of S <= t
 
-F is linear in P and S (`quadratic`), c P^-1 c' <= t. Multiplied columns of one form that enter along one direction are
-made one (`merged`): columns p_j that enter as r_j u, and nowhere else, leave of sum_j S_j p_j^2 its least for a u =
-sum_j r_j p_j, which is T u^2 with the largest T that
+F is linear in P and S (`quadratic`), c P^-1 c' <= t. Multiplied columns of one form with the same direction are merged
+(`merged`): columns p_j that enter as r_j u, and nowhere else, reduce sum_j S_j p_j^2 to its minimum for a u = sum_j r_j
+p_j, which is T u^2 with the largest T that
 
     diag(S) - T r r' >= 0
 
-admits. The form of (e, u), with T in its place, is negative where that of (e, p) is: slopes of one row of b, which all
-push in one direction, are one column of it, and a solver's work falls with the fourth power of its size and faster.
+admits. The form of (e, u), with T, is negative where that of (e, p) is. Slopes of one row of b, which all act in one
+direction, become one column: a solver's work grows with the fourth power of the size or faster.
 
-The programs are written down for Clarabel as it takes them, A x + s = b with s in cones, without a language for models,
-which would take longer than the solver; those for gains as matrices that are affine in x (`program`).
+The programs are written in Clarabel's standard form, A x + s = b with s in cones: a modelling language would take
+longer than the solver. Programs for gains are written as matrices that are affine in x (`program`).
 
-Of one matrix N'P + P N = -I is solved in rationals; its solution is the smallest P with N'P + P N <= -I there is. It is
-rounded to short rationals, with P <= peak I, and then verified in exact arithmetic. Source: Boyd, El Ghaoui, Feron,
+For one matrix N'P + P N = -I is solved in rationals; its solution is the smallest P with N'P + P N <= -I. It is rounded
+to short rationals, with P <= peak I, and then verified in exact arithmetic. Source: Boyd, El Ghaoui, Feron,
 Balakrishnan, "Linear Matrix Inequalities in System and Control Theory", SIAM (1994), 5.1.
 """
 
@@ -37,21 +37,21 @@ from hgogen.prove.quadratic import Array, Quadratic, View, inverse_root
 from hgogen.rigor.definite import Matrix, exact, fraction, number, one_thread, positive, unit
 from hgogen.sentence import NONE, Reason, because
 
-STATES = 12  # beyond it the exact Lyapunov equation has too many unknowns for a check that answers at once
+STATES = 12  # above, the exact Lyapunov equation has too many unknowns for a fast check
 
-# What rounding may take from the inequality: P is made larger by such a share, the smallest that is enough.
+# Relative increase of P, so that rounding preserves the inequality: the smallest sufficient one.
 _SLACKS = (Fraction(1, 2**24), Fraction(1, 2**16), Fraction(1, 2**8))
 
 
 @dataclass(eq=False)
 class NoSolver(HgogenError):
-    """A linear matrix inequality was asked for, and its solver is not installed."""
+    """A linear matrix inequality whose solver is not installed; `what` needs it."""
 
     what: str
 
     @property
     def reason(self) -> Reason:
-        """The reason, which names what the solver is needed for."""
+        """The reason, which names `what` needs the solver."""
         return because("{what} needs clarabel; install it: pip install 'hgogen[lmi]'", what=self.what)
 
     def __str__(self) -> str:
@@ -59,7 +59,7 @@ class NoSolver(HgogenError):
 
 
 def no_solver(what: str) -> Reason:
-    """Why `what` has none, or `NONE`."""
+    """Return why there is no solver for `what`, or `NONE`."""
     try:
         cones(what)
     except NoSolver as missing:
@@ -77,16 +77,16 @@ class Lyapunov:
 
 
 def verified(candidate: Lyapunov) -> bool:
-    """Whether P > 0, peak I - P > 0 and -I - N'P - P N > 0, in exact arithmetic."""
+    """Return whether P > 0, peak I - P > 0 and -I - N'P - P N > 0, in exact arithmetic."""
     P, N, one = exact(candidate.P), exact(candidate.N), unit(len(candidate.P))
     gaps = (P, one * number(candidate.peak) - P, -one - (N.transpose() * P + P * N))
     return bool(P.transpose() == P) and all(map(positive, gaps))
 
 
 def lyapunov(N: Matrix) -> Lyapunov | None:
-    """The smallest P with N'P + P N <= -I, up to rounding outwards; None where N is not Hurwitz.
+    """Return the smallest P with N'P + P N <= -I, up to rounding outwards; None where N is not Hurwitz.
 
-    N (n, n) rational. The Lyapunov equation is n(n + 1)/2 linear equations in rationals.
+    N (n, n) is rational. The Lyapunov equation is n(n + 1)/2 linear equations in rationals.
     """
     n = len(N)
     places = {(i, j): k for k, (i, j) in enumerate((i, j) for i in range(n) for j in range(i, n))}
@@ -97,11 +97,11 @@ def lyapunov(N: Matrix) -> Lyapunov | None:
             rows[row][places[min(i, k), max(i, k)]] += number(N[k][j])
     try:
         solution = fmpq_mat(rows).solve(fmpq_mat([[fmpq(-(i == j))] for i, j in places]))
-    except ZeroDivisionError:  # two eigenvalues add up to zero
+    except ZeroDivisionError:  # two eigenvalues with the sum 0
         return None
     P = [[fraction(solution[places[min(i, j), max(i, j)], 0]) for j in range(n)] for i in range(n)]
     steepest = max([Fraction(1), *(abs(x) for row in N for x in row)])
-    for slack in _SLACKS:  # in multiples of a power of two so small that the inequality keeps half of what it won
+    for slack in _SLACKS:  # round to a power of two, small enough to preserve half of the margin
         step = Fraction(1, 2 ** (int(4 * n * n * steepest / slack).bit_length()))
         grid = tuple(tuple(round((1 + slack) * value / step) * step for value in row) for row in P)
         peak = float(np.linalg.eigvalsh(np.array(grid, dtype=float)).max())
@@ -113,13 +113,11 @@ def lyapunov(N: Matrix) -> Lyapunov | None:
 
 
 def gains(corners: Iterable[tuple[Matrix, Sequence[Fraction]]], largest: float) -> tuple[Fraction, ...] | None:
-    """A gain K (n), |K| <= `largest`, with one P for all A - K C, of a small largest eigenvalue; None where none is
-    found.
+    """Return a gain K (n), |K| <= `largest`, with one P for all A - K C and a small largest eigenvalue of P; None where
+    none is found. Raises: `NoSolver`.
 
     `corners`: (A (n, n), C (n)) at the vertices. With Y = P K the inequality A'P + P A - Y C - C'Y' <= -I is linear;
     K'P K <= largest^2 p and P >= p I bound the gain. Nothing is proved here: `convergence` does it for the K returned.
-
-    Raises: `NoSolver`.
     """
     pairs = [(np.array(A, dtype=float), np.array([list(map(float, C))])) for A, C in corners]
     n, p = len(pairs[0][0]), len(basis(len(pairs[0][0])))
@@ -139,34 +137,32 @@ def gains(corners: Iterable[tuple[Matrix, Sequence[Fraction]]], largest: float) 
 
 
 def cones(what: str) -> tuple[Any, Any]:
-    """Clarabel, and the sparse matrices that it takes. Raises: `NoSolver`, of `what` needs it."""
+    """Return Clarabel, and the sparse matrices that it needs. Raises: `NoSolver` for `what`."""
     try:
-        import clarabel  # here, because it is slow to import and seldom needed
+        import clarabel  # a slow import, seldom needed
         from scipy import sparse
     except ImportError:
         raise NoSolver(what) from None
     return clarabel, sparse
 
 
-_LEAST = 1e-4  # eigenvalue of P over the mean of all: a P close to singular is none that rationals prove
-_CLOSE = 1e-6  # how well a margin is found
+_LEAST = 1e-4  # least eigenvalue of P over the mean of all: no proof in rationals with a nearly singular P
+_CLOSE = 1e-6  # accuracy of a margin
 CLOSER = 1e-8
-_SOLVES = 6  # of a program in coordinates of its own solution, at most
-_GAIN, _ROUND = 0.01, 4  # what ends them: a gain, and a condition number of P, that are smaller
-_ALIKE = 1e-9  # by how much directions of length 1 may differ
-_USABLE = ("Solved", "AlmostSolved")  # what the solver says of its solution
+_SOLVES = 6  # the most solutions of a program in coordinates of its last one
+_GAIN, _ROUND = 0.01, 4  # stop below this gain, and below this condition number of P
+_ALIKE = 1e-9  # tolerance of unit directions
+_USABLE = ("Solved", "AlmostSolved")  # status of a usable solution
 
-Limits = tuple[Array, Array]  # A and b of A (P, S) <= b, P by its entries as `short` has them
-Span = tuple[
-    Array, Array
-]  # matrices (q, n, n), and rows (r, q) of which the shares of these are to make nothing below 0
-Rows = tuple[Array, Array, bool]  # A and b of one cone, and whether it is that of definite matrices, or of signs
+Limits = tuple[Array, Array]  # A and b of A (P, S) <= b, P as in `upper_triangles`
+Span = tuple[Array, Array]  # matrices (q, n, n), and rows (r, q) that are >= 0 on their coefficients
+Rows = tuple[Array, Array, bool]  # A and b of one cone, and whether it holds matrices, or signs
 
 
 @dataclass(frozen=True)
 class Group:
-    """The multipliers of these `places`, that push in one direction, each by its `weights` r, the largest 1; `column`:
-    where they stand in the form."""
+    """Multipliers with one direction: their `places`, their `weights` r, the largest of which is 1, and their merged
+    `column` in the form."""
 
     places: tuple[int, ...]
     weights: tuple[float, ...]
@@ -175,8 +171,8 @@ class Group:
 
 @dataclass(frozen=True, eq=False)
 class Margin:
-    """The `margin` of weights `P` (n, n) and `S` (k), all in floats, below 0 where no weights make the forms negative;
-    `prices`, for each form (N, N): <price, D> is what a small change D of that form takes from the margin."""
+    """The `margin` of weights `P` (n, n) and `S` (k) in floats, below 0 if no weights make the forms negative; `prices`
+    (N, N) for each form: a small change D of the form reduces the margin by <price, D>."""
 
     P: Array
     S: Array
@@ -186,9 +182,8 @@ class Margin:
 
 @dataclass(frozen=True, eq=False)
 class Solution:
-    """A solution that a program finds in coordinates x of e = W x: the weights `P` (n, n) and `S` (k) of e, the `value`
-    that it makes small, infinite where the forms are not negative by these weights, and the P of x, `near` the unit
-    matrix."""
+    """A solution of a program in coordinates x of e = W x: the weights `P` (n, n) and `S` (k) of e, the minimised
+    `value`, infinite where these weights do not make the forms negative, and the P of x, `near` the unit matrix."""
 
     P: Array
     S: Array
@@ -197,12 +192,11 @@ class Solution:
 
 
 def settled(solve: Callable[[Array], Solution | None], W: Array) -> tuple[Array, Array] | None:
-    """The weights P and S of the least value that a program finds in coordinates e = W x, then in those in which the P
-    that it found is the unit matrix, until it finds one near that, or gains less than a hundredth; None where it finds
-    none.
+    """Return the weights P and S of the least value that a program finds; None where it finds none.
 
-    A solver takes for nothing what is small in its coordinates. Where these are far from those of the solution it ends
-    anywhere up to several times the least value, as it happens to round; in those of its own solution at the least.
+    The program runs in coordinates e = W x, then in those in which its own P is the unit matrix, until that P is near
+    the unit matrix, or the value falls by less than a hundredth. A solver neglects what is small in its coordinates:
+    far from those of the solution it ends at up to several times the least value, depending on rounding.
     """
     best: Solution | None = None
     for _ in range(_SOLVES):
@@ -220,16 +214,18 @@ def settled(solve: Callable[[Array], Solution | None], W: Array) -> tuple[Array,
 
 
 def sought(forms: Sequence[Quadratic], what: str, W: Array | None = None) -> tuple[Array, Array] | None:
-    """Weights in floats with which a solver takes all forms to be negative; None where it finds none. `W` (n, n): what
-    decays is W times coordinates in which P is expected to be near the unit matrix. Raises: `NoSolver` of `what` needs
-    it."""
+    """Return weights in floats with which a solver finds all forms negative; None where it finds none. Raises:
+    `NoSolver` for `what`.
+
+    `W` (n, n): the state is e = W x, with P expected near the unit matrix in x.
+    """
     best = widest(forms, what, W)
     return (best.P, best.S) if best is not None and best.margin > 0 else None
 
 
 def widest(forms: Sequence[Quadratic], what: str, W: Array | None = None, priced: bool = False) -> Margin | None:
-    """Return these weights, also where the forms are not negative: by the largest margin in those coordinates;
-    `priced`: whether prices are asked. Raises: `NoSolver`."""
+    """Return the weights with the largest margin in the coordinates `W`, also if the forms are not negative; `priced`:
+    with the prices. Raises: `NoSolver`."""
     if W is None:
         return margin([form.floats for form in forms], what, priced)
     view, fast = View.paced([form.floats for form in forms], W)
@@ -242,8 +238,8 @@ def widest(forms: Sequence[Quadratic], what: str, W: Array | None = None, priced
 
 @np.errstate(over="ignore", invalid="ignore")
 def margin(forms: Sequence[Quadratic], what: str, priced: bool = False, span: Span | None = None) -> Margin | None:
-    """The margin of forms of floats, with the same P and S, P in a `span`; None where the solver leaves no numbers. Of
-    one form whose prices are not asked, columns are merged. Raises: `NoSolver` of `what` needs it."""
+    """Return the margin of forms of floats for a common P and S, P in a `span`; None where the solver returns no
+    numbers. For one form without prices, columns are merged. Raises: `NoSolver` for `what`."""
     n, whole = len(forms[0].pairs[0][0]), forms
     forms, groups = merged(forms[0]) if len(forms) == 1 and not (priced or span) else (forms, ())
     of_forms, others = _at_most(forms, groups, 1.0, 0.0), len(whole[0].Q) + len(groups) + 1
@@ -261,9 +257,11 @@ def margin(forms: Sequence[Quadratic], what: str, priced: bool = False, span: Sp
 
 @np.errstate(over="ignore", invalid="ignore")
 def shortest(view: View, reads: Array, limits: Limits, by: float, unit: float, what: str) -> Solution | None:
-    """P and S of forms of x that are negative `by` that, within `limits` of x / `unit`, with a small largest c P^-1 c'
-    of what rows read of x, `reads` (r, n); None where the solver leaves no numbers. Raises: `NoSolver` of `what` needs
-    it."""
+    """Return P and S with a small largest c P^-1 c' over the rows c of `reads` (r, n) in x; None where the solver
+    returns no numbers. Raises: `NoSolver` for `what`.
+
+    The forms of x are negative with the margin `by`, and x / `unit` satisfies the `limits`.
+    """
     whole, (A, b) = view.forms, limits
     forms, groups = merged(whole[0]) if len(whole) == 1 else (whole, ())
     of_rows = [reaching(c, A.shape[1] + len(groups)) for c in reads / np.linalg.norm(reads, axis=1).max()]
@@ -281,8 +279,8 @@ def shortest(view: View, reads: Array, limits: Limits, by: float, unit: float, w
 
 @np.errstate(over="ignore", invalid="ignore")
 def cheapest(forms: Sequence[Quadratic], q: int, by: float, what: str) -> tuple[Array, Array] | None:
-    """P and S with a small largest of the last `q` of S, of forms of floats that are negative `by` that; None where the
-    solver leaves no numbers. Raises: `NoSolver` of `what` needs it."""
+    """Return P and S with a small largest of the last `q` of S, for forms of floats that are negative with the margin
+    `by`; None where the solver returns no numbers. Raises: `NoSolver` for `what`."""
     n, k = len(forms[0].pairs[0][0]), len(forms[0].Q)
     last = np.hstack([np.zeros((q, n * (n + 1) // 2 + k - q)), np.eye(q), -np.ones((q, 1))])
     rows = [*_at_most(forms, (), 0.0, by), _positive(n, k + 1, by), (last, np.zeros(q), False)]
@@ -291,8 +289,8 @@ def cheapest(forms: Sequence[Quadratic], q: int, by: float, what: str) -> tuple[
 
 
 def _at_most(forms: Sequence[Quadratic], groups: Sequence[Group], share: float, by: float) -> list[Rows]:
-    """Return the condition that forms are at most -(`share` t + `by`) I, t the last variable, and what columns of
-    groups stand for too."""
+    """Return the condition that forms are at most -(`share` t + `by`) I, t the last variable, and the conditions of
+    merged columns."""
     rows = []
     for form in forms:
         one = np.eye(form.size)
@@ -310,7 +308,7 @@ def _at_most(forms: Sequence[Quadratic], groups: Sequence[Group], share: float, 
 
 
 def _positive(n: int, others: int, least: float) -> Rows:
-    """Return the condition that P is at least a multiple of the unit matrix, with so many variables beside."""
+    """Return the condition P >= `least` I, for P and `others` further variables."""
     A = np.hstack([-_packed(basis(n)), np.zeros((n * (n + 1) // 2, others))])
     return A, -least * _packed(np.eye(n)[None])[:, 0], True
 
@@ -324,7 +322,7 @@ def _solved(
     what: str,
     span: Span | None = None,
 ) -> tuple[tuple[Array, Array, float], Array] | None:
-    """P, S and the last variable where its `cost` is least, S >= 0, and the prices. Raises: `NoSolver`."""
+    """Return P, S and the last variable where its `cost` is least, S >= 0, and the prices. Raises: `NoSolver`."""
     n, k, t = len(form.pairs[0][0]), len(form.Q), len(groups)
     p = q = n * (n + 1) // 2
     if span:
@@ -342,7 +340,7 @@ def _solved(
 
 
 def together(form: Quadratic, q: int, most: float) -> Limits:
-    """Return the limit that the last q of S are together at most `most`."""
+    """Return the limit that the last q of S sum up to at most `most`."""
     n, k = len(form.pairs[0][0]), len(form.Q)
     return np.append(np.zeros(n * (n + 1) // 2 + k - q), np.ones(q))[None], np.array([most])
 
@@ -366,28 +364,30 @@ def reaching(c: Array, count: int) -> Rows:
 
 
 def definite(brings: Array, last: Array, end: Array) -> Rows:
-    """Return the cone that `end` less what the variables bring, the last one of them `last`, is a definite matrix."""
+    """Return the cone of definite matrices that holds `end` less the variables times `brings`, the last one times
+    `last`."""
     return _packed(np.concatenate([brings, last])), _packed(end[None])[:, 0], True
 
 
 def program(goal: Array, blocks: Callable[[Array], Sequence[Array]], what: str) -> Array | None:
-    """The variables x with the least <goal, x> of all with which no block of matrices, affine in x, has an eigenvalue
-    below 0; None where the solver finds none. Raises: `NoSolver` of `what` needs it."""
+    """Return the variables x with the least <goal, x> at which every block, a matrix that is affine in x, is positive
+    semidefinite; None where the solver finds none. Raises: `NoSolver` for `what`."""
     known = solved(goal, affine(blocks, len(goal)), CLOSER, what)
     return None if known is None else known[0]
 
 
 def affine(blocks: Callable[[Array], Sequence[Array]], count: int) -> list[Rows]:
-    """Cones of matrices that are affine in `count` variables."""
+    """Return the cones of matrices that are affine in `count` variables."""
     first, *others = (blocks(x) for x in np.vstack([np.zeros(count), np.eye(count)]))
     each = zip(first, zip(*others, strict=True), strict=True)
     return [(_packed(end - np.array(ones)), _packed(end[None])[:, 0], True) for end, ones in each]
 
 
 def solved(goal: Array, rows: Sequence[Rows], close: float, what: str) -> tuple[Array, Array] | None:
-    """The variables with the least <goal, x>, and the prices of the rows; None where the solver finds none.
+    """Return the variables with the least <goal, x>, and the prices of the rows; None where the solver finds none.
 
-    Raises: `NoSolver`."""
+    Raises: `NoSolver`.
+    """
     cones(what)
     matrix = np.vstack([A for A, _, _ in rows], dtype=float)
     ends = np.concatenate([b for _, b, _ in rows], dtype=float)
@@ -395,11 +395,11 @@ def solved(goal: Array, rows: Sequence[Rows], close: float, what: str) -> tuple[
     return _solution(goal.astype(float).tobytes(), matrix.tobytes(), ends.tobytes(), kinds, close)
 
 
-@lru_cache(maxsize=1 << 12)  # searches meet at a point, and who designs, shows and verifies begins alike
+@lru_cache(maxsize=1 << 12)  # design, display and verification repeat the same programs
 def _solution(
     costs: bytes, matrix: bytes, ends: bytes, kinds: tuple[tuple[int, bool], ...], close: float
 ) -> tuple[Array, Array] | None:
-    """Return the solution, of numbers as they lie in memory, and of the cones by their sizes."""
+    """Return the solution for numbers as bytes, and cones by their sizes: arguments that a cache can hash."""
     solver, sparse = cones("a cone program")
     goal, b = np.frombuffer(costs), np.frombuffer(ends)
     A = sparse.csc_matrix(np.frombuffer(matrix).reshape(len(b), len(goal)))
@@ -409,7 +409,7 @@ def _solution(
     ]
     settings = solver.DefaultSettings()
     settings.verbose, settings.tol_gap_abs, settings.tol_gap_rel, settings.tol_feas = False, close, close, close
-    settings.equilibrate_enable = False  # by which it takes for solved what is far from the least
+    settings.equilibrate_enable = False  # with equilibration it accepts solutions far from the optimum
     with one_thread():
         solution = solver.DefaultSolver(sparse.csc_matrix((len(goal),) * 2), goal, A, b, of_each, settings).solve()
     x, prices = np.array(solution.x), np.array(solution.z)
@@ -418,8 +418,8 @@ def _solution(
 
 
 def entries(form: Quadratic, groups: Sequence[Group] = ()) -> Array:
-    """Return what each entry of P on and above the diagonal, each of S, and each T of groups brings into the form: (p +
-    k + t, N, N); where P stands beside a matrix Y, as [P, Y], each entry of Y after those of P."""
+    """Return the coefficient matrices (p + k + t, N, N) of the form, for each entry of P on and above the diagonal,
+    each of S, and each T of the groups. Where P is part of [P, Y], the entries of Y follow those of P."""
     halves: Any = sum(np.einsum("ia,jb->ijab", X, Y) for X, Y in form.pairs)
     whole, n = halves + halves.transpose(0, 1, 3, 2), len(halves)
     i, j = _places(n)
@@ -435,18 +435,19 @@ def entries(form: Quadratic, groups: Sequence[Group] = ()) -> Array:
 
 @cache
 def basis(n: int) -> Array:
-    """The symmetric matrix of each entry on and above the diagonal: (p, n, n)."""
+    """Return the symmetric matrix of each entry on and above the diagonal: (p, n, n)."""
     return np.array([symmetric(row, n) for row in np.eye(n * (n + 1) // 2)])
 
 
 def upper_triangles(matrices: Array) -> Array:
-    """Symmetric matrices (q, N, N) as the columns of their entries on and above the diagonal, column by column."""
+    """Return symmetric matrices (q, N, N) as columns of their entries on and above the diagonal, column by column."""
     i, j = _places(matrices.shape[-1])
     return np.asarray(matrices[:, i, j].T)
 
 
 def _packed(matrices: Array) -> Array:
-    """Return these columns as the solver takes them, so that a scalar product is that of the matrices."""
+    """Return the `upper_triangles` scaled for the solver, so that the scalar product of columns is that of the
+    matrices."""
     return np.asarray(upper_triangles(matrices) * _weights(matrices.shape[-1])[:, None])
 
 
@@ -458,7 +459,7 @@ def _weights(size: int) -> Array:
 
 @cache
 def _places(size: int) -> tuple[Array, Array]:
-    """The rows and the columns of the entries on and above the diagonal, column by column."""
+    """Return the rows and the columns of the entries on and above the diagonal, column by column."""
     j, i = np.tril_indices(size)
     return i, j
 
@@ -472,13 +473,13 @@ def symmetric(entries: Array, size: int) -> Array:
 
 
 def merged(form: Quadratic) -> tuple[tuple[Quadratic], tuple[Group, ...]]:
-    """The form of floats with as few columns as it takes, what decays first, then one for each direction; and the
-    groups, whose multipliers have no Z in it."""
+    """Return the form of floats with the fewest columns, the state first, then one for each direction; and the groups,
+    whose multipliers have no Z in it."""
     n, each = len(form.pairs[0][0]), tuple(_alike(form))
     T, Z = np.zeros((form.size, n + len(each))), np.zeros((len(form.Z), n + len(each)))
     T[:n, :n] = np.eye(n)
     for at, places in enumerate(each, n):
-        T[n + places[0], at] = 1.0  # the largest, by which the others are measured
+        T[n + places[0], at] = 1.0  # the largest is the unit of the others
         if len(places) == 1:
             Z[places[0], at] = 1.0
     pairs = tuple((X @ T, Y @ T) for X, Y in form.pairs)
@@ -493,13 +494,13 @@ def merged(form: Quadratic) -> tuple[tuple[Quadratic], tuple[Group, ...]]:
 
 
 def _columns(form: Quadratic) -> Array:
-    """Return what a multiplied column brings anywhere: (rows, k)."""
+    """Return the coefficients of each multiplied column in all matrices of the form: (rows, k)."""
     n = len(form.pairs[0][0])
     return np.vstack([part for pair in form.pairs for part in pair] + [form.Q])[:, n:]
 
 
 def _alike(form: Quadratic) -> Iterator[list[int]]:
-    """The multipliers by direction, of each the one that enters most first."""
+    """Yield the multipliers of each direction, the one with the longest column first."""
     columns, remaining = _columns(form), list(range(len(form.Q)))
     lengths = np.linalg.norm(columns, axis=0)
     while remaining:
@@ -511,7 +512,7 @@ def _alike(form: Quadratic) -> Iterator[list[int]]:
 
 
 def _along(columns: Array, lengths: Array, first: int, other: int) -> bool:
-    """Whether two columns are one but for a factor."""
+    """Return whether two columns are parallel."""
     if not lengths[other]:
         return False
     cosine = columns[:, first] @ columns[:, other] / lengths[first] / lengths[other]

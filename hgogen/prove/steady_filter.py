@@ -1,9 +1,11 @@
-"""The gain to which the Riccati equation of a form settles, linearised at a point, as a constant gain.
+"""Steady filters: the constant gain of a settled Riccati equation, and the convergence of a Kalman filter.
+
+1. The gain to which the Riccati equation of a form settles, linearised at a point:
 
     0 = F P + P F' + Q_theta - P C' R_theta^-1 C P,   P C' R_theta^-1 = (theta^(p(i) - p(k) + 1) K_ik)
 
 F and C are those of the form at the point, Q_theta and R_theta of `scaling`. In scaled coordinates, with N = Delta F
-Delta^-1/theta = A + Delta b* Delta^-1/theta and P = Delta^-1 S^-1 Delta^-1, theta falls out:
+Delta^-1/theta = A + Delta b* Delta^-1/theta and P = Delta^-1 S^-1 Delta^-1, theta cancels:
 
     0 = N S^-1 + S^-1 N' + Q - S^-1 C' R^-1 C S^-1,   K = S^-1 C' R^-1
 
@@ -11,15 +13,15 @@ K depends on theta by the slopes of b alone: `observers.high_gain` with this K h
 settled filter, and another theta is that of a constant gain. Source: of the equation, Boizot, Busvelle, Gauthier,
 Automatica 46 (2010), (4); of its refinement, D. L. Kleinman, IEEE TAC 13 (1968).
 
-Whether a Kalman filter of a linear plant with constant coefficients converges: ranks in exact arithmetic.
+2. The convergence of a Kalman filter of a linear plant with constant coefficients, by ranks in exact arithmetic:
 
     x' = A x + b(u),  y = C x + d(u),   P' = A P + P A' + Q - P C' R^-1 C P,   e' = (A - P C' R^-1 C) e
 
 Where (C, A) is observable and (A, Q) controllable, P converges from every P(0) > 0 to the one positive definite P of
 the algebraic equation, for which A - P C' R^-1 C is Hurwitz, so that e converges exponentially from everywhere. Both
-ranks are n where the matrices sum_k (A')^k C'C A^k and sum_k A^k Q Q' (A')^k, k < n, are positive definite. Source:
-R. E. Kalman, R. S. Bucy, "New results in linear filtering and prediction theory", J. Basic Engineering 83 (1961),
-section 7.
+ranks are n where the matrices sum_k (A')^k C'C A^k and sum_k A^k Q Q' (A')^k, k < n, are positive definite. Source: R.
+E. Kalman, R. S. Bucy, "New results in linear filtering and prediction theory", J. Basic Engineering 83 (1961), section
+7.
 """
 
 from collections.abc import Mapping, Sequence
@@ -64,9 +66,9 @@ from hgogen.signal import Signal
 
 Rows = tuple[tuple[float, ...], ...]
 
-_WEAKEST = 1e-9  # share of the best shown direction from which on a state is shown
-_SETTLED = 1e-9  # what the equation may leave, over its largest term
-_LARGER = (1.5, 2, 3, 5, 10, 20, 50, 100, 1000)  # factors of theta that are tried where theta does not do
+_WEAKEST = 1e-9  # least singular value of an observable state, over the largest
+_SETTLED = 1e-9  # residual of the equation, over its largest term
+_LARGER = (1.5, 2, 3, 5, 10, 20, 50, 100, 1000)  # factors of theta that are tried where its gain does not decay
 _ROUNDS = 4  # of Kleinman's refinement, which squares the error
 
 
@@ -79,15 +81,15 @@ def steady_gain(
     at: Mapping[str, float],
     u: Mapping[str, float] | None = None,
 ) -> tuple[float, ...] | Rows:
-    """The constant gain K to which the filter `riccati` settles where the plant rests at a point: (n), of several
-    chains rows (n, q), for `high_gain(form, theta=theta, gains=K)`, which has at this theta the settled filter's gains.
+    """Return the constant gain K of the settled filter `riccati` at an equilibrium: (n), for several chains rows (n,
+    q). `high_gain(form, theta=theta, gains=K)` has at this theta the same gains.
 
-    Args: `Q`, `R`, `theta` as of `observers.riccati`: Q diagonal (n) or (n, n), unit z^2/s, R of each output, unit
-    y^2 s; `at`: every state of the plant by name, `u`: every input; parameters have their nominal values.
+    Args: `Q`, `R`, `theta` as of `observers.riccati`: Q diagonal (n) or (n, n), unit z^2/s, R of each output, unit y^2
+    s; `at`: every state of the plant by name, `u`: every input; parameters have their nominal values.
 
-    What is proved of the observer is proved as of any constant gain: nothing rests on the point. Raises: `BadGain` for
-    Q, R, theta that are not positive, a point outside its ranges, or one at which the outputs do not show every state;
-    `BadNames`; `NotHurwitz` where the gain leans on b, whose slopes a clamped estimate does not feel; `Misfit`.
+    Proofs about the observer are those of any constant gain: they do not assume the point. Raises: `BadGain` for Q, R,
+    theta that are not positive, a point outside its ranges, or one at which not every state is observable; `BadNames`;
+    `NotHurwitz` where the decay needs the slopes of b, which a clamped estimate does not have; `Misfit`.
     """
     if not isinstance(form, Form):
         raise Misfit("steady_gain", form, "a form: hg.forms.triangular(plant)")
@@ -115,7 +117,7 @@ def steady_gain(
 
 
 def in_chains(form: Form) -> None:
-    """Raises: `BadGain` for a form on which no constant gain stands for that of the filter."""
+    """Demand a form on which a constant gain can replace that of the filter. Raises: `BadGain`."""
     constant_chains("steady_gain", form)
     if form.jacobian is not None or len(form.leads) < len(form.output):
         reason = "wants coordinates in which the gain acts, and a chain for each output"
@@ -123,7 +125,7 @@ def in_chains(form: Form) -> None:
 
 
 def _point(form: Form, at: Any, u: Any) -> tuple[np.ndarray, str]:
-    """z and u (n + m), with the point in print. Raises: `BadNames`, `BadGain`."""
+    """Return z and u (n + m), with the point in print. Raises: `BadNames`, `BadGain`."""
     states, inputs = form.system.declared.states, form.system.inputs
     values = {**_values("at", at, states), **_values("u", {} if u is None else u, inputs)}
     z = state_field(form, values, 1.0).initial
@@ -132,7 +134,7 @@ def _point(form: Form, at: Any, u: Any) -> tuple[np.ndarray, str]:
 
 
 def _values(what: str, values: Any, signals: Sequence[Signal]) -> dict[str, float]:
-    """The numbers of all signals by name, each in its range. Raises: `BadNames`, `BadGain`."""
+    """Return the numbers of all signals by name, each in its range. Raises: `BadNames`, `BadGain`."""
     names = names_of(signals)
     if not isinstance(values, Mapping):
         example = ", ".join(f"{name!r}: 0" for name in names)
@@ -147,7 +149,7 @@ def _values(what: str, values: Any, signals: Sequence[Signal]) -> dict[str, floa
 
 
 def _settled(N: np.ndarray, C: np.ndarray, Q: np.ndarray, R: np.ndarray, place: str) -> np.ndarray:
-    """K (n, p) of the stabilising P. Raises: `BadGain` where there is none that is shown."""
+    """Return K (n, p) of the stabilising P. Raises: `BadGain` where none is found, or it is not proved."""
     observed, F = [C], N / max(np.linalg.norm(N), 1e-300)
     for _ in N[1:]:
         observed.append(observed[-1] @ F)
@@ -169,12 +171,12 @@ def _settled(N: np.ndarray, C: np.ndarray, Q: np.ndarray, R: np.ndarray, place: 
     return np.asarray(K)
 
 
-STATES = 40  # of more, sums of products of rationals take long
+STATES = 40  # above, products of rational matrices are slow
 
 
 @dataclass(frozen=True)
 class Linear:
-    """A and C of a form that is linear, its coefficients constant."""
+    """The matrices A and C of a linear form with constant coefficients."""
 
     A: definite.Matrix
     C: definite.Matrix
@@ -185,7 +187,7 @@ class Linear:
 
 
 def linear(form: Form) -> Linear | Reason:
-    """A and C (p, n) of a form with z' = A z + b(u), y = C z + d(u); or why it is none."""
+    """Return A and C (p, n) of a form with z' = A z + b(u), y = C z + d(u); or why it is not of this kind."""
     z = {*form.states}
     if form.n > STATES:
         return because("the ranks of more than {most} states are not computed", most=STATES)
@@ -198,7 +200,7 @@ def linear(form: Form) -> Linear | Reason:
     known = dict(fixed(form))
     slopes = sp.Matrix(form.output).jacobian(form.states)
     A, b, h, C = (exactly(sp.Matrix(rows)).xreplace(known) for rows in (form.A, form.b, form.output, slopes))
-    d = (h - C * sp.Matrix(form.states)).expand()  # a jump has a slope of 0 beside it
+    d = (h - C * sp.Matrix(form.states)).expand()  # the slope of a jump is 0 elsewhere
     if (b.free_symbols | C.free_symbols | d.free_symbols) & z:
         return because("it is not linear in the state")
     if moving := sorted((A.free_symbols | C.free_symbols), key=str):
@@ -209,11 +211,11 @@ def linear(form: Form) -> Linear | Reason:
 
 
 def settles(plant: Linear, Q: np.ndarray, theta: float) -> Reason | None:
-    """Return None where the filter of Q (n, n) and a constant theta converges; or which condition is not met.
+    """Return None where the filter of Q (n, n) and a constant theta converges; or the condition that fails.
 
-    Q is a density of noise: with a negative eigenvalue P may leave the positive definite matrices, where the theorem
-    says nothing. A theta above 1 scales Q by rows and columns, which leaves it positive definite, but may end what one
-    of lower rank reaches.
+    Q is a density of noise: with a negative eigenvalue P may become indefinite, which the theorem excludes. A theta
+    above 1 scales Q by rows and columns. This preserves a positive definite Q, but a Q of lower rank may lose
+    controllability.
     """
     A, C, noise = exact(plant.A), exact(plant.C), exact(rationals(Q))
     if not theta > 0:
@@ -232,7 +234,7 @@ def settles(plant: Linear, Q: np.ndarray, theta: float) -> Reason | None:
 
 
 def _gramian(A: Any, start: Any, turned: bool) -> fmpq_mat:
-    """sum_k (A')^k M A^k for k < n where `turned`, else sum_k A^k M (A')^k."""
+    """Return sum_k (A')^k M A^k for k < n where `turned`, else sum_k A^k M (A')^k."""
     total = term = start
     outer, inner = (A.transpose(), A) if turned else (A, A.transpose())
     for _ in range(A.nrows() - 1):

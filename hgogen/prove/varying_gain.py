@@ -1,4 +1,7 @@
-"""A high gain that moves, and the quadratic Lyapunov function that allows it: verified in exact arithmetic.
+"""Time-varying high gains: quadratic Lyapunov functions for every value and rate of a gain, verified in exact
+arithmetic.
+
+1. A gain gamma of any course (`adaptive_lmi`):
 
     what' = A what + c(what, u) + T K (y - what_1),   T = diag(gamma, .., gamma^n),   D = diag(1, .., n)
     e = T^-1 (w - what):   e' = gamma (A - K C) e - (gamma'/gamma) D e + T^-1 (c(w) - c(what)) + (T^-1 G_1 - K G_2) v
@@ -7,10 +10,10 @@
     gamma'/gamma^2 >= -sigma                                                                                    (55)
     gamma >= gamma_inf > max(1, 2 k lambda_max(P)/lambda)                                                   (56), (62)
 
-A, C a chain of integrators, v a disturbance of the plant by G_1 and of the measurement by G_2, k >= |T^-1 dc/dw T| for
-every gamma >= gamma_inf. V = e'P e has V' <= -(gamma lambda - 2 k lambda_max(P)) |e|^2 without v; a lower bound than
-(62) stands below. The paper leaves out D P + P D >= 0, without which (55) does not bound the term with gamma'. With v,
-and
+A, C are a chain of integrators; v is a disturbance of the plant by G_1 and of the measurement by G_2; k >= |T^-1 dc/dw
+T| for every gamma >= gamma_inf. Without v, V = e'P e has V' <= -(gamma lambda - 2 k lambda_max(P)) |e|^2. Part 2 has a
+lower bound than (62). The paper leaves out D P + P D >= 0, without which (55) does not bound the term with gamma'. With
+v, and
 
     lambda >= (4 k lambda_max(P) + 1)/(2 gamma_inf),   gamma <= gamma_sup                                   (70), (71)
     (A - K C)'P + P (A - K C) + sigma (D P + P D) + lambda I + P P/alpha_1 + P K K'P/alpha_2 <= 0                  (87)
@@ -18,26 +21,27 @@ and
 the L2 gain from v to w - what is at most mu, mu^2 = 2 gamma_sup^(2n) max(delta_1 alpha_1, delta_2 alpha_2), where
 delta_1 = 1 + |G_1|^2 and delta_2 = G_2 (I + G_1'G_1) G_2'. (79) may fail, and (72) wants delta_1 I in the place of its
 matrix, since T^-1 G_1 G_1'T^-1 <= |G_1|^2 I for gamma >= 1; (85) lacks the delta_i. k may be taken at gamma_inf: c_i
-reads w_1, .., w_i, so that T^-1 dc/dw T is a polynomial in 1/gamma, whose norm on a disc is largest at its edge, where
-it is the one at gamma_inf up to a similarity by a diagonal of modulus 1. Source: Alessandri, "On Hamilton-Jacobi
+reads w_1, .., w_i, so that T^-1 dc/dw T is a polynomial in 1/gamma. Its norm on a disc is largest at the edge, and
+there equals that at gamma_inf, by a similarity with a diagonal of modulus 1. Source: Alessandri, "On Hamilton-Jacobi
 approaches to state reconstruction for dynamic systems" (2020), theorems 5-7.
 
-A smaller mu than that of (87) has one V for all of gamma's course, in e_i = units_i (w_i - what_i)/gamma^i,
+`VaryingGain` proves a smaller mu than (87), by one V for every course of gamma, in e_i = units_i (w_i -
+what_i)/gamma^i,
 
     e' = gamma (N - r D) e + T^-1 (dc/dw) T e + (gamma^-i G_1 - K G_2) v,   r = gamma'/gamma^2 >= -sigma
 
-Where D P + P D >= 0, a larger r takes from V' what a smaller leaves. At r = -sigma, V' + |w - what|^2 - mu^2 |v|^2 is
-for each e and v a sum of what is convex in gamma, linear in the gamma^-i, and linear in the slopes of c, whose ranges
-shrink as gamma grows: it is negative where it is at both ends of gamma, and of each gamma^-i by itself, with the slopes
-at the lowest gamma (`VaryingGain`).
+Where D P + P D >= 0, V' is largest at r = -sigma. There V' + |w - what|^2 - mu^2 |v|^2 is for each e and v a sum of
+terms that are convex in gamma, linear in the gamma^-i, and linear in the slopes of c, whose ranges shrink as gamma
+grows. So it is negative if it is at both ends of gamma, and of each gamma^-i by itself, with the slopes at the lowest
+gamma.
 
-What an observer claims whose gain l moves: by one norm for every value of l, every rate that its law permits, and
-all slopes of b in their ranges.
+2. Convergence for every value of a gain l, every rate that its law permits, and all slopes of b in their ranges
+(`adaptive_lmi`, `updated_gain`), by one quadratic Lyapunov function:
 
     e_k = error of w_k over l^(b+k-1):   e'/l = (N - r D + J(l)/l) e,   r = l'/l^2,   D = diag(b, .., b + n - 1)
 
 J(l)/l shrinks as l grows: 0 is in the ranges of its slopes, each over a power of l that is at least 1. With r >= -s,
-e'/l at a l >= least is a mean of M_j e, less a share >= 0 of D e, and V = e'P e falls where it does by these:
+e'/l at an l >= least is a mean of the M_j e, less a share >= 0 of D e. V = e'P e decreases if it does for these:
 
     adaptive_lmi   s = sigma:                          N + sigma D + J(least)/least
     updated_gain   s = p_1 (1 - p_2/l), p_2 >= least:  N + J(least)/least,   N + p_1 D
@@ -45,27 +49,27 @@ e'/l at a l >= least is a mean of M_j e, less a share >= 0 of D e, and V = e'P e
 
     M_j'P + P M_j + alpha/least P < 0,   D P + P D > 0:   V' <= -alpha l/least V
 
-How fast l rises does not count, nor by which law: nor whether it comes to rest at an upper end. So `updated_gain` needs
-no bound of slopes by those at the estimate, as the paper does, but a p_2 that is enough alone.
+The rate at which l rises does not matter, nor the law of its rise, nor an upper end at which it rests. So
+`updated_gain` needs no bound of slopes by those at the estimate, as the paper does, only a large enough p_2.
 
-What lets a gain move by L' = L (p_1 (p_2 - L) + p_3 Gamma): inequalities proved in rationals, bounds by intervals.
+3. The conditions of `updated_gain` on its law L' = L (p_1 (p_2 - L) + p_3 Gamma), in rationals and intervals:
 
     N'P + P N <= -I,  N = A - K C,   D = diag(b, .., b + n - 1)
     D P + P D > 0,   N'P + P N + p_1 (D P + P D) < 0,   p_3 (D P + P D) >= 2 lambda_max(P)
 
-and L never passes a cap above p_2 + (p_3/p_1) sup Gamma(cap): there L' < 0. Where they come from: `updated_gain`.
+L never exceeds a cap above p_2 + (p_3/p_1) sup Gamma(cap), as L' < 0 there. `observers.updated_gain` has the source.
 
-How long a high gain must hold so that switching between two gains keeps the error's decay.
+4. The dwell time of a gain that switches between two values (`switched_gain`), so that the error keeps its decay:
 
     V_l = eps_l'P_l eps_l,   eps_l = diag(theta^-p(i)) S e at theta = l:   V_l' <= -alpha_l V_l,   alpha_l >= 0
 
-by a norm for each of the two gains l (`convergence`). A switch multiplies eps by powers of the gains' ratio: with
-eps_high = D eps_low, D = diag((low/high)^p(i)), V becomes at most `up` times what it was at a switch to the high gain,
-and `down` times at one back,
+with a Lyapunov function for each of the two gains l (`convergence`). A switch multiplies eps by powers of the gains'
+ratio: with eps_high = D eps_low, D = diag((low/high)^p(i)), V grows by at most the factor `up` at a switch to the high
+gain, and by `down` at a switch back,
 
     up P_low - D P_high D >= 0,   down P_high - D^-1 P_low D^-1 >= 0
 
-With at least a time T in the high gain between two switches down, V falls from cycle to cycle by a factor below 1 where
+With at least a time T in the high gain between two switches down, V shrinks from cycle to cycle by a factor below 1 if
 
     alpha_high T > log(up down)
 
@@ -119,13 +123,13 @@ from hgogen.rigor.definite import (
 from hgogen.rigor.tape import NoTape
 from hgogen.sentence import NONE, Down, Reason, Up, because, down, same, up
 
-_SLACKS = tuple(Fraction(1, 2**k) for k in range(40, 4, -4))  # of s, what rounding may take from (87)
+_SLACKS = tuple(Fraction(1, 2**k) for k in range(40, 4, -4))  # increases of s, for rounding in (87)
 
 
 @dataclass(frozen=True, eq=False)
 class VaryingGain:
-    """A gamma in [`low`, `high`] that falls at most like -`sigma` gamma^2, of an observer whose error at a constant one
-    obeys `error`; `plant` (n, m) and `measurement` (m): by what a disturbance v enters w' and y."""
+    """A gamma in [`low`, `high`] with gamma' >= -`sigma` gamma^2, of an observer whose error obeys `error` at a
+    constant gamma; `plant` (n, m) and `measurement` (m): the matrices by which a disturbance v enters w' and y."""
 
     error: Inclusion
     low: Fraction
@@ -135,8 +139,8 @@ class VaryingGain:
     measurement: tuple[Fraction, ...]
 
     def attenuation(self, P: Matrix) -> L2Bound | None:
-        """A small bound of the gain from v to w - what; `P`: what V may be near to. None where none is proved, or there
-        is no solver."""
+        """Return a small proved bound of the L2 gain from v to w - what, from a search for V near `P`; None where none
+        is proved, or there is no solver."""
         try:
             return l2_bound([*self._systems()], inverse_root(floats(rational(P))), self._powers)
         except NoSolver:
@@ -144,11 +148,11 @@ class VaryingGain:
 
     @property
     def _powers(self) -> Array:
-        """D."""
+        """The matrix D."""
         return np.asarray(identity(len(self.plant)) * rational([p + 1 for p in self.error.layout.power]))
 
     def _systems(self) -> Iterator[Driven]:
-        """Yield the systems at the ends of gamma and of each gamma^-i that enters."""
+        """Yield the systems at the ends of gamma and of each gamma^-i whose row of `plant` is not 0."""
         e, units, D, one = self.error.at(self.low), rational(self.error.units), self._powers, identity(len(self.plant))
         falling = e.core * (1 / number(self.low)) + D * number(self.sigma)
         noise = e.driven_by(rational([self.measurement]) / number(self.low))
@@ -175,52 +179,52 @@ class Candidate:
         return len(self.K)
 
     def evidence(self, form: Form) -> Evidence:
-        """The matrix P."""
+        """Return the matrix P."""
         return {"P": self.P}
 
     @cached_property
     def shrink(self) -> Any:
-        """D P + P D, FLINT's."""
+        """The matrix D P + P D of FLINT's rationals."""
         return fmpq_mat([[number(value) * (i + j + 2) for j, value in enumerate(row)] for i, row in enumerate(self.P)])
 
     @cached_property
     def rate(self) -> Any:
-        """-(A - K C)'P - P (A - K C) - sigma (D P + P D), FLINT's."""
+        """The matrix -(A - K C)'P - P (A - K C) - sigma (D P + P D) of FLINT's rationals."""
         P, N = exact(self.P), exact(companion(np.array(self.K)))
         return -(N.transpose() * P + P * N + self.shrink * number(self.sigma))
 
     @cached_property
     def decay(self) -> Fraction:
-        """A proved lambda of (54), all but the largest; not positive where there is none."""
+        """A proved lambda of (54), near the largest; not positive where there is none."""
         return smallest(self.rate)[0]
 
     @cached_property
     def peak(self) -> Fraction:
-        """A proved upper bound of lambda_max(P), all but the smallest."""
+        """A proved upper bound of lambda_max(P), near the least."""
         return largest(exact(self.P))[1]
 
     def least(self, slope: Fraction, decay: Fraction | None = None) -> Fraction:
-        """(70), (88): max(1, (4 k lambda_max(P) + 1)/(2 lambda)), from above."""
+        """Return max(1, (4 k lambda_max(P) + 1)/(2 lambda)) of (70), (88), rounded up."""
         return max(Fraction(1), (4 * slope * self.peak + 1) / (2 * (self.decay if decay is None else decay)))
 
 
 @dataclass(frozen=True)
 class Disturbance:
-    """G_1 (n, m) and G_2 (m), rational, in the coordinates of integrators."""
+    """The matrices G_1 (n, m) and G_2 (m), rational, in the coordinates of integrators."""
 
     plant: Matrix
     measurement: tuple[Fraction, ...]
 
     @cached_property
     def deltas(self) -> tuple[Fraction, Fraction]:
-        """delta_1, from above, and delta_2."""
+        """The numbers delta_1, rounded up, and delta_2."""
         G, g = exact(self.plant), fmpq_mat([[number(value) for value in self.measurement]])
         second = (g * (unit(len(self.measurement)) + G.transpose() * G) * g.transpose())[0, 0]
         return 1 + largest(G * G.transpose())[1], fraction(second)
 
     @property
     def reason(self) -> Reason:
-        """The pair, as a reason names it."""
+        """The two matrices as a reason prints them."""
         rows = [because("{row: }", row=map(float, row)) for row in self.plant]
         return because("G_1 = [{rows:; }], G_2 = [{row: }]", rows=rows, row=map(float, self.measurement))
 
@@ -230,9 +234,9 @@ class Disturbance:
 
 @dataclass(frozen=True)
 class Given:
-    """The guarantees of an observer: gamma in [`low`, `high`], and k >= |T^-1 dc/dw T| from gamma = `low` on, the
-    `slope`, as shown by `steep`; None where no k is known, for the `reason`. `moving`: what a disturbance does to the
-    error, where that is known by slope."""
+    """The assumptions of an observer: gamma in [`low`, `high`], and `slope` k >= |T^-1 dc/dw T| from gamma = `low` on,
+    with its proof `steep`; None where no k is known, for the `reason`. `moving`: the error with a disturbance, where
+    the ranges of its slopes are known."""
 
     low: Fraction
     high: Fraction
@@ -251,8 +255,8 @@ class Attenuating:
     assumptions: Given
 
     def evidence(self, form: Form) -> Evidence | None:
-        """The matrix P, lambda_max(P), the bound k of dc/dw, the disturbance, and s of (87) and mu for the k that is
-        written, which is a little more than the proof's."""
+        """Return P, lambda_max(P), the bound k of dc/dw, the disturbance, and s of (87) and mu; the last two for the k
+        that is written, which is a little larger than that of the proof."""
         one, disturbed, steep = self.candidate, self.assumptions.disturbance, self.assumptions.steep
         slope = steep.evidence(form) if steep else None
         if slope is None or disturbed is None:
@@ -266,7 +270,8 @@ class Attenuating:
 
 
 def candidate(K: Any, P: Any, sigma: Any, n: int | None = None) -> Candidate:
-    """K, P, sigma as rationals, which floats are; of a P that is symmetric but for rounding, (P + P')/2 (`symmetric`).
+    """Return K, P, sigma as the rationals that floats are; for a P that is symmetric up to rounding, (P + P')/2
+    (`symmetric`).
 
     Raises: `BadGain` for other than n numbers K, a matrix P that is less symmetric, sigma < 0, or what is not finite.
     """
@@ -288,7 +293,7 @@ def candidate(K: Any, P: Any, sigma: Any, n: int | None = None) -> Candidate:
 
 
 def disturbance(pair: Any, n: int) -> Disturbance:
-    """(G_1, G_2) as rationals. Raises: `BadGain` for shapes other than (n, m) and (m)."""
+    """Return (G_1, G_2) as rationals. Raises: `BadGain` for shapes other than (n, m) and (m)."""
     if not isinstance(pair, Sequence) or len(pair) != 2:
         raise BadGain("disturbance", "must be a pair, G_1 of the plant and G_2 of the measurement")
     G, g = reals("G_1", pair[0]), reals("G_2", pair[1])
@@ -301,8 +306,8 @@ def disturbance(pair: Any, n: int) -> Disturbance:
 
 
 def steepness(chain: Integrators, gamma: float) -> Steep | Nothing:
-    """k >= |T^-1 dc/dw T| on the box for every gamma from this one on, by outward-rounded intervals; or why there is
-    none."""
+    """Return k >= |T^-1 dc/dw T| on the declared ranges for every gamma from this one on, by outward-rounded intervals;
+    or why there is none."""
     units = tuple(Fraction(gamma) ** -(i + 1) for i in range(chain.n))
     (a,) = chains(chain.form)
     scale = tuple(sp.Rational(x) * sp.Mul(*a[: i + 1]) for i, x in enumerate(units))
@@ -311,7 +316,7 @@ def steepness(chain: Integrators, gamma: float) -> Steep | Nothing:
 
 
 def attenuation(candidate: Candidate, decay: Fraction, alpha_1: Fraction, alpha_2: Fraction) -> Any:
-    """The block matrix of (87), FLINT's, times -1."""
+    """Return the block matrix of (87) times -1, of FLINT's rationals."""
     n, P = candidate.n, rational(candidate.P)
     M = np.array((candidate.rate - unit(n) * number(decay)).tolist(), dtype=object)
     Y, last = P @ rational(candidate.K)[:, None], rational([[alpha_2]])
@@ -320,7 +325,7 @@ def attenuation(candidate: Candidate, decay: Fraction, alpha_1: Fraction, alpha_
 
 
 def facts(maker: str, candidate: Candidate, decay: Fraction | None = None) -> tuple[Check, Check, Check]:
-    """`MAKER.definite`, `MAKER.shrink`, `MAKER.decay`: what is asked of K, P and sigma alone."""
+    """Return the checks `MAKER.definite`, `MAKER.shrink`, `MAKER.decay` of K, P and sigma alone."""
     more = "" if decay is None else f" + {float(decay):g} I"
     rate = candidate.rate if decay is None else candidate.rate - unit(candidate.n) * number(decay)
     return (
@@ -336,7 +341,7 @@ def facts(maker: str, candidate: Candidate, decay: Fraction | None = None) -> tu
 
 
 def judged(id: ClaimId, claim: str, M: Any, strict: bool = True, sign: int = 1) -> Check:
-    """Whether M > 0, or M >= 0; the claim is about `sign` M."""
+    """Return the check that M > 0, or M >= 0 unless `strict`; the claim is about `sign` M."""
     holds, (low, high) = (positive if strict else nonnegative)(M), smallest(M)
     extreme, value = "smallest" if sign > 0 else "largest", sign * (low if holds else high)
     side = (("at most", "at least") if holds else ("above", "below"))[sign > 0]
@@ -350,7 +355,7 @@ def judged(id: ClaimId, claim: str, M: Any, strict: bool = True, sign: int = 1) 
 
 
 def adaptive_checks(maker: str, candidate: Candidate, assumptions: Given) -> tuple[Check, ...]:
-    """The checks of `facts`, and with a disturbance `MAKER.attenuation`, that the L2 gain has a bound."""
+    """Return the checks of `facts`, and with a disturbance `MAKER.attenuation`, that the L2 gain has a bound."""
     known, disturbed, moving = facts(maker, candidate), assumptions.disturbance, assumptions.moving
     built = numbers(candidate, assumptions)
     checks = [replace(check, proofs=(Grounds(built, candidate),)) for check in known]
@@ -383,18 +388,18 @@ def adaptive_checks(maker: str, candidate: Candidate, assumptions: Given) -> tup
 
 
 def numbers(candidate: Candidate, assumptions: Given) -> dict[str, Any]:
-    """Return the numbers that the observer is built with, as far as its claims go."""
+    """Return the numbers of the observer on which its claims depend."""
     return {"gamma": (assumptions.low, assumptions.high), "sigma": candidate.sigma, "gains": candidate.K}
 
 
 def gain(candidate: Candidate, assumptions: Given) -> Fraction | None:
-    """A proved mu for gamma in its range, near the smallest that (87) gives; None where (70) or (87) fails."""
+    """Return a proved mu for gamma in its range, near the smallest that (87) gives; None where (70) or (87) fails."""
     share = assumed_share(candidate, assumptions)
     return None if share is None else root(2 * share, bits=52) * assumptions.high**candidate.n
 
 
 def assumed_share(candidate: Candidate, assumptions: Given) -> Fraction | None:
-    """The number s of `share_of`, with lambda of (70); None where no slope or no disturbance is known."""
+    """Return the number s of `share_of`, with lambda of (70); None where no slope or no disturbance is known."""
     if assumptions.slope is None or assumptions.disturbance is None:
         return None
     decay = (4 * assumptions.slope * candidate.peak + 1) / (2 * assumptions.low)
@@ -402,8 +407,8 @@ def assumed_share(candidate: Candidate, assumptions: Given) -> Fraction | None:
 
 
 def share_of(candidate: Candidate, decay: Fraction, disturbance: Disturbance) -> Fraction | None:
-    """A small s = delta_1 alpha_1 = delta_2 alpha_2 that satisfies (87) with lambda = `decay`, proved; None where none
-    is found."""
+    """Return a small s = delta_1 alpha_1 = delta_2 alpha_2 that is proved to satisfy (87) with lambda = `decay`; None
+    where none is found."""
     M = candidate.rate - unit(candidate.n) * number(decay)
     if not positive(M):
         return None
@@ -413,21 +418,20 @@ def share_of(candidate: Candidate, decay: Fraction, disturbance: Disturbance) ->
     load = P * P * number(first) + Y * Y.transpose() * number(second)
     try:
         factor = np.linalg.inv(np.linalg.cholesky(definite.floats(M)))
-    except np.linalg.LinAlgError:  # positive definite, but not to a float
+    except np.linalg.LinAlgError:  # positive definite, but not in floats
         return None
     least = Fraction(float(np.linalg.eigvalsh(factor @ definite.floats(load) @ factor.T).max()))
     tried = (least * (1 + slack) for slack in _SLACKS)
     return next((s for s in tried if s > 0 and nonnegative(M - load * (1 / number(s)))), None)
 
 
-_DEFAULT_B = Fraction(1, 4)  # b of D: the least bounds of two to four states are close to those of the best b
+_DEFAULT_B = Fraction(1, 4)  # b of D: nearly the best one for two to four states
 
 
 @dataclass(frozen=True)
 class Law:
-    """The law of how fast a gain may fall: r >= -`fall`, at its `least` value too; or, `easing`, not at all there, and
-    r >= -fall (1 - least/l). `name`: of the least value; `P` (n, n) that may serve, in errors of w, with this `b` of
-    D."""
+    """The law of a gain l with a `least` value: r = l'/l^2 >= -`fall`; if `easing`, r >= -fall (1 - least/l). `name`:
+    that of the least value in claims; `P` (n, n), in errors of w, and `b` of D: a first candidate."""
 
     name: str
     least: float
@@ -440,13 +444,14 @@ class Law:
 def varying_gain_checks(
     maker: str, chain: Integrators, K: Sequence[Fraction], law: Law, numbers: dict[str, Any]
 ) -> tuple[Check, Check]:
-    """`MAKER.convergence`, that there is a bound on the least value of the gain; `MAKER.theta`, that it is above it."""
+    """Return `MAKER.convergence`, that there is a bound on the least value of the gain, and `MAKER.theta`, that the
+    value is above it."""
     form = chain.form
     error = on_integrators(chain, plain(form), companions(K, form.blocks), as_matrix(form, K), numbers)
     if isinstance(error, Nothing):
         return _named(law, nothing(maker, law.least, error.reason))
     first, units = law.P, floats(rational([error.units]))[0]
-    if first is not None:  # in the errors of the inclusion, where it is positive definite
+    if first is not None:  # in the errors of the inclusion, if it is positive definite
         first = None if np.linalg.eigvalsh(first).min() <= 0 else np.asarray(first / np.outer(units, units))
     flows = list[Flow]()
     for b in (_DEFAULT_B, law.b):
@@ -457,13 +462,13 @@ def varying_gain_checks(
         flows.append(Flow(extended, Fraction(law.least), "one norm at every rate of the gain", variation, first))
     try:
         flow = next((flow for flow in flows if flow.least is not None), flows[0])
-    except OverflowError:  # which the claims say
+    except OverflowError:  # the claims report it
         flow = flows[0]
     return _named(law, claims(maker, form, flow, numbers, law.name))
 
 
 def _named(law: Law, checks: tuple[Check, Check]) -> tuple[Check, Check]:
-    """The claims about the gain's least value, by its name."""
+    """Return the claims with the name of the gain's least value."""
     convergence, above = checks
     name, value = law.name, same(law.least)
     exists = f"in continuous time, without noise, the error converges exponentially for every {name} above a bound"
@@ -474,16 +479,16 @@ def _named(law: Law, checks: tuple[Check, Check]) -> tuple[Check, Check]:
 
 
 def proved_above(checks: Sequence[Check], maker: str) -> bool:
-    """Whether the least value of the gain is proved to be above its bound."""
+    """Return whether the least value of the gain is proved to be above its bound."""
     return any(check.id == ClaimId(maker, "theta") and check.verdict is Verdict.PROVED for check in checks)
 
 
-BOXES = 500  # sup Gamma need not be the least
+BOXES = 500  # enough for sup Gamma, which need not be tight
 
 
 def weighted(K: np.ndarray, b: float) -> tuple[Lyapunov, np.ndarray]:
-    """P with N'P + P N <= -I, and D P + P D in rationals. Raises: `BadGain` where it is not proved to be positive
-    definite."""
+    """Return the P with N'P + P N <= -I, and D P + P D in rationals. Raises: `BadGain` where D P + P D is not proved
+    positive definite."""
     exactly = np.array([Fraction(float(k)) for k in K])
     proof = lyapunov(tuple(map(tuple, companion(exactly))))
     assert proof is not None  # N is Hurwitz
@@ -502,8 +507,8 @@ def weighted(K: np.ndarray, b: float) -> tuple[Lyapunov, np.ndarray]:
 def update_checks(
     chain: Integrators, K: np.ndarray, b: float, p_1: float, p_2: float, p_3: float, cap: float
 ) -> tuple[Check, ...]:
-    """`updated_gain.p_1`, `.p_3` and `.cap`, of the gains K (n), and the claims about p_2 alone of `moving`. Raises:
-    `BadGain` where D P + P D is not proved to be positive definite."""
+    """Return `updated_gain.p_1`, `.p_3` and `.cap` for the gains K (n), and the claims of `varying_gain_checks` about
+    p_2. Raises: `BadGain` where D P + P D is not proved positive definite."""
     proof, spread = weighted(K, b)
     numbers = {"p_1": p_1, "p_2": p_2, "p_3": p_3, "cap": cap, "gains": K}
     weighted_by = {"P": proof.P, "b": Fraction(b)}
@@ -516,7 +521,7 @@ def update_checks(
 
 
 def fall_check(proof: Lyapunov, spread: np.ndarray, p_1: float, b: float) -> Check:
-    """N'P + P N + p_1 (D P + P D) < 0."""
+    """Return the check of N'P + P N + p_1 (D P + P D) < 0."""
     P, N = np.array(proof.P), np.array(proof.N)
     gap = -(N.T @ P + P @ N)
     most = 1 / np.linalg.eigvals(np.linalg.solve(gap.astype(float), spread.astype(float))).real.max()
@@ -525,7 +530,7 @@ def fall_check(proof: Lyapunov, spread: np.ndarray, p_1: float, b: float) -> Che
 
 
 def rise_check(proof: Lyapunov, spread: np.ndarray, p_3: float, b: float) -> Check:
-    """p_3 (D P + P D) >= 2 lambda_max(P)."""
+    """Return the check of p_3 (D P + P D) >= 2 lambda_max(P)."""
     least = 2 * float(proof.peak) / np.linalg.eigvalsh(spread.astype(float))[0]
     claim, fix = "p_3 is large enough: p_3 (D P + P D) >= 2 lambda_max(P)", f"Take p_3 >= {up(1.01 * float(least))}."
     room = Fraction(p_3) * spread - 2 * proof.peak * np.eye(len(spread), dtype=int)
@@ -534,7 +539,7 @@ def rise_check(proof: Lyapunov, spread: np.ndarray, p_3: float, b: float) -> Che
 
 
 def _positive(fact: str, claim: str, M: np.ndarray, b: float, pattern: str, fix: str) -> Check:
-    """Whether M > 0: said of this P and D, as with another b it is another."""
+    """Return the check that M > 0, which names P and D."""
     about = because("for the P of N'P + P N = -I and D = diag(b, .., b + n - 1), b = {b}", b=float(b))
     id = ClaimId("updated_gain", fact)
     if positive(exact(M)):
@@ -543,7 +548,7 @@ def _positive(fact: str, claim: str, M: np.ndarray, b: float, pattern: str, fix:
 
 
 def cap_check(chain: Integrators, p_1: float, p_2: float, p_3: float, cap: float) -> Check:
-    """p_1 (p_2 - cap) + p_3 Gamma(cap) < 0 at every point of the declared ranges, to which Gamma is clamped."""
+    """Return the check of p_1 (p_2 - cap) + p_3 Gamma(cap) < 0 on the declared ranges, to which Gamma is clamped."""
     id, claim = (
         ClaimId("updated_gain", "cap"),
         "in continuous time L' < 0 at the cap: p_2 + (p_3/p_1) sup Gamma(cap) < cap",
@@ -577,12 +582,13 @@ def cap_check(chain: Integrators, p_1: float, p_2: float, p_3: float, cap: float
 _BETWEEN = (
     "in continuous time, without noise, the error decays exponentially between switches, in every gain above a bound"
 )
-_ROUND = Fraction(1, 2**20)  # by what share `up` and `down` are larger than floats take them to be
+_ROUND = Fraction(1, 2**20)  # relative increase of `up` and `down` over their floats
 
 
 @dataclass(frozen=True)
 class DwellProof:
-    """A proof that a time is long enough: a norm that `falls` in the high gain, and what switches do to V."""
+    """A proof of a dwell time: a Lyapunov function that `falls` in the high gain, and the factors by which switches
+    change V."""
 
     falls: Falls
     up: Fraction
@@ -590,19 +596,19 @@ class DwellProof:
 
     @property
     def least(self) -> arb:
-        """The time from which on it is, as a ball."""
+        """The least sufficient dwell time, as a ball."""
         return arb(number(self.up * self.down)).log() / arb(number(self.falls.alpha))
 
     def evidence(self, form: Form) -> Evidence:
-        """The norm of the high gain, with its alpha, and the two factors; the low gain's is in the claim of theta."""
+        """Return P and alpha of the high gain, and the two factors; those of the low gain are in the claim of theta."""
         return {"alpha": self.falls.alpha, **self.falls.written, "up": self.up, "down": self.down}
 
 
 def switching(
     maker: str, form: Form, theta: float, low: float, hold: float, error: Inclusion | Nothing
 ) -> tuple[Check, ...]:
-    """`MAKER.convergence`, that there is a bound on a gain that stays, `MAKER.theta`, that `low` is above it, and
-    `MAKER.hold`, that the time `hold` is long enough: too short a one may keep the gain switching for ever."""
+    """Return `MAKER.convergence`, that there is a bound on a constant gain, `MAKER.theta`, that `low` is above it, and
+    `MAKER.hold`, that the dwell time `hold` is long enough: with too short a one the gain may switch for ever."""
     claim = f"in continuous time hold = {same(hold)} is long enough: switching keeps the error's decay"
     why = because("theta_low is not above a proved bound")
     hold_check = Check(ClaimId(maker, "hold"), claim, Verdict.UNKNOWN, why, fix="Validate by trials.")
@@ -626,7 +632,7 @@ def _dwell(unknown: Check, flow: Flow, theta: Fraction, hold: float) -> Check:
     if low is None:
         return unknown
     above, P_low, ways = Flow(flow.error, theta), rational(low.weights.P), list[DwellProof]()
-    # by the fastest norm in the high gain, and by that of the low gain, which a switch changes less
+    # by the fastest P of the high gain, and by that of the low gain, which switches change less
     for high in (above.fastest, above.by(low.weights, low.alpha * theta / flow.theta)):
         if high is not None and high.alpha > 0:
             P_high = rational(high.weights.P)
@@ -644,7 +650,7 @@ def _dwell(unknown: Check, flow: Flow, theta: Fraction, hold: float) -> Check:
 
 
 def _factor(P: Array, Q: Array) -> Fraction:
-    """A short rational c with c P - Q >= 0, both positive definite."""
+    """Return a short rational c with c P - Q >= 0, both positive definite."""
     half = np.linalg.inv(np.linalg.cholesky(floats(P)))
     c = Fraction(f"{np.linalg.eigvalsh(half @ floats(Q) @ half.T).max() * (1 + _ROUND):.9g}")
     while not nonnegative(fmpq_mat((P * number(c) - Q).tolist())):
@@ -653,5 +659,5 @@ def _factor(P: Array, Q: Array) -> Fraction:
 
 
 def _up(value: arb, below: float = inf) -> Up:
-    """The number in the model's unit of time."""
+    """Return the ball's upper end, printed rounded up."""
     return Up(float(value.upper()) * (1 + 1e-12), below=below)
