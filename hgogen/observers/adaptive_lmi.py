@@ -9,9 +9,9 @@
 in the coordinates of `integrators`, the argument of c saturated to the declared box. K, P and sigma satisfy (54). With
 D P + P D >= 0, gamma may then rise at any rate and fall no faster than sigma gamma^2 (`hgogen.design` computes them,
 `adaptive_gain` verifies them). The smallest gamma_inf with a proof of convergence follows from another P, with the
-partial derivatives of c instead of their norm in (62) (`moving_checks`). The law is the projection of (90), which read
-literally never leaves gamma_inf or gamma_sup. gamma is constant while no sample is valid. gamma_sup is part of the law,
-since assumption 3 requires a bounded gamma: no status bit reports it, and no theorem is suspended there. Source:
+partial derivatives of c instead of their norm in (62) (`varying_gain_checks`). The law is the projection of (90), which
+read literally never leaves gamma_inf or gamma_sup. gamma is constant while no sample is valid. gamma_sup is part of the
+law, since assumption 3 requires a bounded gamma: no status bit reports it, and no theorem is suspended there. Source:
 Alessandri, "On Hamilton-Jacobi approaches to state reconstruction for dynamic systems", Mathematical Problems in
 Engineering (2020), theorems 5-7, (46), (87), (90).
 """
