@@ -63,9 +63,9 @@ BIASED: Mapping[Real, float] = {real: rounds + BIAS[real] for real, rounds in RO
 
 @cache
 def nearest(real: Real) -> ca.Function:
-    """The first of them as CasADi computes it: v + C - C, where C and its neighbours are whole numbers.
+    """The primitive `nearest` as CasADi computes it: v + C - C, where C and its neighbours are whole numbers.
 
-    CasADi would make v of it; so the sum is a call, and the result goes through floor, whose slope is 0.
+    CasADi would simplify that to v; so the sum is a call, and the result goes through floor, whose derivative is 0.
     """
     v, C = ca.SX.sym("v"), ROUNDS[real]
     add = ca.Function("add", [v], [v + C], {"never_inline": True})
@@ -77,10 +77,10 @@ def elementary(real: Real) -> Mapping[str, Any]:
     """The functions by name, each a `casadi.Function` of one scalar (`BINARY`: two).
 
     Errors in ulp of the result (measured on every 13th number in float, on 2 million in double): at most 2 for sqrt,
-    exp, log, asin, acos, atan, atan2, cosh; 2.5 for expm1, log1p, sinh, hypot; 3.5 for tanh, asinh, acosh, atanh;
-    1.5 + 2 |y log x| for x^y; 2 for sin and cos, 4 for tan up to |x| = 200 (float) or 1e4 (double), 2.5 and 4.5 up to
-    8192 or 1e6; 2 for those of |x| <= `SMALL` and `BOUNDED`. A larger angle is that of some number within 2 ulp of
-    x, and from 2^17 or 2^46 on it is taken as 0. For atan2 and hypot, |x| + |y| must not overflow (nor, where subnormal
+    exp, log, asin, acos, atan, atan2, cosh; 2.5 for expm1, log1p, sinh, hypot; 3.5 for tanh, asinh, acosh, atanh; 1.5 +
+    2 |y log x| for x^y; 2 for sin and cos, 4 for tan up to |x| = 200 (float) or 1e4 (double), 2.5 and 4.5 up to 8192 or
+    1e6; 2 for sin and cos of |x| <= `SMALL` or `BOUNDED`. A larger angle is that of some number within 2 ulp of x, and
+    from 2^17 or 2^46 on it is replaced by 0. For atan2 and hypot, |x| + |y| must not overflow (nor, where subnormal
     numbers are flushed to 0, |x| - |y| underflow).
 
     Every constant is a number of `real`, inf and nan among them. The argument of floor is finite and below 2^31 (float)
@@ -101,7 +101,8 @@ def _polar(x: Graph) -> tuple[Graph, Graph]:
 
 
 def when(condition: Graph, value: Graph | float) -> Graph:
-    """value, or 0; a selection and no product, so that an unused inf or NaN vanishes."""
+    """The value where the condition holds, otherwise 0; a selection and no product, so that an unused inf or NaN
+    vanishes."""
     return ca.if_else(condition, value, 0.0)
 
 
@@ -165,14 +166,15 @@ class _Precision:
 
     @cached_property
     def power_of_two(self) -> ca.Function:
-        """2^k for whole k, where that is a normal number; of its bits where a reader knows how a number is stored."""
+        """2^k for whole k, where that is a normal number; readers that know the format of a number set its bits
+        instead."""
         k = ca.SX.sym("k")
         half, power = self.lower_unless(k >= 0, 2 ** (self.octaves - 1)), 1.0
-        rest = k + when(k < 0, 2.0**self.octaves)
+        exponent = k + when(k < 0, 2.0**self.octaves)
         for i in reversed(range(self.octaves)):
-            bit = rest >= 2**i
+            bit = exponent >= 2**i
             power = power * self.lift_if(bit, 2**i)
-            rest = rest - when(bit, 2.0**i)
+            exponent = exponent - when(bit, 2.0**i)
         return ca.Function(POWER_OF_TWO, [k], [half * power * half], {"never_inline": True})
 
     def scaling(self, k: Graph) -> Callable[[Graph], Graph]:
@@ -234,7 +236,7 @@ class _Precision:
         return self.saturated(x, y, 0)
 
     def halves(self, x: Graph) -> tuple[Callable[[Graph], Graph], Graph, Graph]:
-        """v -> 2^(k-1) v, p = e^r - 1 and 4^-k, with x = k ln 2 + r >= 0: all that sinh and cosh need."""
+        """v -> 2^(k-1) v, p = e^r - 1 and 4^-k, with x = k ln 2 + r >= 0, for sinh and cosh."""
         k, p = self.split(x)
         one = when(k >= 1, 1.0)
         times = self.scaling(k - one)
@@ -318,7 +320,7 @@ class _Precision:
     # --- angles
 
     def folded(self, x: Graph) -> tuple[Graph, Graph]:
-        """x and x / pi; beyond the limit both are 0 (of inf and NaN: NaN and 0)."""
+        """The angles x and x / pi; beyond the limit both are 0 (for inf and NaN: NaN and 0)."""
         inside = ca.fabs(x) <= self.angle_limit
         return x - ca.if_else(inside, 0.0, x), when(inside, x * self.near(1 / PI))
 
@@ -337,8 +339,8 @@ class _Precision:
     def odd(self, k: Graph) -> Graph:
         """1/4 for an odd whole number, 0 for an even one."""
         half = k * 0.5
-        rest = half - self.nearest(half)
-        return rest * rest
+        fraction = half - self.nearest(half)
+        return fraction * fraction
 
     def sine(self, a: Graph, turns: Graph, widths: Sequence[int] = ()) -> Graph:
         k = self.nearest(turns)
@@ -368,7 +370,7 @@ class _Precision:
         return (wide, wide, self.bits)
 
     def beyond(self, constant: Fraction, a: Graph) -> Graph:
-        """constant - a, to the last bit where they are near each other."""
+        """The difference constant - a, exact to the last bit where they are near each other."""
         high, low = self.pieces(constant, (self.bits, self.bits))
         return (high - a) + low
 
@@ -468,5 +470,5 @@ ARITHMETIC: Mapping[Real, _Precision] = {"float": _FLOAT, "double": _DOUBLE}
 
 
 def power_of_two(real: Real) -> ca.Function:
-    """The function of that name."""
+    """The function `power_of_two` of a precision."""
     return ARITHMETIC[real].power_of_two

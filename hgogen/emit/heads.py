@@ -43,14 +43,14 @@ from hgogen.emit.saved import ADDED, layout, mark
 from hgogen.emit.structs import doc, typedefs
 from hgogen.emit.structs import structs as of_memory
 from hgogen.emit.syntax import Real
-from hgogen.emit.syntaxes import BESIDE, RUST, C, beside, documented, harmless, line, spoken
+from hgogen.emit.syntaxes import RUST, TRAILING_DOC, C, documented, harmless, line, spoken, trailing_doc
 from hgogen.program import Section
 from hgogen.registry import version
 from hgogen.signal import pace, plural
 from hgogen.step import Step
 from hgogen.stepping.sections import ROUND
 
-_NONE, _NO_RANGE = f"unsigned char none; {BESIDE}there are none */", "of no declared range"
+_NONE, _NO_RANGE = f"unsigned char none; {TRAILING_DOC}there are none */", "of no declared range"
 
 
 def header(step: Step, real: Real, command: str) -> list[str]:
@@ -215,7 +215,7 @@ def _constants(step: Step, real: Real) -> list[str]:
     )
     rows += [("SAVED", f"(sizeof({step.name}_state) + {ADDED}u)", "bytes of a saved state")]
     width = max(len(value) for _, value, _ in rows)
-    return [f"#define {step.name.upper()}_{name:7} {value:{width}} {beside(said)}" for name, value, said in rows]
+    return [f"#define {step.name.upper()}_{name:7} {value:{width}} {trailing_doc(said)}" for name, value, said in rows]
 
 
 _RUST_TIMED = (

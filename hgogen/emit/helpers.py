@@ -1,4 +1,4 @@
-"""The small functions of emitted code, in the order in which they call each other; see `discretisation.notation`."""
+"""The small functions of emitted code, each after those that it calls; see `discretisation.notation`."""
 
 from hgogen.discretisation.notation import ALL_WHOLE, FIRST, LARGE, ROUNDS, n, real, start
 
@@ -93,8 +93,8 @@ def nan() -> float:
 
 
 def search(x: float) -> float:
-    """The distance, along an axis of a table, of x from the start of its cell k. As many breakpoints are at or below x,
-    which steps of powers of two find; see `hgogen.rigor.lookup`."""
+    """The distance, along an axis of a table, of x from the start of its cell k, whose number is that of the
+    breakpoints at or below x; steps of powers of two find it; see `hgogen.rigor.lookup`."""
     k = 0
     probe = FIRST
     while probe > 0:

@@ -1,20 +1,20 @@
-"""C with the vector types of GNU compilers as a `Syntax`, and the statements of a program in it: every number is one of
-each of several runs, its lanes.
+"""C with the vector types of GNU compilers as a `Syntax`, and the statements of a program in it: every number is a
+vector with one element for each of several runs, its lanes.
 
     numbers    real numbers, as many as a register of this machine holds
-    counts     counters of the same width, which wrap round as the C's do
+    counts     counters of the same width, which wrap around as those of C do
     truth      truth values of the same width, all of whose bits are set where they hold; whole numbers
 
-An operation is that of each lane by itself, so its bits are those of the scalar C. A choice takes from both of its
-branches; what a lane does not take is computed and dropped. Where lanes part ways, a mask says which of them go on:
+An operation acts on each lane separately, so its bits are those of the scalar C. A choice computes both of its branches
+and selects in each lane. Where lanes branch differently, a mask selects the active ones:
 
-    When    its body runs if any lane wants it, and what it writes is blended in where a lane does
-    Loop    the members in order; of one that begins where each lane has it, every member in turn, for the lanes that
-            are at it
-    Kernel  in all lanes, of which those that do not want it have back what they had
+    When    the body runs if any lane needs it, and its results are blended into the active lanes
+    Loop    the members in order; where lanes start at different members, every member in turn, for the lanes that are
+            at it
+    Kernel  in all lanes; the inactive ones are restored afterwards
     Copy, table     lane by lane
 
-A work value that only one body knows is written without a blend: the lanes that do not want the body never read it.
+A work value that only one body uses is written without a blend: inactive lanes never read it.
 """
 
 from collections import Counter
@@ -40,31 +40,31 @@ _WRAPPED = {ca.OP_ADD: "+", ca.OP_SUB: "-", ca.OP_MUL: "*"}
 
 @dataclass(frozen=True)
 class Lanes(Syntax):
-    """The syntax for a file whose names begin with `prefix`; `alike`: where counts are the same in all lanes."""
+    """The syntax for a file whose names begin with `prefix`; `uniform`: counts are equal in all lanes."""
 
     prefix: str = ""
-    alike: bool = False
+    uniform: bool = False
 
     def number(self, value: int) -> str:
-        """A plain number: that of an element is the same in each lane."""
+        """A scalar number: the number of an element is the same in each lane."""
         return C.number(value)
 
     def marked(self, digits: str, kind: Number) -> str:
         """A number, the same in each lane."""
-        if self.alike and kind == "unsigned":
+        if self.uniform and kind == "unsigned":
             return C.marked(digits, kind)
         fill = "count" if kind == "unsigned" else "fill"
-        return f"{own(self.prefix)}_{fill}({C.marked(digits, kind)})"
+        return f"{lane_prefix(self.prefix)}_{fill}({C.marked(digits, kind)})"
 
 
-def own(prefix: str) -> str:
-    """The prefix of names that are not of the step but of lanes."""
+def lane_prefix(prefix: str) -> str:
+    """The prefix of names that belong to lanes and not to the step."""
     return f"{prefix}_lanes"
 
 
 def lanes(prefix: str, real: Real) -> Lanes:
     """The syntax in this precision."""
-    p = own(prefix)
+    p = lane_prefix(prefix)
     number, counts, truth = f"{p}_numbers", f"{p}_counts", f"{p}_truth"
     sign = f"({truth}){p}_fill(-0.0{C.suffixes[real]})"
     absolute = f"({number})(({truth})v & ~{sign})"
@@ -104,22 +104,23 @@ def lanes(prefix: str, real: Real) -> Lanes:
     return Lanes(**{each.name: getattr(inherited, each.name) for each in fields(Syntax)}, prefix=prefix)
 
 
-def alike(prefix: str, real: Real) -> Lanes:
-    """The syntax for functions whose counts are alike in all lanes: a test is one of counts, or holds in any lane."""
-    syntax, condition = lanes(prefix, real), f"if ({own(prefix)}_holds({{}})) {{{{"
+def with_uniform_counts(prefix: str, real: Real) -> Lanes:
+    """The syntax for functions whose counts are equal in all lanes: a test is one of counts, or holds if any lane's
+    does."""
+    syntax, condition = lanes(prefix, real), f"if ({lane_prefix(prefix)}_holds({{}})) {{{{"
     return replace(
         syntax,
         types={**syntax.types, "unsigned": "unsigned", "index": "unsigned"},
         counted={},
         condition=condition,
-        alike=True,
+        uniform=True,
     )
 
 
 def prelude(prefix: str, real: Real, word: int) -> list[str]:
-    """The types, and what C has no sign for; `word`: the bits of a status, which is computed in numbers at least
-    as wide as a real one, so that a truth value becomes a mask of them."""
-    p, bits, width = own(prefix), 8 * BYTES[real], f"{prefix.upper()}_LANES"
+    """The vector types, and the operations that C has no operator for; `word`: the bits of a status, which is computed
+    in elements at least as wide as a real number, so that a truth value becomes a mask of them."""
+    p, bits, width = lane_prefix(prefix), 8 * BYTES[real], f"{prefix.upper()}_LANES"
     kinds = {"numbers": real, "counts": f"uint{bits}_t", "truth": f"int{bits}_t"}
     wide = max(bits, word)
     statuses = {"status": f"uint{wide}_t", "raised": f"int{wide}_t"}
@@ -170,13 +171,13 @@ def _pick(p: str, kind: str) -> list[str]:
     return [f"{head}({truth} test, {p}_{kind} yes, {p}_{kind} no)", "{", f"    return ({p}_{kind})({chosen});", "}"]
 
 
-# kernels whose way depends on counts alone, but for a scaling by ones in lanes that need none
+# kernels that branch on counts alone; where some lanes need a scaling, the others are scaled by ones
 TOGETHER = frozenset({"expand", "triangularise", "add", "correct", "cap", "renew"})
 
 
 @dataclass(eq=False)
 class NoLanes(HgogenError):
-    """A matrix kernel whose way depends on its numbers."""
+    """A matrix kernel whose branches depend on its numbers."""
 
     kernel: str
 
@@ -186,24 +187,24 @@ class NoLanes(HgogenError):
 
 @dataclass(frozen=True)
 class Mask:
-    """The lanes that run: the name of their truth value, empty where all do; `own`: the places that nothing outside of
-    what it is for knows."""
+    """The active lanes: the name of their truth value, empty if all are; `private`: the places that only the masked
+    statements use."""
 
     name: str = ""
-    own: frozenset[Place] = frozenset()
+    private: frozenset[Place] = frozenset()
 
 
 @dataclass(frozen=True, eq=False)
 class LaneWriter(Writer):
-    """The text of a step's programs in lanes; `masks`: that at hand is the last."""
+    """Prints a step's programs in lanes; the last of `masks` is the current one."""
 
     masks: list[Mask] = field(default_factory=lambda: [Mask()])
     counted: list[Counter[Place]] = field(default_factory=list)
 
     @property
-    def own(self) -> str:
-        """The prefix of its names that are not of the step."""
-        return own(self.prefix)
+    def lane_prefix(self) -> str:
+        """The prefix of names that belong to lanes."""
+        return lane_prefix(self.prefix)
 
     @property
     def width(self) -> str:
@@ -233,21 +234,21 @@ class LaneWriter(Writer):
         self.masks.pop()
 
     def _on(self, test: str) -> str:
-        """The lanes that run and for which a test holds."""
+        """The active lanes for which a test holds."""
         return " & ".join(filter(None, (self.masks[-1].name, test)))
 
     def _named(self) -> str:
-        return f"{self.own}_on{len(self.masks)}"
+        return f"{self.lane_prefix}_on{len(self.masks)}"
 
     def _declared(self, name: str, test: str) -> Code:
         return code(f"const {self.syntax.types['bool']} {name} = {self._on(test)};")
 
     def _any(self, name: str) -> str:
-        return f"{self.own}_any({name})"
+        return f"{self.lane_prefix}_any({name})"
 
     def _assigned(self, place: Place, target: str, text: str) -> str:
         mask = self.masks[-1]
-        blended = mask.name and place not in mask.own
+        blended = mask.name and place not in mask.private
         return f"{target} = {self.syntax.choice.format(test=mask.name, yes=text, no=target) if blended else text};"
 
     def _raised(self, place: Place) -> str:
@@ -255,8 +256,8 @@ class LaneWriter(Writer):
 
     def _raised_where(self, place: Place, test: str) -> Sequence[str]:
         bit = [each.place for each in self.step.layout.bits].index(place)
-        raised = f"__builtin_convertvector({self._on(f'({test})')}, {self.own}_raised)"
-        return (f"status |= ({self.own}_status){raised} & {1 << bit:#x}u;",)
+        raised = f"__builtin_convertvector({self._on(f'({test})')}, {self.lane_prefix}_raised)"
+        return (f"status |= ({self.lane_prefix}_status){raised} & {1 << bit:#x}u;",)
 
     def _when(self, when: When, reserved: frozenset[str]) -> Code:
         flag, name, other = when.flag.name, self._named(), f"{self._named()}_not"
@@ -280,7 +281,7 @@ class LaneWriter(Writer):
         depth = len(self.kinds.groups[loop.group])
         k, i = (letter if depth == 1 else f"{letter}{depth}" for letter in "ki")
         total, whole = self.kinds.groups[loop.group][-1].count, self.syntax.types["unsigned"]
-        at, number = f"{self.own}_at{len(self.masks)}", self._number(k)
+        at, number = f"{self.lane_prefix}_at{len(self.masks)}", self._number(k)
         tests = [f"({number} < {self.whole(loop.active)})"] if loop.active else []
         if loop.start is None:
             return self._members(loop, k, loop.count, tests, reserved)
@@ -292,7 +293,7 @@ class LaneWriter(Writer):
         return braced("{", start + braced(turns, inside + once))
 
     def _members(self, loop: Loop, k: str, count: int, tests: list[str], reserved: frozenset[str]) -> Code:
-        """The body for each member, number `k`, for the lanes that pass the tests."""
+        """The body for each member, number `k`, in the lanes that pass the tests."""
         array = self.whole(self._array(loop.group))
         head = f"for (unsigned {k} = 0u; {k} < {count}u; ++{k}) {{"
         member = code(self._member(loop.group, array, k))
@@ -307,7 +308,7 @@ class LaneWriter(Writer):
 
     def _number(self, text: str) -> str:
         """A number that is the same in each lane."""
-        return f"{self.own}_count({text})"
+        return f"{self.lane_prefix}_count({text})"
 
     # --- lane by lane
 
@@ -326,14 +327,14 @@ class LaneWriter(Writer):
         return braced("{", declared + every) + Code((), self.uses(array, copy.target, copy.source))
 
     def _kernel(self, kernel: Kernel, reserved: frozenset[str]) -> Code:
-        """A call for all lanes at once, after which those that do not run have back what they had."""
+        """A call for all lanes at once; arrays of the inactive lanes are restored after it."""
         if kernel.name not in TOGETHER:
             raise NoLanes(kernel.name)
         before, after, mask = Code(), Code(), self.masks[-1]
         for k, each in enumerate(self._changed(kernel) if mask.name else ()):
-            if each.place not in mask.own:
+            if each.place not in mask.private:
                 kind = self.syntax.struct(self.prefix, "column") if each.columns else self.syntax.types[self.real]
-                was = replace(each, text=f"{self.own}_before{k}")
+                was = replace(each, text=f"{self.lane_prefix}_before{k}")
                 back = self.syntax.choice.format(test=mask.name, yes=each.element, no=was.element)
                 before += code(f"{kind} {was.text}[{each.size}];") + each.all(f"{was.element} = {each.element};")
                 after += each.all(f"{each.element} = {back};")
@@ -350,7 +351,7 @@ class LaneWriter(Writer):
 
 @dataclass(frozen=True)
 class _Array:
-    """An array that a kernel is passed: its place and text, how many elements it has, whether they are the columns of a
+    """An array argument of a kernel: its place and text, its number of elements, and whether it holds the columns of a
     matrix."""
 
     place: Place
@@ -360,26 +361,26 @@ class _Array:
 
     @property
     def element(self) -> str:
-        """The text of an element, as `all` counts them."""
+        """The text of an element, with the counters of `all`."""
         return f"{self.text}[j]{'.v[i]' * self.columns}"
 
     def all(self, line: str) -> Code:
-        """A line for each element."""
+        """The line for each element."""
         heads = (f"for (unsigned {k} = 0u; {k} < {self.size}u; ++{k})" for k in ("j", "i")[: 1 + self.columns])
         return code(f"{' '.join(heads)} {{ {line} }}")
 
 
 def table(prefix: str, real: Real, lookup: Lookup) -> Code:
     """The function of a table, lane by lane."""
-    names = [axis.name for axis in lookup.axes]
-    parameters = ", ".join(f"{own(prefix)}_numbers {name}" for name in names)
-    call = f"{own(prefix)}_one_{lookup.name}({', '.join(f'{name}[lane]' for name in names)})"
+    names, p = [axis.name for axis in lookup.axes], lane_prefix(prefix)
+    parameters = ", ".join(f"{p}_numbers {name}" for name in names)
+    call = f"{p}_one_{lookup.name}({', '.join(f'{name}[lane]' for name in names)})"
     loop = braced(f"for (int lane = 0; lane < {prefix.upper()}_LANES; ++lane) {{", code(f"value[lane] = {call};"))
-    inner = code(f"{own(prefix)}_numbers value = {{0}};") + loop + code("return value;")
-    return code(f"static {own(prefix)}_numbers {prefix}_{lookup.name}({parameters})") + braced("{", inner) + code("")
+    inner = code(f"{p}_numbers value = {{0}};") + loop + code("return value;")
+    return code(f"static {p}_numbers {prefix}_{lookup.name}({parameters})") + braced("{", inner) + code("")
 
 
 def _counted(program: Program) -> Counter[Place]:
-    """The number of statements that know each place."""
+    """The number of statements that use each place."""
     known = ({place for place, _ in (*statement.reads, *statement.written)} for statement in walk(program))
     return Counter(chain.from_iterable(known))

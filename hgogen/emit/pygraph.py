@@ -56,7 +56,7 @@ _SIMPLE: dict[int, str] = {
     NEAREST: "({} + rounds) - rounds",
     POWER_OF_TWO: "power_of_two({})",
 }
-_DIVIDED = "{0} / {1} if {1} else divided({0}, {1})"  # Python refuses a division by 0, which C carries out
+_DIVIDED = "{0} / {1} if {1} else divided({0}, {1})"  # Python raises an error for a division by 0, C does not
 _LOGIC: dict[int, str] = {ca.OP_NOT: "not {}", ca.OP_AND: "{} and {}", ca.OP_OR: "{} or {}"}
 _COUNTED: dict[int, str] = {op: f"({_SIMPLE[op]}) & 0xFFFFFFFF" for op in (ca.OP_ADD, ca.OP_SUB, ca.OP_MUL)}
 _COUNTED |= {op: _SIMPLE[op] for op in (ca.OP_LT, ca.OP_LE, ca.OP_EQ, ca.OP_NE)}
@@ -64,7 +64,7 @@ _COUNTED |= {op: _SIMPLE[op] for op in (ca.OP_LT, ca.OP_LE, ca.OP_EQ, ca.OP_NE)}
 
 @dataclass
 class Writer:
-    """Writes the lines of graphs, whose element j of argument i `inputs` gives; `names`: what the text refers to."""
+    """Writes graphs as lines; `names`: the values of the names in the text."""
 
     real: Real
     names: dict[str, Any] = field(default_factory=dict)
@@ -73,7 +73,7 @@ class Writer:
     routines: dict[str, int] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        """The small functions and constants."""
+        """Add the small functions and constants."""
         number = float if self.real == "double" else DTYPE[self.real]
         self.names |= {"inf": number("inf"), "nan": number("nan"), "zero": number(0), "one": number(1)}
         self.names |= {"rounds": number(ROUNDS[self.real])}
@@ -82,7 +82,8 @@ class Writer:
         self.names |= {"power_of_two": lambda k: number(ldexp(1.0, int(k)))}
 
     def write(self, function: ca.Function, inputs: Callable[[int, int], Operand], kind: Number) -> list[list[Node]]:
-        """The lines that compute a function; its outputs as nodes, each with its name or text in `name`."""
+        """Add the lines that compute a function, for operands from `inputs` (argument, element); the outputs as nodes,
+        each with its name or text in `name`."""
         outputs = read(function)
         for node in ordered(node for output in outputs for node in output):
             if node.op == ca.OP_CONST:
@@ -101,7 +102,7 @@ class Writer:
         return f"(1 if {node.name} else 0)" if kind == "unsigned" else f"(one if {node.name} else zero)"
 
     def fresh(self, text: str) -> str:
-        """A new local that takes a value."""
+        """A new local, to which the text is assigned."""
         self.count += 1
         self.lines.append(f"t{self.count} = {text}")
         return f"t{self.count}"
@@ -121,10 +122,10 @@ class Writer:
         if op == ca.OP_DIV:
             return _DIVIDED.format(*values)
         if op in (CLAMP, KEEP):
-            value, low, high, *rest = values
+            value, low, high, *others = values
             raised = self.fresh(_SIMPLE[ca.OP_FMAX].format(value, low))
             clamped = _SIMPLE[ca.OP_FMIN].format(raised, high)
-            return f"({clamped}) if {_SIMPLE[WITHIN].format(value, rest[1])} else {rest[0]}" if rest else clamped
+            return f"({clamped}) if {_SIMPLE[WITHIN].format(value, others[1])} else {others[0]}" if others else clamped
         if node.lookup:
             name = node.lookup.graph.name()
             self.names[name] = _table(node.lookup, self.real)
@@ -162,7 +163,7 @@ _PLAIN = str.maketrans({"-": "m", "+": "p", ".": "_"})
 
 
 def _divided(a: Any, b: Any) -> Any:
-    """a / b for b = 0 or -0, as IEEE 754 has it."""
+    """The quotient a / b for b = 0 or -0, as IEEE 754 defines it."""
     with np.errstate(all="ignore"):
         quotient = np.divide(a, b)
     return float(quotient) if isinstance(a, float | int) else quotient
@@ -185,7 +186,7 @@ def _function(name: str, real: Real) -> Callable[..., Any]:
 
 @lru_cache(maxsize=1024)
 def _table(lookup: Lookup, real: Real) -> Callable[..., Any]:
-    """A table of numbers. Raises: `PointsMerge`."""
+    """The function of a table of numbers. Raises: `PointsMerge`."""
     demand_apart(lookup, real)
     number = float if real == "double" else DTYPE[real]
     names: dict[str, Any] = {name: [number(each) for each in numbers] for name, numbers in lookup.arrays.items()}

@@ -55,9 +55,9 @@ Entry = Callable[[], int]
 
 
 def entries(step: Step, record: np.ndarray, real: Real) -> dict[str, Entry]:
-    """The functions of a step that can be called on a record (1) of `kept_type` in the precision `real`, as
-    `targets.record` has it in C: `step`, `estimate`, `tune` and each section, which leave the estimate and the traces
-    in the record and return the status."""
+    """The functions of a step on a record (1) of `kept_type` in the precision `real`, as `targets.record` has it in C:
+    `step`, `estimate`, `tune` and each section. They leave the estimate and the traces in the record and return the
+    status."""
     return _Writer(step, record, real).entries()
 
 
@@ -93,7 +93,7 @@ class _Writer(Reader[list[str]]):
         self.sections: dict[str, int] = {}
 
     def tune(self) -> Entry:
-        """The code that limits the parameters and derives others, alone."""
+        """The function that limits the parameters and computes the derived ones."""
         text = self._function("tune", self.step.code.tuning)
         pygraph.defined(text, self.names, "tune", "the tuning of a step in Python")
         tune: Entry = np.errstate(all="ignore")(self.names["tune"])
@@ -104,7 +104,7 @@ class _Writer(Reader[list[str]]):
         last = self.names["D"].nbytes // self.size["D"] - len(step.observer.traces)
         traces = (self._read(Place("state", name), 0, self.real) for name in step.observer.traces)
         stores = [f"D[{last + k}] = {text}" for k, text in enumerate(traces)]
-        shown = self._function("shown", step.code.estimate, stores)
+        estimate = self._function("shown", step.code.estimate, stores)
         text += self._function("tune", step.code.tuning)
         for section in step.code.called:
             self.sections[section.name] = len(self.sections)
@@ -116,14 +116,14 @@ class _Writer(Reader[list[str]]):
             text += [f"def {numbered[name]}():", "    status = 0", *indented(self._ready() if sections else [])]
             text += [f"    status |= {self._called(section)}()" for section in sections]
             text += ["    shown()", "    return status"]
-        pygraph.defined([*shown, *text], self.names, "shown", "a step in Python")
-        called = {name: self.names[short] for name, short in {"tune": "tune", **numbered}.items()}
+        pygraph.defined([*estimate, *text], self.names, "shown", "a step in Python")
+        called = {name: self.names[local] for name, local in {"tune": "tune", **numbered}.items()}
         if self.real == "double":
             return called
         return {name: np.errstate(all="ignore")(call) for name, call in called.items()}  # numpy warns of its numbers
 
     def _ready(self) -> list[str]:
-        """The code that makes a state of memory that holds none, and ends a call without parameters."""
+        """The code that initialises a state without its mark, and ends a call without parameters."""
         mark = self.step.layout.mark
         if not mark:
             return []
@@ -144,7 +144,7 @@ class _Writer(Reader[list[str]]):
         self.work = {place: k for k, (place, _) in enumerate(sorted(places(program))) if place.struct == "work"}
         start = ["status = 0"]
         for place, size in sorted(places(program)):
-            if place in self.work and (size == 1 or place in self.filled):  # which a kernel may be the first to write
+            if place in self.work and (size == 1 or place in self.filled):  # a kernel may be the first to write it
                 elements = (self._local(place, element) for element in range(size))
                 start.append(f"{' = '.join(elements)} = {'0' if self.kinds.is_index(place) else 'zero'}")
         return [f"def {name}():", *indented([*start, *self.program(program), *after, "return status"])]
@@ -186,7 +186,7 @@ class _Writer(Reader[list[str]]):
         return kind != "unsigned" and self.kinds.is_index(place)
 
     def _member(self, index: Place, total: int) -> str:
-        """The text of a member's number, 0 where it is beyond the last, as in C."""
+        """The text of a member's number, 0 where it is beyond the last one, as in C."""
         number = self._read(index, 0, "unsigned")
         return f"int({number}) if {number} < {total} else 0"
 
@@ -234,7 +234,7 @@ class _Writer(Reader[list[str]]):
         return [*before, f"{self._text(kernel.result, 0)} = {call}" if kernel.result else call, *after]
 
     def _view(self, place: Place, dimensions: int) -> str:
-        """The text of a place as numpy's view of it, in the members that the loops around it are at."""
+        """The text of numpy's view of a place, in the current members of the loops around it."""
         above = self.groups.get(place.struct, ())[: self.places[place].ndim - dimensions]
         return f"V[{list(self.places).index(place)}]{''.join(f'[{self._at(group)}]' for group in above)}"
 
@@ -245,7 +245,7 @@ class _Writer(Reader[list[str]]):
         def operand(argument: int, element: int) -> Operand:
             place, _ = block.reads[argument]
             local = place in self.work and place not in block.writes and not self._converted(place, kind)
-            return Operand(self._read(place, element, kind), local=local)  # else a copy of it is
+            return Operand(self._read(place, element, kind), local=local)  # otherwise it is copied
 
         outputs = self.graphs.write(block.graph, operand, kind)
         for place, nodes in zip(block.writes, outputs, strict=False):
@@ -265,22 +265,22 @@ class _Writer(Reader[list[str]]):
 
 
 SAMPLES = 64
-MISSING, ABSURD, UNDATED, LOST_INPUT, EXCESSIVE = 20, 30, 35, 40, 50  # samples at which a guard is exercised
+MISSING, ABSURD, UNDATED, LOST_INPUT, EXCESSIVE = 20, 30, 35, 40, 50  # samples that trigger a guard
 
 
 @dataclass(frozen=True)
 class Vectors:
-    """Inputs u (N, m), outputs y (N, p), what is `seen` (N, n), its `tolerance` (n), status (N)."""
+    """Inputs u (N, m), outputs y (N, p), the compared `values` (N, n), their `tolerance` (n), the status (N)."""
 
     u: np.ndarray
     y: np.ndarray
-    seen: np.ndarray
+    values: np.ndarray
     tolerance: np.ndarray
     status: np.ndarray
 
 
 def compared_places(step: Step) -> tuple[Place, ...]:
-    """The values that the self-check compares: the estimate, and what the observer traces of its state."""
+    """The places that the self-check compares: the estimate, and the observer's traces of its state."""
     traces = (Place("state", name) for name in step.observer.traces)
     return (*(Place("estimate", s.name) for s in step.states), *traces)
 
@@ -295,31 +295,34 @@ def record_vectors(step: Step, real: Real) -> Vectors:
     y = np.hstack([y, _ages(step)])
     u, y = u.astype(DTYPE[real]), y.astype(DTYPE[real])
     runs = {"float": _run(step, "float", u, y), "double": _run(step, "double", u, y)}
-    # without guards up to the first sample after which not every run sees plausible numbers
-    sound = np.all([(np.abs(seen) <= LOST).all(axis=1) for seen, _ in runs.values()], axis=0)
+    # without guards up to the first sample at which a run has implausible values
+    sound = np.all([(np.abs(values) <= LOST).all(axis=1) for values, _ in runs.values()], axis=0)
     count = SAMPLES if step.clock.guarded or sound.all() else int(np.argmin(sound))
     u, y = u[:count], y[:count]
-    runs = {kind: (seen[:count], status[:count]) for kind, (seen, status) in runs.items()}
-    seen, status = runs[real]
+    runs = {kind: (values[:count], status[:count]) for kind, (values, status) in runs.items()}
+    values, status = runs[real]
     gap = np.abs(runs["float"][0] - runs["double"][0]).max(axis=0)
     unit = {kind: np.finfo(number).eps for kind, number in DTYPE.items()}
-    distance = gap * (unit[real] / unit["float"]) + unit[real] * np.abs(seen).max(axis=0)
-    return Vectors(u, y, seen, 16 * distance, status)
+    distance = gap * (unit[real] / unit["float"]) + unit[real] * np.abs(values).max(axis=0)
+    return Vectors(u, y, values, 16 * distance, status)
 
 
 def lost_samples(step: Step) -> tuple[int, int]:
-    """The sample at which the inputs are no numbers, and that at which the outputs are none; `SAMPLES` for none."""
+    """The numbers of the samples without inputs and without outputs; `SAMPLES` for none."""
     return (LOST_INPUT, MISSING) if step.clock.guarded else (SAMPLES, SAMPLES)
 
 
 def fault_words(step: Step) -> str:
-    """The words for such samples, after their number."""
+    """The words for the faulty samples, to follow the number of samples."""
     return ", a missing, an absurd, a lost and an excessive one among them" if step.clock.guarded else ""
 
 
 def start_state(step: Step) -> dict[Place, list[float]]:
-    """The state at the first sample, by place: the estimate off its rest, where a plant may stand still and
-    show nothing of its model, as far as an element of it is linear in one of the state's."""
+    """The state at the first sample, by place.
+
+    The estimate is off its initial value, where a plant may be at an equilibrium at which the model has no effect. An
+    element of the estimate is moved if it is linear in one element of the state.
+    """
     boxes = [s.interval if s.bounded else (-1.0, 1.0) for s in step.observer.form.states]
     wanted = [low + 0.7 * (high - low) for low, high in boxes]
     values = {Place("state", field.name): np.array(field.initial) for field in step.layout.state}
@@ -340,29 +343,30 @@ def _run(step: Step, real: Real, u: np.ndarray, y: np.ndarray) -> tuple[np.ndarr
     memory = layout.made(step, real)
     views, calls = layout.places(step, memory), entries(step, memory, real)
     calls["tune"]()
-    for place, values in start_state(step).items():
-        views[place][:] = values
+    for place, elements in start_state(step).items():
+        views[place][:] = elements
     kinds = (("input", step.inputs), ("output", step.samples))
     signals = [views[Place(kind, signal.name)] for kind, each in kinds for signal in each]
     results = [views[place] for place in compared_places(step)]
-    seen, status = np.zeros((SAMPLES, len(results)), DTYPE[real]), np.zeros(SAMPLES, step.layout.word)
+    values, status = np.zeros((SAMPLES, len(results)), DTYPE[real]), np.zeros(SAMPLES, step.layout.word)
     for k in range(SAMPLES):
         for array, value in zip(signals, (*u[k], *y[k]), strict=True):
             array[0] = value
         status[k] = calls["step"]()
-        seen[k] = [result[0] for result in results]
-    return seen, status
+        values[k] = [result[0] for result in results]
+    return values, status
 
 
 def _ages(step: Step) -> np.ndarray:
-    """The ages of samples that may come late (N, ages): in time, too late, twice in a period, and one that is none."""
+    """The ages of samples that may come late (N, ages): in time, too late, twice in a period, and one that is not a
+    number of periods."""
     ages = np.array([[k * k % (age.interval[1] + 1) for age in step.ages] for k in range(SAMPLES)], dtype=float)
     ages[UNDATED] = 0.5
     return ages.reshape(SAMPLES, -1)
 
 
 def _wave(cycles: float, signal: Signal) -> float:
-    """Half the declared range (or +-1) about its middle, in a triangle."""
+    """A triangle wave of half the declared range (or +-1) about its middle."""
     low, high = signal.interval if signal.bounded else (-1.0, 1.0)
     triangle = 1 - 4 * abs(cycles % 1 - 0.5)
     return (low + high) / 2 + (high - low) / 4 * triangle

@@ -51,7 +51,7 @@ def recorded(here: Writer, row: str, across: int) -> dict[str, str]:
         "given": rows([*u, *y] for u, y in zip(vectors.u, vectors.y, strict=True)),
         "results": str(len(seen)),
         "seen": ", ".join(seen),
-        "wanted": rows(vectors.seen),
+        "wanted": rows(vectors.values),
         "tolerance": ", ".join(syntax.literal(float(value), real) for value in vectors.tolerance),
         "expected": block(" ".join(statuses[k : k + across]) for k in range(0, len(statuses), across)),
         "start": block(starting),

@@ -7,7 +7,7 @@ from hgogen.emit.code import indented
 from hgogen.emit.described import MEANINGS, described, of_signal, parameters
 from hgogen.emit.manual import remembered
 from hgogen.emit.syntax import Number, Real, Syntax
-from hgogen.emit.syntaxes import RUST, C, beside, documented, line
+from hgogen.emit.syntaxes import RUST, C, documented, line, trailing_doc
 from hgogen.program import Field, Group, lines_of
 from hgogen.step import Step
 from hgogen.stepping.guards import OF_PARAMETERS
@@ -117,13 +117,13 @@ def typedefs(prefix: str, structs: Mapping[str, Struct], none: str, said: Callab
 
 def _nested(struct: Struct, said: Callable[[str], str]) -> list[str]:
     inner = indented(_members(struct.members, said))
-    return ["struct {", *inner, f"}} {struct.kind}; {beside(said(struct.said))}".rstrip()]
+    return ["struct {", *inner, f"}} {struct.kind}; {trailing_doc(said(struct.said))}".rstrip()]
 
 
 def _members(members: Iterable[Member], said: Callable[[str], str]) -> list[str]:
     members = tuple(members)
     width = max((len(member.declared) for member in members), default=0)
-    return [f"{member.declared:{width}} {beside(said(member.said))}".rstrip() for member in members]
+    return [f"{member.declared:{width}} {trailing_doc(said(member.said))}".rstrip() for member in members]
 
 
 _SAID = {

@@ -1,7 +1,7 @@
-"""What a language is to the printers: one small description of how it writes a literal, a choice, a call, a loop.
+"""The syntax of a language for the printers: how it writes a literal, a choice, a call, a loop.
 
-The order of statements and of operations, what is named and how often, what is counted and laid out, does not differ
-between languages and knows none of them. Texts with holes are those of `str.format`.
+The order of statements and operations, names, counts and layout are the same in all languages. Texts with holes are
+those of `str.format`.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -28,7 +28,7 @@ SELECT, OR, AND, EQUAL, ORDER = 0.0, 1.0, 2.0, 2.5, 3.0
 
 @dataclass(eq=False)
 class NotPrintable(HgogenError):
-    """An operation that no language here has."""
+    """An operation that no emitted language has."""
 
     operation: int
 
@@ -51,7 +51,7 @@ class BeyondFloat(HgogenError):
 
 @dataclass(eq=False)
 class PointsMerge(HgogenError):
-    """A table with two points that are one number in the working precision: it would jump there."""
+    """A table with two points that are equal in the working precision: it would have a jump there."""
 
     table: str
     points: tuple[float, float]
@@ -64,7 +64,7 @@ class PointsMerge(HgogenError):
 
 
 def demand_apart(lookup: Lookup, real: Real) -> None:
-    """Raise `PointsMerge` for a table whose points the working precision does not tell apart."""
+    """Raise `PointsMerge` for a table with points that are equal in the working precision."""
     number = DTYPE[real]
     for axis in lookup.axes:
         for pair in pairwise(axis.breaks):
@@ -83,16 +83,16 @@ class BadReal(HgogenError):
 
 
 def demand_real(real: str) -> None:
-    """Raise `BadReal` for a precision that there is not."""
+    """Raise `BadReal` for any other precision than float and double."""
     if not among(real, ("float", "double")):
         raise BadReal(real)
 
 
 @dataclass(frozen=True)
 class Rows:
-    """Numbers to be kept in their ranges: for each its place and its row, (low, high, nominal), as text; the text of
-    the number of rows and of the largest number; the `type` of a number; what begins the names of our functions, and
-    the statement that says so in the status."""
+    """Numbers to be limited to their ranges, as text: the place and the row (low, high, nominal) of each; the number of
+    rows, the largest number, the `type` of a number, the prefix of functions, and the statement that sets the status
+    bit."""
 
     places: tuple[str, ...]
     rows: tuple[tuple[str, str, str], ...]
@@ -107,44 +107,45 @@ class Rows:
 class Syntax:
     """The syntax of a language.
 
-    Meant are languages with braces, `;`, `==`, `true` and `false`, whose + - * / bind as those of C; those the printers
-    write themselves. The names in braces are the holes of a text, and {} is the only one.
+    The printers themselves write braces, `;`, `==`, `true`, `false` and + - * /, which bind as in C. Names in braces
+    are the holes of a text, and {} is a single one.
 
-    - Numbers: `types` of each kind: float, double, unsigned (counters), index (a counter in the state), bool, void,
-      and "whole float", "whole double" (a signed integer for the whole numbers of that precision), and where `instead`
-      asks for them "word float", "word double";
-      `truth_is_number`: whether a truth value is a number; `suffixes` of literals, by float, double, unsigned: a
-      language that writes literals otherwise overrides `marked`; `cast`: {type}, {value}, toward zero from a real
-      number to a whole one, of which 0 becomes +0; it binds as `casted`; `counted`: {}, {} of operations of counters
-      that are not written as those of numbers; `rounded`, by float or double: {}, what is written around + - * / of
-      real numbers where the language computes in more digits; the rest of its functions has to round by itself.
-    - Names: `language`, its own; `name`, a user's as the language takes it: another one where that is `reserved`, which
-      says by what; `parameters`: those that `emit.interface` calls otherwise; `reach`: {}, what leads from a parameter,
-      or from a member at hand, to its own members.
-    - Truth: `both` and `either`, the signs between two, which bind as && and || of C; `opposite`: {}.
+    - Numbers: `types` of each kind: float, double, unsigned (counters), index (a counter in the state), bool, void, and
+      "whole float", "whole double" (a signed integer for the whole numbers of that precision), and where `instead`
+      needs them "word float", "word double"; `truth_is_number`: whether a truth value is a number; `suffixes` of
+      literals, by float, double, unsigned (a language with other literals overrides `marked`); `cast`: {type}, {value},
+      toward zero from a real number to a whole one, where 0 becomes +0; it binds as `casted`; `counted`: {}, {},
+      operations of counters that differ from those of numbers; `rounded`, by float or double: {}, the text around a
+      result of + - * / where the language computes in more digits; its other functions must round by themselves.
+    - Names: `language`, its own; `name`: a user's name in the language, which differs where it is `reserved` (the
+      reason in words); `parameters` that have another name than in `emit.interface`; `reach`: {}, from a parameter, or
+      from the current member of a group, to its members.
+    - Truth: `both` and `either`, the operators between two, which bind as && and || of C; `opposite`: {}.
     - Expressions: `choice`: {test}, {yes}, {no}, whose test and branches bind at least as tightly as `chosen` says;
       `index` into an array of structs.
     - Declarations: `constant`, `variable`: {type}, {name}, {value}; `fixed`, `gathered`: {type}, {name}, {size},
-      {values}, an array in a function that is never written, of numbers or of what is computed; `array`: {type},
-      {name}, {size}, {value}, which is written before it is read; `member`: {type}, {name}, {element}, the name of one
-      of an array of structs.
-    - Structs: `struct`, the type of one of each kind of `emit.structs`, of a prefix and that kind; `struct_member`:
-      {type}, {name}, {size}, in its declaration, by whether it is an array.
-    - Statements: `condition` and `repeated`: {}, open the block of a test; `loop` gives the head and the first lines of
-      one of `k` from `first` to before `end` while `also` holds, and says whether k is used; `falling`: {k}, {first},
-      {end}, opens one from `first` down to after `end`; `increment`: {}; `copied`: {target}, {source}, a member of an
-      array of structs onto another, by value with all arrays and structs in it; `result`: {}; `raised`: {prefix},
+      {values}, a constant array in a function, of numbers or of computed values; `array`: {type}, {name}, {size},
+      {value}, which is written before it is read; `member`: {type}, {name}, {element}, a name for a member of an array
+      of structs.
+    - Structs: `struct`: the type of a struct, from a prefix and its kind in `emit.structs`; `struct_member`: {type},
+      {name}, {size}, a declaration in it, by whether that is an array.
+    - Statements: `condition` and `repeated`: {}, open the block of a test; `loop`: the head and the first lines of a
+      loop of `k` from `first` to before `end` while `also` holds, given whether k is used; `falling`: {k}, {first},
+      {end}, opens a loop from `first` down to after `end`; `increment`: {}; `copied`: {target}, {source}, a member of
+      an array of structs onto another, by value with all arrays and structs in it; `result`: {}; `raised`: {prefix},
       {bit}, a bit of the status; `called`, a section; `comment`.
-    - Functions of a file's own: `function`, lines of {type}, {name}, {parameters}, with `parameter`: {type}, {name},
-      and `array_parameter`: {type}, {name}, {size}, by whether it is written, or with `empty`; `params`: {prefix}, that
-      of the struct of parameters, only read; `passed`: {}, an array as an argument, by whether it is written; `around`:
-      lines before and after one of this name; `instead`, by its name: where the first holds, the other lines, with
-      {type}, {suffix}, {word}, an unsigned number of as many bits, and numbers of `emit.elementary`, stand in the
-      place of its body; where the first is empty, always.
-    - Proofs: `analysed`, whether analysers read the language: of a `When` that is `idle` the test is a call of `acts`.
-    - Vectors: `aligned`: {}, {upper}, where a loop of a kernel begins that may begin earlier, and how that binds.
-    - Equality: `equal`, whether real numbers are compared by a function of ours in the place of ==.
-    - Tables: `limited`, lines that keep numbers in their ranges by a loop over `Rows`; None where each is written out.
+    - Static functions: `function`, lines of {type}, {name}, {parameters}, with `parameter`: {type}, {name}, and
+      `array_parameter`: {type}, {name}, {size}, by whether it is written, or with `empty`; `params`: {prefix}, the
+      struct of parameters, read only; `passed`: {}, an array as an argument, by whether it is written; `around`, by
+      name: lines before and after a function; `instead`, by name: a preprocessor condition, under which the other lines
+      replace the body, always if it is empty; these have {type}, {suffix}, {word}, an unsigned number of as many bits,
+      and constants of `emit.elementary`.
+    - Proofs: `analysed`: whether static analysers read the language; then the test of an `idle` `When` is a call of
+      `acts`.
+    - Vectors: `aligned`: {}, {upper}, the first index of a kernel's loop that may start earlier, and how tightly it
+      binds.
+    - Equality: `equal`, whether a function compares real numbers instead of ==.
+    - Tables: `limited`, lines that limit numbers to their ranges by a loop over `Rows`; None: each is written out.
     """
 
     language: str
@@ -201,7 +202,7 @@ class Syntax:
         return self.marked(digits(value, kind), kind)
 
     def number(self, value: int) -> str:
-        """A number by which a loop of its own counts, or an element of an array is named."""
+        """A number by which a loop counts, or that indexes an array."""
         return self.literal(value, "unsigned")
 
     def marked(self, digits: str, kind: Number) -> str:
@@ -210,10 +211,10 @@ class Syntax:
 
 
 def digits(value: float, kind: Number) -> str:
-    """Shortest decimal that reads back as this number in the working precision; of a real number with a point or an
-    exponent.
+    """The shortest decimal that reads back as this number in the working precision; for a real number with a point or
+    an exponent.
 
-    Raises: `NotPrintable` for a counter that is not a whole number from 0; `BeyondFloat`.
+    Raises: `NotPrintable` for a counter that is no whole number from 0 on; `BeyondFloat`.
     """
     if kind == "unsigned":
         if value < 0 or value != int(value):

@@ -1,4 +1,4 @@
-"""C99 and Rust as `Syntax`: names, comments, and the differences that the borrow checker asks for."""
+"""C99 and Rust as `Syntax`: names, comments, and the differences that the borrow checker requires."""
 
 # Takes apart: a user's words, the list of keywords, the parts of a name.
 
@@ -20,26 +20,26 @@ def comment(text: str) -> str:
 
 
 def documented(text: str) -> str:
-    """A comment that Doxygen takes for what stands below it."""
+    """A Doxygen comment for the declaration below it."""
     return f"/** {spoken(text)} */" if text else ""
 
 
-def beside(text: str) -> str:
-    """A comment that Doxygen takes for what stands before it."""
-    return f"{BESIDE}{spoken(text)} */" if text else ""
+def trailing_doc(text: str) -> str:
+    """A Doxygen comment for the declaration before it."""
+    return f"{TRAILING_DOC}{spoken(text)} */" if text else ""
 
 
-BESIDE = "/**< "
+TRAILING_DOC = "/**< "
 _COMMAND = re.compile(r"[\\@]|<(?=[A-Za-z/!?])|[#%](?=\w)|&(?=[\w#]+;)|(?<=!)\[|(?<=\])\((?=\S)")
 
 
 def spoken(text: str) -> str:
-    """Harmless text in which Doxygen reads no command, link or tag."""
+    """Harmless text that Doxygen reads without commands, links or tags."""
     return _COMMAND.sub(r"\\\g<0>", harmless(text))
 
 
 def harmless(text: str) -> str:
-    """Text that neither ends nor opens a comment, on one line and without trigraphs."""
+    """Text on one line that neither ends nor opens a comment and has no trigraphs."""
     return " ".join(text.replace("*/", "* /").replace("/*", "/ *").replace("??", "? ?").splitlines())
 
 
@@ -47,31 +47,31 @@ def _c_loop(k: str, first: str, end: str, also: str, used: bool) -> Sequence[str
     return (f"for (unsigned {k} = {first}; {k} < {end}{f' && {also}' if also else ''}; ++{k}) {{",)
 
 
-def _c_limited(of: Rows) -> Sequence[str]:
-    """A table in read-only memory, and pointers to what it is of."""
-    rows = (f"    {{{', '.join(row)}}}, /* {place} */" for place, row in zip(of.places, of.rows, strict=True))
+def _c_limited(table: Rows) -> Sequence[str]:
+    """A loop over a table in read-only memory and pointers to the places."""
+    rows = (f"    {{{', '.join(row)}}}, /* {place} */" for place, row in zip(table.places, table.rows, strict=True))
     return (
         "{",
         "    static const struct {",
-        f"        {of.type} low;",
-        f"        {of.type} high;",
-        f"        {of.type} nominal;",
-        f"    }} range[{len(of.rows)}] = {{",
+        f"        {table.type} low;",
+        f"        {table.type} high;",
+        f"        {table.type} nominal;",
+        f"    }} range[{len(table.rows)}] = {{",
         *(f"    {row}" for row in rows),
         "    };",
-        f"    {of.type} *const value[{len(of.rows)}] = {{{', '.join(f'&{place}' for place in of.places)}}};",
-        f"    for (unsigned k = 0u; k < {of.count}; ++k) {{",
-        f"        const {of.type} v = *value[k];",
-        f"        *value[k] = {of.prefix}_keep(v, range[k].low, range[k].high, range[k].nominal, {of.largest});",
+        f"    {table.type} *const value[{len(table.rows)}] = {{{', '.join(f'&{place}' for place in table.places)}}};",
+        f"    for (unsigned k = 0u; k < {table.count}; ++k) {{",
+        f"        const {table.type} v = *value[k];",
+        f"        *value[k] = {table.prefix}_keep(v, range[k].low, range[k].high, range[k].nominal, {table.largest});",
         "        if (!(v >= range[k].low && v <= range[k].high)) {",
-        f"            {of.raised}",
+        f"            {table.raised}",
         "        }",
         "    }",
         "}",
     )
 
 
-_QUIET = (  # a comparison that asks whether a number is one, or is another one exactly
+_EXACT_COMPARISON = (  # an exact comparison of numbers, or a test for NaN
     (
         "#if defined(__GNUC__)",
         "#pragma GCC diagnostic push",
@@ -81,7 +81,7 @@ _QUIET = (  # a comparison that asks whether a number is one, or is another one 
     ("#if defined(__GNUC__)", "#pragma GCC diagnostic pop", "#endif"),
 )
 
-_BUILT_IN = "defined(__GNUC__) && !defined(__FRAMAC__)"  # one instruction, of the same result
+_BUILT_IN = "defined(__GNUC__) && !defined(__FRAMAC__)"  # one instruction with the same result
 
 _C_STRUCTS = {"estimate": "plant", "parameters": "params"}
 
@@ -132,7 +132,7 @@ C = Syntax(
     comment=comment,
     equal=True,
     limited=_c_limited,
-    around={"equal": _QUIET, "within": _QUIET},
+    around={"equal": _EXACT_COMPARISON, "within": _EXACT_COMPARISON},
     analysed=True,
     aligned=("{}/{upper}_VECTOR*{upper}_VECTOR", PRODUCT),
     instead={
@@ -163,14 +163,14 @@ _KEYWORDS = """
     impl in let loop macro match mod move mut override priv pub ref return self static struct super trait true try type
     typeof unsafe unsized use virtual where while yield
 """
-PRELUDE = frozenset({"Some", "None", "Ok", "Err"})  # values that are there unasked, which no local can be
+PRELUDE = frozenset({"Some", "None", "Ok", "Err"})  # values in scope everywhere, whose names no local can have
 PARAMETERS = {"in": "input"}  # `in` is a keyword
 TYPES = {"float": "f32", "double": "f64", "unsigned": "u32", "index": "usize", "bool": "bool", "void": "()"}
 
 
 @cache
 def keywords() -> frozenset[str]:
-    """Words that no name can be, not even that of a crate."""
+    """Words that cannot be a name, not even of a crate."""
     return frozenset(_KEYWORDS.split())
 
 
@@ -194,22 +194,22 @@ def _rust_called(_: str, entry: Entry) -> str:
     return f"status |= s.{entry.name}({', '.join(arguments)});"
 
 
-def _rust_limited(of: Rows) -> list[str]:
-    """A table, and a copy of what it is of: two elements of an array cannot be borrowed at once."""
-    rows = (f"    ({', '.join(row)}), // {place}" for place, row in zip(of.places, of.rows, strict=True))
+def _rust_limited(table: Rows) -> list[str]:
+    """A loop over a table and a copy of the places: two elements of an array cannot be borrowed at once."""
+    rows = (f"    ({', '.join(row)}), // {place}" for place, row in zip(table.places, table.rows, strict=True))
     return [
         "{",
-        f"    const RANGE: [({of.type}, {of.type}, {of.type}); {of.count}] = [",
+        f"    const RANGE: [({table.type}, {table.type}, {table.type}); {table.count}] = [",
         *(f"    {row}" for row in rows),
         "    ];",
-        f"    let mut value: [{of.type}; {of.count}] = [{', '.join(of.places)}];",
+        f"    let mut value: [{table.type}; {table.count}] = [{', '.join(table.places)}];",
         "    for (v, (low, high, nominal)) in value.iter_mut().zip(RANGE) {",
         "        if !(*v >= low && *v <= high) {",
-        f"            {of.raised}",
+        f"            {table.raised}",
         "        }",
-        f"        *v = {of.prefix}_keep(*v, low, high, nominal, {of.largest});",
+        f"        *v = {table.prefix}_keep(*v, low, high, nominal, {table.largest});",
         "    }",
-        *(f"    {place} = value[{k}];" for k, place in enumerate(of.places)),
+        *(f"    {place} = value[{k}];" for k, place in enumerate(table.places)),
         "}",
     ]
 
@@ -263,11 +263,11 @@ RUST = Syntax(
 )
 
 
-_ALIGNED = ("triangularise", "add")  # kernels with loops that may begin at a multiple
+_ALIGNED = ("triangularise", "add")  # kernels with loops that may start at a multiple
 
 
 def vectors(name: str, real: Real, used: Collection[tuple[str, int]]) -> tuple[Syntax, list[str]]:
-    """The syntax of the functions that loops call, and the macros that it and the kernels in `used` need."""
+    """The syntax of functions that vector loops call, and the macros that it and the kernels in `used` need."""
     if not any(kernel in _ALIGNED for kernel, _ in used):
         return C, []
     upper = name.upper()

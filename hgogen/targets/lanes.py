@@ -12,7 +12,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from hgogen.emit.code import Code, Uses, braced, code, indented, joined
-from hgogen.emit.lanewriter import LaneWriter, alike, own, prelude, table
+from hgogen.emit.lanewriter import LaneWriter, lane_prefix, prelude, table, with_uniform_counts
 from hgogen.emit.lanewriter import lanes as in_lanes
 from hgogen.emit.naming import c_name, demand_distinct, demand_file
 from hgogen.emit.portable import functions, kernels, tables
@@ -42,7 +42,7 @@ def lanes(step: Step, *, real: Real = "double") -> Files:
     whole = joined([*sections, _section(writer, "estimate", step.code.estimate)])
     text = routines(writer, whole.uses.routines) + whole
     includes = [f"#include <{name}.h>" for name in ("stdbool", "stddef", "stdint")]
-    searches = tables(C, f"{own(step.name)}_one", real, text.uses.lookups).lines
+    searches = tables(C, f"{lane_prefix(step.name)}_one", real, text.uses.lookups).lines
     parts = [
         searches,
         prelude(step.name, real, 8 * step.layout.word.itemsize),
@@ -65,7 +65,7 @@ _NEEDS = (  # vector types, conversions between them, and operations that round 
 
 
 def _section(writer: LaneWriter, name: str, program: Program) -> Code:
-    status = f"{own(writer.prefix)}_status"
+    status = f"{lane_prefix(writer.prefix)}_status"
     parameters = ", ".join(f"{writer.prefix}_{kind} *{short}" for short, kind in _STRUCTS.items())
     inner = code(f"{status} status = {{0}};") + writer.function(program) + code("return status;")
     return code(f"static {status} {writer.prefix}_{name}({parameters})") + braced("{", inner) + code("")
@@ -74,7 +74,7 @@ def _section(writer: LaneWriter, name: str, program: Program) -> Code:
 def _shared(writer: LaneWriter, uses: Uses) -> Sequence[str]:
     name, real = writer.prefix, writer.real
     looked = (table(name, real, each) for each in sorted(uses.lookups, key=lambda each: each.name))
-    matrices = kernels(alike(name, real), name, real, uses.kernels)
+    matrices = kernels(with_uniform_counts(name, real), name, real, uses.kernels)
     return (functions(writer.syntax, name, real, uses.helpers) + joined(looked) + matrices).lines
 
 
@@ -87,7 +87,7 @@ def _structs(writer: LaneWriter) -> list[str]:
     p, none = writer.prefix, f"{writer.syntax.types[writer.real]} none;"
     known = {"input": Struct("input", "", ())} | structs(writer.step, writer.syntax, writer.real, marked=True)
     lines = [line for each in typedefs(p, known, none, lambda _: "") for line in each]
-    return [*lines, "typedef struct {", f"    {p}_state s;", f"    {p}_params p;", f"}} {own(p)}_kept;", ""]
+    return [*lines, "typedef struct {", f"    {p}_state s;", f"    {p}_params p;", f"}} {lane_prefix(p)}_kept;", ""]
 
 
 # --- many records
@@ -108,15 +108,15 @@ def _many(writer: LaneWriter) -> list[str]:
     traces = [_stored(p, "traces", len(step.observer.traces), j, value) for j, value in enumerate(values)]
     body = [
         *(f"{p}_{kind} {name};" for kind, name in (("input", "in"), ("output", "measurement"), ("plant", "plant"))),
-        f"{own(p)}_status status = {{0}};",
+        f"{lane_prefix(p)}_status status = {{0}};",
         *(*inputs, *outputs, *sections, f"(void){p}_estimate({arguments});", *x),
         *(["if (traces) {", *indented(traces), "}"] if traces else []),
-        f"*({own(p)}_word *)&statuses[width[2]*k] = __builtin_convertvector(status, {own(p)}_word);",
+        f"*({lane_prefix(p)}_word *)&statuses[width[2]*k] = __builtin_convertvector(status, {lane_prefix(p)}_word);",
     ]
-    sizes = {"width": f"{p.upper()}_LANES", "size": f"sizeof({own(p)}_kept)"}
+    sizes = {"width": f"{p.upper()}_LANES", "size": f"sizeof({lane_prefix(p)}_kept)"}
     return [
-        *(f"size_t {own(p)}_{name}(void) {{ return {value}; }}" for name, value in sizes.items()),
-        f"void {own(p)}_run({own(p)}_kept *memory, size_t count, const size_t width[3],",
+        *(f"size_t {lane_prefix(p)}_{name}(void) {{ return {value}; }}" for name, value in sizes.items()),
+        f"void {lane_prefix(p)}_run({lane_prefix(p)}_kept *memory, size_t count, const size_t width[3],",
         f"    const {real} *u, const {real} *y, {real} *x, {real} *traces, {step.layout.word}_t *statuses)",
         *("{", "    for (size_t k = 0u; k < count; ++k) {", *indented(body, 8), "    }", "}"),
     ]
@@ -124,10 +124,10 @@ def _many(writer: LaneWriter) -> list[str]:
 
 def _loaded(p: str, array: str, size: int, j: int, place: str) -> str:
     """A signal, which is alike in all lanes where its records have no width."""
-    width, at, p = f"width[{'uy'.index(array)}]", f"{size}u*k + {j}u", own(p)
+    width, at, p = f"width[{'uy'.index(array)}]", f"{size}u*k + {j}u", lane_prefix(p)
     beside = f"({p}_numbers)*(const {p}_row *)&{array}[({at})*{width}]"
     return f"{place} = {width} ? {beside} : {p}_fill({array}[{at}]);"
 
 
 def _stored(p: str, array: str, size: int, j: int, value: str) -> str:
-    return f"*({own(p)}_row *)&{array}[({size}u*k + {j}u)*width[2]] = {value};"
+    return f"*({lane_prefix(p)}_row *)&{array}[({size}u*k + {j}u)*width[2]] = {value};"
