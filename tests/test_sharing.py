@@ -123,6 +123,22 @@ def test_a_part_that_says_something_leaves_nothing_as_after_a_reset() -> None:
     )
 
 
+@pytest.mark.parametrize("part", ["correct", "limit", "sqrt", "flow", "step", "ready"])
+def test_a_part_is_not_named_as_another_function_of_the_file(part: str) -> None:
+    """A kernel, a small and a mathematical function, a routine, the interface: once in a long section, or twice."""
+    of = made("many_states")
+    fields = [field for field in of.layout.state if field.kind == "real"]
+    block = Block("b", {Place("state", f.name): sym("state", f.name, f.size) * 2 for f in fields}, part=part)
+    section, writer = replace(of.code.sections[0], name="predict", corrects=None), SharingWriter(C, of, "float")
+    writer._outlined(part, (block,), section)
+    assert list(writer.functions) == [f"{part}_predict"]
+    program = (When(Place("state", "calls"), (block,), (block,)), *section.program)
+    sections = (replace(section, program=program), *of.code.sections[1:])
+    parts = SharingWriter(C, with_parts(of, code=replace(of.code, sections=sections)), "float").parts
+    assert f"{of.name}_{part}_2" in {each.prototype.name for each in parts}
+    assert f"{of.name}_{part}" not in {each.prototype.name for each in parts}
+
+
 def with_parts(of: hg.Step, **parts: Any) -> hg.Step:
     """The program of a step, with other parts."""
     return replace(hg.Step(of.name, of.observer, of.method, of.clock, of.layout, of.code), **parts)

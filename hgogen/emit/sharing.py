@@ -16,8 +16,12 @@ from itertools import count
 
 import numpy as np
 
+from hgogen.discretisation import kernels
+from hgogen.emit import helpers
 from hgogen.emit.code import MAX_PATHS, Code, code, joined, paths, variables
-from hgogen.emit.interface import AT, Parameter, Prototype, own, status_type, structs
+from hgogen.emit.elementary import POWER_OF_TWO, elementary
+from hgogen.emit.interface import AT, Parameter, Prototype, entries, own, status_type, structs
+from hgogen.emit.portable import functions_of
 from hgogen.emit.statements import Writer
 from hgogen.program import (
     Block,
@@ -36,6 +40,7 @@ from hgogen.program import (
 )
 from hgogen.stepping.machine import Reading
 
+_OTHERS = {"ready", "nominal", "checksum", "save", "restore"}  # functions of the file besides its interface
 FEWEST = 4  # numbers that a repeated part writes
 SMALLEST = 3  # paths of a named block that becomes a function
 _MEANINGS = {  # of the bodies of conditions
@@ -180,7 +185,8 @@ class SharingWriter(Writer):
         text = code(*[f"{returns} status = 0u;"] * returns_status) + text
         text += code(*["return status;"] * returns_status, *[f"return {result.name};"] if result else [])
         whole = f"{returns} ({', '.join(map(str, parameters))})", text
-        name = self.named.setdefault(whole, next(n for n in _names(part, section) if n not in self.named.values()))
+        present = {*self.named.values(), *self._function_names, *(_name(each.program) for each in self.parts)}
+        name = self.named.setdefault(whole, next(n for n in _names(part, section) if n not in present))
         prototype = Prototype(returns, f"{self.prefix}_{name}", tuple(parameters), public=False)
         self.functions[name] = code(*heading, str(prototype), "{") + text.indented() + code("}")
         work = tuple((place, size) for place, size in work if place == result or (place, size) in arguments)
@@ -234,8 +240,16 @@ class SharingWriter(Writer):
 
     def _prototype(self, run: Program, number: int) -> Prototype:
         returns = status_type(self.step) if any(place.struct == "status" for place in _written(run)) else "void"
+        number += _name(run) in self._function_names
         name = f"{self.prefix}_{_name(run)}" + (f"_{number}" if number > 1 else "")
         return Prototype(returns, name, structs(self.step)[:1], public=False)
+
+    @cached_property
+    def _function_names(self) -> set[str]:
+        """The names, without the prefix, of functions that the file may have besides the parts."""
+        functions = {*functions_of(kernels), *functions_of(helpers), *elementary(self.real), POWER_OF_TWO}
+        functions |= {subprogram.name for subprogram in self.subprograms.values()} | _OTHERS
+        return functions.union(*((entry.name, entry.inner) for entry in entries(self.step).values()))
 
     @cached_property
     def _alone(self) -> Callable[[Program], Code]:
