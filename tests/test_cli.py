@@ -405,9 +405,9 @@ def test_a_target_that_takes_no_precision_is_no_language(monkeypatch: pytest.Mon
 
 
 def test_languages_are_listed_as_one_says_them():
-    assert building._either(["c99"]) == "c99"
-    assert building._either(["c99", "rust"]) == "c99 or rust"
-    assert building._either(["c99", "rust", "zig"]) == "c99, rust or zig"
+    assert building._join_with_or(["c99"]) == "c99"
+    assert building._join_with_or(["c99", "rust"]) == "c99 or rust"
+    assert building._join_with_or(["c99", "rust", "zig"]) == "c99, rust or zig"
 
 
 def test_simulate(here: Path):

@@ -20,7 +20,7 @@ from test_cli import hgogen
 
 import hgogen as hg
 from hgogen.check import Verdict
-from hgogen.commands.calibrating import _own_forms, renamed
+from hgogen.commands.calibrating import _custom_forms, renamed
 from hgogen.errors import BadArgument
 from hgogen.logs import judged as judged_module
 from hgogen.logs import tune as tune_module
@@ -788,11 +788,11 @@ def test_a_form_of_no_tuning_is_refused(of: str) -> None:
 
 
 def test_forms_of_functions_are_asked_once_each() -> None:
-    (row,) = _own_forms(load("cascaded_tanks"))
+    (row,) = _custom_forms(load("cascaded_tanks"))
     assert (row.kind, row.options) == ("triangular", {"of": "riccati"})
     assert row.form is not None
     assert row.form.names == ("x2", "w")
-    assert list(_own_forms(load("pendulum"))) == []
+    assert list(_custom_forms(load("pendulum"))) == []
 
 
 def test_a_name_that_the_model_has_is_not_taken() -> None:

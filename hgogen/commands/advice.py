@@ -1,9 +1,10 @@
-"""What to take: the observers that a plant's forms admit, and what else would make it observable, or put it in a form.
+"""Advice on observers for `hgogen check`: which observers a plant admits, and which measurements would make it
+observable or put it in a form.
 
-An observer is admitted where it is built, and sampled, without any accepted refutation: with the gains of the model's
-tuning, else with those that the rule beside it reads off the ranges. Each has a line of code that makes the same step.
-Those with a proof of convergence come first, before those with one for a larger theta, those without one, and those in
-the plant's own coordinates, which no theorem covers; of each the cheaper first, by the operations of a call.
+A plant admits an observer if its step can be built without accepting a refuted check. The gains are those of the
+model's tuning, or the starting gains that the observer's rule computes from the ranges. Each observer comes with the
+code that makes the same step. Observers are ordered by what is known of their convergence (`KNOWN`), then by the number
+of operations of a call.
 """
 
 import json
@@ -30,7 +31,7 @@ from hgogen.system import System
 from hgogen.theorem import Convergence, convergence
 from hgogen.which_forms import NOT_ASKED, Survey, asking
 
-KNOWN = {  # of the convergence, with the rank of those of which it is known; None where no theorem covers it
+KNOWN = {  # the verdict on convergence in words, and its rank; None: no theorem covers the observer
     Convergence.PROVED: ("proved", 0),
     Convergence.ABOVE: ("proved for its theta", 0),
     Convergence.BELOW: ("proved for a larger theta", 1),
@@ -41,7 +42,7 @@ KNOWN = {  # of the convergence, with the rank of those of which it is known; No
 
 @dataclass(frozen=True)
 class Admitted:
-    """An observer that the plant admits; `convergence`: None where no theorem covers it."""
+    """An observer that the plant admits; `convergence` is None if no theorem covers it."""
 
     json_keys = "observer name form known where line proposed operations=cost.operations functions=cost.functions"
 
@@ -60,7 +61,7 @@ class Admitted:
 
     @property
     def rank(self) -> tuple[int, int, int]:
-        """The best is the least."""
+        """The sort key; the best observer has the least."""
         return KNOWN[self.convergence][1], self.cost.operations, self.cost.functions
 
     @property
@@ -71,7 +72,7 @@ class Admitted:
 
 @dataclass(frozen=True)
 class Advice:
-    """The advice for a model; `plain`: whether it is plain text, whose language the lines are in."""
+    """The advice for a model; `plain`: whether the model is plain text, and so the language of the lines."""
 
     json_keys = "take=admitted advice=notes"
 
@@ -81,31 +82,33 @@ class Advice:
     plain: bool = False
 
 
-def advice(model: Model, seen: Observability, survey: Survey, claims: Checked, *, deep: bool = False) -> Advice:
-    """Return what to take for a model; what may take seconds, tunings on a slow form and observers whose proof asks a
-    solver, only if `deep`, but the model's own step in any case.
+def advice(
+    model: Model, observability: Observability, survey: Survey, claims: Checked, *, deep: bool = False
+) -> Advice:
+    """Return the admitted observers and further advice for a model. Unless `deep`, skip what may take seconds: tunings
+    on a slow form, and observers whose proof needs a solver.
 
-    `claims`: those of the model's own observer, whose step is not built again.
+    `claims`: those about the model's own observer, whose step is not built again.
     """
     tuned = _Tuned(model, claims, deep)
     rows = dict(tuned.rows())
     n = len(survey.plant.states)
-    asked = [kind for kind in observers.__all__ if kind not in rows and (deep or n <= _rule(kind).quick)]
-    proposed = {kind: first(kind, places(survey)) for kind in asked}
+    untuned = [kind for kind in observers.__all__ if kind not in rows and (deep or n <= _rule(kind).quick)]
+    proposed = {kind: first(kind, places(survey)) for kind in untuned}
     rows |= {
         kind: _admitted(kind, "", one.step, _line(one, model), one.row.name)
         for kind, one in proposed.items()
         if isinstance(one, First)
     }
     order = sorted(rows.values(), key=lambda row: row.rank)
-    without = [
+    skipped = [
         f"{kind} has no first gains: {one.reason}."
         for kind, one in proposed.items()
         if rows and isinstance(one, NoFirst) and one.ruled
     ]
     if n > MANY and not deep:
-        without = ["Of so many states, other observers are built with first gains by --deep."]
-    notes = (*_notes(model, seen, survey), *tuned.left(rows), *without)
+        skipped = ["Of so many states, other observers are built with first gains by --deep."]
+    notes = (*_notes(model, observability, survey), *tuned.omissions(rows), *skipped)
     return Advice(survey.plant.name, tuple(order), notes, model.plain)
 
 
@@ -137,21 +140,22 @@ class _Tuned:
     refused: dict[str, str] = field(default_factory=dict)
 
     def rows(self) -> Iterator[tuple[str, Admitted]]:
-        """The first tuning of each observer that is built without an acceptance; the model's own step first."""
-        taken: set[str] = set()
-        own = self.claims.step
-        if own is not None and not own.observer.accepted:
-            taken.add(own.observer.name)
-            yield own.observer.name, _admitted(own.observer.name, self.claims.tuning or "step", own, self._line())
+        """Yield the first admitted tuning of each observer; the model's own step is first."""
+        kinds: set[str] = set()
+        checked_step = self.claims.step
+        if checked_step is not None and not checked_step.observer.accepted:
+            kind = checked_step.observer.name
+            kinds.add(kind)
+            yield kind, _admitted(kind, self.claims.tuning or "step", checked_step, self._line())
         for name, table in self.model.tuning.tables.items():
             kind = str(table.get("kind", name)) if isinstance(table, Mapping) else name
-            step = None if kind in taken else self._step(name, kind, table)
+            step = None if kind in kinds else self._step(name, kind, table)
             if step is not None:
-                taken.add(kind)
+                kinds.add(kind)
                 yield kind, _admitted(kind, name, step, self._line(name))
 
     def _line(self, name: str = "") -> str:
-        """Return what makes the step of a tuning, by default of the one that was checked."""
+        """Return the code or command that makes the step of a tuning, by default of the one that was checked."""
         name = name or self.claims.tuning
         if self.model.plain:
             return shlex.join(["hgogen", "generate", self.model.path, *(["--observer", name] if name else [])])
@@ -165,9 +169,9 @@ class _Tuned:
         if not self.deep and kind in observers.__all__ and (_rule(kind).costly or self._on_a_slow_form(table)):
             self.slow.append(kind)
             return None
-        own = self.claims.step if not self.claims.tuning else None
+        checked_step = self.claims.step if not self.claims.tuning else None
         try:
-            step = self.model.step(name, period=None if own is None else lambda: own.dt)
+            step = self.model.step(name, period=None if checked_step is None else lambda: checked_step.dt)
         except HgogenError as error:
             self.refused[name] = str(error)
             return None
@@ -177,15 +181,15 @@ class _Tuned:
         return step
 
     def _on_a_slow_form(self, table: Any) -> bool:
-        seen: list[Any] = []
-        while isinstance(table, Mapping) and "member" in table and table not in seen:
-            seen.append(table)
+        visited: list[Any] = []
+        while isinstance(table, Mapping) and "member" in table and table not in visited:
+            visited.append(table)
             table = self.model.tuning.tables.get(table["member"], {})
         form = table.get("form") if isinstance(table, Mapping) else None
         return asking(str(form.get("kind") if isinstance(form, Mapping) else form)).slow
 
-    def left(self, rows: Mapping[str, Admitted]) -> Iterator[str]:
-        """Why tunings of observers that have no row have none."""
+    def omissions(self, rows: Mapping[str, Admitted]) -> Iterator[str]:
+        """Yield why tuned observers without a row were skipped or refused."""
         slow = [kind for kind in dict.fromkeys(self.slow) if kind not in rows]
         if slow:
             yield f"Tuned, and built with --deep only, for it may take seconds: {', '.join(slow)}."
@@ -200,7 +204,7 @@ class _Tuned:
 
 
 def _line(one: First, model: Model) -> str:
-    """Return what makes the first step, in the language of the model's file."""
+    """Return the line that makes the step with starting gains, in the language of the model's file."""
     kind, row = one.observer, one.row
     if not model.plain:
         options = "".join(f", {key}={value!r}" for key, value in row.options.items())
@@ -214,20 +218,20 @@ def _line(one: First, model: Model) -> str:
     return f"tuning.{name} = {inline(table)}"
 
 
-# ---------------------------------------------------------------- what else
+# ---------------------------------------------------------------- other advice
 
 
-def _notes(model: Model, seen: Observability, survey: Survey) -> Iterator[str]:
-    """Yield what to do about states that are proved to be unobservable, and about a plant that no form holds."""
-    known = seen.known
+def _notes(model: Model, observability: Observability, survey: Survey) -> Iterator[str]:
+    """Yield advice about unobservable states, and about a plant that is in no form."""
+    known = observability.known
     if known.lost:
         names = ", ".join(s.name for s in known.lost)
-        asked = ", on the branches asked" if seen.asked else ""
-        plant, hidden, own = survey.plant, set(known.lost), ""
-        rest = [rate for x, rate in zip(plant.states, plant.flow, strict=True) if x not in hidden]
-        if rest and not any(e.free_symbols & hidden for e in (*rest, *plant.output)):
-            own = ", or leave it out of the model, of which the other states are a plant of their own"
-        yield f"No observer tells {names} from these outputs{asked}: {known.advice}{own}."
+        condition = ", on the branches asked" if observability.asked else ""
+        plant, hidden, alternative = survey.plant, set(known.lost), ""
+        other_rates = [rate for x, rate in zip(plant.states, plant.flow, strict=True) if x not in hidden]
+        if other_rates and not any(e.free_symbols & hidden for e in (*other_rates, *plant.output)):
+            alternative = ", or leave it out of the model, of which the other states are a plant of their own"
+        yield f"No observer tells {names} from these outputs{condition}: {known.advice}{alternative}."
     if known.rank.unobservable:
         return
     if any(row.verdict is Verdict.PROVED for row in survey.candidates):
@@ -237,15 +241,15 @@ def _notes(model: Model, seen: Observability, survey: Survey) -> Iterator[str]:
         form = "another form" if survey.proved else "a form"
         yield f"A measurement that puts the plant in {form}, proved: {'; '.join(best)}."
     if not survey.proved:
-        yield _in_its_own_states(model, survey)
+        yield _advice_without_form(model, survey)
 
 
-def _in_its_own_states(model: Model, survey: Survey) -> str:
-    """Return what to do about a plant that no form asked is proved to hold: an output and its derivatives are states
-    of a form, where the plant is observable whatever its input."""
+def _advice_without_form(model: Model, survey: Survey) -> str:
+    """Return the advice for a plant that is proved to be in none of the surveyed forms. If the plant is observable for
+    every input, an output and its derivatives are coordinates of a form."""
     plant, phase = survey.plant, survey["phase"]
-    whatever = not plant.inputs or survey["Gauthier-Bornard"].verdict is Verdict.GENERIC
-    if len(plant.outputs) == 1 and whatever and phase.why == NOT_ASKED:
+    for_any_input = not plant.inputs or survey["Gauthier-Bornard"].verdict is Verdict.GENERIC
+    if len(plant.outputs) == 1 and for_any_input and phase.why == NOT_ASKED:
         y = plant.outputs[0].name
         ask = f"`hgogen check {model.path} --deep` asks whether they are on the whole ranges (form phase)"
         return f"Almost everywhere {y} and its derivatives are states in a form: {ask}."
@@ -256,24 +260,24 @@ def _in_its_own_states(model: Model, survey: Survey) -> str:
 
 
 def _measurements(plant: System) -> Iterator[str]:
-    """The states that, measured as well, or in the place of the output, puts the plant in a form."""
+    """Yield the states whose measurement, in place of the output or added to it, puts the plant in a form."""
     known = {e for e in plant.output if e in plant.states}
     for x in plant.states if len(plant.states) <= MANY else ():
         if x in known:
             continue
         new = Signal(f"measured_{x.name}", x.unit, low=x.low, high=x.high)
-        alone = replace(plant, outputs=(new,), output=(x,))
-        more = replace(plant, outputs=(*plant.outputs, new), output=(*plant.output, x))
-        if name := _form(alone) if len(plant.outputs) == 1 else "":
+        replaced = replace(plant, outputs=(new,), output=(x,))
+        extended = replace(plant, outputs=(*plant.outputs, new), output=(*plant.output, x))
+        if name := _form(replaced) if len(plant.outputs) == 1 else "":
             yield f"{x.name} in place of {plant.outputs[0].name} ({name})"
-        elif name := _form(more):
+        elif name := _form(extended):
             yield f"{x.name} as well ({name})"
 
 
 def _form(plant: System) -> str:
-    """The first form that is proved of a plant, "" without one."""
-    asked = ("triangular", "uniform") if len(plant.outputs) == 1 else ("block_triangular",)
-    for name in asked:
+    """Return the name of the first form whose checks are all proved for a plant, "" if there is none."""
+    kinds = ("triangular", "uniform") if len(plant.outputs) == 1 else ("block_triangular",)
+    for name in kinds:
         try:
             form: Form = getattr(forms, name)(plant)
         except HgogenError:

@@ -33,25 +33,25 @@ _FILES = {
     "list": "listing",
     "new": "listing",
     "schema": "listing",
-}  # each command, and the file of this folder that holds it
+}  # the file of each command in this folder
 
 
 def command_of(name: str) -> TyperCommand:
-    """The command of that name, whose file is imported."""
-    made: TyperCommand = getattr(import_module(f"hgogen.commands.{_FILES[name]}"), f"{name}_")
-    return made
+    """Import the file of a command and return the command."""
+    imported: TyperCommand = getattr(import_module(f"hgogen.commands.{_FILES[name]}"), f"{name}_")
+    return imported
 
 
 class _Deferred(TyperCommand):
-    """A command that stands for the one in its file, which is imported when it is run or its own help is asked for."""
+    """A placeholder for a command; its file is imported only when it runs or prints its own help."""
 
     def make_context(self, info_name: str | None, args: list[str], parent: Any = None, **extra: Any) -> Any:
-        """Return the context of the command."""
+        """Return the context of the imported command."""
         return command_of(str(self.name)).make_context(info_name, args, parent=parent, **extra)
 
 
 def known() -> list[str]:
-    """The names of all commands."""
+    """Return the names of all commands."""
     return list(_FILES)
 
 
@@ -64,15 +64,15 @@ class _Commands(TyperGroup):
 
 @cache
 def _help(file: str, name: str) -> str:
-    """The docstring of a function in a file of this folder, which is not run."""
+    """Return the docstring of a command's function by parsing its file, which is not imported."""
     tree = ast.parse(Path(__file__).with_name(f"{file}.py").read_text(encoding="utf-8"))
     definition = next(node for node in tree.body if isinstance(node, ast.FunctionDef) and node.name == name)
     return ast.get_docstring(definition) or ""
 
 
-def _version(asked: bool) -> None:
-    """Print the version and end."""
-    if asked:
+def _version(requested: bool) -> None:
+    """Print the version and exit."""
+    if requested:
         import hgogen
 
         typer.echo(f"hgogen {hgogen.__version__}")
@@ -84,7 +84,7 @@ def _main(
         bool, typer.Option("--version", is_eager=True, callback=_version, help="Print the version and exit.")
     ] = False,
 ) -> None:
-    """The options before a command."""
+    """Accept the options before a command."""
 
 
 app = typer.Typer(

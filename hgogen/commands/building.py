@@ -68,8 +68,8 @@ from hgogen.target import CannotWrite, Files, Sources
 from hgogen.trial import Trial, rows_given
 
 COSTS = "cost.json"
-EXTRAS = "extras"  # where a library has what is no part of it, as Arduino calls it
-_MARK = "hgogen"  # in what hgogen writes
+EXTRAS = "extras"  # Arduino's name for the files of a library that are not its code
+_MARK = "hgogen"  # a word in every file that hgogen writes
 
 For = Annotated[
     str | None,
@@ -86,8 +86,8 @@ Prefix = Annotated[
 
 
 def demand_packing(ecosystems: str | None, name: str | None, target: str, c: str) -> None:
-    """Raises: `BadParameter` where a folder is asked for of another language than C; `UnknownEcosystem`,
-    `ReservedName`, and as `demand_prefix` does."""
+    """Raise `BadParameter` if --for is given with a target other than C, `UnknownEcosystem`, `ReservedName`, or what
+    `demand_prefix` raises."""
     demand_prefix(name)
     if ecosystems is None:
         return
@@ -96,26 +96,26 @@ def demand_packing(ecosystems: str | None, name: str | None, target: str, c: str
     chosen(ecosystems, name or "")
 
 
-def packed(step: Step, files: Files, ecosystems: str | None, real: Real, where: Folder) -> Files:
-    """The files as they go into the folder: as they are, or laid out for ecosystems with what these ask for, and with
-    the costs that are known there.
+def lay_out(step: Step, files: Files, ecosystems: str | None, real: Real, where: Folder) -> Files:
+    """Return the files as they are written into a folder: unchanged, or laid out for ecosystems with the measured costs
+    that the folder already holds.
 
-    Raises: `UnknownEcosystem`, `ReservedName`; `CannotWrite` for a folder that holds what is not hgogen's.
+    Raises: `UnknownEcosystem`, `ReservedName`; `CannotWrite` for a folder with files that hgogen did not write.
     """
     if ecosystems is None:
         return files
-    made = folder(step, files, chosen(ecosystems, step.name), real=real, costs=_costs(where))
-    _demand_own(where, made)
-    return made
+    library = folder(step, files, chosen(ecosystems, step.name), real=real, costs=_costs(where))
+    _demand_replaceable(where, library)
+    return library
 
 
-def beside(files: Mapping[str, bytes], ecosystems: str | None) -> dict[str, bytes]:
-    """Figures, as they go into the folder."""
+def figures_by_path(files: Mapping[str, bytes], ecosystems: str | None) -> dict[str, bytes]:
+    """Return the figures by their paths in the folder."""
     return {f"{EXTRAS}/{name}" if ecosystems else name: content for name, content in files.items()}
 
 
 def _costs(where: Folder) -> Mapping[str, Any] | None:
-    """Return what `hgogen cost` wrote there, if it did."""
+    """Return the costs that `hgogen cost` wrote into the folder, None if there are none."""
     (path,) = where.demand(COSTS)
     try:
         costs = json.loads(content_of(path, BYTES))
@@ -124,13 +124,14 @@ def _costs(where: Folder) -> Mapping[str, Any] | None:
     return costs if isinstance(costs, dict) else None
 
 
-def _demand_own(where: Folder, made: Files) -> None:
-    """Nothing is replaced that hgogen did not write, and no other source lies where every build compiles all."""
-    for path, text in zip(where.demand(*made), made.values(), strict=True):
+def _demand_replaceable(where: Folder, library: Files) -> None:
+    """Raise `CannotWrite` if a file would replace one that hgogen did not write, or if src/ holds a foreign source,
+    which every build would compile."""
+    for path, text in zip(where.demand(*library), library.values(), strict=True):
         if path.exists() and _MARK in text and _MARK.encode() not in content_of(path, BYTES):
             raise CannotWrite(str(path), "hgogen did not write what is there", "take another folder by --out")
     source = where.demand(f"{SOURCES}/{COSTS}")[0].parent
-    names = {Path(name).name for name in made}
+    names = {Path(name).name for name in library}
     if others := sorted(path.name for path in source.glob("*") if path.name not in names):
         reason = f"it holds {others[0]} too, which a build would compile along"
         raise CannotWrite(str(source), reason, "remove that, or take another folder by --out")
@@ -146,8 +147,8 @@ _MEANINGS = {
 
 
 @dataclass(eq=False)
-class TooDear(HgogenError):
-    """Costs above the limits that were asked for: each with what it is and its limit."""
+class CostTooHigh(HgogenError):
+    """Costs above their limits: (name, value, limit) of each."""
 
     status: ClassVar[int] = 1
     over: tuple[tuple[str, int, int], ...]
@@ -156,7 +157,7 @@ class TooDear(HgogenError):
         return "; ".join(f"{_MEANINGS[name]}: {value}, more than {limit}" for name, value, limit in self.over)
 
 
-def _most(what: str) -> typer.models.OptionInfo:
+def _limit_option(what: str) -> typer.models.OptionInfo:
     option: typer.models.OptionInfo = typer.Option(metavar="N", min=0, help=f"Fail where {what} is more.")
     return option
 
@@ -173,16 +174,16 @@ class CostReport(ModelReport):
     limits: Mapping[str, int | None]
 
     def tables(self) -> Iterator[Any]:
-        """A row for each cost."""
+        """Yield a row for each cost."""
         rows = ((meaning, str(getattr(self.costs, key))) for key, meaning in _MEANINGS.items())
         yield headed(self.title, "what", "how much", numbers=1, rows=rows)
         yield f"{self.costs.compiler} {self.costs.flags}\n"
 
     def demand(self) -> None:
-        """Raise `TooDear` where a cost is above its limit."""
-        asked = [(key, getattr(self.costs, key), limit) for key, limit in self.limits.items() if limit is not None]
-        if over := tuple((key, value, limit) for key, value, limit in asked if value > limit):
-            raise TooDear(over)
+        """Raise `CostTooHigh` if a cost is above its limit."""
+        limited = [(key, getattr(self.costs, key), limit) for key, limit in self.limits.items() if limit is not None]
+        if over := tuple((key, value, limit) for key, value, limit in limited if value > limit):
+            raise CostTooHigh(over)
 
 
 @command(CostReport)
@@ -192,10 +193,10 @@ def cost_(
     setting: Setting = AS_WRITTEN,
     out: Annotated[Path, typer.Option("--out", "-o", help="Folder that holds one folder a model.")] = Path("generated"),
     name: Prefix = None,
-    max_flash: Annotated[int | None, _most("the step's code, in bytes,")] = None,
-    max_ram: Annotated[int | None, _most("its state with the parameters, in bytes,")] = None,
-    max_stack: Annotated[int | None, _most("its stack, in bytes,")] = None,
-    max_instructions: Annotated[int | None, _most("the worst number of instructions of a step")] = None,
+    max_flash: Annotated[int | None, _limit_option("the step's code, in bytes,")] = None,
+    max_ram: Annotated[int | None, _limit_option("its state with the parameters, in bytes,")] = None,
+    max_stack: Annotated[int | None, _limit_option("its stack, in bytes,")] = None,
+    max_instructions: Annotated[int | None, _limit_option("the worst number of instructions of a step")] = None,
 ) -> CostReport:
     """Measure what the C of a model costs on a Cortex-M4F: compiled by arm-none-eabi-gcc and run in QEMU over the
     model's trial, or one made of its ranges, without jumps, and over the same record with gaps, jumps and numbers that
@@ -207,31 +208,31 @@ def cost_(
     folder = Folder(out, name or named(loaded, observer))
     folder.demand(COSTS)
     note(*loaded.notes)
-    made, trial, real = loaded.step(observer), trials_or_proposed(loaded)[0], loaded.setting.real or "float"
-    step = prefixed(made, name) if name else made
-    costs = measured(step, targets.c99(step, real=real, check=False), rows_given(made, trial), real)
+    unnamed_step, trial, real = loaded.step(observer), trials_or_proposed(loaded)[0], loaded.setting.real or "float"
+    step = prefixed(unnamed_step, name) if name else unnamed_step
+    costs = measured(step, targets.c99(step, real=real, check=False), rows_given(unnamed_step, trial), real)
     paths = folder.write({COSTS: json_text({"model": loaded.name, **encoded(costs)}) + "\n"})
     limits = {"flash": max_flash, "ram": max_ram, "stack": max_stack, "worst": max_instructions}
     return CostReport(loaded.path, costs, tuple(paths), f"{step.name} in {real} on a {costs.machine}", limits)
 
 
 C99 = "c99"
-_TAKES = ("command", "real", "check")  # what a language takes beside the step
+_TAKES = ("command", "real", "check")  # arguments of a language's target besides the step
 
 
 def _languages() -> list[str]:
-    """The targets that are a whole step in a language, and say in a banner which command made them."""
+    """Return the targets that write a whole step in one language, under a banner with the command."""
     return [name for name in targets.__all__ if set(_TAKES) <= signature(getattr(targets, name)).parameters.keys()]
 
 
 def _demand_language(target: str) -> None:
-    """Raise `UnknownCase` for a target that is none, or that writes no whole step in a language."""
+    """Raise `UnknownCase` for an unknown target, or one that does not write a whole step in a language."""
     if target in set(targets.__all__) - set(_languages()):
-        asked = signature(getattr(targets, target))
-        if "command" in asked.parameters:
-            lacks = ", ".join(name for name in _TAKES if name not in asked.parameters)
+        declaration = signature(getattr(targets, target))
+        if "command" in declaration.parameters:
+            lacks = ", ".join(name for name in _TAKES if name not in declaration.parameters)
             why = f"takes command, and not {lacks}, as a language does"
-        elif asked.return_annotation is Files:
+        elif declaration.return_annotation is Files:
             why = f"is no language of its own; call hg.targets.{target}"
         else:
             why = f"is for Python, as hg.targets.{target}"
@@ -239,25 +240,25 @@ def _demand_language(target: str) -> None:
     demand_known("target", target, _languages())
 
 
-def _either(names: list[str]) -> str:
-    """Names as one says them: a, b or c."""
+def _join_with_or(names: list[str]) -> str:
+    """Return names as a phrase: a, b or c."""
     *others, last = names
     return f"{', '.join(others)} or {last}" if others else last
 
 
-_SPOKEN = f"The language of the code: {_either(_languages())}."
+_SPOKEN = f"The language of the code: {_join_with_or(_languages())}."
 Target = Annotated[str, typer.Option("--target", metavar="NAME", help=_SPOKEN)]
 
 
-def _tried(step: CallableStep, trials: tuple[Trial, ...], engine: Engine, count: int | None) -> list[Tried]:
+def _run_trials(step: CallableStep, trials: tuple[Trial, ...], engine: Engine, count: int | None) -> list[Tried]:
     seeds = {trial.name: trial.seeds if count is None else tuple(range(count)) for trial in trials}
     with Bar(f"trials in {LANGUAGES[engine]}", sum(map(len, seeds.values()))) as bar:
         return [tried(step, trial, engine, seeds[trial.name], bar.tick) for trial in trials]
 
 
-def _emitted(step: CallableStep, model: Model, observer: str | None, target: str, name: str | None) -> Sources:
-    """The files of a target, in float unless the precision is set, and the document that their head names; the banner
-    says which command makes them again, and what they call otherwise is noted."""
+def _emit(step: CallableStep, model: Model, observer: str | None, target: str, name: str | None) -> Sources:
+    """Return the files of a target and the manual that their banner names. The precision is float unless it is set; the
+    banner holds the command that regenerates the files. Renamed signals are noted."""
     words = ["hgogen generate", model.name, *(["--observer", observer] if observer else []), *model.setting.words]
     words += [f"--target {target}"] if target != C99 else []
     words += [f"--name {name}"] if name else []
@@ -292,7 +293,7 @@ class Built(ModelReport):
         return native.compiler()
 
     def tables(self) -> Iterator[Any]:
-        """Yield what the trials say, and whether C and Python agree."""
+        """Yield the trial results, and whether C and Python agree."""
         yield trials_table([one.summary for one in self.trials], self.unit)
         if self.comparison:
             yield agreement_table(self.comparison, self.unit)
@@ -300,7 +301,7 @@ class Built(ModelReport):
             yield f"self-check of the {self.code}: {self.self_check}\n"
 
     def demand(self) -> None:
-        """Raise `Disagree` where C and Python do."""
+        """Raise `Disagree` if C and Python disagree."""
         if failed := tuple(one for one in self.comparison if not one.agreed):
             raise Disagree(failed)
 
@@ -333,20 +334,20 @@ def build_(
     claims = checked(loaded, name=observer)
     early(checks_table(claims.head, claims.checks, claims.accepted))
     note(*claims.notes)
-    files, library = _coded(loaded, step, claims.known, observer, target, ecosystems, name, folder)
+    files, library = _generate_code(loaded, step, claims.known, observer, target, ecosystems, name, folder)
     engine = engine_here()
-    self_check = _checked(files, engine)
-    done = _tried(step, trials, engine, seeds if engine == "c" else 1)
-    again = _tried(step, trials, "python", 1) if engine == "c" else []
-    comparison = agreements(done, again, step.dt) if again else ()
-    drawn = beside(rendered(trial_figures(step, done, claims.known)), ecosystems)
+    self_check = _run_self_check(files, engine)
+    done = _run_trials(step, trials, engine, seeds if engine == "c" else 1)
+    in_python = _run_trials(step, trials, "python", 1) if engine == "c" else []
+    comparison = agreements(done, in_python, step.dt) if in_python else ()
+    drawn = figures_by_path(rendered(trial_figures(step, done, claims.known)), ecosystems)
     rows = tuple(map(TrialRow, summaries(step, done, engine, note), done))
     code = f"{_real(loaded)} {'C' if target == C99 else target}"
     report = Built(loaded.path, claims, dict(files.names), self_check, rows, comparison, code, step.time)
     return folder.save(report, "report.json", {**library, **drawn})
 
 
-def _coded(
+def _generate_code(
     model: Model,
     step: CallableStep,
     known: ErrorBound | None,
@@ -356,15 +357,15 @@ def _coded(
     name: str | None,
     folder: Folder,
 ) -> tuple[Sources, Files]:
-    """The code of a step of which that is `known`, and all files as they go into the folder."""
+    """Return the code of a step with its `known` error bound, and all files by their paths in the folder."""
     stated = stating(step, model, known)
     coded = prefixed(stated, name) if name else stated
-    files = _emitted(coded, model, observer, target, name)
-    return files, packed(coded, files, ecosystems, _real(model), folder)
+    files = _emit(coded, model, observer, target, name)
+    return files, lay_out(coded, files, ecosystems, _real(model), folder)
 
 
-def _checked(files: Sources, engine: Engine) -> str | None:
-    """Return what the self-check printed; None where there is no compiler for it."""
+def _run_self_check(files: Sources, engine: Engine) -> str | None:
+    """Return the output of the self-check, None without a compiler for it."""
     if not files.recipe:
         return native.run_check(files).strip() if engine == "c" else None
     try:
@@ -390,7 +391,7 @@ class AllGenerated(Report):
     models: Annotated[tuple[Generated, ...], "the code of each model"]
 
     def tables(self) -> Iterator[Any]:
-        """The files of each."""
+        """Yield the files of each model."""
         return (file_list(one.files) for one in self.models)
 
 
@@ -419,29 +420,29 @@ def generate_(
         if name_key(first.name) == name_key(second.name):
             reason = f"{first.path} and {second.path} have one name, and the files of one would replace the other's"
             raise typer.BadParameter(f"{reason}; give each a folder of its own by --out", param_hint="MODEL")
-    made = []
-    for one in loaded:  # of all of them, before anything is tried or written
+    prepared = []
+    for one in loaded:  # all models, before any trial is run or file written
         folder = Folder(out, name or named(one, observer))
         note(*one.notes)
         step = one.step(observer)
         known = proved_bound(step, one, note)
-        code, library = _coded(one, step, known, observer, target, ecosystems, name, folder)
+        code, library = _generate_code(one, step, known, observer, target, ecosystems, name, folder)
         folder.demand(*library)
-        made.append((one, folder, step, known, code, library))
+        prepared.append((one, folder, step, known, code, library))
     engine: Engine = engine_here() if any(one.has("trial") for one in loaded) else "python"
     generated = []
-    for one, folder, step, known, code, library in made:
-        paths = folder.write({**library, **beside(_figures(one, step, known, engine), ecosystems)})
+    for one, folder, step, known, code, library in prepared:
+        paths = folder.write({**library, **figures_by_path(_figures(one, step, known, engine), ecosystems)})
         generated.append(Generated(one.path, dict(code.names), tuple(paths)))
     return AllGenerated(tuple(generated))
 
 
 def _figures(model: Model, step: CallableStep, known: ErrorBound | None, engine: Engine) -> dict[str, bytes]:
-    """The figures of a model's trials; says where there are none."""
+    """Return the figures of a model's trials; note if it has no trial."""
     if not model.has("trial"):
         note(f"{model.path} has no trial, so there are no figures of it")
         return {}
-    done = _tried(step, model.trials(), engine, 1)
+    done = _run_trials(step, model.trials(), engine, 1)
     note(*departures(done, step.time))
     return rendered(trial_figures(step, done, known))
 
@@ -473,7 +474,7 @@ class Simulated(ModelReport):
         return {gain.name: values_by_name(gain) for gain in self.step.layout.gains}
 
     def tables(self) -> Iterator[Any]:
-        """Yield what followed each event of each trial, and errors beside their bounds."""
+        """Yield the events of each trial, and the errors with their bounds."""
         yield f"{self.step.observer.name} observer: {', '.join(map(field_text, self.step.layout.gains))}\n"
         yield trials_table([one.row.summary for one in self.trials], self.step.time)
         yield from (bounds_table(one.bounds) for one in self.trials if one.bounds)
@@ -489,7 +490,7 @@ class SimulatedCampaigns(ModelReport):
     campaigns: Annotated[tuple[CampaignRow, ...], "the campaign on each trial"]
 
     def tables(self) -> Iterator[Any]:
-        """A table for each campaign."""
+        """Yield a table for each campaign."""
         return (part for row in self.campaigns for part in row.tables())
 
 
@@ -501,7 +502,7 @@ def simulate_(
     seeds: Seeds = None,
     reader: ReaderOption = None,
     trial: OneTrial = None,
-    asked: Runs = NO_RUNS,
+    campaign_options: Runs = NO_RUNS,
     out: Annotated[Path | None, typer.Option("--out", "-o", help="Folder of the figures; by default none.")] = None,
 ) -> Simulated | SimulatedCampaigns:
     """Try a model's observer on its trials and print the metrics; with --vary or --runs, a campaign of many runs.
@@ -513,17 +514,17 @@ def simulate_(
     step = loaded.step(observer)
     trials = trials_of(loaded, step)
     chosen, engine = one_or_all(trials, trial), engine_here(reader)
-    if asked:
+    if campaign_options:
         if out is not None:
             note("of a campaign no figures are drawn, and --out names a folder for nothing")
-        rows = campaigns(lambda _: {observer or step.observer.name: step}, chosen, engine, asked, seeds)
+        rows = campaigns(lambda _: {observer or step.observer.name: step}, chosen, engine, campaign_options, seeds)
         return SimulatedCampaigns(loaded.path, {gain.name: values_by_name(gain) for gain in step.layout.gains}, rows)
     if out is not None:
         Folder(out).demand(*(f"{one.name}_states.svg" for one in chosen))
-    done = _tried(step, chosen, engine, seeds)
+    done = _run_trials(step, chosen, engine, seeds)
     summed = map(TrialRow, summaries(step, done, engine, note), done)
     known = proved_bound(step, loaded, note)
-    seen_ = [bounded_errors(step.states, one.first, known) if known else () for one in done]
+    errors = [bounded_errors(step.states, one.first, known) if known else () for one in done]
     falls = [falling(step, one, engine) for one in chosen]
     paths = [] if out is None else Folder(out).write(rendered(trial_figures(step, done, known)))
-    return Simulated(loaded.path, step, tuple(map(SimulatedTrial, summed, seen_, falls)), tuple(paths))
+    return Simulated(loaded.path, step, tuple(map(SimulatedTrial, summed, errors, falls)), tuple(paths))

@@ -1,4 +1,4 @@
-"""The commands `tune` and `advise`: gains of observers from measured records, or from a plant's ranges alone."""
+"""The commands `tune` and `advise`: observer gains from measured logs, or from a plant's ranges alone."""
 
 import warnings
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -80,7 +80,7 @@ class TunedGains:
 
 @dataclass(frozen=True, eq=False)
 class TunedRow:
-    """An observer with tuned or declared gains; those alone have `gains`."""
+    """An observer with tuned or declared gains; only tuned ones have `gains`."""
 
     json_keys = (
         "name=judged.name *gains held_out=judged.errors hidden=judged.hidden nis=judged.nis coloured=judged.coloured"
@@ -127,7 +127,7 @@ class TuneReport(ModelReport):
         return dict(self.calibration.refused)
 
     def tables(self) -> Iterator[Any]:
-        """The records, and the observers."""
+        """Yield the logs and the observers."""
         yield from map(log_summary, self.logs.reports)
         ahead = [(h, y) for h, errors in self.rows[0].judged.errors.items() for y in errors]
         hidden = list(self.rows[0].judged.hidden)
@@ -136,9 +136,9 @@ class TuneReport(ModelReport):
         columns = *(f"{y} {h}" for h, y in ahead), *hidden
         errors = headed(title, "", "observer", *columns, numbers=len(columns))
         copying = "of predictions, over that of copying the last value"
-        of = f"of {', '.join(self.truth)}, over that of the mean" if self.truth else copying
+        measure = f"of {', '.join(self.truth)}, over that of the mean" if self.truth else copying
         names = ("", "observer", "form", "cross-validated", "NIS", "operations", "state", "convergence")
-        worth = headed(f"tuned observers; cross-validated: {of}", *names)
+        comparison = headed(f"tuned observers; cross-validated: {measure}", *names)
         for row in self.rows:
             one, gains = row.judged, row.gains
             mark = "take" if one.name == self.take else ""
@@ -147,8 +147,8 @@ class TuneReport(ModelReport):
             if gains is not None:
                 nis = ", ".join(f"{each:.2g}" for each in one.nis.values())
                 cost = f"{gains.operations}", f"{gains.state} B"
-                worth.add_row(mark, one.name, gains.form, f"{gains.error:.3g}", nis, *cost, gains.known)
-        yield Group(errors, "", worth, "", *map(Text, self.notes), "", *refusals_table(self.refused))
+                comparison.add_row(mark, one.name, gains.form, f"{gains.error:.3g}", nis, *cost, gains.known)
+        yield Group(errors, "", comparison, "", *map(Text, self.notes), "", *refusals_table(self.refused))
 
 
 @command(TuneReport)
@@ -191,7 +191,7 @@ def tune_(
         dt=setting.dt,
         named=columns,
         shift=shift,
-        beside=dict(true.values()),
+        other_columns=dict(true.values()),
         options=truth_options(true),
         window=WINDOWS[between],
     )
@@ -200,7 +200,7 @@ def tune_(
         for each in logs.columns([name for name, _ in true.values()])
     ]
     courses = zip(measured, logs.cuts, strict=True)
-    seen = [{state: course[:cut] for state, course in each.items()} for each, cut in courses]
+    training_truth = [{state: course[:cut] for state, course in each.items()} for each, cut in courses]
     with Bar("trials", None) as bar:
         calibration = tune(
             plant,
@@ -208,11 +208,11 @@ def tune_(
             observers=names or None,
             ahead=ahead,
             segments=segments,
-            truth=seen if tune_on == "truth" else (),
+            truth=training_truth if tune_on == "truth" else (),
             between=between,
             method=setting.method or "continuous_discrete",
             real=setting.real or "double",
-            rows=forms_asked(loaded, deep),
+            rows=requested_forms(loaded, deep),
             jobs=jobs,
             each=lambda _: bar.tick(),
         )
@@ -231,41 +231,42 @@ def _judged(
     aheads: Sequence[int],
     held_out: bool,
 ) -> tuple[tuple[TunedRow, ...], tuple[str, ...]]:
-    """The errors of tuned and declared observers in the rows held out, else in all; and what is to say of them."""
+    """Return the validation errors of tuned and declared observers, and the notes on them. Without validation data all
+    rows are used."""
     plant = model.plant
     begins = [cut if held_out else 0 for cut in logs.cuts]
-    held = list(map(Held, logs.whole, begins, measured))
+    validation_logs = list(map(Held, logs.whole, begins, measured))
     declared = _declared(model, logs.whole[0].dt)
-    rows = judged(plant, calibration, declared, held, aheads, engine_here())
+    rows = judged(plant, calibration, declared, validation_logs, aheads, engine_here())
     steps = (*(one.first.step for one in calibration.rows), *declared.values())
-    own = {u.name for u in plant.inputs}
-    rates = {name: of for step in steps for name, of in derived(step.inputs).items() if name not in own}
-    said = verdicts(calibration, rows, HELD_OUT if held_out else ALL)
-    notes = (*logs.notes(), *difference_notes(rates), *said, *too_far(aheads, rows[0].errors))
+    input_names = {u.name for u in plant.inputs}
+    rates = {name: of for step in steps for name, of in derived(step.inputs).items() if name not in input_names}
+    judgements = verdicts(calibration, rows, HELD_OUT if held_out else ALL)
+    notes = (*logs.notes(), *difference_notes(rates), *judgements, *too_far(aheads, rows[0].errors))
     return tuple(_row(calibration, row) for row in rows), notes
 
 
 def renamed(model: Model, rows: Iterable[Named], word: str) -> tuple[Named, ...]:
-    """Rows with names that the model's own tunings do not have: of these one gets a `word` behind."""
-    own = replace(model, tables={}).tuning.tables
-    return tuple(replace(row, name=f"{row.name}_{word}" if row.name in own else row.name) for row in rows)
+    """Return the rows with `word` appended to each name that the model's own tunings already use."""
+    declared_tables = replace(model, tables={}).tuning.tables
+    return tuple(replace(row, name=f"{row.name}_{word}" if row.name in declared_tables else row.name) for row in rows)
 
 
-def forms_asked(model: Model, deep: bool) -> tuple[Row, ...]:
-    """Return the form that is set, else those of the model's own tunings and those that its plant is in; those that
-    take seconds if `deep`."""
+def requested_forms(model: Model, deep: bool) -> tuple[Row, ...]:
+    """Return the form that is set. By default return the forms of the model's own tunings, then those that the plant is
+    in, the slow ones only if `deep`."""
     if model.setting.form:
         return (of(model.setting.form, model.plant),)
-    return (*_own_forms(model), *everywhere(model.plant, deep=deep))
+    return (*_custom_forms(model), *everywhere(model.plant, deep=deep))
 
 
-def _own_forms(model: Model) -> Iterator[Row]:
-    """The forms that the model's own tunings make by a function of theirs, which no survey of the plant knows."""
-    seen: list[Any] = []
+def _custom_forms(model: Model) -> Iterator[Row]:
+    """Yield the forms that the model's tunings make by functions of their own, which the survey does not know."""
+    visited: list[Any] = []
     for name, table in model.tuning.tables.items():
-        make = table.get("form") if isinstance(table, Mapping) else None
-        if callable(make) and make not in seen:
-            seen.append(make)
+        function = table.get("form") if isinstance(table, Mapping) else None
+        if callable(function) and function not in visited:
+            visited.append(function)
             form = model.tuning.form(name)
             verdict = worst(form.checks).verdict
             why = because("as the tuning {name}", name=name)
@@ -273,14 +274,14 @@ def _own_forms(model: Model) -> Iterator[Row]:
 
 
 def _declared(model: Model, dt: float) -> dict[str, CallableStep]:
-    """The steps of the model's own tunings at the period of the record, as far as there are."""
+    """Return the steps of the model's own tunings at the log's sampling period; note each that cannot be built."""
     steps, refused = {}, {}
-    own = replace(model, setting=replace(model.setting, dt=dt), tables={}, take="")
-    for name in own.tuning.tables:
+    model_at_dt = replace(model, setting=replace(model.setting, dt=dt), tables={}, take="")
+    for name in model_at_dt.tuning.tables:
         with warnings.catch_warnings(record=True) as raised:
             warnings.simplefilter("always")
             try:
-                steps[f"{name}, as declared"] = own.step(name)
+                steps[f"{name}, as declared"] = model_at_dt.step(name)
             except HgogenError as error:
                 refused[name] = str(error)
         for one in raised:
@@ -345,7 +346,7 @@ class AdvisedRow:
 
     @property
     def rank(self) -> tuple[bool, int, int]:
-        """The order of rows: those that settle first, then by verdict, then by cost."""
+        """The sort key: rows that settle first, then by verdict, then by cost."""
         return self.settled is None, KNOWN[self.gains.first.known][1], self.operations
 
 
@@ -378,20 +379,20 @@ class AdviceReport(ModelReport):
         return [row.gains.sentence for row in self.rows if row.gains.sentence]
 
     def figures(self, plant: System) -> dict[str, Any]:
-        """Time to settle and noise over theta; none where one theta alone was tried."""
+        """Return the figure of settling time and noise over theta; empty if only one theta was tried."""
         from hgogen.run import figures
 
-        shown = [row.gains for row in self.rows if len(row.gains.tried) > 1]
+        compared = [row.gains for row in self.rows if len(row.gains.tried) > 1]
         widths = {x.name: x.interval[1] - x.interval[0] if x.bounded else 1.0 for x in plant.states}
         settled, noise = {}, {}
-        for one in shown:
+        for one in compared:
             settled[one.name] = [(each.theta, each.settled) for each in one.tried if each.settled]
             worst = (max(v / widths.get(x, 1.0) for x, v in each.noise.items()) for each in one.tried)
             noise[one.name] = [(each.theta, most) for each, most in zip(one.tried, worst, strict=True)]
-        return {"advised": figures.over_theta(settled, noise, plant.time)} if shown else {}
+        return {"advised": figures.over_theta(settled, noise, plant.time)} if compared else {}
 
     def tables(self) -> Iterator[Any]:
-        """The gains, and what they do on the trial."""
+        """Yield the gains and their results on the trial."""
         states = list(dict.fromkeys(state for row in self.rows for state in row.noise))
         numbers = ("theta", "certified from", "settles from", f"settles in ({self.unit})")
         table = headed("gains from ranges, noise and period", "", "observer", "form", *numbers, numbers=len(numbers))
@@ -443,7 +444,7 @@ def advise_(
             settling=settling,
             observers=names or None,
             trial=chosen,
-            rows=forms_asked(loaded, deep),
+            rows=requested_forms(loaded, deep),
             jobs=jobs,
             each=lambda _: bar.tick(),
         )

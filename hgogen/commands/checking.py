@@ -1,8 +1,7 @@
-"""The command `check`: the claims of one model, or the answers to many.
+"""The command `check`: the claims about one model, or the answers for a library of models.
 
-It begins with the answer in one line: what is observable, which forms the plant is in, and whether the observer
-converges. The forms are the rows of the survey, which the table under it prints; the observer's own form is named where
-it is none of those that are proved.
+The report begins with one line: what is observable, which forms the plant is in, and whether the observer converges.
+The forms are the rows of the survey, whose table follows. The observer's own form is named if it is not a proved one.
 """
 
 import json
@@ -28,7 +27,7 @@ from hgogen.commands import library
 from hgogen.commands.advice import Advice, advice
 from hgogen.commands.claims import COLOURS, Checked, _text, checked, checks_table, few, theorem_table
 from hgogen.commands.command import ModelReport, Tuned, command
-from hgogen.commands.output import Bar, filled, headed, json_text, note, results, show
+from hgogen.commands.output import Bar, filled, headed, json_text, note, print_result, results
 from hgogen.errors import HgogenError
 from hgogen.form import Form
 from hgogen.model import Model, load
@@ -55,14 +54,14 @@ Limit = Annotated[
     float | None,
     typer.Option(min=0.1, help=f"Processor seconds for each model of a library, by default {library.LIMIT:g}."),
 ]
-_PRINTED = "-"  # the standard output, in the place of a file
+_PRINTED = "-"  # the standard output instead of a file
 
 
 class OptionalFile(TyperCommand):
-    """A command whose --json takes a file where --library is given; else it is a flag, as everywhere."""
+    """A command whose --json takes a file if --library is given; otherwise --json is a flag."""
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
-        """Give a bare --json its value."""
+        """Give a bare --json its default value."""
         several = any(arg.split("=")[0] == "--library" for arg in args)
         words: list[str] = []
         for arg, following in zip(args, [*args[1:], None], strict=False):
@@ -75,10 +74,10 @@ class OptionalFile(TyperCommand):
 class ObservedPlant:
     """The observability of a plant, as JSON has it."""
 
-    json_keys = "*seen least_seen"
+    json_keys = "*observability least_seen=weakest"
 
-    seen: Observability
-    least_seen: Annotated[Sight | None, "the direction that the outputs show least; null where it is not measured"]
+    observability: Observability
+    weakest: Annotated[Sight | None, "the direction that the outputs show least; null where it is not measured"]
 
 
 @dataclass(frozen=True)
@@ -107,12 +106,12 @@ class CheckReport(ModelReport):
     advice: Advice | None
 
     def latex(self) -> str:
-        """The equations and the checks as LaTeX."""
+        """Return the equations and the checks as LaTeX."""
         claims = self.claims
         return fragment(claims.form, claims.checks, claims.accepted) + self.singular.latex()
 
     def certify(self, path: Path) -> None:
-        """Write what is proved as a certificate; says what in it can be verified again."""
+        """Write the proofs as a certificate, and note which claims can be verified again."""
         from hgogen.certificates.certificate import asserted, certificate, stated
 
         content = certificate(self.claims.form, self.claims.checks, self.claims.observer)
@@ -155,15 +154,15 @@ def check_(
     _demand_places(certificate, _file(as_json))
     options: dict[str, Any] = {"--certificate": certificate, "--latex": latex, "--bound": bounds, "--deep": deep}
     options |= {"--observer": observer, **dict(word.split(maxsplit=1) for word in setting.words)}
-    asked = {"--limit": limit} if many is None else options
-    if unused := next((name for name, value in asked.items() if value), None):
+    inapplicable = {"--limit": limit} if many is None else options
+    if unused := next((name for name, value in inapplicable.items() if value), None):
         reason = "is for --library" if many is None else "does nothing beside --library, and is for a MODEL"
         raise typer.BadParameter(reason, param_hint=unused)
     if many is not None:
         _library(many, limit or library.LIMIT, as_json)
         return
     loaded = load(str(model)).set(setting)
-    report = _checked(loaded, observer, bounds or (), deep, quiet=latex or bool(as_json), advised=not latex)
+    report = _checked(loaded, observer, bounds or (), deep, silent=latex or bool(as_json), advised=not latex)
     claims = report.claims
     if latex:
         print(report.latex(), file=results())
@@ -177,7 +176,7 @@ def check_(
 
 
 def _demand_places(certificate: Path | None, json_file: Path | None) -> None:
-    """Raises: `BadParameter`; `CannotWrite` where one of the files cannot be written."""
+    """Raise `BadParameter`, or `CannotWrite` if one of the files cannot be written."""
     for option, file in (("--certificate", certificate), ("--json", json_file)):
         if file is not None and file.is_dir():
             raise typer.BadParameter(f"{file} is a folder; give a file in it", param_hint=option)
@@ -188,15 +187,15 @@ def _demand_places(certificate: Path | None, json_file: Path | None) -> None:
 
 
 def _file(as_json: str | None) -> Path | None:
-    """The file that --json names."""
+    """Return the file that --json names, None for the standard output."""
     return None if as_json in (None, _PRINTED) else Path(str(as_json))
 
 
 def _print_json(value: Any, as_json: str) -> None:
-    """Write JSON into the file that --json names, else print it."""
+    """Write JSON to the file that --json names, else print it."""
     file = _file(as_json)
     if file is None:
-        show(True, value)
+        print_result(True, value)
         return
     new = "" if file.parent.is_dir() else ", in a new folder"
     hg.write({file.name: json_text(value, indent=1) + "\n"}, file.parent)
@@ -204,54 +203,60 @@ def _print_json(value: Any, as_json: str) -> None:
 
 
 def _checked(
-    loaded: Model, observer: str | None, bounds: Iterable[str], deep: bool, quiet: bool, advised: bool
+    loaded: Model, observer: str | None, bounds: Iterable[str], deep: bool, silent: bool, advised: bool
 ) -> CheckReport:
-    """Return what is known of a model. Unless `quiet`, each part is printed as soon as it is known, so that a model
-    whose next part takes long, or fails, shows the others."""
+    """Return the report on a model. Unless `quiet`, each part is printed as soon as it is computed, so that the user
+    sees the first parts if a later one takes long or fails."""
 
     def say(*parts: Any) -> None:
-        show(False, {}, *(() if quiet else parts))
+        print_result(False, {}, *(() if silent else parts))
 
     plant = loaded.plant
     if observer is not None:
         loaded.tuned(observer)
-    note(*loaded.notes)  # before anything is called proved
+    note(*loaded.notes)  # before any verdict is printed
     ranges = {text: hg.bound(text, plant) for text in bounds}
     gaps = (*undefined_values(plant), *undefined_slopes(plant))
     say(undefined_list(gaps))
-    seen = hg.observability(plant)
-    least = _least(loaded) if seen.rank == seen.n else None
+    observability = hg.observability(plant)
+    least = _least(loaded) if observability.rank == observability.n else None
     try:
         forms = hg.survey(plant, deep=deep)
         claims = checked(loaded, forms, observer)
-        first = headline(seen, forms, claims, least)
+        first = headline(observability, forms, claims, least)
         say(first, "")
     finally:
-        say(ranges_table(ranges), observability_table(seen, least))
+        say(ranges_table(ranges), observability_table(observability, least))
     say(survey_table(forms, claims.checks))
-    singular = _print_claims(say, claims, seen)
+    singular = _print_claims(say, claims, observability)
     take = None
-    if advised:  # which is asked of the file, without what is set
+    if advised:  # about the file, without the options that are set
         written = loaded.set(AS_WRITTEN)
-        take = advice(written, seen, forms, checked(written, forms, observer) if loaded.setting else claims, deep=deep)
+        take = advice(
+            written, observability, forms, checked(written, forms, observer) if loaded.setting else claims, deep=deep
+        )
         say(advice_tables(take))
     named = tuple(NamedRange(text, one) for text, one in ranges.items())
-    return CheckReport(loaded.path, first, ObservedPlant(seen, least), forms, named, claims, gaps, singular, take)
+    return CheckReport(
+        loaded.path, first, ObservedPlant(observability, least), forms, named, claims, gaps, singular, take
+    )
 
 
-def _print_claims(say: Callable[..., None], claims: Checked, seen: Observability) -> Singularity:
-    """Print the claims, and return where the plant is not observable, of which the checks stand between them."""
-    if claims.shown:
+def _print_claims(say: Callable[..., None], claims: Checked, observability: Observability) -> Singularity:
+    """Print the claims about the form and the observer, and the checks of the singular set between them. Return the
+    singular set, where the plant is not observable."""
+    if claims.informative:
         say(checks_table(claims.head, claims.checks, claims.accepted))
-    singular = hg.singularity(seen.system)
-    if seen.rank == seen.n:
+    singular = hg.singularity(observability.system)
+    if observability.rank == observability.n:
         say(checks_table(singular.head, singular.checks, ()))
     say(theorem_table(claims.theorem, claims.hypotheses))
     return singular
 
 
 def _least(model: Model) -> Sight | None:
-    """Return what the outputs show at least, along the model's first trial, else on its box; a note says why not."""
+    """Return the least observable direction along the model's first trial, else on its declared ranges. None, with a
+    note of the reason, if it cannot be computed."""
     trials: list[Trial | None] = [None]
     try:
         trials = [*(model.trials()[:1] if model.has("trial") else ()), None]
@@ -266,7 +271,7 @@ def _least(model: Model) -> Sight | None:
 
 
 def _library(path: Path, limit: float, out: str | None) -> None:
-    """Answer all models of a file; the table says how many have which answer, and what is wrong with the others."""
+    """Answer all models of a file, and print a table of the number of answers of each kind and the errors."""
     models = library.read(path)
     with Bar("models", len(models)) as bar:
         answers = library.check(models, limit=limit, tick=bar.tick)
@@ -279,7 +284,7 @@ def _library(path: Path, limit: float, out: str | None) -> None:
         if "error" in answer:
             table.add_row(f"{name}: {answer['error']}")
     if out is None:
-        show(False, answers, table)
+        print_result(False, answers, table)
     else:
         _print_json(answers, out)
     bad = sum("error" in answer for answer in answers.values())
@@ -287,16 +292,17 @@ def _library(path: Path, limit: float, out: str | None) -> None:
         note(f"{bad} of {len(answers)} models {'has an error' if bad == 1 else 'have errors'}")
 
 
-_SHORT = 20  # a reason that may be repeated
+_REPEATABLE = 20  # characters of a reason that may be repeated
 
 
 def survey_table(forms: Survey, below: Iterable[Check] = ()) -> RenderableType:
-    """Return which form the plant is in, in which order of states, or why not; a fix that is not told `below`."""
+    """Return the table of forms: in which forms the plant is, in which order of states, or why not. A fix that the
+    checks `below` already advise is left out."""
     table = headed(f"{forms.plant.name}: which form, on the declared ranges", *("", "form", "order", "why"))
     before = NONE
     for row in forms.answered:
         verdict = Text(str(row.verdict), style=COLOURS.get(row.verdict, "cyan") if row.verdict else "")
-        why = because("as above") if row.why == before and len(str(row.why)) > _SHORT else row.why
+        why = because("as above") if row.why == before and len(str(row.why)) > _REPEATABLE else row.why
         table.add_row(verdict, Text(row.name), Text(few(row.order)), _text(why))
         before = row.why
     reasons: dict[Reason, list[str]] = {}
@@ -311,7 +317,7 @@ def survey_table(forms: Survey, below: Iterable[Check] = ()) -> RenderableType:
 
 
 def ranges_table(bounds: Mapping[str, Range]) -> RenderableType:
-    """The ranges of expressions; nothing without one."""
+    """Return the table of the ranges of expressions; empty without one."""
     rows = (
         (Text(text), down(one.low, 9), up(one.high, 9), str(one.boxes), Text(str(one.note)))
         for text, one in bounds.items()
@@ -322,7 +328,7 @@ def ranges_table(bounds: Mapping[str, Range]) -> RenderableType:
 
 _PLAIN: Any = {"box": None, "pad_edge": False, "padding": (0, 2, 0, 0)}
 _LINES = {False: "with the gains of the model's tuning", True: "with first gains, read off the ranges, untried"}
-_WHERE = {  # by whether the gains are proposed, and whether the model is plain text
+_WHERE = {  # keys: whether the gains are proposed, and whether the model is plain text
     (False, False): ", after `from hgogen.model import load`:",
     (False, True): ", by the command:",
     (True, False): ", beside the model's plant, after `import hgogen as hg`:",
@@ -330,29 +336,29 @@ _WHERE = {  # by whether the gains are proposed, and whether the model is plain 
 }
 
 
-def headline(seen: Observability, survey: Survey, claims: Checked, least: Sight | None = None) -> str:
+def headline(observability: Observability, survey: Survey, claims: Checked, least: Sight | None = None) -> str:
     """Return the answer in one line.
 
     As "pendulum: locally observable; triangular, uniform, state_affine, proved; convergence unknown".
     """
-    said = [_observed(seen, least), *_forms(survey, claims)]
+    parts = [_observed(observability, least), *_forms(survey, claims)]
     if claims.observer:
-        said.append(str(convergence(claims.observer, claims.checks)))
+        parts.append(str(convergence(claims.observer, claims.checks)))
     else:
-        said.append("its observer is refused" if claims.demanded else "no observer")
+        parts.append("its observer is refused" if claims.demanded else "no observer")
     for check in claims.checks:
-        if check.id == ClaimId(claims.observer, "step"):  # of an observer of which that is asked
-            said.append(f"{'' if check.verdict is Verdict.PROVED else 'not '}proved as it runs")
-    return f"{claims.plant}: " + "; ".join(said)
+        if check.id == ClaimId(claims.observer, "step"):  # only of an observer with an error system
+            parts.append(f"{'' if check.verdict is Verdict.PROVED else 'not '}proved as it runs")
+    return f"{claims.plant}: " + "; ".join(parts)
 
 
-def _observed(seen: Observability, least: Sight | None) -> str:
-    known = seen.known
+def _observed(observability: Observability, least: Sight | None) -> str:
+    known = observability.known
     if known.rank.unobservable:
         hidden, doubtful = (few((s.name for s in names), 4) for names in (known.hidden, known.doubtful))
-        said = [f"{hidden} not observable"] if hidden else []
-        said += [f"whether {doubtful} can be observed is unknown"] if doubtful else []
-        return ", ".join(said) + (f", where {known.condition}" if known.where else "")
+        parts = [f"{hidden} not observable"] if hidden else []
+        parts += [f"whether {doubtful} can be observed is unknown"] if doubtful else []
+        return ", ".join(parts) + (f", where {known.condition}" if known.where else "")
     if known.elsewhere:
         first, *more = known.exceptions
         return f"locally observable, but {first}" + (", ..." if more else "")
@@ -364,8 +370,7 @@ def _observed(seen: Observability, least: Sight | None) -> str:
 
 
 def _forms(survey: Survey, claims: Checked) -> Iterator[str]:
-    """The forms in which the plant is proved to be, else the one that comes nearest; then the observer's, if that is
-    another one."""
+    """Yield the forms that are proved, else the nearest form; then the observer's form if it is another one."""
     proved = [row.kind for row in survey.proved]
     recast = claims.form.system.origin is not survey.plant.origin
     known = claims.demanded and not recast and claims.form.kind in (proved or [row.kind for row in survey.candidates])
@@ -380,7 +385,7 @@ def _forms(survey: Survey, claims: Checked) -> Iterator[str]:
 
 
 def _form(form: Form, accepted: Iterable[str]) -> str:
-    """A form with what is not proved of it."""
+    """Return a form's name with the checks that are not proved."""
     failed = [check for check in form.checks if check.verdict is Verdict.REFUTED]
     if failed:
         known = "accepted" if all(check.id in accepted for check in failed) else "refuted"
@@ -396,47 +401,53 @@ def _names(checks: Iterable[Check]) -> str:
 
 
 def undefined_list(checks: Iterable[Check]) -> RenderableType:
-    """The rows of the plant that have no finite value somewhere in the declared ranges, or may have none, line by
-    line."""
+    """Return a line for each row of the plant that has no finite value, or may have none, somewhere in the declared
+    ranges."""
     lines = []
     for check in checks:
         pattern = "{id}: {reason}; at {point}" if check.witness else "{id}: {reason}"
-        said = Sentence.of(pattern, id=check.id, reason=check.reason, point=point(check.witness))
-        lines.append(Text(f"{check.verdict:10}", style=COLOURS.get(check.verdict, "cyan")).append(str(said), "default"))
+        sentence = Sentence.of(pattern, id=check.id, reason=check.reason, point=point(check.witness))
+        lines.append(
+            Text(f"{check.verdict:10}", style=COLOURS.get(check.verdict, "cyan")).append(str(sentence), "default")
+        )
     return Group(*lines)
 
 
-def observability_table(seen: Observability, least: Sight | None = None) -> RenderableType:
-    """Return what the outputs tell of the states, and of the parameters that have a range; how much at `least`."""
-    title = f"{seen.system.name}: observability, at almost every state, parameter value and input"
-    loose = few(s for s in seen.system.parameters if s.bounded)
+def observability_table(observability: Observability, least: Sight | None = None) -> RenderableType:
+    """Return the table of the observable states and ranged parameters, with the observability measure `least`."""
+    title = f"{observability.system.name}: observability, at almost every state, parameter value and input"
+    loose = few(s for s in observability.system.parameters if s.bounded)
     whose = ("the states", f"the states and {loose}") if loose else ("the states",)
     table = Table(show_header=False, **_PLAIN)
-    for check, answer, what in zip(seen.checks, (seen.known, seen.joint), whose, strict=False):
+    for check, answer, what in zip(
+        observability.checks, (observability.known, observability.joint), whose, strict=False
+    ):
         verdict = Text(str(check.verdict), style=COLOURS.get(check.verdict, "cyan"))
         table.add_row(verdict, Text(_answered(answer, what)) if answer else "")
     if least is not None:
         table.add_row(Text("hopeless", style="red") if least.hopeless else Text("measured"), Text(str(least)))
-    return Group(Text(title, style="bold"), table, *([Text(str(seen.asked))] if seen.asked else []), "")
+    return Group(
+        Text(title, style="bold"), table, *([Text(str(observability.asked))] if observability.asked else []), ""
+    )
 
 
 def _answered(answer: Answer, what: str) -> str:
-    """Return what is observable of the states; advice on measurements only where it is proved that something is not."""
+    """Return which states are observable, with advice on measurements only if some are proved unobservable."""
     rank = answer.rank
     count = f"rank {rank.rank} of {rank.dimension}, by derivatives of the outputs up to order {rank.order}"
     if not rank.unobservable:
         but = "".join(f"\nbut {exception}" for exception in answer.exceptions)
         return f"{what} are locally observable: {count}{but}"
-    said = [f"of {what}, {', and '.join(map(str, answer.unseen))}: {count}"]
-    said += [f"no output sees {symmetry}" for symmetry in answer.symmetries if symmetry.proved]
-    said += map(str, answer.exceptions)
-    return "\n".join([*said, *([answer.advice] if answer.advice else [])])
+    lines = [f"of {what}, {', and '.join(map(str, answer.unseen))}: {count}"]
+    lines += [f"no output sees {symmetry}" for symmetry in answer.symmetries if symmetry.proved]
+    lines += map(str, answer.exceptions)
+    return "\n".join([*lines, *([answer.advice] if answer.advice else [])])
 
 
 def advice_tables(advice: Advice) -> RenderableType:
-    """The observers that the plant admits, best first, with a line for each, and what else to do."""
-    said = "each built without accepting anything, with what is known of its convergence in continuous time"
-    head = Text(f"{advice.plant}: what to take, {said}", style="bold")
+    """Return the admitted observers, best first, with the line that makes each, and the notes."""
+    subtitle = "each built without accepting anything, with what is known of its convergence in continuous time"
+    head = Text(f"{advice.plant}: what to take, {subtitle}", style="bold")
     parts: list[RenderableType] = [head]
     if advice.admitted:
         table = Table(*("observer", "form", "convergence", "cost", "take it where"), **_PLAIN)
@@ -465,7 +476,7 @@ _ESCAPED = {
 
 
 def fragment(form: Form, checks: Iterable[Check], accepted: Sequence[str] = ()) -> str:
-    """The form's coordinates and equations, and a table of the checks with their verdicts."""
+    """Return the form's coordinates and equations, and a table of the checks, as LaTeX."""
     plant = form.system
     parts = (
         _aligned("{} &= {}", dict(zip(form.states, form.to_form, strict=True))),
@@ -477,7 +488,7 @@ def fragment(form: Form, checks: Iterable[Check], accepted: Sequence[str] = ()) 
 
 
 def _aligned(row: str, equations: Mapping[sp.Symbol, sp.Expr]) -> str:
-    rows = (row.format(sp.latex(left), sp.latex(right)) for left, right in equations.items())
+    rows = (row.format(sp.latex(symbol), sp.latex(expression)) for symbol, expression in equations.items())
     return "\\begin{align*}\n" + " \\\\\n".join(rows) + "\n\\end{align*}"
 
 
@@ -486,12 +497,12 @@ def _table(checks: Iterable[Check], accepted: Sequence[str]) -> str:
     for check in checks:
         at = ", ".join(f"{name} = {float(value):g}" for name, value in check.witness.items())
         verdict = f"{check.verdict}{', accepted' if check.id in accepted else ''}"
-        said = f"{check.claim}: {check.reason}{'; at ' + at if at else ''}"
-        rows.append(rf"{_escaped(verdict)} & {_escaped(check.id)} & {_escaped(said)} \\")
+        claim = f"{check.claim}: {check.reason}{'; at ' + at if at else ''}"
+        rows.append(rf"{_escaped(verdict)} & {_escaped(check.id)} & {_escaped(claim)} \\")
     columns = r"p{0.14\textwidth}p{0.24\textwidth}p{0.52\textwidth}"
     return f"\\begin{{tabular}}{{{columns}}}\n" + "\n".join(rows) + "\n\\end{tabular}"
 
 
 def _escaped(text: str) -> str:
-    """Text in which LaTeX reads no command; what is not ASCII is left to its input encoding."""
+    """Return the text with LaTeX's special characters escaped; other than ASCII is left to the input encoding."""
     return re.sub(r"[\\^~<>&%$#_{}]", lambda mark: _ESCAPED[mark[0]], text)

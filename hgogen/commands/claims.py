@@ -1,5 +1,5 @@
-"""The claims about a model, as commands print them: of its step's observer, or of a form alone, and how far errors go
-under the noise and the like that the model declares.
+"""The claims about a model, as commands print them: about its step's observer, or about a form alone, with the error
+bounds under the noise and disturbances that the model declares.
 """
 
 from collections.abc import Callable, Iterable, Sequence
@@ -53,11 +53,12 @@ class AppliedTheorem:
 
 @dataclass(frozen=True)
 class Checked(Encoded):
-    """The claims about a model: of its step's observer, or of a form where it has no step or the observer refused it.
+    """The claims about a model: about its step's observer, or about a form if there is no step or the observer refused
+    the form.
 
-    `observer`: its name, or ""; `demanded`: whether there is an observer, which needs what is refuted; `step`: the step
-    that was built, of the tuning `tuning`, "" of the model's own; `known`: how far its errors go under what the model
-    says of noise and the like, None where it says nothing.
+    `observer`: its name, or ""; `demanded`: whether there is an observer, so that a refuted check is an error; `step`:
+    the step of the tuning `tuning`, "" for the model's own; `known`: the error bound under the declared noise and
+    disturbances, None if the model declares none.
     """
 
     json_keys = (
@@ -79,20 +80,20 @@ class Checked(Encoded):
 
     @property
     def gains(self) -> tuple[Field, ...]:
-        """The observer's."""
+        """The observer's gains."""
         return self.step.layout.gains if self.step else ()
 
     @property
-    def shown(self) -> bool:
-        """Whether the checks tell more than why the plant is not in the form."""
+    def informative(self) -> bool:
+        """Whether the checks say more than why the plant is not in the form."""
         return self.demanded or self.form.structured
 
     @property
     def head(self) -> tuple[Sentence, ...]:
-        """The form's coordinates and equations, and the observer's gains, line by line."""
+        """The lines of the form's coordinates and equations, the observer's gains and the limits of dt."""
         title, *lines = self.form.head
         origin = self.form.system.origin
-        if origin is not None:  # the states that the observer's plant has in the place of the declared ones
+        if origin is not None:  # the plant was recast: its states replace the declared ones
             pairs = zip(self.form.system.states, origin.forward, strict=True)
             change = equations({new: old for new, old in pairs if new.name != str(old)})
             lines = [Sentence.of("  with {change}", change=change), *lines]
@@ -107,7 +108,7 @@ class Checked(Encoded):
 
     @property
     def open(self) -> tuple[Check, ...]:
-        """The refuted checks that nobody accepted."""
+        """The refuted checks that the model does not accept."""
         return refuted(self.checks, self.accepted)
 
     @property
@@ -150,25 +151,25 @@ def _texts(signals: Iterable[Signal], expressions: Iterable[Any]) -> dict[str, s
     return {s.name: str(expression) for s, expression in zip(signals, expressions, strict=True)}
 
 
-def checked(model: Model, asked: Survey | None = None, name: str | None = None) -> Checked:
-    """The claims of a model's tuning `name`, by default of its step; of a model without an observer those of the best
-    of the forms `asked`, by default of those that do not take seconds. With them what the model declares of inequality
-    (38).
+def checked(model: Model, survey: Survey | None = None, name: str | None = None) -> Checked:
+    """Return the claims about a model's tuning `name`, by default about its step. For a model without an observer they
+    are about the best form of the survey, by default of the forms that are fast to check. The model's dissipation
+    inequality (38) is added if it declares one.
 
     Raises: `MissingPart`, `ModelFails`.
     """
-    claims, declared = _checked(model, asked, name), model.dissipation
+    claims, declared = _checked(model, survey, name), model.dissipation
     if declared is None:
         return claims
     note = f"of the errors e of {declared.system.name}: {declared.conclusion}"
     return replace(claims, checks=(*claims.checks, *declared.checks), notes=(*claims.notes, note))
 
 
-def _checked(model: Model, asked: Survey | None, name: str | None) -> Checked:
+def _checked(model: Model, survey: Survey | None, name: str | None) -> Checked:
     if name is None and not model.has("step"):
-        asked = asked or hg.survey(model.plant)
-        form = getattr(hg.forms, model.setting.form)(model.plant) if model.setting.form else asked.best
-        notes = (*model.notes, _alone(model, asked, form))
+        survey = survey or hg.survey(model.plant)
+        form = getattr(hg.forms, model.setting.form)(model.plant) if model.setting.form else survey.best
+        notes = (*model.notes, _note_without_observer(model, survey, form))
         return Checked(model.plant.name, form, form.checks, (), notes=notes, demanded=False)
     try:
         step = model.step(name)
@@ -180,41 +181,43 @@ def _checked(model: Model, asked: Survey | None, name: str | None) -> Checked:
         return Checked(model.plant.name, error.form, error.form.checks, known, notes=(*model.notes, note))
     observer = step.observer
     plain = Checked(model.plant.name, observer.form, observer.checks, observer.accepted, observer.name)
-    own = replace(plain, theorem=observer.theorem, notes=model.notes, step=step, tuning=name or "")
+    claims = replace(plain, theorem=observer.theorem, notes=model.notes, step=step, tuning=name or "")
     try:
-        return _as_it_runs(own, step, model)
+        return _add_step_proofs(claims, step, model)
     except NoSolver as missing:
-        return replace(own, notes=(*own.notes, str(missing)))
+        return replace(claims, notes=(*claims.notes, str(missing)))
 
 
-def _as_it_runs(claims: Checked, step: CallableStep, model: Model) -> Checked:
-    """The claims with what is proved of the step itself, of an observer of which it can be; of another why not, where
-    the model asks how far it errs.
+def _add_step_proofs(claims: Checked, step: CallableStep, model: Model) -> Checked:
+    """Return the claims with the proofs about the sampled step: its contraction, noise gain, region of attraction and
+    error bound. For an observer without an error system, only the error bound.
 
-    Raises: `NoSolver`; `MissingPart` for bounds in the model's file that are none.
+    Raises: `NoSolver`; `MissingPart` for invalid bounds in the model's file.
     """
     error, gains = bound_of(step, model), _gains(step.observer, model)
     if step.observer.error is None:
-        own = (error.check, *gains) if error else ()
-        return replace(claims, checks=(*claims.checks, *own), known=error)
+        step_checks = (error.check, *gains) if error else ()
+        return replace(claims, checks=(*claims.checks, *step_checks), known=error)
     known, noise, start = hg.contraction(step), hg.noise_gain(step), hg.start_set(step)
     bounds = (bound.check for bound in (noise, start, error) if bound and not isinstance(bound, Nothing))
-    own = (*known.checks, *bounds, *gains)
-    return replace(claims, checks=(*claims.checks, *own), known=error, dt=admitted(step, known))
+    step_checks = (*known.checks, *bounds, *gains)
+    return replace(claims, checks=(*claims.checks, *step_checks), known=error, dt=admitted(step, known))
 
 
 def _gains(observer: hg.Observer, model: Model) -> tuple[Check, ...]:
-    """The L2 gain and the bounds in continuous time under the noise and the disturbances that the model says, where it
-    asks for them. Raises: `NoSolver`."""
+    """Return the checks of the L2 gain and of the bound in continuous time under the declared noise and disturbances,
+    if the model requests them. Raises: `NoSolver`."""
     if model.bounds is None or not model.bounds.gains:
         return ()
-    sizes = {what: each for what, each in model.bounds.sizes.items() if what in ("noise", "disturbance")}
+    sizes = {
+        input_kind: each for input_kind, each in model.bounds.sizes.items() if input_kind in ("noise", "disturbance")
+    }
     return hg.l2_gain(observer, **sizes).check, hg.iss_gain(observer, **sizes).check
 
 
-def _alone(model: Model, asked: Survey, form: Form) -> str:
-    """Return what a model without an observer does not claim."""
-    proved = ", ".join(row.kind for row in asked.proved)
+def _note_without_observer(model: Model, survey: Survey, form: Form) -> str:
+    """Return the note on a model without an observer."""
+    proved = ", ".join(row.kind for row in survey.proved)
     if form.structured or model.setting.form:
         return f"{model.path} has no observer: the checks are those of the {form.kind} form alone"
     if proved:
@@ -225,31 +228,31 @@ def _alone(model: Model, asked: Survey, form: Form) -> str:
 COLOURS = {Verdict.PROVED: "green", Verdict.REFUTED: "red", Verdict.UNKNOWN: "yellow"}
 
 
-_ALIKE = 4  # rows that say the same, before they are one
+_ALIKE = 4  # equal rows from which on they become one
 
 
-_ZEROS, _DIGITS = 20, 15  # of a whole number that is written as digits and a power of ten
+_ZEROS, _DIGITS = 20, 15  # trailing zeros from which on, and digits up to which, an integer has a power of ten
 
 
 def checks_table(head: Iterable[Sentence], listed: Iterable[Check], accepted: Sequence[str]) -> RenderableType:
-    """The form's equations, the lines of `head`; the claims with their verdicts; what to do about those that are
-    open."""
+    """Return the form's equations, the lines of `head`; the claims with their verdicts; the fixes of the refuted
+    ones."""
     listed = tuple(listed)
     title, *lines = head
     table = headed("", "verdict", "check", "claim and reason")
     for called, check in _gathered(listed, accepted):
         pattern = "{claim}\n{reason}; at {point}" if check.witness else "{claim}\n{reason}"
-        said = Sentence.of(pattern, claim=check.claim, reason=check.reason, point=point(check.witness))
+        sentence = Sentence.of(pattern, claim=check.claim, reason=check.reason, point=point(check.witness))
         verdict = Text(str(check.verdict), style=COLOURS.get(check.verdict, "cyan"))
         if check.id in accepted:
             verdict.append("\naccepted", style="yellow")
-        table.add_row(verdict, Text(called), _text(said))
+        table.add_row(verdict, Text(called), _text(sentence))
     fixes = [Text(f"{c.id}: {c.advice}") for c in listed if c.fix and c.verdict is Verdict.REFUTED]
     return Group(Text(str(title), style="bold"), *map(_text, lines), table, *fixes, "")
 
 
 class _Tens(StrPrinter):  # type: ignore[misc]
-    """An expression in which a whole number with many zeros at its end has a power of ten in their place."""
+    """A printer of expressions that writes an integer with many trailing zeros by a power of ten."""
 
     def _print_Integer(self, number: sp.Integer) -> str:
         return _whole(number.p)
@@ -258,8 +261,8 @@ class _Tens(StrPrinter):  # type: ignore[misc]
         return f"{_whole(number.p)}/{_whole(number.q)}"
 
 
-def _short(value: Any) -> str:
-    """A value of a sentence as the tables show it."""
+def _value_text(value: Any) -> str:
+    """Return the text of a sentence's value in the tables."""
     if isinstance(value, sp.Basic):
         return str(_Tens({"order": None}).doprint(value))
     return _whole(value) if isinstance(value, int) else plain(value)
@@ -271,12 +274,12 @@ def _whole(number: int) -> str:
     return f"{digits}e{zeros}" if zeros >= _ZEROS and len(digits.lstrip("-")) <= _DIGITS else str(number)
 
 
-def _text(said: Sentence) -> Text:
-    return Text(said.written(_short))
+def _text(sentence: Sentence) -> Text:
+    return Text(sentence.written(_value_text))
 
 
 def _gathered(listed: Iterable[Check], accepted: Sequence[str]) -> Iterable[tuple[str, Check]]:
-    """The checks with what they are called, those that say the same of equal a_1, a_2, .. as one."""
+    """Yield the checks by name. Checks with equal verdict and reason about a_1, a_2, .. become one row."""
 
     def kind(check: Check) -> tuple[Any, ...]:
         alone = check.id in accepted or check.subject is None
@@ -292,29 +295,30 @@ def _gathered(listed: Iterable[Check], accepted: Sequence[str]) -> Iterable[tupl
 
 
 def few(names: Iterable[Any], most: int = 8) -> str:
-    """Names with commas, the middle of many left out."""
+    """Return names separated by commas; the middle of a long list is elided."""
     names = [str(name) for name in names]
     return ", ".join(names if len(names) <= most else (*names[:3], "..", names[-1]))
 
 
 def theorem_table(theorem: Theorem | None, hypotheses: Iterable[Row]) -> RenderableType:
-    """Return what the observer's theorem concludes, and what is known of each hypothesis; nothing without a theorem."""
+    """Return the table of the theorem's conclusion and the verdict on each hypothesis; empty without a theorem."""
     if theorem is None:
         return Group()
     head = f"Theorem: {theorem.conclusion}\n({theorem.reference}), if"
     table = headed("", "", "hypothesis", "known by")
     for row in hypotheses:
         standing = Text(row.standing, style=COLOURS.get(row.verdict, "cyan") if row.verdict else "magenta")
-        known = "; ".join(said for said in (", ".join(row.checks), str(row.reason)) if said)
+        known = "; ".join(part for part in (", ".join(row.checks), str(row.reason)) if part)
         where = f" [{row.reference}]" if row.reference else ""
         table.add_row(standing, Text(row.claim + where), Text(known))
     return Group(Text(head), table, "")
 
 
 def bound_of(step: CallableStep, model: Model) -> ErrorBound | None:
-    """Return how well each state is known under what the model says of noise and the like; None where it says nothing.
+    """Return the bound of each state's error under the declared noise and disturbances; None if the model declares
+    none.
 
-    Raises: `NoSolver`; `MissingPart` for what is no size, or of no signal.
+    Raises: `NoSolver`; `MissingPart` for an invalid size or signal.
     """
     if model.bounds is None:
         return None
@@ -325,7 +329,7 @@ def bound_of(step: CallableStep, model: Model) -> ErrorBound | None:
 
 
 def proved_bound(step: CallableStep, model: Model, say: Callable[[str], None]) -> ErrorBound | None:
-    """`bound_of`, None without a solver; `say` is called with what stands in the way."""
+    """Return `bound_of`, None without a solver. `say` is called with the reason if a bound is missing."""
     try:
         known = bound_of(step, model)
     except NoSolver as missing:
@@ -337,8 +341,8 @@ def proved_bound(step: CallableStep, model: Model, say: Callable[[str], None]) -
 
 
 def stating(step: CallableStep, model: Model, known: ErrorBound | None) -> CallableStep:
-    """The step whose code states what is known of its errors, or that nothing is; as it is where the model does not
-    ask."""
+    """Return the step whose code states its proved error bounds, or that none is proved; unchanged if the model
+    requests none."""
     if model.bounds is None:
         return step
     return replace(step, signed=known.signed if known else Signed())

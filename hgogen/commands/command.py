@@ -1,5 +1,5 @@
-"""What every command of the command line has: its options, errors as one sentence and an exit status, and a report, of
-which the keys in JSON are read from its class (`hgogen.sentence.Encoded`).
+"""The common parts of all commands: options, errors as one sentence and an exit status, and reports, whose JSON keys
+are read from their classes (`hgogen.sentence.Encoded`).
 """
 
 import traceback
@@ -37,9 +37,9 @@ from hgogen.commands.output import (
     interruptible,
     listen,
     note,
+    print_result,
     printing,
     results,
-    show,
 )
 from hgogen.errors import HgogenError
 from hgogen.modelfiles.place import ends_python
@@ -48,7 +48,7 @@ from hgogen.recheck.text import RecheckError
 from hgogen.run import native
 from hgogen.sentence import Encoded, keys_of
 
-if TYPE_CHECKING:  # what takes a second to import, and `hgogen list` and `recheck` do not need
+if TYPE_CHECKING:  # slow to import, and not needed by `hgogen list` and `recheck`
     from hgogen.run.samples import Engine
     from hgogen.trial import Trial
 
@@ -57,14 +57,14 @@ _AS_JSON: ContextVar[bool] = ContextVar("as_json", default=False)
 
 
 class Report(Encoded):
-    """The report of a command, a dataclass: what it prints, as JSON or as tables, with its `files`, and how it ends."""
+    """The report of a command, a dataclass: its JSON or tables, its `files`, and its exit status."""
 
     def tables(self) -> Iterable[Any]:
-        """Return the tables that are printed in the place of JSON."""
+        """Return the tables that are printed without --json."""
         return ()
 
     def demand(self) -> None:
-        """Raise what ends the command after it has printed, with an exit status of its own."""
+        """Raise the error that sets the exit status, after the report was printed."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,8 +77,8 @@ class ModelReport(Report):
 def _options_of(
     function: Callable[..., Any], reporting: bool
 ) -> tuple[dict[str, tuple[Any, Any]], dict[str, tuple[Any, tuple[str, ...]]]]:
-    """Return the annotation and default of each option of a command, by name, with an option for each part of a group
-    in the place of the group or behind the others; and of each argument that is a group its type and their names."""
+    """Return the annotation and default of each option of a command by name; and for each argument that is a group of
+    options its type and the names of the options. A group's options replace it, or follow the others."""
     options: dict[str, tuple[Any, Any]] = {}
     behind: dict[str, tuple[Any, Any]] = {}
     groups: dict[str, tuple[Any, tuple[str, ...]]] = {}
@@ -94,28 +94,28 @@ def _options_of(
 
 
 def _print_report(function: Callable[..., Report], as_json: bool, arguments: Mapping[str, Any]) -> None:
-    """Print the report of a function."""
+    """Run a command's function and print its report."""
     token = _AS_JSON.set(as_json)
     try:
         report = function(**arguments)
         written = getattr(report, "files", ())
         listed = (file_list(written),) if written else ()
-        show(as_json, report, *(() if as_json else (*report.tables(), *listed)))
+        print_result(as_json, report, *(() if as_json else (*report.tables(), *listed)))
     finally:
         _AS_JSON.reset(token)
     report.demand()
 
 
 def early(*parts: Any) -> None:
-    """Print tables before the report, unless JSON is asked for."""
-    show(False, {}, *(() if _AS_JSON.get() else parts))
+    """Print tables before the report, unless --json is given."""
+    print_result(False, {}, *(() if _AS_JSON.get() else parts))
 
 
 def command(
     *reports: type[Encoded], cls: type[TyperCommand] = TyperCommand
 ) -> Callable[[Callable[..., Report | None]], Any]:
-    """Make a command of a function that gives one of the `reports`, or that prints itself. Errors become one sentence
-    and an exit status."""
+    """Return a decorator that makes a command of a function, which returns one of the `reports` or prints by itself.
+    Errors become one sentence and an exit status."""
 
     def register(function: Callable[..., Any]) -> Any:
         app = typer.Typer(add_completion=False, rich_markup_mode="markdown", pretty_exceptions_enable=False)
@@ -125,14 +125,14 @@ def command(
         @wraps(function)
         def command(**arguments: Any) -> None:
             with _ending():
-                taken = {
+                groups_by_name = {
                     name: kind(**{part: arguments.pop(part) for part in parts})
                     for name, (kind, parts) in groups.items()
                 }
                 if reporting:
-                    _print_report(function, arguments.pop("as_json"), arguments | taken)
+                    _print_report(function, arguments.pop("as_json"), arguments | groups_by_name)
                 else:
-                    function(**arguments, **taken)
+                    function(**arguments, **groups_by_name)
                 results().flush()
 
         command.__annotations__ = {name: annotation for name, (annotation, _) in options.items()}
@@ -145,16 +145,16 @@ def command(
         name, keys = function.__name__.rstrip("_"), "; or ".join(", ".join(names(report)) for report in reports)
         described = f"JSON keys: {keys}. `hgogen schema {name}` describes them." if reports else ""
         app.command(cls=cls, help=f"{getdoc(function)}\n\n{described}")(command)
-        made = typer.main.get_command(app)
-        vars(made)["reports"] = reports
-        return made
+        typer_command = typer.main.get_command(app)
+        vars(typer_command)["reports"] = reports
+        return typer_command
 
     return register
 
 
 @contextmanager
 def _ending() -> Iterator[None]:
-    """Within it an error is one sentence and an exit status."""
+    """Run the body of a command; an error becomes one sentence and an exit status."""
     try:
         listen()
         with interruptible(), printing(), warnings.catch_warnings():
@@ -169,7 +169,7 @@ def _ending() -> Iterator[None]:
         note(next((text for kind, text in _FAILURES.items() if isinstance(error, kind)), str(error)))
         raise typer.Exit(2) from None
     except BaseException as error:
-        if isinstance(error, Exception):  # typer's own, or a fault of this program
+        if isinstance(error, Exception):  # typer's own error, or a bug of hgogen
             raise
         if isinstance(error, KeyboardInterrupt) and interrupted():
             note("interrupted")
@@ -186,7 +186,7 @@ _FAILURES = {
 
 
 def _warned(message: Warning | str, category: type[Warning], *_: Any, **__: Any) -> None:
-    """A warning in one line; what is meant for users says what it is."""
+    """Print a warning in one line, with its category unless it is a `UserWarning`."""
     kind = "" if issubclass(category, UserWarning) else f"{category.__name__}: "
     note(f"{kind}{' '.join(str(message).split())}")
 
@@ -228,7 +228,7 @@ HeldOut = Annotated[
 
 @dataclass(frozen=True)
 class Runs:
-    """A campaign as a user asks for it; None where nothing is said."""
+    """The options of a campaign; all None if no campaign is requested."""
 
     vary: Annotated[
         str | None,
@@ -253,14 +253,14 @@ class Runs:
     repeat: Annotated[int | None, typer.Option(metavar="K", min=0, help="Run number K of the campaign alone.")] = None
 
     def __bool__(self) -> bool:
-        """Return whether anything is said."""
+        """Return whether any option is given."""
         return any(value is not None for value in vars(self).values())
 
 
 @dataclass(frozen=True)
 class Columns:
-    """The options by which the columns of a log are read: which holds times, else the `period` between rows, and which
-    are signals."""
+    """The options that map the columns of a log: the column of times, else the `period` between rows, and the columns
+    of the signals."""
 
     time: Annotated[str | None, typer.Option(help="The column of times, in the unit of the model's time.")] = None
     period: Annotated[
@@ -308,12 +308,12 @@ class _Set(TypedDict):
     ]
 
 
-# a value that a command takes, the class that holds its options, and whether they stand in its place or behind
+# the class of a group, the class with its options, and whether they replace it in the order of options
 GROUPS = ((Setting, _Set, False), (Runs, Runs, False), (Columns, Columns, True))
 
 
 def engine_here(reader: Reader | None = None) -> "Engine":
-    """The reader that is asked for, else C where there is a compiler, else Python, and says so."""
+    """Return the given reader, else C if there is a compiler, else Python with a note."""
     if reader:
         return reader
     engine = native.engine()
@@ -323,7 +323,7 @@ def engine_here(reader: Reader | None = None) -> "Engine":
 
 
 def one_or_all(trials: tuple["Trial", ...], name: str | None) -> tuple["Trial", ...]:
-    """The trial of that name, by default all of them. Raises: `BadParameter`."""
+    """Return the trial of that name, by default all trials. Raises: `BadParameter`."""
     chosen = tuple(one for one in trials if name in (None, one.name))
     if not chosen:
         raise typer.BadParameter(f"{name!r} is none of {', '.join(one.name for one in trials)}", param_hint="--trial")
@@ -331,7 +331,7 @@ def one_or_all(trials: tuple["Trial", ...], name: str | None) -> tuple["Trial", 
 
 
 def numbers_by_name(texts: Iterable[str], option: str) -> dict[str, float]:
-    """Numbers from texts such as "x=1,v=0". Raises: `typer.BadParameter`."""
+    """Return the numbers in texts such as "x=1,v=0". Raises: `typer.BadParameter`."""
     numbers = []
     for part in (part for text in texts for part in text.split(",")):
         name, _, number = part.partition("=")
@@ -343,7 +343,7 @@ def numbers_by_name(texts: Iterable[str], option: str) -> dict[str, float]:
 
 
 def once(pairs: Iterable[tuple[str, Value]], option: str) -> dict[str, Value]:
-    """The values by name. Raises: `typer.BadParameter` for a name that is given twice."""
+    """Return the values by name. Raises: `typer.BadParameter` for a name that is given twice."""
     values: dict[str, Value] = {}
     for name, value in pairs:
         if name in values:
@@ -353,7 +353,8 @@ def once(pairs: Iterable[tuple[str, Value]], option: str) -> dict[str, Value]:
 
 
 def numbers_in(text: str, what: str, option: str) -> tuple[float, ...]:
-    """Numbers from a text such as "0.5,1"; `what` they must be. Raises: `typer.BadParameter`."""
+    """Return the numbers in a text such as "0.5,1"; `what` describes them in the error. Raises:
+    `typer.BadParameter`."""
     try:
         return tuple(map(float, text.split(",")))
     except ValueError:
@@ -361,7 +362,8 @@ def numbers_in(text: str, what: str, option: str) -> tuple[float, ...]:
 
 
 def names_in(text: str | None, option: str) -> tuple[str, ...]:
-    """Return what a text such as "a,b" names, None nothing. Raises: `typer.BadParameter` for a text without a name."""
+    """Return the names in a text such as "a,b", none for None. Raises: `typer.BadParameter` for a text without a
+    name."""
     names = tuple(part.strip() for part in (text or "").split(",") if part.strip())
     if text is not None and not names:
         raise typer.BadParameter(f"{text!r} holds no name; give some, or leave the option out", param_hint=option)
@@ -369,7 +371,7 @@ def names_in(text: str | None, option: str) -> tuple[str, ...]:
 
 
 def horizons(text: str, option: str) -> tuple[int, ...]:
-    """Numbers of samples ahead, from a text such as "1,5,25". Raises: `typer.BadParameter`."""
+    """Return numbers of samples ahead from a text such as "1,5,25". Raises: `typer.BadParameter`."""
     try:
         ahead = tuple(int(part) for part in text.split(","))
     except ValueError:
@@ -383,7 +385,7 @@ _WORDS = {bool: "true or false", int: "whole number", float: "number", type(None
 
 
 class Meaning(NamedTuple):
-    """A key at its `depth` below the result: the type of its value, and what it means."""
+    """A JSON key at its `depth` below the report: the type of its value, and its meaning."""
 
     name: str
     depth: int
@@ -393,18 +395,19 @@ class Meaning(NamedTuple):
 
 
 def names(result: type) -> list[str]:
-    """The keys of a result."""
+    """Return the JSON keys of a report."""
     listed = list[str]()
     for key in keys_of(result):
-        inner = None if key.name else _result_in(_at(result, key.path)[0])
+        inner = None if key.name else _result_in(_type_and_meaning(result, key.path)[0])
         listed += names(inner) if inner else [key.name]
     return listed
 
 
 def meanings(result: type, depth: int = 0, above: tuple[type, ...] = ()) -> Iterator[Meaning]:
-    """The keys of a result, each followed by those of the results in it, which are not repeated within themselves."""
+    """Yield the JSON keys of a report, each followed by those of the nested reports. A report within itself is not
+    repeated."""
     for key in keys_of(result):
-        annotation, text = _at(result, key.path)
+        annotation, text = _type_and_meaning(result, key.path)
         inner = _result_in(annotation)
         if key.name:
             yield Meaning(key.name, depth, _words(annotation), text, key.optional)
@@ -415,8 +418,8 @@ def meanings(result: type, depth: int = 0, above: tuple[type, ...] = ()) -> Iter
             yield one._replace(optional=one.optional or (spread and one.depth == depth))
 
 
-def _at(result: Any, path: str) -> tuple[Any, str]:
-    """The type of what a path leads to, and what the field or property there says of itself."""
+def _type_and_meaning(result: Any, path: str) -> tuple[Any, str]:
+    """Return the type at the end of a path of attributes, and the description of that field or property."""
     annotation, text, none = result, "", False
     for name in path.split("."):
         none = none or type(None) in _alternatives(annotation)
@@ -429,9 +432,9 @@ def _at(result: Any, path: str) -> tuple[Any, str]:
             annotation, text = hints[name], ""
         else:
             member = getattr(owner, name)
-            made = getattr(member, "fget", None) or getattr(member, "func", member)  # of a property, cached or not
-            annotation = get_type_hints(made, include_extras=True)["return"]
-            text = " ".join((getdoc(made) or "").split("\n\n")[0].split())
+            getter = getattr(member, "fget", None) or getattr(member, "func", member)  # of a property, cached or not
+            annotation = get_type_hints(getter, include_extras=True)["return"]
+            text = " ".join((getdoc(getter) or "").split("\n\n")[0].split())
         if get_origin(annotation) is Annotated:
             annotation, text = get_args(annotation)[:2]
     annotation = annotation | None if none else annotation
@@ -443,14 +446,14 @@ def _alternatives(annotation: Any) -> tuple[Any, ...]:
 
 
 def _result_in(annotation: Any) -> type | None:
-    """The result in a type, by itself, in a list, by name or with alternatives."""
+    """Return the report class in a type: the type itself, an element of a list or mapping, or an alternative."""
     if is_dataclass(annotation):
         return annotation if isinstance(annotation, type) and getattr(annotation, "json_keys", "") is not None else None
     return next(filter(None, map(_result_in, get_args(annotation))), None)
 
 
 def _words(annotation: Any) -> str:
-    """A type in words."""
+    """Return a type in words."""
     origin, args = get_origin(annotation), get_args(annotation)
     if origin in (Union, types.UnionType):
         return " or ".join(dict.fromkeys(map(_words, args)))

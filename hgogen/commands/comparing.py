@@ -59,7 +59,7 @@ Names = Annotated[
 class ComparedTrial:
     """Observers on a trial of a plant."""
 
-    json_keys = "trial=trial.name seeds criterion times=trial.events estimate start=trial.start left observers"
+    json_keys = "trial=trial.name seeds criterion times=trial.events estimate start=trial.start left=leaving observers"
 
     plant: System
     trial: Trial
@@ -77,19 +77,19 @@ class ComparedTrial:
         return self.trial.first_state(self.plant)
 
     @property
-    def left(self) -> tuple[Leaving, ...]:
+    def leaving(self) -> tuple[Leaving, ...]:
         """The plant's own states and inputs that leave their declared ranges."""
         return leaving_signals(self.plant, self.observers[0].first)  # all observers share the truth
 
     def notes(self) -> Iterator[str]:
-        """Yield what is doubtful of the trial, and when guards acted."""
+        """Yield the doubts about the trial, and when guards acted."""
         unit = self.plant.time
         if self.estimate == {name: float(value) for name, value in self.trial.start.items()}:
             yield (
                 f"trial {self.trial.name}: every observer starts on the truth, so that its first time to settle says "
                 "nothing; give the trial an estimate"
             )
-        yield from leaving_notes(self.trial.name, self.left, unit)
+        yield from leaving_notes(self.trial.name, self.leaving, unit)
         for row in self.observers:
             yield from guards(self.trial.name, row.name, row.acted, bool(self.trial.jumps), unit)
 
@@ -108,7 +108,7 @@ class Comparison(ModelReport):
     files: Written
 
     def tables(self) -> Iterator[Any]:
-        """Observers side by side."""
+        """Yield the observers side by side."""
         for one in self.trials:
             title = f"trial {one.trial.name}, seeds {one.seeds}, settled: {one.criterion}"
             yield comparison_tables(title, one.observers, self.unit, one.estimate, one.trial.start)
@@ -125,7 +125,7 @@ class ComparedCampaigns(ModelReport):
     refused: Annotated[dict[str, str], "why observers are refused, by name"]
 
     def tables(self) -> Iterator[Any]:
-        """A table for each campaign."""
+        """Yield a table for each campaign."""
         for row in self.campaigns:
             yield from row.tables()
         yield from refusals_table(self.refused, "refused, and not compared")
@@ -139,7 +139,7 @@ def compare_(
     seeds: Seeds = None,
     trial: OneTrial = None,
     reader: ReaderOption = None,
-    asked: Runs = NO_RUNS,
+    campaign_options: Runs = NO_RUNS,
     out: Out = None,
 ) -> Comparison | ComparedCampaigns:
     """Try several observers of a model on its trials, each on the same noise, at the same sampling period, the shortest
@@ -156,11 +156,11 @@ def compare_(
     folder = folder_of(out, loaded)
     names = _names(loaded, observers)
     chosen, engine = one_or_all(trials_or_proposed(loaded), trial), engine_here(reader)
-    if not asked:
+    if not campaign_options:
         folder.demand(*(f"{one.name}_errors.svg" for one in chosen))
     steps, dt, refused = _alike(loaded, names, chosen)
-    if asked:
-        rows = campaigns(lambda one: steps[one.name], chosen, engine, asked, seeds)
+    if campaign_options:
+        rows = campaigns(lambda one: steps[one.name], chosen, engine, campaign_options, seeds)
         return ComparedCampaigns(loaded.path, dt, engine, rows, refused)
     tried = _tried(loaded, steps, chosen, engine, seeds)
     unit = loaded.plant.time
@@ -171,8 +171,8 @@ def compare_(
 def _alike(
     model: Model, names: list[str], trials: Sequence[Trial]
 ) -> tuple[dict[str, dict[str, CallableStep]], float, dict[str, str]]:
-    """Return, of each trial, the steps of tunings, all at the shortest of their sampling periods; that; and why
-    others are refused. Raises: `HgogenError` where all are."""
+    """Return the steps of the tunings for each trial, all at the shortest of their sampling periods; that period; and
+    why other tunings are refused. Raises: `HgogenError` if all are refused."""
     steps, refused = _started(model, names, trials)
     names = _admitted(names, refused)
     first = steps[trials[0].name]
@@ -194,7 +194,7 @@ def _tried(
     engine: Engine,
     seeds: int | None,
 ) -> tuple[ComparedTrial, ...]:
-    """The steps on each trial; says what is doubtful."""
+    """Return the results of the steps on each trial, and note the doubts."""
     counts = {one.name: one.seeds if seeds is None else tuple(range(seeds)) for one in trials}
     known = _known(model, steps, trials)
     tried = []
@@ -212,16 +212,17 @@ def _tried(
 def _started(
     model: Model, names: list[str], trials: Sequence[Trial], dt: float | None = None
 ) -> tuple[dict[str, dict[str, CallableStep]], dict[str, HgogenError]]:
-    """Return, of each trial, the steps of tunings, all from its first estimate; and why the others are refused."""
+    """Return the steps of the tunings for each trial, started at the trial's first estimate; and why other tunings are
+    refused."""
     steps: dict[str, dict[str, CallableStep]] = {one.name: {} for one in trials}
     refused: dict[str, HgogenError] = {}
     for name in names:
         try:
-            made = {one.name: model.step(name, dt, one.first_estimate) for one in trials}
+            steps_by_trial = {one.name: model.step(name, dt, one.first_estimate) for one in trials}
         except HgogenError as error:
             refused[name] = error
         else:
-            for trial, step in made.items():
+            for trial, step in steps_by_trial.items():
                 steps[trial][name] = step
     return steps, refused
 
@@ -229,8 +230,8 @@ def _started(
 def _known(
     model: Model, steps: Mapping[str, Mapping[str, CallableStep]], trials: Sequence[Trial]
 ) -> dict[str, dict[str, ErrorBound | None]]:
-    """Return, of each trial, what is proved of the errors of its steps, once for all trials that begin alike; None
-    where the model does not ask."""
+    """Return the proved error bound of each step on each trial; None if the model requests none. Trials with the same
+    start share one proof."""
     known: dict[str, dict[str, ErrorBound | None]] = {one.name: {} for one in trials}
     for name, step in steps[trials[0].name].items():
         begun: list[tuple[Mapping[str, float], ErrorBound | None]] = []
@@ -248,7 +249,7 @@ def _known(
 
 
 def _admitted(names: list[str], refused: Mapping[str, HgogenError]) -> list[str]:
-    """The names without those that are refused. Raises: `HgogenError` of the first, where all are."""
+    """Return the names that are not refused. Raises: the first refusal (`HgogenError`) if all are."""
     admitted = [name for name in names if name not in refused]
     if not admitted:
         first, *others = refused
@@ -257,22 +258,23 @@ def _admitted(names: list[str], refused: Mapping[str, HgogenError]) -> list[str]
     return admitted
 
 
-def _names(model: Model, asked: str | None) -> list[str]:
-    """The tunings asked for, each once. Raises: `MissingPart`."""
-    if asked is None and not model.tuning.tables:
+def _names(model: Model, requested: str | None) -> list[str]:
+    """Return the requested tunings, each once. Raises: `MissingPart`."""
+    if requested is None and not model.tuning.tables:
         fix = model.fixes["tuning"].format(observer="high_gain", arguments="its gains")
         raise MissingPart(model.path, f"it has no tuning, whose observers are compared; add {fix}")
-    names = list(model.tuning.tables) if asked is None else [name.strip() for name in asked.split(",")]
+    names = list(model.tuning.tables) if requested is None else [name.strip() for name in requested.split(",")]
     if not all(names) or not names:
         raise MissingPart(model.path, "there is no observer to compare; give --observers A,B of its tuning")
     for name in names:
         if name not in model.tuning.tables and name not in every.__all__:
-            model.tuned(name)  # says what it may have been
+            model.tuned(name)  # raises an error that suggests names
     return list(dict.fromkeys(names))
 
 
 def error_figure(each: Sequence[Measured], unit: str) -> "Figure":
-    """The errors of several observers on the first seed of one trial; `unit`: that of the plant's time."""
+    """Return the figure of the errors of several observers on the first seed of a trial; `unit`: that of the plant's
+    time."""
     from hgogen.run import figures as figure
 
     first = each[0].first
@@ -283,7 +285,7 @@ def error_figure(each: Sequence[Measured], unit: str) -> "Figure":
 def comparison_tables(
     title: str, each: Sequence[Measured], unit: str, estimate: Mapping[str, float], start: Mapping[str, float]
 ) -> RenderableType:
-    """Observers side by side, one a row, from their first `estimate` of the plant's state `start`, by name."""
+    """Return the tables of observers, one a row, from their first `estimate` of the plant's state `start`, by name."""
     states = list(each[0].rms)
     columns = (f"settled after each event ({unit})", "operations", "functions", "bytes of state")
     whole = headed(title, "observer", *columns, numbers=len(columns))
@@ -302,12 +304,13 @@ def comparison_tables(
         peak.add_row(one.name, *(f"{value:.2g}" for value in one.peak.values()))
     at = (", ".join(f"{name} = {value:g}" for name, value in values.items()) for values in (estimate, start))
     begun = "every observer starts at {}; the plant at {}".format(*at)
-    said = (begun, *_meanings(each, unit), *(f"{one.name}: {one.unproved}" for one in each if one.unproved))
-    return Group(whole, "", rms, "", *_proved(each, states), peak, "", *map(Text, said), "")
+    notes = (begun, *_meanings(each, unit), *(f"{one.name}: {one.unproved}" for one in each if one.unproved))
+    return Group(whole, "", rms, "", *_proved(each, states), peak, "", *map(Text, notes), "")
 
 
 def _proved(each: Sequence[Measured], states: Sequence[str]) -> list[RenderableType]:
-    """Return what is proved of the errors, beside the worst of the seeds; nothing where it was not asked of any."""
+    """Return the table of proved error bounds, with the largest error of all seeds; empty if the model requests
+    none."""
     if not any(one.proved or one.unproved for one in each):
         return []
     title = "proved: no error above, once the start has decayed; behind it the worst of all seeds from then on"
@@ -315,14 +318,14 @@ def _proved(each: Sequence[Measured], states: Sequence[str]) -> list[RenderableT
     for one in each:
         cells = []
         for bound, worst in ((one.proved.get(x), one.worst.get(x)) for x in states):
-            seen = "-" if worst is None else f"{worst:.3g}"
-            cells.append("-" if bound is None else f"{up(bound, 3)} ({seen})")
+            largest = "-" if worst is None else f"{worst:.3g}"
+            cells.append("-" if bound is None else f"{up(bound, 3)} ({largest})")
         table.add_row(one.name, *cells)
     return filled(table)
 
 
 def _meanings(each: Sequence[Measured], unit: str) -> Iterable[str]:
-    """Yield what the columns of a comparison mean, and which methods it compares, if several."""
+    """Yield the meanings of the columns, and the methods if there are several."""
     yield f"steady: from {each[0].first.trial.steady_from:g} {unit} on, the median of the seeds; peaking: of all seeds"
     yield "operations, functions (sine, exponential, root, ..): of one call; settled: the median of the seeds"
     methods: dict[str, list[str]] = {}

@@ -1,4 +1,4 @@
-"""Measured records on the command line: which columns are signals, the rows held out, and what was found in a log."""
+"""Measured logs on the command line: the columns of signals, the validation rows, and the summary of a log."""
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -20,7 +20,7 @@ from hgogen.system import System
 
 @dataclass(frozen=True, eq=False)
 class Logs:
-    """Records of a plant; of each the rows before `cuts` are learned from."""
+    """The logs of a plant. The rows of each from `cuts` on are validation data."""
 
     plant: System
     records: tuple[Record, ...]
@@ -28,7 +28,7 @@ class Logs:
 
     @property
     def learned(self) -> tuple[Log, ...]:
-        """The rows to learn from."""
+        """The logs' training rows."""
         return tuple(self._log(record, cut) for record, cut in zip(self.records, self.cuts, strict=True))
 
     @property
@@ -38,11 +38,11 @@ class Logs:
 
     @property
     def whole(self) -> tuple[Log, ...]:
-        """All rows."""
+        """The logs with all rows."""
         return tuple(self._log(record, len(record.t)) for record in self.records)
 
     def notes(self) -> tuple[str, ...]:
-        """Return where the records leave what the plant declares; of several records, which."""
+        """Return where the logs leave the declared ranges, with the file's name if there are several."""
         several = len(self.records) > 1
         return tuple(
             f"{record.report.path}: {note}" if several else note
@@ -51,7 +51,7 @@ class Logs:
         )
 
     def columns(self, names: Sequence[str]) -> tuple[dict[str, np.ndarray], ...]:
-        """Columns of each record that are no signals, by name."""
+        """Return columns of each log that are not signals, by name."""
         return tuple({name: record.values[:, record.names.index(name)] for name in names} for record in self.records)
 
     def _log(self, record: Record, count: int) -> Log:
@@ -66,18 +66,19 @@ def logs_of(
     *,
     dt: float | None = None,
     named: Columns,
-    beside: Mapping[str, str] = MappingProxyType({}),
+    other_columns: Mapping[str, str] = MappingProxyType({}),
     options: Mapping[str, str] = MappingProxyType({}),
     shift: Sequence[str] | None,
     window: Window,
 ) -> Logs:
-    """The records of files on the grid of `dt`, by default of their own period; `named`: their columns; `beside`: other
-    columns by name, which `options` give; `shift`: texts SIGNAL=SAMPLES, None for none; `window`: that of inputs which
-    are averaged.
+    """Return the logs in files on the grid of `dt`, by default with their own period. `named`: their columns;
+    `other_columns`: others by name, which `options` give; `shift`: texts SIGNAL=SAMPLES, None for none; `window`: the
+    averaging window of inputs.
 
     Raises: `BadRecord`.
     """
-    columns = {**mapping(str(data[0]), named.map_ or (), plant.inputs, plant.outputs), **beside}
+    mapped = mapping(str(data[0]), named.map_ or (), plant.inputs, plant.outputs)
+    columns = {**mapped, **other_columns}
     shifts = shifts_of(str(data[0]), shift or (), plant.inputs, plant.outputs)
     inputs = {s.name: window for s in plant.inputs}
     first = plant.declared
@@ -89,8 +90,8 @@ def logs_of(
 
 
 def truth_of(plant: System, pairs: Sequence[str]) -> dict[str, tuple[str, str]]:
-    """Return, of each state whose truth was measured: the name of its column among the signals, and the file's, or
-    an expression. Raises: `typer.BadParameter`."""
+    """Return for each state with a measured truth the name of its column among the signals, and the file's column or
+    expression. Raises: `typer.BadParameter`."""
     names = [x.name for x in plant.declared.states]
     columns = []
     for text in pairs:
@@ -103,26 +104,26 @@ def truth_of(plant: System, pairs: Sequence[str]) -> dict[str, tuple[str, str]]:
 
 
 def truth_options(true: Mapping[str, tuple[str, str]]) -> dict[str, str]:
-    """Return what gives the column of each truth, by its name among the signals."""
+    """Return the option that gives the column of each truth, by its name among the signals."""
     return {name: f"--truth {state}=COLUMN" for state, (name, _) in true.items()}
 
 
 def truth_name(state: str) -> str:
-    """Return what the column of a state's truth is called among the signals."""
+    """Return the name of the column of a state's truth among the signals."""
     return f"truth of {state}"
 
 
 def too_far(ahead: Iterable[int], compared: Iterable[int | None]) -> Iterator[str]:
-    """A sentence on the numbers of samples ahead at which nothing is `compared`."""
+    """Yield a sentence on the prediction horizons at which no sample can be `compared`."""
     far = ", ".join(map(str, sorted({*ahead} - {*compared})))
     if far:
         yield f"no sample is there to compare with predictions {far} samples ahead"
 
 
 def log_summary(read: Report, begins: Mapping[str, float] | None = None) -> RenderableType:
-    """Return what was found in a log; `begins`: the states that it gives the estimate to start from."""
+    """Return the summary of a log; `begins`: the initial estimates that it gives."""
     lines = list(read.sentences())
     if begins:
         at = ", ".join(f"{name} = {value:g}" for name, value in begins.items())
         lines.append(f"the estimate starts at {at}, and elsewhere where the observer does")
-    return Group(Text(read.path, style="bold"), *(Text(f"  {said}") for said in lines), "")
+    return Group(Text(read.path, style="bold"), *(Text(f"  {line}") for line in lines), "")

@@ -1,5 +1,5 @@
-"""The commands `design` and `response`: constant gains for wanted rates, and what noise and a step make of an
-observer.
+"""The commands `design` and `response`: constant gains for wanted rates, and the effect of noise and of the step on an
+observer's estimate.
 """
 
 import math
@@ -26,7 +26,7 @@ from hgogen.run.continuous import Response, pace
 from hgogen.sentence import down, same, up
 
 _AROUND = (1 / 3, 1.0, 3.0)  # times the rate of the tuning
-_MOST = 20  # rates
+_MOST = 20  # rates at most
 
 
 @dataclass(frozen=True)
@@ -78,7 +78,7 @@ class Designs(ModelReport):
     files: Written = ()
 
     def drawn(self, folder: Folder) -> Self:
-        """The report with its figure in a folder."""
+        """Return the report with its figure written into a folder."""
         from hgogen.run.figures import curve
 
         return replace(self, files=tuple(folder.write(rendered({"design": curve(self.points, self.step)}))))
@@ -89,7 +89,7 @@ class Designs(ModelReport):
         return [DesignedPoint(one) for one in self.points]
 
     def tables(self) -> Iterator[Any]:
-        """Gains with their rates."""
+        """Yield the gains with their rates."""
         step, time = self.step, self.step.observer.form.system.time
         running = f"by {step.code.rule} at dt = {step.dt:g} {time}"
         head = f"what is proved of gains: how far noise of 1 moves an estimate, {running}"
@@ -109,9 +109,9 @@ class Designs(ModelReport):
 
 
 def _call(gain: Gain) -> str:
-    """The observer of a gain as Python makes it."""
-    taken = {**gain.arguments, "theta": same(gain.theta)}
-    return f"hg.observers.{gain.observer}(form, {', '.join(f'{name}={value}' for name, value in taken.items())})"
+    """Return the Python call that makes the observer of a gain."""
+    arguments = {**gain.arguments, "theta": same(gain.theta)}
+    return f"hg.observers.{gain.observer}(form, {', '.join(f'{name}={value}' for name, value in arguments.items())})"
 
 
 @command(Designs)
@@ -140,10 +140,10 @@ def design_(
     loaded = load(model).set(setting)
     folder = folder_of(out, loaded, observer)
     folder.demand("design.svg")
-    asked = _rates(rates)
+    requested_rates = _rates(rates)
     step = _reference(loaded, observer)
     points, refused = [tuned(step)], dict[float, NoGain]()
-    wanted = asked or [_short(points[0].about * k) for k in _AROUND]
+    wanted = requested_rates or [_three_digits(points[0].about * k) for k in _AROUND]
     with Bar("gains", len(wanted)) as bar:
         for rate in wanted:
             try:
@@ -159,7 +159,7 @@ def design_(
 
 
 def _reference(loaded: Model, observer: str | None) -> CallableStep:
-    """The step of the tuning, which a constant injection has. Raises: `BadParameter`."""
+    """Return the step of the tuning, which must have a constant output injection. Raises: `BadParameter`."""
     step = loaded.step(observer)
     if step.observer.error is not None:
         return step
@@ -171,7 +171,7 @@ def _reference(loaded: Model, observer: str | None) -> CallableStep:
 
 
 def _rates(text: str) -> Sequence[float]:
-    """The rates in a text. Raises: `BadParameter`."""
+    """Return the rates in a text. Raises: `BadParameter`."""
     if not text:
         return ()
     try:
@@ -179,13 +179,13 @@ def _rates(text: str) -> Sequence[float]:
     except ValueError:
         values = []
     if not values or len(values) > _MOST or not all(0 < value < math.inf for value in values):
-        said = f"{text[:60]!r} must be up to {_MOST} positive numbers, such as 1,3,10"
-        raise typer.BadParameter(said, param_hint="--rates")
+        reason = f"{text[:60]!r} must be up to {_MOST} positive numbers, such as 1,3,10"
+        raise typer.BadParameter(reason, param_hint="--rates")
     return values
 
 
-def _short(rate: float) -> float:
-    """The number in three digits, rounded down."""
+def _three_digits(rate: float) -> float:
+    """Return the number rounded down to three digits."""
     digits = 2 - math.floor(math.log10(rate))
     return float(f"{math.floor(rate * 10.0**digits) / 10.0**digits:.3g}")
 
@@ -230,10 +230,10 @@ class Gains(ModelReport):
         return gains
 
     def notes(self) -> Iterator[str]:
-        """Yield what limits the gains."""
+        """Yield the limits of validity of the gains."""
         if self.continuous.coordinates == "form":
-            bent = "the plant's states are nonlinear in the observer's coordinates"
-            yield f"{bent}: the gains are those of the form's states"
+            reason = "the plant's states are nonlinear in the observer's coordinates"
+            yield f"{reason}: the gains are those of the form's states"
         for name, values in self.continuous.held.items():
             at = ", ".join(f"{value:g}" for value in values)
             yield f"{name} adapts: the gains are those at {at}, where the core is the fastest"
@@ -244,7 +244,7 @@ class Gains(ModelReport):
             yield f"{what}: the samples show a slower alias, and the step has no gain there"
 
     def tables(self) -> Iterator[Any]:
-        """A row for each pair and frequency."""
+        """Yield a row for each pair and frequency."""
         head = f"|H(j omega)| from noise to estimate: the linear error core, and its step of {self.dt:g} {self.unit}"
         columns = ("noise of", "error of", f"omega (rad/{self.unit})", "continuous", "step")
         table = headed(head, *columns, numbers=3)
@@ -277,9 +277,9 @@ def response_(
     loaded = load(model).set(setting)
     step = loaded.step(observer)
     slow, fast = pace(step.observer)
-    asked = f"numbers in rad/{step.time}, such as 50,100,300"
+    expected = f"numbers in rad/{step.time}, such as 50,100,300"
     if omega:
-        frequencies = numbers_in(omega, asked, "--omega")
+        frequencies = numbers_in(omega, expected, "--omega")
     else:  # from a tenth of the slowest pole to ten times the fastest, below pi/dt, to two digits
         high = min(10 * fast, 0.9 * math.pi / step.dt)
         low = min(max(slow / 10, high / 1e4), high / 10)

@@ -1,4 +1,4 @@
-"""The command `fit`: parameters of a model from measured records."""
+"""The command `fit`: parameters of a model from measured logs."""
 
 import math
 import os
@@ -54,10 +54,10 @@ from hgogen.reading.text_model import OTHER_KEYS, read, to_text
 from hgogen.run.consistency import WORSE
 from hgogen.run.prediction import predictions
 
-BEGUN = "fit_begun.json"  # the file of a fit that is not done
-EVERY = 1.0  # seconds, or more, between two writings of it
-_AHEAD = (1, 5, 25)  # samples, of the errors on held-out rows
-_JUDGE = "riccati"  # the observer that starts predictions where the model has none
+BEGUN = "fit_begun.json"  # the progress of an unfinished fit
+EVERY = 1.0  # seconds at least between two writes of that file
+_AHEAD = (1, 5, 25)  # samples ahead, of the validation errors
+_JUDGE = "riccati"  # the observer that starts predictions if the model has none
 _FEEDBACK = (
     "under feedback that refutes nothing, since inputs ahead answer noise that is still to come: judge by hgogen tune, "
     "one sample ahead"
@@ -65,7 +65,7 @@ _FEEDBACK = (
 
 
 class By(StrEnum):
-    """The error that a fit makes least."""
+    """The error that a fit minimises."""
 
     SIMULATION = "simulation"
     PREDICTION = "prediction"
@@ -73,7 +73,7 @@ class By(StrEnum):
 
 @dataclass(frozen=True)
 class HeldOutError:
-    """RMS errors of predictions of an output in the rows held out."""
+    """RMS errors of predictions of an output on the validation rows."""
 
     record: Annotated[str, "path of the record"]
     output: Annotated[str, "the output"]
@@ -99,7 +99,7 @@ class FitReport(ModelReport):
 
     @property
     def verdicts(self) -> tuple[str, ...]:
-        """The result on the held-out rows, and the advice about offsets."""
+        """The verdicts on the validation rows, and the advice about offsets."""
         return (*_verdicts(self.predictions, self.by), *_without_offset(self.result))
 
     @property
@@ -108,7 +108,7 @@ class FitReport(ModelReport):
         return (*self.logs.notes(), *self.result.notes(), *self.verdicts)
 
     def figures(self) -> dict[str, Any]:
-        """The figure of each record by name."""
+        """Return the figure of each log by name."""
         from hgogen.run import figures  # which takes a while to import
 
         outputs, plant = self.result.plant.outputs, self.logs.plant
@@ -120,7 +120,7 @@ class FitReport(ModelReport):
         }
 
     def tables(self) -> Iterator[Any]:
-        """The records, the fit and its predictions."""
+        """Yield the logs, the fit and its predictions."""
         yield from map(log_summary, self.logs.reports)
         yield fit_tables(self.result, self.logs.notes())
         if not self.predictions:
@@ -174,8 +174,8 @@ def fit_(
     """Fit parameters of a model to measured records, by multiple shooting or by prediction error. The file
     `fitted.json` that it writes is what `--parameters` of every command that makes a step takes.
     """
-    asked = {"--free": free, "--offset": offset, "--lag": lag}
-    names = {option: names_in(text, option) for option, text in asked.items()}
+    lists = {"--free": free, "--offset": offset, "--lag": lag}
+    names = {option: names_in(text, option) for option, text in lists.items()}
     loaded = load(model).set(setting)
     folder = folder_of(out, loaded)
     folder.demand("fitted.json", BEGUN)
@@ -184,8 +184,8 @@ def fit_(
     if new:
         new.demand()
     plant = loaded.plant
-    held = WINDOWS["forward"]  # the fit holds an input from its sample to the next
-    logs = logs_of(plant, data, held_out, dt=setting.dt, named=columns, shift=shift, window=held)
+    window = WINDOWS["forward"]  # the fit holds an input from its sample to the next
+    logs = logs_of(plant, data, held_out, dt=setting.dt, named=columns, shift=shift, window=window)
     with Bar("iterations", (starts + AGAIN * robust) * ITERATIONS) as bar, stopped.kept(bar) as each:
         result = fit(
             plant,
@@ -211,12 +211,13 @@ def fit_(
 
 @dataclass(frozen=True)
 class _Stopped:
-    """The file in a folder that a fit which is stopped leaves."""
+    """The file with the progress of an interrupted fit, in a folder."""
 
     folder: Folder
 
     def progress(self) -> Progress:
-        """Return where the fit was stopped. Raises: `BadParameter` where there is none; `BadFile`; `CannotGoOn`."""
+        """Return the progress of the interrupted fit. Raises: `BadParameter` if there is none; `BadFile`;
+        `CannotGoOn`."""
         (path,) = self.folder.demand(BEGUN)
         if not path.exists():
             raise typer.BadParameter(f"there is no fit to go on with, {path}; leave it out", param_hint="--resume")
@@ -224,8 +225,8 @@ class _Stopped:
 
     @contextmanager
     def kept(self, bar: Bar) -> Iterator[Callable[[Progress], None]]:
-        """A function that shows the progress that it is called with, and writes it, no more often than every `EVERY`
-        seconds; the last one is written at a Ctrl-C."""
+        """Yield a function that displays the progress given to it and writes it at most every `EVERY` seconds. The last
+        progress is written at a Ctrl-C."""
         last: Progress | None = None
         written = -math.inf
 
@@ -253,14 +254,14 @@ class _Stopped:
 
 @dataclass(frozen=True)
 class _NewModel:
-    """The file of a model with fitted values, and the `model` that was fitted."""
+    """The file of a new model with the fitted values, and the `model` that was fitted."""
 
     path: Path
     model: Model
 
     def demand(self) -> None:
-        """Raise `BadParameter` for a file that is there, or that would be no TOML; `NoText` for a plant that no text
-        says: before the fit, which would be lost."""
+        """Raise `BadParameter` for a file that exists or is not TOML, `NoText` for a plant that plain text cannot
+        express. This is checked before the fit, whose result would be lost."""
         path, option = self.path, "--write"
         if path.suffix != ".toml":
             raise typer.BadParameter(f"{path} must end in .toml, the language of a plain-text model", param_hint=option)
@@ -270,34 +271,36 @@ class _NewModel:
         to_text(self.model.plant)
 
     def write(self, result: Fit) -> None:
-        """Write the fitted plant, with what a plain-text model says beside it; a Python one says that in Python."""
-        said: dict[str, Any] = {}
+        """Write the fitted plant, with the other tables of a plain-text model. Those of a Python model are not
+        copied."""
+        tables: dict[str, Any] = {}
         source = self.model.path
         if self.model.plain:
             known = read(Path(source))
-            said = {name: getattr(known, name) for name in OTHER_KEYS}
+            tables = {name: getattr(known, name) for name in OTHER_KEYS}
         else:
             note(f"what {source} says beside its plant, as its tuning and trials, is Python and not in the new model")
-        beside = {name: value for name, value in said.items() if value}
-        Folder(self.path.parent).write({self.path.name: to_text(result.plant, beside)})
+        filled_tables = {name: value for name, value in tables.items() if value}
+        Folder(self.path.parent).write({self.path.name: to_text(result.plant, filled_tables)})
 
 
 def _judgement(model: Model, observer: str | None, result: Fit, logs: Logs) -> tuple[list[HeldOutError], str]:
-    """The errors, or why there are none: an observer that does not take the plant leaves the fit what it is."""
+    """Return the validation errors, or why there are none. An observer that refuses the plant does not make the fit
+    fail."""
     try:
         judged = list(_judged(model, observer, result, logs))
     except HgogenError as error:
-        if observer is not None:  # asked for by name
+        if observer is not None:  # requested by name
             raise
         return [], f"no observer estimates the rows held out: {error}"
     return judged, "" if judged else "there is no sample in the rows held out that its observer does not reject"
 
 
 def _judged(model: Model, observer: str | None, result: Fit, logs: Logs) -> Iterator[HeldOutError]:
-    """The errors of predictions from the estimates of an observer, in the rows held out: of the fitted plant and of the
-    plant as it was, with the same gains."""
+    """Yield the prediction errors on the validation rows, from the estimates of an observer: of the fitted plant, and
+    of the original plant with the same gains."""
     fitted = model.valued({p.name: float(p.nominal or 0.0) for p in result.plant.parameters})
-    added = {one.name: one.value for one in result.offsets}  # by the sensor of an output
+    added = {one.name: one.value for one in result.offsets}  # the offset of each output's sensor
     offsets = np.array([added.get(y.name, 0.0) for y in result.plant.outputs])
     for record, cut in zip(logs.records, logs.cuts, strict=True):
         u, y = record.of(model.plant.inputs), record.of(model.plant.outputs)
@@ -311,7 +314,7 @@ def _judged(model: Model, observer: str | None, result: Fit, logs: Logs) -> Iter
 
 
 def _verdicts(judged: Sequence[HeldOutError], by: By = By.SIMULATION) -> Iterator[str]:
-    """Yield where rows held out are predicted worse than by other means."""
+    """Yield the outputs that are predicted worse than by copying or before the fit."""
     rivals = {"copying": "than by copying the last value", "unfitted": "than before the fit"}
     several = len({one.record for one in judged}) > 1
     for record, output in dict.fromkeys((one.record, one.output) for one in judged):
@@ -319,18 +322,18 @@ def _verdicts(judged: Sequence[HeldOutError], by: By = By.SIMULATION) -> Iterato
         rows = [(one.ahead, one) for one in judged if (one.record, one.output) == (record, output) and one.ahead]
         for rival, than in rivals.items():
             worse = [k for k, one in rows if one.fitted > WORSE * (getattr(one, rival) or math.inf)]
-            doubt = f"; {_FEEDBACK}" if by is By.PREDICTION and max(worse, default=1) > 1 else ""
+            remark = f"; {_FEEDBACK}" if by is By.PREDICTION and max(worse, default=1) > 1 else ""
             if worse:
                 ahead = ", ".join(map(str, worse))
-                yield f"{output} is predicted worse {than}, {ahead} samples ahead, in {rows_of}{doubt}"
+                yield f"{output} is predicted worse {than}, {ahead} samples ahead, in {rows_of}{remark}"
 
 
 def _step(model: Model, observer: str | None, dt: float, noise: tuple[Mapping[str, float], ...]) -> CallableStep:
-    """Return the step of an observer by name, else the model's own, else one that takes any plant, with the noise that
-    was fitted where there is some, at the period of a record."""
-    own = model.has("step") or model.tuning.tables
+    """Return the step of the named observer, else the model's own, else a `riccati` with the fitted noise, at the
+    period of a log."""
+    has_tuning = model.has("step") or model.tuning.tables
     model = model.sampled(dt)
-    if own or observer is not None:
+    if has_tuning or observer is not None:
         return model.step(observer)
     process, sample = noise
     if not process:
@@ -340,14 +343,14 @@ def _step(model: Model, observer: str | None, dt: float, noise: tuple[Mapping[st
 
 
 def _without_offset(result: Fit) -> Iterator[str]:
-    """Yield what to do about an offset in the commands that follow, whose observers know of none."""
+    """Yield how to remove an offset in later commands, whose observers do not model it."""
     for one in (each for each in result.offsets if math.isfinite(each.deviation)):
-        taken = f"'{one.name}=[COLUMN] - ({one.value:.5g})'"
-        yield f"no observer knows the offset of {one.name}: tune and run take it off by --map {taken}, in its unit"
+        correction = f"'{one.name}=[COLUMN] - ({one.value:.5g})'"
+        yield f"no observer knows the offset of {one.name}: tune and run take it off by --map {correction}, in its unit"
 
 
 def fit_tables(result: Fit, notes: Iterable[str]) -> RenderableType:
-    """Fitted parameters, how well the outputs are followed, and what that is worth; `notes` on the records."""
+    """Return the tables of the fitted parameters and of the residuals, and the notes; `notes` are those on the logs."""
     parts = headed("fitted parameters", "name", "value", "standard error", "before", "unit", numbers=4)
     for one in result.parameters:
         spread = "at its end" if one.at else _spread(one.deviation)

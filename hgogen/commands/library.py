@@ -1,14 +1,15 @@
-"""A library run: many models from one JSON file, each answered in a process of its own.
+"""A library run: many models of one JSON file, each answered in a worker process.
 
-IN is {"models": [model, ..]} as `reading.entry` reads them; OUT is one object from name to `LibraryAnswer`.
+The input is {"models": [model, ..]} as `reading.entry` reads them; the output is one object from name to
+`LibraryAnswer`.
 
-What is asked of a model is a table from question to fields, cheap ones first. Each answer is proved, or generic as its
-definition says, or None, which means no answer. Without boxes the forms speak of structure only.
+The questions about a model are a table from question to fields, cheap ones first. Each answer is proved, or generic as
+its definition says, or None for no answer. Without boxes only the structure of forms is checked.
 
-A worker is one process with one pipe. It says ("ready", ..), is handed a task, sends its results as they are found and
-is ready again; one that is past its time, or that has died, is replaced: a crash costs one task. Its time is that of
-the processor, so that a busy machine takes none of it; one that sleeps is ended by the clock. A system without such
-timers has the clock alone.
+A worker is one process with one pipe. It sends ("ready", ..), receives a task, sends its results as they are found and
+is ready again. A worker that exceeds its time or has died is replaced, so that a crash costs one task. The limit is
+processor time, which a busy machine does not consume; a sleeping worker is ended by wall-clock time. Systems without
+such timers use the wall clock alone.
 """
 
 import dataclasses
@@ -44,9 +45,9 @@ from hgogen.rigor.singular import doubtful, one_sided, parts
 from hgogen.rigor.slope import lipschitz_bound
 from hgogen.sentence import Encoded
 
-BYTES = 1 << 28  # of a library
+BYTES = 1 << 28  # largest size of a library
 LIMIT = 10.0  # seconds of the processor for each model
-_MANY = 30  # states, from where on what is dear may take seconds
+_MANY = 30  # states, above which costly questions may take seconds
 _SLOW = ("observability", "singular set")
 Answer = tuple[str, Any]
 
@@ -105,7 +106,7 @@ class BadLibrary(HgogenError):
 
 
 def read(path: Path) -> list[tuple[str, Any]]:
-    """The models of a file, each with the name that its answer has.
+    """Return the models of a file, each with the name of its answer.
 
     Raises: `BadLibrary`.
     """
@@ -128,9 +129,9 @@ def read(path: Path) -> list[tuple[str, Any]]:
 def check(
     models: list[tuple[str, Any]], *, limit: float = LIMIT, tick: Callable[[], None] = lambda: None
 ) -> dict[str, dict[str, Any]]:
-    """The answers by name, in the models' order; `tick` is called after each.
+    """Return the answers by name, in the models' order; `tick` is called after each.
 
-    Args: `limit`: seconds of the processor for each model; what was found until then is kept.
+    Args: `limit`: seconds of the processor for each model; answers found until then are kept.
     """
     names = [name for name, _ in models]
     whole: dict[str, dict[str, Any]] = {name: dict.fromkeys(FIELDS) for name in names}
@@ -162,7 +163,7 @@ def check(
 
 
 def _answered(model: Any) -> Iterator[tuple[str, Any]]:
-    """Yield the answers to a model, as a worker does."""
+    """Yield the answers to a model; run by a worker."""
     try:
         one = entry(model)
     except HgogenError as error:
@@ -175,13 +176,13 @@ def _answered(model: Any) -> Iterator[tuple[str, Any]]:
 
 
 def answers(entry: Entry) -> Iterator[Answer]:
-    """Pairs of field and value, as they are found; a field may come again, more complete.
+    """Yield pairs of field and value, as they are found; a field may be repeated with a more complete value.
 
-    A text of the model that cannot be read gives ("error", sentence); a question that fails, in whatever way, gives
-    ("note", sentence), and the next one is asked.
+    A text of the model that cannot be read gives ("error", sentence). A question that fails in any way gives ("note",
+    sentence), and the next one is asked.
     """
     forms, many = _Forms(entry), len(entry.states) > _MANY
-    # of many states, the questions that may take all the time there is come last
+    # with many states, the questions that may use up the time limit are last
     for what, question in sorted(_QUESTIONS.items(), key=lambda row: many and row[0] in _SLOW):
         try:
             yield from question(forms)
@@ -191,7 +192,7 @@ def answers(entry: Entry) -> Iterator[Answer]:
 
 @dataclass(frozen=True)
 class _Forms:
-    """The chains of a model and the signs of their slopes, found once: the forms share them."""
+    """The chains of integrators of a model and the signs of their gains, computed once for all forms."""
 
     entry: Entry
     signs: dict[sp.Expr, bool | None] = dataclasses.field(default_factory=dict)
@@ -212,32 +213,32 @@ class _Forms:
 
     @cached_property
     def measured(self) -> Shape | None:
-        """The narrowest of the shapes with a gain that the one chain is proved to have."""
+        """The first shape, CONSTANT or MEASURED, that the only chain is proved to have; None without one."""
         shapes = (Shape.CONSTANT, Shape.MEASURED)
         return next((shape for shape in shapes if self.single and self.chains.answer(shape)[0]), None)
 
     @cached_property
-    def bent(self) -> bool | None:
-        """Whether every row's slope in its next state, and every output's in its first, keeps off zero on the box; None
-        where a row may jump in that state, or have no value, which its slope does not see."""
+    def regular_slopes(self) -> bool | None:
+        """Whether every row's partial derivative in its next state, and every output's in its first, is nonzero on the
+        box. None if a row may jump in that state or be undefined, which the derivative does not show."""
         links = [link for chain in self.chains.links for link in chain]
         regular = _signed((link.gain if link.affine else link.slope for link in links), self)
         if not regular:
             return regular if self.entry.boxed else None
         for link in links:
-            own = (part for part in parts(link.row) if part.has(link.state))
-            if link.jumps or doubtful(own, self.entry.outer):  # as the poles of atan(tan x), of slope 1
+            parts_in_state = (part for part in parts(link.row) if part.has(link.state))
+            if link.jumps or doubtful(parts_in_state, self.entry.outer):  # as the poles of atan(tan x), of slope 1
                 return None
         return True
 
     @cached_property
     def gains(self) -> tuple[sp.Expr, ...]:
-        """a_1 .. a_(n-1), z_i' = a_i z_(i+1) + b_i."""
+        """The gains a_1 .. a_(n-1) of z_i' = a_i z_(i+1) + b_i."""
         return tuple(link.gain for link in self.chains.links[0][1:])
 
     @cached_property
-    def rests(self) -> tuple[sp.Expr, ...]:
-        """b_1 .. b_n."""
+    def remainders(self) -> tuple[sp.Expr, ...]:
+        """The terms b_1 .. b_n of the same equations."""
         links = self.chains.links[0]
         return (*(link.offset for link in links[1:]), self.rows.rate(links[-1].state))
 
@@ -272,20 +273,20 @@ def _triangular(forms: _Forms) -> Iterator[Answer]:
 
 
 def _pure(chains: Chains, forms: _Forms) -> bool:
-    """Return whether each output is proved to be c(u) z_1, with nothing beside it, and c keeps off zero."""
+    """Return whether each output is proved to be c(u) z_1 alone, with c nonzero."""
     heads = [links[0] for links in chains.links]
     plain = all(is_zero(head.offset, forms.rows.box) for head in heads)
     return plain and _regular([head.gain for head in heads], forms) is True
 
 
 def _regular(slopes: Iterable[sp.Expr], forms: _Forms) -> bool | None:
-    """Return whether all slopes keep off zero on the closed box; True without boxes, where only structure is asked."""
+    """Return whether all slopes are nonzero on the closed box; True without boxes, where only the structure is
+    checked."""
     return _signed(slopes, forms) if forms.entry.boxed else True
 
 
 def _signed(slopes: Iterable[sp.Expr], forms: _Forms) -> bool | None:
-    """Return whether all slopes keep off zero, whatever the value of a symbol without a range; False by a witness
-    only."""
+    """Return whether all slopes are nonzero for every value of a symbol without a range; False only by a witness."""
     answers = []
     for slope in slopes:
         if slope not in forms.signs:
@@ -301,7 +302,7 @@ def _sign(slope: sp.Expr, entry: Entry) -> bool | None:
     if outside is not Verdict.REFUTED or entry.inner is None or not entry.declared(slope):
         return None
     if nonzero(sp.cancel(slope), entry.outer).verdict is Verdict.PROVED:
-        return None  # a hole that can be filled: it may be read either way
+        return None  # a removable singularity, which can be read either way
     inside = nonzero(slope, entry.inner)
     if inside.verdict is not Verdict.REFUTED or _endless(slope, inside):
         return None
@@ -309,8 +310,8 @@ def _sign(slope: sp.Expr, entry: Entry) -> bool | None:
 
 
 def _endless(slope: sp.Expr, sign: Sign) -> bool:
-    """Return whether it is refuted for not being finite at a point only: of one sign, and not zero, as far as is
-    seen."""
+    """Return whether a sign is refuted only because the slope is not finite at a point, and it has one sign as far as
+    its range shows."""
     least, most = sign.range.least, sign.range.most
     crosses = least is not None and most is not None and least.value < 0 < most.value
     at = {s: sp.Rational(value) for s, value in sign.witness.items()}
@@ -319,7 +320,7 @@ def _endless(slope: sp.Expr, sign: Sign) -> bool:
 
 def _uniform(forms: _Forms) -> Iterator[Answer]:
     if forms.single and forms.chains.answer(Shape.UNIFORM)[0]:
-        yield "uof", forms.bent
+        yield "uof", forms.regular_slopes
 
 
 def _ranges(forms: _Forms) -> Iterator[Answer]:
@@ -329,7 +330,7 @@ def _ranges(forms: _Forms) -> Iterator[Answer]:
 
 
 def _magnitude(gain: sp.Expr, entry: Entry) -> list[float] | None:
-    """The range of |a|; its lower end is positive where a is proved to keep off zero."""
+    """Return the range of |a|; its lower end is positive if a is proved to be nonzero."""
     enclosure, sign = bound(gain, entry.outer), nonzero(gain, entry.outer)
     if not enclosure.finite:
         return None
@@ -348,12 +349,12 @@ def _several(forms: _Forms) -> Iterator[Answer]:
     for field, make in shapes.items():
         chains = make()
         answer, _ = chains.answer(Shape.CONSTANT)
-        if answer:  # whether a gain may vanish is not said: None where one does
+        if answer:  # None if a gain may vanish
             gains = [link.gain for links in chains.links for link in links[1:]]
             answer = True if _pure(chains, forms) and _regular(gains, forms) else None
         yield field, answer
     answer, _ = forms.chains.answer(Shape.UNIFORM)
-    yield "mimo_uof", forms.bent if answer else answer
+    yield "mimo_uof", forms.regular_slopes if answer else answer
 
 
 def _gauthier_bornard(forms: _Forms) -> Iterator[Answer]:
@@ -363,8 +364,8 @@ def _gauthier_bornard(forms: _Forms) -> Iterator[Answer]:
 
 
 def _bounds(forms: _Forms) -> Iterator[Answer]:
-    """Yield one query after the other; null where no finite range is proved, a note where it has not a value
-    everywhere, the sentence where it cannot be read."""
+    """Yield the ranges of the queries one after the other. A range is null if none is proved finite. A note names a
+    query that is undefined somewhere, an error one that cannot be parsed."""
     e, faults = forms.entry, []
     ranges: list[list[float] | None] = [None] * len(e.queries)
     for k, text in enumerate(e.queries):
@@ -390,19 +391,19 @@ def _singular(forms: _Forms) -> Iterator[Answer]:
 def _lipschitz(forms: _Forms) -> Iterator[Answer]:
     e = forms.entry
     if forms.measured and e.boxed:
-        answer = _is_lipschitz(forms.rests, e)
+        answer = _is_lipschitz(forms.remainders, e)
         if answer and doubtful((*e.flow, *e.output), e.outer):
-            answer = None  # a part of the model is not shown to have a value on the box
+            answer = None  # a part of the model may be undefined on the box
         yield "lipschitz", answer
 
 
-def _is_lipschitz(rests: Sequence[sp.Expr], entry: Entry) -> bool | None:
-    outside = lipschitz_bound(rests, entry.states, entry.outer, relative=1.0).verdict
+def _is_lipschitz(remainders: Sequence[sp.Expr], entry: Entry) -> bool | None:
+    outside = lipschitz_bound(remainders, entry.states, entry.outer, relative=1.0).verdict
     if outside is Verdict.PROVED:
         return True
-    if outside is not Verdict.REFUTED or entry.inner is None or not all(map(entry.declared, rests)):
+    if outside is not Verdict.REFUTED or entry.inner is None or not all(map(entry.declared, remainders)):
         return None
-    return False if lipschitz_bound(rests, entry.states, entry.inner).verdict is Verdict.REFUTED else None
+    return False if lipschitz_bound(remainders, entry.states, entry.inner).verdict is Verdict.REFUTED else None
 
 
 _QUESTIONS: dict[str, Callable[[_Forms], Iterator[Answer]]] = {
@@ -420,8 +421,8 @@ _QUESTIONS: dict[str, Callable[[_Forms], Iterator[Answer]]] = {
 
 
 MEMORY = 4 << 30  # bytes of address space of one worker
-_OVER = getattr(signal, "SIGPROF", None)  # by which a system ends a process that has used its time of the processor
-_ON_THE_CLOCK = 10 if _OVER else 1  # times as long by the clock
+_OVER = getattr(signal, "SIGPROF", None)  # the signal that ends a process after its processor time
+_ON_THE_CLOCK = 10 if _OVER else 1  # limit by the wall clock over that of the processor
 Work = Callable[[Any], Iterable[Any]]
 
 
@@ -435,7 +436,7 @@ class End(Enum):
 
 @dataclass(frozen=True)
 class Event:
-    """Something about the task of number `task`: one of its results, or its end (then `result` is None)."""
+    """A result of the task of number `task`, or its end (then `result` is None)."""
 
     task: int
     result: Any
@@ -444,7 +445,7 @@ class Event:
 
 @dataclass(frozen=True, eq=False)
 class _Worker:
-    """A process, the pipe to it, the number of its task (None: not ready) and when it is past its time."""
+    """A worker process, its pipe, the number of its task (None: not ready) and its deadline."""
 
     process: BaseProcess
     pipe: Connection
@@ -453,16 +454,16 @@ class _Worker:
 
 
 def run(work: Work, tasks: Sequence[Any], *, limit: float, processes: int | None = None) -> Iterator[Event]:
-    """The results of `work(task)` for each task, as they come, in no order; each task ends with one `Event.end`.
+    """Yield the results of `work(task)` for each task, as they come, in no order; each task ends with one `Event.end`.
 
-    Args: `work`: a function of a module, whose results can be pickled; `limit`: seconds of the processor for each
-    task, and ten times as many by the clock; `processes`: by default one for each core.
+    Args: `work`: a function of a module, whose results can be pickled; `limit`: seconds of the processor for each task,
+    and ten times as many by the clock; `processes`: by default one for each core.
     """
     methods = multiprocessing.get_all_start_methods()
     context = multiprocessing.get_context("forkserver" if "forkserver" in methods else "spawn")
     if "forkserver" in methods:
         context.set_forkserver_preload(["__main__", work.__module__])
-    left = iter(range(len(tasks)))
+    unassigned = iter(range(len(tasks)))
     cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
     workers = [_start(context, work, limit) for _ in range(min(processes or cores, len(tasks)))]
     try:
@@ -472,13 +473,13 @@ def run(work: Work, tasks: Sequence[Any], *, limit: float, processes: int | None
             ready, now = wait([worker.pipe for worker in workers], seconds), monotonic()
             for worker in [one for one in workers if one.pipe in ready or one.deadline <= now]:
                 workers.remove(worker)
-                events, following = _heard(worker, left, tasks, limit)
+                events, following = _receive(worker, unassigned, tasks, limit)
                 if following:
                     workers.append(following)
                 elif events and events[-1].end in (End.LATE, End.CRASHED):
                     workers.append(_start(context, work, limit))
                 yield from events
-        yield from (Event(task, None, End.CRASHED) for task in left)  # where no process comes up
+        yield from (Event(task, None, End.CRASHED) for task in unassigned)  # if no process starts
     finally:
         for worker in workers:
             _end(worker)
@@ -493,9 +494,9 @@ def _start(context: Any, work: Work, limit: float) -> _Worker:
 
 
 def _serve(pipe: Connection, work: Work, limit: float) -> None:
-    """The worker's side; a Ctrl-C is for the process that started it, which ends it."""
+    """Serve tasks in the worker process. It ignores Ctrl-C, since its parent ends it."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    with suppress(ImportError):  # of a system without limits
+    with suppress(ImportError):  # a system without limits
         import resource
 
         _, hard = resource.getrlimit(resource.RLIMIT_AS)
@@ -510,10 +511,10 @@ def _serve(pipe: Connection, work: Work, limit: float) -> None:
             pipe.send(("result", result))
 
 
-def _heard(
-    worker: _Worker, left: Iterator[int], tasks: Sequence[Any], limit: float
+def _receive(
+    worker: _Worker, unassigned: Iterator[int], tasks: Sequence[Any], limit: float
 ) -> tuple[list[Event], _Worker | None]:
-    """Return what a worker says, and the worker as it goes on; None where it is at its end."""
+    """Receive a worker's messages and hand it the next task. Return the events and the worker, None if it has ended."""
     events: list[Event] = []
     try:
         while worker.pipe.poll():
@@ -523,7 +524,7 @@ def _heard(
                 continue
             if worker.task is not None:
                 events.append(Event(worker.task, None, End.DONE))
-            task = next(left, None)
+            task = next(unassigned, None)
             if task is None:
                 _end(worker)
                 return events, None

@@ -1,7 +1,7 @@
-"""The commands that make no observer: `list`, `new` and `schema`, what there is of each kind, a model file to begin
-with, and keys of JSON; and `recheck`, a certificate verified again.
+"""The commands that make no observer: `list`, `new` and `schema`, for the cases of each kind, a new model file and the
+keys of JSON; and `recheck`, which verifies a certificate again.
 
-Nothing of what is listed is imported, nor is what computes.
+The listed cases are not imported, nor are the modules that compute.
 """
 
 from collections.abc import Iterator
@@ -15,7 +15,7 @@ from rich.text import Text
 
 from hgogen.commands.app import command_of, known
 from hgogen.commands.command import Report, command, meanings
-from hgogen.commands.output import Folder, Written, headed, show
+from hgogen.commands.output import Folder, Written, headed, print_result
 from hgogen.modelfiles.place import available, new_model
 from hgogen.modelfiles.place import summary as meaning
 from hgogen.modelfiles.setting import demand_known
@@ -39,7 +39,7 @@ class Inventory(Report):
     summaries: Annotated[dict[str, dict[str, str]], "of each kind, what each is in one line"]
 
     def tables(self) -> Iterator[Any]:
-        """A row for each."""
+        """Yield a row for each case."""
         table = headed("", "", "", "")
         for kind, each in self.summaries.items():
             for k, (name, text) in enumerate((each or {"none": ""}).items()):
@@ -94,7 +94,7 @@ def schema_(
         for one in meanings(report):
             kind = f"{one.kind}, or left out" if one.optional else one.kind
             table.add_row(Text("  " * one.depth + one.name), Text(kind), Text(one.text))
-        show(False, None, table, "")
+        print_result(False, None, table, "")
 
 
 _COLOURS = {"verified": "green", "fails": "red"}
@@ -122,7 +122,7 @@ class Verification(Report):
         return bool(self.outcome.verified and not self.outcome.failed)
 
     def tables(self) -> Iterator[Any]:
-        """A row for each claim."""
+        """Yield a row for each claim."""
         outcome = self.outcome
         of = f", {outcome.observer} observer" if outcome.observer else ""
         head = f"{outcome.plant}, {outcome.form} form{of}"
@@ -136,7 +136,7 @@ class Verification(Report):
         yield Group(table, "", *map(Text, lines))
 
     def demand(self) -> None:
-        """Raise what ends the command where a claim fails, or none is verified."""
+        """Raise an error if a claim fails or none is verified."""
         self.outcome.demand()
 
 

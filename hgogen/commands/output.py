@@ -1,5 +1,5 @@
-"""The output of a command: a standard output for results alone, tables, a progress bar, the files of a folder, and a
-Ctrl-C that is told from a model's own KeyboardInterrupt.
+"""The output of a command: results on the standard output, tables, a progress bar, the files of a folder, and Ctrl-C,
+which differs from a KeyboardInterrupt that a model raises.
 """
 
 import io
@@ -31,25 +31,26 @@ if TYPE_CHECKING:  # which takes a second to import
 
 Written = Annotated[tuple[Path, ...], "paths of the files written"]
 Reported = TypeVar("Reported", bound=Encoded)
-_NARROW = 10  # characters, at which words over a column of numbers begin a new line
+_NARROW = 10  # characters, the width at which headers of number columns are wrapped
 
 
-def show(as_json: bool, value: Any, *shown: Any) -> None:
-    """Print a result: as JSON alone, or as tables."""
+def print_result(as_json: bool, value: Any, *tables: Any) -> None:
+    """Print a result as JSON alone, or as tables."""
     if as_json:
         print(json_text(value), file=results())
         return
-    for part in shown:
+    for part in tables:
         console().print(part, crop=False)  # a line of code, or a path, stays whole
 
 
 def json_text(value: Any, indent: int = 2) -> str:
-    """The text of a value in JSON, as `encoded` makes it."""
+    """Return a value as JSON text, by `encoded`."""
     return json.dumps(encoded(value), indent=indent, allow_nan=False)
 
 
 def headed(title: str, *columns: str, numbers: int = 0, rows: Iterable[Iterable[RenderableType]] = ()) -> Table:
-    """A table whose last `numbers` columns are flushed right, and never broken, as the text before them may be."""
+    """Return a table whose last `numbers` columns are right-aligned and never broken; the text columns before them may
+    be."""
     table = Table(
         title=title, box=None, pad_edge=False, padding=(0, 2, 0, 0), min_width=min(len(title), console().width)
     )
@@ -64,17 +65,17 @@ def headed(title: str, *columns: str, numbers: int = 0, rows: Iterable[Iterable[
 
 
 def filled(table: Table) -> list[RenderableType]:
-    """A table and a line under it; nothing of one without rows."""
+    """Return a table and an empty line; nothing for a table without rows."""
     return [table, ""] if table.row_count else []
 
 
 def file_list(paths: Iterable[Any]) -> RenderableType:
-    """The files written."""
+    """Return the list of the written files."""
     return Group(Text("files", style="bold"), *(Text(f"  {path}", no_wrap=True, overflow="ignore") for path in paths))
 
 
 class Bar(Progress):
-    """A progress bar on the standard error stream, if that is a terminal; `total`: None where nobody knows it."""
+    """A progress bar on the standard error stream, if that is a terminal; `total`: None if unknown."""
 
     def __init__(self, what: str, total: int | None) -> None:
         err = Console(stderr=True)
@@ -83,16 +84,16 @@ class Bar(Progress):
         self._only = self.add_task(what, total=total)
 
     def tick(self, following: str | None = None, done: int = 1) -> None:
-        """Count so many more as done; what comes next may have a name of its own."""
+        """Count `done` more steps as done; `following` is the name of the next stage."""
         self.update(self._only, advance=done, description=following)
 
     def reach(self, done: int) -> None:
-        """So many are done."""
+        """Set the number of steps done."""
         self.update(self._only, completed=done)
 
 
 def rendered(drawn: Mapping[str, Any]) -> dict[str, bytes]:
-    """The files of figures by name, made with a progress bar."""
+    """Return the files of figures by name, drawn with a progress bar."""
     from hgogen.run import figures as figure
 
     files: dict[str, bytes] = {}
@@ -105,21 +106,22 @@ def rendered(drawn: Mapping[str, Any]) -> dict[str, bytes]:
 
 @dataclass(frozen=True)
 class Folder:
-    """The place of a command's results: the folder that the user named, by default `build`, and the one `below` it."""
+    """The folder of a command's results: `root`, which the user named, by default `build`, and the folder `below`
+    it."""
 
     root: Path
     below: str = ""
 
     def demand(self, *names: str) -> list[Path]:
-        """The paths of files of these names. Raises: `CannotWrite` where they cannot be written."""
+        """Return the paths of files of these names. Raises: `CannotWrite` if they cannot be written."""
         return demand(map(self._within, names), self.root)
 
     def write(self, files: Mapping[str, str | bytes]) -> list[Path]:
-        """Write all files by name, or none; returns their paths. Raises: `CannotWrite`."""
+        """Write all files by name, or none, and return their paths. Raises: `CannotWrite`."""
         return write({self._within(name): content for name, content in files.items()}, self.root)
 
     def remove(self, name: str) -> None:
-        """Remove a file, if it is there. Raises: `CannotWrite`."""
+        """Remove a file if it exists. Raises: `CannotWrite`."""
         remove(self._within(name), self.root)
 
     def save(
@@ -129,9 +131,8 @@ class Folder:
         files: Mapping[str, str | bytes] = MappingProxyType({}),
         more: Iterable[Path] = (),
     ) -> Reported:
-        """Write files, and the report as JSON by that name, with the paths of all and of `more` in its `files`; returns
-        it. Raises: `CannotWrite`.
-        """
+        """Write files, and the report as JSON named `name`. Return the report, whose `files` are all these paths and
+        `more`. Raises: `CannotWrite`."""
         paths = (*self.demand(*files, name), *more)
         complete: Reported = replace(report, files=paths)  # type: ignore[type-var]
         self.write({**files, name: json_text(complete) + "\n"})
@@ -142,35 +143,35 @@ class Folder:
 
 
 def folder_of(out: Path | None, model: "Model", observer: str | None = None) -> Folder:
-    """The folder --out, by default build/MODEL, or build/MODEL_OBSERVER of a tuning that is asked for."""
+    """Return the folder --out, by default build/MODEL, or build/MODEL_OBSERVER for a given tuning."""
     return Folder(Path("build"), named(model, observer)) if out is None else Folder(out)
 
 
 def named(model: "Model", observer: str | None) -> str:
-    """The name of the folder of results: that of the model, and of the tuning where one is asked for."""
+    """Return the name of the folder of results: the model's, followed by the tuning's if one is given."""
     return f"{model.name}_{observer}" if observer else model.name
 
 
 def refusals_table(refused: Mapping[str, str], title: str = "without gains") -> list[RenderableType]:
-    """Why observers have no gains, or no step, if any."""
+    """Return the table of why observers have no gains or no step; empty if all have."""
     return filled(headed(title, "observer", "why", rows=((name, Text(why)) for name, why in refused.items())))
 
 
 def cell(value: float | None) -> str:
-    """A number; empty where there is none."""
+    """Return a number as text; empty for None and NaN."""
     return "" if value is None or math.isnan(value) else f"{value:.4g}"
 
 
-WIDTH = 110  # of what is not a terminal, unless COLUMNS says otherwise
+WIDTH = 110  # characters, if the output is no terminal and COLUMNS is not set
 INTERRUPTED = 130  # the exit status after Ctrl-C, as a shell gives it: 128 + SIGINT
-UNREAD = 141  # where the reader of the output is gone: 128 + SIGPIPE
+UNREAD = 141  # the exit status if the reader of the output has closed it: 128 + SIGPIPE
 _RESULTS: ContextVar[TextIO | None] = ContextVar("results", default=None)
-_heard: list[int] = []
+_interrupts: list[int] = []
 _unread: list[int] = []
 
 
 class _Results(io.FileIO):
-    """A standard output that remembers that its reader is gone."""
+    """A standard output that records that its reader has closed it."""
 
     def write(self, data: Any) -> int:
         try:
@@ -181,87 +182,87 @@ class _Results(io.FileIO):
 
 
 def note(*sentences: str) -> None:
-    """Say something on the standard error stream, each sentence in a line of its own."""
+    """Print each sentence in a line of its own on the standard error stream."""
     for sentence in sentences:
         print(f"hgogen: {printable(sentence)}", file=sys.stderr)
 
 
 def printable(text: str) -> str:
-    """A text in which what a terminal obeys and does not show, as of a file of somebody else, is written out."""
+    """Return the text with control characters escaped, as in a file from somebody else."""
     return "".join(c if c.isprintable() or c in "\n\t\xa0" else repr(c)[1:-1] for c in text)
 
 
 def listen() -> None:
-    """Let Ctrl-C raise KeyboardInterrupt, in the process of a command; before, it ends it at once."""
+    """Let Ctrl-C raise KeyboardInterrupt in the process of a command; before that it ends the process."""
     if signal.getsignal(signal.SIGINT) is signal.SIG_DFL:
         signal.signal(signal.SIGINT, _interrupt)
 
 
 def _interrupt(number: int, frame: Any) -> None:
-    _heard.append(number)
+    _interrupts.append(number)
     raise KeyboardInterrupt
 
 
 def interrupted() -> bool:
     """Return whether there was a Ctrl-C."""
-    return bool(_heard)
+    return bool(_interrupts)
 
 
 @contextmanager
 def interruptible() -> Iterator[None]:
-    """Within it, an error after a Ctrl-C is that Ctrl-C: of what a handler raises within its calls, CasADi makes errors
-    of its own."""
-    before = len(_heard)
+    """Turn an error in the body after a Ctrl-C into KeyboardInterrupt: CasADi replaces a handler's exception by its
+    own."""
+    before = len(_interrupts)
     try:
         yield
     except Exception as error:
-        if len(_heard) > before:
+        if len(_interrupts) > before:
             raise KeyboardInterrupt from error
         raise
 
 
 def set_apart() -> None:
-    """Let descriptor 1 be another name of descriptor 2, and `sys.stdout` write to where descriptor 1 led."""
-    if sys.stdout is None:  # it is closed, and no file is to take its number
+    """Redirect descriptor 1 to descriptor 2, and let `sys.stdout` write to the former target of descriptor 1."""
+    if sys.stdout is None:  # it is closed; no file may take its number
         sys.stdout = io.TextIOWrapper(io.FileIO(os.open(os.devnull, os.O_WRONLY), "w"))
     try:
         ours = os.dup(1)
         os.dup2(os.open(os.devnull, os.O_WRONLY) if sys.stderr is None else 2, 1)
-    except OSError:  # there is none, as under a service
+    except OSError:  # no descriptor 1, as under a service
         return
     raw = io.BufferedWriter(_Results(ours, "w"))
     sys.stdout = io.TextIOWrapper(raw, sys.stdout.encoding, "backslashreplace", line_buffering=raw.isatty())
 
 
 def dropped() -> int:
-    """Drop what is left to print, since nobody reads it; returns the exit status."""
+    """Discard the remaining output, which nobody reads, and return the exit status."""
     os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
     return UNREAD
 
 
 def flushed(status: object) -> object:
-    """The exit status after the last of the output."""
-    if _unread:  # as of the help, which is printed, and ended, by typer
+    """Flush the output and return the exit status."""
+    if _unread:  # as with the help, which typer prints
         return dropped()
     try:
         if sys.stdout is not None:
             sys.stdout.flush()
     except BrokenPipeError:
         return dropped()
-    except OSError:  # as of a full disk, which was told where it was met
+    except OSError:  # as with a full disk, which was reported already
         dropped()
         return status or 2
     return status
 
 
 def results() -> TextIO:
-    """The stream of a command's results: what `sys.stdout` was when it began."""
+    """Return the stream of a command's results: `sys.stdout` as it was when the command began."""
     return _RESULTS.get() or sys.stdout
 
 
 @contextmanager
 def printing() -> Iterator[None]:
-    """Within it, what is printed goes to the standard error stream, and `results` is where `sys.stdout` led."""
+    """Redirect print to the standard error stream in the body; `results` returns the former `sys.stdout`."""
     token = _RESULTS.set(sys.stdout)
     try:
         with redirect_stdout(sys.stderr):
@@ -272,12 +273,12 @@ def printing() -> Iterator[None]:
 
 class _Output(Console):
     def on_broken_pipe(self) -> None:
-        """Leave it to the command."""
+        """Raise the error for the command to handle."""
         raise BrokenPipeError
 
 
 def console() -> Console:
-    """The console of the results."""
+    """Return the console of the results."""
     out = _Output(highlight=False, file=results())
     if not out.is_terminal and not os.environ.get("COLUMNS", "").isdigit():
         out.width = WIDTH

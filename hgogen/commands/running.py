@@ -1,4 +1,6 @@
-"""The commands `run`, `noise` and `window`: a measured record, what a quiet one says of noise, what windows show."""
+"""The commands `run`, `noise` and `window`: an observer on a measured log, the noise of a log at rest, and the
+observability of windows.
+"""
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
@@ -76,10 +78,10 @@ from hgogen.run.samples import Engine
 from hgogen.signal import Signal, derived
 
 Data = Annotated[Path, typer.Option("--data", help="The log, a CSV file with a header, a Parquet or a MAT file.")]
-ROUNDING = 1e-12  # of a time over a period
-PIECE = 10_000  # rows of CSV text at once, whose cells take some ten times as much memory as their text
+ROUNDING = 1e-12  # relative rounding of a time over a period
+PIECE = 10_000  # rows of CSV text at once; cells take about ten times the memory of their text
 _NAN = re.compile("nan")
-STAGES = 5  # of `run` until the figures, besides a sample ahead of each prediction
+STAGES = 5  # stages of `run` before the figures, besides one for each sample ahead
 
 
 @dataclass(frozen=True, eq=False)
@@ -95,13 +97,13 @@ class RecordRun(ModelReport):
     record: Record
     run: Run
     counted: int  # the first sample whose errors count
-    truth: Mapping[str, np.ndarray]  # the course of each state that was measured as well
+    truth: Mapping[str, np.ndarray]  # the measured course of each state of --truth
     initial: Annotated[dict[str, float], "states that the first samples or --initial give"]
     predictions: Annotated[tuple[Prediction, ...], "RMS errors of predictions, by output and samples ahead"]
     better: Annotated[Better | None, "another shift or sign of a signal with which predictions are clearly better"]
     rejected: Annotated[tuple[Rejection, ...], "outputs most of whose samples the observer rejects; exit status 1"]
     from_double: Annotated[tuple[Difference, ...], "with --real float, how far each state is from the run in double"]
-    doubts: tuple[tuple[str, ...], tuple[str, ...]]  # of the samples, and of horizons and shifts
+    doubts: tuple[tuple[str, ...], tuple[str, ...]]  # doubts about the samples; about horizons and shifts
     files: Written = ()
 
     @property
@@ -138,7 +140,7 @@ class RecordRun(ModelReport):
         return {name: count for name, count in counts.items() if count}
 
     def written(self, name: str) -> dict[str, str | bytes]:
-        """The estimates and innovations as CSV, and the figures, by the name of the record."""
+        """Return the estimates and innovations as CSV, and the figures, by file name; `name` is that of the log."""
         texts = {"estimates": _estimates(self.step, self.record, self.run)}
         texts |= {"innovations": _innovations(self.step, self.record, self.run)}
         drawn = rendered(self._figures(name))
@@ -157,7 +159,7 @@ class RecordRun(ModelReport):
         return drawn | ({f"{name}_theta": figures.adaptation(step, record.t, run.traces)} if run.traces else {})
 
     def tables(self) -> Iterator[Any]:
-        """The record, the status, predictions and innovations."""
+        """Yield the log, the status, predictions and innovations."""
         step = self.step
         yield log_summary(self.record.report, self.initial)
         yield status_table(step, self.status, len(self.record.t))
@@ -176,7 +178,7 @@ class RecordRun(ModelReport):
         yield consistency_table(self.sure, self.notes)
 
     def demand(self) -> None:
-        """Raise `MostlyRejected` where the observer rejects most samples of an output."""
+        """Raise `MostlyRejected` if the observer rejects most samples of an output."""
         if self.rejected:
             raise MostlyRejected(self.rejected)
 
@@ -235,7 +237,7 @@ def _over_record(
     shifts: Mapping[str, int],
     bar: Bar,
 ) -> RecordRun:
-    """The run of a step over a record, and what it says of both."""
+    """Run a step over a log and return the report on both."""
     u, samples = record.of(step.inputs), record.of(step.samples)
     y, engine = step.in_time(samples), engine_here()
     step, begins = _begun(step, y, initial)
@@ -256,44 +258,44 @@ def _over_record(
     more = [*too_far(ahead, [one.ahead for one in errors])]
     more += [other.sentence(shifts.get(other.signal, 0), record.operands[other.signal])] if other else []
     truth = {state: record.values[:, record.names.index(name)] for state, (name, _) in true.items()}
-    said = doubts, tuple(more)
-    return RecordRun(model.path, step, record, done, counted, truth, begins, errors, other, wrong, single, said)
+    messages = doubts, tuple(more)
+    return RecordRun(model.path, step, record, done, counted, truth, begins, errors, other, wrong, single, messages)
 
 
 def _judged(step: CallableStep, done: Run, u: np.ndarray, y: np.ndarray, engine: Engine) -> tuple[CallableStep, Run]:
-    """The step and its run by which the record is judged in the order of time: of a step for late samples that without
-    delays, with the estimates of the run."""
+    """Return the step and the run that judge the log in the order of time. A step for late samples is judged without
+    delays, with the estimates of its run."""
     if not step.ages:
         return step, done
     return step.undelayed, replace(done, status=step.undelayed.run(u=u, y=y, engine=engine).status)
 
 
 def _begun(step: CallableStep, y: np.ndarray, initial: str | None) -> tuple[CallableStep, dict[str, float]]:
-    """The step that starts there, and what it takes from the text or, by default, from the first samples of the
-    states that are outputs, within their ranges."""
+    """Return the step with its initial estimates, and these by state. They come from the text or, by default, from the
+    first samples of the outputs that are states, clipped to their ranges."""
     if initial is not None:
         values = numbers_by_name([initial], "--initial")
         return step.started(values), values
-    plant, shown = step.observer.form.system.declared, {}
+    plant, first_states = step.observer.form.system.declared, {}
     for output, column in zip(plant.output, y.T, strict=True):
         there = np.flatnonzero(np.isfinite(column))
         if output in plant.states and len(there):
             state = plant.states[plant.states.index(output)]
-            shown[state.name] = float(np.clip(column[there[0]], *state.interval))
-    return (step.started({**step.observer.initial, **shown}), shown) if shown else (step, {})
+            first_states[state.name] = float(np.clip(column[there[0]], *state.interval))
+    return (step.started({**step.observer.initial, **first_states}), first_states) if first_states else (step, {})
 
 
 def _counted(step: CallableStep, burn_in: float, samples: int) -> int:
-    """The first sample whose errors count. Raises: `typer.BadParameter`."""
+    """Return the first sample whose errors count. Raises: `typer.BadParameter`."""
     first = burn_in / step.dt * (1 - ROUNDING)
-    if not first <= samples - 2:  # not a number neither
+    if not first <= samples - 2:  # NaN is refused too
         reason = f"{burn_in:g} {step.time} leaves nothing of a record of {samples * step.dt:g} {step.time}"
         raise typer.BadParameter(reason, param_hint="--burn-in")
     return math.ceil(first)
 
 
 def _timed(model: Model, data: Path, columns: Columns) -> Model:
-    """The model, of one that says no period that of the record, to which starting gains are made."""
+    """Return the model; if it has no sampling period, with that of the log, for which starting gains are computed."""
     if model.has("step") or model.setting.dt is not None:
         return model
     clock = read(data, {}, dt=None, time=columns.time, period=columns.period, unit=model.plant.time)
@@ -326,17 +328,16 @@ def _record(
 
 
 def _estimates(step: CallableStep, record: Record, run: Run) -> str:
-    """The estimates as CSV text: time, what was measured, the estimated states, traces, status; empty where
-    missing."""
+    """Return the estimates as CSV text: time, outputs, estimated states, traces, status; empty where missing."""
     measured = [f"{s.name}_measured" if s.name in run.names else s.name for s in step.outputs]
     numbers = np.column_stack([record.t, record.of(step.outputs), run.x, *run.traces.values()])
     return _csv(["t", *measured, *run.names, *run.traces, "status"], numbers, run.status)
 
 
 def _innovations(step: CallableStep, record: Record, run: Run) -> str:
-    """Innovations of the outputs and their variances as CSV text, and the lower triangle of the estimate's covariance
-    by columns, P_i_j of states i and j; without variances of an observer that holds none."""
-    assert run.innovations is not None  # of a step
+    """Return the innovations and their variances as CSV text, and the lower triangle of the estimate's covariance by
+    columns, P_i_j of states i and j. An observer without a covariance has innovations alone."""
+    assert run.innovations is not None  # a step has innovations
     header, columns = ["t", *(f"e_{s.name}" for s in step.outputs)], [record.t, run.innovations]
     if run.variances is not None and run.covariance is not None:
         pairs = [(i, j) for j in range(len(run.names)) for i in range(j, len(run.names))]
@@ -346,7 +347,7 @@ def _innovations(step: CallableStep, record: Record, run: Run) -> str:
 
 
 def _csv(header: Sequence[str], numbers: np.ndarray, status: np.ndarray | None = None) -> str:
-    """Rows of numbers as CSV text, empty for NaN; a status behind each."""
+    """Return rows of numbers as CSV text, empty for NaN, each followed by its status."""
     stream = io.StringIO()
     csv.writer(stream, lineterminator="\n").writerow(header)
     cells = ",".join(["%.10g"] * numbers.shape[1])
@@ -361,7 +362,7 @@ def _csv(header: Sequence[str], numbers: np.ndarray, status: np.ndarray | None =
 
 
 @dataclass(frozen=True, eq=False)
-class QuietRecord(ModelReport):
+class NoiseReport(ModelReport):
     """The noise of a quiet part of a log."""
 
     json_keys = "model record=record.report noise"
@@ -371,7 +372,7 @@ class QuietRecord(ModelReport):
     unit: str
 
     def tables(self) -> Iterator[Any]:
-        """The record, and what it suggests."""
+        """Yield the log and the suggested values."""
         yield log_summary(self.record.report)
         for one in self.noise:
             rows = (
@@ -387,7 +388,7 @@ class QuietRecord(ModelReport):
             yield Group(table, *(Text(f"doubt: {note}", style="yellow") for note in one.notes), "")
 
 
-@command(QuietRecord)
+@command(NoiseReport)
 def noise_(
     model: ModelArgument,
     data: Data,
@@ -399,22 +400,22 @@ def noise_(
     ] = None,
     end: Annotated[float | None, typer.Option("--to", help="Where the quiet part ends, in the model's time.")] = None,
     window: Annotated[float | None, typer.Option(help="Window d, in the model's time; by default the model's.")] = None,
-) -> QuietRecord:
+) -> NoiseReport:
     """Suggest sigma, tau and the thresholds gamma_0, gamma_1 from a quiet record, in which the plant rests."""
     loaded = _timed(load(model).set(setting), data, columns)
     step = loaded.step(observer)
     d = innovation_window(loaded, "--window", observer) if window is None else window
     record = _record(step, data, columns, step.outputs)
-    quiet = within_interval(record.t, begin, end, step.time)
-    suggestions = (suggest(s.name, record.of([s])[quiet, 0], step.dt, d, step.time) for s in step.outputs)
-    return QuietRecord(loaded.path, record, tuple(suggestions), step.time)
+    selected = within_interval(record.t, begin, end, step.time)
+    suggestions = (suggest(s.name, record.of([s])[selected, 0], step.dt, d, step.time) for s in step.outputs)
+    return NoiseReport(loaded.path, record, tuple(suggestions), step.time)
 
 
 def innovation_window(model: Model, option: str, observer: str | None = None) -> float:
-    """The innovation's window d (s) in a tuning of a model, by default the first that has one; `option` is the
-    command's that gives another.
+    """Return the window d (s) of the innovation in a model's tuning, by default the first that has one; `option`: the
+    command-line option that sets another.
 
-    Raises: `MissingPart` if no adaptive theta is there, or no tuning of that name.
+    Raises: `MissingPart` if there is no adaptive theta, or no tuning of that name.
     """
     tuning = model.tuning if observer is None else model.tuned(observer)
     for name in tuning.tables if observer is None else (observer,):
@@ -436,7 +437,7 @@ class Windows(ModelReport):
     unit: str
 
     def tables(self) -> Iterator[Any]:
-        """A row for each window."""
+        """Yield a row for each window."""
         yield window_table(self.trial, self.windows, self.unit)
 
 
@@ -464,7 +465,7 @@ def window_(
 
 
 def predictions_table(each: Sequence[Prediction], dt: float, unit: str) -> RenderableType:
-    """RMS prediction errors."""
+    """Return the table of RMS prediction errors."""
     table = headed(
         "RMS prediction error of the measured outputs",
         *("output", "samples ahead", f"time ahead ({unit})", "from the estimate", "copying the last value"),
@@ -474,12 +475,12 @@ def predictions_table(each: Sequence[Prediction], dt: float, unit: str) -> Rende
         ahead = ("all, open loop", "") if one.ahead is None else (str(one.ahead), f"{one.ahead * dt:g}")
         table.add_row(one.output, *ahead, f"{one.model:.4g}", "" if one.copying is None else f"{one.copying:.4g}")
     lost = {one.output: one.rejected for one in each if one.rejected}
-    said = [f"{name}: {count} that the observer rejected, not compared" for name, count in lost.items()]
-    return Group(table, *map(Text, said), "")
+    lines = [f"{name}: {count} that the observer rejected, not compared" for name, count in lost.items()]
+    return Group(table, *map(Text, lines), "")
 
 
 def consistency_table(whole: Consistency, notes: Iterable[str]) -> RenderableType:
-    """Return whether innovations and errors are as large as the observer takes them to be, and white; `notes` on the
+    """Return the table of the innovations' size relative to their variance, and of their whiteness; `notes` on the
     run."""
     known = any(one.nis is not None for one in whole.outputs)
     says = "NIS is 1 where they are as large as the observer takes them to be; " if known else ""
@@ -506,7 +507,7 @@ def _band(ends: tuple[float, float] | None) -> str:
 
 
 def status_table(step: Step, counts: Mapping[str, int], samples: int) -> RenderableType:
-    """Return how often each status bit was raised, and what it asks for."""
+    """Return how often each status bit was raised, and what to do."""
     if not step.layout.bits:
         return Text("status: none, of a step without guards\n")
     raised = [bit for bit in step.layout.bits if counts.get(bit.name)]
@@ -518,7 +519,7 @@ def status_table(step: Step, counts: Mapping[str, int], samples: int) -> Rendera
 
 
 def window_table(trial: str, gramians: Iterable[Gramian], unit: str) -> RenderableType:
-    """Return what windows of several lengths show along a trial."""
+    """Return the table of the observability Gramians of windows along a trial."""
     names = (f"d ({unit})", "smallest eigenvalue", "median", "weakest direction", "its share")
     table = headed(f"what a window d shows along trial {trial}: its observability Gramian", *names)
     for one in gramians:

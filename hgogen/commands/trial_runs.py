@@ -1,6 +1,4 @@
-"""A model's trials over their seeds, campaigns of many runs of each step on each trial, and what commands print of
-them.
-"""
+"""A model's trials over their seeds, campaigns of many runs on each trial, and the tables of both."""
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -59,7 +57,7 @@ Tick = Callable[[], None]
 
 
 def trials_or_proposed(model: Model) -> tuple[Trial, ...]:
-    """The model's own, else one that is made of its ranges, and said. Raises: `NoTrial`, `MissingPart`."""
+    """Return the model's trials, else one proposed from its ranges, with a note. Raises: `NoTrial`, `MissingPart`."""
     if model.has("trial"):
         return model.trials()
     trial = proposed_trial(model.plant)
@@ -70,7 +68,8 @@ def trials_or_proposed(model: Model) -> tuple[Trial, ...]:
 
 
 def trials_of(model: Model, step: CallableStep) -> tuple[Trial, ...]:
-    """The trials of a model, each of which its step can be tried on. Raises: `NoTrial`, `MissingPart`, `BadTrial`."""
+    """Return a model's trials after checking that its step can run on each. Raises: `NoTrial`, `MissingPart`,
+    `BadTrial`."""
     known = trials_or_proposed(model)
     for trial in known:
         demand_trial(step.observer.form.system.declared, trial, step.dt)
@@ -84,7 +83,7 @@ class Tried:
     trial: Trial
     first: Trajectory
     each: Annotated[tuple[Metrics, ...], "the metrics of every seed"]
-    left: Annotated[tuple[Leaving, ...], "the plant's own states and inputs that leave their declared ranges"]
+    leaving: Annotated[tuple[Leaving, ...], "the plant's own states and inputs that leave their declared ranges"]
     acted: Annotated[Interventions, "when guards acted on the estimate"]
 
 
@@ -92,14 +91,14 @@ class Tried:
 class TrialRow:
     """A trial as JSON has it."""
 
-    json_keys = "*summary left=tried.left acted=tried.acted"
+    json_keys = "*summary left=tried.leaving acted=tried.acted"
 
     summary: Summary
     tried: Tried
 
 
 def tried(step: CallableStep, trial: Trial, engine: Engine, seeds: Sequence[int], tick: Tick) -> Tried:
-    """The step over a trial; `tick` is called after each seed."""
+    """Run the step over a trial; `tick` is called after each seed."""
     first: Trajectory | None = None
     each: list[Metrics] = []
     acted = Interventions(runs=0)
@@ -108,12 +107,12 @@ def tried(step: CallableStep, trial: Trial, engine: Engine, seeds: Sequence[int]
         each.append(metrics(step, trajectory))
         acted += interventions(step, trajectory.status, trajectory.truth.t)
         tick()
-    assert first is not None  # a trial without seeds has been refused
+    assert first is not None  # a trial without seeds was refused
     return Tried(trial, first, tuple(each), leaving_signals(step.observer.form.system, first), acted)
 
 
 def summaries(step: CallableStep, done: Sequence[Tried], engine: Engine, say: Callable[[str], None]) -> list[Summary]:
-    """Return all seeds of each trial in one, with the trial's alarm ratio; `say` is called with what is wrong."""
+    """Return the summary of each trial over its seeds, with its alarm ratio; `say` is called with each warning."""
     ratios = [(one, alarm_ratio(step, one.trial, engine, [m.seed for m in one.each])) for one in done]
     summed = [summary(one.trial, one.each, ratio, step.time) for one, ratio in ratios]
     guarded = (guards(one.trial.name, step.observer.name, one.acted, bool(one.trial.jumps), step.time) for one in done)
@@ -123,19 +122,19 @@ def summaries(step: CallableStep, done: Sequence[Tried], engine: Engine, say: Ca
 
 
 def departures(done: Iterable[Tried], unit: str) -> Iterator[str]:
-    """A sentence for each trial whose plant leaves its ranges."""
-    return chain.from_iterable(leaving_notes(one.trial.name, one.left, unit) for one in done)
+    """Yield a sentence for each trial whose plant leaves its ranges."""
+    return chain.from_iterable(leaving_notes(one.trial.name, one.leaving, unit) for one in done)
 
 
 def agreements(c: Iterable[Tried], python: Iterable[Tried], dt: float) -> tuple[Agreement, ...]:
-    """C against Python, on the first seed of each trial."""
+    """Return the comparison of C with Python on the first seed of each trial."""
     pairs = zip(c, python, strict=True)
     return tuple(agreement((a.first, a.each[0]), (b.first, b.each[0]), dt) for a, b in pairs)
 
 
 def trial_figures(step: CallableStep, done: Iterable[Tried], known: ErrorBound | None = None) -> dict[str, "Figure"]:
-    """The figures of each trial, by file name without ending: the states, what theta did, and where bounds of the
-    errors are `known` the errors with them."""
+    """Return the figures of each trial, by file name without ending: the states, theta, and the errors if their bounds
+    are `known`."""
     from hgogen.run import figures as figure
 
     drawn = {}
@@ -152,8 +151,8 @@ def trial_figures(step: CallableStep, done: Iterable[Tried], known: ErrorBound |
 
 
 def trials_table(each: Iterable[Summary], unit: str) -> RenderableType:
-    """Return what followed each event of each trial, over the seeds; `unit`, here and below: that of the model's
-    time."""
+    """Return the table of the reactions to each event of each trial, over the seeds; `unit`, here and below: that of
+    the model's time."""
     parts: list[RenderableType] = []
     for one in each:
         table = headed(
@@ -184,7 +183,7 @@ def trials_table(each: Iterable[Summary], unit: str) -> RenderableType:
 
 
 def bounds_table(each: Sequence[BoundedError]) -> RenderableType:
-    """The worst of each state's error beside its bound."""
+    """Return the table of the largest error of each state and its proved bound."""
     title = f"errors of the first seed, from {each[0].after:g} after each event on, beside what is proved of them"
     table = headed(title, "state", "worst seen", "proved", numbers=2)
     for one in each:
@@ -197,7 +196,7 @@ LANGUAGES = {"c": "C", "python": "Python"}
 
 
 def time_cell(value: float | None) -> str:
-    """A time; two decimals tell nothing of a short one."""
+    """Return a time as text; a short one with more than two decimals."""
     if value is None:
         return "never"
     return f"{value:g}" if abs(value) < 0.01 else f"{value:.2f}"
@@ -208,7 +207,7 @@ def _range(low: float, high: float) -> str:
 
 
 def agreement_table(each: Iterable[Agreement], unit: str) -> RenderableType:
-    """C against Python."""
+    """Return the table that compares C with Python."""
     table = headed(
         "C against Python, double precision, relative to each state's peak",
         *(
@@ -231,8 +230,8 @@ def agreement_table(each: Iterable[Agreement], unit: str) -> RenderableType:
     return Group(table, "")
 
 
-RUNS = 1000  # where nothing is said
-NAMED = 5  # lines that are left out
+RUNS = 1000  # runs of a campaign by default
+NAMED = 5  # invalid lines that are listed
 
 
 @dataclass(frozen=True, eq=False)
@@ -275,14 +274,14 @@ class CampaignRow:
         return None if self.repeat is None else self.tally.last
 
     def notes(self) -> Iterator[str]:
-        """Yield what is wrong with runs."""
+        """Yield the failures of runs."""
         if self.tally.failure:
             share = f"{self.tally.failed} of {len(self.tally)} runs without a truth"
             first = f"of run {self.tally.failure.run} {self.tally.failure.failed}"
             yield f"{self.name}, trial {self.campaign.trial.name}: {share}; {first}"
 
     def tables(self) -> Iterator[RenderableType]:
-        """A row for each quantity, or the numbers of one run."""
+        """Yield a row for each quantity, or the numbers of one run."""
         every, run = self.repeat is None, self.run
         which = f"{len(self.tally)} runs" if every else f"run {self.repeat}"
         columns = ("5 %", "50 %", "95 %", "worst", "of run") if every else ("",)
@@ -306,41 +305,47 @@ def campaigns(
     steps: Callable[[Trial], Mapping[str, CallableStep]],
     trials: Iterable[Trial],
     engine: Engine,
-    asked: Runs,
+    options: Runs,
     seeds: int | None,
 ) -> tuple[CampaignRow, ...]:
-    """The campaign of each step, by name, on each trial.
+    """Return the campaign of each step, by name, on each trial.
 
     Raises: `BadParameter` for options that exclude each other; as `run.campaign` does.
     """
     if seeds is not None:
         raise typer.BadParameter("run k of a campaign has the noise of seed k; give --runs", param_hint="--seeds")
     each = [
-        (name, campaign(step, trial, RUNS if asked.runs is None else asked.runs, asked.vary, asked.draw or 0, engine))
+        (
+            name,
+            campaign(
+                step, trial, RUNS if options.runs is None else options.runs, options.vary, options.draw or 0, engine
+            ),
+        )
         for trial in trials
         for name, step in steps(trial).items()
     ]
-    if asked.repeat is not None and asked.repeat >= min(len(one.draws) for _, one in each):
+    if options.repeat is not None and options.repeat >= min(len(one.draws) for _, one in each):
         raise typer.BadParameter(f"the runs are numbered from 0 to {len(each[0][1].draws) - 1}", param_hint="--repeat")
-    with Bar("runs", sum(len(one.draws) if asked.repeat is None else 1 for _, one in each)) as bar:
-        rows = tuple(CampaignRow(name, one, _tallied(name, one, asked, bar), asked.repeat) for name, one in each)
+    with Bar("runs", sum(len(one.draws) if options.repeat is None else 1 for _, one in each)) as bar:
+        rows = tuple(CampaignRow(name, one, _tallied(name, one, options, bar), options.repeat) for name, one in each)
     note(*(sentence for row in rows for sentence in row.notes()))
     if all(row.tally.failed == len(row.tally) for row in rows):
         raise BadCampaign("vary", "leaves no run whose plant can be integrated; vary less, or shorten the trial")
     return rows
 
 
-def _tallied(name: str, one: Campaign, asked: Runs, bar: Bar) -> Tally:
-    """Return what all runs, or the one that is asked for, say; each goes into the folder of results as it comes."""
-    tally, first = Tally(len(one.draws), one.step.time), asked.repeat or 0
-    wanted = range(first, len(one.draws) if asked.repeat is None else first + 1)
-    with _results(name, one, asked.results) as (known, add):
+def _tallied(name: str, one: Campaign, options: Runs, bar: Bar) -> Tally:
+    """Run all runs, or the one of --repeat, and return their tally; each outcome is written to the folder of results at
+    once."""
+    tally, first = Tally(len(one.draws), one.step.time), options.repeat or 0
+    wanted = range(first, len(one.draws) if options.repeat is None else first + 1)
+    with _results(name, one, options.results) as (known, add):
         for outcome in known:
             if outcome.run in wanted:
                 tally.add(outcome)
         bar.tick(done=len(tally))
-        left = [number for number in wanted if number not in tally]
-        for outcome in one.run(left, asked.jobs if len(left) > 1 else 1, asked.scheduler) if left else ():
+        missing = [number for number in wanted if number not in tally]
+        for outcome in one.run(missing, options.jobs if len(missing) > 1 else 1, options.scheduler) if missing else ():
             tally.add(outcome)
             add(results_line(outcome))
             bar.tick()
@@ -351,7 +356,7 @@ def _tallied(name: str, one: Campaign, asked: Runs, bar: Bar) -> Tally:
 def _results(
     name: str, one: Campaign, folder: Path | None
 ) -> Iterator[tuple[Iterable[Outcome], Callable[[str], None]]]:
-    """The outcomes that a folder of results holds, and what adds the line of another."""
+    """Yield the outcomes that a folder of results holds, and the function that appends the line of another."""
     if folder is None:
         yield (), lambda line: None
         return
@@ -364,7 +369,7 @@ def _results(
 
 
 def _valid(one: Campaign, lines: Iterable[str], file: str) -> Iterator[Outcome]:
-    """The outcomes of the lines of a file; says which lines are left out."""
+    """Yield the outcomes in the lines of a file, and note which lines are invalid."""
     dropped = list[int]()
     for number, outcome in enumerate(earlier(one, lines, file), 2):
         if outcome is None:
