@@ -1,1 +1,1 @@
-"""What a firmware project takes: the folders of its ecosystem, and what a step costs on a Cortex-M4F in QEMU."""
+"""Extras for firmware projects: folders for their ecosystems, and the cost of a step on a Cortex-M4F in QEMU."""

@@ -1,4 +1,4 @@
-"""What the emitted C of a step costs on a Cortex-M4F: a program that steps over a record, compiled and run in QEMU."""
+"""The cost of a step's C on a Cortex-M4F: a program that steps over a log, compiled and run in QEMU."""
 
 import hashlib
 import re
@@ -33,7 +33,7 @@ _SECONDS = 900  # that a tool may take
 
 @dataclass(eq=False)
 class NoBoard(HgogenError):
-    """A tool of the board that is not there."""
+    """A missing tool of the board."""
 
     name: str
 
@@ -46,7 +46,7 @@ class NoBoard(HgogenError):
 
 @dataclass(eq=False)
 class BoardFailed(HgogenError):
-    """A tool of the board that fails."""
+    """A failed tool of the board."""
 
     status: ClassVar[int] = 1
     command: tuple[str, ...]
@@ -57,19 +57,19 @@ class BoardFailed(HgogenError):
 
 
 def demand_board() -> None:
-    """Raise `NoBoard` where a tool is missing."""
+    """Raise `NoBoard` if a tool is missing."""
     for name in (COMPILER, SIZE, EMULATOR):
         if shutil.which(name) is None:
             raise NoBoard(name)
 
 
 def version(name: str) -> str:
-    """The first line of what a tool says of itself. Raises: `NoBoard`, `BoardFailed`."""
+    """Return the first line of a tool's version. Raises: `NoBoard`, `BoardFailed`."""
     return _output([name, "--version"], Path()).splitlines()[0]
 
 
 def compiled(source: str, folder: Path, flags: Sequence[str]) -> int:
-    """Compile a file of C in the folder to an object, and return the bytes of its code and constants.
+    """Compile a C file in the folder to an object, and return the bytes of its code and constants.
 
     Raises: `NoBoard`, `BoardFailed`.
     """
@@ -78,12 +78,12 @@ def compiled(source: str, folder: Path, flags: Sequence[str]) -> int:
 
 
 def bytes_of(objects: Sequence[str], folder: Path) -> int:
-    """The bytes of code and constants of the first object. Raises: `NoBoard`, `BoardFailed`."""
+    """Return the bytes of code and constants of the first object. Raises: `NoBoard`, `BoardFailed`."""
     return int(_output([SIZE, *objects], folder).splitlines()[1].split()[0])
 
 
 def linked(main: str, objects: Sequence[str], harness: Mapping[str, str], folder: Path, flags: Sequence[str]) -> Path:
-    """The program of a main, of objects that are there and of the board's own files.
+    """Link a main file, existing objects and the board's files, and return the program.
 
     Raises: `NoBoard`, `BoardFailed`.
     """
@@ -94,13 +94,13 @@ def linked(main: str, objects: Sequence[str], harness: Mapping[str, str], folder
 
 
 def ran(program: Path, machine: str = "mps2-an386") -> dict[str, int]:
-    """The numbers that a program says, by name. Raises: `NoBoard`, `BoardFailed`."""
+    """Run a program and return the numbers that it prints, by name. Raises: `NoBoard`, `BoardFailed`."""
     text = _output([EMULATOR, "-M", machine, *_QEMU, "-kernel", str(program)], program.parent)
     return {key: int(value) for key, value in re.findall(r"(\w+) (\d+)", text)}
 
 
 def _output(command: Sequence[str], folder: Path) -> str:
-    """Return what a command prints. Raises: `NoBoard`, `BoardFailed`."""
+    """Return the output of a command. Raises: `NoBoard`, `BoardFailed`."""
     try:
         done = subprocess.run(command, cwd=folder, capture_output=True, text=True, timeout=_SECONDS, check=False)
     except FileNotFoundError:
@@ -119,17 +119,17 @@ _WORST = (np.nan, np.inf, -np.inf, 1e30, -1e12, 1e-40, 50.0, -3.0)
 
 @cache
 def text(name: str) -> str:
-    """A file of C of this folder."""
+    """Return the text of a C file in this folder."""
     return files("hgogen.extras").joinpath(name).read_text(encoding="ascii")
 
 
 def harness() -> dict[str, str]:
-    """The board's own files by name."""
+    """Return the board's own files by name."""
     return {name: text(name) for name in ("mps2.c", "mps2.h", "mps2.ld")}
 
 
 def hostile(rows: np.ndarray) -> np.ndarray:
-    """Return the rows with what a sensor and a bus do at their worst: gaps, numbers that are none, jumps."""
+    """Return the rows with the worst faults of sensors and buses: gaps, NaN, infinite values, jumps."""
     draw, rows = np.random.default_rng(8), rows.copy()
     for column in rows.T:
         hit = draw.random(len(column)) < 0.3
@@ -138,7 +138,7 @@ def hostile(rows: np.ndarray) -> np.ndarray:
 
 
 def head(rows: np.ndarray, real: Real, states: int, quiet: int) -> str:
-    """The record (N, columns) and the sizes; `quiet`: how many of its rows are calm."""
+    """Return the C of the log (N, columns) and its sizes. `nominal_rows`: how many of its rows have no faults."""
     lines = ",\n".join("    {" + ", ".join(literal(v, real) for v in row) + "}" for row in rows.tolist())
     sizes = {"N": states, "COLUMNS": rows.shape[1], "RECORD": len(rows), "QUIET": quiet}
     defined = f"enum {{ {', '.join(f'{name} = {value}' for name, value in sizes.items())} }};\n"  # no member is one
@@ -147,7 +147,7 @@ def head(rows: np.ndarray, real: Real, states: int, quiet: int) -> str:
 
 
 def literal(value: float, real: Real) -> str:
-    """A number in C, which may be infinite or none."""
+    """Return a number in C, which may be infinite or NaN."""
     if not np.isfinite(value):
         return "NAN" if np.isnan(value) else "INFINITY" if value > 0 else "-INFINITY"
     return f"{value!r}f" if real == "float" else repr(value)
@@ -169,18 +169,18 @@ def driver(step: Step) -> str:
 
 
 def counting(called: str) -> str:
-    """The main of the board around what `driver` gives, or the like of it."""
+    """Return the board's main file around the C of `driver`, or a similar text."""
     return f"{called}\nenum {{ COPIES = {COPIES} }};\n{text('count.c')}"
 
 
 def _argument(parameter: Parameter) -> str:
-    """The argument from a function that has a pointer `m` to state and parameters."""
+    """Return the argument in a function with a pointer `m` to state and parameters."""
     return f"&m->{parameter.name}" if parameter.name in ("s", "p") else f"&{parameter.name}"
 
 
 @dataclass(frozen=True)
 class Costs:
-    """The costs of a step, and by what they were measured."""
+    """The costs of a step, and the tools that measured them."""
 
     quiet: Annotated[int, "instructions of a step, the mean of calm samples"]
     worst: Annotated[int, "instructions of a step, the worst of a hostile record"]
@@ -196,8 +196,8 @@ class Costs:
 
 
 def measured(step: Step, files: Mapping[str, str], rows: np.ndarray, real: Real) -> Costs:
-    """The costs of the C of a step, `files` of the target c99, over rows (N, m + p) of what it is given; a hostile
-    record is made of them, and rows that are missing are the first again.
+    """Return the costs of a step's C, `files` of the target c99, over the rows (N, m + p) of its inputs and outputs;
+    the rows are repeated cyclically. A hostile log is derived from them.
 
     Raises: `NoBoard`, `BoardFailed`.
     """
@@ -237,12 +237,12 @@ _ROWS = (
 
 
 def digest(source: str) -> str:
-    """Return the digest by which costs and the source that they are of are known to belong together."""
+    """Return the digest that identifies the source of costs."""
     return hashlib.sha256(source.encode()).hexdigest()[:16]
 
 
 def priced(costs: Mapping[str, Any] | None, source: str) -> str:
-    """The costs as a table, or how they are measured, where they are unknown or of another source."""
+    """Return the costs as a table, or how to measure them if they are unknown or of another source."""
     if costs is None or costs.get("source") != digest(source):
         return _UNKNOWN
     title = f"On a {costs['machine']}, compiled by {costs['compiler']} with `{costs['flags']}`:"

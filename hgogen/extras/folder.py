@@ -1,5 +1,5 @@
-"""The folder of a step for ecosystems, as ecosystems.toml has them: its C in src/, an example, a README, and what each
-ecosystem asks for.
+"""The folder of a step for ecosystems, as ecosystems.toml defines them: its C in src/, an example, a README, and the
+files of each ecosystem.
 """
 
 import re
@@ -29,12 +29,12 @@ ALL = "all"
 
 
 class UnknownEcosystem(BadArgument):
-    """An ecosystem that there is not."""
+    """An unknown ecosystem."""
 
 
 @dataclass(eq=False)
 class ReservedName(HgogenError):
-    """A name that an ecosystem has for something of its own."""
+    """A name that an ecosystem reserves."""
 
     name: str
     ecosystem: str
@@ -44,15 +44,15 @@ class ReservedName(HgogenError):
 
 
 class Text(Template):
-    """A template whose placeholders begin with a percent sign, for CMake has the dollar."""
+    """A template whose placeholders begin with a percent sign, since CMake uses the dollar."""
 
     delimiter = "%"
 
 
 @dataclass(frozen=True)
 class Ecosystem:
-    """`files`: the template of each path; `use`: how a project takes the folder; `reserved`: names that it may not
-    have."""
+    """An ecosystem of firmware projects. `files`: the template of each path; `use`: how a project includes the folder;
+    `reserved`: names that a step may not have."""
 
     name: str
     files: Mapping[str, str]
@@ -63,30 +63,30 @@ class Ecosystem:
 
 @cache
 def _table() -> Mapping[str, Ecosystem]:
-    """Return all of them by name, and `common`, what every folder has."""
+    """Return all ecosystems by name, and `common`, the files of every folder."""
     rows = tomllib.loads(files("hgogen.extras").joinpath("ecosystems.toml").read_text(encoding="utf-8"))
     return {name: Ecosystem(name, **{**row, "reserved": tuple(row.get("reserved", ()))}) for name, row in rows.items()}
 
 
 @cache
 def template(name: str) -> Text:
-    """A template by the name of its file."""
+    """Return a template by the name of its file."""
     path = files("hgogen.extras").joinpath("templates", name)
     return Text(path.read_text(encoding="utf-8"))
 
 
 def common() -> Ecosystem:
-    """Return what every folder has."""
+    """Return the files of every folder."""
     return _table()["common"]
 
 
 def known() -> list[str]:
-    """The names of all ecosystems."""
+    """Return the names of all ecosystems."""
     return [name for name in _table() if name != "common"]
 
 
 def chosen(words: str, name: str) -> tuple[Ecosystem, ...]:
-    """The ecosystems of a list with commas, or of "all", for a folder of this name.
+    """Return the ecosystems of a list with commas, or of "all", for a folder of this name.
 
     Raises: `UnknownEcosystem`, `ReservedName`.
     """
@@ -125,9 +125,8 @@ def folder(
     real: Real = "float",
     costs: Mapping[str, Any] | None = None,
 ) -> Files:
-    """The files of the folder by their paths; `sources`: those of the targets c99 and markdown; `costs`: as `hgogen
-    cost` writes them, left out where they are of another source.
-    """
+    """Return the files of the folder by their paths; `sources`: those of the targets c99 and markdown; `costs`: as
+    `hgogen cost` writes them, ignored if they are of another source."""
     ecosystems = tuple(ecosystems)
     values = _values(step, real) | {"costs": priced(costs, sources[f"{step.name}.c"])}
     values["uses"] = "\n".join(f"## {each.title}\n\n{Text(each.use).substitute(values)}" for each in ecosystems)
@@ -142,7 +141,7 @@ def folder(
 
 
 def _values(step: Step, real: Real) -> dict[str, Any]:
-    """Return what the templates have places for."""
+    """Return the values of the templates' placeholders."""
     declared = prototypes(step)
     samples = assigned(step)
     parts = (f"`{step.name}_{section.name}`" for section in (*step.code.sections, *step.code.timed))
@@ -188,19 +187,18 @@ def _values(step: Step, real: Real) -> dict[str, Any]:
 
 
 def _clock(seconds_: float) -> dict[str, str]:
-    """Return the clock by which a sketch counts its period: 32 bits of microseconds wrap round after an hour."""
+    """Return the clock with which a sketch counts its period: 32 bits of microseconds wrap around after an hour."""
     clock, rate = ("micros", 1e6) if seconds_ < 1000 else ("millis", 1e3)
     return {"clock": clock, "ticks": str(max(1, round(seconds_ * rate)))}
 
 
 def _row(*cells: str) -> str:
-    """A row of a table."""
     texts = (" ".join(cell.replace("|", "\\|").split()) for cell in cells)
     return f"| {' | '.join(texts)} |"
 
 
 def _members(step: Step) -> list[str]:
-    """Rows of all that a caller writes or reads."""
+    """Return the table rows of all struct members that a caller writes or reads."""
     signals = (*assigned(step), *(("x", state) for state in step.states))
     rows = [_row(f"`{short}.{c_name(s.name)}`", _said(step, s)) for short, s in signals]
     for kind, fields in (each for each in parameters(step) if each[0] != "derived"):

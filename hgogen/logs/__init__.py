@@ -1,1 +1,1 @@
-"""What measured logs tell: parameters of the plant by multiple shooting, gains of the observer, whiteness."""
+"""Learning from measured logs: parameters of the plant by multiple shooting, gains of the observer, whiteness."""

@@ -1,11 +1,11 @@
-"""Gains without a record: what ranges, noise, the sampling period and a wanted settling time give each observer, and
-what other values of theta would do on a trial.
+"""Observer gains without a log: from the ranges, the noise, the sampling period and a wanted settling time, with a
+trial of other values of theta.
 
     theta = tau_n/T,   exp(-tau) (1 + tau + .. + tau^(n-1)/(n-1)!) = 1/100 at tau = tau_n
 
-T the wanted time: n poles at -theta bring the response to a first error down to a hundredth of it by then. Without one
-theta is that of the starting gains. On the trial, its noise taken away, an error settles or does not; what the noise
-alone does to the estimate is the RMS of the difference between two runs, with it and without, in the steady part.
+T is the wanted time: n poles at -theta reduce the response to an initial error to a hundredth within T. Without T,
+theta is that of the starting gains. The settling time is measured on the trial without noise. The effect of noise is
+the RMS difference between two runs, with and without noise, in the steady part.
 """
 
 import math
@@ -37,7 +37,7 @@ LEFT = 0.01  # of a first error
 
 @dataclass(frozen=True)
 class Tried:
-    """A theta on the trial; `settling`: the wanted time that gives this theta."""
+    """A theta on the trial; `settling`: the wanted settling time that gives this theta."""
 
     json_keys = "theta settled noise"
 
@@ -49,8 +49,8 @@ class Tried:
 
 @dataclass(frozen=True)
 class Advised:
-    """Gains of an observer; `first` with form and step; what was `tried`, its own theta among it: of an observer
-    without theta that alone, without a trial nothing."""
+    """Gains of an observer; `first`: its form and step; `tried`: the values of theta on the trial, with its own.
+    Without theta there is one entry, without a trial none."""
 
     name: Annotated[str, "name of the tuning"]
     first: First
@@ -71,13 +71,13 @@ class Advised:
 
     @property
     def settles(self) -> Tried | None:
-        """The first theta tried that settles."""
+        """The smallest tried theta that settles."""
         settling = (one for one in self.tried if one.settled is not None)
         return min(settling, key=lambda one: one.theta, default=None)
 
     @property
     def sentence(self) -> str:
-        """The place of its theta among those that are certified and those that settle; empty without theta."""
+        """A sentence that compares its theta with the certified and the settling ones; empty without theta."""
         if self.theta is None:
             return ""
         said = []
@@ -94,7 +94,7 @@ class Advised:
 
 
 class NoneAdmitted(BadArgument):
-    """A plant that no observer takes, of those that were asked."""
+    """The plant admits none of the requested observers."""
 
 
 @requires_plant
@@ -112,13 +112,13 @@ def advise(
     jobs: int | None = 1,
     each: Callable[[str], None] = lambda what: None,
 ) -> tuple[tuple[Advised, ...], dict[str, str]]:
-    """Gains of the observers that a plant admits, and why others have none, by observer.
+    """Return the gains of the observers that a plant admits, and the reasons of the others, by observer.
 
     `dt`: the sampling period, by default that of the starting gains; `noise`: the standard deviation of a sample by
-    output, by default 1 % of half its range; `settling`: the time in which a first error should be gone; `trial`: on
-    which values of theta are tried, such as `hg.proposed_trial(plant)`; `rows`: the forms to ask, by default those that
-    the plant is in, those that take seconds if `deep`; `jobs`: processes, None for one for each core; `each(what)` is
-    called after every observer.
+    output, by default 1 % of half its range; `settling`: the wanted settling time of an initial error; `trial`: for
+    other values of theta, such as `hg.proposed_trial(plant)`; `rows`: the candidate forms, by default those that the
+    plant is in, slow ones only if `deep`; `jobs`: processes, None for one for each core; `each(what)` is called after
+    every observer.
 
     Raises: `UnknownObserver`; `NoneAdmitted`; `BadGain` for a dt, a noise or a time that is not positive; `BadTrial`.
     """
@@ -148,18 +148,18 @@ class _Ask:
 
     @property
     def usable(self) -> list[tuple[Row, Form]]:
-        """The forms that the plant is in."""
+        """The forms whose checks are not refuted for the plant."""
         return [(row, row.form) for row in self.rows if row.form is not None and not refuted(row.form.checks)]
 
     def scale(self, form: Form) -> Scale:
-        """The numbers of a form. Raises: `BadGain`."""
+        """Return the numbers of a form from which rules compute gains. Raises: `BadGain`."""
         base = scale(form, self.dt, self.noise)
         if self.settling is None:
             return base
         return replace(base, theta=max(1.0, two(tau(max(base.blocks)) / self.settling)))
 
     def of(self, name: str) -> tuple[str, Advised | str]:
-        """The name, and what is advised on the first form that admits the observer, or why there is none."""
+        """Return the name, and the advice on the first form that admits the observer, or the reason why none does."""
         refusals = ["the plant is in none of its forms"]
         for row, form in self.usable:
             base = self.scale(form)
@@ -193,7 +193,7 @@ class _Ask:
     def _on(
         self, step: CallableStep, trial: Trial, noise: Mapping[str, float]
     ) -> tuple[float | None, dict[str, float]]:
-        """The time to settle, and the RMS that noise alone makes, by state."""
+        """Return the settling time, and the RMS of the estimate due to noise alone, by state."""
         if step.dt not in self.truths:
             self.truths[step.dt] = simulate(step.observer.form.system.declared, trial, step.dt)
         truth, start = self.truths[step.dt], first_memory(step, trial)
@@ -209,7 +209,8 @@ class _Ask:
 
 
 def tau(n: int) -> float:
-    """The time, in units of 1/theta, after which n poles at -theta leave a hundredth of a first error, by bisection."""
+    """Return the time, in units of 1/theta, after which n poles at -theta leave a hundredth of an initial error. It is
+    found by bisection."""
     low, high = 0.0, 100.0 + 10 * n
     while high - low > 1e-9:
         middle = (low + high) / 2

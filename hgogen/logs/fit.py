@@ -1,7 +1,7 @@
-"""Parameters of a plant from measured records, with what the records tell of them.
+"""Parameters of a plant from measured logs, with their identifiability.
 
-A sensor may lag, y' = (h(x, u) - y)/tau, with tau an unknown of the fit. Less than half a sample of it cannot be told
-from none, and of more than a quarter of a record too little is seen.
+A sensor may lag, y' = (h(x, u) - y)/tau, with tau an unknown of the fit. A lag below half a sample is indistinguishable
+from none; of one above a quarter of a log too little is observed.
 """
 
 import math
@@ -53,7 +53,7 @@ NONE = 1e-6  # of a direction: less of it is rounding
 
 @dataclass(frozen=True)
 class Structure:
-    """The information of the outputs about parameters, lags and offsets."""
+    """The structural identifiability of parameters, lags and offsets from the outputs."""
 
     rank: Annotated[int, "how many sums of them the outputs tell at most"]
     count: Annotated[int, "number of parameters, lags and offsets"]
@@ -65,9 +65,11 @@ class Structure:
 
 @dataclass(frozen=True)
 class Estimate:
-    """A parameter, or the offset of an output: its `value`, the `nominal` one that it had, its standard error
-    `deviation`, infinite where the records do not tell it or it is held at an end, its `unit`; `at` the "low" or "high"
-    end of its range, "" within."""
+    """The estimate of a parameter, or of the offset of an output.
+
+    `nominal`: the value before the fit; `deviation`: the standard error, infinite if the logs do not determine it or it
+    lies at an end of its range; `at`: the "low" or "high" end of its range, "" within.
+    """
 
     name: str
     value: float
@@ -95,10 +97,10 @@ class Fit(Encoded):
     """The result of `fit`.
 
     `plant`: with the fitted values; `parameters`, `offsets` and `lags` of outputs: their estimates; `fitted`: the
-    outputs (N, p) of each record, NaN where nothing was measured; `starts`: how each ended, of a robust fit its last
-    pass; `noise`: by prediction, the density of process noise by state, next to nothing of one whose rate is by
-    definition another state, and the deviation of a sample by output: Q, and R over the period, of a `riccati` on the
-    plant's own coordinates.
+    outputs (N, p) of each log, NaN for missing samples; `starts`: the result from each start, for a robust fit that of
+    the last pass; `noise`: of a fit by prediction, the density of process noise by state and the deviation of a sample
+    by output. They are Q, and R over the period, of a `riccati` in the plant's own coordinates. A state whose rate is
+    by definition another state has a negligible density.
     """
 
     json_keys = (
@@ -167,7 +169,7 @@ class Fit(Encoded):
         return tuple(SearchEnd(one.cost, one.status, one.iterations) for one in self.starts)
 
     def notes(self) -> tuple[str, ...]:
-        """Return what the result is worth, a sentence each."""
+        """Return the doubts about the result, a sentence each."""
         ranged = {p.name: p.bounded for p in self.plant.parameters}
         lines = []
         for one in self.parameters:
@@ -193,7 +195,8 @@ class Fit(Encoded):
         return (*lines, *self._searched())
 
     def _not_told(self, parts: Mapping[str, float]) -> str:
-        """Return, of a direction of parameters, whether another record would tell it, as far as that is known."""
+        """Return a sentence on an undetermined direction of parameters: whether another log would determine it, if
+        known."""
         total = " ".join(f"{part:+.2g} {name}" for name, part in parts.items())
         what = f"tell {total}, in units of ranges: where it ended says nothing"
         fix = "fix one of them" if len(parts) > 1 else "fix it"
@@ -240,7 +243,7 @@ class Fit(Encoded):
 
 
 def above(by: str, cost: float, best: float) -> float:
-    """Return how far a cost lies above another: a share of squares, a difference of logarithms."""
+    """Return the excess of a cost over the best: relative for squares, a difference for logarithms."""
     if by == "prediction":
         return cost - best
     return cost / best - 1 if best else 0.0
@@ -253,16 +256,16 @@ _HIGHER: Mapping[str, Callable[[float], str]] = {
 
 
 def structure(plant: System, free: Sequence[Signal], offset: Sequence[Signal]) -> Structure | None:
-    """Return what no record tells of these parameters and the offsets of these outputs, beside what these records do
-    not; None where derivatives of the outputs say nothing.
+    """Return what no log of these outputs determines about the parameters and offsets, as opposed to these logs; None
+    if derivatives of the outputs are undefined.
 
         rank d(y, y', ..)/d(x, p) - rank d(y, y', ..)/dx
 
-    sums of the parameters and offsets p are told by the outputs at most, of almost every motion
-    (`analysis/observability`). Where the Fisher information tells fewer, another record may tell the rest: one that
-    moves the plant more. That no record tells a parameter is a fact where a symmetry of the whole plant moves it. A
-    rank alone is a number at random points, and one on a branch of a plant with kinks says nothing of a record that
-    changes the branch, by which a threshold is told.
+    is the number of combinations of the parameters and offsets p that the outputs determine at most, on almost every
+    trajectory (`analysis/observability`). If the Fisher information has a smaller rank, a log with more excitation may
+    determine the others. That no log determines a parameter is proved only by a symmetry of the plant that changes it.
+    The rank alone is computed at random points. On one branch of a plant with kinks it does not cover logs that change
+    the branch, which determine thresholds.
     """
     added = {y: Signal(f"offset_of_{y.name}", y.unit, nominal=0) for y in offset}
     shifted = tuple(h + added.get(y, 0) for y, h in zip(plant.outputs, plant.output, strict=True))
@@ -287,7 +290,8 @@ def structure(plant: System, free: Sequence[Signal], offset: Sequence[Signal]) -
 
 
 def parted(V: Array, hidden: Array) -> Array:
-    """The directions V (q, k), orthonormal, turned so that as many as can be have parts of the `hidden` (q) alone."""
+    """Return the directions V (q, k), orthonormal, rotated so that as many as possible involve the `hidden` (q)
+    alone."""
     if hidden.all() or not hidden.any():
         return V
     turned = V @ np.linalg.svd(V[~hidden])[2].T
@@ -308,13 +312,14 @@ AT = 1e-6  # of a unit, from the end of a range
 
 
 class CannotFit(BadLog):
-    """Records from which the parameters cannot be fitted, or parameters that cannot be."""
+    """Logs from which the parameters cannot be fitted, or parameters that cannot be."""
 
 
 @dataclass(frozen=True, eq=False)
 class Task:
-    """The task of a fit: `plant` with the lags of its sensors, of `given` without; `chosen`: its parameters that
-    are fitted beside the `lags`; `by`: one of `BY`; `corner`: of the loss of each output, None for squares."""
+    """The problem of a fit. `given`: the plant; `plant`: the same with states for the lags of its sensors; `chosen`:
+    the fitted parameters besides the `lags`; `by`: one of `BY`; `corner`: of the loss of each output, None for
+    squares."""
 
     given: System
     plant: System
@@ -328,21 +333,22 @@ class Task:
 
     @property
     def free(self) -> tuple[Signal, ...]:
-        """The parameters that are fitted."""
+        """The fitted parameters and lags."""
         return (*self.chosen, *self.lags)
 
     @cached_property
     def spread(self) -> Array:
-        """The deviation of the samples of each output about their mean."""
+        """The standard deviation of each output's samples."""
         return np.asarray(np.nanstd(np.concatenate([record.y for record in self.records]), axis=0))
 
     def corners(self, unknowns: Array) -> Array:
-        """The corner of the loss of each output, from its residuals there."""
+        """Return the corner of the loss of each output, from its residuals at the unknowns."""
         return np.array([corner(e) for e in self.problem.residuals(unknowns)])
 
     @cached_property
     def problem(self) -> Problem:
-        """The problem with as many Runge-Kutta steps a sample as the fastest mode asks for. Raises: `CannotFit`."""
+        """The optimisation problem, with the Runge-Kutta steps a sample that the fastest mode requires. Raises:
+        `CannotFit`."""
         period = max(record.dt for record in self.records)
         steps, growing = paced(self.plant, period)
         samples = max(len(record.y) for record in self.records)
@@ -354,7 +360,8 @@ class Task:
         return Predicting(*parts, unit=unit, corner=math.inf if self.corner is None else CORNER)
 
     def shooting(self, scale: Array, samples: int, steps: int, growing: float) -> Problem:
-        """The problem in segments in which errors, `growing` in a sample, do so by no more than exp(GROWN)."""
+        """Return the problem in segments in which errors grow by at most exp(GROWN); `growing`: their log growth in a
+        sample."""
         length = math.ceil(samples / SEGMENTS)
         length = max(1, min(length, int(GROWN / growing))) if growing else length
         parts = (self.plant, self.free, self.records, scale, length, steps, self.between, self.offset)
@@ -362,7 +369,7 @@ class Task:
 
     @cached_property
     def solver(self) -> Solver:
-        """Unknowns within their ranges, in units of these."""
+        """The solver with bounds and units of the unknowns, from the ranges."""
         segments = sum(self.problem.segments)
         ends = [*map(_bounds, self.free), *[(-math.inf, math.inf)] * len(self.offset)]
         ends += [x.interval for x in self.plant.states] * segments
@@ -375,13 +382,13 @@ class Task:
 
     @property
     def nominal(self) -> Array:
-        """The unknowns with the parameters at their nominal values."""
+        """The unknowns (v) with the parameters at their nominal values."""
         values = [float(self.plant.nominal[p]) for p in self.free]
         levels = [start for start, _, _ in self.problem.levels]
         return np.array([*values, *[0.0] * len(self.offset), *self._nodes, *levels])
 
     def drawn(self, draw: np.random.Generator) -> Array:
-        """The unknowns with random parameters: within a range, else between half and twice the nominal value."""
+        """Return the unknowns with random parameters: within a range, else between half and twice the nominal value."""
         start = self.nominal
         for i, p in enumerate(self.free):
             start[i] = draw.uniform(*p.interval) if p.bounded else start[i] * 2 ** draw.uniform(-1, 1)
@@ -389,7 +396,7 @@ class Task:
 
     @property
     def _nodes(self) -> list[float]:
-        """The states where segments begin: what an output shows of them, the others at rest."""
+        """The initial states of the segments: measured states from the outputs, the others at rest."""
         nodes: list[float] = []
         for record, segments in zip(self.records, self.problem.segments, strict=True):
             at = np.arange(segments) * self.problem.length
@@ -402,7 +409,7 @@ class Task:
         return nodes
 
     def result(self, best: Solution, ended: Sequence[Solution]) -> Fit:
-        """The fit with what the records tell of it."""
+        """Return the fit at the `best` solution, with standard errors and identifiability."""
         known = self.problem.information(best.unknowns, self.solver.unit)
         count, inner = len(self.free), len(self.chosen)
         follow = [alike(e) for e in known.tell]
@@ -438,10 +445,12 @@ class Task:
     def _deviations(
         self, known: Information, together: float, unknowns: Array
     ) -> tuple[Array, tuple[dict[str, float], ...], Structure | None]:
-        """The standard errors of parameters and offsets, in their units, and the directions that are not told, in units
-        of ranges; of a parameter without a range, in units of the value that is larger, the nominal or the fitted. What
-        lies at an end of its range is held there, without a standard error. Then what no record tells, where these do
-        not tell all."""
+        """Return the standard errors of parameters and offsets, in their units; the directions that the logs do not
+        determine, in units of the ranges; and the structural identifiability if there are such directions.
+
+        The unit of a parameter without a range is the larger of its nominal and fitted values. A parameter at an end of
+        its range is fixed there and has no standard error.
+        """
         every_name = [*map(str, self.free), *(f"offset of {y}" for y in self.offset)]
         inner = np.array([not self._end(i, value) for i, value in enumerate(unknowns[: len(every_name)])])
         names = [name for name, within in zip(every_name, inner, strict=True) if within]
@@ -468,8 +477,8 @@ class Task:
         return deviations, tuple(_parts(names, v) for v in parted(V[:, ~sure], hidden).T), joint
 
     def _rivals(self, best: Solution, ended: Sequence[Solution], deviations: Array) -> Iterator[dict[str, float]]:
-        """The parameters, lags and offsets of starts that cost as much as the best and lie elsewhere, by more than a
-        standard error."""
+        """Yield the parameters, lags and offsets from starts with the same cost that differ from the best by more than
+        a standard error."""
         names = [
             *map(str, self.chosen),
             *(f"lag of {y}" for y in self._lagging),
@@ -484,7 +493,7 @@ class Task:
 
     @property
     def _lagging(self) -> list[str]:
-        """The outputs that lag, by name."""
+        """The names of the outputs whose sensors lag."""
         pairs = zip(self.plant.outputs, self.given.output, self.plant.output, strict=True)
         return [y.name for y, h, behind in pairs if h != behind]
 
@@ -527,20 +536,19 @@ def fit(
     each: Callable[[Progress], None] = lambda progress: None,
     resume: Progress | None = None,
 ) -> Fit:
-    """The parameters with which the plant follows the records best.
+    """Return the parameters with which the plant follows the logs best.
 
-    `records`: inputs u (N, m), outputs y (N, p), NaN where nothing was measured, and their period; `free`: the
-    parameters that are fitted, by default those with a range, which bounds them; another stays within a hundredth and a
-    hundred times its value. `offset`: the outputs to which an unknown constant is added; `lag`: those whose sensor
-    follows by an unknown first-order lag; `between`: how inputs go on between samples; `by`: the error that is least,
-    that of a "simulation", by multiple shooting, or, of a plant that noise moves or that is unstable, that of the
-    "prediction" of a Kalman filter, whose noise is fitted along; `starts`: the first from the nominal values, the
-    others random within the ranges, by `seed`; `robust`: a sample far off, as one of a sensor that failed, counts by
-    its distance, not by its square; `each(progress)` is called after every iteration; `resume`: the progress of a fit
-    of the same that was stopped, which goes on from there.
+    `records`: inputs u (N, m), outputs y (N, p), NaN for missing samples, and their period; `free`: the fitted
+    parameters, by default those with a range, which bounds them; another stays within a hundredth and a hundred times
+    its value. `offset`: the outputs with an unknown constant added; `lag`: those whose sensor has an unknown
+    first-order lag; `between`: inputs between samples; `by`: the error to minimise, that of a "simulation", by multiple
+    shooting, or the "prediction" error of a Kalman filter whose noise is fitted too, for a plant with process noise or
+    an unstable one; `starts`: the first at the nominal values, the others random within the ranges, by `seed`;
+    `robust`: an outlier, as of a failed sensor, costs its distance, not its square; `each(progress)` is called after
+    every iteration; `resume`: the progress of the same fit, stopped earlier, from which it continues.
 
-    Raises: `Misfit` for no plant; `CannotFit`; `CannotGoOn`; `BadGain` for counts and names that are none; `BadShape`,
-    `BadNames` for records of another shape.
+    Raises: `Misfit` if `plant` is no plant; `CannotFit`; `CannotGoOn`; `BadGain` for invalid counts and names;
+    `BadShape`, `BadNames` for logs of another shape.
     """
     if not records or not all(isinstance(record, Log) for record in records):
         raise CannotFit("records", "are missing; give logs, such as hg.Log(u, y, dt)")
@@ -558,9 +566,10 @@ def fit(
 
 
 def lagged(plant: System, outputs: Sequence[Signal], period: float, duration: float) -> tuple[System, list[Signal]]:
-    """The plant with a state for each of these outputs, and the lags tau as parameters, in the order of the outputs.
+    """Return the plant with a state for the sensor of each of these outputs, and the lags tau as parameters, in the
+    order of the outputs.
 
-    `period`, `duration`: of a sample and of the shortest record, in the plant's time.
+    `period`, `duration`: of a sample and of the shortest log, in the plant's time.
     """
     low, high = LEAST * period, max(MOST * duration, 2 * FIRST * period)
     flow, output, states, lags = list(plant.flow), list(plant.output), list(plant.states), list[Signal]()
@@ -578,8 +587,8 @@ def lagged(plant: System, outputs: Sequence[Signal], period: float, duration: fl
 
 
 def _best(task: Task, searches: Searches, starts: int, draw: np.random.Generator, passes: int) -> Fit:
-    """Return, of the best of the starts; of a robust fit after more passes from there, since the residuals of least
-    squares are those of outliers too. Raises: `CannotFit`."""
+    """Return the fit from the best start. A robust fit continues from there with `passes` passes, since the residuals
+    of least squares include those of outliers. Raises: `CannotFit`."""
     ended: tuple[Solution, ...] = ()
     for begin in [task.nominal, *(task.drawn(draw) for _ in range(starts - 1))]:
         ended = searches.solved(task.solver, begin, ended)
@@ -594,8 +603,8 @@ def _best(task: Task, searches: Searches, starts: int, draw: np.random.Generator
 
 
 def best_of(by: str, ended: Sequence[Solution]) -> Solution | None:
-    """Return the search of the least cost among those that settled, else among the others; of equal ones the first.
-    None where no cost is finite."""
+    """Return the search of the least cost among those that settled, else among the others; the first of equal ones.
+    None if no cost is finite."""
     finite = [one for one in ended if np.isfinite(one.cost)]
     settled = [one for one in finite if one.settled] or finite
     least = min((one.cost for one in settled), default=0.0)
@@ -626,7 +635,7 @@ def _named(what: str, names: Iterable[str | Signal], signals: Sequence[Signal]) 
 
 
 def _parts(names: Sequence[str], direction: Array) -> dict[str, float]:
-    """The parts of a direction, the largest positive."""
+    """Return the components of a direction above `PART`, with the largest one positive."""
     signed = direction * np.sign(direction[np.argmax(np.abs(direction))])
     return {name: float(part) for name, part in zip(names, signed, strict=True) if abs(part) > PART}
 

@@ -1,9 +1,9 @@
-"""What steps are worth on rows held out: prediction errors at several horizons, errors of hidden states, innovations.
+"""Validation of steps on held-out rows: prediction errors at several horizons, errors of hidden states, innovations.
 
-    NIS = mean of e^2/s, 1 of an innovation e that is as large as the filter says (variance s)
+    NIS = mean of e^2/s, 1 for innovations e as large as their variance s
 
-beside two ways without a model: copying the last value, and going on along the last two that were measured
-(differencing), which estimates a state that is by definition the rate of an output.
+Two predictors without a model are compared: copying the last value, and extrapolating the last two measured values
+(differencing), which also estimates a state that is by definition the rate of an output.
 """
 
 import math
@@ -32,7 +32,7 @@ _MODELLESS = (COPYING, DIFFERENCING)
 
 @dataclass(frozen=True, eq=False)
 class Held:
-    """A record of which the rows from `cut` on are held out; `truth` (N) of hidden states by name."""
+    """A log whose rows from `cut` on are validation data; `truth` (N) of hidden states by name."""
 
     log: Log
     cut: int
@@ -41,8 +41,8 @@ class Held:
 
 @dataclass(frozen=True)
 class Judged:
-    """The errors of a row, RMS, and its innovations, of which the first `LAGS` correlations are asked; empty where
-    there are none."""
+    """The RMS errors of a tuning on the validation rows, and the whiteness of its innovations by their first `LAGS`
+    correlations; mappings are empty if nothing was compared."""
 
     name: Annotated[str, "name of the tuning"]
     errors: Annotated[Mapping[int, Mapping[str, float]], "RMS errors of predictions, by samples ahead and output"]
@@ -61,7 +61,7 @@ def judged(
     ahead: Iterable[int],
     engine: Engine,
 ) -> tuple[Judged, ...]:
-    """The rows tuned, `others` by name, and what does without a model."""
+    """Return the errors of the tuned rows, of `others` by name, and of the predictors without a model."""
     horizons = tuple(sorted(set(ahead)))
     records = [replace(held, log=readable(plant, held.log, k)) for k, held in enumerate(records, 1)]
     steps = {row.name: row.first.step for row in calibration.rows} | dict(others)
@@ -80,8 +80,8 @@ def judged(
 
 
 def coloured(e: Array) -> int:
-    """Return how many of the first `LAGS` correlations of a sequence (N,) lie beyond 2/sqrt(N), as one in 20 of
-    white noise does (Box, Jenkins, Time Series Analysis, 1970)."""
+    """Return how many of the first `LAGS` correlations of a sequence (N,) lie beyond 2/sqrt(N), as one in 20 of white
+    noise does (Box, Jenkins, Time Series Analysis, 1970)."""
     r = correlations(e, min(LAGS, len(e) - 1))
     return 0 if r is None else int(np.count_nonzero(abs(r) > 2 / np.sqrt(len(e))))
 
@@ -136,8 +136,8 @@ def _without_a_model(plant: System, records: Sequence[Held], ahead: tuple[int, .
 
 
 def _last_two(y: Array) -> tuple[Array, Array, Array]:
-    """Return, of each sample of y (N, p), the last value, how many samples old it is, and the change a sample between
-    the last two values, 0 where there is one alone."""
+    """Return for each sample of y (N, p) the last value, its age in samples, and the change per sample between the last
+    two values, 0 if there is only one."""
     count = np.arange(len(y))[:, None]
     at = np.maximum.accumulate(np.where(np.isfinite(y), count, -1), axis=0)
     before = np.take_along_axis(at, np.maximum(at - 1, 0), axis=0)
@@ -148,14 +148,14 @@ def _last_two(y: Array) -> tuple[Array, Array, Array]:
 
 
 def _rms(parts: Sequence[Array]) -> list[float]:
-    """Return the RMS of each column, NaN where nothing was compared."""
+    """Return the RMS of each column, NaN if nothing was compared."""
     columns = np.concatenate(parts).T
     finite = (column[~np.isnan(column)] for column in columns)
     return [rms(column) if len(column) else math.nan for column in finite]
 
 
 def verdicts(calibration: Calibration, rows: Sequence[Judged], where: str = HELD_OUT) -> tuple[str, ...]:
-    """Return the verdicts on a calibration and on rows that are judged, by default those held out."""
+    """Return the verdicts on a calibration and its validation errors, by default on held-out rows."""
     judged = {row.name: row for row in rows}
     best = judged[calibration.best.name]
     return (
@@ -216,7 +216,7 @@ def _as_well_without_a_model(best: Judged, judged: Mapping[str, Judged], where: 
 
 
 def _of_hidden_states(best: Judged, judged: Mapping[str, Judged], seen: Sequence[str]) -> Iterator[str]:
-    """Yield what the truth says of the choice, which did not see it but for the states `seen`."""
+    """Yield what the measured truth says of the choice of gains, which used only that of the states `tuned_on`."""
     for state, error in best.hidden.items():
         others = {name: row.hidden[state] for name, row in judged.items() if state in row.hidden and row is not best}
         differenced = others.pop(DIFFERENCING, None)

@@ -1,14 +1,14 @@
-"""The noise of a plant from a record, by the likelihood of the innovations of an extended Kalman filter along it.
+"""The noise of a plant from a log, by the likelihood of the innovations of an extended Kalman filter along it.
 
     e_j = y_j - h_j(x-),   s_j = H_j P- H_j' + r_j,   x = x- + K e,   P = P- - K s K'      outputs one after the other
-    x- = F(x, u),   P- = Phi P Phi' + q(Phi),   Phi = dF/dx                                a sample on
+    x- = F(x, u),   P- = Phi P Phi' + q(Phi),   Phi = dF/dx                                the next sample
 
-A missing sample is left out. An innovation costs (e^2/s + log s)/2, so that the sum is -log of the likelihood of the
-record; with a corner c it is pulled to psi(e/sqrt(s)) sqrt(s), psi(r) = r/sqrt(1 + (r/c)^2), before it corrects, and
-costs the integral of psi in the place of r^2/2: a sample that is far off then moves the estimate little.
+A missing sample is skipped. An innovation costs (e^2/s + log s)/2, so that the sum is -log of the likelihood of the
+log, but for a constant. With a corner c the innovation is reduced to psi(e/sqrt(s)) sqrt(s), psi(r) = r/sqrt(1 +
+(r/c)^2), before it corrects, and costs the integral of psi instead of r^2/2: an outlier then moves the estimate little.
 
 Here F is by classical Runge-Kutta, and Q diagonal. The likelihood is maximised over log Q_i and log sigma_j^2 by IPOPT
-with exact gradients, from several starts: it has several maxima.
+with exact gradients, from several starts, since it has several maxima.
 
 Sources: F. C. Schweppe, IEEE Transactions on Information Theory 11 (1965); C. J. Masreliez, R. D. Martin, IEEE
 Transactions on Automatic Control 22 (1977).
@@ -39,8 +39,8 @@ AT_ONCE = 50  # samples that derivatives go back over without a second way there
 
 
 def moved_by_noise(names: Sequence[str], states: Sequence[sp.Symbol], flow: Iterable[sp.Expr]) -> tuple[str, ...]:
-    """The names of the states with noise of their own, all where there would be none: a state whose rate is by
-    definition another one (x_i' = +-x_j) has none, since noise there would say that the definition is wrong."""
+    """Return the names of the states with process noise of their own, or of all if there would be none. A state whose
+    rate is by definition another one (x_i' = +-x_j) has none, since noise would contradict the definition."""
     by_definition = {*states, *(-x for x in states)}
     noisy = [name for name, row in zip(names, flow, strict=True) if row.expand() not in by_definition]
     return tuple(noisy or names)
@@ -48,9 +48,9 @@ def moved_by_noise(names: Sequence[str], states: Sequence[sp.Symbol], flow: Iter
 
 @dataclass(frozen=True, eq=False)
 class Innovations:
-    """The filter, by CasADi functions of theta (q), what it depends on: `move` (x, u now, u then, theta) -> x a sample
-    on, `read` (x, u, theta) -> y, `process` (theta, Phi) -> q (n, n), `sensor` theta -> r (p); `ends` (2, n), maybe
-    infinite: within them a correction stays; `corner`: c, infinite for squares."""
+    """An extended Kalman filter as CasADi functions of its parameters theta (q): `move` (x, u now, u then, theta) -> x
+    at the next sample, `read` (x, u, theta) -> y, `process` (theta, Phi) -> q (n, n), `sensor` theta -> r (p). A
+    correction is clamped to `ends` (2, n), maybe infinite; `corner`: c, infinite for squares."""
 
     move: Any
     read: Any
@@ -65,8 +65,8 @@ class Innovations:
         return int(self.move.size1_in(0))
 
     def along(self, record: Log, memory: Any, theta: Any, first: bool = True) -> tuple[Any, Any, Any]:
-        """Return what the samples of a record cost (1, N), their e and s (p, N); `memory`: x- and P- at the first
-        sample, which corrects unless it is not `first`."""
+        """Return the cost (1, N) of a log's samples, their e and s (p, N); `memory`: x- and P- at the first sample,
+        which corrects only if `first`."""
         N = len(record.y)
         there = np.isfinite(record.y)
         y, valid = np.where(there, record.y, 0.0), there.astype(float)
@@ -78,7 +78,7 @@ class Innovations:
 
     @cached_property
     def _step(self) -> Any:
-        """(x- and P-, u now, u then, y, valid, theta) -> (x- and P- a sample on, cost, e, s)."""
+        """The function (x- and P-, u now, u then, y, valid, theta) -> (x- and P- at the next sample, cost, e, s)."""
         n, memory, theta = self.n, ca.SX.sym("memory", self.n * (self.n + 1)), ca.SX.sym("theta", *self.move.size_in(3))
         now, then = (ca.SX.sym(name, *self.move.size_in(1)) for name in ("now", "then"))
         y, valid = (ca.SX.sym(name, *self.read.size_out(0)) for name in ("y", "valid"))
@@ -92,7 +92,7 @@ class Innovations:
         return ca.Function("filter", list(entries), [ca.vertcat(moved, ca.vec(P)), *rest])
 
     def _corrected(self, before: Any, P: Any, u: Any, y: Any, valid: Any, theta: Any) -> tuple[Any, ...]:
-        """x, P, and cost, e and s."""
+        """Return the corrected x and P, the cost, e and s."""
         predicted, r, x, cost = self.read(before, u, theta), self.sensor(theta), before, ca.SX(0)
         H, errors, variances = ca.jacobian(predicted, before), [], []
         for j in range(predicted.numel()):
@@ -131,8 +131,8 @@ _OPTIONS: Any = {
 
 @dataclass(frozen=True)
 class Noise:
-    """A maximum: `process` Q_i by coordinates (z^2/time), `sample` sigma_j of a sample by output, `likelihood`: log L a
-    sample, and whether the search `settled` there."""
+    """A maximum of the likelihood: `process` Q_i by coordinates (z^2/time), `sample` sigma_j of a sample by output,
+    `likelihood`: log L per sample, and whether the search `settled` there."""
 
     process: Mapping[str, float]
     sample: Mapping[str, float]
@@ -142,8 +142,8 @@ class Noise:
 
 @dataclass(frozen=True, eq=False)
 class Likelihood:
-    """The likelihood of records on a form; `scale`: the units; `between`: how inputs go on, "line" or "hold"; `steps`:
-    Runge-Kutta steps a sample."""
+    """The likelihood of logs on a form; `scale`: the units; `between`: inputs between samples, "line" or "hold";
+    `steps`: Runge-Kutta steps a sample."""
 
     form: Form
     records: Sequence[Log]
@@ -152,14 +152,14 @@ class Likelihood:
     steps: int
 
     def ended(self, number: int) -> Ended:
-        """Return where the search from a start, of `STARTS`, ends."""
+        """Return the end of the search from a start, by its number in `STARTS`."""
         process, sample = STARTS[number]
         start = [process] * len(self._noisy) + [sample] * len(self.form.output)
         end = self._solver(x0=start, lbx=-BOUND, ubx=BOUND)
         return -float(end["f"]), end["x"].full().ravel(), bool(self._solver.stats()["success"])
 
     def maxima(self, ended: Iterable[Ended]) -> tuple[Noise, ...]:
-        """The maxima at which searches ended: those that settled, then the others, the most likely first."""
+        """Return the maxima that the searches found: the settled ones first, then the most likely first."""
         finite = [one for one in ended if np.isfinite(one[0])]
         maxima, places = list[Noise](), list[Array]()
         for one in sorted(finite, key=lambda one: (not one[2], -one[0])):
@@ -170,7 +170,7 @@ class Likelihood:
         return tuple(maxima)
 
     def innovations(self, noise: Noise, record: Log) -> tuple[Array, ...]:
-        """e (N - 1, p) and its variances s, NaN where nothing was measured."""
+        """Return e (N - 1, p) and its variances s, NaN for missing samples."""
         logs = [np.log(noise.process[name] / unit) for name, unit in self._noisy.items()]
         logs += [2 * np.log(noise.sample[name] / unit) for name, unit in self.scale.outputs.items()]
         _, e, s = self._filter.along(record, self._start(record), ca.DM(logs), first=False)
@@ -186,7 +186,7 @@ class Likelihood:
 
     @cached_property
     def _noisy(self) -> dict[str, float]:
-        """The coordinates with noise of their own, with its unit S^2/D."""
+        """The coordinates with process noise of their own, with its unit S^2/D."""
         names = moved_by_noise(self.form.names, self.form.states, self.form.flow)
         return {name: self.scale.units[name] for name in names}
 
@@ -211,8 +211,8 @@ class Likelihood:
         )
 
     def _start(self, record: Log) -> Array:
-        """Return z and P at the first sample, which so corrects nothing: z of the outputs that are states of the plant,
-        the others at rest."""
+        """Return z and P at the first sample, which therefore corrects nothing: z from the outputs that are states of
+        the plant, the others at rest."""
         system = self.form.system
         shown = dict(zip(system.output, record.y.T, strict=True))
         states = [signal for signal, _ in self.form.estimates]

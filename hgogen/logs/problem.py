@@ -1,22 +1,22 @@
-"""A plant on measured records: its unknowns, and how it moves and is read between samples.
+"""Fitting problems: the unknowns of a plant on measured logs, its discrete-time model, and the search.
 
     x_(k+1) = F(x_k, u_k, u_(k+1); p),   y_k = h(x_k, u_k; p) + o
 
-F by classical Runge-Kutta, a few steps a sample. Unknown are the parameters p, the offsets o, and the states where
-segments of the records begin.
+F by classical Runge-Kutta, a few steps a sample. The unknowns are the parameters p, the offsets o, and the initial
+states of the segments of the logs.
 
-What the records tell: with F the Fisher information on (parameters and offsets p, the others s), and A the Jacobian of
-what must be 0, of which the columns of p and s are A_p and A_s,
+Identifiability: with F the Fisher information on (parameters and offsets p, the others s), and A the Jacobian of the
+equality constraints, of which the columns of p and s are A_p and A_s,
 
     M = F_pp - [F_ps  A_p'] [[F_ss, A_s'], [A_s, 0]]^-1 [[F_sp], [A_p]]
 
-is what is left on p when s fits best beside each p, all in units of ranges. To F_ss 1e-10 is added: a state that no
-output shows is known to lie somewhere in its range. M^-1 sigma^2 is the covariance of p where residuals are white.
+is the information on p when s is optimal for each p, all in units of ranges. To F_ss 1e-10 is added: an unobservable
+state is known to lie somewhere in its range. M^-1 sigma^2 is the covariance of p if residuals are white.
 
-It is solved by IPOPT, with exact derivatives, from one start after the other, with unknowns in units of their ranges.
-Beside what is minimised stands a pull of each parameter and offset to its start of 1e-3 of its unit: where a record
-tells nothing of a direction of them, they stay where they were and do not wander to a bound; where it tells something,
-1e-6 of a unit squared is nothing.
+IPOPT solves the problem with exact derivatives, from one start after the other, with unknowns in units of their ranges.
+A quadratic penalty pulls each parameter and offset to its start, with weight 1e-3 per unit: a direction that the logs
+do not determine stays at its start instead of drifting to a bound. For a determined direction 1e-6 of a squared unit is
+negligible.
 
 T. Soederstroem, P. Stoica, System Identification (1989), chapters 7 and 11.
 """
@@ -55,9 +55,9 @@ SAMPLE = (-4.0, -18.0, 2.0)  # log of r_j over the squared scale of the output: 
 
 @dataclass(frozen=True, eq=False)
 class Information:
-    """`M` (q, q) of the parameters and offsets in their units, as above with sigma = 1; `residuals` (N, p) of each
-    record, in the units of the outputs, NaN where nothing was measured; `tell`: of each output what its residuals tell,
-    record after record, in the units of M."""
+    """The information `M` (q, q) on the parameters and offsets in their units, as above with sigma = 1; `residuals` (N,
+    p) of each log, in the units of the outputs, NaN for missing samples; `tell`: the residuals of each output weighted
+    by the loss, log after log, in the units of M."""
 
     M: Array
     residuals: tuple[Array, ...]
@@ -65,19 +65,19 @@ class Information:
 
     @property
     def outputs(self) -> tuple[Array, ...]:
-        """The residuals of each output, record after record."""
+        """The residuals of each output, log after log."""
         return tuple(column[np.isfinite(column)] for column in np.concatenate(self.residuals).T)
 
 
 @dataclass(frozen=True, eq=False)
 class _OnRecords:
-    """The shared part of both problems of a plant on records.
+    """The common part of both fitting problems of a plant on logs.
 
-    `free`: the parameters that are fitted, the others at their nominal values; `scale` (p): of each output, by which
-    residuals are divided; `length`: samples of a segment; `steps`: Runge-Kutta steps a sample; `between`: how inputs
-    go on between samples, "hold" or "line"; `offset`: the outputs that have an unknown constant added.
+    `free`: the fitted parameters, the others are at their nominal values; `scale` (p): the divisor of each output's
+    residuals; `length`: samples of a segment; `steps`: Runge-Kutta steps a sample; `between`: inputs between samples,
+    "hold" or "line"; `offset`: the outputs with an unknown constant added.
 
-    The vector of unknowns is (free, offsets, the states at the beginnings of all segments, record by record, levels).
+    The vector of unknowns is (free, offsets, the initial states of all segments, log by log, levels).
     """
 
     plant: System
@@ -91,16 +91,17 @@ class _OnRecords:
 
     @property
     def levels(self) -> tuple[tuple[float, float, float], ...]:
-        """The start and the bounds of the unknowns that are of the problem alone."""
+        """The start and the bounds of the unknowns that only one of the problems has."""
         return ()
 
     def noise(self, unknowns: Array) -> tuple[dict[str, float], dict[str, float]]:
-        """The density of process noise by state, and the deviation of a sample by output, where they are fitted."""
+        """Return the density of process noise by state, and the deviation of a sample by output; empty if not
+        fitted."""
         return {}, {}
 
     @cached_property
     def step(self) -> Any:
-        """(x, p, u now, u then) -> x one sample on, with dt as the last argument."""
+        """The function (x, p, u now, u then, dt) -> x at the next sample."""
         x, p, h = ca.SX.sym("x", self.n), ca.SX.sym("p", len(self.free)), ca.SX.sym("dt")
         u, then = (ca.SX.sym(name, len(self.plant.inputs)) for name in ("u", "then"))
 
@@ -113,7 +114,7 @@ class _OnRecords:
 
     @cached_property
     def reading(self) -> Any:
-        """(x, p, offsets, u) -> y."""
+        """The function (x, p, offsets, u) -> y."""
         x, p, o = ca.SX.sym("x", self.n), ca.SX.sym("p", len(self.free)), ca.SX.sym("o", len(self.offset))
         u = ca.SX.sym("u", len(self.plant.inputs))
         added = [o[self.offset.index(y)] if y in self.offset else 0 for y in self.plant.outputs]
@@ -125,7 +126,7 @@ class _OnRecords:
         return np.concatenate([np.nonzero(np.isfinite(record.y))[1] for record in self.records])
 
     def by_output(self, values: Array) -> tuple[Array, ...]:
-        """Return the values of each output, record after record."""
+        """Return the values of each output, log after log."""
         return tuple(values[self.output == j] for j in range(len(self.plant.outputs)))
 
     @property
@@ -140,7 +141,7 @@ class _OnRecords:
 
     @property
     def segments(self) -> tuple[int, ...]:
-        """The segments of each log."""
+        """The number of segments of each log."""
         return tuple(-(-len(record.y) // self.length) for record in self.records)
 
     @property
@@ -149,7 +150,7 @@ class _OnRecords:
         return self.constants + self.n * sum(self.segments) + len(self.levels)
 
     def parts(self, unknowns: Graph) -> tuple[Graph, Graph, tuple[Graph, ...]]:
-        """The parameters, offsets, and for each record the states (n, segments) where its segments begin."""
+        """Return the parameters, the offsets, and for each log the initial states (n, segments) of its segments."""
         a, b = len(self.free), self.constants
         nodes, begin = [], b
         for count in self.segments:
@@ -166,7 +167,7 @@ class _OnRecords:
 
 
 def eliminated(F: Any, A: Any, q: int) -> Array:
-    """M (q, q), of the first q unknowns; F (v, v) and A (gaps, v) may be sparse."""
+    """Return M (q, q), of the first q unknowns; F (v, v) and A (gaps, v) may be sparse."""
     F, A = ca.DM(F), ca.DM(A)
     A_p, A_s = A[:, :q], A[:, q:]
     rest = F[q:, q:] + SOMEWHERE * ca.DM.eye(F.shape[0] - q)
@@ -177,7 +178,7 @@ def eliminated(F: Any, A: Any, q: int) -> Array:
 
 
 def tables(records: Sequence[Log], outputs: Sequence[Array]) -> tuple[Array, ...]:
-    """Values of each output where it was measured, record after record, as tables (N, p) of the records."""
+    """Return the values of each output where it was measured, log after log, as tables (N, p) of the logs."""
     made = [np.full(record.y.shape, np.nan) for record in records]
     for j, values in enumerate(outputs):
         begin = 0
@@ -190,7 +191,7 @@ def tables(records: Sequence[Log], outputs: Sequence[Array]) -> tuple[Array, ...
 
 
 def paced(plant: System, period: float) -> tuple[int, float]:
-    """The Runge-Kutta steps of a sample that the fastest mode asks for, and the rate at which errors grow. Raises:
+    """Return the Runge-Kutta steps a sample that the fastest mode requires, and the growth rate of errors. Raises:
     `BadLog` for samples too slow for the plant."""
     fastest, growing = rates(plant)
     steps = max(1, math.ceil(fastest * period / FOLLOWED))
@@ -202,8 +203,8 @@ def paced(plant: System, period: float) -> tuple[int, float]:
 
 
 def rates(plant: System) -> tuple[float, float]:
-    """The largest modulus of an eigenvalue of df/dx, and the largest real part, 0 where none is positive: at rest, and
-    at random points of the declared ranges."""
+    """Return the largest modulus of an eigenvalue of df/dx, and the largest real part, 0 if none is positive: over the
+    point at rest and random points of the declared ranges."""
     draw, n, signals = np.random.default_rng(0), len(plant.states), (*plant.states, *plant.inputs, *plant.parameters)
     symbols = {s: ca.SX.sym(s.name) for s in signals}
     at = column(symbols.values())
@@ -220,16 +221,17 @@ def rates(plant: System) -> tuple[float, float]:
 
 @dataclass(frozen=True, eq=False)
 class Shooting(_OnRecords):
-    """Multiple shooting: a plant on measured records as one nonlinear least-squares problem.
+    """Multiple shooting: the fit of a plant to logs as one nonlinear least-squares problem.
 
         minimise   1/2 sum_k sum_j ((y_k,j - h_j(x_k, u_k; p) - o_j)/s_j)^2
         subject to x_(k+1) = F(x_k, u_k, u_(k+1); p)
 
-    A record is cut into segments; the state where one begins is unknown, and the next begins where it ends. So short a
-    motion depends on its parameters nearly linearly, where that over a whole record may turn or grow many times.
+    A log is cut into segments with unknown initial states; constraints join the end of each to the beginning of the
+    next. A short trajectory depends nearly linearly on its parameters; one over a whole log may rotate or grow many
+    times.
 
-    A residual e costs e^2/2, or with a corner c the pseudo-Huber loss c^2 (sqrt(1 + (e/c)^2) - 1), which grows like
-    c |e| beyond c. `corner` (p): of each output, in units of its scale, None for squares.
+    A residual e costs e^2/2, or with a corner c the pseudo-Huber loss c^2 (sqrt(1 + (e/c)^2) - 1), which grows like c
+    |e| beyond c. `corner` (p): of each output, in units of its scale, None for squares.
 
     Sources: H. G. Bock, "Numerical treatment of inverse problems in chemical reaction kinetics", Springer Series in
     Chemical Physics 18 (1981); of the loss: Charbonnier, Blanc-Feraud, Aubert, Barlaud, IEEE Trans. Image Processing 6
@@ -240,7 +242,7 @@ class Shooting(_OnRecords):
 
     @cached_property
     def graph(self) -> tuple[Any, Any, Any]:
-        """The unknowns, what the residuals cost, and the gaps between segments."""
+        """The unknowns, the cost, and the gaps between segments."""
         v, errors, gaps = self.followed
         if self.corner is None:
             return v, ca.sumsqr(errors) / 2, gaps
@@ -249,7 +251,7 @@ class Shooting(_OnRecords):
 
     @cached_property
     def followed(self) -> tuple[Any, Any, Any]:
-        """The unknowns (MX), the residuals where something was measured, and the gaps between segments, as columns."""
+        """The unknowns (MX), the residuals of the measured samples, and the gaps between segments, as columns."""
         v = ca.MX.sym("v", self.size)
         p, o, every = self.parts(v)
         errors, gaps = [], []
@@ -260,13 +262,13 @@ class Shooting(_OnRecords):
         return v, ca.vertcat(*errors), ca.vertcat(*gaps)
 
     def residuals(self, unknowns: Array) -> tuple[Array, ...]:
-        """Return the residuals of each output where it was measured, record after record, over their scale."""
+        """Return the residuals of each output where it was measured, log after log, over their scale."""
         v, errors, _ = self.followed
         return self.by_output(ca.Function("residuals", [v], [errors])(unknowns).full().ravel())
 
     def information(self, unknowns: Array, unit: Array) -> Information:
-        """Return what the records tell, at the unknowns (v), whose sizes are `unit` (v): what is left where the
-        states fit best beside each p with the gaps closed."""
+        """Return the information at the unknowns (v), whose sizes are `unit` (v), when the states are optimal for each
+        p with the gaps closed."""
         v, errors, gaps = self.followed
         at = ca.Function("at", [v], [ca.jacobian(errors, v), ca.jacobian(gaps, v)])
         J, A = (table @ ca.diag(unit) for table in at(unknowns))
@@ -277,7 +279,8 @@ class Shooting(_OnRecords):
         return Information(eliminated(J.T @ J, A, self.constants), tables(self.records, units), tuple(tell))
 
     def _of_record(self, record: Log, nodes: Any, p: Any, o: Any) -> tuple[Any, Any]:
-        """The segments side by side, the last one filled up with samples that count for nothing."""
+        """Return the residuals of a log and the gaps between its segments. One map computes all segments; the last one
+        is padded with samples that do not count."""
         L, count, N = self.length, nodes.shape[1], len(record.y)
         u = record.u[np.minimum(np.arange(count * L + 1), N - 1)]
         now, then = (part.reshape(count, L, -1) for part in (u[:-1], u[1:]))
@@ -293,8 +296,8 @@ class Shooting(_OnRecords):
         return errors, ca.vec(nodes[:, 1:] - at[:, :-1])
 
     def _stretch(self, samples: int) -> Any:
-        """(x, p, offsets, the samples' u, and then, dt) -> their y, x after them: one graph of scalars, whose second
-        derivatives CasADi takes twice as fast as along a graph of the samples."""
+        """Return the function (x, p, offsets, the samples' u, and then, dt) -> their y, x after them, as one graph of
+        scalars. Its second derivatives are twice as fast in CasADi as along a graph of the samples."""
         x, p, o = (ca.SX.sym("v", size) for size in (self.n, len(self.free), len(self.offset)))
         now, then = (ca.SX.sym("u", len(self.plant.inputs), samples) for _ in range(2))
         at, dt, read = x, ca.SX.sym("dt"), []
@@ -306,14 +309,14 @@ class Shooting(_OnRecords):
 
 @dataclass(frozen=True, eq=False)
 class Predicting(_OnRecords):
-    """Prediction error: a plant that noise moves, on measured records, by the likelihood of what a filter predicts.
+    """Prediction error: the fit of a plant with process noise to logs, by the likelihood of a filter's innovations.
 
         x' = f(x, u; p) + w,   y = h(x, u; p) + o + v,   w of the density Q, v of the variance r at a sample
         minimise   sum_k sum_j (e_k,j^2/s_k,j + log s_k,j)/2     over p, o, the first states, log Q_i and log r_j
 
-    with the innovations e of an extended Kalman filter and their variances s (`innovations`). The filter takes up what
-    moves the plant beside its inputs, and errors that an unstable plant would let grow: without Q this is the error of
-    a simulation, which such noise biases under feedback. What w adds to the covariance in a sample is Simpson's rule of
+    with the innovations e of an extended Kalman filter and their variances s (`innovations`). The filter absorbs the
+    disturbances, and errors that an unstable plant would let grow. Without Q this is the simulation error, which
+    disturbances under feedback bias. Simpson's rule gives what w adds to the covariance in a sample,
 
         integral over a sample of  Phi(t) Q Phi(t)',   Phi(1/2) = I + D/2 - D^2/8,   D = Phi(1) - I
 
@@ -329,16 +332,17 @@ class Predicting(_OnRecords):
 
     @property
     def noisy(self) -> tuple[str, ...]:
-        """The states with noise of their own."""
+        """The states with process noise of their own."""
         return moved_by_noise([x.name for x in self.plant.states], self.plant.states, self.plant.flow)
 
     @property
     def levels(self) -> tuple[tuple[float, float, float], ...]:
-        """Logarithms of Q_i and r_j."""
+        """The start and bounds of the logarithms of Q_i and r_j."""
         return (*[PROCESS] * len(self.noisy), *[SAMPLE] * len(self.plant.outputs))
 
     def noise(self, unknowns: Array) -> tuple[dict[str, float], dict[str, float]]:
-        """Q_i by state, next to nothing of one without noise of its own, and the deviation of a sample, by output."""
+        """Return Q_i by state, negligible for one without noise of its own, and the deviation of a sample, by
+        output."""
         logs = np.asarray(unknowns)[self.size - len(self.levels) :]
         process = self._density(ca.DM(logs)).full().ravel()
         samples = self.scale * np.exp(logs[len(self.noisy) :] / 2)
@@ -348,17 +352,17 @@ class Predicting(_OnRecords):
 
     @cached_property
     def graph(self) -> tuple[Any, Any, Any]:
-        """The unknowns, -log of the likelihood, and nothing that must be 0."""
+        """The unknowns, -log of the likelihood, and an empty column of constraints."""
         v, cost, _, _ = self._series
         return v, cost, ca.MX(0, 1)
 
     def residuals(self, unknowns: Array) -> tuple[Array, ...]:
-        """The innovations over their deviations."""
+        """Return the innovations over their deviations."""
         return self.by_output(np.divide(*self._at(unknowns)))
 
     def information(self, unknowns: Array, unit: Array) -> Information:
-        """Return what the records tell, at the unknowns (v), whose sizes are `unit` (v): what is left where the
-        first states and the levels of noise fit best beside each p."""
+        """Return the information at the unknowns (v), whose sizes are `unit` (v), when the first states and the noise
+        levels are optimal for each p."""
         v, _, e, s = self._series
         F = ca.Function("fisher", [v], [self._fisher(v, e, s)])(unknowns) * ca.DM(np.outer(unit, unit))
         tell = self.residuals(unknowns)
@@ -373,14 +377,14 @@ class Predicting(_OnRecords):
         return of_e.T @ of_e + of_s.T @ of_s / 2
 
     def _at(self, unknowns: Array) -> tuple[Array, Array]:
-        """Return all e where something was measured, and their deviations."""
+        """Return the innovations e of the measured samples, and their deviations."""
         v, _, e, s = self._series
         values = ca.Function("at", [v], [e, ca.sqrt(s)])(unknowns)
         return values[0].full().ravel(), values[1].full().ravel()
 
     @cached_property
     def _series(self) -> tuple[Any, Any, Any, Any]:
-        """The unknowns (MX), the cost, and e and s where something was measured, as columns."""
+        """The unknowns (MX), the cost, and e and s of the measured samples, as columns."""
         v = ca.MX.sym("v", self.size)
         p, o, every = self.parts(v)
         theta = ca.vertcat(p, o, v[self.size - len(self.levels) :])
@@ -395,7 +399,7 @@ class Predicting(_OnRecords):
         return v, sum(costs), ca.vertcat(*errors), ca.vertcat(*variances)
 
     def _filter(self, dt: float) -> Innovations:
-        """The filter at a period, with theta of the parameters, offsets and levels."""
+        """Return the filter at a period, with theta of the parameters, offsets and levels."""
         a, b, theta = len(self.free), self.constants, ca.SX.sym("theta", self.constants + len(self.levels))
         x, Phi = ca.SX.sym("x", self.n), ca.SX.sym("Phi", self.n, self.n)
         u, then = (ca.SX.sym(name, len(self.plant.inputs)) for name in ("u", "then"))
@@ -411,7 +415,7 @@ class Predicting(_OnRecords):
         )
 
     def _density(self, levels: Any) -> Any:
-        """Q (n), of the logarithms; of a state without noise of its own next to nothing."""
+        """Return Q (n) from the logarithms; negligible for a state without noise of its own."""
         duration = max(len(record.y) * record.dt for record in self.records)
         shares = dict(zip(self.noisy, ca.vertsplit(levels[: len(self.noisy)]), strict=True))
         each = [ca.exp(shares[x.name]) if x.name in shares else SURE for x in self.plant.states]
@@ -422,7 +426,7 @@ Problem = Shooting | Predicting
 
 
 def gathered(Phi: Any, Q: Any) -> Any:
-    """Return what noise that has Q (n, n) in a sample adds to the covariance along it."""
+    """Return the covariance that noise with Q (n, n) in a sample adds over the sample."""
     eye = ca.DM.eye(Phi.shape[0])
     D = Phi - eye
     half = eye + D / 2 - D @ D / 8
@@ -439,8 +443,8 @@ _OTHER = {"plant": "another plant", "records": "other records", "options": "othe
 
 @dataclass(frozen=True, eq=False)
 class Solution:
-    """The `unknowns` with their `cost`, without the pull; how IPOPT ended, and after how many `iterations`; `settled`:
-    whether it converged."""
+    """The `unknowns` with their `cost`, without the penalty; IPOPT's final `status` and number of `iterations`;
+    `settled`: whether it converged."""
 
     unknowns: Array
     cost: float
@@ -461,8 +465,8 @@ class Solver:
     def solve(
         self, start: Array, at: Array | None = None, each: Callable[[int, Array], None] = lambda k, last: None
     ) -> Solution:
-        """Return the solution from the unknowns `start` (v), to which parameters and offsets are pulled, or going on
-        `at` others; `each(k, last)` after iteration k, with its unknowns."""
+        """Return the solution from the unknowns `start` (v), to which the penalty pulls parameters and offsets, or
+        continued from the unknowns `at`. `each(k, last)` is called after iteration k with its unknowns."""
         begin, first = (np.clip(v, self.low, self.high) / self.unit for v in (start, start if at is None else at))
         watch, solver = self._watched if at is None else self._made(_QUIET | _THERE)
         watch.begin(lambda k, w: each(k, w * self.unit))
@@ -481,11 +485,12 @@ class Solver:
 
     @cached_property
     def _watched(self) -> tuple["_Watch", Any]:
-        """The solver of searches from a start, which share it: derivatives take as long to make as some searches do."""
+        """The callback and the solver that all searches from a start share, since building derivatives takes as long as
+        some searches do."""
         return self._made(_QUIET)
 
     def _made(self, ipopt: dict[str, Any]) -> tuple["_Watch", Any]:
-        """Return what IPOPT, with these options, calls after each iteration, and IPOPT."""
+        """Return the callback of each iteration, and IPOPT with these options."""
         watch = _Watch(self.problem.size, self._nlp["g"].numel())
         options: Any = {"print_time": False, "ipopt": ipopt, "iteration_callback": watch, "show_eval_warnings": False}
         return watch, ca.nlpsol("fit", "ipopt", self._nlp, options)
@@ -497,7 +502,7 @@ class Solver:
 
     @cached_property
     def _nlp(self) -> dict[str, Any]:
-        """The nonlinear program of the unknowns in their units, and the start of those that are pulled."""
+        """The nonlinear program in scaled unknowns, with the start of the penalised ones as its parameter."""
         v, cost, gaps = self.problem.graph
         w, p = ca.MX.sym("w", self.problem.size), ca.MX.sym("p", self._pulled)
         least, jumps = ca.Function("problem", [v], [cost, gaps])(w * self.unit)
@@ -505,7 +510,7 @@ class Solver:
 
 
 class _Watch(ca.Callback):
-    """The function that CasADi calls after each iteration."""
+    """The callback that CasADi calls after each iteration."""
 
     def __init__(self, unknowns: int, gaps: int) -> None:
         super().__init__()
@@ -513,19 +518,19 @@ class _Watch(ca.Callback):
         self.construct("watch", {})
 
     def begin(self, each: Callable[[int, Array], None]) -> None:
-        """A search, of whose iterations `each` is told."""
+        """Begin a search, whose iterations are reported to `each`."""
         self.each, self.count, self.interrupts, self.raised = each, 0, list[Any](), list[Exception]()
 
     def get_n_in(self) -> int:
-        """Return the number of values that a solver gives back."""
+        """Return the number of values that a solver returns."""
         return int(ca.nlpsol_n_out())
 
     def get_sparsity_in(self, i: int) -> Any:
-        """Columns, none where it is not asked for."""
+        """Return the shape of value i: a column, empty if it is not needed."""
         return ca.Sparsity.dense(self.sizes.get(ca.nlpsol_out(i), 0), 1)
 
     def eval(self, entries: Any) -> list[int]:
-        """Tell it, and go on unless there was a Ctrl-C, or an error, which CasADi would take for one of its own."""
+        """Report the iterate, and stop after a Ctrl-C or an error, which CasADi would replace by its own."""
         try:
             self.each(self.count, entries[ca.nlpsol_out().index("x")].full().ravel())
         except Exception as error:
@@ -535,13 +540,13 @@ class _Watch(ca.Callback):
 
 
 class CannotGoOn(BadLog):
-    """A stopped fit of something else, or what is none."""
+    """The saved progress belongs to another fit, or is invalid."""
 
 
 @dataclass(frozen=True, eq=False)
 class Progress(Encoded):
-    """The progress of a fit, whose `task` these digests tell: the searches that have `ended`, and of the one that runs
-    the `iteration` and its unknowns (v), `at`."""
+    """The progress of a fit, identified by the digests `task`: the searches that `ended`, and of the running one the
+    `iteration` and its unknowns `at` (v)."""
 
     task: Mapping[str, str]
     ended: tuple[Solution, ...]
@@ -550,12 +555,12 @@ class Progress(Encoded):
 
     @property
     def start(self) -> int:
-        """The number of the search that runs, from 0: those of the starts, then, of a robust fit, its passes."""
+        """The number of the running search, from 0: first those of the starts, then the passes of a robust fit."""
         return len(self.ended)
 
 
 def progress_of(table: Mapping[str, Any]) -> Progress:
-    """The progress that `as_dict` gave. Raises: `CannotGoOn`."""
+    """Return the progress that `as_dict` encoded. Raises: `CannotGoOn`."""
     try:
         ended = []
         for one in table["ended"]:
@@ -569,7 +574,7 @@ def progress_of(table: Mapping[str, Any]) -> Progress:
 
 
 def digests(plant: System, records: Iterable[Log], options: Mapping[str, Any]) -> dict[str, str]:
-    """Return the digests of what is fitted to what."""
+    """Return the digests that identify a fit: of the plant, the logs and the options."""
     signals = [(s.name, s.nominal, s.interval) for s in plant.signals]
     arrays = [part for record in records for part in (record.u.tobytes(), record.y.tobytes(), repr(record.dt))]
     return {
@@ -588,7 +593,7 @@ def _digest(*parts: Any) -> str:
 
 @dataclass(frozen=True, eq=False)
 class Searches:
-    """The searches of a fit one after the other, some of which `resumed` may have done; `each` is called after every
+    """The searches of a fit one after the other; those in `resumed` are not repeated. `each` is called after every
     iteration."""
 
     task: Mapping[str, str]
@@ -596,7 +601,7 @@ class Searches:
     resumed: Progress | None
 
     def __post_init__(self) -> None:
-        """Raises: `CannotGoOn`."""
+        """Raise `CannotGoOn` if the progress belongs to another fit."""
         if self.resumed is None:
             return
         if others := [_OTHER[what] for what, digest in self.task.items() if self.resumed.task.get(what) != digest]:
@@ -604,7 +609,7 @@ class Searches:
             raise CannotGoOn("the stopped fit", f"{reason}; give it what it was begun with, or fit anew")
 
     def solved(self, solver: Solver, begin: Array, ended: tuple[Solution, ...]) -> tuple[Solution, ...]:
-        """Return the searches that ended, and one more, from the unknowns `begin`."""
+        """Return the searches that `ended`, and one more, from the unknowns `begin`."""
         resumed = self.resumed
         if resumed is not None and len(ended) < resumed.start:
             return (*ended, resumed.ended[len(ended)])

@@ -1,15 +1,15 @@
-"""Measured records as arrays, what is demanded of them, and how well a step predicts them, or estimates a truth in
-them, segment by segment.
+"""Measured logs as arrays, their validation, and the cross-validated error of a step's predictions or estimates,
+segment by segment.
 
     E_s = mean over j of the mean over segment s of (e_j/c_j)^2
 
 with the errors e_j of predictions of the outputs, h samples ahead, or of hidden states whose truth was measured, and
 
-    c_j^2 = mean over all records of (y_j(k+h) - y_j(k))^2,   or of (x_j(k) - mean of x_j)^2
+    c_j^2 = mean over all logs of (y_j(k+h) - y_j(k))^2,   or of (x_j(k) - mean of x_j)^2
 
-so that copying the last value has 1, or the mean. What stands still in a record has no c_j and does not count there,
-nor does a segment in which nothing can be compared. A gain is chosen on the segments but one, and judged by that one;
-what is said of it is the root of the mean of these judgements (cross-validation).
+so that copying the last value, or the mean, has E = 1. A signal that is constant in a log does not count there, nor
+does a segment without comparable samples. Cross-validation: a gain is chosen on all segments but one and judged on that
+one; its error is the root of the mean over the segments.
 """
 
 import math
@@ -35,20 +35,20 @@ LEAST = 10  # samples of an output
 
 
 class BadLog(BadArgument):
-    """Records from which nothing can be learned of a plant."""
+    """A log from which nothing can be learned of a plant."""
 
 
 @dataclass(frozen=True, eq=False)
 class Log:
-    """A record: u (N, m), finite, and y (N, p), NaN where nothing was measured, a period dt apart."""
+    """A measured log: u (N, m), finite, and y (N, p), NaN for missing samples, with the period dt."""
 
     u: np.ndarray
     y: np.ndarray
     dt: float
 
     def of(self, inputs: Sequence[Signal]) -> "Log":
-        """The record with a column for each of the inputs that a form reads: those of the plant, which it holds, and
-        behind them derivatives of these, as differences."""
+        """Return the log with a column for each input that a form reads: those of the plant, which it holds, and after
+        them their derivatives, as differences."""
         count, sources = self.u.shape[1], derived(inputs)
         columns = dict(zip((u.name for u in inputs), self.u.T, strict=False))
         rates = [difference(columns[name], order, self.dt) for name, order in (sources[u.name] for u in inputs[count:])]
@@ -56,7 +56,7 @@ class Log:
 
 
 def demanded(plant: System, record: Log, number: int) -> Log:
-    """The record as tables of numbers, a missing input as the last one there was. Raises: `BadLog`, `BadShape`."""
+    """Return the log as numeric tables; a missing input repeats the last value. Raises: `BadLog`, `BadShape`."""
     y = table("y", record.y, plant.outputs, None)
     u = table("u", record.u, plant.inputs, len(y))
     name = f"record {number}"
@@ -71,7 +71,7 @@ def demanded(plant: System, record: Log, number: int) -> Log:
 
 
 def beyond(plant: System, record: Log) -> Iterator[str]:
-    """A sentence for each output that shows a state outside of its declared range."""
+    """Yield a sentence for each output that measures a state outside of its declared range."""
     for y, h, column in zip(plant.outputs, plant.output, record.y.T, strict=True):
         state = next((x for x in plant.states if x == h and x.bounded), None)
         if state is None:
@@ -101,14 +101,15 @@ def record(
     shift: Mapping[str, int] | None = None,
     between: Literal["line", "hold", "forward"] = "line",
 ) -> Log:
-    """The record of a CSV, Parquet or MAT file, or of a DataFrame, on the grid of `dt`, by default of its own period.
+    """Return the log in a CSV, Parquet or MAT file, or a DataFrame, on the grid of `dt`, by default with its own
+    period.
 
-    `time`: the column of times, or `period`, the time between rows; `columns`: what of the log is a signal, a column or
-    an expression of columns as for --map, by default the column of its name; `shift`: samples by signal by which it is
-    taken later. An input of a log that is faster than dt, or irregular, is averaged: over half a step to both sides, or
+    `time`: the column of times, or `period`, the time between rows; `columns`: the column of each signal, or an
+    expression of columns as for --map, by default the column of its name; `shift`: samples by which a signal is
+    delayed. An input that is logged faster than dt, or irregularly, is averaged: over half a step to both sides, or
     over the step before ("hold", as the step takes it) or after ("forward", as `hg.fit` does).
 
-    Raises: `BadRecord`; `NotInstalled` for a file whose library is not there.
+    Raises: `BadRecord`; `NotInstalled` for a file whose library is missing.
     """
     units = {s.name: s.unit for s in (*plant.inputs, *plant.outputs)}
     columns, shift = columns or {}, shift or {}
@@ -129,14 +130,14 @@ BEGIN = 0.05  # of a record, in which an estimate may find its way
 
 @dataclass(frozen=True)
 class Ahead:
-    """Predictions of the outputs so many `samples` ahead, beside copying the last value. Errors are NaN where there is
-    nothing to compare, infinite where an estimate is lost."""
+    """The criterion of prediction errors, `samples` ahead, relative to copying the last value. An error is NaN without
+    a sample to compare, infinite if the estimate diverged."""
 
     samples: int
 
     def rival(self, records: Sequence[Log]) -> list[Array]:
-        """Return, of each record, the squared errors (N, p) of what does without a model: (y_j(k+h) - y_j(k))^2 at
-        each sample that has a last value."""
+        """Return for each log the squared errors (N, p) of copying: (y_j(k+h) - y_j(k))^2 at each sample with a last
+        value."""
         h, moves = self.samples, []
         for record in records:
             squares = np.full(record.y.shape, np.nan)
@@ -145,33 +146,33 @@ class Ahead:
         return moves
 
     def errors(self, k: int, step: CallableStep, run: Run, record: Log) -> Array:
-        """The errors (N, p) of a run of a step along record number k: e_j(k+h|k) where the step used a sample."""
+        """Return the errors (N, p) of a run of a step along log number k: e_j(k+h|k) where the step used a sample."""
         one = next(forecasts(step, run, record.u, record.y, (self.samples,)))
         return np.where(one.compared, np.where(np.isfinite(one.model), one.model, np.inf), np.nan)
 
 
 @dataclass(frozen=True, eq=False)
 class Hidden:
-    """Estimates of hidden states beside their mean; `truth` (N) of each record by state, NaN where it was not
-    measured."""
+    """The criterion of estimation errors of hidden states, relative to their mean; `truth` (N) of each log by state,
+    NaN for missing samples."""
 
     truth: tuple[Mapping[str, Array], ...]
 
     def rival(self, records: Sequence[Log]) -> list[Array]:
-        """(x_j - mean of x_j)^2."""
+        """Return for each log the squared deviations from the mean, (x_j - mean of x_j)^2."""
         tables = [np.column_stack(list(each.values())) for each in self.truth]
         means = np.array([_mean(column) for column in np.concatenate(tables).T])
         return [(table - means) ** 2 for table in tables]
 
     def errors(self, k: int, step: CallableStep, run: Run, record: Log) -> Array:
-        """Return the errors of the estimate."""
+        """Return the errors of the estimate along log number k."""
         return np.column_stack([run[state] - true for state, true in self.truth[k].items()])
 
 
 @dataclass(frozen=True)
 class Judge:
-    """The data by which steps are judged: `records`, a `yardstick`, so many `segments` a record of mean length, run by
-    `engine`."""
+    """The data for judging steps: `records`, a criterion `yardstick`, the number of `segments` in a log of mean length,
+    the `engine` that runs the steps."""
 
     records: Sequence[Log]
     yardstick: Ahead | Hidden
@@ -179,7 +180,7 @@ class Judge:
     engine: Engine
 
     def errors(self, step: CallableStep) -> Array:
-        """E_s (segments of all records in which something can be compared), infinite where the estimate is lost."""
+        """Return E_s of all comparable segments of all logs, infinite if the estimate diverged."""
         errors = []
         with np.errstate(all="ignore"):
             for k, (scale, parts) in enumerate(zip(self._scales, self._parts, strict=True)):
@@ -197,13 +198,13 @@ class Judge:
 
     @property
     def most(self) -> int:
-        """The number of segments that a record of mean length may have, so that none is without a sample."""
+        """The largest number of segments in a log of mean length such that none is empty."""
         lengths = list(map(len, self._moves))
         return min(math.floor((n - round(BEGIN * n)) * sum(lengths) / (len(lengths) * n)) for n in lengths)
 
     @property
     def count(self) -> int:
-        """The number of segments that have an error."""
+        """The number of comparable segments."""
         return sum(map(len, self._parts))
 
     @cached_property
@@ -212,15 +213,16 @@ class Judge:
 
     @cached_property
     def _scales(self) -> list[Array]:
-        """c_j^2 (q) of all records, for each record NaN of what stands still there or is never compared."""
+        """The scales c_j^2 (q) over all logs, for each log; NaN for a signal that is constant there or never
+        compared."""
         whole = np.array([_mean(column) for column in np.concatenate(self._moves).T])
         moving = [np.array([_mean(column) > 0 for column in squares.T]) for squares in self._moves]
         return [np.where(moves, whole, np.nan) for moves in moving]
 
     @cached_property
     def _parts(self) -> list[list[Array]]:
-        """The squares of each log's segments, of those in which something can be compared; a log has as many as its
-        length is of the mean one's, and one at least."""
+        """The sample numbers of each log's comparable segments. A log has segments in proportion to its length, at
+        least one."""
         every, mean = [], sum(map(len, self._moves)) / len(self._moves)
         for squares, scale in zip(self._moves, self._scales, strict=True):
             there = np.isfinite(squares / scale).any(axis=1)
@@ -231,14 +233,14 @@ class Judge:
 
 
 def _mean(values: Array) -> float:
-    """Return the mean of what is finite, NaN where nothing is."""
+    """Return the mean of the finite values, NaN without one."""
     there = values[np.isfinite(values)]
     return float(there.mean()) if len(there) else np.nan
 
 
 def chosen(errors: Mapping[Key, Array]) -> tuple[Key, Array]:
-    """Return, of candidates, the one with the least errors over all segments; and of each segment the error there of
-    the one that is chosen on the others."""
+    """Return the candidate with the least error over all segments; and for each segment the error of the candidate that
+    the other segments choose."""
     keys, table = list(errors), np.array(list(errors.values()))
     segments = range(table.shape[1])
     judged = [table[int(np.argmin(np.delete(table, s, axis=1).sum(axis=1))), s] for s in segments]
@@ -246,18 +248,18 @@ def chosen(errors: Mapping[Key, Array]) -> tuple[Key, Array]:
 
 
 def as_good(errors: Array, best: Array) -> bool:
-    """Return whether errors by segment are above the best by no more than one standard error (the rule of Breiman,
-    Friedman, Olshen, Stone, Classification and Regression Trees, 1984), that of their difference or that of the
-    best, whichever is less: errors that scatter widely are no reason to prefer them. Errors that differ by rounding
-    are as good."""
+    """Return whether the errors by segment exceed the best by at most one standard error (the rule of Breiman,
+    Friedman, Olshen, Stone, Classification and Regression Trees, 1984). The standard error is that of their difference
+    or that of the best, whichever is less, so that a candidate with scattered errors is not preferred. Differences by
+    rounding are ignored."""
     difference = errors - best
     scatter = min(difference.std(ddof=1), best.std(ddof=1)) / np.sqrt(len(difference))
     return bool(difference.mean() <= max(scatter, ALIKE * best.mean()))
 
 
 def readable(plant: System, record: Log, number: int) -> Log:
-    """A record without the samples that a step rejects: those more than the width of its range beyond an output's
-    range, as `plausible` of the guards says. Raises: `BadLog`, `BadShape`."""
+    """Return a log without the samples that a step rejects: those beyond an output's range by more than its width, as
+    `plausible` of the guards does. Raises: `BadLog`, `BadShape`."""
     ranges = np.array(readings(forms.original(plant)))
     width = np.diff(ranges, axis=1).T
     low, high = np.maximum(ranges[:, 0] - width, -HUGE), np.minimum(ranges[:, 1] + width, HUGE)

@@ -1,9 +1,9 @@
-"""Gains of observers from measured records: for each observer that the forms of a plant admit, those that predict best.
+"""Observer gains from measured logs: for each observer that a plant admits, the gains that predict best.
 
-What an observer makes of the numbers of a `Scale` is the rule beside it. Here these numbers come from the record: Q and
-R where the likelihood has a maximum, theta and the longest time from a grid, refined once round the best, and then
-the shape of poles and filters. Gains are chosen by what they predict `ahead` samples ahead, or by a truth that was
-measured, and judged on segments that did not choose them.
+An observer's rule computes gains from the numbers of a `Scale`. Here the numbers are fitted to the log: Q and R by
+maximum likelihood, theta and the longest time on a grid, refined once around the best, then the shape of poles and
+filters. Gains are chosen by their predictions `ahead` samples ahead, or by a measured truth, and judged on other
+segments (cross-validation).
 """
 
 import warnings
@@ -49,10 +49,9 @@ _RANK = {Convergence.PROVED: 0, Convergence.ABOVE: 0, Convergence.BELOW: 1, Conv
 class Tuned:
     """The gains of an observer that predict best.
 
-    `name`: the observer's, or "adaptive" of a riccati whose theta adapts; `first`: observer, form and step; `numbers`:
-    the scale from which its rule made them; `noise`: the maximum of the `likelihood` that holds Q and R, None where the
-    rule does not read both; `sampling`: `method`, `between` and, in float,
-    `real`, as a tuning names them; `errors`: by segment,
+    `name`: the observer's, or "adaptive" for a riccati with an adaptive theta; `first`: observer, form and step;
+    `numbers`: the scale that its rule used; `noise`: the maximum of the `likelihood` with Q and R, None if the rule
+    does not read both; `sampling`: `method`, `between` and, in float, `real`, as in a tuning; `errors`: by segment,
     cross-validated, as in `logs/records.py`; `tried`: the scales tried, with their errors over all segments.
     """
 
@@ -67,7 +66,7 @@ class Tuned:
 
     @property
     def error(self) -> float:
-        """RMS of the errors, cross-validated, over that of copying the last value, or of the mean of a truth."""
+        """The cross-validated RMS error relative to copying the last value, or to the mean of a truth."""
         return float(np.sqrt(self.errors.mean()))
 
     @property
@@ -76,8 +75,8 @@ class Tuned:
         return {**self.first.table(self.name), **self.sampling}
 
     def innovations(self, records: Iterable[tuple[Log, int]]) -> dict[str, Array]:
-        """Innovations over their deviations, e/sqrt(s), by output, in rows of records from a number on; empty without
-        noise."""
+        """Return the innovations over their deviations, e/sqrt(s), by output, for the rows of each log from its cut on;
+        empty without noise."""
         if self.noise is None or self.likelihood is None:
             return {}
         scaled = []
@@ -89,13 +88,13 @@ class Tuned:
 
     @property
     def rank(self) -> tuple[int, bool, int]:
-        """The order among rows that predict as well: with a proof, with known noise, cheap; the least is taken."""
+        """The sort key among rows that predict equally well: first a proof, then known noise, then lower cost."""
         return _RANK[self.first.known], self.noise is None, cost(self.first.step).operations
 
 
 @dataclass(frozen=True, eq=False)
 class Task:
-    """The task of a tuning: the forms of `rows`, in their order, by `judge` on `records`."""
+    """The problem of a tuning: `judge` observers on the forms of `rows`, in their order, by the logs."""
 
     records: tuple[Log, ...]
     judge: Judge
@@ -109,7 +108,7 @@ class Task:
         return self.records[0].dt
 
     def likelihood(self, row: int) -> Likelihood:
-        """The likelihood on the form of a row, made once for all observers."""
+        """Return the likelihood on the form of a row, which all observers share."""
         if row not in self._likelihoods:
             form = self.rows[row].form
             assert form is not None
@@ -120,11 +119,12 @@ class Task:
         return self._likelihoods[row]
 
     def made(self, name: str, row: Row, gains: Gains) -> First:
-        """An observer on a form at the period of the records. Raises: as the observer and `sample` do."""
+        """Return an observer's step on a form at the period of the logs. Raises: as the observer and `sample` do."""
         return first_of(name, row, gains, self.dt, self.sampling)
 
     def first(self, name: str, row: int, numbers: Scale) -> First | str:
-        """The step of an observer on the form of a row with the gains that its rule makes, or why there is none."""
+        """Return an observer's step on the form of a row with the gains from its rule, or the reason why there is
+        none."""
         gains = gains_of(getattr(every, name), numbers)
         if isinstance(gains, str):
             return gains
@@ -143,20 +143,20 @@ class Start:
     label: ClassVar[str] = "likelihood"
 
     def result(self, task: Task) -> Ended:
-        """Return where the search ends."""
+        """Return the end of the search."""
         return task.likelihood(self.row).ended(self.number)
 
 
 @dataclass(frozen=True, eq=False)
 class Attempt:
-    """An observer, `label` its name, on the form of a row with the gains that its rule makes of `numbers`."""
+    """A trial of the observer `label` on the form of a row with the gains from `numbers`."""
 
     row: int
     label: str
     numbers: Scale
 
     def result(self, task: Task) -> Array | str:
-        """E_s of its step, or why there is none."""
+        """Return E_s of its step, or the reason why there is none."""
         first = task.first(self.label, self.row, self.numbers)
         return first if isinstance(first, str) else task.judge.errors(first.step)
 
@@ -168,7 +168,7 @@ Asking = Generator[list[Piece], list[Any], Result]  # asks for pieces of work, i
 def together(
     searches: Mapping[str, Asking[Result]], work: Callable[[Iterable[Piece]], Mapping[Piece, Any]]
 ) -> Iterator[tuple[str, Result]]:
-    """The ends of searches, as they come: what all of them ask for is worked on at once, a piece that several ask for
+    """Yield the result of each search, as it ends. The requests of all searches are computed at once, equal ones only
     once."""
     answers: dict[str, Any] = dict.fromkeys(searches)
     while answers:
@@ -187,7 +187,7 @@ class UnknownObserver(BadArgument):
 
 
 def observers_named(names: Iterable[str] | None) -> tuple[str, ...]:
-    """The names, each once, by default all there are. Raises: `UnknownObserver`."""
+    """Return the names, each once, by default all observers. Raises: `UnknownObserver`."""
     known = tuple(every.__all__)
     for name in names or ():
         if name not in known:
@@ -197,7 +197,7 @@ def observers_named(names: Iterable[str] | None) -> tuple[str, ...]:
 
 
 def reasons(refused: Mapping[str, object]) -> str:
-    """Why there are no gains, each reason once."""
+    """Return why there are no gains, each reason once."""
     names: dict[str, list[str]] = {}
     for name, reason in refused.items():
         names.setdefault(str(reason), []).append(name)
@@ -205,8 +205,8 @@ def reasons(refused: Mapping[str, object]) -> str:
 
 
 def first_of(observer: str, row: Row, gains: Gains, dt: float, sampling: Mapping[str, Any]) -> First:
-    """An observer on the form of a row with gains as a tuning holds them, `method`, `between` and `real` of `sampling`
-    too; that its step may fail is left to what judges it. Raises: as the observer and `sample` do."""
+    """Return an observer's step on the form of a row with the gains of a tuning, and `method`, `between` and `real` of
+    `sampling`. `StepMayFail` is ignored, since the errors reveal it. Raises: as the observer and `sample` do."""
     method = getattr(methods, sampling.get("method", "continuous_discrete"))
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", StepMayFail)
@@ -216,13 +216,13 @@ def first_of(observer: str, row: Row, gains: Gains, dt: float, sampling: Mapping
 
 
 def thetas(theta: float, dt: float) -> list[float]:
-    """A grid from a thirtieth of a theta to what steps of dt take."""
+    """Return a grid from a thirtieth of a theta to the largest that steps of dt admit."""
     least, largest = max(1.0, theta / 30), 1 / (STEEPEST * dt)
     return [two(each) for each in np.geomspace(least, max(largest, 2 * least), GRID)]
 
 
 def tuned(task: Task, name: str) -> Asking[Tuned | str]:
-    """An observer on the first form that admits it with gains of its rule, or why there is none."""
+    """Search the gains of an observer on the first form that admits it; return why there are none otherwise."""
     refusals = ["the plant is in none of its forms"]
     for number, row in enumerate(task.rows):
         if row.form is None or refuted(row.form.checks):
@@ -239,7 +239,7 @@ def tuned(task: Task, name: str) -> Asking[Tuned | str]:
 
 @dataclass(frozen=True, eq=False)
 class Search:
-    """The scales tried for an observer on the form of a row, from the scale `base` on."""
+    """The search for an observer's gains on the form of a row: the scales tried, from the scale `base` on."""
 
     task: Task
     name: str
@@ -249,7 +249,7 @@ class Search:
     refusals: list[str] = field(default_factory=list)
 
     def search(self) -> Asking[Tuned | None]:
-        """The best scale of the grid, and of those between it and its neighbours; None where none makes a step."""
+        """Return the best scale of the grid and of those between it and its neighbours; None if none makes a step."""
         noisier = {name: 2 * sigma for name, sigma in self.base.noise.items()}
         maxima: tuple[Noise, ...] = ()
         if self._reads(noise=noisier):
@@ -272,7 +272,7 @@ class Search:
         return Tuned(self.name, first, self.scales[best], noise, likelihood, self.task.sampling, judged, tried)
 
     def _tried(self, scales: Iterable[Scale]) -> Asking[dict[int, Array]]:
-        """E_s of each scale that makes a step which is not lost, by its number."""
+        """Return E_s by the number of each scale whose step works and does not diverge."""
         new = list(scales)
         results = yield [Attempt(self.row, self.name, numbers) for numbers in new]
         self.refusals.extend(one for one in results if isinstance(one, str))
@@ -281,7 +281,7 @@ class Search:
         return {k: e for k, e in known.items() if np.isfinite(e).all()}
 
     def _grid(self, maxima: Sequence[Noise]) -> list[Scale]:
-        """Return the scales in which what the rule reads is varied."""
+        """Return the scales that vary the numbers which the rule reads."""
         scales = [self.base]
         if self._reads(theta=2 * self.base.theta):
             values = thetas(self.base.theta, self.task.dt)
@@ -292,7 +292,7 @@ class Search:
         return [replace(one, process=q.process, noise=q.sample) for one, q in pairs] if maxima else scales
 
     def _between(self, best: int, tried: Iterable[int]) -> Iterator[Scale]:
-        """Half way from the best theta, and the best longest time, to those next to it."""
+        """Yield the scales half way from the best theta, and the best longest time, to their neighbours."""
         middle = self.scales[best]
         varied: dict[str, Callable[[float], Scale]] = {
             "theta": lambda value: replace(middle, theta=value),
@@ -304,7 +304,7 @@ class Search:
             yield from (of(two((value * other) ** 0.5)) for other in neighbours)
 
     def _shaped(self, best: int, tried: Iterable[int]) -> Iterator[Scale]:
-        """Other shapes of poles and filters than the best scale's, with a larger theta too."""
+        """Yield scales with other shapes of poles and filters than the best one's, and with a larger theta."""
         middle, largest = self.scales[best], 1 / (STEEPEST * self.task.dt)
         every_theta = {min(two(factor * middle.theta), max(middle.theta, largest)) for factor in FASTER}
         for name, values in SHAPES.items():
@@ -313,15 +313,15 @@ class Search:
                 yield from (replace(middle, theta=theta, **shape) for shape in shapes for theta in sorted(every_theta))
 
     def _reads(self, **values: Any) -> bool:
-        """Return whether gains change with a number."""
+        """Return whether the gains depend on these numbers."""
         observer = getattr(every, self.name)
         return gains_of(observer, replace(self.base, **values)) != gains_of(observer, self.base)
 
 
 @dataclass(frozen=True)
 class Calibration:
-    """`rows`: of each observer, the best first; `refused`: why there is none, by observer; `ahead`: samples, and
-    `segments` of each record, by which they were chosen, or by the `truth` of these states."""
+    """The result of `tune`: `rows` of observers, the best first; `refused`: why others have none, by observer. They
+    were chosen by predictions `ahead` samples ahead, or by the `truth` of these states, on `segments` of each log."""
 
     rows: tuple[Tuned, ...]
     refused: Mapping[str, str]
@@ -336,7 +336,7 @@ class Calibration:
 
     @property
     def best(self) -> Tuned:
-        """The row to take: of these the one of the least rank."""
+        """The row to take: the one of least rank among the tied."""
         return min(self.tied, key=lambda row: row.rank)
 
     def __getitem__(self, name: str) -> Tuned:
@@ -353,7 +353,7 @@ ABOVE = 1.1  # times the largest innovation
 
 
 class CannotTune(BadArgument):
-    """Records, or observers, from which there are no gains."""
+    """Logs, or observers, that give no gains."""
 
 
 @requires_plant
@@ -373,18 +373,16 @@ def tune(
     jobs: int | None = 1,
     each: Callable[[str], None] = lambda what: None,
 ) -> Calibration:
-    """The gains with which each observer predicts the records best, at their sampling period.
+    """Return the gains with which each observer predicts the logs best, at their sampling period.
 
     `records`: as in `fit`, all of one period; `observers`: names of `hg.observers`, by default all, or "adaptive",
-    which comes with riccati; `ahead`: samples, 1 where an estimate of now is wanted; `method` by name, `between` and
-    `real`: as in `sample`; `segments` of each record, by which gains are judged that others chose, each of a sample at
-    least; `truth`: the courses (N) of hidden states by name, a mapping for each record, by which gains are then chosen
-    in the place of predictions; `rows`: the forms to ask, by default those that the plant is in, those that take
-    seconds if `deep`; `jobs`: processes that try gains, None for one for each core; `each(what)` is called after every
-    trial.
+    which includes riccati; `ahead`: the prediction horizon in samples, 1 for an estimate of the present; `method` by
+    name, `between` and `real`: as in `sample`; `segments`: of each record for cross-validation, each of a sample at
+    least; `truth`: the courses (N) of hidden states by name, a mapping for each record, which then replace predictions;
+    `rows`: the candidate forms, by default those that the plant is in, slow ones only if `deep`; `jobs`: processes that
+    try gains, None for one for each core; `each(what)` is called after every trial.
 
-    Raises: `CannotTune`; `BadGain` for counts that are none; `UnknownObserver`; `BadLog`, `BadShape` for records
-    that are none.
+    Raises: `CannotTune`; `BadGain` for invalid counts; `UnknownObserver`; `BadLog`, `BadShape` for invalid records.
     """
     wanted = None if observers is None else [FILTER if name == ADAPTIVE else name for name in observers]
     names = observers_named(wanted)
@@ -414,7 +412,7 @@ def tune(
 
 
 def _common_period(records: Sequence[Log]) -> float:
-    """Return the period of records, all of which have it. Raises: `CannotTune`."""
+    """Return the period that all records share. Raises: `CannotTune`."""
     if not records or not all(isinstance(record, Log) for record in records):
         raise CannotTune("records", "are missing; give logs, such as hg.Log(u, y, dt)")
     dts = [record.dt for record in records]
@@ -456,16 +454,16 @@ def _truth(
 
 
 def adaptive(task: Task, plain: Tuned, each: Callable[[str], None] = lambda what: None) -> Tuned | str:
-    """The tuned filter with an adaptive theta, or why there is none, from records in which nothing went wrong.
+    """Return the tuned filter with an adaptive theta, from logs without faults, or the reason why there is none.
 
         d = T/4, a whole number of samples for each of 4 predictors,   T = 2 n/theta: the time to cross a range
-        gamma_0 = 1.1 max of I_d along the record with theta = 1,   gamma_1 = 2 gamma_0
+        gamma_0 = 1.1 max of I_d along the log with theta = 1,   gamma_1 = 2 gamma_0
         rise time d/4,   rate 1/(3 d)
         theta_1 = the largest of 8, 6, 4, 3, 2 whose alarm ratio is below 1: the mean of I_d with theta at 2 theta_1,
                   over gamma_0
 
-    so that theta rests at 1 along the record, and comes back to it after an alarm. Q and R are those of the filter with
-    theta = 1.
+    so that theta stays at 1 along the log, and returns to it after an alarm. Q and R are those of the filter with theta
+    = 1.
     """
     refusals: list[str] = []
     crossing = 2 * plain.numbers.n / plain.numbers.theta  # T
@@ -504,7 +502,7 @@ def _first(task: Task, plain: Tuned, table: Mapping[str, Any], gamma_0: float) -
 
 
 def _innovations(task: Task, first: First) -> np.ndarray:
-    """I_d along the records, but for their beginnings."""
+    """Return I_d along the logs without their beginnings."""
     parts = []
     for record in task.records:
         first.step.reset()

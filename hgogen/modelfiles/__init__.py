@@ -1,1 +1,1 @@
-"""What model files hold, and where they lie: observers and their gains, the trial, what is asked of the errors."""
+"""The contents and places of model files: observers and their gains, trials, requested error bounds."""

@@ -1,21 +1,21 @@
-"""What a model declares beside its plant: V and mu of inequality (38) for its errors, as data that `check` proves or
-refutes; how large noise and the like are at most; and the trial of a plain-text model.
+"""Declarations of a model besides its plant: V and mu of inequality (38) for its errors, which `check` proves or
+refutes; bounds on noise and the like; and the trial of a plain-text model.
 
     dissipation = {"gain": {"x1": 6, "x2": 12, "x3": 8}, "V": P, "mu": 30, "within": {"x1": 1, "x2": 3, "x3": 3}}
 
-`gain`, with `G1` and `G2` if there are any, makes the error system of the plant as `error_system` does; in their place
-Python may give a `system` of its own. `V`, `mu` and `within` are those of `dissipation`. A text, as plain-text models
-have them, is an expression: of the errors in V, which have the names e_STATE, else of the plant's signals. `bounds`
-say how large at most what enters a step is, and what is asked of the errors.
+`gain`, with `G1` and `G2` if there are any, makes the error system of the plant as `error_system` does; a Python model
+may declare a `system` instead. `V`, `mu` and `within` are those of `dissipation`. A text, as in plain-text models, is
+an expression: in V of the errors, named e_STATE, else of the plant's signals. `bounds` are the largest sizes of noise,
+disturbances and the like, and the requested error bounds.
 
     [trial]
     duration = 10                    # s
     start = {x1 = 1, x2 = 0}
-    estimate = {x1 = 0.5}            # from where a comparison starts every observer, by default the nominal values
+    estimate = {x1 = 0.5}            # the initial estimate of a comparison's observers, by default the nominal values
     inputs = {u = "sin(t)"}          # expressions of the time t
     noise = {y = 0.01}               # standard deviation
-    settled = {state = "x2", band = 0.1, hold = 0.5}   # the error's band, kept to for so long (s)
-    seeds = 4                        # how many records of the noise
+    settled = {state = "x2", band = 0.1, hold = 0.5}   # the error's band, kept for so long (s)
+    seeds = 4                        # number of noise realisations
 """
 
 from collections.abc import Mapping
@@ -41,8 +41,8 @@ _GAINS = "gains"
 
 
 def stored(plant: System, declared: Any) -> Dissipation:
-    """Return what a model's `dissipation` says of its plant, proved or not. Raises: `BadErrorSystem` for keys that
-    are missing or unknown, or values that do not fit; `Misfit` for no mapping; `BadExpression`."""
+    """Return the `dissipation` that a model declares of its plant, proved or not. Raises: `BadErrorSystem` for keys
+    that are missing or unknown, or values that do not fit; `Misfit` if it is no mapping; `BadExpression`."""
     if not isinstance(declared, Mapping):
         raise Misfit("dissipation", declared, "a mapping with the keys gain, V, mu and within")
     own = ("system",) if "system" in declared else _SYSTEM
@@ -61,7 +61,7 @@ def stored(plant: System, declared: Any) -> Dissipation:
 
 
 def _read(value: Any, names: Mapping[str, sp.Symbol]) -> Any:
-    """Texts as expressions of these names, also in lists and by name."""
+    """Return texts parsed as expressions of these names, also in lists and mappings."""
     if isinstance(value, str):
         return parse(value, names)
     if isinstance(value, Mapping):
@@ -70,21 +70,22 @@ def _read(value: Any, names: Mapping[str, sp.Symbol]) -> Any:
 
 
 class NoBounds(BadArgument):
-    """The entries of bounds that are no bound."""
+    """An invalid entry of bounds."""
 
     text = "in bounds, {what} is none; {reason}"
 
 
 @dataclass(frozen=True)
 class Bounds:
-    """`sizes`: arguments of `hg.error_bound`; `gains`: whether those in continuous time are asked for as well."""
+    """The declared bounds. `sizes`: arguments of `hg.error_bound`; `gains`: whether gains in continuous time are
+    requested too."""
 
     sizes: Mapping[str, Any]
     gains: bool
 
 
 def bounds(declared: Any) -> Bounds:
-    """Return the bounds that a file declares. Raises: `NoBounds`."""
+    """Return the bounds that a model file declares. Raises: `NoBounds`."""
     for what, value in declared.items() if isinstance(declared, Mapping) else [("bounds", declared)]:
         sized = what in ERROR_INPUTS and isinstance(value, Mapping)
         if not (sized or (what == "real" and value in REALS) or (what == _GAINS and isinstance(value, bool))):
@@ -100,7 +101,7 @@ _SETTLED = {"state": TEXT, "band": NUMBER, "hold": NUMBER}
 
 
 def trial_of(model: PlainModel) -> Trial:
-    """The trial of the table `trial`. Raises: `BadModelFile`."""
+    """Return the trial of the table `trial`. Raises: `BadModelFile`."""
     file, table = model.file, model.trial
     demand_keys(file, "trial", table, _TRIAL, "duration")
     states, outputs = ((signals, NUMBER) for signals in (model.plant.states, model.plant.outputs))

@@ -1,7 +1,7 @@
-"""A JSON file of parameters or tunings that a user gives, read once and no further than is reasonable.
+"""A JSON file of parameters or tunings from the user, of limited size and nesting.
 
-A file that a command wrote holds the equations of its plant. A plant with others takes its numbers all the same, since
-a model changes while it is worked on; but that is said.
+A file that a command wrote holds the equations of its plant. A plant with other equations accepts its numbers with a
+warning, since a model changes during its development.
 """
 
 import json
@@ -27,7 +27,7 @@ _MADE = (System, Form, Observer, Step)
 
 
 class BadFile(BadArgument):
-    """A file of parameters or tunings that cannot be taken."""
+    """An invalid file of parameters or tunings."""
 
 
 class OtherPlant(UserWarning):
@@ -35,15 +35,15 @@ class OtherPlant(UserWarning):
 
 
 def equations(plant: System) -> list[str]:
-    """Return the equations of the plant as first declared, as a file holds them: values of parameters are no part of
-    them."""
+    """Return the equations of the plant as first declared, in the form of the files, without the values of
+    parameters."""
     first = plant.declared
     flow = (f"{x}' = {row}" for x, row in zip(first.states, first.flow, strict=True))
     return [*flow, *(f"{y} = {row}" for y, row in zip(first.outputs, first.output, strict=True))]
 
 
 def demand_plant(path: Path, table: dict[str, Any], plant: System) -> None:
-    """Warn with `OtherPlant` where the file says of which equations it is, and the plant has others."""
+    """Warn with `OtherPlant` if the file's equations are not those of the plant."""
     own, others = equations(plant), table.get("equations")
     if not isinstance(others, list) or others == own:
         return
@@ -54,7 +54,7 @@ def demand_plant(path: Path, table: dict[str, Any], plant: System) -> None:
 
 
 def table_of(path: Path, writer: str) -> dict[str, Any]:
-    """The object that the file holds; `writer`: the command that writes such files. Raises: `BadFile`."""
+    """Return the object in the file; `writer`: the command that writes such files. Raises: `BadFile`."""
     try:
         table = json.loads(content_of(path, LARGEST))
     except Unread as error:
@@ -65,8 +65,8 @@ def table_of(path: Path, writer: str) -> dict[str, Any]:
 
 
 def read_tunings(path: Path, plant: System) -> tuple[Mapping[str, Any], str]:
-    """The tunings of a plant by name of a JSON file, such as `hgogen tune` writes, and the one to take, "" where it
-    says none. Raises: `BadFile`."""
+    """Return the tunings by name in a JSON file, as `hgogen tune` writes it, and the name of the one to take, "" if it
+    names none. Raises: `BadFile`."""
     content = table_of(path, "hgogen tune")
     tables, take = content.get("tuning"), content.get("take", "")
     if not isinstance(tables, dict) or not all(isinstance(table, dict) for table in tables.values()):
@@ -78,11 +78,12 @@ def read_tunings(path: Path, plant: System) -> tuple[Mapping[str, Any], str]:
 
 
 class BadParameters(BadFile):
-    """A file of parameters that cannot be taken."""
+    """An invalid file of parameters."""
 
 
 def read_values(path: Path, plant: System) -> dict[str, float]:
-    """The values of a plant's parameters by name of a JSON file, such as `hgogen fit` writes. Raises: `BadFile`."""
+    """Return the values of a plant's parameters by name in a JSON file, as `hgogen fit` writes it. Raises:
+    `BadFile`."""
     content = table_of(path, "hgogen fit")
     values = content.get("parameters")
     if not isinstance(values, dict):
@@ -95,9 +96,9 @@ def read_values(path: Path, plant: System) -> dict[str, float]:
 
 
 def put(names: Mapping[str, Any], plant: System, values: Mapping[str, float]) -> dict[str, Any]:
-    """Return what a model file holds by name, with other values of the plant's parameters, where it differs: the
-    plant, its parameters, and tables and expressions that read them. What functions make is made of these when they
-    are called. Raises: `BadParameters` for what was made of the plant when the file was read; `BadValue`."""
+    """Return the names of a model file that change with other values of the plant's parameters: the plant, its
+    parameters, and tables and expressions that read them. Functions are unchanged, since they are called with the new
+    values. Raises: `BadParameters` for an object that was built from the plant when the file was read; `BadValue`."""
     new, moved = exchanged(plant, values), valued(plant, values)
     made = {name: _put(name, value, plant, moved, new) for name, value in names.items() if not name.startswith("__")}
     return {name: value for name, value in made.items() if value is not names[name]}

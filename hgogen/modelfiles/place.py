@@ -1,8 +1,7 @@
-"""Where model files lie: at a path, in the folder `models` here, and with the package; how one begins, and what one
-that fails raises.
+"""The places of model files: a path, the folder `models` here, and the package; the template of a new one, and the
+errors of one that fails.
 
-Those that come with hgogen lie in the folder `models` of an installed package, and in a clone, where that folder is not
-there, in the one beside the package.
+The shipped files lie in the folder `models` of an installed package. A clone has that folder next to the package.
 """
 
 import ast
@@ -27,7 +26,7 @@ _NO_MODELS = f"give the path of a model file, or a bare name of one in ./{FOLDER
 
 @dataclass(eq=False)
 class NoModel(HgogenError):
-    """A path that leads to no model file; `guess`: which file was meant, as a question."""
+    """A path without a model file; `guess`: a question that suggests another file."""
 
     path: str
     reason: str
@@ -40,26 +39,26 @@ class NoModel(HgogenError):
 
 
 def listed(folder: Path = FOLDER) -> tuple[str, ...]:
-    """The model files in a folder, by default `models` here, sorted."""
+    """Return the model files in a folder, by default `models` here, sorted."""
     return tuple(sorted(map(str, _models(folder))))
 
 
 def shipped(package: Path = PACKAGE) -> dict[str, Path]:
-    """The model files that come with hgogen, by name: those in the package, else those beside it in a clone."""
+    """Return the model files that come with hgogen, by name: those in the package, else those next to it in a clone."""
     inside, beside = package / FOLDER, package.parent / FOLDER
     return {path.stem: path for path in sorted(_models(inside if inside.is_dir() else beside))}
 
 
 def available() -> dict[str, str]:
-    """Return what may be given as a model, and its path: the paths of those here, and each bare name that comes with
-    hgogen and is not theirs."""
+    """Return the path of each name that `load` accepts: of the files here their paths, and of the shipped ones their
+    bare names, unless a file here has it."""
     here = listed()
     names = {Path(path).stem for path in here}
     return {path: path for path in here} | {name: str(path) for name, path in shipped().items() if name not in names}
 
 
 def located(model: str) -> Path:
-    """The model file at a path, or of a bare name. Raises: `NoModel`."""
+    """Return the model file at a path, or of a bare name. Raises: `NoModel`."""
     path = Path(model)
     try:
         there = path.exists() and not path.is_dir()
@@ -85,20 +84,20 @@ def located(model: str) -> Path:
 
 
 def _here(name: str) -> list[Path]:
-    """The files of a bare name in the folder `models` here."""
+    """Return the files of a bare name in the folder `models` here."""
     files = (FOLDER / f"{name}{suffix}" for suffix in SUFFIXES)
     return [file for file in files if name.isidentifier() and file.is_file()]
 
 
 def _models(folder: Path) -> Iterator[Path]:
-    """The model files in a folder, without what hgogen itself writes as JSON beside them."""
+    """Yield the model files in a folder, without the JSON files that hgogen writes."""
     files = (path for path in folder.glob("*") if path.suffix in SUFFIXES and path.is_file())
     return (path for path in files if not path.name.startswith("_") and (path.suffix == PYTHON or declares(path)))
 
 
 def summary(path: str) -> str:
-    """Return what a model file says it is, the first sentence of its docstring or `meaning`; empty where it says
-    nothing or cannot be read. Nothing of the file is run."""
+    """Return the first sentence of a model file's docstring or `meaning`; empty if it has none or cannot be read. The
+    file is not executed."""
     suffix = Path(path).suffix
     try:
         text = content_of(path, BYTES)
@@ -117,8 +116,8 @@ _NAME = "NAME"  # stands in the text for that of the model
 
 
 def new_model(name: str, folder: Path) -> dict[str, str]:
-    """A model file of this name, by the name of the file. Raises: `BadName`, `BadFileName`, `HidesHeader` for a name
-    that a plant or a file cannot have; `CannotWrite` where the folder holds such a file."""
+    """Return a new model file with this name, by its file name. Raises: `BadName`, `BadFileName`, `HidesHeader` for a
+    name that a plant or a file cannot have; `CannotWrite` if the folder holds such a file."""
     check_name(name)
     demand_file(name)
     file = f"{demand_name(name)}{PYTHON}"
@@ -128,19 +127,19 @@ def new_model(name: str, folder: Path) -> dict[str, str]:
 
 
 def sentence(error: Exception) -> str:
-    """Return what an error says, after its type where it is none of hgogen's."""
+    """Return the text of an error, after its type if it is none of hgogen's."""
     return _text(error) if isinstance(error, HgogenError) else f"{type(error).__name__}: {_text(error)}"
 
 
 def ends_python(error: BaseException) -> str:
-    """Return what a model does that raises what is no `Exception`, and the fix."""
+    """Return a sentence on an error that is no `Exception` and would end Python, with the fix."""
     kind, text = type(error).__name__, _text(error)
     said = f" ({text})" if text else ""
     return f"raises {kind}{said}, which ends Python; leave it out, or raise an error that says what is wrong"
 
 
 def _text(error: BaseException) -> str:
-    """The text of an error; empty where its own `__str__` fails, which is code of the model too."""
+    """Return the text of an error; empty if its own `__str__` fails, which may be the model's code."""
     try:
         return str(error)
     except BaseException:

@@ -1,4 +1,4 @@
-"""What a user sets in the place of what a model's file says: form, method, period, precision, parameters, tuning."""
+"""The options that override a model's file: form, method, period, precision, parameters, tuning."""
 
 from collections.abc import Iterable
 from dataclasses import asdict, dataclass
@@ -18,14 +18,14 @@ SEEDS = 1000  # of the noise of a trial, at most
 
 
 class UnknownCase(BadArgument):
-    """A form, a method or a target that there is not."""
+    """An unknown form, method or target."""
 
 
 @dataclass(frozen=True)
 class Setting:
-    """A form and a method by name, the period `dt` in the model's unit of time, the precision `real`, "float" or
-    "double", the `guards`, "all" or "none", what to `prefer`, "speed" or "flash", a file of values of `parameters` and
-    one of a `tuning`; None for what its file says."""
+    """The overridden settings of a model: a form and a method by name, the period `dt` in the model's unit of time, the
+    precision `real`, "float" or "double", the `guards`, "all" or "none", the preference `prefer`, "speed" or "flash", a
+    file of values of `parameters` and one of a `tuning`; None for the file's own setting."""
 
     form: str | None = None
     method: str | None = None
@@ -41,16 +41,16 @@ class Setting:
 
     @property
     def words(self) -> tuple[str, ...]:
-        """The words of a command line that set it."""
+        """The command-line options with these settings."""
         return tuple(f"--{name} {value}" for name, value in asdict(self).items() if value is not None)
 
     def demand(self) -> None:
-        """Raises: `UnknownCase` for a form or a method that there is not."""
+        """Raise `UnknownCase` for an unknown form or method."""
         demand_known("form", self.form, cases("forms"))
         demand_known("method", self.method, cases("methods"))
 
     def on(self, step: "CallableStep") -> "CallableStep":
-        """A step made again with what is set of steps. Raises: as `hg.sample` and the observer do."""
+        """Return the step rebuilt with the settings that concern steps. Raises: as `hg.sample` and the observer do."""
         if not self:
             return step
         from hgogen import forms, methods  # which take a while to import
@@ -64,7 +64,7 @@ AS_WRITTEN = Setting()
 
 
 def demand_known(kind: str, name: str | None, known: Iterable[str]) -> None:
-    """Raise `UnknownCase` for a name that is none of those known."""
+    """Raise `UnknownCase` for a name that is not in `known`."""
     if name is None or name in known:
         return
     fix = nearest(name, known, f"there are {', '.join(known)}")

@@ -65,9 +65,8 @@ _TYPES = {"kind": TEXT, "dt": NUMBER, "between": TEXT, "guards": TEXT, "prefer":
 
 @dataclass(frozen=True)
 class Tuning:
-    """The tunings of a plant by name; `default` is the name of the one that stands in the table `observer`; `setting`:
-    what holds in the place of what the tables say; `own`: whether a table stands in `file`, and not in the file of
-    tunings that is set."""
+    """The tunings of a plant by name; `default`: the name of the one in the table `observer`; `setting`: options that
+    override the tables; `in_file`: whether a table is in the model's `file`, and not in a separate file of tunings."""
 
     file: str
     plant: System
@@ -77,7 +76,7 @@ class Tuning:
     own: Callable[[str], bool] = lambda name: True
 
     def where(self, name: str) -> str:
-        """The path of keys to a table in its file."""
+        """Return the path of keys to a table in its file."""
         if not self.own(name):
             return f"{self.setting.tuning}, tuning.{name}"
         return "observer" if name == self.default else f"tuning.{name}"
@@ -85,8 +84,8 @@ class Tuning:
     def step(
         self, name: str, default: Callable[[], float], dt: float | None = None, start: Start | None = None
     ) -> CallableStep:
-        """The step of a tuning at the period `dt` (s), else at the table's, else at what `default` gives; `start` as in
-        `observer`. Raises: `BadModelFile` for a table that makes none; `Refuted`."""
+        """Return the step of a tuning at the period `dt` (s), else at the table's, else at that of `default`; `start`
+        as in `observer`. Raises: `BadModelFile` for an invalid table; `Refuted`."""
         where, table = self.where(name), self._sampling(name)
         asked = self.setting.method or table.get("method", "continuous_discrete")
         method = self._case(f"{where}.method", methods, asked)
@@ -101,8 +100,8 @@ class Tuning:
         return self._refusals(where, lambda: sample(observer, method, period, **options))
 
     def observer(self, name: str, around: tuple[str, ...] = (), start: Start | None = None) -> Observer:
-        """The observer of a tuning; `around`: those it is a member of; `start`: from its form to
-        the `initial` in the place of the tuning's own start. Raises: as `step`."""
+        """Return the observer of a tuning; `around`: the tunings of which it is a member; `start`: a function from its
+        form to `initial`, which replaces the tuning's own start. Raises: as `step`."""
         where, table, gains = self.where(name), self.table(name), self.gains(name)
         make = self._case(f"{where}.kind", observers, table.get("kind", name))
         self._arguments(where, make, gains)
@@ -121,7 +120,7 @@ class Tuning:
         return observer
 
     def form(self, name: str) -> Any:
-        """The form of a tuning that is around no other. Raises: as `step`."""
+        """Return the form of a tuning without a member. Raises: as `step`."""
         entry, where = self.setting.form or self.table(name).get("form", "triangular"), f"{self.where(name)}.form"
         passed = [name]
         while isinstance(entry, Mapping) and "of" in entry:
@@ -137,7 +136,7 @@ class Tuning:
         return self._refusals(where, lambda: make(self.plant, **options))
 
     def period(self, name: str) -> float:
-        """The dt (s) of a tuning. Raises: `BadModelFile` where it has none."""
+        """Return the dt (s) of a tuning. Raises: `BadModelFile` if it has none."""
         table = self._sampling(name)
         if "dt" not in table:
             unit = plural(self.plant.time)
@@ -146,12 +145,12 @@ class Tuning:
         return float(table["dt"])
 
     def gains(self, name: str) -> Mapping[str, Any]:
-        """The arguments that a tuning gives its observer. Raises: `BadModelFile`."""
+        """Return the arguments of the observer in a tuning. Raises: `BadModelFile`."""
         entries = {key: value for key, value in self.table(name).items() if key not in _PLACED}
         return self._refusals(self.where(name), lambda: {key: value(key, entry) for key, entry in entries.items()})
 
     def table(self, name: str) -> Mapping[str, Any]:
-        """A tuning's table. Raises: `BadModelFile` where its own keys are not of their kind."""
+        """Return a tuning's table. Raises: `BadModelFile` if its values are of wrong types."""
         table, where = self.tables[name], self.where(name)
         if not isinstance(table, Mapping):
             kind = type(table).__name__
@@ -166,7 +165,7 @@ class Tuning:
         return table
 
     def _sampling(self, name: str) -> Mapping[str, Any]:
-        """Return how a tuning is sampled: by its own keys, else by those of the tuning that it is around."""
+        """Return the sampling options of a tuning: its own, else those of its member."""
         sampling: dict[str, Any] = {}
         passed: list[str] = []
         while name in self.tables and name not in passed:
@@ -185,7 +184,7 @@ class Tuning:
         return self.observer(str(member), around, start)
 
     def _case(self, where: str, folder: Any, name: Any) -> Any:
-        """A case of a plural folder by name; what is no text stands for itself."""
+        """Return a case of a plural folder by its name; a value that is no text is returned unchanged."""
         if not isinstance(name, str):
             return name
         if name not in folder.__all__:
@@ -198,7 +197,7 @@ class Tuning:
             raise BadModelFile(self.file, f"{where}.{key}" if key else where, said)
 
     def _refusals(self, where: str, function: Callable[[], Made]) -> Made:
-        """Return what `function` returns; a refusal keeps its sentence and gets the file and the key."""
+        """Return the result of `function`; an error of it keeps its sentence and gets the file and the key."""
         try:
             return function()
         except Refuted as error:
@@ -208,7 +207,7 @@ class Tuning:
             raise BadModelFile(self.file, where, str(error)) from None
 
     def _other(self, refused_form: Any) -> str:
-        """The observer that takes the plant as it is, in a sentence, where that is known."""
+        """Return a sentence that recommends kalman_like if the plant is proved to be state-affine, else ""."""
         form = forms.state_affine(self.plant)
         if getattr(refused_form, "kind", "") == form.kind or not form.structured or refuted(form.checks):
             return ""
@@ -223,8 +222,7 @@ _VALUES: dict[str, tuple[Callable[..., Any], ...]] = {  # arguments that a table
 
 
 def arguments(make: Callable[..., Any]) -> tuple[tuple[str, ...], tuple[str, ...]]:
-    """The arguments by name of an observer's function as a table has them: all, and those without a default; of one
-    around another observer the member first."""
+    """Return the names of an observer's arguments in a table: all, and those without a default; a member is first."""
     each = signature(make).parameters.values()
     return _names(p for p in each if p.kind is Parameter.KEYWORD_ONLY or p.name == "member")
 
@@ -232,8 +230,9 @@ def arguments(make: Callable[..., Any]) -> tuple[tuple[str, ...], tuple[str, ...
 def faults(
     make: Callable[..., Any], keys: Iterable[str], beside: Iterable[str] = (), first: int = 0
 ) -> Iterator[tuple[str, str]]:
-    """The keys that a function does not take, each with a sentence; then, with an empty key, a sentence for each one
-    that is missing. `beside`: keys that stand in the same table; `first`: how many arguments are given otherwise."""
+    """Yield each key that a function does not accept, with a sentence; then, with an empty key, a sentence for each
+    missing one. `other_keys`: valid keys of the same table; `first`: the number of arguments that are passed
+    otherwise."""
     known, needed = _names(list(signature(make).parameters.values())[first:])
     for key in keys:
         if key not in known:
@@ -246,8 +245,8 @@ def faults(
 
 
 def value(key: str, raw: Any) -> Any:
-    """Return what text stands for: a table with `kind` for the value that it makes, a list of thresholds `mu` for a
-    tuple. Raises: `BadGain`, and what the value's function raises."""
+    """Return the value of an entry: a table with `kind` becomes the value that it names, a list of thresholds `mu` a
+    tuple. Raises: `BadGain`, and the errors of the value's function."""
     if key in _VALUES and isinstance(raw, Mapping):
         makers = {make.__name__: make for make in _VALUES[key]}
         if raw.get("kind") not in makers:
@@ -260,8 +259,8 @@ def value(key: str, raw: Any) -> Any:
 
 
 def poles(listed: Any, chains: int) -> Any:
-    """Return what a list of poles stands for: a pair [re, im] for a complex pole; of several chains there is a list
-    for each, in which a pair of numbers is two real poles."""
+    """Return the poles of a list: a pair [re, im] is a complex pole. With several chains there is a list for each, in
+    which a pair of numbers is two real poles."""
     if not isinstance(listed, list):
         return listed
     if chains > 1:
@@ -278,7 +277,7 @@ def _names(parameters: Iterable[Parameter]) -> tuple[tuple[str, ...], tuple[str,
 
 @dataclass(frozen=True)
 class First:
-    """An observer by name, the form that admits it without any accepted refutation, its starting gains, its step."""
+    """An observer by name, the form that admits it without accepting a refuted check, its starting gains, its step."""
 
     observer: str
     row: Row
@@ -287,12 +286,12 @@ class First:
 
     @property
     def known(self) -> Convergence | None:
-        """The verdict about its convergence, None where no theorem covers it."""
+        """The verdict about its convergence, None if no theorem covers it."""
         observer = self.step.observer
         return None if observer.form.kind == "original" else convergence(observer.name, observer.checks)
 
     def table(self, name: str = "") -> Mapping[str, Any]:
-        """The tuning that makes the same step, of a name, by default the observer's."""
+        """Return the tuning that makes the same step, with a name, by default the observer's."""
         kind = {"kind": self.observer} if name not in ("", self.observer) else {}
         form = {"kind": self.row.kind, **self.row.options} if self.row.options else self.row.kind
         return {**kind, "form": form, **self.starting.gains, "dt": self.starting.dt}
@@ -300,8 +299,8 @@ class First:
 
 @dataclass(frozen=True)
 class NoFirst:
-    """Why there is no first step; `ruled`: the observer's rule gives no gains, and no form refuses it; `too_long`: the
-    period is, of an observer that takes the plant."""
+    """The reason why there is no first step; `ruled`: no form refuses the observer, but its rule gives no gains;
+    `too_long`: the form admits it, but the period is too long."""
 
     reason: str
     ruled: bool = False
@@ -309,8 +308,8 @@ class NoFirst:
 
 
 def places(survey: Survey) -> Iterator[Row]:
-    """Yield where an observer is asked, in order: the forms that say something of observability, the plant in its
-    own coordinates, made when it comes to that, and the forms that say nothing of it."""
+    """Yield the candidate forms for an observer, in order: those that imply observability, the plant in its own
+    coordinates (made only when reached), and the others."""
     yield from survey.candidates
     own = survey["original"]
     yield own if own.form else replace(own, form=forms.original(survey.plant))
@@ -318,7 +317,8 @@ def places(survey: Survey) -> Iterator[Row]:
 
 
 def everywhere(plant: System, *, deep: bool = True) -> Iterator[Row]:
-    """The places of a plant; those whose forms take seconds last, and only if `deep`. A plant is surveyed once."""
+    """Yield the candidate forms of a plant; those that take seconds last, and only if `deep`. A plant is surveyed
+    once."""
     yield from places(_surveyed(plant, False))
     if deep:
         yield from places(_surveyed(plant, True))
@@ -330,7 +330,8 @@ def _surveyed(plant: System, deep: bool) -> Survey:
 
 
 def first(observer: str, rows: Iterable[Row], dt: float | None = None) -> First | NoFirst:
-    """The first step of one of `hg.observers` at the sampling period `dt`, by default that of its starting gains."""
+    """Return the first step of one of `hg.observers` at the sampling period `dt`, by default that of its starting
+    gains."""
     make, refusals, skipped = getattr(observers, observer), list[NoFirst](), list[NoFirst]()
     for row in rows:
         if row.form is None or refuted(row.form.checks):
