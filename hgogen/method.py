@@ -303,7 +303,7 @@ def covariance_limits(part: Riccati, tableau: Tableau, view: Literal["informatio
     """
     noise, variance = part.nominal
     points = list(zip(*part.linearised(POINTS), strict=True))
-    if part.theta.rest is not None:
+    if part.theta.error_free is not None:
         shown = [np.vstack([C @ np.linalg.matrix_power(F, k) for k in range(len(F))]) for F, C in points]
         ranks = map(np.linalg.matrix_rank, shown)
         points = [(F, C) for (F, C), rank in zip(points, ranks, strict=True) if rank == len(F)] or points
@@ -317,7 +317,7 @@ def covariance_limits(part: Riccati, tableau: Tableau, view: Literal["informatio
         part.theta.peak,
         tableau,
         view,
-        part.theta.rest,
+        part.theta.error_free,
         part.theta.rise,
         part.scaling,
     )

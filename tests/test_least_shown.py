@@ -16,7 +16,7 @@ from scipy.integrate import solve_ivp
 
 import hgogen as hg
 from hgogen.check import Check, Verdict
-from hgogen.estimators.persistence import Course, LeastShown, Shown, _smallest, _windows
+from hgogen.estimators.persistence import Course, GramianBound, WindowGramian, _smallest, _windows
 from hgogen.reading.given import BadGain
 from hgogen.recheck.verification import recheck
 from hgogen.trial import t
@@ -39,9 +39,9 @@ def check_of(affine: hg.Form, inputs: Any, period: Any = None, R: Any = 0.1, **m
     return check
 
 
-def fact(check: Check) -> LeastShown:
+def fact(check: Check) -> GramianBound:
     (proof,) = check.proofs
-    assert isinstance(proof, LeastShown)
+    assert isinstance(proof, GramianBound)
     return proof
 
 
@@ -171,7 +171,7 @@ def test_what_grows_leaves_more() -> None:
 def test_the_widest_ball_counts() -> None:
     """A matrix that is known to within a half in its least entry, and in no other, may be as small."""
     W = flint.arb_mat([[flint.arb(1, 0.5), 0], [0, 3]])
-    assert 0.49 < _smallest(Shown(None, W)) <= 0.5
+    assert 0.49 < _smallest(WindowGramian(None, W)) <= 0.5
 
 
 @pytest.mark.full

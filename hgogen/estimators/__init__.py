@@ -1,1 +1,1 @@
-"""What observers share: Riccati parts and theta, chains of integrators, linear cores, saturations, persistence."""
+"""Shared parts of observers: Riccati parts and theta, chains of integrators, linear cores, saturations, persistence."""

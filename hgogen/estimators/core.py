@@ -1,17 +1,17 @@
 """The linear error core of an estimator, without saturations and with saturations inside.
 
-The linear error core of an estimator: x' = M x + B y + what is nonlinear, x its fields in a column.
+The linear error core of an estimator: x' = M x + B y + nonlinear terms, x the fields in a column.
 
-It is a derivative of `Ode.linear`, which is linear in the fields and the measurement. The error of the estimate obeys
-the same M where the model's nonlinear terms agree, so the eigenvalues of M are the observer's poles, and (M, B) is what
-measurement noise goes through.
+M and B are the derivatives of `Ode.linear`, which is linear in the fields and the measurement. The estimation error
+obeys the same M where the nonlinear terms of plant and model are equal, so the eigenvalues of M are the observer's
+poles, and (M, B) is the filter of the measurement noise.
 
-Estimators with saturations inside their linear core, at the ranges of the states they estimate.
+Estimators with saturations in their linear core, at the ranges of the estimated states.
 
     field' = lines(fields, y - o(u), saturate, c),   c = c(., u) of the chain
 
-The linear error core is `lines` without saturation, c = 0. While a saturation acts, a state inside its range keeps the
-saturated estimate at least as near as the estimate itself.
+The linear error core is `lines` without saturation, c = 0. For a state inside its range the saturated estimate is at
+least as near as the estimate.
 """
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
@@ -41,9 +41,9 @@ class Core:
 
 
 def core(part: Ode, outputs: int, valid: Sequence[float] | None = None) -> Core | None:
-    """The core as graphs of parameters and gains, frozen fields at their values; None where there is none.
+    """The core as graphs of parameters and gains, with frozen fields at their values; None for a part without a core.
 
-    `valid` (p): 1 for an output whose sample can be used, else 0; by default all of them.
+    `valid` (p): 1 for an output whose sample is used, else 0; by default every sample is used.
     """
     if part.linear is None:
         return None
@@ -82,14 +82,13 @@ def numbers(graph: Graph, nominal: Mapping[Place, np.ndarray]) -> np.ndarray:
 
 
 def of_form(form: Form) -> dict[Place, np.ndarray]:
-    """The numbers of the places of parameters, as declared, and of rows that are held, as before there was a finite
-    value."""
+    """The numbers of the places of parameters, as declared, and of the fallbacks of rows without a finite value, 0."""
     values = {Place("plant", field.name): np.array(field.initial) for field in parameter_fields(form.system.parameters)}
     return values | {Place("state", f"last_{name}"): np.zeros(1) for name in form.fallback}
 
 
 def nominal(observer: Observer) -> dict[Place, np.ndarray]:
-    """The numbers of the places of the form, of gains and what is derived of them, all as declared."""
+    """Return the declared numbers of the places of the form, of the gains and of the values derived from them."""
     values = of_form(observer.form)
     values |= {Place("gain", field.name): np.array(field.initial) for field in observer.gains}
     for part in observer.parts:
@@ -99,15 +98,15 @@ def nominal(observer: Observer) -> dict[Place, np.ndarray]:
     return values
 
 
-Saturate = Callable[[Graph, int], Graph]  # an SX scalar to the range of w_i
-Model = Callable[[Graph], Graph]  # c (n) of w (n)
+Saturate = Callable[[Graph, int], Graph]  # clamps an SX scalar to the range of w_i
+Model = Callable[[Graph], Graph]  # maps w (n) to c (n)
 Lines = Callable[[Mapping[str, Graph], Graph, Graph, Saturate, Model], Mapping[str, Graph]]
 
 
 @dataclass(frozen=True, eq=False)
 class Saturating(Ode):
-    """An estimator with saturations in its linear core: `whole`, by field name, is its right-hand side in one piece,
-    of fewer operations than linear + rest."""
+    """An estimator with saturations in its linear core. `whole` returns its right-hand side by field name, with fewer
+    operations than the sum of linear part and remainder."""
 
     whole: Callable[[Mapping[str, Graph], Graph, Graph, Graph], Mapping[str, Graph]] | None = None
 
@@ -118,8 +117,8 @@ class Saturating(Ode):
 
 
 def saturating(chain: Integrators, fields: tuple[Field, ...], lines: Lines) -> Saturating:
-    """The estimator field' = lines(values, y - o(u), valid, saturate, c): saturate(value, i) is clamped to the range of
-    w_i, c(w) are the chain's nonlinear terms (n)."""
+    """Return the estimator field' = lines(values, y - o(u), valid, saturate, c). saturate(value, i) clamps a value to
+    the range of w_i; c(w) are the chain's nonlinear terms (n)."""
 
     def linear(values: Mapping[str, Graph], y: Graph, valid: Graph) -> Mapping[str, Graph]:
         return lines(values, y, valid, lambda value, _: value, lambda _: ca.SX.zeros(chain.n))
@@ -127,16 +126,18 @@ def saturating(chain: Integrators, fields: tuple[Field, ...], lines: Lines) -> S
     def whole(values: Mapping[str, Graph], u: Graph, y: Graph, valid: Graph) -> Mapping[str, Graph]:
         return lines(values, y - chain.offset(u), valid, chain.saturated, lambda w: chain.nonlinear(w, u))
 
-    def rest(values: Mapping[str, Graph], u: Graph, y: Graph, valid: Graph) -> dict[str, Graph]:
-        core, all_ = linear(values, y - chain.offset(u), valid), whole(values, u, y, valid)
-        return {name: all_[name] - core[name] for name in core}
+    def remainder(values: Mapping[str, Graph], u: Graph, y: Graph, valid: Graph) -> dict[str, Graph]:
+        core, total = linear(values, y - chain.offset(u), valid), whole(values, u, y, valid)
+        return {name: total[name] - core[name] for name in core}
 
-    return Saturating(fields, rest, linear, chain.offset, whole=whole)
+    return Saturating(fields, remainder, linear, chain.offset, whole=whole)
 
 
 def vertices(chain: Integrators, fields: tuple[Field, ...], lines: Lines) -> Iterator[np.ndarray]:
-    """The linear error core (N, N) at theta = 1 with every saturation passing all, or nothing, of the estimate's error:
-    what a saturated estimate of a state inside its range obeys is between them."""
+    """Yield the linear error cores (N, N) at theta = 1 with each saturation passing all or nothing of its error.
+
+    For a state inside its range, the core with saturated estimates is a convex combination of them.
+    """
     for shares in product((1.0, 0.0), repeat=chain.n - 1):
 
         def linear(
@@ -148,18 +149,18 @@ def vertices(chain: Integrators, fields: tuple[Field, ...], lines: Lines) -> Ite
 
 
 def gates(cores: Sequence[np.ndarray]) -> tuple[tuple[int, np.ndarray], ...]:
-    """The shares that saturations pass on, of all `vertices`: the field whose error is passed, and the column (N) that
-    this adds to the core of the last of them, where nothing is passed."""
+    """Return, for each saturation, the field whose error it passes, and the column (N) that it adds to the last of the
+    `vertices`, in which nothing is passed."""
     shut, columns = cores[-1], []
     for k in reversed(range(len(cores).bit_length() - 1)):
         passed = cores[-1 - 2**k] - shut
-        (of,) = np.flatnonzero(passed.any(axis=0))
-        columns.append((int(of), passed[:, of]))
+        (field,) = np.flatnonzero(passed.any(axis=0))
+        columns.append((int(field), passed[:, field]))
     return tuple(columns)
 
 
 def demand_ranges(observer: str, form: Form, wanted: Iterable[int]) -> None:
-    """Raises: `BadGain` where one of the states `wanted` has no range to saturate its estimate to."""
+    """Raise `BadGain` for one of the states `wanted` without a range at which to saturate its estimate."""
     for i in wanted:
         if not form.states[i].bounded:
             what = form.to_form[i]

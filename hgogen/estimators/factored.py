@@ -1,19 +1,19 @@
-"""The Riccati observer on factors of P: what a filter step shares, P = L D L' as statements, and P = L D L' as loops.
+"""The Riccati observer on factors of P: the common part of filter steps, P = L D L' as statements and as loops.
 
-All do  z by one classical Runge-Kutta step, Phi = I + hF + (hF)^2/2 at its midpoint, P <- Phi P Phi' + h Q_theta,
-and scalar updates with r = R_theta/h. Where a variance P_ii exceeds its cap, rows of L are scaled, a congruence, which
-keeps what the last samples showed. h Q_theta keeps the rank. A part that forgets needs no cap:
+All filters advance z by one classical Runge-Kutta step, with Phi = I + hF + (hF)^2/2 at its midpoint and P <- Phi P
+Phi' + h Q_theta, and correct by scalar updates with r = R_theta/h. Where a variance P_ii exceeds its cap, rows of L are
+scaled: a congruence, which keeps the correlations. h Q_theta preserves the rank. A part with forgetting needs no cap:
 
     P <- exp(rho h) Phi P Phi' + h Q_0,   P^-1 <- P^-1 + (1 - exp(-rho h)) S_0,   S_0 = diag(1/cap_i)
 
-The second is a scalar update for each state, of a sample that is the estimate: it moves P alone. Where A = 0 both
+The second is a scalar update for each state by a sample equal to the estimate, which changes P only. For A = 0 both
 together are S <- exp(-rho h) S + (1 - exp(-rho h)) S_0, exact for any h but for Q_0.
 
-Of straight-line code and loops the one is chosen that suits what the step is made for: for speed straight-line code,
-which carries out fewer operations and steers no loops, as long as its text does not become too long; for flash the
-shorter text. Both are counted, not measured (`discretisation.kernel_graphs`). In loops over the columns of L, for
-states too many to unroll, Phi L is made triangular by rotations of the columns that Phi's diagonals above the main one
-fill, and the noise is added by rank-one updates: n^2 for each such diagonal, and n^3/3.
+The choice between straight-line code and loops depends on the goal of the step. For speed it is straight-line code,
+which has fewer operations and no loop control, unless its text becomes too long; for flash it is the shorter text.
+Operations are counted, not measured (`discretisation.kernel_graphs`). In loops over the columns of L, for many states,
+rotations make Phi L triangular again in the columns that Phi's diagonals above the main one fill, and rank-one updates
+add the noise: n^2 operations for each such diagonal, and n^3/3.
 """
 
 from abc import ABC, abstractmethod
@@ -48,16 +48,16 @@ from hgogen.signal import LOST
 # D_i stays above SMALLEST of its natural size and |L_ij| within LARGEST of its own: both only catch rounding.
 SMALLEST, LARGEST, TINY = 1e-12, 1e9, 1e-35
 Writes = dict[Place, Graph]
-_READ = ("z", "u", "y", "valid")  # by the flow and the Jacobian, in this order
-POINTS = 12  # corners, and as many points inside, at which the model's growth is judged
-LONGER = {"speed": 1450, "flash": 0}  # operations that straight-line code may be longer than loops; one is some 6 bytes
-FULL = 7  # states up to which a full matrix Q or P(0) is taken, which loops do not admit
-LARGE = 12  # states beyond which straight-line code is too long in any case, and takes long to make
+_READ = ("z", "u", "y", "valid")  # the arguments of flow and Jacobian, in this order
+POINTS = 12  # corners, and as many points inside, at which the growth of the model is evaluated
+LONGER = {"speed": 1450, "flash": 0}  # operations by which straight-line code may exceed loops, of about 6 bytes each
+FULL = 7  # states up to which a full matrix Q or P(0) is accepted, which loops do not admit
+LARGE = 12  # states beyond which straight-line code is always too long, and slow to generate
 
 
 @dataclass(frozen=True)
 class FilterStep:
-    """A step of a filter at a clock: z over it, F at its midpoint, and Phi = I + hF + (hF)^2/2 as an operator."""
+    """A step of a filter at a clock: z, F at its midpoint, and Phi = I + hF + (hF)^2/2 as an operator."""
 
     part: Riccati
     clock: Clock
@@ -88,12 +88,12 @@ class FilterStep:
         return lambda z, c: call({"z": z, **self.clock.signals(c)})
 
     def transition(self, F: Graph) -> Graph:
-        """Phi = I + hF + (hF)^2/2, sparse, of a matrix F."""
+        """Return the sparse Phi = I + hF + (hF)^2/2 of a matrix F."""
         h = self.clock.dt
         return ca.sparsify(ca.SX.eye(self.part.dynamics.n) + h * F + (h * h / 2) * (F @ F))
 
     def weights(self) -> Graph:
-        """h theta^(1+g) weights, the diagonal of h Q_theta in its factor (k)."""
+        """Return h theta^(1+g) weights, the diagonal weights of h Q_theta in its factors (k)."""
         return self.clock.dt * self.part.scaling.process(self.part.theta.value) * self.part.weights
 
     def row(self, output: int) -> Graph:
@@ -105,8 +105,11 @@ class FilterStep:
         return self.part.scaling.variance(self.part.R[output], self.part.theta.value, output, self.clock.period(output))
 
     def common(self) -> dict[str, Any]:
-        """The status bit of every factored covariance, and of one that forgets exp(rho h) and the roots of
-        (1 - exp(-rho h)) S_0. Both come of one rounding of exp, so that S tends to S_0 however small rho h is."""
+        """The status bit of every factored covariance; with forgetting also exp(rho h) and the roots of (1 - exp(-rho
+        h)) S_0.
+
+        Both are computed from the same rounded exp, so that S tends to S_0 for any small rho h.
+        """
         part = self.part
         always = {"bits": (part.limited,), "uses_output": part.known is not None}
         if part.forgetting is None:
@@ -126,8 +129,8 @@ class FilterStep:
         }
 
     def smallest(self, values: np.ndarray) -> np.ndarray:
-        """The lower ends of the D_i (n): a share of their natural size, that of P(0) = `values`, of the noise that one
-        step adds, and of one sample's variance, the smallest."""
+        """The lower limits of the D_i (n): a small fraction of the smallest of P(0) = `values`, the noise of one step,
+        and the variance of one sample."""
         part, clock = self.part, self.clock
         noise, variances = part.nominal
         natural = np.minimum(values, clock.dt * factor(noise)[1]) if part.factor.size else values.copy()
@@ -136,7 +139,7 @@ class FilterStep:
         return np.maximum(SMALLEST * natural, TINY)
 
     def diagonal(self, values: np.ndarray) -> Field:
-        """The field of D (n), which begins with these values."""
+        """The field of D (n) with these initial values."""
         return Field(
             "D",
             tuple(float(value) for value in values),
@@ -147,10 +150,12 @@ class FilterStep:
 
 
 def largest(part: Riccati) -> np.ndarray:
-    """The upper ends of the P_ii (n): their cap; where the past is forgotten, twice (1 + 2 mu/rho) cap_i at the
-    smallest rho, mu the largest logarithmic norm of F in units of sqrt(cap), at points of the box, or 0. For S' =
-    -rho (S - S_0) - F'S - S F + .. keeps S_0^-1/2 S S_0^-1/2 above rho/(rho + 2 mu), and twice is for what Q_0 adds and
-    the points miss."""
+    """The upper limits of the P_ii (n): their cap, or with forgetting 2 (1 + 2 mu/rho) cap_i at the smallest rho.
+
+    mu is 0 or the largest logarithmic norm of F in units of sqrt(cap) at points of the box. By S' = -rho
+    (S - S_0) - F'S - S F + .., S_0^-1/2 S S_0^-1/2 stays above rho/(rho + 2 mu). The factor 2 allows for Q_0 and for mu
+    between the points.
+    """
     if part.forgetting is None:
         return part.cap
     unit = np.sqrt(part.cap)
@@ -160,10 +165,10 @@ def largest(part: Riccati) -> np.ndarray:
 
 
 class Unrolled(FilterStep, ABC):
-    """A filter step as straight-line code; a subclass says by which factors of P."""
+    """A filter step as straight-line code; a subclass defines the factors of P."""
 
-    name: str  # of P by its factors
-    rule = ""  # by which it is carried out, where the method leaves it that
+    name: str  # P in terms of its factors
+    rule = ""  # the name of the rule, where the method has none
 
     @property
     @abstractmethod
@@ -190,7 +195,7 @@ class Unrolled(FilterStep, ABC):
 
     @abstractmethod
     def time_update(self, transition: Graph, growth: Graph | None) -> tuple[Writes, dict[str, Graph]]:
-        """The factors of growth Phi P Phi' + h Q_theta, and the values worth a name."""
+        """The factors of growth Phi P Phi' + h Q_theta, and the intermediate values that get a name."""
 
     def pieces(self) -> Pieces:
         """Memory and statements: predict, then one scalar update for each output."""
@@ -219,8 +224,8 @@ class Unrolled(FilterStep, ABC):
         return (Block(title, writes, {**stages.names, **entries, **names}, notes=notes),)
 
     def bounded(self) -> Program:
-        """P with what is forgotten of it, or within its cap: where a P_ii exceeds it, the factors are those of P scaled
-        by min(1, cap_i/P_ii), a congruence. Without guards there is no cap."""
+        """Limit P after a step. With forgetting the prior S_0 is added; otherwise, where a P_ii exceeds its cap, P is
+        scaled by the congruence min(1, cap_i/P_ii). Without guards there is no cap."""
         part, variances = self.part, self.variances
         if part.forgetting is not None:
             rows = map(ca.sparsify, ca.vertsplit(ca.diag(sym("derived", "prior", part.dynamics.n))))
@@ -246,7 +251,7 @@ class Unrolled(FilterStep, ABC):
     def corrected(
         self, gain: Graph, error: Graph, factors: Writes, title: str = "correct by the scalar update"
     ) -> Program:
-        """z moved by a gain (n) times an error, with the writes of the factors of P."""
+        """The statements that add a gain (n) times an error to z and write the factors of P."""
         z = {Place("state", self.part.z.name): self.z + gain * error}
         return (Block(title, {**z, **factors}, {f"K{i + 1}": k for i, k in enumerate(ca.vertsplit(gain))}),)
 
@@ -258,7 +263,7 @@ class UnitTriangular(Unrolled):
 
     @property
     def symbols(self) -> tuple[Graph, Graph]:
-        """L (n, n) and the diagonal of D (n) as they are in the state."""
+        """L (n, n) and the diagonal of D (n) in the state."""
         n = self.part.dynamics.n
         return unpack_lower(sym("state", "L", n * (n - 1) // 2), n, 1), sym("state", "D", n)
 
@@ -269,7 +274,7 @@ class UnitTriangular(Unrolled):
 
     @property
     def fields(self) -> tuple[Field, ...]:
-        """L, of more than one state, and D."""
+        """The fields of L, for more than one state, and of D."""
         n, deviation = self.part.dynamics.n, np.sqrt(self.part.cap)
         start, values = factor(self.part.covariance)
         ends = tuple(float(LARGEST * deviation[i] / deviation[j]) for i, j in lower(n, 1))
@@ -311,11 +316,11 @@ _COLUMNS, _D = Place("column", "v"), Place("state", "D")
 
 
 class Looped(FilterStep):
-    """A filter step with L as the columns of a group, matrix operations as kernels; needs diagonal Q and P(0)."""
+    """A filter step with L as the columns of a group and matrix operations as kernels; Q and P(0) must be diagonal."""
 
     @property
     def matrices(self) -> dict[str, np.ndarray]:
-        """Q and P(0), by the arguments that they come from."""
+        """Q and P(0), by the names of their arguments."""
         return {"Q": self.part.nominal[0], "covariance": self.part.covariance}
 
     def pieces(self) -> Pieces:
@@ -368,7 +373,8 @@ class Looped(FilterStep):
         )
 
     def bounded(self) -> Program:
-        """The limit of a variance beyond its cap, or not a number, as it is where an entry of L is none."""
+        """The statements that limit a variance beyond its cap, or one that is not a number, and restart lost entries of
+        L at 0."""
         n, limited = self.part.dynamics.n, Place("work", "limited")
         v = sym("column", "v", n)
         restarted = column(ca.if_else(ca.fabs(v[i]) <= LOST, v[i], 0) for i in range(n))
@@ -385,7 +391,7 @@ class Looped(FilterStep):
         n, c = self.part.dynamics.n, self.row(output)
         row = {Place("work", "c"): ca.densify(c).T, Place("work", "r"): self.variance(output)}
         arguments = ((_D, n), (Place("work", "c"), n), (Place("work", "r"), 1), (Place("work", "K"), n))
-        read = max(c.sparsity().get_col(), default=-1) + 1  # elements of c that are not 0 lie before it
+        read = max(c.sparsity().get_col(), default=-1) + 1  # elements of c from here on are 0
         return (
             Block("the measurement's row and variance", row),
             Kernel("correct", n, _COLUMNS, arguments, counts=(read,)),
@@ -394,7 +400,7 @@ class Looped(FilterStep):
 
 
 def _in_memory(name: str, matrix: Graph) -> tuple[Graph, Writes]:
-    """A sparse matrix whose entries lie in memory, but for numbers, and the writes of these."""
+    """A sparse matrix whose entries are stored in memory unless they are constants, and the writes of these entries."""
     values = matrix.nonzeros()
     moving = [k for k, value in enumerate(values) if not value.is_constant()]
     if not moving:
@@ -407,7 +413,7 @@ def _in_memory(name: str, matrix: Graph) -> tuple[Graph, Writes]:
 
 @dataclass(frozen=True)
 class _Candidate:
-    """A program of the two to choose from."""
+    """A candidate for the chosen program."""
 
     name: str
     pieces: Pieces
@@ -424,8 +430,11 @@ class _Candidate:
 
 
 def chosen(part: Riccati, clock: Clock) -> Pieces:
-    """The pieces of the shorter program, or of the faster one if it is not too long, with a sentence on the choice.
-    Where straight-line code is short, loops are not made to be counted."""
+    """Return the pieces of the shorter program, or of the faster one if it is not too long, with a sentence on the
+    choice.
+
+    Where straight-line code is short, the loops are not generated for comparison.
+    """
     n, straight_line, loop = part.dynamics.n, UnitTriangular(part, clock), Looped(part, clock)
     if n <= FULL and not all(map(is_diagonal, loop.matrices.values())):
         return replace(straight_line.pieces(), choice="the covariance in straight-line code, as for full matrices")

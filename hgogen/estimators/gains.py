@@ -2,7 +2,7 @@
 
 Gains from poles: the coefficients p_1..p_n of (s - s_1)...(s - s_n) = s^n + p_1 s^(n-1) + ... + p_n.
 
-A filter in the output injection asks more than a negative real part of the poles mu of A - L C: with
+With a filter in the output injection, the poles mu of A - L C need more than a negative real part: with
 
     M = [[A, diag L], [-beta C'C, -alpha I + beta A']],   p_M(s) = beta^n p_(A - L C)(s (s + alpha)/beta),
 
@@ -10,7 +10,7 @@ M is Hurwitz if and only if each mu lies inside a parabola, S = {alpha^2 Re mu +
 Jungers, Zaccarian, "Output injection filtering redesign in high-gain observers", ECC 2018, (9)-(11), Lemma 1; that
 mu outside S make M unstable is Routh's test of s^2 + alpha s - beta mu.
 
-The low-power injection: pairs (p_i, q_i) on a chain of integrators, and their gains from 2n - 2 poles.
+The low-power injection: pairs (p_i, q_i) on a chain of integrators, with gains from 2n - 2 poles.
 
     p_i' = q_i + theta k_i1 e_i,   q_i' = q_(i+1) + theta^2 k_i2 e_i,   q_n = 0,   i = 1..m,   m = n - 1
     e_1 = y - p_1,   e_i = q_(i-1) - p_i
@@ -19,21 +19,22 @@ At theta = 1 this linear core has the characteristic polynomial
 
     D(s) = R_1 + k_12 (R_2 + k_22 (R_3 + .. + k_m2)),   R_i = s (s + k_i1) s (s + k_(i+1)1) .. s (s + k_m1).
 
-Proof: the pair i turns q_(i-1) into q_i by the factor k_i2 s D_(i+1)/D_i, D_i = s (s + k_i1) (D_(i+1) - k_(i+1)2
+Proof: the transfer function of pair i from q_(i-1) to q_i is k_i2 s D_(i+1)/D_i, D_i = s (s + k_i1) (D_(i+1) - k_(i+1)2
 D_(i+2)) + k_i2 D_(i+1), D_(m+1) = 1; so that D_i - k_i2 D_(i+1) = R_i. Hence D(0) = c_m, c_i = k_12 .. k_i2, and
-(D(s) - D(0))/s, of odd degree, has a real root, -k_m1; its quotient by s + k_m1 is the polynomial of the pairs before,
-c_(m-1) at s = 0, and so on. For k_i = (2, (n - i)/i) the c_i are binomial coefficients and D = (1 + s (s + 2))^m =
-(s + 1)^(2m). Source of the observer: Astolfi, Marconi, IEEE TAC 60 (2015).
+(D(s) - D(0))/s, of odd degree, has a real root, -k_m1; its quotient by s + k_m1 is the polynomial of the first m - 1
+pairs, c_(m-1) at s = 0, and so on. For k_i = (2, (n - i)/i) the c_i are binomial coefficients and D = (1 + s
+(s + 2))^m = (s + 1)^(2m). Source of the observer: Astolfi, Marconi, IEEE TAC 60 (2015).
 
-Where the entries of a gain stand, a matrix of a row for each state and a column for each chain's output.
+The places of a gain's entries, in a matrix with a row for each state and a column for each chain's output.
 
     z' = A z + b(z, u) + K_theta (y - C z),   K_theta = theta^(p(i) - p(k) + 1) K_ik
 
-p(i) is the power of theta that scales the state of row i, p(k) that of the first state of chain k (`scaling`): the
-power is j in row j of a chain of the same alignment at the top, and what the gain does to an error in scaled
-coordinates grows like theta, whatever chain it comes from.
+p(i) is the power of theta that scales the state of row i, p(k) that of the first state of chain k (`scaling`): with
+chains aligned at the top it is j in row j. In scaled coordinates the effect of the gain on an error then grows like
+theta, for the errors of all chains.
 
-A gain of an observer whose entries, of parameters, stand times powers of theta: a derived value of its program.
+A gain of an observer, whose entries are expressions of parameters times powers of theta: a derived value of its
+program.
 """
 
 from collections.abc import Iterable, Sequence
@@ -58,7 +59,7 @@ from hgogen.sentence import same, up
 
 @dataclass(eq=False)
 class BadPoles(HgogenError):
-    """Poles that no real observer can have, or that do not decay."""
+    """Poles that no real observer can have, or that are unstable."""
 
     poles: tuple[complex, ...]
     reason: str
@@ -69,8 +70,8 @@ class BadPoles(HgogenError):
 
 @dataclass(eq=False)
 class OutsideParabola(HgogenError):
-    """Poles of A - L C at which a filtered output injection does not decay: `poles` are those outside S, `eigenvalue`
-    the worst that M has of them, `ratio` is alpha^2/beta, and any ratio above `least` admits them."""
+    """Poles of A - L C for which a filtered output injection is unstable: `poles` are those outside S, `eigenvalue` the
+    worst eigenvalue of M, `ratio` is alpha^2/beta; any ratio above `least` admits the poles."""
 
     poles: tuple[complex, ...]
     eigenvalue: complex
@@ -87,7 +88,7 @@ class OutsideParabola(HgogenError):
 
 
 def numbers(poles: Sequence[complex]) -> tuple[complex, ...]:
-    """Poles as complex numbers. Raises: `BadPoles` for anything else."""
+    """Return poles as complex numbers. Raises: `BadPoles` for anything else."""
     try:
         return tuple(complex(pole) for pole in poles)
     except (TypeError, ValueError, OverflowError):
@@ -95,7 +96,7 @@ def numbers(poles: Sequence[complex]) -> tuple[complex, ...]:
 
 
 def coefficients(poles: Sequence[complex], n: int) -> np.ndarray:
-    """p_1..p_n (n) of n poles in the open left half plane, complex ones in conjugate pairs.
+    """Return p_1..p_n (n) of n poles in the open left half plane, complex ones in conjugate pairs.
 
     Raises: `BadPoles`.
     """
@@ -116,7 +117,8 @@ def coefficients(poles: Sequence[complex], n: int) -> np.ndarray:
 
 
 def least_ratio(pole: complex) -> Fraction:
-    """(Im mu)^2/(-Re mu) of a mu in the open left half plane: it lies in S where alpha^2/beta is above it. Exact."""
+    """Return the exact (Im mu)^2/(-Re mu) of a mu in the open left half plane: mu is in S where alpha^2/beta is above
+    it."""
     return Fraction(pole.imag) ** 2 / -Fraction(pole.real)
 
 
@@ -159,14 +161,14 @@ def parabola_advice(L: np.ndarray, alpha: float, beta: float) -> str:
     return f"alpha^2/beta = {alpha**2 / beta:.6g} must be above about {least:.4g}; raise alpha or lower beta"
 
 
-_DIGITS = 60  # of the roots: close ones are less certain than the polynomial by many digits
-_REAL = 1e-20  # the imaginary part, as a share of the largest root, of what is real
+_DIGITS = 60  # decimal digits of the roots: close roots lose many digits of the coefficients
+_REAL = 1e-20  # the imaginary part of a real root at most, as a share of the largest root
 
 
 def pair_gains(observer: str, n: int, gains: Any, poles: Any) -> np.ndarray:
-    """The gains k (n - 1, 2): the `gains`, or from `poles` (2n - 2), or by default (2, (n - i)/i) with all poles at -1.
+    """Return k (n - 1, 2) from `gains` or from `poles` (2n - 2); by default (2, (n - i)/i) with all poles at -1.
 
-    Raises: `BadGain` for both, or for gains of another shape or not finite; `BadPoles`.
+    Raises: `BadGain` for both arguments, or for gains of another shape or not finite; `BadPoles`.
     """
     if gains is not None and poles is not None:
         raise BadGain(observer, "takes gains or poles, not both; leave one out")
@@ -185,7 +187,7 @@ def pair_gains(observer: str, n: int, gains: Any, poles: Any) -> np.ndarray:
 
 
 def from_poles(poles: Sequence[complex], n: int) -> np.ndarray:
-    """The gains k (n - 1, 2) of 2n - 2 poles; where there is a choice, the last pair is the slowest.
+    """Return the gains k (n - 1, 2) of 2n - 2 poles; if there are several, those with the slowest last pair.
 
     Raises: `BadPoles`, also where the search finds no positive gains for the poles.
     """
@@ -195,10 +197,10 @@ def from_poles(poles: Sequence[complex], n: int) -> np.ndarray:
     wanted = coefficients(poles, 2 * n - 2)
     slopes: list[Any] = []
     with mpmath.workdps(_DIGITS):
-        left, products = [mpmath.mpf(1), *map(mpmath.mpf, wanted)], [mpmath.mpf(1)]
-        while len(left) > 1:
-            *rest, constant = left
-            roots = mpmath.polyroots(rest, maxsteps=1000, extraprec=1000)
+        polynomial, products = [mpmath.mpf(1), *map(mpmath.mpf, wanted)], [mpmath.mpf(1)]
+        while len(polynomial) > 1:
+            *upper, constant = polynomial
+            roots = mpmath.polyroots(upper, maxsteps=1000, extraprec=1000)
             largest = max(map(abs, roots))
             real = (mpmath.re(x) for x in roots if abs(mpmath.im(x)) <= _REAL * largest)
             root = max((x for x in real if x < 0), default=None)
@@ -206,13 +208,13 @@ def from_poles(poles: Sequence[complex], n: int) -> np.ndarray:
                 raise BadPoles(tuple(map(complex, poles)), "no positive gains were found that have them; give gains")
             slopes.insert(0, -root)
             products.insert(1, constant)
-            left = _divided(rest, root)
+            polynomial = _divided(upper, root)
         ratios = (after / before for before, after in pairwise(products))
         return np.array([(float(a), float(b)) for a, b in zip(slopes, ratios, strict=True)])
 
 
 def _divided(polynomial: list[Any], root: Any) -> list[Any]:
-    """The quotient by s - root, by Horner's scheme."""
+    """Return the quotient by s - root, by Horner's scheme."""
     quotient = polynomial[:1]
     for coefficient in polynomial[1:-1]:
         quotient.append(coefficient + root * quotient[-1])
@@ -225,14 +227,14 @@ def errors(first: Graph, p: Graph, q: Graph) -> Graph:
 
 
 def injected(k: np.ndarray, theta: Graph, e: Graph) -> tuple[Graph, Graph]:
-    """The terms of e (m) in p' (m) and q' (m)."""
+    """Return the injection terms of p' (m) and of q' (m) by the errors e (m)."""
     return theta * (ca.DM(k[:, 0]) * e), theta * theta * (ca.DM(k[:, 1]) * e)
 
 
 @dataclass(frozen=True)
 class Column:
-    """The place of an entry: its `row` (0..n-1) and its `chain` (0..q-1), with the `power` of theta that scales it, and
-    its `index` in print: (j), (i, j), or (i, j, k), of the row j of chain i and the output of chain k."""
+    """The place of an entry: its `row` (0..n-1), its `chain` (0..q-1), the `power` of theta that scales it, and its
+    printed `index`: (j), (i, j), or (i, j, k) for row j of chain i and the output of chain k."""
 
     row: int
     chain: int
@@ -241,33 +243,33 @@ class Column:
 
 
 def columns(form: Form, count: int) -> tuple[Column, ...]:
-    """The places of `count` entries: n of them act each on the output of its own chain, n q each row on all, row by
-    row."""
+    """Return the places of `count` entries, row by row: n entries act each on the output of its own chain, n q entries
+    on every output."""
     powers, heads = exponents(form), [form.heads[k] for k in form.leads]
     rows = [(i, j) for i, size in enumerate(form.blocks[k] for k in form.leads) for j in range(size)]
-    own, several = count == form.n, len(heads) > 1
+    chainwise, several = count == form.n, len(heads) > 1
     places = []
     for row, (i, j) in enumerate(rows):
-        for k in (i,) if own else range(len(heads)):
+        for k in (i,) if chainwise else range(len(heads)):
             power = j + 1 + powers[heads[i]] - powers[heads[k]]
-            places.append(Column(row, k, power, (i + 1, j + 1, k + 1)[not several : 2 + (not own)]))
+            places.append(Column(row, k, power, (i + 1, j + 1, k + 1)[not several : 2 + (not chainwise)]))
     return tuple(places)
 
 
 def as_matrix(form: Form, entries: Sequence[Any]) -> np.ndarray:
-    """The entries as a matrix (n, q), of objects, 0 where there is none."""
+    """Return the entries as an object matrix (n, q), 0 elsewhere."""
     K = np.zeros((form.n, len(form.leads)), dtype=object)
     for place, value in zip(columns(form, len(entries)), entries, strict=True):
         K[place.row, place.chain] = value
     return K
 
 
-_OWN = 2  # numbers in the index of an entry for its own chain
+_CHAIN_INDEX = 2  # numbers in the index of an entry that acts on its own chain
 
 
 @dataclass(frozen=True)
 class ScaledGain:
-    """The gain `name` of the entries `values`, at their `places`; it is what a report calls its `meaning`."""
+    """The gain `name` with the entries `values` at their `places`; reports call it by its `meaning`."""
 
     name: str
     values: tuple[sp.Expr, ...]
@@ -282,12 +284,12 @@ class ScaledGain:
 
     @property
     def whole(self) -> bool:
-        """Whether rows act on outputs of other chains, too."""
-        return any(len(place.index) > _OWN for place in self.places)
+        """Whether rows act on outputs of other chains as well."""
+        return any(len(place.index) > _CHAIN_INDEX for place in self.places)
 
     @property
     def field(self) -> Field:
-        """The derived value, its entries called theta K_1, theta^2 K_2, ..; chain by chain of several."""
+        """The derived value, with the entries theta K_1, theta^2 K_2, ..; chain by chain if there are several."""
         labels = []
         for place in self.places:
             powers = {0: "", 1: "theta "}.get(place.power, f"theta^{place.power} ")
@@ -296,7 +298,7 @@ class ScaledGain:
         return Field(self.name, (0.0,) * len(self.values), labels=tuple(labels), meaning=self.meaning)
 
     def tuned(self, form: Form) -> Block:
-        """The block that computes it of theta and the parameters, SX of their places."""
+        """Return the block that computes the gain from theta and the parameters, SX of their places."""
         constants = {s: v for s, v in form.system.nominal.items() if not s.bounded}
         parameters = {s: sym("plant", s.name) for s in form.system.parameters if s.bounded}
         values: list[Graph] = to_casadi([k.subs(constants) for k in self.values], parameters)
@@ -307,7 +309,7 @@ class ScaledGain:
         return Block(self.meaning, {Place("derived", self.name): ca.vertcat(*powered)})
 
     def onto(self, e: Graph, n: int) -> Graph:
-        """The gain times the error (q) of each chain's output: (n)."""
+        """Return the gain times the error (q) of each chain's output: (n)."""
         entries: Sequence[Graph] = ca.vertsplit(sym("derived", self.name, len(self.values)))
         rows: list[Graph] = [0] * n
         for place, row in groupby(zip(self.places, entries, strict=True), lambda pair: pair[0].row):

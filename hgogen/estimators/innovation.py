@@ -1,17 +1,18 @@
 """The innovation over a sliding window, I_d(t) = integral over [t-d, t] of |y - yhat|^2, yhat predicted from z(t-d).
 
-Source: Boizot, Busvelle, Gauthier 2010, section 2.3. Two ways to compute it, both as values for an adaptive theta:
+Source: Boizot, Busvelle, Gauthier 2010, section 2.3. It is computed in one of two ways, as the input of an adaptive
+theta:
 
-`window(d)`: as the paper says, the model is run again from z(t - d) at every sample; N = d/dt model steps a sample and
-a history of N + 1 states, inputs and outputs.
+`window(d)`: as in the paper, the model is simulated again from z(t - d) at every sample. It costs N = d/dt model steps
+per sample and a history of N + 1 states, inputs and outputs.
 
-`staggered(d, predictors=M)`: M + 1 copies of the model, one restarted from z every d/M, each summing dt |y - yhat|^2.
-The oldest has an age between d and d (1 + 1/M); its sum is scaled down to d by its number of valid samples and never
-scaled up. M + 1 model steps a sample and no history: the default.
+`staggered(d, predictors=M)`, the default: M + 1 copies of the model, one restarted from z every d/M, each summing dt
+|y - yhat|^2. The oldest has an age between d and d (1 + 1/M); its sum is scaled down to d by its number of valid
+samples and never scaled up. It costs M + 1 model steps per sample and no history.
 
-A sum over samples keeps dt (unit y^2 s), so thresholds do not change with dt. Missing samples are not counted. Of
-several outputs I_d is the sum of weights_j |y_j - yhat_j|^2, each with its own count of valid samples; weights such as
-1/variance make outputs of different units one. A predictor is the model over one step without correction.
+The sum over samples has the factor dt (unit y^2 s), so thresholds do not depend on dt. Missing samples are not counted.
+For several outputs I_d is the sum of weights_j |y_j - yhat_j|^2, each with its own count of valid samples; weights such
+as 1/variance make outputs of different units comparable. A predictor is the model over one step without correction.
 """
 
 from collections.abc import Callable, Collection, Mapping
@@ -36,8 +37,8 @@ from hgogen.theorem import Hypothesis
 __all__ = ["Innovation", "staggered", "window"]
 
 Weights: TypeAlias = tuple[float, ...] | Mapping[str, float]
-POINTS = 12  # corners, and as many points inside, at which the model's decay is judged
-MOST = LOST  # of a squared error
+POINTS = 12  # corners, and as many points inside, at which the model's decay is evaluated
+MOST = LOST  # upper limit of a sum of squared errors
 INNOVATION = scalar("innovation", 0, low=0.0, high=MOST, unit="y^2 s", meaning="innovation I_d")
 
 WINDOW = Hypothesis(
@@ -73,7 +74,7 @@ class BadWindow(HgogenError):
 
 
 class BadWindowSize(BadArgument):
-    """A window, a number of predictors or a method that cannot be used."""
+    """A window, a number of predictors or a method that is not admissible."""
 
 
 @runtime_checkable
@@ -87,11 +88,11 @@ class Innovation(Protocol):
 
     @property
     def hypothesis(self) -> Hypothesis:
-        """The hypothesis that it is the integral of the theorem."""
+        """The hypothesis that the computed value is the integral of the theorem."""
         ...
 
     def part(self, dynamics: Dynamics, z: Field) -> "Predictors":
-        """The part that computes it, for the observer state of field `z`."""
+        """The part that computes the innovation, for the observer state of field `z`."""
         ...
 
 
@@ -110,8 +111,8 @@ class Predictor:
         why = f"nowhere in the declared box does a predictor by {self.tableau.name} follow the model's decay beyond it"
         return Lengths(refused=float(limits.max()), take=float(limits.min()), why=why, basis=EVERYWHERE)
 
-    def moved(self, z: Graph, u: Callable[[float], Graph], dt: float) -> Graph:
-        """z one step later without correction, not yet `clamped` to the box of the observer's state."""
+    def stepped(self, z: Graph, u: Callable[[float], Graph], dt: float) -> Graph:
+        """Return z one step later without correction, before `clamped` limits it to the box of the observer's state."""
         sizes = {"z": z.numel(), "u": u(0.0).numel()}
         flow = routine("flow", sizes, lambda at: {"dz": self.dynamics.flow(at["z"], at["u"])})
         stages = advance(self.tableau, lambda v, c: {"z": flow({**v, "u": u(c)})["dz"]}, {"z": z}, dt)
@@ -121,16 +122,18 @@ class Predictor:
 
 @dataclass(frozen=True, eq=False)
 class Predictors(Part):
-    """Copies of the model without correction as a part of an observer; `build` makes its pieces, the same whatever the
-    method: the predictors have their own."""
+    """Copies of the model without correction as a part of an observer. `build` makes its pieces for every method, since
+    the predictors have their own method."""
 
     predictor: Predictor
     build: Callable[[Predictor, Clock], Pieces]
 
 
 def clamped(field: Field, value: Graph, still: Collection[int] = ()) -> Graph:
-    """The elements clamped to the field's box, but for those that are `still`, which are in it; its initial value where
-    it is not a number or absurd."""
+    """Return the elements clamped to the field's box, and the initial value where one is not a number or absurd.
+
+    Elements that are `still`, constant in the model, are inside and not clamped.
+    """
     elements = []
     for i, end in enumerate(field.box_within(HUGE)):
         inside = clamp(value[i], *end)
@@ -140,14 +143,14 @@ def clamped(field: Field, value: Graph, still: Collection[int] = ()) -> Graph:
 
 
 def beyond(field: Field, value: Graph, still: Collection[int]) -> Graph:
-    """Whether an element that is not `still` is beyond the field's box, or lost."""
+    """Return whether an element that is not `still` is outside the field's box, or lost."""
     moving = [i for i in range(value.numel()) if i not in still]
     ends = field.box_within(HUGE)
     return ca.logic_not(inside(value[moving], [ends[i] for i in moving]))
 
 
 def samples(d: float, dt: float, shares: int = 1) -> int:
-    """The number of samples d/dt, which must be a whole multiple of `shares`.
+    """Return the number of samples d/dt, which must be a whole multiple of `shares`.
 
     Raises: `BadWindow`.
     """
@@ -158,7 +161,7 @@ def samples(d: float, dt: float, shares: int = 1) -> int:
 
 
 def in_order(weights: Weights | Values, dynamics: Dynamics) -> tuple[float, ...]:
-    """The weights in the order of the outputs.
+    """Return the weights in the order of the outputs.
 
     Raises: `BadNames`; `BadWindowSize` for another number of them.
     """
@@ -170,7 +173,7 @@ def in_order(weights: Weights | Values, dynamics: Dynamics) -> tuple[float, ...]
 
 
 def summed(weights: tuple[float, ...], squares: Graph) -> Graph:
-    """The weighted sum over outputs (p), limited so that it stays a number."""
+    """Return the weighted sum over outputs (p), with an upper limit so that it is always finite."""
     if weights:
         return ca.fmin(ca.dot(ca.SX(ca.DM(weights)), squares), MOST)
     return squares if squares.numel() == 1 else ca.fmin(ca.sum1(squares), MOST)
@@ -184,7 +187,8 @@ _RUN_Z, _RUN_U, _RUN_SUM = (Place("work", name) for name in ("zw", "uw", "sum"))
 
 @dataclass(frozen=True)
 class Window:
-    """The innovation of the paper: `d` (s), `tableau` that moves the model, `weights` of the outputs' squares."""
+    """The innovation of the paper: `d` (s), the `tableau` that integrates the model, `weights` of the outputs'
+    squares."""
 
     d: float
     tableau: Tableau
@@ -203,7 +207,7 @@ class Window:
 
 @dataclass(frozen=True)
 class _Ring:
-    """The last samples at a clock; `steps`: N of the window."""
+    """The last samples at a clock; `steps`: the N of the window."""
 
     predictor: Predictor
     clock: Clock
@@ -212,7 +216,7 @@ class _Ring:
 
     @property
     def size(self) -> int:
-        """Samples that are remembered."""
+        """The number of stored samples."""
         return self.steps + 1
 
     @property
@@ -260,7 +264,7 @@ class _Ring:
         return Group("past", self.size, tuple(fields), "the samples of the window")
 
     def _remember(self, output: int) -> Program:
-        """The sample of an output in this call."""
+        """The block that stores the sample of an output in this call."""
         p = self.clock.outputs
         y, valid = ca.SX(sym("state", "recent_y", p)), ca.SX(sym("state", "recent_valid", p))
         y[output], valid[output] = sym("work", "reading"), 1
@@ -275,19 +279,21 @@ class _Ring:
         return Block("the window starts at the oldest sample", writes)
 
     def _input(self) -> dict[Place, Graph]:
-        """The input of a sample, which is the one before the next sample's; none where the plant has none."""
+        """The stored input, which the replay of the next sample uses as the previous one; empty for a plant without
+        inputs."""
         return {_RUN_U: sym("past", "u", self.clock.inputs)} if self.clock.inputs else {}
 
     def _replay(self) -> dict[Place, Graph]:
-        """A step of the model, and the squared error of its output in the sum."""
+        """The writes of one model step, and of the sum with its squared output error."""
         p, m, clock = self.clock.outputs, self.clock.inputs, self.clock
         y, valid, u, before = sym("past", "y", p), sym("past", "valid", p), sym("past", "u", m), sym("work", "uw", m)
-        moved = self.predictor.moved(sym("work", "zw", self.n), lambda c: clock.between_samples(c, before, u), clock.dt)
-        moved = clamped(self.predictor.z, moved) if clock.guarded else moved
-        error = y - self.predictor.dynamics.output(moved, u)
+        z = sym("work", "zw", self.n)
+        after = self.predictor.stepped(z, lambda c: clock.between_samples(c, before, u), clock.dt)
+        after = clamped(self.predictor.z, after) if clock.guarded else after
+        error = y - self.predictor.dynamics.output(after, u)
         rates = ca.SX(ca.DM(clock.every)) * valid if clock.every else valid
         squares = summed(self.weights, rates * (error * error))
-        return {_RUN_Z: moved, _RUN_SUM: ca.fmin(sym("work", "sum") + clock.dt * squares, MOST), **self._input()}
+        return {_RUN_Z: after, _RUN_SUM: ca.fmin(sym("work", "sum") + clock.dt * squares, MOST), **self._input()}
 
 
 _Z, _SUM, _SAMPLES = (Place("predictor", name) for name in ("z", "sum", "samples"))
@@ -297,8 +303,8 @@ _RESTART, _BEYOND = Place("work", "restart"), Place("work", "beyond")
 
 @dataclass(frozen=True)
 class Staggered:
-    """The innovation by staggered copies: `d` (s), `predictors` M, `tableau` that moves them, `weights` of the outputs'
-    squares."""
+    """The innovation by staggered copies: `d` (s), `predictors` M, the `tableau` that integrates them, `weights` of the
+    outputs' squares."""
 
     d: float
     predictors: int
@@ -320,7 +326,7 @@ class Staggered:
 
 @dataclass(frozen=True)
 class _Copies:
-    """M + 1 `predictors` at a clock: `count` samples in the window, M `shares` of it."""
+    """M + 1 predictors at a clock: `count` samples in the window, which M `shares` divide."""
 
     predictor: Predictor
     clock: Clock
@@ -339,7 +345,7 @@ class _Copies:
 
     @property
     def most(self) -> int:
-        """Samples at which a count of them stops."""
+        """The number of samples at which a predictor's count saturates."""
         return self.members * self.period + 1
 
     @property
@@ -380,9 +386,9 @@ class _Copies:
 
     def _move(self) -> Program:
         z, field = sym("predictor", "z", self.n), self.predictor.z
-        moved = self.predictor.moved(z, self.clock.u, self.clock.dt)
-        advance = Block(f"each predictor by {self.predictor.tableau.name}, without correction", {_Z: moved})
-        still = [k for k in range(self.n) if ca.is_equal(moved[k], z[k], 1)]
+        after = self.predictor.stepped(z, self.clock.u, self.clock.dt)
+        advance = Block(f"each predictor by {self.predictor.tableau.name}, without correction", {_Z: after})
+        still = [k for k in range(self.n) if ca.is_equal(after[k], z[k], 1)]
         if not self.clock.guarded or len(still) == self.n:
             return (advance,)
         return (
@@ -392,7 +398,7 @@ class _Copies:
         )
 
     def _accumulate(self, output: int) -> Program:
-        """The sample of an output in every predictor's sum."""
+        """The statements that add the sample of an output to every predictor's sum."""
         total, valid = self.total, self.valid
         z = sym("predictor", "z", self.n)
         error = sym("work", "reading") - self.predictor.dynamics.output(z, self.clock.u_now)[output]
@@ -403,9 +409,10 @@ class _Copies:
         return (Loop("predictor", self.members, (add, tally)),)
 
     def _adapt(self) -> Program:
-        """The innovation is read of the oldest predictor, which then restarts if it is due."""
+        """The statements that read the innovation from the oldest predictor and restart this predictor when it is
+        due."""
         numbers = [max(1, self.count // every) for every in self.clock.every] or [self.count]
-        wanted = ca.SX(ca.DM(numbers)) if len({*numbers}) > 1 else numbers[0]  # of each output in the window
+        wanted = ca.SX(ca.DM(numbers)) if len({*numbers}) > 1 else numbers[0]  # samples of each output in the window
         scaled = self.total * (wanted / ca.fmax(self.valid, wanted))
         text = "innovation: the sum of the oldest predictor, scaled to the window, never scaled up"
         read = Block(text, {Place("state", "innovation"): summed(self.weights, scaled)})
@@ -424,12 +431,13 @@ class _Copies:
 
 
 def _with(values: Graph, index: int, value: Graph) -> Graph:
-    """The SX column with another element."""
+    """Return the SX column with one element replaced."""
     return ca.vertcat(*(value if i == index else values[i] for i in range(values.numel())))
 
 
 def staggered(d: float, predictors: int = 4, method: Any = None, weights: float | Values | None = None) -> Staggered:
-    """Innovation by `predictors` + 1 staggered copies of the model over a window `d` (s); Heun unless `method` says.
+    """Innovation by `predictors` + 1 staggered copies of the model over a window `d` (s), integrated by `method`
+    (Heun).
 
     `weights`: of each output's square, by name or in their order, 1 by default.
 
@@ -442,8 +450,8 @@ def staggered(d: float, predictors: int = 4, method: Any = None, weights: float 
 
 
 def window(d: float, method: Any = None, weights: float | Values | None = None) -> Window:
-    """Innovation as the paper defines it, the model run again over the window `d` (s) at every sample; `weights` as in
-    `staggered`."""
+    """Innovation as the paper defines it, with the model simulated again over the window `d` (s) at every sample;
+    `weights` as in `staggered`."""
     _positive(d)
     return Window(float(d), _tableau(method), _weights(weights))
 

@@ -4,8 +4,8 @@
     w_(i,j) = a_(i,1) .. a_(i,j) z_(i,j):   w_(i,j)' = w_(i,j+1) + c_(i,j)(w, u),   y_i = w_(i,1) + o_i(u)
 
 c_(i,j) = a_(i,1) .. a_(i,j) b_(i,j) takes the argument of b saturated to the declared box: phi_s of the papers. The a_i
-are free of inputs and states; they may hold parameters. Into a chain the output error is injected through the powers
-of a gain that may vary with time,
+are free of inputs and states; they may contain parameters. The output error is injected into a chain through the powers
+of a gain l that may vary with time,
 
     w' = A w + c(w, u) + D_l K i(e),   D_l = diag(l, .., l^n),   e = y - o(u) - w_1
 
@@ -69,7 +69,7 @@ class Integrators:
 
     @cached_property
     def scale(self) -> Graph:
-        """The products as SX (n) of parameters; those without a range are folded."""
+        """The products as SX (n) of parameters; parameters without a range are replaced by their values."""
         system = self.form.system
         places = {s: sym("plant", s.name) for s in system.parameters if s.bounded}
         fixed = {s: value for s, value in system.nominal.items() if not s.bounded}
@@ -82,7 +82,8 @@ class Integrators:
 
     @cached_property
     def reach(self) -> np.ndarray:
-        """The ends (2, n) of the products on the parameters' ranges; nominal ones where no finite range is known."""
+        """The least and largest products (2, n) over the parameters' ranges; nominal ones where no finite range is
+        known."""
         ends = []
         for product, nominal in zip(self.products, self.nominal, strict=True):
             exactly = exact(sp.sympify(product).xreplace(fixed(self.form)))
@@ -104,15 +105,15 @@ class Integrators:
         return self.dynamics.output(ca.SX.zeros(self.n), u)
 
     def saturated(self, w: Graph, i: int) -> Graph:
-        """An SX scalar clamped to the declared range of w_i; as it is where there is none."""
+        """An SX scalar clamped to the declared range of w_i; unchanged where there is none."""
         if not self.form.states[i].bounded:
             return w
         low, high = self.form.states[i].interval[:: 1 if self.nominal[i] > 0 else -1]
         return ca.fmin(ca.fmax(w, self.scale[i] * low), self.scale[i] * high)
 
     def field(self, initial: Mapping[str, float] | Sequence[float] | None, peak: float) -> Field:
-        """The field `w` (n), with the outer box of `state_field` and `peak` at any parameters in their ranges: the
-        plant's w is in it, whatever they are tuned to.
+        """The field `w` (n), with the outer box of `state_field` and `peak`. The box contains the plant's w for all
+        parameters in their ranges.
 
         Raises: `BadGain` for a bad initial state.
         """
@@ -151,7 +152,8 @@ def observer_on(
     practical: bool = False,
     error: Any | None = None,
 ) -> Observer:
-    """The observer whose estimate is `w` (n), an SX of places of its state; `claims` beside the form's."""
+    """Return the observer whose estimate is `w` (n), an SX of places of its state; `claims` are additional to those of
+    the form."""
     form = chain.form
     return Observer(
         form=form,
@@ -172,7 +174,7 @@ def observer_on(
 
 
 def rows(field: Field, name: str, wanted: Iterable[int], meaning: str) -> Field:
-    """The elements `wanted` of a field as a field of its own."""
+    """Return the elements `wanted` of a field as a separate field."""
     wanted = tuple(wanted)
 
     def cut(values: tuple[T, ...]) -> tuple[T, ...]:
@@ -190,9 +192,9 @@ def rows(field: Field, name: str, wanted: Iterable[int], meaning: str) -> Field:
 
 
 def integrators(observer: str, form: Form) -> Integrators:
-    """The form as chains of integrators, for the observer of that name; no a_i is 0 at the nominal parameters.
+    """Return the form as chains of integrators, for the observer of that name; no a_i is 0 at the nominal parameters.
 
-    Raises: `BadGain` for a form that is none, or has several outputs.
+    Raises: `BadGain` for another form, or several outputs.
     """
     if len(form.output) > 1:
         raise BadGain(observer, f"takes one output, {form.system.name} has {len(form.output)}; use riccati")
@@ -216,14 +218,14 @@ def integrators(observer: str, form: Form) -> Integrators:
 
 
 def demand_linear_rows(observer: str, form: Form) -> None:
-    """Demand rows that are linear in their next state, as those of a uniform form need not be. Raises: `BadGain`."""
+    """Raise `BadGain` for a uniform form, whose rows may be nonlinear in the next state."""
     if form.kind == "uniform":
         fix = "use the form uniform_chain if the plant is in it, else riccati"
         raise BadGain(observer, "wants constant slopes, which a uniform form need not have", fix=fix)
 
 
 def demand_divisor(name: str, a: sp.Expr, form: Form) -> None:
-    """Demand that an observer can divide by an a_i of parameters. Raises: `BadGain`."""
+    """Raise `BadGain` for an a_i of parameters by which an observer cannot divide at their nominal values."""
     value = a.subs(form.system.nominal)
     if not (value.is_extended_real and value.is_finite and float(value)):
         reason = f"is {value} at the nominal parameters, and the observer divides by it; choose others, or use riccati"
@@ -231,7 +233,7 @@ def demand_divisor(name: str, a: sp.Expr, form: Form) -> None:
 
 
 def no_chain(observer: str, form: Form) -> BadGain:
-    """Why a form whose A is no superdiagonal is refused: another kind, or one whose structure is not shown."""
+    """Return the error for a form whose A is no superdiagonal: one of another kind, or with an unproved structure."""
     if form.structured:
         return BadGain(observer, f"takes a triangular form, this one is {form.kind}", fix=_INSTEAD)
     reason = f"takes a form in chains, and {form.system.name} is not shown to be in {form.kind} form"
@@ -246,9 +248,9 @@ GAIN_LIMITED = Bit(
 
 
 def injection_gains(observer: str, poles: Any, gains: Any, n: int) -> np.ndarray:
-    """K (n) from the `poles` of A - K C, or the `gains` in their place; an exact test shows that A - K C is Hurwitz.
+    """Return K (n) from the `poles` of A - K C, or from `gains`; A - K C is tested exactly to be Hurwitz.
 
-    Raises: `BadPoles`; `NotHurwitz`; `BadGain` for both or none of the two, or gains of another length.
+    Raises: `BadPoles`; `NotHurwitz`; `BadGain` for both or neither, or gains of another length.
     """
     if (poles is None) == (gains is None):
         raise BadGain(observer, "takes either the poles of A - K C or the gains K; give one of the two")
@@ -261,7 +263,7 @@ def injection_gains(observer: str, poles: Any, gains: Any, n: int) -> np.ndarray
 
 
 def listed(K: np.ndarray) -> str:
-    """Gains for a banner, from which they can be built again."""
+    """Return the text of gains for a banner, with all digits."""
     return f"({', '.join(map(same, K))})"
 
 
@@ -284,17 +286,17 @@ def scaled(K: Sequence[float] | np.ndarray, level: Graph) -> Graph:
 def moving_gain(
     chain: Integrators, w: Field, K: np.ndarray, level: Field, law: Callable[[Graph], Graph] = lambda e: ca.SX(1, 1)
 ) -> Ode:
-    """The observer with i(e) = e whose gain is the field `level`, l' = law(e); by default a jump moves it."""
+    """Return the observer with i(e) = e whose gain is the field `level`, l' = law(e); by default a jump changes it."""
 
     def linear(values: Mapping[str, Graph], y: Graph, valid: Graph) -> dict[str, Graph]:
         w_ = values[w.name]
         return {w.name: shifted(w_) + scaled(K, values[level.name]) * (valid * (y - w_[0]))}
 
-    def rest(values: Mapping[str, Graph], u: Graph, y: Graph, valid: Graph) -> dict[str, Graph]:
+    def remainder(values: Mapping[str, Graph], u: Graph, y: Graph, valid: Graph) -> dict[str, Graph]:
         w_ = values[w.name]
         return {w.name: chain.nonlinear(w_, u), level.name: law(valid * (y - chain.offset(u) - w_[0]))}
 
-    return Ode((w, level), rest, linear, chain.offset, frozen={level.name: level.high})
+    return Ode((w, level), remainder, linear, chain.offset, frozen={level.name: level.high})
 
 
 def capped(level: Field, bit: Bit = GAIN_LIMITED) -> Jump:
@@ -304,7 +306,8 @@ def capped(level: Field, bit: Bit = GAIN_LIMITED) -> Jump:
 
 
 def unmodelled(form: Form) -> Jump:
-    """The bits of missing samples of an observer without the last row of the model, which has nothing to predict by."""
+    """Return the status bits of missing samples for an observer without a model of the last row, which cannot
+    predict."""
     bits = tuple(
         Bit(
             f"MISSING_{y}",
@@ -317,20 +320,24 @@ def unmodelled(form: Form) -> Jump:
 
 
 def last_error(chain: Integrators, w: Field, clock: Clock) -> Graph:
-    """The error y - o(u) - w_1 at the last valid sample, once the estimate has come to its time; SX scalar."""
+    """Return the error y - o(u) - w_1 at the last valid sample, after the estimate has been predicted to its time; SX
+    scalar."""
     return sym("state", "y") - chain.offset(clock.u_now) - sym("state", w.name, chain.n)[0]
 
 
-Rest = Callable[[Mapping[str, Graph], Graph, Graph, Graph], Mapping[str, Graph]]
+Remainder = Callable[[Mapping[str, Graph], Graph, Graph, Graph], Mapping[str, Graph]]
 
 
-def injected_chains(dynamics: Dynamics, K: ScaledGain, weights: Sequence[float], rest: Rest) -> Ode:
-    """z' = A z + K (y - C z - offset) + rest, of a form whose A and C read no input, the errors of outputs that show
-    one state in their mean by `weights` (p); the fields and K's values are left to the observer."""
+def injected_chains(dynamics: Dynamics, K: ScaledGain, weights: Sequence[float], remainder: Remainder) -> Ode:
+    """Return z' = A z + K (y - C z - offset) + remainder for a form with constant A and C; the observer supplies the
+    fields and the values of K.
+
+    The errors of outputs that measure the same state enter as their mean by `weights` (p).
+    """
     n, still = dynamics.n, ca.SX.zeros(len(dynamics.form.system.inputs))
     A, C = dynamics.linear(still), dynamics.output_jacobian(ca.SX.zeros(n), still)
 
     def linear(values: Mapping[str, Graph], y: Graph, valid: Graph) -> dict[str, Graph]:
         return {"z": A @ values["z"] + K.onto(mean(dynamics.form, weights, y - C @ values["z"], valid), n)}
 
-    return Ode((), rest, linear, lambda u: dynamics.output(ca.SX.zeros(n), u))
+    return Ode((), remainder, linear, lambda u: dynamics.output(ca.SX.zeros(n), u))

@@ -1,35 +1,35 @@
-"""Whether an input shows every state of a state-affine plant: regular persistence.
+"""Regular persistence: inputs that make every state of a state-affine plant observable.
 
     x' = A(u, y) x + b(u, y),  y = C(u) x + d(u),   Phi' = A Phi,  Phi(s) = I,   W(s, T) = integral_s^(s+T) Phi' C'C Phi
 
 The input is regularly persistent if some T, a > 0 have W(s, T) >= a I for every s.
 
-A known input, constant or periodic, is proved so where A(t), C(t) depend on nothing else: the rows N_0 = C,
-N_(k+1) = N_k A + N_k' have rank n at one time t_0. For then no x but 0 has C Phi x = 0 near t_0, W over any window with
-t_0 inside is positive definite, and every window of two periods has such a time in it. The observer clamps an input to
-its declared range: what it takes is periodic as well, and is the input around a t_0 where that is inside the range. A
-and C are shown to be finite for every input in its range, so that Phi exists. A constant input without that rank is
-refuted. Along a record, see `hgogen.excitation`. Source: G. Besancon, G. Bornard, H. Hammouri, European Journal of
-Control 2 (1996); L. M. Silverman, H. E. Meadows, SIAM J. Control 5 (1967), for the rank.
+A known constant or periodic input is proved to be regularly persistent where A(t), C(t) depend on nothing else and the
+rows N_0 = C, N_(k+1) = N_k A + N_k' have rank n at one time t_0. Then C Phi x = 0 near t_0 only for x = 0, W over any
+window with t_0 inside is positive definite, and every window of two periods contains such a time. The observer clamps
+an input to its declared range: the clamped input is periodic as well, and equals the input around a t_0 at which the
+input is inside the range. A and C are proved to be finite for every input in its range, so that Phi exists. A constant
+input without that rank is refuted. For measured data see `hgogen.excitation`. Source: G. Besancon, G. Bornard, H.
+Hammouri, European Journal of Control 2 (1996); L. M. Silverman, H. E. Meadows, SIAM J. Control 5 (1967), for the rank.
 
-How much of its state a state-affine plant shows at least in every window of its input's declared course.
+A lower bound of the observability Gramian of a state-affine plant over every window of its declared inputs.
 
     W(s, d) = D (integral_s^(s+d) Phi' C' R^-1 C Phi) D,   Phi' = A Phi,  Phi(s) = 1,   D the half-widths of the ranges
 
-An eigenvalue e says that within d the outputs tell a direction to a variance 1/e times that of its range. A course that
-moves is cut into pieces of g, and a window into m + 1 of them: one that begins in the piece k has the m after it, so
-that with M = W(t_(k+1), m g)
+An eigenvalue e means that the outputs within d determine the direction of its eigenvector with a variance of 1/e in
+units of the squared ranges. A time-varying course of A and C is cut into pieces of length g. A window consists of m + 1
+of them: a window that begins in piece k contains the next m pieces, so that with M = W(t_(k+1), m g)
 
-    W(s, d) >= X' M X,   |X v|^2 >= exp(-2 g a) |v|^2,   X over what is left of the piece k, a >= |A + A'|/2 on it
+    W(s, d) >= X' M X,   |X v|^2 >= exp(-2 g a) |v|^2,   X over the remainder of piece k, a >= |A + A'|/2 on it
 
-in scaled coordinates. M is enclosed in balls, and what it has for a smallest eigenvalue is bounded in rationals. That
-the plant's input keeps to its course is not proved. Along a record, see `hgogen.excitation`.
+in scaled coordinates. M is enclosed in balls, and its smallest eigenvalue is bounded in rationals. It is not proved
+that the plant's input follows its declared course.
 
-With (Phi, W) of a time, those of it and the one after it together are (Phi_2 Phi_1, W_1 + Phi_1' W_2 Phi_1). Of a piece
-Phi and Phi' C' C Phi are Taylor series at the begin to an order N. What they leave is the coefficient N + 1 somewhere
-in the piece (Lagrange), entry by entry: at most that of the series whose coefficients are the norms of those of A and C
-on the whole piece, from |Phi| <= exp(length |A|); an entry of V' V, V = C Phi, is no more than |V|^2. Arb's balls are
-rounded outward.
+Two successive intervals with (Phi_1, W_1) and (Phi_2, W_2) have (Phi_2 Phi_1, W_1 + Phi_1' W_2 Phi_1) together. On a
+piece, Phi and Phi' C' C Phi are Taylor series at its begin up to an order N. By Lagrange the remainder is the
+coefficient N + 1 at some time in the piece, entry by entry. It is bounded by the series whose coefficients are the
+norms of those of A and C on the whole piece, with |Phi| <= exp(length |A|); an entry of V' V, V = C Phi, is at most
+|V|^2. Arb's balls are rounded outward.
 """
 
 import math
@@ -76,22 +76,23 @@ class Persistent:
     period: sp.Expr | None = None
 
     def evidence(self, form: Form) -> Evidence:
-        """The inputs as functions of time, and a time at which they show every state."""
+        """The inputs as functions of time, and a time at which the rank is n."""
         period = {} if self.period is None else {"period": spelled(self.period, set())}
         inputs = {name: spelled(e, {"t"}) for name, e in self.inputs.items()}
         return {"inputs": inputs, "at": spelled(self.at, set()), **period}
 
 
 def persistent(id: ClaimId, form: Form, inputs: Mapping[str, Any] | None = None, period: Any = None) -> Check:
-    """The check that the inputs are regularly persistent, for all parameter values; any are where A, C read none.
+    """Return the check that the inputs are regularly persistent, for all parameter values; it is vacuous where A, C
+    read no input.
 
-    Args: `inputs`: of each input by name, an expression of `hgogen.trial.t`, its text, or a number, None where they are
-    not known beforehand; `period` (s) of them all, as 2*sympy.pi or "2*pi", where one varies.
+    Args: `inputs`: for each input by name an expression of `hgogen.trial.t`, its text, or a number; None for unknown
+    inputs. `period` (s): the common period of varying inputs, such as 2*sympy.pi or "2*pi".
 
-    The verdicts proved and refuted (of a constant input) are as the module says; all else is unknown, as is what exact
-    algebra would need too long for.
+    The module defines the verdicts proved and refuted (for a constant input). All others are unknown, also where exact
+    algebra would take too long.
 
-    Raises: `BadGain` for names that are not the plant's inputs, or expressions of something else.
+    Raises: `BadGain` for names that are not the plant's inputs, or expressions of anything but the time.
     """
     waveforms = None if inputs is None else _waveforms(form, inputs)
     claim: Sentence | str = "the input is regularly persistent"
@@ -120,7 +121,7 @@ def persistent(id: ClaimId, form: Form, inputs: Mapping[str, Any] | None = None,
 
 
 def _judged(answer: Callable[..., Check], form: Form, waveforms: Mapping[str, sp.Expr] | None, period: Any) -> Check:
-    """The check for known inputs, or for A and C that read none. Raises: `TooLarge`."""
+    """Return the check for known inputs, or for A and C that read none. Raises: `TooLarge`."""
     read = set[sp.Symbol]().union(*(matrix.free_symbols for matrix in along_time(form, {})))
     A, C = along_time(form, waveforms or {})
     broken = _broken(form, waveforms) if waveforms else None
@@ -128,9 +129,10 @@ def _judged(answer: Callable[..., Check], form: Form, waveforms: Mapping[str, sp
         pattern = "{part} of the plant is not shown to be a finite real number all the time"
         return answer(Verdict.UNKNOWN, because(pattern, part=broken))
     if waveforms is None or t not in A.free_symbols | C.free_symbols:
-        doubt = _doubt(form, A, C, {u: waveforms[u.name] for u in form.system.inputs if u in read} if waveforms else {})
+        values = {u: waveforms[u.name] for u in form.system.inputs if u in read} if waveforms else {}
+        obstacle = _constant_obstacle(form, A, C, values)
         constants = {u: e for u, e in (waveforms or {}).items() if u in {x.name for x in read}}
-        known = answer(Verdict.UNKNOWN, doubt) if doubt else _constant(answer, form, A, C)
+        known = answer(Verdict.UNKNOWN, obstacle) if obstacle else _constant(answer, form, A, C)
         return replace(known if waveforms else if_valued(known, form.system), proofs=(Persistent(constants),))
     return _periodic(answer, form, waveforms, A, C, period)
 
@@ -143,7 +145,7 @@ def _periodic(
     C: sp.Matrix,
     period: Any,
 ) -> Check:
-    """The check for inputs that vary, with A(t) and C(t). Raises: `TooLarge`."""
+    """Return the check for inputs that vary, with A(t) and C(t). Raises: `TooLarge`."""
     if period is None:
         reason = because("the input varies, and no period is given")
         return answer(Verdict.UNKNOWN, reason, f"Give its period. {_EXACTLY}")
@@ -157,9 +159,9 @@ def _periodic(
     if not all(is_zero(e - now) for e, now in zip(later, waveforms.values(), strict=True)):
         reason = because("it is not shown that {period} is a period", period=period)
         return answer(Verdict.UNKNOWN, reason, _EXACTLY)
-    doubt = _unbounded(form, waveforms, length)
-    if doubt:
-        return answer(Verdict.UNKNOWN, doubt)
+    obstacle = _unbounded(form, waveforms, length)
+    if obstacle:
+        return answer(Verdict.UNKNOWN, obstacle)
     A, C = (matrix.xreplace({t: length * t}) for matrix in (A, C))  # in periods, however short they are
     for share in _SHARES:
         if _inside(form, waveforms, share * length) and _full(form, A, C, share, 1 / length):
@@ -171,16 +173,16 @@ def _periodic(
 
 
 def seconds(period: Any) -> float | None:
-    """A declared period as a number of the model's time unit; None where none is declared, or it is not positive.
+    """Return a declared period in the model's time unit; None where none is declared, or it is not positive.
 
-    Raises: `BadGain` for an expression of something else than the time.
+    Raises: `BadGain` for an expression of anything but the time.
     """
     length = None if period is None else _expression("period", period)
     return float(length) if length is not None and length.is_positive and length.is_finite else None
 
 
 def _waveforms(form: Form, inputs: Mapping[str, Any]) -> dict[str, sp.Expr]:
-    """The inputs by name as an expression of the time. Raises: `BadGain`."""
+    """Return each input by name as an expression of the time. Raises: `BadGain`."""
     names = [u.name for u in form.system.inputs]
     if not isinstance(inputs, Mapping):
         raise BadGain(f"inputs = {inputs!r}", "must be a mapping from inputs to expressions of the time")
@@ -195,7 +197,7 @@ def _waveforms(form: Form, inputs: Mapping[str, Any]) -> dict[str, sp.Expr]:
 
 
 def _expression(name: str, value: Any) -> sp.Expr:
-    """A number, a text or an expression as an expression of the time alone, with exact numbers. Raises: `BadGain`."""
+    """Return a number, a text or an expression as an exact expression of the time alone. Raises: `BadGain`."""
     try:
         expression = parse(value, {"t": t}) if isinstance(value, str) else sp.sympify(value, strict=True)
     except (BadExpression, sp.SympifyError) as error:
@@ -206,7 +208,7 @@ def _expression(name: str, value: Any) -> sp.Expr:
 
 
 def along_time(form: Form, waveforms: Mapping[str, sp.Expr]) -> tuple[sp.Matrix, sp.Matrix]:
-    """A (n, n) and C (p, n) with waveforms in the place of the inputs and fixed parameters at their values."""
+    """Return A (n, n) and C (p, n) with waveforms instead of the inputs, and fixed parameters at their values."""
     system = form.system
     values = {u: waveforms[u.name] for u in system.inputs if u.name in waveforms}
     values |= {p: exact(sp.sympify(value)) for p, value in system.nominal.items() if not p.bounded}
@@ -215,8 +217,12 @@ def along_time(form: Form, waveforms: Mapping[str, sp.Expr]) -> tuple[sp.Matrix,
 
 
 def _broken(form: Form, waveforms: Mapping[str, sp.Expr]) -> sp.Expr | None:
-    """A part of the plant that is not shown to be finite for these inputs at all times and the states in their ranges;
-    None if there is none. A and C may have lost it: a/b is 1 for a = b = sin t, and the plant has no value at t = 0."""
+    """Return a part of the plant that is not proved to be finite for these inputs at all times and the states in their
+    ranges.
+
+    None if there is none. A and C may no longer contain the part: a/b is 1 for a = b = sin t, but the plant is
+    undefined at t = 0.
+    """
     system, around = form.system, box(form.system.signals, form.system.nominal)
     values = {u: waveforms[u.name] for u in system.inputs}
     values |= {p: exact(sp.sympify(value)) for p, value in system.nominal.items() if not p.bounded}
@@ -225,8 +231,8 @@ def _broken(form: Form, waveforms: Mapping[str, sp.Expr]) -> sp.Expr | None:
 
 
 def _unbounded(form: Form, waveforms: Mapping[str, sp.Expr], length: sp.Expr) -> Reason:
-    """An input, or an entry of A and C for inputs in their ranges, that is not shown to be finite and real over a
-    period; `NONE` if there is none."""
+    """Return why an input, or an entry of A and C for inputs in their ranges, may not be finite over a period, else
+    `NONE`."""
     period = {t: (Fraction(0), Fraction(int(sp.ceiling(length))))}
     rough: Any = next(iter(equations({name: e for name, e in waveforms.items() if not _finite(e, period)})), None)
     loose = {u.name: waveforms[u.name] for u in form.system.inputs if not u.bounded}
@@ -238,9 +244,9 @@ def _unbounded(form: Form, waveforms: Mapping[str, sp.Expr], length: sp.Expr) ->
     return NONE if rough is None else unbounded
 
 
-def _doubt(form: Form, A: sp.Matrix, C: sp.Matrix, constants: Mapping[Signal, sp.Expr]) -> Reason:
-    """The obstacle to a constant input: it is no real number, the observer clamps it, or A, C are not finite;
-    `NONE` if nothing."""
+def _constant_obstacle(form: Form, A: sp.Matrix, C: sp.Matrix, constants: Mapping[Signal, sp.Expr]) -> Reason:
+    """Return why a constant input is no real number, is clamped by the observer, or makes A, C infinite; `NONE`
+    otherwise."""
     for u, value in constants.items():
         if not _finite(value, {}):
             return because("{input} = {value} is not shown to be a finite real number", input=u, value=value)
@@ -261,7 +267,7 @@ def _finite(e: sp.Expr, around: Box) -> bool:
 
 
 def _within(value: sp.Expr, low: Any, high: Any) -> bool:
-    """Whether a constant is in the closed range: exactly for a rational, else strictly by rigorous bounds."""
+    """Return whether a constant is in the closed range: exactly for a rational, else strictly by rigorous bounds."""
     if value.is_Rational:
         return bool(low <= Fraction(value) <= high)
     extent = bound(value, {})
@@ -269,14 +275,14 @@ def _within(value: sp.Expr, low: Any, high: Any) -> bool:
 
 
 def _inside(form: Form, waveforms: Mapping[str, sp.Expr], when: sp.Expr) -> bool:
-    """Whether each input that the observer clamps is strictly inside its range at that time, and so around it."""
+    """Return whether each clamped input is strictly inside its range at that time, and therefore around it."""
     extents = {u: bound(waveforms[u.name].xreplace({t: when}), {}) for u in form.system.inputs if u.bounded}
     ranges = box(extents)
     return all(ranges[u][0] < value.low and value.high < ranges[u][1] for u, value in extents.items())
 
 
 def _rows(A: sp.Matrix, C: sp.Matrix, count: int, rate: sp.Expr = sp.S.One) -> sp.Matrix:
-    """N_0 = C, N_(k+1) = N_k A + N_k', one below the other, of matrices of `rate` times the time (s)."""
+    """Return the stacked N_0 = C, N_(k+1) = N_k A + N_k' of matrices of `rate` times the time (s)."""
     rows = [C]
     for _ in range(count - 1):
         rows.append(rows[-1] * A + rate * rows[-1].diff(t))
@@ -284,13 +290,14 @@ def _rows(A: sp.Matrix, C: sp.Matrix, count: int, rate: sp.Expr = sp.S.One) -> s
 
 
 def _size(rows: sp.Matrix) -> sp.Expr:
-    """The sum of squares of the minors of n rows, which is det(N'N): 0 where the rank is below n."""
+    """Return the sum of squares of the minors of n rows, which is det(N'N): 0 where the rank is below n."""
     square = rows if rows.rows == rows.cols else rows.T * rows
     return determinant(square.tolist()).value
 
 
 def _full(form: Form, A: sp.Matrix, C: sp.Matrix, when: sp.Rational, rate: sp.Expr = sp.S.One) -> bool:
-    """Whether the rows of matrices of `rate` times the time (s) have rank n there, for all parameter values: proved."""
+    """Return whether the rows of matrices of `rate` times the time (s) are proved to have rank n, for all parameter
+    values."""
     around = box(form.system.parameters, form.system.nominal) | {t: (when, when)}
     try:
         return nonzero(_size(_rows(A, C, form.n, rate)), around).verdict is Verdict.PROVED
@@ -309,9 +316,9 @@ def _constant(answer: Callable[..., Check], form: Form, A: sp.Matrix, C: sp.Matr
     return check
 
 
-_LEVELS = (7, 9)  # a window has 2^7 pieces and one, or where the plant is fast 2^9
-_MOST = 2000  # pieces in all
-_SHARE = Fraction(999, 1000)  # of the eigenvalue that is shown, so that another arithmetic reaches it
+_LEVELS = (7, 9)  # a window has 2^7 + 1 pieces, or 2^9 + 1 where the plant is fast
+_MOST = 2000  # pieces of all windows
+_SHARE = Fraction(999, 1000)  # of the eigenvalue that is claimed, so that another arithmetic can verify it
 _DIGITS = 12  # of the length of a piece, and of the bound
 _BITS = 40  # of the weights
 ORDER = 9  # N
@@ -319,21 +326,21 @@ _BALLS = Balls(0)
 
 
 @dataclass(frozen=True)
-class Shown:
-    """The transition `Phi` over a time and the Gramian of it, `W` (n, n), matrices of balls."""
+class WindowGramian:
+    """The transition matrix `Phi` over an interval and its Gramian `W` (n, n), as matrices of balls."""
 
     Phi: Any
     W: Any
 
-    def then(self, after: "Shown") -> "Shown":
-        """The values of this time and the one after it together."""
-        return Shown(after.Phi * self.Phi, self.W + self.Phi.transpose() * after.W * self.Phi)
+    def then(self, after: "WindowGramian") -> "WindowGramian":
+        """Return the values of this interval followed by the interval `after`."""
+        return WindowGramian(after.Phi * self.Phi, self.W + self.Phi.transpose() * after.W * self.Phi)
 
 
 class Course:
-    """A (n, n) and C (p, n) as expressions of the time, and of parameters in their `ends`.
+    """The course of A (n, n) and C (p, n), expressions of the time and of parameters between their `ends`.
 
-    Raises: `NoTape` for what has no series.
+    Raises: `NoTape` for an expression without a series.
     """
 
     def __init__(self, A: sp.Matrix, C: sp.Matrix, time: sp.Symbol, ends: Sequence[tuple[sp.Symbol, Any, Any]]) -> None:
@@ -341,8 +348,9 @@ class Course:
         self._plant = Plant(tape([*A, *C], (time, *(symbol for symbol, _, _ in ends))), 0, 0, 1 + len(ends))
         self._constants = [between(Fraction(low), Fraction(high)) for _, low, high in ends]
 
-    def piece(self, begin: Fraction, length: Fraction) -> Shown:
-        """The values of the piece of that length (s) that begins there. Raises: `Undecided`, `ZeroDivisionError`."""
+    def piece(self, begin: Fraction, length: Fraction) -> WindowGramian:
+        """Return the values on the piece of that length (s) that begins there. Raises: `Undecided`,
+        `ZeroDivisionError`."""
         h, order = flint.arb(number(length)), ORDER + 1
         A, C = self._series(flint.arb(number(begin)), order)
         Phi = [flint.arb_mat(self.n, self.n, [int(i == j) for i in range(self.n) for j in range(self.n)])]
@@ -350,18 +358,18 @@ class Course:
             Phi.append(_convolved(A, Phi, k) * (1 / flint.arb(k + 1)))
         V = [_convolved(C, Phi, k) for k in range(order)]
         rates = [_convolved([v.transpose() for v in V], V, k) for k in range(order)]
-        rest, lost = self._rest(begin, length)
-        end = sum((Phi[k] * h**k for k in range(1, order)), Phi[0] + _around(self.n, rest))
-        shown = (rates[k] * (h ** (k + 1) * (1 / flint.arb(k + 1))) for k in range(order))
-        return Shown(end, sum(shown, _around(self.n, lost)))
+        error, gramian_error = self._remainders(begin, length)
+        end = sum((Phi[k] * h**k for k in range(1, order)), Phi[0] + _around(self.n, error))
+        terms = (rates[k] * (h ** (k + 1) * (1 / flint.arb(k + 1))) for k in range(order))
+        return WindowGramian(end, sum(terms, _around(self.n, gramian_error)))
 
     def steepest(self, begin: Fraction, length: Fraction) -> Any:
-        """A bound of the largest eigenvalue of |A + A'|/2 on the piece, a ball."""
+        """Return a bound of the largest eigenvalue of |A + A'|/2 on the piece, a ball."""
         (A,), _ = self._series(between(begin, begin + length), 1)
         return _norm((A + A.transpose()) * (1 / flint.arb(2)))
 
-    def _rest(self, begin: Fraction, length: Fraction) -> tuple[Any, Any]:
-        """The remainders of the two series at the end of the piece, balls whose upper ends are the bounds."""
+    def _remainders(self, begin: Fraction, length: Fraction) -> tuple[Any, Any]:
+        """Return the remainders of the two series at the end of the piece, balls whose upper ends are the bounds."""
         h, order = flint.arb(number(length)), ORDER + 2
         A, C = self._series(between(begin, begin + length), order)
         a, c = ([_norm(each) for each in series] for series in (A, C))
@@ -369,11 +377,11 @@ class Course:
         for k in range(ORDER + 1):
             phi.append(_convolved(a, phi, k) * (1 / flint.arb(k + 1)))
         v = [_convolved(c, phi, k) for k in range(order)]
-        shown = _convolved(v, v, ORDER + 1)
-        return phi[-1] * h ** (ORDER + 1), shown * h ** (ORDER + 2) * (1 / flint.arb(ORDER + 2))
+        rate = _convolved(v, v, ORDER + 1)
+        return phi[-1] * h ** (ORDER + 1), rate * h ** (ORDER + 2) * (1 / flint.arb(ORDER + 2))
 
     def _series(self, time: Any, order: int) -> tuple[list[Any], list[Any]]:
-        """The Taylor coefficients of A and C, below the order, at a ball of times."""
+        """Return the Taylor coefficients of A and C below the order, at a ball of times."""
         values = [_BALLS.series([time, 1], order), *(_BALLS.series([value], order) for value in self._constants)]
         rows = [_BALLS.coefficients(row, order) for row, _ in evaluate(self._plant, _BALLS, values, order, 1)]
         square = self.n * self.n
@@ -385,7 +393,7 @@ class Course:
 
 
 def _convolved(a: Sequence[Any], b: Sequence[Any], k: int) -> Any:
-    """The coefficient k of a b."""
+    """Return the coefficient k of the product of two series."""
     total = a[0] * b[k]
     for i in range(1, k + 1):
         total = total + a[i] * b[k - i]
@@ -393,8 +401,7 @@ def _convolved(a: Sequence[Any], b: Sequence[Any], k: int) -> Any:
 
 
 def _norm(M: Any) -> Any:
-    """The largest sum of sizes of a row, or of a column, a ball whose upper end is the bound: at least the spectral
-    norm, and each entry."""
+    """Return the largest absolute row or column sum, a ball whose upper end bounds the spectral norm and each entry."""
     rows = [[abs(M[i, j]) for j in range(M.ncols())] for i in range(M.nrows())]
     sums = [sum(row, flint.arb(0)) for row in (*rows, *zip(*rows, strict=True))]
     total = sums[0]
@@ -404,15 +411,18 @@ def _norm(M: Any) -> Any:
 
 
 def _around(n: int, size: Any) -> Any:
-    """A matrix of balls about 0."""
+    """Return a matrix of balls with the centre 0."""
     return flint.arb_mat(n, n, [flint.arb(0, size.abs_upper())] * (n * n))
 
 
 @dataclass(frozen=True)
-class LeastShown:
-    """The `bound` e of every window of m = 2^`level` pieces of `piece` (s) and one more, that begins in the first
-    `starts` of them; where nothing moves of m pieces, wherever it begins, and `starts` is 0. `inputs` by name, with
-    their `period` where one varies; `R` (p) and `weights` (p): s_j with s_j^2 R_j <= 1."""
+class GramianBound:
+    """The lower `bound` e of the Gramian over every window of m + 1 pieces, m = 2^`level`, each `piece` (s) long, that
+    begins in one of the first `starts` pieces.
+
+    For constant A and C a window has m pieces and begins at any time, and `starts` is 0. `inputs` by name, with their
+    `period` where one varies; `R` (p) and `weights` (p): s_j with s_j^2 R_j <= 1.
+    """
 
     inputs: Mapping[str, sp.Expr] = field(hash=False)
     period: sp.Expr | None
@@ -429,20 +439,21 @@ class LeastShown:
         return self.piece * ((1 << self.level) + bool(self.starts))
 
     def evidence(self, form: Form) -> Evidence:
-        """The whole claim, of which a checker makes the windows again."""
+        """The whole claim, from which a checker computes the windows again."""
         period = {} if self.period is None else {"period": spelled(self.period, set())}
         inputs = {name: spelled(e, {"t"}) for name, e in self.inputs.items()}
         pieces = {"piece": self.piece, "level": Fraction(self.level), "starts": Fraction(self.starts)}
         return {"inputs": inputs, **period, **pieces, "R": self.R, "weights": self.weights, "bound": self.bound}
 
 
-def least_shown(
+def gramian_bound(
     id: ClaimId, form: Form, persistence: Check, R: Sequence[float], length: float | None, memory: float
 ) -> Check:
-    """The check of a bound on every window of the course of a check of persistence, for all parameter values.
+    """Return the check of a Gramian bound for every window of the inputs of a check of persistence, for all parameter
+    values.
 
-    `R` (p): of the outputs; `length` (s) of a window, by default the course's period, or `memory` (s) where A and C do
-    not move.
+    `R` (p): of the outputs; `length` (s) of a window, by default the inputs' period, or `memory` (s) where A and C are
+    constant.
     """
     claim: Sentence | str = "every window of the input's course shows every state by a known share of its range"
     known = next((one for one in persistence.proofs if isinstance(one, Persistent)), None)
@@ -451,10 +462,10 @@ def least_shown(
         fix = "Give inputs= and period= where they are known, or judge a record by hgogen.excitation.along."
         return Check(id, claim, Verdict.UNKNOWN, reason, fix=fix)
     first, *_ = noise = tuple(map(Fraction, R))
-    fact = _least(form, known, tuple(each / first for each in noise), length or _period(known) or memory)
+    fact = _bounded_windows(form, known, tuple(each / first for each in noise), length or _period(known) or memory)
     if isinstance(fact, Reason):
         return Check(id, claim, Verdict.UNKNOWN, fact, fix="Take another window=, or narrower ranges of parameters.")
-    s = 1 / root(first, _BITS)  # R as a whole scales the Gramian, which is made once for all of them
+    s = 1 / root(first, _BITS)  # a common factor of R scales the Gramian, which is computed once
     weights = tuple(s * each for each in fact.weights)
     fact = replace(fact, R=noise, weights=weights, bound=s * s * fact.bound)
     claim = Sentence.of("every window of {d} {unit} shows every state", d=Up(fact.window, 3), unit=form.system.time)
@@ -463,7 +474,7 @@ def least_shown(
 
 
 @lru_cache(maxsize=64)
-def _least(form: Form, known: Persistent, R: tuple[Fraction, ...], length: float) -> LeastShown | Reason:
+def _bounded_windows(form: Form, known: Persistent, R: tuple[Fraction, ...], length: float) -> GramianBound | Reason:
     width = [Fraction(s.interval[1]) - Fraction(s.interval[0]) if s.bounded else Fraction(2) for s in form.states]
     weights = tuple(1 / root(value, _BITS) for value in R)
     A, C = along_time(form, known.inputs)
@@ -482,8 +493,8 @@ def _least(form: Form, known: Persistent, R: tuple[Fraction, ...], length: float
                 return outside
             least = min(_windows(course, piece, level, starts))
             if least > 0:
-                shown = Fraction(f"{float(least * _SHARE):.{_DIGITS}g}")
-                return LeastShown(known.inputs, known.period, piece, level, starts, R, weights, shown)
+                claimed = Fraction(f"{float(least * _SHARE):.{_DIGITS}g}")
+                return GramianBound(known.inputs, known.period, piece, level, starts, R, weights, claimed)
             pattern = "no bound above 0 is shown by {pieces} pieces of a window of {length:.3g}"
             reason = because(pattern, pieces=pieces, length=float(piece * pieces))
     except (NoTape, Undecided, ZeroDivisionError, OverflowError):
@@ -496,7 +507,7 @@ def _period(known: Persistent) -> float | None:
 
 
 def _outside(form: Form, known: Persistent, end: Fraction) -> Reason:
-    """Why an observer, which clamps inputs to their ranges, may not take the course as it is; `NONE` if it does."""
+    """Return why an observer, which clamps inputs to their ranges, may change the inputs; `NONE` if it does not."""
     for u in form.system.inputs:
         if u.bounded and u.name in known.inputs:
             extent = bound(known.inputs[u.name], {t: (Fraction(0), end)})
@@ -507,8 +518,8 @@ def _outside(form: Form, known: Persistent, end: Fraction) -> Reason:
 
 
 def _windows(course: Course, piece: Fraction, level: int, starts: int) -> Iterator[Fraction]:
-    """A bound of the smallest eigenvalue of each window that begins in one of the pieces of `starts`; where that is 0,
-    as A and C do not move, of any window."""
+    """Yield a lower bound of the smallest eigenvalue for each window that begins in one of the `starts` pieces; a
+    single one, for any window, where A and C are constant and `starts` is 0."""
     if not starts:
         window = course.piece(Fraction(0), piece)
         for _ in range(level):
@@ -519,12 +530,13 @@ def _windows(course: Course, piece: Fraction, level: int, starts: int) -> Iterat
     for step in (2**q for q in range(level)):
         parts = [one.then(other) for one, other in zip(parts, parts[step:], strict=False)]
     for k, window in enumerate(parts[1:]):
-        left = (-2 * flint.arb(number(piece)) * course.steepest(k * piece, piece)).exp()
-        yield _smallest(window) * fraction(left.lower().fmpq())
+        shrinkage = (-2 * flint.arb(number(piece)) * course.steepest(k * piece, piece)).exp()
+        yield _smallest(window) * fraction(shrinkage.lower().fmpq())
 
 
-def _smallest(window: Shown) -> Fraction:
-    """A bound of the smallest eigenvalue of W: that of the middle of the balls, less the largest sum of radii."""
+def _smallest(window: WindowGramian) -> Fraction:
+    """Return a lower bound of the smallest eigenvalue of W: that of the balls' centres, minus the largest sum of
+    radii."""
     n = range(window.W.nrows())
     balls = [[(window.W[i, j] + window.W[j, i]) / 2 for j in n] for i in n]
     if not all(ball.is_finite() for row in balls for ball in row):

@@ -1,4 +1,4 @@
-"""The structure of a Riccati observer as a part of an observer, how it is declared, and its covariance in three views.
+"""The structure of a Riccati observer as a part of an observer, its declaration, and its covariance in three views.
 
     z' = f(z, u) + P C' R_theta^-1 (y - h),   P' = F P + P F' + Q_theta - P C' R_theta^-1 C P
 
@@ -6,18 +6,18 @@
     covariance   P' =  F P + P F' + rho (P - P S_0 P) + Q_theta - P C' R_theta^-1 C P  (P = S^-1)
     factored     P  =  L D L', L unit lower triangular, D > 0         (positive definite by construction)
 
-F = A(u) + b*(z, u), rho = 0; of a Kalman-like observer F = A(u, y), Q_theta = Q_0. The views are the methods' choice.
-Source: Boizot, Busvelle, Gauthier, Automatica 46 (2010), (4); with forgetting and measured coefficients, Hammouri, de
-Leon Morales, CDC 1990; with S_0 and Q_0, Salgado, Goodwin, Middleton, International Journal of Control 47 (1988);
-Thornton 1976 for the time update, Bierman 1977 for the measurement update of the factors.
+F = A(u) + b*(z, u), rho = 0; for a Kalman-like observer F = A(u, y), Q_theta = Q_0. Each method chooses a view. Source:
+Boizot, Busvelle, Gauthier, Automatica 46 (2010), (4); with forgetting and measured coefficients, Hammouri, de Leon
+Morales, CDC 1990; with S_0 and Q_0, Salgado, Goodwin, Middleton, International Journal of Control 47 (1988); Thornton
+1976 for the time update, Bierman 1977 for the measurement update of the factors.
 
-Of a covariance that forgets, the samples show more than the prior S_0 does where s = lambda_max(S_0 P) is small:
+With forgetting, the samples determine the estimate more than the prior S_0 does where s = lambda_max(S_0 P) is small:
 
     s = lambda_max(S_0 P) <= sum_i P_ii S_0ii,      s < 1/2  if and only if  S - 2 S_0 is positive definite
 
 The status bit is set where the sum is above 1/2 (of S, where a pivot of S - 2 S_0 is not positive): where it is not
-set, s is at most 1/2 but for rounding, which is far from the other half. A limit of 1 would be at the mercy of rounding
-and of Q_0, for s tends to 1 where nothing is seen of a state that stays.
+set, s is at most 1/2 up to rounding, far from 1. A limit of 1 would be sensitive to rounding and to Q_0, because s
+tends to 1 for an unobservable constant state.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -59,9 +59,9 @@ def cap(
     peak: float,
     scaling: Scaling | None = None,
 ) -> np.ndarray:
-    """The largest P_ii (n) that is not absurd: the square of the outer box's half-width, a hundred times the steady
-    variance at the largest theta wherever in the box there is one, and four times P(0); without a range, 1e12 P(0).
-    """
+    """Return the cap of each P_ii (n): the largest of the square of the outer box's half-width, 100 times the steady
+    variance at the largest theta at any point of the box that has one, and 4 P(0). For a state without a range it is
+    1e12 P(0)."""
     half = np.array([(high - low) / 2 for low, high in z.box])
     cap = np.where(np.isfinite(half), half**2, 1e12 * np.diag(start))
     F, C = jacobians_on_box(dynamics, 12)
@@ -71,10 +71,10 @@ def cap(
 
 
 def spd(name: str, value: Any, n: int, reaches: Callable[[np.ndarray], bool] | None = None) -> np.ndarray:
-    """A diagonal (n) or a matrix (n, n) as symmetric positive definite matrix; rounding is taken off (`symmetric`).
-    A diagonal may have zeros where it `reaches` every state.
+    """Return a diagonal (n) or a matrix (n, n) as a symmetric positive definite matrix, without rounding errors
+    (`symmetric`).
 
-    Raises: `BadGain`.
+    A diagonal may have zeros where its noise `reaches` every state. Raises: `BadGain`.
     """
     matrix = reals(name, value)
     if matrix.ndim == 1:
@@ -94,8 +94,8 @@ def spd(name: str, value: Any, n: int, reaches: Callable[[np.ndarray], bool] | N
 
 
 def reached_by(matrix: np.ndarray, jacobians: np.ndarray) -> bool:
-    """Whether noise of this covariance reaches every state: (F, Q) is controllable at one of the F (k, n, n), by the
-    exact rank of Q, F Q, .., F^(n-1) Q."""
+    """Return whether noise of this covariance reaches every state: (F, Q) is controllable at one of the F (k, n, n), by
+    the exact rank of Q, F Q, .., F^(n-1) Q."""
     noise, n = definite.exact(definite.rationals(matrix)), len(matrix)
     for F in jacobians:
         rows, term, slopes = noise.transpose().tolist(), noise, definite.exact(definite.rationals(F))
@@ -108,19 +108,20 @@ def reached_by(matrix: np.ndarray, jacobians: np.ndarray) -> bool:
 
 
 def is_diagonal(matrix: np.ndarray) -> bool:
-    """Whether a matrix has no entry beside its diagonal."""
+    """Return whether all entries off the diagonal are 0."""
     return not np.count_nonzero(matrix - np.diag(np.diag(matrix)))
 
 
 def is_definite(matrix: np.ndarray) -> bool:
-    """Whether a matrix is positive definite, by exact arithmetic: a float eigenvalue near 0 may have the wrong sign."""
+    """Return whether a matrix is positive definite, in exact arithmetic: a float eigenvalue near 0 may have the wrong
+    sign."""
     if is_diagonal(matrix):
         return bool((np.diag(matrix) > 0).all())
     return definite.positive(definite.exact(definite.rationals(matrix)))
 
 
 def positive_numbers(name: str, value: Any, outputs: int) -> tuple[float, ...]:
-    """Positive numbers, one for each output, from one number for all of them or a number for each.
+    """Return positive numbers, one for each output, from one number for all outputs or a number for each.
 
     Raises: `BadGain`.
     """
@@ -136,7 +137,7 @@ def positive_numbers(name: str, value: Any, outputs: int) -> tuple[float, ...]:
 def wide(
     name: str, values: Sequence[float] | np.ndarray, meaning: str, unit: str, labels: tuple[str, ...] = ()
 ) -> Field:
-    """A gain of positive numbers that may be tuned by six decades either way; `labels`: what each number belongs to."""
+    """Return a gain of positive numbers that may be tuned by six decades either way; `labels` name the numbers."""
     numbers = tuple(map(float, values))
     field = gain(name, numbers, 1e-6 * min(numbers), 1e6 * max(numbers), meaning, unit)  # 0 where one is 0
     return replace(field, labels=labels)
@@ -144,16 +145,15 @@ def wide(
 
 @dataclass(frozen=True, eq=False)
 class Riccati(Part):
-    """The structure of a Riccati observer; S, P and L D L' are views of it, and the method chooses.
+    """The structure of a Riccati observer; S, P and L D L' are views of it, among which the method chooses.
 
-    z' = f(z, u, y) + P C' R_theta^-1 (y - h),   P' = F P + P F' + Q_theta + rho (P - P S_0 P) - P C' R_theta^-1 C P,
+    z' = f(z, u, y) + P C' R_theta^-1 (y - h), P' = F P + P F' + Q_theta + rho (P - P S_0 P) - P C' R_theta^-1 C P,
     Q_theta = theta^(1+g) Delta^-1 G diag(weights) G' Delta^-1, R_theta = theta^(g-1) delta R delta by `scaling`, where
-    `weights` (k) and `R` (p) are SX, `factor` G (n, k), unit lower triangular where k = n; k = 0 is no noise.
-    `z`: the field of the state (its box is the outer one); `covariance`: P(0); `cap`: the largest P_ii, and where the
-    past is forgotten the diagonal of S_0^-1; `limited`: the bit that tells of it; `nominal`: (Q, R) as numbers.
-    `forgetting`: the gain rho. `known`: of (z, u, y, valid), z with what is measured in the place of its estimate,
-    where A(u, z) and b(z, u) are taken and F = A; without it F is the Jacobian. `period`: that of the inputs, where it
-    is declared.
+    `weights` (k) and `R` (p) are SX, `factor` G (n, k), unit lower triangular where k = n; k = 0 is no noise. `z`: the
+    field of the state (its box is the outer one); `covariance`: P(0); `cap`: the largest P_ii, with forgetting the
+    diagonal of S_0^-1; `limited`: the status bit of this limit; `nominal`: (Q, R) as numbers. `forgetting`: the gain
+    rho. `known`: a function of (z, u, y, valid) that returns z with measurements instead of estimates, at which A(u, z)
+    and b(z, u) are evaluated, with F = A; without it F is the Jacobian. `period`: the declared period of the inputs.
     """
 
     dynamics: Dynamics
@@ -172,7 +172,7 @@ class Riccati(Part):
 
     @cached_property
     def scaling(self) -> Scaling:
-        """The scaling by which theta enters Q_theta and R_theta."""
+        """The scaling of Q_theta and R_theta by theta."""
         return scaling(self.dynamics.form, self.theta.scaled)
 
     def flow(self, z: Graph, u: Graph, y: Graph, valid: Graph) -> Graph:
@@ -193,13 +193,14 @@ class Riccati(Part):
         return jacobians_on_box(self.dynamics, samples, affine=self.known is not None, edge=edge)
 
     def linearised(self, samples: int) -> tuple[np.ndarray, np.ndarray]:
-        """F + rho/2 (k, n, n) and dh/dz (k, p, n) at points of the box: of P, rho is a growth of the model."""
+        """Return F + rho/2 (k, n, n) and dh/dz (k, p, n) at points of the box: for P, forgetting is a growth of the
+        model."""
         F, C = self.slopes(samples)
         return (F if self.forgetting is None else F + self.forgetting.initial[0] / 2 * np.eye(len(self.covariance))), C
 
     @property
     def rho(self) -> Graph:
-        """The rate at which the past is forgotten, SX scalar; 0 for none."""
+        """The forgetting rate, SX scalar; 0 without forgetting."""
         return sym("gain", self.forgetting.name) if self.forgetting else ca.SX(0)
 
     def noise(self) -> Graph:
@@ -218,26 +219,26 @@ class Riccati(Part):
 
 @dataclass(frozen=True, eq=False)
 class Around(Part):
-    """A Riccati observer, `plain`, whose step is carried out by another rule than the method's for it."""
+    """A Riccati observer `plain` with its own rule for a step instead of the method's."""
 
     plain: Riccati
 
 
 @dataclass(frozen=True, eq=False)
 class AtSamples(Around):
-    """A filter, in words `name`, that predicts and corrects as `build` says, the same by each method that does so."""
+    """A filter, described by `name`, that predicts and corrects as `build` defines, whatever the method."""
 
     name: str
     build: Callable[[Clock], Pieces]
 
 
 def lower(n: int, first: int = 0) -> list[tuple[int, int]]:
-    """The places of a lower triangle (n, n), column by column, from its diagonal on or the `first` below that."""
+    """Return the places of a lower triangle (n, n), column by column, from the diagonal or the `first` one below it."""
     return [(i, j) for j in range(n) for i in range(j + first, n)]
 
 
 def pack(matrix: Graph, first: int = 0) -> Graph:
-    """The lower triangle of an SX matrix, column by column, as `lower` has its places."""
+    """Return the lower triangle of an SX matrix, column by column, in the order of `lower`."""
     return column(matrix[i, j] for i, j in lower(matrix.shape[0], first))
 
 
@@ -248,7 +249,7 @@ def unpack(packed: Graph, n: int) -> Graph:
 
 
 def unpack_lower(packed: Graph, n: int, first: int = 0) -> Graph:
-    """The lower triangular SX matrix (n, n) of its packed triangle; of a strict one the diagonal is 1."""
+    """Return the lower triangular SX matrix (n, n) of its packed triangle; the diagonal of a strict triangle is 1."""
     matrix = ca.SX.eye(n) if first else ca.SX(n, n)
     for k, (i, j) in enumerate(lower(n, first)):
         matrix[i, j] = packed[k]
@@ -261,15 +262,15 @@ Ends = tuple[float, ...]
 def packed_triangle(
     name: str, matrix: np.ndarray, meaning: str, first: int = 0, low: Ends = (), high: Ends = ()
 ) -> Field:
-    """The field of a packed lower triangle, which begins with that of the matrix; `low`, `high`: its box."""
+    """Return the field of a packed lower triangle, with that of the matrix as initial value; `low`, `high`: its box."""
     pairs = lower(len(matrix), first)
     start, entries = tuple(float(matrix[i, j]) for i, j in pairs), tuple((i + 1, j + 1) for i, j in pairs)
     return Field(name, start, entries=entries, meaning=f"{meaning} by columns", low=low, high=high)
 
 
 def factor(matrix: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """(L, d) of a symmetric positive definite matrix = L diag(d) L'; of a diagonal one d is its diagonal, to the bit,
-    which may have zeros.
+    """Return (L, d) of a symmetric positive definite matrix L diag(d) L'. For a diagonal matrix d is exactly its
+    diagonal, which may have zeros.
 
     Raises: `numpy.linalg.LinAlgError` where it is not positive definite.
     """
@@ -288,7 +289,7 @@ SYMMETRIC: Mapping[View, str] = {"information": "S", "covariance": "P"}  # the f
 
 
 def riccati_ode(part: Riccati, view: View) -> Ode:
-    """z and S, or z and P, as one differential equation; an invalid output has the weight 0."""
+    """Return the differential equation of z and S, or of z and P; an invalid output has the weight 0."""
     name, prior = SYMMETRIC[view], ca.diag(ca.SX(ca.DM(1 / part.cap)))
 
     def rate(values: Mapping[str, Graph], u: Graph, y: Graph, valid: Graph) -> dict[str, Graph]:
@@ -315,7 +316,8 @@ def riccati_ode(part: Riccati, view: View) -> Ode:
 
 
 def pivots(S: Graph) -> tuple[Graph, list[Graph]]:
-    """L, unit lower triangular, and the diagonal of D of a symmetric matrix (n, n) = L D L', SX or numbers."""
+    """Return the unit lower triangular L, and the diagonal of D, of a symmetric matrix (n, n) = L D L', SX or
+    numbers."""
     n = S.shape[0]
     L, d = np.eye(n) if isinstance(S, np.ndarray) else ca.SX.eye(n), list[Graph]()
     for j in range(n):
@@ -326,7 +328,7 @@ def pivots(S: Graph) -> tuple[Graph, list[Graph]]:
 
 
 def solve(S: Graph, right: Graph) -> Graph:
-    """S^-1 right for a symmetric positive definite SX matrix (n, n), by its factors L D L'."""
+    """Return S^-1 right for a symmetric positive definite SX matrix (n, n), by its factors L D L'."""
     n, (L, d) = S.shape[0], pivots(S)
     x = [right[i] for i in range(n)]
     for i in range(n):
@@ -340,7 +342,8 @@ def solve(S: Graph, right: Graph) -> Graph:
 def time_update(
     L: Graph, d: Graph, transition: Graph, shaped: Graph, weights: Graph
 ) -> tuple[Graph, Graph, dict[str, Graph]]:
-    """Factors of Phi L D L' Phi' + W diag(w) W' by weighted Gram-Schmidt (Thornton), and the values worth a name.
+    """Return the factors of Phi L D L' Phi' + W diag(w) W' by weighted Gram-Schmidt (Thornton), and the intermediate
+    values that get a name.
 
     Args: SX `L` (n, n), `d` (n), `transition` Phi (n, n), `shaped` W (n, k), `weights` w (k).
     """
@@ -362,7 +365,7 @@ def time_update(
 
 
 def measurement_update(L: Graph, d: Graph, c: Graph, r: Graph) -> tuple[Graph, Graph, Graph]:
-    """Factors after one scalar measurement with row c (1, n) and variance r (Bierman), and the gain K (n).
+    """Return the factors after one scalar measurement with row c (1, n) and variance r (Bierman), and the gain K (n).
 
     The recursion runs from the last state to the first because L is lower triangular; where c = (c_1, 0, ..., 0) it
     reduces to alpha = r + c_1^2 d_1, K = c_1 d_1 L[:,1]/alpha, d_1 <- d_1 r/alpha, L unchanged.
@@ -385,7 +388,7 @@ def measurement_update(L: Graph, d: Graph, c: Graph, r: Graph) -> tuple[Graph, G
     if len(read) != 1:
         return factor, diagonal, gain * inverse
     (j,) = read
-    share = v[j] * inverse  # the one quotient: CasADi makes another of each product with an inverse
+    share = v[j] * inverse  # one division: CasADi would make another of each product with an inverse
     if f[j].is_one():
         diagonal[j] = share * r
     return factor, diagonal, L[:, j] * share
@@ -395,13 +398,12 @@ SHARE = 0.5
 
 
 def prior_status(part: Riccati, variance: list[Graph]) -> Block:
-    """The block that sets the status where the P_ii (`variance`), as shares of those of S_0^-1, add up to more than
-    `SHARE`."""
+    """Return the block that sets the status where the sum of P_ii S_0ii, with P_ii = `variance`, exceeds `SHARE`."""
     return _limit_status(ca.dot(column(variance), ca.SX(ca.DM(1 / part.cap))) > SHARE)
 
 
 def symmetric_covariance(part: Riccati, view: View) -> tuple[Graph, Block]:
-    """P (n, n) as an SX of the symmetric matrix S or P that a method integrates, and the block of `prior_status`."""
+    """Return P (n, n) as an SX of the symmetric S or P that a method integrates, and the block of `prior_status`."""
     n = part.dynamics.n
     matrix = unpack(sym("state", SYMMETRIC[view], n * (n + 1) // 2), n)
     if view == "covariance":
@@ -424,7 +426,8 @@ LIMITED = Bit(
 
 @dataclass(frozen=True, eq=False)
 class Extended:
-    """The filter as a part, its `gains` Q and R, and `equations`: lines for the banner, of a Q that is no diagonal."""
+    """The filter as a part, its `gains` Q and R, and `equations`: lines for the banner, for a Q that is not
+    diagonal."""
 
     part: Riccati
     gains: tuple[Field, ...]
@@ -440,8 +443,8 @@ def extended(
     theta: Theta | None = None,
     tangent: bool = True,
 ) -> Extended:
-    """The filter of what `observers.riccati` says of its arguments; theta = 1 without one. `tangent`: whether outputs
-    go on by their tangents outside of the box, as Jacobians have it.
+    """Return the filter of the arguments of `observers.riccati`; theta is 1 by default. `tangent`: whether outputs are
+    extended by their tangents outside of the box, consistently with their Jacobians.
 
     Raises: `BadGain`, `BadNames`.
     """

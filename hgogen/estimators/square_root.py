@@ -3,17 +3,17 @@
 The Riccati observer on P = S S' as straight-line statements, S lower triangular with a positive diagonal.
 
     time         S S' = [Phi S, sqrt(h) W] [Phi S, sqrt(h) W]',  W W' = Q_theta, by Gram-Schmidt on the rows of the
-                 stack, each made orthogonal to those before it: the triangle of a QR factorisation without its Q
+                 stack, each orthogonalised against the previous rows: the triangle of a QR factorisation without its Q
     measurement  of row c and variance r, f = S' c', from the last column to the first, b = 0 and alpha = r at first:
                  beta = sqrt(alpha/(alpha + f_j^2)), S_ij <- beta (S_ij - f_j b_i/alpha), b_i <- b_i + f_j S_ij (with S
                  before), alpha <- alpha + f_j^2; the gain is b/alpha
 
-Numbers of the size of a standard deviation: half the decades of P, in exchange for n square roots a step, n a sample
-and, where the past is forgotten, n (n + 1)/2 a step for the prior's samples. Source: Carlson, "Fast triangular
-formulation of the square root filter", AIAA Journal 11 (1973); Potter's update (Battin 1964) keeps no triangle;
-Kaminski, Bryson, Schmidt, IEEE TAC 16 (1971).
+The entries have the size of standard deviations and span half the decades of P, at the cost of n square roots per step,
+n per sample and, with forgetting, n (n + 1)/2 per step for the prior. Source: Carlson, "Fast triangular formulation of
+the square root filter", AIAA Journal 11 (1973); Potter's update (Battin 1964) keeps no triangle; Kaminski, Bryson,
+Schmidt, IEEE TAC 16 (1971).
 
-The unscented filter on P = S S' as straight-line statements: sigma points in place of Jacobians.
+The unscented filter on P = S S' as straight-line statements, with sigma points instead of Jacobians.
 
     points       z and z +- g s_i, s_i the columns of S, g = alpha sqrt(n + kappa)
     of a map m   a_i = (m(z + g s_i) - m(z - g s_i))/2g,  b_i = (m(z + g s_i) + m(z - g s_i) - 2 m(z))/2g,
@@ -22,26 +22,26 @@ The unscented filter on P = S S' as straight-line statements: sigma points in pl
     measurement  m = h_j:  f = (a_1, .., a_n),  r = R_j/h + sum b_i^2 + (beta - alpha^2) d^2,  then Carlson's update of
                  S with f and r, and z <- z + K (y_j - h_j(z) - d)
 
-These are the scaled unscented transform's sums, put together by pairs of points. Its weight of the middle point is
-negative for a small alpha; here nothing is taken away as long as alpha^2 <= beta, so that S needs no downdate and is
-positive definite by construction. For a beta below alpha^2, c = (alpha^2 - beta)/g^2, the b_i have a part of their sum
-B less, sum b_i b_i' - c B B' = sum (b_i - s B)(b_i - s B)', s = (1 - sqrt(1 - n c))/n, as long as n c <= 1: that is
-beta >= -alpha^2 kappa/n. An output that is linear in the state has f = S'c' without a difference, which in
-floats would lose what a point near the estimate has in common with it. Source: Julier, "The scaled unscented
+These are the sums of the scaled unscented transform, grouped by pairs of points. Its weight of the middle point is
+negative for a small alpha. Here every term is positive while alpha^2 <= beta, so that S needs no downdate and is
+positive definite by construction. For a smaller beta, with c = (alpha^2 - beta)/g^2 and B = sum b_i, a part of B is
+subtracted from each b_i: sum b_i b_i' - c B B' = sum (b_i - s B)(b_i - s B)', s = (1 - sqrt(1 - n c))/n. This requires
+n c <= 1, that is beta >= -alpha^2 kappa/n. An output that is linear in the state has f = S'c' without a difference,
+which avoids cancellation in floats for a point near the estimate. Source: Julier, "The scaled unscented
 transformation", ACC 2002; van der Merwe, Wan, "The square-root unscented Kalman filter for state and
 parameter-estimation", ICASSP 2001; the sums by pairs as in Norgaard, Poulsen, Ravn, Automatica 36 (2000).
 
-The iterated correction of an extended Kalman filter, on P = S S': a sample's cost is minimised, not linearised once.
+The iterated correction of an extended Kalman filter on P = S S': it minimises the cost of a sample.
 
     minimise  J(w) = |w|^2 + (y_j - h_j(z + S w))^2/r,   r = R_j/h,   from w = 0
     by        w <- w + s (f rho/(r + |f|^2) - w),  f = S'c',  c = dh_j/dz at z + S w,  rho = y_j - h_j(z + S w) + f w
 
 |w|^2 is the squared distance from the prediction in P^-1. With s = 1 it is the Gauss-Newton method, whose first pass is
-the extended Kalman filter's correction; s is halved where J does not fall, so that no pass makes the estimate worse by
-this cost. Then z <- z + S w, and P is corrected by the row at that estimate. An output that is linear in the state is
-minimised in one pass. Source: Bell, Cathey, "The iterated Kalman filter update as a Gauss-Newton method", IEEE TAC 38
-(1993); the halved steps, Skoglund, Hendeby, Axehill, "Extended Kalman filter modifications based on an optimization
-view point", FUSION 2015.
+the extended Kalman filter's correction; s is halved where J does not decrease, so that no pass increases this cost.
+Then z <- z + S w, and P is corrected by the row at that estimate. For an output that is linear in the state one pass is
+exact. Source: Bell, Cathey, "The iterated Kalman filter update as a Gauss-Newton method", IEEE TAC 38 (1993); the
+halved steps, Skoglund, Hendeby, Axehill, "Extended Kalman filter modifications based on an optimization view point",
+FUSION 2015.
 """
 
 from dataclasses import dataclass
@@ -58,12 +58,12 @@ from hgogen.program import Block, Field, Place, Program, sym
 from hgogen.reading.given import BadGain
 
 RULE = "continuous-discrete, S S'"
-LARGEST = 7  # states: beyond, straight-line code fills the flash
+LARGEST = 7  # states; more would need too much flash as straight-line code
 
 
 def triangle(stack: Graph) -> Graph:
-    """The lower triangular SX matrix S (n, n), positive diagonal, with S S' = stack stack' (n, k), and values worth a
-    name."""
+    """Return the lower triangular SX matrix S (n, n), positive diagonal, with S S' = stack stack' (n, k), and the
+    intermediate values that get a name."""
     n = stack.shape[0]
     rows, S, names = [stack[i, :].T for i in range(n)], ca.SX(n, n), dict[str, Graph]()
     for j in range(n):
@@ -80,7 +80,7 @@ def triangle(stack: Graph) -> Graph:
 
 
 def carlson(S: Graph, f: Graph, r: Graph) -> tuple[Graph, Graph]:
-    """S after one scalar measurement of variance r whose row c (1, n) has f = S'c' (n), and the gain (n)."""
+    """Return S after one scalar measurement of variance r whose row c (1, n) has f = S'c' (n), and the gain (n)."""
     n, after = S.shape[0], ca.SX(S)
     alpha, b = r, ca.SX(n, 1)
     for j in reversed(range(n)):
@@ -111,7 +111,7 @@ class SquareRoot(Unrolled):
 
     @property
     def root(self) -> Graph:
-        """S (n, n) as it is in the state."""
+        """S (n, n) in the state."""
         n = self.part.dynamics.n
         return unpack_lower(sym("state", "root", n * (n + 1) // 2), n)
 
@@ -122,7 +122,7 @@ class SquareRoot(Unrolled):
 
     @property
     def fields(self) -> tuple[Field, ...]:
-        """S, the diagonal above that of the smallest D."""
+        """The field of S, with the root of the smallest D as lower limit of its diagonal."""
         n, deviation = self.part.dynamics.n, np.sqrt(largest(self.part))
         start = np.linalg.cholesky(self.part.covariance)
         floor = np.sqrt(self.smallest(factor(self.part.covariance)[1]))
@@ -162,18 +162,18 @@ class SquareRoot(Unrolled):
         return self.part.scaled_factor() @ ca.diag(ca.sqrt(self.weights()))
 
     def linear(self, output: int) -> bool:
-        """Whether an output is linear in the state, so that its row is free of it."""
+        """Whether an output is linear in the state: its row c is free of the state."""
         return not ca.depends_on(self.row(output), self.z)
 
     def output(self, z: Graph, output: int) -> Graph:
-        """An output at z, SX scalar."""
+        """The output at z, SX scalar."""
         return self.part.dynamics.output(z, self.clock.u_now)[output]
 
 
 @dataclass(frozen=True)
 class Transformed:
-    """The sums of a map's values at the sigma points: `middle` m(z) (k), `slopes` the a_i and `curvatures` the b_i
-    (k, n), less what a negative weight of d d' takes away, `drift` d (k)."""
+    """The sums of a map's values at the sigma points: `middle` m(z) (k), `slopes` the a_i and `curvatures` the b_i (k,
+    n), reduced for a negative weight of d d', `drift` d (k)."""
 
     middle: Graph
     slopes: Graph
@@ -183,8 +183,8 @@ class Transformed:
 
 @dataclass(frozen=True)
 class Unscented(SquareRoot):
-    """A Kalman filter by sigma points: `reach` g > 0, how many deviations a point lies off the estimate, and `more`
-    beta - alpha^2 >= -g^2/n, the weight of d d'."""
+    """A Kalman filter by sigma points: `reach` g > 0, the distance of a point from the estimate in standard deviations,
+    and `more` beta - alpha^2 >= -g^2/n, the weight of d d'."""
 
     reach: float
     more: float
@@ -196,7 +196,7 @@ class Unscented(SquareRoot):
         return [self.z + step for step in steps], [self.z - step for step in steps]
 
     def transformed(self, middle: Graph, above: list[Graph], below: list[Graph]) -> Transformed:
-        """The sums of a map, from its values at z and at the points on both sides of it."""
+        """Return the sums of a map from its values at z (`middle`) and at the points on both sides."""
         pairs = list(zip(above, below, strict=True))
         half = 1 / (2 * self.reach)
         slopes = ca.horzcat(*(half * (up - down) for up, down in pairs))
@@ -209,7 +209,7 @@ class Unscented(SquareRoot):
         return Transformed(middle, slopes, curvatures, drift)
 
     def prediction(self) -> Program:
-        """The points by themselves, then z and S of all."""
+        """The statements that advance each point, and then compute z and S from all points."""
         n, sides = self.part.dynamics.n, {"above": "z + g s_", "below": "z - g s_"}
         points = {"middle": ("z", self.z)}
         for (side, title), drawn in zip(sides.items(), self.points(), strict=True):
@@ -227,7 +227,7 @@ class Unscented(SquareRoot):
         return (*blocks, Block("the mean of the points, and P = S S' of their covariance + h Q", after, names))
 
     def correction(self, output: int) -> Program:
-        """The update by a sample of an output, of one that is not linear by its values at the points."""
+        """The update by a sample of an output; a nonlinear output is evaluated at the points."""
         r, e = self.variance(output), sym("work", "e")
         if self.linear(output):
             f, drift, title = self.root.T @ self.row(output).T, ca.SX(0), "correct by the scalar update"
@@ -242,7 +242,7 @@ class Unscented(SquareRoot):
 
 @dataclass(frozen=True)
 class Iterated(SquareRoot):
-    """A Kalman filter that corrects by `passes` passes, 1 or more, at each sample."""
+    """A Kalman filter with `passes` Gauss-Newton passes, at least 1, at each sample."""
 
     passes: int
     rule = RULE
@@ -253,7 +253,7 @@ class Iterated(SquareRoot):
         return self.root.T @ slope[output, :].T
 
     def error(self, w: Graph, output: int) -> Graph:
-        """y - h(z + S w), of which y - h(z) is the innovation."""
+        """Return y - h(z + S w), with y - h(z) the innovation."""
         return sym("work", "e") + self.output(self.z, output) - self.output(self.z + self.root @ w, output)
 
     def cost(self, w: Graph, output: int) -> Graph:
@@ -261,7 +261,7 @@ class Iterated(SquareRoot):
         return ca.sumsqr(w) + self.error(w, output) ** 2 / self.variance(output)
 
     def correction(self, output: int) -> Program:
-        """The passes, each a block of its own, then z and S; of an output that is linear the scalar update."""
+        """The passes, each a separate block, then z and S; for a linear output the scalar update."""
         if self.linear(output):
             return super().correction(output)
         n, root = self.part.dynamics.n, self.root

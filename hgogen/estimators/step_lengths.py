@@ -1,34 +1,35 @@
-"""Two step lengths of a step: from where on an error grows for ever, and one at which it hardly grows more than in
-continuous time.
+"""Two limits of the step length: one above which errors grow without bound, and one at which they grow little more than
+in continuous time.
 
-An error e' = M e at a fixed point becomes e <- T(h) e by a step of length h. Of the points where M is stable,
+A step of length h advances an error e' = M e at a fixed point as e <- T(h) e. At the points where M is stable,
     refused   the least h from which a T(h) has an eigenvalue beyond 1
     take      half of the largest h at which max over k of |T(h)^k| <= 1.5 max over t of |exp(M t)|, of each point
-Below `refused` T(h)^k can still grow far before it decays: of an n-fold eigenvalue 7, 98, 1656 fold for n = 2, 3, 4 by
-classical Runge-Kutta at 90 % of `refused`. |.| is the largest sum of a row, in coordinates in which rows and columns of
-M are of about the same size (`balance`), so that the powers of a high gain do not count. `take` proves nothing: it is
-found at the points that are tried, between which an error moves on its way. For that is the half, which trials of the
-shipped models asked for. Gains and parameters stand at their declared values: at others, to which they may be tuned,
-both lengths may be shorter. By a method that is exact for the core, `take` is also at most half of what follows the
-model where it oscillates or grows, 1/|lambda| of its own Jacobian.
+Below `refused` T(h)^k can still grow far before it decays: for an n-fold eigenvalue by a factor of 7, 98, 1656 for n =
+2, 3, 4 by classical Runge-Kutta at 90 % of `refused`. |.| is the maximum row sum norm, in coordinates in which rows and
+columns of M have about the same size (`balance`), so that the powers of a high gain have no effect. `take` proves
+nothing: it is evaluated at a finite number of points. The factor one half allows for the points in between; trials of
+the shipped models required it. Gains and parameters have their declared values; for other values both limits may be
+shorter. With a method that is exact for the core, `take` is also at most half of the step that resolves the model where
+it oscillates or grows, 1/|lambda| of its Jacobian.
 
-M is the Jacobian of the right-hand side in the fields, the measurement being what the estimate would give: the error of
-the estimate against a plant nearby. The points lie in the box and beyond its edges, where the argument of the model is
-clamped and its columns are 0: a clamp passes a share of an error, between none and all of it, and the points have both.
-Fields that adapt rest where the core is the fastest.
+M is the Jacobian of the right-hand side in the fields, at a measurement equal to the output of the estimate: it governs
+small estimation errors. The points lie in the box and beyond its edges, where the argument of the model is clamped and
+its columns are 0. A clamp passes between none and all of an error, and the points have both. Adaptive fields have the
+values at which the core is the fastest.
 
-Of a filter that predicts and corrects, at F and C of a point of its box, the steady step of length h moves an error by
+For a filter that predicts and corrects, F and C at a point of its box, the steady step of length h maps an error by
 
     T(h) = (1 - P C'(h/R) C) R_4(hF),   P^-1 = (exp(rho h) Phi P Phi' + h Q)^-1 + (1 - exp(-rho h)) S_0 + C'(h/R) C,
 
-Phi = 1 + hF + (hF)^2/2 and R_4 the polynomial of classical Runge-Kutta, in whose place the plant has exp(hF). As h -> 0
-that is e' = (F - P C'R^-1 C) e, whose error never grows in e'P^-1 e. In this norm, P of h -> 0, |T(h)^k| tells how far
-Phi and R_4 are from exp(hF), and how much a sample has to correct at once. Beside the error, z itself moves: R_4 errs
-by 2 % a step of a mode that turns by 1.2 in it. The corners lie a little inside: no plant stays at the very ends of all
-its ranges, where a root or a fraction may be steep without bound. While it passes by one, an error may grow ten fold
-before it decays; it must decay there too, for a plant may rest near a corner. An F that is read at samples moves with
-them from point to point: there it is half of that, which trials of the shipped models asked for. Source of the
-doubling: Chu, Fan, Lin, Wang, International Journal of Control 77 (2004).
+with Phi = 1 + hF + (hF)^2/2 and the polynomial R_4 of classical Runge-Kutta instead of exp(hF) for the plant. As h -> 0
+the error obeys e' = (F - P C'R^-1 C) e and never grows in e'P^-1 e. In this norm, with P of h -> 0, |T(h)^k| measures
+the deviation of Phi and R_4 from exp(hF), and the size of the correction by one sample. The step must also resolve the
+motion of z: R_4 has an error of 2 % per step for a mode that rotates by 1.2 rad in it. The corners lie slightly inside
+the box, because a root or a fraction may be infinitely steep at its edge and no plant stays at the ends of all its
+ranges. At a corner an error may grow tenfold, since a plant only passes it, but must decay, since a plant may also stay
+near it. An F that reads measurements jumps from point to point: `take` is then half as long, which trials of the
+shipped models required. Source of the doubling algorithm: Chu, Fan, Lin, Wang, International Journal of Control 77
+(2004).
 """
 
 import math
@@ -71,27 +72,30 @@ from hgogen.signal import spread
 
 Array = np.ndarray
 Flags = NDArray[np.bool_]
-POINTS, EDGE = 12, 0.005  # corners of the box, and as many points inside; how far of each range the corners are
-FOLLOWED = 1.2  # |h lambda| of a mode that turns: |exp(ix) - R_4(ix)| = x^5/120 is .02 there
-PASSING = 10.0  # of the growth in continuous time, at a corner: more is much there
-SHIFTED = 0.25  # over the fastest eigenvalue of every F: a shorter step moves no mode so far that its length resonates
-STILL = 1e-9  # of the fastest eigenvalue: one of F that is 0
-SHORT = 0.05  # over the fastest eigenvalue: a step that follows every error
-LONGEST = 100  # over the fastest eigenvalue of every F: where the search for what is refused ends
+POINTS, EDGE = (
+    12,
+    0.005,
+)  # corners of the box, and as many points inside; the corners' distance from the edges, of a range
+FOLLOWED = 1.2  # largest |h lambda| of an oscillating mode: |exp(ix) - R_4(ix)| = x^5/120 is .02 there
+PASSING = 10.0  # admissible growth of an error at a corner, relative to that in continuous time
+SHIFTED = 0.25  # over the fastest eigenvalue of every F: no mode resonates with a shorter step
+STILL = 1e-9  # of the fastest eigenvalue: a smaller eigenvalue of F counts as 0
+FINE = 0.05  # over the fastest eigenvalue: a step that resolves every error
+LONGEST = 100  # over the fastest eigenvalue of every F: the end of the search for `refused`
 ROUNDING = 1e-7  # of an eigenvalue of T
-DOUBLED, SETTLED = 50, 1e-12  # doublings of a covariance's steps, at most, and a change that is none
-SAMPLES = 16  # of an input with a declared period, in one: on the line between them it errs by 2 %
-BOX_POINTS = 32  # of each kind: corners, inside, and twice as many with states clamped; a quarter with all of them
-INSIDE = 1e-6  # of a range: how far inside of it a corner lies, where a clamp has its slope
-PUSH = 1e-9  # of the output, an error that opens a dead zone
+DOUBLED, SETTLED = 50, 1e-12  # largest number of doublings of a covariance's steps, and a negligible change
+SAMPLES = 16  # in a declared period of the input, whose linear interpolation has an error of 2 %
+BOX_POINTS = 32  # corners, and as many points inside; twice as many with clamped states, a quarter with all clamped
+INSIDE = 1e-6  # of a range: distance of corners from the edges, where a clamp has the slope 1
+PUSH = 1e-9  # of the output: an error that opens a dead zone
 
 
 @dataclass(frozen=True, eq=False)
 class Frozen:
     """The matrices M (k, N, N) of the error at `points` (k, n + m) of the form's state and the input.
 
-    `core` (N, N) is the linear core, 0 where there is none; `blind` (k, N, N) is M without samples, the model's own;
-    `names` are those of the coordinates of a point.
+    `core` (N, N) is the linear core, 0 where there is none; `blind` (k, N, N) is M without samples, that of the model;
+    `names` are the coordinates of a point.
     """
 
     M: Array
@@ -101,13 +105,13 @@ class Frozen:
     names: tuple[str, ...]
 
     def at(self, index: int) -> str:
-        """A point in words."""
+        """Return the text of a point."""
         return ", ".join(f"{name} = {value:.3g}" for name, value in zip(self.names, self.points[index], strict=True))
 
 
 @lru_cache(maxsize=16)
 def frozen(part: Ode, observer: Observer) -> Frozen:
-    """The errors at fixed points of the box, without the points at which M is not finite."""
+    """Return the matrices at fixed points of the box, without the points at which M is not finite."""
     form, points = observer.form, box_points(observer.form)
     M, blind = errors_at(part, observer)(points)
     finite = np.isfinite(M).all(axis=(1, 2)) & np.isfinite(blind).all(axis=(1, 2))
@@ -118,7 +122,7 @@ def frozen(part: Ode, observer: Observer) -> Frozen:
 
 @lru_cache(maxsize=16)
 def errors_at(part: Ode, observer: Observer) -> Callable[[Array], tuple[Array, Array]]:
-    """`Frozen.M` and `Frozen.blind` (k, N, N) as a function of points (k, n + m)."""
+    """Return `Frozen.M` and `Frozen.blind` (k, N, N) as a function of points (k, n + m)."""
     form, moving = observer.form, [field for field in part.fields if field.name not in part.frozen]
     values = {field.name: sym("state", field.name, field.size) for field in moving}
     x, u = ca.vertcat(*values.values()), sym("state", "u", len(form.system.inputs))
@@ -132,16 +136,16 @@ def errors_at(part: Ode, observer: Observer) -> Callable[[Array], tuple[Array, A
         matrix = ca.jacobian(ca.vertcat(*(rates[field.name] for field in moving)), x)
         return ca.substitute([matrix], [reading], [pushed])[0]
 
-    estimate, seen, unseen = _numbers([observer.z, slope(1), slope(0)], observer)
+    estimate, sampled, unsampled = _numbers([observer.z, slope(1), slope(0)], observer)
     readout = ca.Function("readout", [x, u], [ca.densify(ca.jacobian(estimate, x)), ca.densify(estimate)])
-    error = ca.Function("error", [x, u], [ca.densify(seen), ca.densify(unseen)])
+    error = ca.Function("error", [x, u], [ca.densify(sampled), ca.densify(unsampled)])
 
     def errors(points: Array) -> tuple[Array, Array]:
         z, inputs = points[:, : form.n].T, points[:, form.n :].T
         start = np.repeat(np.concatenate([field.initial for field in moving])[:, None], len(points), axis=1)
         slopes = _stacked(readout(start, inputs)[0], len(points))
         regular = np.isfinite(slopes).all(axis=(1, 2), keepdims=True)
-        alike = bool((slopes == slopes[:1]).all())  # of most observers the estimate is linear in their fields
+        alike = bool((slopes == slopes[:1]).all())  # the estimate is linear in the fields of most observers
         inverse = np.linalg.pinv(np.where(regular, slopes, 0.0)[: 1 if alike else None]) + np.zeros((len(points), 1, 1))
         fields = start + np.einsum("kij,jk->ik", inverse, z - np.array(readout(start, inputs)[1]))
         M, blind = (np.where(regular, _stacked(matrix, len(points)), np.nan) for matrix in error(fields, inputs))
@@ -151,8 +155,8 @@ def errors_at(part: Ode, observer: Observer) -> Callable[[Array], tuple[Array, A
 
 
 def box_points(form: Form) -> Array:
-    """Points (k, n + m) of states and inputs: the middle, corners, points inside, and points with states beyond their
-    ranges by their widths; a signal without a range stays at its nominal value, or 0."""
+    """Return points (k, n + m) of states and inputs: the middle, corners, points inside, and points with states beyond
+    their ranges by the ranges' widths; a signal without a range has its nominal value, or 0."""
     signals, n = [*form.states, *form.system.inputs], form.n
     rng, size = np.random.default_rng(1), len(signals)
     corners = INSIDE + (1 - 2 * INSIDE) * rng.integers(0, 2, size=(BOX_POINTS, size))
@@ -171,7 +175,7 @@ def box_points(form: Form) -> Array:
 
 
 def _numbers(graphs: list[Graph], observer: Observer) -> list[Graph]:
-    """The graphs with parameters, gains and the values derived from them replaced by their numbers."""
+    """Return the graphs with parameters, gains and the values derived from them replaced by numbers."""
     known = nominal(observer)
     symbols = [s for s in ca.symvar(ca.veccat(*graphs)) if address(s)[0] in known]
     numbers = [ca.SX(float(known[place].reshape(-1)[index])) for place, index, _ in map(address, symbols)]
@@ -182,23 +186,24 @@ def _numbers(graphs: list[Graph], observer: Observer) -> list[Graph]:
 
 
 def _stacked(wide: Graph, count: int) -> Array:
-    """Matrices (r, count c) side by side as an array (count, r, c)."""
+    """Return `count` matrices (r, c), side by side in `wide`, as an array (count, r, c)."""
     numbers = np.array(wide)
     return np.ascontiguousarray(numbers.reshape(len(numbers), count, -1).swapaxes(0, 1))
 
 
 SHARE = 0.5  # of the largest step length at which errors hardly grow
-DEEPEST = 1 / 8  # of `refused`: where the search for `take` ends
+DEEPEST = 1 / 8  # of `refused`: the start of the search for `take`
 SEARCH_END = 1e4  # over the fastest eigenvalue
 HALVINGS = 12  # of the interval in which `refused` lies
 
 
 class Way(Protocol):
-    """A method as it moves frozen errors: of the linear core (N, N) and M (k, N, N), which may be scaled alike."""
+    """A method as the map of frozen errors for the linear core (N, N) and M (k, N, N), which may have a common
+    scaling."""
 
     @property
     def exact(self) -> bool:
-        """Whether the core limits no step, so that nothing but the model's own motion asks for a short one."""
+        """Whether the core limits no step, so that only the model's own motion requires a short one."""
         ...
 
     def transition(self, core: Array, M: Array, h: float) -> Array:
@@ -206,16 +211,18 @@ class Way(Protocol):
         ...
 
     def refused(self, core: Array, M: Array) -> Array:
-        """The least h for each stable M (k) from which T(h) has an eigenvalue beyond 1; inf where there is none."""
+        """The smallest h for each stable M (k) from which on T(h) has an eigenvalue beyond 1; inf where there is
+        none."""
         ...
 
     def __hash__(self) -> int:
-        """Equal ways are asked once."""
+        """The key of the cache of limits, equal for equal methods."""
         ...
 
 
 def lengths(part: Ode, observer: Observer, dt: float, way: Way, core: Limit, rule: str = "") -> Lengths:
-    """The step lengths of a part of the observer; `core`: what its linear core alone admits, `rule` as in `Lengths`.
+    """Return the step lengths of a part of the observer; `core`: the limit of its linear core alone, `rule` as in
+    `Lengths`.
 
     The costly `take` is computed only for a step `dt` that may exceed it.
     """
@@ -232,7 +239,7 @@ def lengths(part: Ode, observer: Observer, dt: float, way: Way, core: Limit, rul
 
 @lru_cache(maxsize=16)
 def _judged(part: Ode, observer: Observer) -> Frozen:
-    """The stable errors, in coordinates that are balanced."""
+    """Return the stable errors in balanced coordinates."""
     errors = frozen(part, observer)
     decaying = stable(errors.M)
     scale = np.ones(errors.M.shape[-1])
@@ -254,13 +261,14 @@ def _take(part: Ode, observer: Observer, way: Way, refused: float) -> float:
 
 
 def stable(M: Array) -> Array:
-    """Flags of the M (k, N, N) that have all their eigenvalues in the left half plane."""
+    """Return flags of the M (k, N, N) with all eigenvalues in the left half plane."""
     spectrum = np.linalg.eigvals(M)
     return np.asarray((spectrum.real < -AXIS * np.abs(spectrum).max(axis=1)[:, None]).all(axis=1))
 
 
 def first_unstable(core: Array, M: Array, way: Way) -> Array:
-    """`Way.refused` by trying step lengths in turn, of which the first decides: inf for the other M."""
+    """Return `Way.refused` by trying increasing step lengths, for the M that is the first to become unstable; inf for
+    the others."""
     limits, fastest = np.full(len(M), math.inf), _fastest(M)
     if not fastest:
         return limits
@@ -268,7 +276,7 @@ def first_unstable(core: Array, M: Array, way: Way) -> Array:
     def radius(h: float) -> Array:
         return np.asarray(np.abs(np.linalg.eigvals(way.transition(core, M, h))).max(axis=1))
 
-    good, bad = 0.0, SHORT / fastest
+    good, bad = 0.0, FINE / fastest
     while (radius(bad) <= 1 + ROUNDING).all():
         good, bad = bad, WIDER * bad
         if bad > SEARCH_END / fastest:
@@ -281,12 +289,12 @@ def first_unstable(core: Array, M: Array, way: Way) -> Array:
 
 
 def longest_advised(core: Array, M: Array, way: Way, refused: float) -> float:
-    """The length `take` for stable, balanced M (k, N, N), or half an eighth of `refused`; inf where there is no
-    limit."""
+    """Return the length `take` for stable, balanced M (k, N, N), at least SHARE times DEEPEST of `refused`; inf without
+    a limit."""
     fastest = np.abs(np.linalg.eigvals(M)).max(axis=1, initial=0.0)
     if not fastest.any():
         return math.inf
-    most = GROWTH * continuous(M, SHORT / np.where(fastest > 0, fastest, 1.0))
+    most = GROWTH * continuous(M, FINE / np.where(fastest > 0, fastest, 1.0))
     end = min(refused, SEARCH_END / _fastest(M))
 
     def grows(h: float) -> bool:
@@ -297,9 +305,9 @@ def longest_advised(core: Array, M: Array, way: Way, refused: float) -> float:
 
 
 def _shortest(M: Array, refused: float) -> float:
-    """The step length at which the search for `take` ends, which follows every M in any case."""
+    """Return the step length at which the search for `take` begins, which resolves every M."""
     fastest = _fastest(M)
-    return DEEPEST * refused if math.isfinite(refused) else SHORT / fastest if fastest else math.inf
+    return DEEPEST * refused if math.isfinite(refused) else FINE / fastest if fastest else math.inf
 
 
 def _fastest(M: Array) -> float:
@@ -311,10 +319,11 @@ def _fastest(M: Array) -> float:
 
 @dataclass(frozen=True, eq=False)
 class Loops:
-    """F, N = C'R^-1 C, Q and rho S_0 (k, n, n), in coordinates in which the steady P of h -> 0 is 1, and rho.
+    """The closed loops of a filter: F, N = C'R^-1 C, Q and rho S_0 (k, n, n), in coordinates in which the steady P of h
+    -> 0 is 1.
 
-    P starts from the values `starts` (s, k, n, n). With L = `back` (k, n, n), L P L' is the covariance, whose cap is
-    `cap` (n), which may be inf. An error may grow by `most` (k) more than in continuous time.
+    `starts` (s, k, n, n): the initial values of P. With L = `back` (k, n, n), L P L' is the covariance in units of the
+    state, `cap` (n) its cap, possibly inf. `most` (k): the admissible growth of an error relative to continuous time.
     """
 
     F: Array
@@ -338,14 +347,15 @@ class Loops:
         return self._transition(h, P)
 
     def way(self, h: float) -> Array:
-        """The largest P_ii/cap_i (k) from every start to where P settles, after 1, 2, 3, 4, 6, 8, 12, .. steps."""
+        """Return the largest P_ii/cap_i (k) from every start until P is steady, after 1, 2, 3, 4, 6, 8, 12, ..
+        steps."""
         return self._way(list(_doubled(*self._step(h))))
 
     def _way(self, doubled: Sequence[tuple[Array, Array, Array]], enough: float = 0.0) -> Array:
-        """`way`, without what comes after a step from which on no share exceeds `enough`.
+        """Return `way`, up to the step after which no P_ii/cap_i can exceed `enough`.
 
-        From P <= c P_s, c >= 1, with the steady P_s, no later P exceeds c P_s, for a step of c P is at most c steps of
-        P; and c is at most the trace of P_s^-1 P.
+        If P <= c P_s with c >= 1 and the steady P_s, no later P exceeds c P_s, because the step of c P is at most c
+        times the step of P. c is at most the trace of P_s^-1 P.
         """
         settled, one = doubled[-1][2], np.eye(self.F.shape[-1])
         with np.errstate(all="ignore"):
@@ -355,29 +365,32 @@ class Loops:
         with np.errstate(all="ignore"):
             for A, G, H in doubled:
                 P = np.concatenate((now, half))
-                moved = H + A.swapaxes(1, 2) @ P @ _solved(one + G @ P, A)
-                half, now = now, moved[: len(now)]
-                largest = np.maximum(largest, self._shares(moved).max(axis=(0, 2)))
+                stepped = H + A.swapaxes(1, 2) @ P @ _solved(one + G @ P, A)
+                half, now = now, stepped[: len(now)]
+                largest = np.maximum(largest, self._shares(stepped).max(axis=(0, 2)))
                 later = np.maximum(1.0, (inverse * now).sum(axis=(2, 3))) * bound
                 if (later <= enough).all():
                     break
         return largest
 
     def settles(self, h: float) -> Array:
-        """Whether no error grows for ever at a point (k), neither by the steady P nor by what its cap leaves of it."""
+        """Return whether no error grows without bound at a point (k), with the steady P and with P limited to its
+        cap."""
         *_, (_, _, P) = _doubled(*self._step(h))
         return _decays(self._transition(h, P)) & _decays(self._transition(h, self._capped(P)))
 
     def longest(self, end: float) -> float:
-        """The largest h up to which no error grows much, and no P reaches its cap that does not for h -> 0. The
-        value does not depend on `end`; it is inf where it lies beyond `end`."""
+        """Return the largest h up to which no error grows much, and P reaches its cap only where it does for h -> 0.
+
+        The value does not depend on `end`; it is inf where it lies beyond `end`.
+        """
         model, loop = (np.abs(np.linalg.eigvals(M)).max(initial=0.0) for M in (self.F, self.continuous))
         fastest = max(model, loop)
-        if not fastest or SHORT / fastest > end:
+        if not fastest or FINE / fastest > end:
             return math.inf
-        start, coarse_end = SHORT / fastest, SHIFTED / max(model, STILL * fastest)
+        start, coarse_end = FINE / fastest, SHIFTED / max(model, STILL * fastest)
         most = self.most * continuous(self.continuous, np.full(len(self.F), start))
-        free = cache(lambda: self.way(start) <= 1)  # as seldom asked as a cap is reached
+        free = cache(lambda: self.way(start) <= 1)  # computed only where a cap is reached
 
         def grows(h: float) -> bool:
             doubled = list(_doubled(*self._step(h)))
@@ -390,48 +403,51 @@ class Loops:
         return longest(grows, start, end, coarse_end)
 
     def refused(self, start: float) -> float:
-        """The largest h from `start` on up to which errors settle at one of the F at least; inf for any h, or none."""
+        """Return the largest h above `start` up to which errors decay at one of the F at least; inf if this holds for
+        all h or none."""
         fastest = np.abs(np.linalg.eigvals(self.F)).max(initial=0.0)
 
         def lost(h: float) -> bool:
             return not self.settles(h).any()
 
-        start = WIDER ** math.floor(math.log(start, WIDER))  # the same steps are tried wherever the search begins
+        start = WIDER ** math.floor(math.log(start, WIDER))  # the same steps are tried for every start
         return longest(lost, start, LONGEST / fastest) if fastest and not lost(start) else math.inf
 
     def _step(self, h: float) -> tuple[Array, Array, Array]:
-        """A, G, H (k, n, n) of P <- H + A' P (1 + G P)^-1 A, of P before a sample."""
-        grown = math.exp(min(self.rho * h, 100.0))  # beyond which all is forgotten
+        """Return A, G, H (k, n, n) of P <- H + A' P (1 + G P)^-1 A, with P before a sample."""
+        grown = math.exp(min(self.rho * h, 100.0))  # the exponent at which nothing of the past is left
         Phi = polynomial(h * self.F, HEUN.polynomial)
         return (math.sqrt(grown) * Phi).swapaxes(1, 2), h * self.N + self._forgotten(h), h * self.Q
 
     def _transition(self, h: float, P: Array) -> Array:
-        """T(h) by P before a sample."""
-        one, seen, forgotten = np.eye(self.F.shape[-1]), h * self.N, self._forgotten(h)
-        corrected = one - _solved(one + P @ (seen + forgotten), P @ seen)
+        """Return T(h) from P before a sample."""
+        one, information, forgotten = np.eye(self.F.shape[-1]), h * self.N, self._forgotten(h)
+        corrected = one - _solved(one + P @ (information + forgotten), P @ information)
         return np.asarray(corrected @ polynomial(h * self.F, RK4.polynomial))
 
     def _forgotten(self, h: float) -> Array | float:
         return -math.expm1(-self.rho * h) / self.rho * self.prior if self.rho else 0.0
 
     def _capped(self, P: Array) -> Array:
-        """P (k, n, n), the covariance's rows and columns scaled by min(1, cap_i/P_ii)."""
+        """Return P (k, n, n) after scaling the covariance's rows and columns by min(1, cap_i/P_ii)."""
         scale = 1 / np.maximum(self._shares(P), 1.0)
-        moved = np.linalg.solve(self.back, scale[..., None] * self.back)
-        return np.asarray(moved @ P @ np.swapaxes(moved, 1, 2))
+        scaling = np.linalg.solve(self.back, scale[..., None] * self.back)
+        return np.asarray(scaling @ P @ np.swapaxes(scaling, 1, 2))
 
     def _shares(self, P: Array) -> Array:
-        """P_ii/cap_i (.., k, n) of P (.., k, n, n)."""
+        """Return P_ii/cap_i (.., k, n) of P (.., k, n, n)."""
         return np.asarray(((self.back @ P) * self.back).sum(axis=-1) / self.cap)
 
 
 def factored_lengths(part: Riccati, dt: float) -> Lengths:
-    """The step lengths of the closed loop, which are those of every factored covariance: `refused`, beyond which errors
-    settle at no point of the box, inf where dt is no longer than `take`; up to that no error grows much at a point of
-    the box, and the motion of the model is followed, inf where nothing up to `dt` is too long for that."""
+    """Return the step lengths of the closed loop, which hold for every factored covariance.
+
+    `take`: up to it no error grows much at a point of the box and the motion of the model is resolved, inf where it is
+    above `dt`. `refused`: above it errors decay at no point of the box, inf where dt <= `take`.
+    """
     F, C = part.slopes(POINTS, EDGE)
     whole = F if part.known is None else jacobians_on_box(part.dynamics, POINTS, edge=EDGE)[0]
-    low, peak = min(part.theta.late, part.theta.rest or part.theta.peak), part.theta.peak
+    low, peak = min(part.theta.late, part.theta.error_free or part.theta.peak), part.theta.peak
     every = together([loops(part, F, C, theta, low) for theta in sorted({low, math.sqrt(low * peak), peak})])
     inputs = math.inf if part.period is None else part.period / SAMPLES
     share = 1.0 if part.known is None else SHARE
@@ -442,7 +458,7 @@ def factored_lengths(part: Riccati, dt: float) -> Lengths:
 
 
 def together(every: Sequence[Loops]) -> Loops:
-    """The closed loops of several that have the same rho and caps."""
+    """Return the closed loops of several `Loops` with the same rho and caps."""
     F, N, Q, prior, back, most = (
         np.concatenate([getattr(each, name) for each in every]) for name in ("F", "N", "Q", "prior", "back", "most")
     )
@@ -450,21 +466,23 @@ def together(every: Sequence[Loops]) -> Loops:
     return Loops(F, N, Q, prior, every[0].rho, starts, back, every[0].cap, most)
 
 
-def loops(part: Riccati, F: Array, C: Array, theta: float, rest: float) -> Loops:
-    """The closed loops at F (k, n, n), C (k, p, n) that have a steady covariance at a theta; P starts at P(0), and at
-    its steady value at the theta `rest`."""
+def loops(part: Riccati, F: Array, C: Array, theta: float, start: float) -> Loops:
+    """Return the closed loops at F (k, n, n), C (k, p, n) with a steady covariance at a theta.
+
+    P starts at P(0), and at its steady value at the theta `start`.
+    """
     Q, _ = part.nominal
     rho = part.forgetting.initial[0] if part.forgetting is not None else 0.0
     n, scaling = len(Q), part.scaling
     prior = rho * np.diag(1 / part.cap) if rho else np.zeros((n, n))
     noise = scaling.process(theta) * Q * np.outer(scaling.spread(theta), scaling.spread(theta))
-    steady = {each: _steady(part, F, C, each, rho) for each in {theta, rest}}
-    P, rested = steady[theta], steady[rest]
-    there, settled = _definite(P), _definite(rested)
-    starts = np.array([np.broadcast_to(part.covariance, F.shape), np.where(settled[:, None, None], rested, P)])
-    F, C, P, starts = F[there], C[there], P[there], starts[:, there]
-    corners = len(there) // 2  # after the middle, and before as many points inside
-    most = np.concatenate(([GROWTH], np.full(corners, PASSING), np.full(len(there) - 1 - corners, GROWTH)))
+    steady = {each: _steady(part, F, C, each, rho) for each in {theta, start}}
+    P, steady_start = steady[theta], steady[start]
+    definite, settled = _definite(P), _definite(steady_start)
+    starts = np.array([np.broadcast_to(part.covariance, F.shape), np.where(settled[:, None, None], steady_start, P)])
+    F, C, P, starts = F[definite], C[definite], P[definite], starts[:, definite]
+    corners = len(definite) // 2  # the points: the middle, the corners, and as many inside
+    most = np.concatenate(([GROWTH], np.full(corners, PASSING), np.full(len(definite) - 1 - corners, GROWTH)))
     N = np.swapaxes(C, 1, 2) @ (C / scaling.variances(np.asarray(part.nominal[1]), theta)[:, None])
     L = np.linalg.cholesky(P)
     inverse = np.linalg.inv(L)
@@ -478,12 +496,12 @@ def loops(part: Riccati, F: Array, C: Array, theta: float, rest: float) -> Loops
         inverse @ starts @ back,
         L,
         np.full(n, np.inf) if rho else part.cap,
-        most[there],
+        most[definite],
     )
 
 
 def _steady(part: Riccati, F: Array, C: Array, theta: float, rho: float) -> Array:
-    """The steady P (k, n, n) of h -> 0."""
+    """Return the steady P (k, n, n) of h -> 0."""
     (Q, R), n, scaling = part.nominal, len(part.cap), part.scaling
     if rho:
         C, R = np.concatenate((C, np.broadcast_to(np.eye(n), F.shape)), axis=1), np.concatenate((R, part.cap / rho))
@@ -492,7 +510,7 @@ def _steady(part: Riccati, F: Array, C: Array, theta: float, rho: float) -> Arra
 
 
 def _decays(T: Array) -> Flags:
-    """Whether each T (k, n, n) is finite and has no eigenvalue beyond 1."""
+    """Return whether each T (k, n, n) is finite and has no eigenvalue beyond 1."""
     finite = np.isfinite(T).all(axis=(1, 2))
     radius = np.abs(np.linalg.eigvals(np.where(finite[:, None, None], T, 0.0))).max(axis=1)
     return np.asarray(finite & (radius <= 1 + ROUNDING))
@@ -503,27 +521,27 @@ def _definite(P: Array) -> Flags:
 
 
 def _doubled(A: Array, G: Array, H: Array) -> Iterator[tuple[Array, Array, Array]]:
-    """The maps of 1, 2, 4, .. steps (k, n, n) in one, until H is the steady P; where there is none, H is not finite or
-    it is large."""
+    """Yield the maps of 1, 2, 4, .. steps (k, n, n), until H is the steady P; where there is none, H becomes large or
+    infinite."""
     one = np.eye(A.shape[-1])
     for _ in range(DOUBLED):
         yield A, G, H
         with np.errstate(all="ignore"):
             W = one + G @ H
-            left, right = _solved(W, np.array((A, G)))
-            more = A.swapaxes(1, 2) @ H @ left
-            G, H, A = G + A @ right @ A.swapaxes(1, 2), H + (more + more.swapaxes(1, 2)) / 2, A @ left
+            solved_A, solved_G = _solved(W, np.array((A, G)))
+            more = A.swapaxes(1, 2) @ H @ solved_A
+            G, H, A = G + A @ solved_G @ A.swapaxes(1, 2), H + (more + more.swapaxes(1, 2)) / 2, A @ solved_A
             if not (np.abs(more) > SETTLED * np.abs(H).max(axis=(1, 2), keepdims=True)).any():
                 break
     yield A, G, H
 
 
 def _solved(W: Array, B: Array) -> Array:
-    """The solutions W^-1 B (.., n, n), nan where W is not finite or singular."""
+    """Return the solutions W^-1 B (.., n, n), nan where W is not finite or singular."""
     W, B = np.broadcast_arrays(W, B)
     finite = np.isfinite(W)
     if finite.all():
-        with suppress(np.linalg.LinAlgError):  # raised for one that is singular
+        with suppress(np.linalg.LinAlgError):  # raised for a singular matrix
             return np.asarray(np.linalg.solve(W, B))
     good = finite.all(axis=(-2, -1))
     good[good] = np.abs(np.linalg.det(W[good])) > 0

@@ -5,23 +5,23 @@
     adaptive(theta_1, ...)       theta' = mu(I) F_0(theta) + rate (1 - mu(I)) (1 - theta),
                                  F_0 = theta^2/rise_time if theta <= theta_1, else (theta - 2 theta_1)^2/rise_time
 
-The adaptive law is stepped by its exact sub-flows, because explicit Euler lets theta pass 2 theta_1, where F_0 > 0, and
-escape: with s = mu dt/rise_time, first the rise (in closed form on each side of theta_1), then the decay by exp(-rate
-(1 - mu) dt), then a clamp to [1, 2 theta_1]. mu(I) is how much growth of theta an innovation asks for, 0 for none and
-1 for all of it: a C1 smoothstep, exactly 0 below gamma_0 and 1 above gamma_1 as (6) asks, or the paper's logistic,
-which is never 0 and so holds theta a little above 1. A decaying theta scales the process noise alone, as its theorem
-asks, unless `scaling` says otherwise; the others scale both noises.
+The adaptive law is advanced by its exact sub-flows, because with explicit Euler theta could pass 2 theta_1, where
+F_0 > 0, and diverge. With s = mu dt/rise_time, first comes the rise (in closed form on each side of theta_1), then the
+decay by exp(-rate (1 - mu) dt), then a clamp to [1, 2 theta_1]. mu(I) in [0, 1] is the fraction of the growth law that
+is active: a C1 smoothstep, exactly 0 below gamma_0 and 1 above gamma_1 as (6) requires, or the paper's logistic, which
+is never 0 and keeps theta slightly above 1. A decaying theta scales the process noise alone, as its theorem requires,
+unless `scaling` has another rule; the others scale both noises.
 
-What is known of each law is a theorem as data, whose constants are existential: there are such d, theta_1, .., and no
-theorem says which. The slides' theorem on a decaying theta (1) bounds the error of a filter by
+Each law has a theorem as data, whose constants d, theta_1, .. are existential: no theorem gives their values. The
+slides' theorem on a decaying theta (1) bounds the error of a filter by
 
     |e(t)|^2 <= R(lambda, c) exp(-a t) Lambda(theta_0, t, lambda) |e(0)|^2
     Lambda = theta_0^(2 (n - 1) + a/lambda) exp(-(a/lambda) theta_0 (1 - exp(-lambda t)))
 
-for 0 < lambda <= lambda_0, the rate, theta_0 large enough for it and S(0) >= c. a > 0 and R are existential constants,
-so they are arguments here. The slides print 0 <= lambda, but at lambda = 0 there is no a/lambda. Sources: Boizot,
-Busvelle, Gauthier, Automatica 46 (2010), with the numbers of its equations, (4)-(6); Gauthier, Kupka, "Deterministic
-Observation Theory and Applications" (2001); Busvelle's slides on decaying theta.
+for a rate 0 < lambda <= lambda_0, a theta_0 large enough for this rate and S(0) >= c. a > 0 and R are existential
+constants, so they are arguments here. The slides print 0 <= lambda, but at lambda = 0 there is no a/lambda. Sources:
+Boizot, Busvelle, Gauthier, Automatica 46 (2010), with the numbers of its equations, (4)-(6); Gauthier, Kupka,
+"Deterministic Observation Theory and Applications" (2001); Busvelle's slides on decaying theta.
 """
 
 import math
@@ -146,7 +146,7 @@ ADAPTIVE = Theorem(
 )
 
 _MODIFIED = "R is not scaled, and Q_theta = theta^2 Delta^-1 Q Delta^-1"
-SCALED_AS = {  # by what theta scales
+SCALED_AS = {  # by the noises that theta scales
     "process": Hypothesis(
         _MODIFIED, verdict=Verdict.PROVED, reason="by construction", reference="the modified extended Kalman filter"
     ),
@@ -201,8 +201,8 @@ ALIGNMENTS = {  # by the alignment of the chains
 
 
 def of_form(theorem: Theorem, form: Form, *, definite: bool = True) -> Theorem:
-    """The theorem with what the form brings: chains of several outputs, coordinates in which the filter does not
-    work; and whether Q is positive definite."""
+    """Return the theorem with the hypotheses of the form: chains of several outputs, and coordinates other than those
+    of the filter; `definite`: whether Q is positive definite."""
     if not definite:
         ranked = (_OF_LOWER_RANK if each is _DEFINITE else each for each in theorem.hypotheses)
         theorem = replace(theorem, hypotheses=tuple(ranked))
@@ -258,7 +258,7 @@ class Logistic:
         )
 
     def of(self, innovation: Graph) -> Graph:
-        """The SX scalar mu(I); the exponent is clamped to +-80, where exp still is a float."""
+        """Return the SX scalar mu(I); the exponent is clamped to +-80, where exp is finite in single precision."""
         exponent = sym("gain", "slope") * (sym("gain", "centre") - innovation)
         return 1 / (1 + ca.exp(ca.fmin(ca.fmax(exponent, -80), 80)))
 
@@ -280,20 +280,20 @@ def logistic(centre: float, slope: float) -> Logistic:
 
 
 class Theta(ABC):
-    """A high-gain parameter, which is constant and moved by no part where its law says nothing else."""
+    """A high-gain parameter; by default it is constant and no part changes it."""
 
-    scaled: Scaled  # which noise it scales
-    traces: tuple[str, ...] = ()  # scalar fields of the state worth recording
+    scaled: Scaled  # the noises that theta scales
+    traces: tuple[str, ...] = ()  # scalar fields of the state to log
 
     @property
     def value(self) -> Graph:
-        """The gain theta as an SX scalar, of a law that moves it the place `state.theta`."""
+        """The gain theta as an SX scalar; for a varying theta the place `state.theta`."""
         return sym("state", "theta")
 
     @property
     @abstractmethod
     def peak(self) -> float:
-        """The largest value it takes."""
+        """The largest value of theta."""
 
     @property
     def late(self) -> float:
@@ -301,12 +301,12 @@ class Theta(ABC):
         return self.peak
 
     @property
-    def rest(self) -> float | None:
-        """The value at which it rests, if it comes back to its peak from there."""
+    def error_free(self) -> float | None:
+        """The value without errors, if theta can rise from it to its peak again, else None."""
         return None
 
     def rise(self, theta: np.ndarray, dt: np.ndarray) -> np.ndarray:
-        """The values of theta (d) a time dt (d) later when it rises as fast as its law lets it."""
+        """Return the values of theta (d) a time dt (d) later at the fastest rise that its law permits."""
         return theta
 
     @property
@@ -321,16 +321,16 @@ class Theta(ABC):
     @property
     @abstractmethod
     def theorem(self) -> Theorem:
-        """The theorem of the Riccati observer with it."""
+        """The theorem of the Riccati observer with this theta."""
 
     def parts(self, dynamics: Dynamics, z: Field) -> tuple[Part, ...]:
-        """The parts that move it, for the observer state of field `z`."""
+        """The parts that change theta, for the observer state of field `z`."""
         return ()
 
 
 @dataclass(frozen=True)
 class Constant(Theta):
-    """See the module."""
+    """A constant theta."""
 
     theta: float
     scaled: Scaled = "both"
@@ -347,7 +347,7 @@ class Constant(Theta):
 
     @property
     def gains(self) -> tuple[Field, ...]:
-        """The gain theta, unless it is 1; step lengths are judged at its nominal value alone, which is its largest."""
+        """The gain theta, unless it is 1; step lengths are computed at its nominal value only, which is its largest."""
         if self.theta == 1:
             return ()
         return (gain("theta", self.theta, 1.0, self.theta, "high-gain parameter"),)
@@ -358,13 +358,13 @@ class Constant(Theta):
 
     @property
     def theorem(self) -> Theorem:
-        """The theorem of the extended Kalman filter, or of the one with a high gain."""
+        """The theorem of the extended Kalman filter, or of the high-gain one."""
         return KALMAN if self.theta == 1 else HIGH_GAIN
 
 
 @dataclass(frozen=True)
 class Decaying(Theta):
-    """See the module."""
+    """A decaying theta, with the law of the module."""
 
     theta_0: float
     rate: float
@@ -377,7 +377,7 @@ class Decaying(Theta):
 
     @property
     def theorem(self) -> Theorem:
-        """The slides' theorem, with what it asks of the scaling."""
+        """The slides' theorem, with its hypothesis on the scaling."""
         return DECAYING.under(SCALED_AS[self.scaled])
 
     @property
@@ -387,16 +387,16 @@ class Decaying(Theta):
 
     @property
     def late(self) -> float:
-        """The value while a large error lasts, which is 1."""
+        """The value while a large error lasts, 1."""
         return 1.0
 
     @property
     def gains(self) -> tuple[Field, ...]:
-        """The rate, which stays above 0; theta_0 is the initial value of the state."""
+        """The rate, whose range excludes 0; theta_0 is the initial value of the state."""
         return (gain("rate", self.rate, 1e-3 * self.rate, 1e3 * self.rate, "rate at which theta decays to 1", "1/s"),)
 
     def parts(self, dynamics: Dynamics, z: Field) -> tuple[Part, ...]:
-        """The exact decay."""
+        """The exact decay as a jump."""
         return (Jump(self._pieces, {"theta": -sym("gain", "rate") * (self.value - 1)}),)
 
     def _pieces(self, clock: Clock) -> Pieces:
@@ -412,7 +412,7 @@ class Decaying(Theta):
 
 @dataclass(frozen=True)
 class Adaptive(Theta):
-    """See the module."""
+    """An adaptive theta, with the law of the module."""
 
     theta_1: float
     rise_time: float
@@ -433,7 +433,7 @@ class Adaptive(Theta):
 
     @property
     def theorem(self) -> Theorem:
-        """Theorem 5, with what it asks of mu and of the innovation."""
+        """Theorem 5, with its hypotheses on mu and on the innovation."""
         return ADAPTIVE.under(self.mu.hypothesis, self.innovation.hypothesis)
 
     @property
@@ -442,19 +442,21 @@ class Adaptive(Theta):
         return 2 * self.theta_1
 
     @property
-    def rest(self) -> float:
-        """The value at rest, 1."""
+    def error_free(self) -> float:
+        """The value without errors, 1."""
         return 1.0
 
     def rise(self, theta: np.ndarray, dt: np.ndarray) -> np.ndarray:
-        """The values after a time dt by the exact sub-flow at mu = 1."""
+        """Return the values after a time dt by the exact sub-flow at mu = 1."""
         return np.array(_risen()(theta[None], dt[None] / self.rise_time, self.theta_1)).ravel()
 
     @property
     def gains(self) -> tuple[Field, ...]:
-        """theta_1, rise_time, rate and mu's; by the default method, step lengths are judged where theta rests, at
-        twice the nominal theta_1, its largest, and at their geometric mean; by an explicit one at both ends and on the
-        way of its fastest rise."""
+        """The gains theta_1, rise_time, rate and those of mu.
+
+        The default method computes step lengths at theta = 1, at twice the nominal theta_1, the largest value, and at
+        their geometric mean; an explicit one at both ends and along the fastest rise.
+        """
         return (
             gain("theta_1", self.theta_1, 1.0, self.theta_1, "half the largest theta"),
             gain("rise_time", self.rise_time, 1e-3 * self.rise_time, 1e3 * self.rise_time, "Delta T", "s"),
@@ -463,7 +465,7 @@ class Adaptive(Theta):
         )
 
     def parts(self, dynamics: Dynamics, z: Field) -> tuple[Part, ...]:
-        """The innovation, then the law."""
+        """The part of the innovation, then the law."""
         theta, theta_1, mu = self.value, sym("gain", "theta_1"), self.mu.of(sym("state", "innovation"))
         growth = ca.if_else(theta <= theta_1, theta, theta - 2 * theta_1) ** 2 / sym("gain", "rise_time")
         law = mu * growth + sym("gain", "rate") * (1 - mu) * (1 - theta)
@@ -471,7 +473,7 @@ class Adaptive(Theta):
 
     def _pieces(self, clock: Clock) -> Pieces:
         theta, mu = sym("state", "theta"), sym("work", "mu")
-        rests = ca.logic_and(mu <= 0, inside(theta, [(1.0, 1.0)]))  # where the law leaves theta at 1, bit for bit
+        constant = ca.logic_and(mu <= 0, inside(theta, [(1.0, 1.0)]))  # the law would not change a bit of theta = 1
         growth = {Place("work", "mu"): self.mu.of(sym("state", "innovation"))}
         risen = rise(theta, mu * clock.dt / sym("gain", "rise_time"), sym("gain", "theta_1"))
         decay = ca.exp(-sym("gain", "rate") * clock.dt * (1 - mu))
@@ -482,17 +484,18 @@ class Adaptive(Theta):
             {Place("state", "theta"): ca.fmin(ca.fmax(fallen, 1), top)},
             {"risen": risen, "decay": decay},
         )
-        moves = Place("work", "moves")
+        changes = Place("work", "moves")
         adapt = (
             Block("how much growth the innovation asks for, 0 to 1", growth),
-            Block("is theta at rest?", {moves: ca.logic_not(rests)}),
-            When(moves, (block,)),
+            Block("is theta at rest?", {changes: ca.logic_not(constant)}),
+            When(changes, (block,)),
         )
         return Pieces(fields=(_theta_field(1.0, self.peak),), adapt=adapt)
 
 
 def rise(theta: Graph, s: Graph, theta_1: Graph) -> Graph:
-    """theta after the time s under theta' = theta^2 up to theta_1, then theta' = (2 theta_1 - theta)^2; exact.
+    """Return the exact theta after the time s under theta' = theta^2 up to theta_1, then theta' = (2
+    theta_1 - theta)^2.
 
     `room` is the time to theta_1, 0 above it.
     """
@@ -505,7 +508,7 @@ def rise(theta: Graph, s: Graph, theta_1: Graph) -> Graph:
 
 @cache
 def _risen() -> Any:
-    """`rise` of numbers."""
+    """Return `rise` as a function of numbers."""
     arguments = [ca.SX.sym(name) for name in ("theta", "s", "theta_1")]
     return ca.Function("rise", arguments, [rise(*arguments)])
 
@@ -515,18 +518,18 @@ def _theta_field(initial: float, peak: float) -> Field:
 
 
 def constant(theta: float = 1.0, *, scaled: Scaled = "both") -> Constant:
-    """A constant theta >= 1; `scaled`: as in `decaying`, of no effect on the gain. Raises: `BadGain`."""
+    """A constant theta >= 1; `scaled` as in `decaying`, without an effect on the gain. Raises: `BadGain`."""
     _at_least("theta", theta, 1.0)
     _known(scaled)
     return Constant(float(theta), scaled)
 
 
 def decaying(theta_0: float, rate: float, *, scaled: Scaled = "process") -> Decaying:
-    """theta decays from theta_0 >= 1 to 1 at `rate` > 0 (1/s).
+    """A theta that decays from theta_0 >= 1 to 1 at `rate` > 0 (1/s).
 
-    `scaled`: what theta scales, "process" noise alone, Q_theta = theta^2 Delta^-1 Q Delta^-1, as the slides' theorem
-    asks, or "both", Q_theta = theta Delta^-1 Q Delta^-1 and R_theta = R/theta, as with any other theta. `error_bound`
-    is the theorem's, for constants of which it says only that they exist.
+    `scaled`: the noises that theta scales: "process" noise alone, Q_theta = theta^2 Delta^-1 Q Delta^-1, as the slides'
+    theorem requires, or "both", Q_theta = theta Delta^-1 Q Delta^-1 and R_theta = R/theta, as with any other theta.
+    `error_bound` is the bound of the theorem for given values of its existential constants.
 
     Raises: `BadGain`.
     """
@@ -544,10 +547,10 @@ def adaptive(
     rise_time: float = 0.1,
     rate: float = 1.0,
 ) -> Adaptive:
-    """theta between 1 and 2 theta_1 by the innovation.
+    """A theta that follows the innovation between 1 and 2 theta_1.
 
-    Args: `mu` a `smoothstep` or `logistic`, or the thresholds (gamma_0, gamma_1) of a smoothstep (y^2 s);
-    `innovation` a value of `hgogen.innovation`; `rise_time` the paper's Delta T (s); `rate` its lambda (1/s).
+    Args: `mu` a `smoothstep` or `logistic`, or the thresholds (gamma_0, gamma_1) of a smoothstep (y^2 s); `innovation`
+    a value of `hgogen.innovation`; `rise_time` Delta T of the paper (s); `rate` lambda of the paper (1/s).
 
     Raises: `BadGain`.
     """
@@ -564,9 +567,9 @@ def adaptive(
 
 
 def log_growth(theta_0: float, t: float, rate: float, *, n: int, a: float) -> float:
-    """log Lambda(theta_0, t, rate) of n states; `rate` is lambda (1/s), `t` (s), `a` (1/s).
+    """Return log Lambda(theta_0, t, rate) for n states; `rate` is lambda (1/s), `t` (s), `a` (1/s).
 
-    Raises: `BadGain` for theta_0 < 1, t < 0, a number of states below 1, a rate or an a that is not above 0.
+    Raises: `BadGain` for theta_0 < 1, t < 0, a number of states below 1, or a rate or an a that is not positive.
     """
     theta_0, t, rate, a = real("theta_0", theta_0), real("t", t), positive("rate", rate), positive("a", a)
     if not 1 <= theta_0 < math.inf:
@@ -580,10 +583,10 @@ def log_growth(theta_0: float, t: float, rate: float, *, n: int, a: float) -> fl
 
 
 def error_bound(theta_0: float, t: float, rate: float, *, n: int, a: float, R: float, initial: float = 1.0) -> float:
-    """The bound on |e(t)| for |e(0)| = `initial`, with the constants `a` (1/s) and `R` of the theorem; infinite where
-    no float holds it.
+    """Return the bound on |e(t)| for |e(0)| = `initial`, with the constants `a` (1/s) and `R` of the theorem; infinite
+    beyond the range of floats.
 
-    Raises: `BadGain`, also for an R or an initial error that is not above 0.
+    Raises: `BadGain`, also for an R or an initial error that is not positive.
     """
     grown = log_growth(theta_0, t, rate, n=n, a=a) - a * t + math.log(positive("R", R))
     exponent = grown / 2 + math.log(positive("initial", initial))

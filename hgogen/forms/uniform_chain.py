@@ -1,4 +1,4 @@
-"""The uniform form as a chain of integrators, made with first derivatives only, of inputs and of tables.
+"""The uniform form as a chain of integrators, which needs first derivatives only, of inputs and of tables.
 
     z_i' = F_i(z_1..z_{i+1}, u),   z_n' = F_n(z, u),   y = c z_1 + o(u)
     xi_1 = c z_1,   xi_{i+1} = D_i F_i,   D_i = c prod_{k=1..i-1} dF_k/dz_{k+1}

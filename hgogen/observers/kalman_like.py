@@ -44,7 +44,7 @@ import numpy as np
 from hgogen.analysis.chain import known
 from hgogen.analysis.dynamics import Dynamics
 from hgogen.check import ClaimId, Claims, Verdict, demand
-from hgogen.estimators.persistence import least_shown, persistent, seconds
+from hgogen.estimators.persistence import gramian_bound, persistent, seconds
 from hgogen.estimators.riccati_part import Riccati, positive_numbers, spd, wide
 from hgogen.estimators.theta import constant
 from hgogen.form import Form
@@ -172,7 +172,7 @@ def kalman_like(
         gains=gains,
         z=sym("state", "z", n),
         dynamics=dynamics,
-        claims=lambda: (*form.checks, check, least_shown(GRAMIAN, form, check, variances, length, 1 / rate)),
+        claims=lambda: (*form.checks, check, gramian_bound(GRAMIAN, form, check, variances, length, 1 / rate)),
         accepted=accept,
         theorem=THEOREM,
         equations=(*EQUATIONS, f"S_0^-1 = diag({', '.join(map(same, unseen))}),   Q_0 = {SHARE:g} rho S_0^-1"),
