@@ -15,7 +15,7 @@ from scipy.optimize import minimize
 import hgogen as hg
 from hgogen.reading.given import BadGain
 from hgogen.run import native
-from hgogen.stepping.discretise import MovesAtSamples, NoEquation
+from hgogen.stepping.discretise import CorrectsAtSamples, NoEquation
 
 NAN = float("nan")
 PREDICT_CORRECT = [hg.methods.continuous_discrete, hg.methods.cholesky]
@@ -150,7 +150,7 @@ def test_a_run_tells_what_the_filter_takes_its_errors_to_be(make: Any) -> None:
 @pytest.mark.parametrize("make", COMPARATORS)
 @pytest.mark.parametrize("method", [hg.methods.euler, hg.methods.rk4, hg.methods.rk4_covariance, hg.methods.heun])
 def test_a_method_that_integrates_is_refused(make: Any, method: Any) -> None:
-    with pytest.raises(MovesAtSamples, match="predicts and corrects: take continuous_discrete or cholesky"):
+    with pytest.raises(CorrectsAtSamples, match="predicts and corrects: take continuous_discrete or cholesky"):
         made(make, method=method)
 
 

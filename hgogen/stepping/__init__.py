@@ -1,1 +1,1 @@
-"""What a step is made of besides its method: guards, sensors, late samples, members of a bank, loops, its reading."""
+"""Parts of a step other than its method: guards, sensors, late samples, members of a bank, loops, its interpreters."""

@@ -1,19 +1,19 @@
-"""Samples that come late: a step that goes back to the period in which a sample was taken, and runs to now again.
+"""Late samples: a step that restores the period of a late sample, and computes all periods up to now again.
 
-A ring of K + 1 periods, of which `state.period_at` is now, holds of each the input that was given, the samples that
-were taken in it, and all memory of the step without delays, as its `predict` left it there.
+A ring of K + 1 periods, with the current one at `state.period_at`, stores for each period its input, its samples, and
+all memory of the step without delays after `predict`.
 
-    predict     the next period takes the place of the oldest, whose samples are dropped if adapt was not called for
-                them; predict, and remember the memory
-    update_y    the sample goes to the period in which it was taken, `age` periods ago
-    adapt       the memory becomes that of the oldest period that is not complete; each period from there on to now:
-                predict (but for the first, which was), update with its samples, adapt
+    predict     the next period replaces the oldest, whose samples are dropped if adapt was not called for them;
+                predict, and store the memory
+    update_y    the sample is stored in the period of its measurement, `age` periods ago
+    adapt       the memory of the oldest incomplete period is restored; for each period from there up to now:
+                predict (not for the first, whose memory is that after predict), update with its samples, adapt
 
-So what is estimated is, bit for bit, what the step without delays makes of the samples in the order of time. What is
-run again has the gains and parameters of now, from the correction in its first period on. What is no number is held as
-`NONE`, which every guard takes for that too. The status tells what happened in any period that a call ran. Whatever a
-step remembers is carried back and on: counts of the law of recovery, theta, predictors. A restart behind a late sample
-comes again, or does not, as that sample has it.
+The estimate is, bit for bit, that of the step without delays for the samples in the order of time. A period that is
+computed again uses the current gains and parameters, from the correction in the first such period on. A missing value
+is stored as `NONE`, which every guard treats as missing. The status covers all periods that a call computed. All memory
+of a step is restored: fault counters, theta, predictors. A restart after the period of a late sample is decided again,
+with that sample.
 """
 
 from collections.abc import Iterable, Mapping
@@ -50,13 +50,13 @@ from hgogen.stepping.members import Substitution
 from hgogen.stepping.parallel import demand_one
 from hgogen.theorem import Hypothesis
 
-NONE = 3.2e38  # a finite float beyond the largest number that counts as one
+NONE = 3.2e38  # a finite float beyond LARGEST_NUMBER
 PERIOD, MEMORY = "period", "memory"  # the two rings
 AT, FILLED, DUE = (Place("state", name) for name in ("period_at", "period_filled", "period_due"))
 DATED, SLOT, VACANT = (Place("work", name) for name in ("dated", "slot", "vacant"))
 WAITED = Place("work", "waited")
 RUNS, AGAIN, LATER = (Place("work", name) for name in ("runs", "again", "later"))
-MOST = 1000  # samples by which one may be late
+MOST = 1000  # largest delay in samples
 IN_TIME = Hypothesis(
     "the model foretells the state over the time by which samples come late",
     verdict=Verdict.UNKNOWN,
@@ -65,13 +65,13 @@ IN_TIME = Hypothesis(
 
 
 def delayed(observer: Observer, /, **steps: int) -> Observer:
-    """The observer for samples that come late, by up to `steps` samples of the named outputs: `delayed(observer, y=5)`.
+    """The observer for late samples, with delays up to `steps` periods for the named outputs: `delayed(observer, y=5)`.
 
-    A step of it is given with each sample of such an output its age, a signal y_age of the step's samples: how many
-    periods ago it was taken, 0 for now. It fuses the sample as if it had come then. The step has to predict and correct
-    at samples; it remembers its memory of as many periods, and runs at most so many again.
+    The caller passes with each sample of such an output its age in periods, the signal y_age of the step's samples, 0
+    for a current sample. The step fuses the sample as if it had been available then. It must predict and correct at
+    samples; it stores its memory of `steps` periods and computes at most these again.
 
-    Args: `steps` by output, from 1 to 1000; an output that is not named comes at once.
+    Args: `steps` by output, from 1 to 1000; other outputs have no delay.
 
     Raises: `BadGain`; `CannotUpdate` from `sample` for an observer that integrates with the measurement.
     """
@@ -103,16 +103,17 @@ def _delayed(observer: Observer, *, late: tuple[tuple[str, int], ...]) -> Observ
 
 
 def arranged(step: Step) -> Step:
-    """The step that takes late samples of the outputs that its observer's `delays` name; without any, the step.
+    """Return the step that accepts late samples of the outputs in its observer's `delays`; without delays, `step`
+    itself.
 
-    Raises: `CannotUpdate` for one that integrates with the measurement, `BadStep` for more bits than a status has.
+    Raises: `CannotUpdate` for a step that integrates with the measurement, `BadStep` for more bits than a status has.
     """
     return _Delayed(step).step if step.observer.delays else step
 
 
 @dataclass(frozen=True, eq=False)
 class _Delayed:
-    """A step for late samples, made of one without delays, `plain`."""
+    """A step for late samples, built from the step `plain` without delays."""
 
     plain: Step
 
@@ -142,19 +143,19 @@ class _Delayed:
 
     @cached_property
     def _ages(self) -> Mapping[Signal, Signal]:
-        """The ages, by output, of samples that may come late."""
+        """The age signals of the outputs that may be late, by output."""
         return dict(zip(self.plain.late, self.plain.observer.ages, strict=True))
 
     @property
     def _count(self) -> int:
-        """The periods of the ring, that of now among them."""
+        """The number of periods in the ring, including the current one."""
         return 1 + max(most for _, most in self.plain.observer.delays)
 
     # --- memory
 
     @cached_property
     def _signals(self) -> tuple[Field, ...]:
-        """The input and the samples of a period, as they were given."""
+        """The fields of the input and the samples of a period."""
         named = (("u_given", self.plain.inputs, "input"), ("y_given", self.plain.outputs, "samples"))
         return tuple(_signals(name, signals, what) for name, signals, what in named if signals)
 
@@ -169,8 +170,10 @@ class _Delayed:
 
     @cached_property
     def _sections(self) -> tuple[Section, ...]:
-        """Its sections, which read the input and the samples of a period from the state. What it says of a missing
-        sample is said where a sample is given; they run in order, so that none says that it does not."""
+        """The sections of the plain step, which read the input and the samples of a period from the state.
+
+        The status bits for missing samples are raised by the caller's updates, those for a wrong order cannot occur.
+        """
         signals = {"input": (self.plain.inputs, "u_given"), "output": (self.plain.outputs, "y_given")}
         reads: dict[Place, Graph] = {
             Place(struct, signal.name): sym("state", field, len(each))[k]
@@ -191,14 +194,17 @@ class _Delayed:
 
     @cached_property
     def _go_back(self) -> Section:
-        """The first call, which advances no time, is behind all that was remembered, also of a memory that was spoiled:
-        the next prediction then finds what was lost."""
+        """The section that restores the memory of a period.
+
+        No stored period precedes the first call, which advances no time; this holds for corrupted memory as well, and
+        the next prediction then detects the loss.
+        """
         calls = sym("state", "calls")
         begun = Block("it was predicted", {Place("state", "calls"): ca.if_else(calls >= 1, calls, 1)})
         return Section("go_back", "take the memory of a period up again", (*self._copied(MEMORY, "state"), begun))
 
     def _copied(self, source: str, target: str) -> Program:
-        """The fields and the groups of the step between the state and the period `at`."""
+        """The statements that copy the fields and groups of the plain step between the state and the period `at`."""
         plain, inner = self.plain, list[Statement](_copies(source, target, self.plain.layout.state))
         for group in plain.layout.groups:
             ends = {"state": group.name, MEMORY: f"{MEMORY}_{group.name}"}
@@ -237,7 +243,7 @@ class _Delayed:
         return Section("predict", "begin a period, and advance the estimate to it", program)
 
     def _update(self, output: Signal) -> Section:
-        """The sample goes to its period, where it is the first one."""
+        """The section that stores the first sample of an output in its period."""
         j, size = self.plain.outputs.index(output), len(self.plain.outputs)
         there, raw = sym(PERIOD, "y_given", size), sym("output", output.name)
         vacant = ca.fabs(there[j]) > LARGEST_NUMBER
@@ -249,7 +255,8 @@ class _Delayed:
         return Section(f"update_{output}", f"take a sample of {output}", program, output.name)
 
     def _dated(self, output: Signal, raw: Graph) -> tuple[Block, Block, Block]:
-        """Whether the ring has the period of a sample; where, if it has; and how many periods are due with it."""
+        """The blocks that test whether the ring contains the period of a sample, compute its index, and mark it and all
+        later periods as incomplete."""
         at, filled, due = self._clock
         number, begun = ca.fabs(raw) <= LARGEST_NUMBER, filled >= 1
         status, known, age, slot = {Place("status", f"EARLY_{output}"): ca.logic_not(begun)}, begun, ca.SX(0), at
@@ -297,19 +304,19 @@ class _Delayed:
 
     @property
     def _clock(self) -> tuple[Graph, Graph, Graph]:
-        """`at`, `filled` and `due`, 0 where the memory was spoiled and one is out of its range."""
+        """The values `at`, `filled` and `due`; 0 for one that is out of its range because memory was corrupted."""
         most = self._count
         at, filled, due = (sym(*place) for place in (AT, FILLED, DUE))
         ends = ((at, most), (filled, most + 1), (due, most + 1))
         return tuple(ca.if_else(value < end, value, 0) for value, end in ends)
 
     def _before(self, at: Graph, age: Graph) -> Graph:
-        """The index of the period `age` periods before that at the index `at`."""
+        """Return the index of the period `age` periods before that at the index `at`."""
         return ca.if_else(at >= age, at - age, at + self._count - age)
 
     @property
     def _bits(self) -> tuple[Bit, ...]:
-        """Its words for the status of samples that may be late, and of those that waited."""
+        """The status bits for late and for dropped samples."""
         oldest = self._count - 1
         dropped = f"a sample waited for adapt until it was more than {oldest} periods old: dropped, not used"
         bits = [Bit("DROPPED", dropped, "call adapt before predict makes a sample that waits older than that")]
@@ -331,7 +338,7 @@ def _signals(name: str, signals: tuple[Signal, ...], what: str) -> Field:
 
 
 def _copies(source: str, target: str, fields: Iterable[Field]) -> Program:
-    """The fields of one struct as those of another; counters in a block of their own."""
+    """Return the blocks that copy the fields of one struct to another; counters have a separate block."""
     blocks = []
     for kind, title in (("real", "memory"), ("index", "counters")):
         writes = {Place(target, f.name): sym(source, f.name, f.size) for f in fields if f.kind == kind}

@@ -1,5 +1,4 @@
-"""The one place that knows all kinds of parts: which rule makes memory and statements of each, what its differential
-equation is, and how long a step may be.
+"""The rules for all kinds of parts: memory and statements of each, its differential equation, and its step lengths.
 
 A minimum-energy estimator (`Curved`) has the second derivatives of the outputs in its Riccati equation:
 
@@ -7,18 +6,18 @@ A minimum-energy estimator (`Curved`) has the second derivatives of the outputs 
     P'  = F P + P F' + Q^-1 - P C'R C P + s P D P,    P = Pi^-1
     s = rate/max(rate, nu),    nu = |Pi^(-1/2) D Pi^(-1/2)|_F = sqrt(tr (P D)^2)
 
-With s = 1 a large error takes more from Pi than there is, and Pi loses positive definiteness. As it stands, s D lies
-between -rate Pi and rate Pi: P' <= F P + P F' + Q^-1 + rate P and Pi' <= -Pi F - F'Pi + C'R C + rate Pi, so both stay
-finite and positive definite. Up to nu = rate the term is whole. A step of finite length need not follow: what is no
-longer positive definite after it restarts at its first value, and the status says so.
+With s = 1 a large error could make Pi indefinite. With this s, s D lies between -rate Pi and rate Pi: P' <= F P + P
+F' + Q^-1 + rate P and Pi' <= -Pi F - F'Pi + C'R C + rate Pi, so both stay finite and positive definite. For nu <= rate
+s is 1. A step of finite length need not preserve this: a matrix that is no longer positive definite after it is reset
+to its initial value, and the status reports it.
 
-A step is too short if a state stands still: z + dt f rounds to z where |dt f| is less than half the distance between z
-and its neighbours. With M the largest |z| of the declared range, that is half an ulp below M; with |f| <= F on the
-ranges, by one outward-rounded look at them, a state stands still for certain in the binade below M where dt F is less.
-A state whose F is 0, and one without a range, limit nothing.
+A step is too short if rounding freezes a state: z + dt f rounds to z where |dt f| is less than half the distance
+between z and its neighbours. With M the largest |z| of the declared range, this is half an ulp below M. With |f| <= F
+on the ranges, by one outward-rounded evaluation, a state is certainly frozen in the binade below M if dt F is less. A
+state with F = 0, or without a range, gives no limit.
 
-The law of recovery counts samples. Where all that can be counted last for less than the fastest state takes for a part
-of its range, what is counted does not change meanwhile, and the count means nothing.
+The law of recovery counts samples. If the largest count lasts for less time than the fastest state needs to cross a
+part of its range, the counted quantity does not change meanwhile, and the count means nothing.
 """
 
 import math
@@ -61,9 +60,9 @@ from hgogen.stepping.parallel import Parallel, judge_lengths, parallel
 
 
 def pieces(part: Part, method: Method, clock: Clock) -> Pieces:
-    """A part as memory and statements.
+    """Return a part as memory and statements.
 
-    Raises: what the method raises of a part that it does not take; `MovesAtSamples`.
+    Raises: the errors of the method for a part that it refuses; `CorrectsAtSamples`.
     """
     match part:
         case Ode():
@@ -73,8 +72,8 @@ def pieces(part: Part, method: Method, clock: Clock) -> Pieces:
         case Curved():
             return curved(part, method, clock)
         case AtSamples(plain=plain, name=name, build=build):
-            if not method.riccati(plain, clock).update:  # it would not correct the filter that this stands on
-                raise MovesAtSamples(method.name, name)
+            if not method.riccati(plain, clock).update:  # it would not correct the plain filter
+                raise CorrectsAtSamples(method.name, name)
             return build(clock)
         case Predictors(predictor=predictor, build=build):
             return build(predictor, clock)
@@ -86,8 +85,8 @@ def pieces(part: Part, method: Method, clock: Clock) -> Pieces:
 
 
 @dataclass(eq=False)
-class MovesAtSamples(HgogenError):
-    """A method that integrates, asked of a filter that predicts and corrects."""
+class CorrectsAtSamples(HgogenError):
+    """An integrating method for a filter that predicts and corrects."""
 
     method: str
     filter: str
@@ -98,7 +97,7 @@ class MovesAtSamples(HgogenError):
 
 @dataclass(eq=False)
 class NoEquation(HgogenError):
-    """A differential equation asked of an observer that is none."""
+    """A request for the differential equation of an observer that has none."""
 
     observer: str
     reason: str
@@ -108,7 +107,8 @@ class NoEquation(HgogenError):
 
 
 def equation(part: Part, view: Literal["information", "covariance"]) -> Ode | None:
-    """The differential equation of a part, of a covariance in this view; None for what moves at samples alone.
+    """Return the differential equation of a part, with the covariance in this view; None for a part that changes only
+    at samples.
 
     Raises: `NoEquation`.
     """
@@ -139,7 +139,7 @@ def tuned(part: Part, clock: Clock) -> Program:
 
 
 def lengths(observer: Observer, method: Method, dt: float) -> Iterator[Lengths]:
-    """The step lengths of each part that has some, as far as `dt` asks for them."""
+    """Yield the step lengths of each part that limits them, computed as far as `dt` requires."""
     for part in observer.parts:
         match part:
             case Ode():
@@ -161,8 +161,11 @@ def lengths(observer: Observer, method: Method, dt: float) -> Iterator[Lengths]:
 
 
 def unmeasured(observer: Observer, tableau: Tableau | None, dt: float, part: Ode | None = None) -> Lengths:
-    """The step length up to which the model is followed while samples are missing, if `dt` is longer: of its Jacobian,
-    or of the Jacobian of a part without samples; none where a method has no tableau."""
+    """Return the step length up to which the model is resolved while samples are missing, if `dt` is longer.
+
+    It is computed from the model's Jacobian, or from that of a `part` without samples; none for a method without a
+    tableau.
+    """
     known = Lengths() if tableau is None else _unmeasured(observer, tableau, part)
     return known if dt > known.take else Lengths()
 
@@ -189,7 +192,8 @@ RESTARTED = Bit(
 
 @dataclass(frozen=True, eq=False)
 class Curved(Around):
-    """A Riccati observer at theta = 1 with the term; `rate` (1/s): SX scalar, at most `fastest`."""
+    """A Riccati observer at theta = 1 with the second derivatives of the outputs; `rate` (1/s): SX scalar, at most
+    `fastest`."""
 
     rate: Graph
     fastest: float
@@ -214,7 +218,7 @@ class Curved(Around):
 
 
 def curved(part: Curved, method: Any, clock: Clock) -> Pieces:
-    """The pieces of a step: by an explicit method in its own view, else by classical Runge-Kutta on (z, P)."""
+    """Return the pieces of a step: by an explicit method in its own view, else by classical Runge-Kutta on (z, P)."""
     explicit = _explicit(method)
     plain = explicit.riccati(part.plain, clock)
     integration = explicit.step(part.equation(explicit.view), clock)
@@ -227,7 +231,8 @@ def curved(part: Curved, method: Any, clock: Clock) -> Pieces:
 
 
 def curved_lengths(part: Curved, method: Any, dt: float) -> tuple[Lengths, Lengths]:
-    """The step lengths of the observer without the term, and those of the term, which no other method is free of."""
+    """Return the step lengths of the observer without the second derivatives, and those of their term, which limits
+    every method."""
     plain = replace(_explicit(method).riccati_lengths(part.plain, dt), other="")
     why = "beyond it the second derivatives of the output can take all of Pi in one step"
     return plain, Lengths(refused=1 / part.fastest, why=why, rule=plain.rule)
@@ -238,7 +243,8 @@ def _explicit(method: Any) -> Explicit:
 
 
 def _kept_definite(covariance: Field, n: int) -> Program:
-    """The packed symmetric matrix (n, n) as it was first where a pivot of L D L' is not positive."""
+    """Return the statements that reset the packed symmetric matrix (n, n) to its initial value where a pivot of L D L'
+    is not positive."""
     place = Place("state", covariance.name)
     definite = reduce(ca.logic_and, (pivot > 0 for pivot in pivots(unpack(sym(*place, covariance.size), n))[1]))
     first = {place: ca.SX(ca.DM(covariance.initial)), Place("status", "COVARIANCE_RESTARTED"): ca.SX(1)}
@@ -253,8 +259,8 @@ _DIGITS = {"float": 24, "double": 53}  # binary
 
 @dataclass(eq=False)
 class StepTooShort(HgogenError):
-    """A step length with which a state stands still, or a count does not fit into a number: `take` is long enough, and
-    `way` names what else helps."""
+    """A step length at which rounding freezes a state, or a count exceeds its number type; `take` is long enough, and
+    `way` names another remedy."""
 
     dt: float
     why: str
@@ -267,7 +273,7 @@ class StepTooShort(HgogenError):
 
 
 def demand_motion(form: Form, dt: float, real: str) -> None:
-    """Raise `StepTooShort` where a state of the form stands still for certain near the end of its range."""
+    """Raise `StepTooShort` where rounding certainly freezes a state of the form near the end of its range."""
     for name, (low, high), fastest in _fastest(form):
         end = max(abs(low), abs(high))
         share, power = math.frexp(end)
@@ -282,16 +288,17 @@ def demand_motion(form: Form, dt: float, real: str) -> None:
 
 
 def demand_countable(form: Form, dt: float, most: int, part: float) -> None:
-    """Raise `StepTooShort` where no state of the form moves by so large a part of its range in `most` samples."""
+    """Raise `StepTooShort` where no state of the form moves by this part of its range in `most` samples."""
     times = [part * (high - low) / fastest for _, (low, high), fastest in _fastest(form)]
     if times and most * dt < min(times):
         why = f"no state moves by {part:.0%} of its range in the {most} samples that can be counted"
         raise StepTooShort(dt, why, min(times) / most, form.system.time)
 
 
-@lru_cache(maxsize=16)  # asked of the counts, and of the precision
+@lru_cache(maxsize=16)  # called for the counts, and for the precision
 def _fastest(form: Form) -> tuple[tuple[str, tuple[float, float], float], ...]:
-    """The name, the range and a bound of |z'| on the ranges of each state that has such a range and moves."""
+    """Return the name, the range and a bound of |z'| on the ranges, for each state with a range and a finite nonzero
+    bound."""
     known = form.box
     bounds = (max(abs(float(end)) for end in enclose(row, known)) for row in form.flow)
     rows = zip(form.names, form.states, bounds, strict=True)

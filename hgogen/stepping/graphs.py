@@ -4,10 +4,10 @@ step         (state, u, y, p) -> next, x, status    one call: the memory after i
 derivative   (state, u, y, p) -> rate               of the observer's differential equations
 estimate     (state, u, p) -> x                     from the state of these
 
-`Symbolic` reads programs as one MX graph: what places hold after a program, of what they held before. Blocks are calls
-of their own graphs, which are not written into one another: the order of operations stays, and so do the bits. A
-condition runs one of its two branches, so that a derivative is that of the branch taken. A loop calls its body for each
-member; a member that is chosen as the program runs is read and written at its place in the array.
+`Symbolic` reads programs as one MX graph, from the values of places before a program to those after it. Blocks are
+calls of their own graphs, which are not inlined: this preserves the order of operations, and so the bits. A condition
+evaluates one of its two branches, so that a derivative is that of this branch. A loop calls its body for each member; a
+member selected at run time is read and written by its index in the array.
 """
 
 from collections.abc import Callable, Iterable, Iterator, Mapping
@@ -53,8 +53,8 @@ from hgogen.stepping.members import read_fields
 
 @dataclass(frozen=True)
 class Entry:
-    """An element of a vector; `array`: the array that it is an element of, itself where it stands alone, and `label`
-    what it is called there."""
+    """An element of a vector; `array`: the name of its array, equal to its own for a scalar, and `label` its name
+    there."""
 
     name: str
     initial: float
@@ -71,7 +71,7 @@ class Entry:
 
 @dataclass(frozen=True, repr=False)
 class Vector:
-    """The elements of an input or output of a function, in order; `title` says of what."""
+    """The elements of an input or output of a function, in order; `title` describes the vector."""
 
     title: str
     entries: tuple[Entry, ...]
@@ -83,14 +83,15 @@ class Vector:
 
     @property
     def initial(self) -> np.ndarray:
-        """The first values (n) of the elements."""
+        """The initial values (n) of the elements."""
         return np.array([entry.initial for entry in self.entries])
 
     def filled(self, values: Mapping[str, Any]) -> np.ndarray:
-        """The first values (n), with others for some elements, or arrays of them, by name: {"theta": 30, "Q": [1, 2]}
-        or, where its elements have labels, {"Q": {"q": 1, "w": 2}}.
+        """Return the initial values (n), with other values for some elements or arrays by name: {"theta": 30, "Q": [1,
+        2]} or, where elements have labels, {"Q": {"q": 1, "w": 2}}.
 
-        Raises: `BadNames` for an unknown name; `BadGain` for what is no real number, or are not as many as there are.
+        Raises: `BadNames` for an unknown name; `BadGain` for values that are no real numbers, or for a wrong number of
+        them.
         """
         elements: dict[str, float] = {}
         for name, value in values.items():
@@ -124,12 +125,12 @@ class Vector:
 
 
 def of_signals(title: str, signals: Iterable[Signal]) -> Vector:
-    """Signals, each at rest."""
+    """Return the vector of signals, each with its value at equilibrium."""
     return Vector(title, tuple(Entry(s.name, resting(s), s.unit, *s.interval, s.meaning, s.name) for s in signals))
 
 
 def of_field(field: Field, unit: str, name: str = "") -> Iterator[Entry]:
-    """The elements of a field; of one that has several, `name[0]` and so on."""
+    """Yield the elements of a field; those of an array are `name[0]` and so on."""
     name = name or field.name
     labels = field.labels or tuple(f"row {i}, column {j}" for i, j in field.entries) or ("",) * field.size
     for k, (value, (low, high), label) in enumerate(zip(field.initial, field.box, labels, strict=True)):
@@ -139,26 +140,27 @@ def of_field(field: Field, unit: str, name: str = "") -> Iterator[Entry]:
 
 
 def of_line(line: tuple[Group, ...], field: Field, unit: str) -> Iterator[Entry]:
-    """A field of a group in the order of memory: for each member of the outermost group those in it, one by one."""
+    """Yield the elements of a group's field in the order of memory: member by member from the outermost group
+    inwards."""
     for members in product(*(range(group.count) for group in line)):
         path = ".".join(f"{group.name}[{k}]" for group, k in zip(line, members, strict=True))
         yield from of_field(field, unit, f"{path}.{field.name}")
 
 
 def distinct(entries: Iterable[Entry], names: Iterable[str], prefix: str) -> tuple[Entry, ...]:
-    """Entries with a prefix where another one has the name."""
+    """Return the entries, with the prefix for each whose name is among `names`."""
     names = set(names)
     return tuple(
         replace(e, name=f"{prefix}.{e.name}", array=f"{prefix}.{e.array}") if e.array in names else e for e in entries
     )
 
 
-Memory = dict[Place, Graph]  # MX: a column (size), of a field of a group a table with a column for each member
+Memory = dict[Place, Graph]  # MX: a column (size); a table with a column for each member for a field of a group
 Shape = tuple[int, int]
 
 
 def shapes(fields: Iterable[Field], groups: Iterable[Group]) -> dict[Place, Shape]:
-    """Return the shapes of a state in memory; of a group in a group, a column holds all its members, one after the
+    """Return the shapes of a state in memory; for a group in a group a column holds all inner members, one after the
     other."""
     shape_by_place = {Place("state", field.name): (field.size, 1) for field in fields}
     for line in lines_of(groups):
@@ -171,19 +173,19 @@ def shapes(fields: Iterable[Field], groups: Iterable[Group]) -> dict[Place, Shap
 
 @dataclass(frozen=True, eq=False)
 class Symbolic(Reader[Memory]):
-    """A reader of programs over groups, each by its name with those that it lies in, the outermost first; `graph` gives
-    the function of a block."""
+    """A reader of programs as MX graphs. `groups`: each group by its name, with its enclosing groups, the outermost
+    first; `graph` returns the function of a block."""
 
     lines: Mapping[str, tuple[Group, ...]]
     graph: Callable[[Block], ca.Function]
 
     def section(self, program: Program, memory: Memory) -> Memory:
-        """The memory after a program whose work values are its own."""
+        """Return the memory after a program with its own work values."""
         work = {place: ca.MX.zeros(size) for place, size in places(program) if place.struct == "work"}
         return self.program(program, {**memory, **work})
 
     def program(self, program: Iterable[Statement], *known: Memory) -> Memory:
-        """The memory after statements, of that before them, which has their work values."""
+        """Return the memory after statements as a function of that before them, including their work values."""
         (memory,) = known
         for statement in program:
             memory = {**memory, **self.statement(statement, memory)}
@@ -239,7 +241,7 @@ class Symbolic(Reader[Memory]):
 
 
 class _Choice:
-    """Two ends of the same beginning, of which one is taken; where the choice is known there is none."""
+    """Two results of the branches of a condition, from which a flag selects one; a constant flag needs no selection."""
 
     def __init__(self, symbols: Memory, ends: tuple[Memory, Memory]) -> None:
         self.written = [p for p in symbols if any(end[p] is not symbols[p] for end in ends)]
@@ -250,7 +252,7 @@ class _Choice:
         self.yes, self.no = (ca.Function("branch", arguments, values) for values in results)
 
     def at(self, flag: Graph, memory: Memory) -> Memory:
-        """The places that the taken branch writes, with their values."""
+        """Return the places that the selected branch writes, with their values."""
         arguments = [memory[place] for place in self.read]
         if not self.written:
             return {}
@@ -267,7 +269,7 @@ def _symbols(memory: Memory, rows: Mapping[Place, Shape] | None = None) -> Memor
 
 
 def _number(place: Graph, total: int) -> Graph:
-    """The number of a member, 0 where it is beyond the last, as in C."""
+    """Return the index of a member, 0 where it is beyond the last, as in C."""
     return ca.if_else(place < total, place, 0)
 
 
@@ -293,25 +295,25 @@ def _with_column(table: Graph, member: Graph | int, value: Graph) -> Graph:
 
 @dataclass(frozen=True)
 class Flow:
-    """The continuous observer: two functions, their state, and the names of its fields that are held."""
+    """The continuous observer: two functions, their state, and the names of its constant fields."""
 
     derivative: ca.Function
     estimate: ca.Function
     state: Vector
-    held: tuple[str, ...]
+    constant: tuple[str, ...]
 
 
 @dataclass(frozen=True, eq=False)
 class Graphs:
-    """The functions of a step; `graph` gives that of a block."""
+    """The functions of the step `source`; `graph` returns that of a block."""
 
-    made: Step
+    source: Step
     graph: Callable[[Block], ca.Function]
 
     @cached_property
     def memory(self) -> Vector:
-        """The memory of a call."""
-        step = self.made
+        """The vector of the memory of a step."""
+        step = self.source
         entries = [entry for field in step.layout.state for entry in self._of(field)]
         for line in lines_of(step.layout.groups):
             entries += [entry for field in line[-1].fields for entry in of_line(line, field, step.unit(field))]
@@ -319,8 +321,8 @@ class Graphs:
 
     @cached_property
     def inputs(self) -> tuple[Vector, Vector, Vector]:
-        """u, y, and the parameters: the gains, then what can be tuned of the plant."""
-        step = self.made
+        """The vectors u, y, and the parameters: the gains, then the plant's tunable parameters."""
+        step = self.source
         layout = step.layout
         gains = [entry for field in layout.gains for entry in self._of(field)]
         plant = distinct((e for f in layout.plant for e in self._of(f)), (g.name for g in layout.gains), "plant")
@@ -330,14 +332,14 @@ class Graphs:
     @cached_property
     def estimates(self) -> Vector:
         """The estimated states, as a vector with names."""
-        return of_signals("estimates", self.made.states)
+        return of_signals("estimates", self.source.states)
 
     def step(self) -> ca.Function:
         """Return the function of a call; its status is a number, or one for each 32 bits."""
         step, state, lies = (
-            self.made,
+            self.source,
             ca.MX.sym("state", len(self.memory)),
-            shapes(self.made.layout.state, self.made.layout.groups),
+            shapes(self.source.layout.state, self.source.layout.groups),
         )
         (u, y, p), memory = self._symbols, {**self._tuned(step.code.tuning), **_parts(state, lies)}
         memory |= _scalars("input", step.inputs, u) | _scalars("output", step.samples, y)
@@ -352,24 +354,24 @@ class Graphs:
         return ca.Function(f"{step.name}_step", [state, u, y, p], [after, x, status], arguments, values)
 
     def flow(self) -> Flow:
-        """The continuous observer. Raises: `NoEquation`."""
-        if self.made.ages:
+        """Return the continuous observer. Raises: `NoEquation`."""
+        if self.source.ages:
             raise NoEquation("a delayed observer", "it goes back to samples of the past")
         elements = [field for ode in self._odes for field in ode.fields]
-        others = read_fields([self.made.observer.z, *self._rates.values()]) | self._rates.keys()
+        others = read_fields([self.source.observer.z, *self._rates.values()]) | self._rates.keys()
         others -= {"u", *(field.name for field in elements)}
         (u, y, p), name, fields = (
             self._symbols,
-            self.made.name,
-            [*elements, *(f for f in self.made.layout.state if f.name in others)],
+            self.source.name,
+            [*elements, *(f for f in self.source.layout.state if f.name in others)],
         )
         state = ca.MX.sym("state", sum(field.size for field in fields))
-        derived = chain.from_iterable(tuned(part, self._clock) for part in self.made.observer.parts)
-        tuning = limit_parameters(*self.made.layout.limited, tuple(derived))
+        derived = chain.from_iterable(tuned(part, self._clock) for part in self.source.observer.parts)
+        tuning = limit_parameters(*self.source.layout.limited, tuple(derived))
         memory = {**self._tuned(tuning), **_parts(state, {Place("state", f.name): (f.size, 1) for f in fields})}
         memory |= {Place("state", "u"): u, Place("work", "u"): u} if u.numel() else {}
         memory[Place("work", "valid")] = valid = ca.fabs(y) <= LARGEST_NUMBER
-        memory[Place("work", "y")] = ca.if_else(valid, y, 0)  # which leaves no trace, see `Ode`
+        memory[Place("work", "y")] = ca.if_else(valid, y, 0)  # without an effect, see `Ode`
         rates = [ca.SX(self._rates.get(field.name, ca.SX.zeros(field.size))) for field in fields]
         rates_written = {Place("work", "rate"): ca.vertcat(*rates)}
         rate = self._symbolic.program((Block("the rates", rates_written),), memory)[Place("work", "rate")]
@@ -385,13 +387,13 @@ class Graphs:
 
     @property
     def _clock(self) -> Clock:
-        return Clock(self.made.dt, self.made.clock.between, len(self.made.inputs), len(self.made.outputs))
+        return Clock(self.source.dt, self.source.clock.between, len(self.source.inputs), len(self.source.outputs))
 
     @cached_property
     def _odes(self) -> list[Ode]:
-        method = self.made.method
+        method = self.source.method
         view: Literal["information", "covariance"] = method.view if isinstance(method, Explicit) else "covariance"
-        return [ode for part in self.made.observer.parts if (ode := equation(part, view))]
+        return [ode for part in self.source.observer.parts if (ode := equation(part, view))]
 
     @cached_property
     def _rates(self) -> dict[str, Graph]:
@@ -406,19 +408,20 @@ class Graphs:
 
     @property
     def _symbolic(self) -> Symbolic:
-        return Symbolic({line[-1].name: line for line in lines_of(self.made.layout.groups)}, self.graph)
+        return Symbolic({line[-1].name: line for line in lines_of(self.source.layout.groups)}, self.graph)
 
     @cached_property
     def _symbols(self) -> list[Graph]:
-        """u, y, p."""
+        """The symbols of u, y, p."""
         return [ca.MX.sym(name, len(vector)) for name, vector in zip("uyp", self.inputs, strict=True)]
 
     def _of(self, field: Field) -> Iterable[Entry]:
-        return of_field(field, self.made.unit(field))
+        return of_field(field, self.source.unit(field))
 
     def _tuned(self, tuning: Program) -> Memory:
-        """The parameters in their ranges, those derived from them, and the bits of the status that this raises."""
-        step = self.made
+        """Return the parameters limited to their ranges, the derived ones, and the status bits that the limits
+        raise."""
+        step = self.source
         lies = {
             Place(kind, f.name): (f.size, 1)
             for kind, fields in (("gain", step.layout.gains), ("plant", step.layout.plant))
@@ -429,8 +432,8 @@ class Graphs:
         return self._symbolic.section(tuning, {**zeros, **bits, **_parts(self._symbols[2], lies)})
 
     def _estimated(self, memory: Memory) -> Graph:
-        values = self._symbolic.section(self.made.code.estimate, memory)
-        return ca.vertcat(*(values[Place("estimate", signal.name)] for signal in self.made.states))
+        values = self._symbolic.section(self.source.code.estimate, memory)
+        return ca.vertcat(*(values[Place("estimate", signal.name)] for signal in self.source.states))
 
 
 def _parts(vector: Graph, lies: dict[Place, Shape]) -> Memory:

@@ -1,14 +1,14 @@
 """Guards: no input, sample or parameter, however absurd, makes the state infinite or not a number.
 
-A value is taken if it is a number of plausible size, and clamped to its declared range; what the step wrote is kept in
-its box; each guard says in the status what it did. The order of the bits in the status word is here as well.
+A number of plausible size is accepted and clamped to its declared range. The state after a step is clamped to its box.
+Each guard reports its action in the status. This module also defines the order of the bits in the status word.
 
-Memory has a mark: a number that init and reset leave in a state, and init in parameters, and that other memory is
-unlikely to hold. Every entry that a caller has asks for it first. Memory without it (zeros, what a stack held, what
-another program left) is not used, and the status says so: a state begins anew; with parameters no sample is taken, and
-the state begins anew. The number has 16 bits, which the smallest `unsigned` of C holds, and two bytes that differ,
-neither of them 0x00 or 0xFF: memory that was filled with one byte has no mark. It is made of a digest of the program
-(`hgogen.emit.saved`), so that memory of two programs is told apart but for one pair in 64262.
+Memory has a mark: a number that init and reset write to a state, and init to parameters, and that other memory is
+unlikely to contain. Every public function tests it first. Memory without the mark (zeros, old stack contents, memory of
+another program) is not used, and the status reports it: a state is reset; without valid parameters no sample is
+accepted, and the state is reset. The number has 16 bits, which fit into the smallest `unsigned` of C, and two different
+bytes other than 0x00 and 0xFF, so that memory filled with one byte has no mark. It is computed from a digest of the
+program (`hgogen.emit.saved`): two programs have the same mark in one of 64262 cases.
 """
 
 from collections import Counter
@@ -123,7 +123,8 @@ STEP_BITS: dict[str, tuple[str, str]] = {
 
 
 def or_lower(observer: Observer) -> str:
-    """The advice to lower the high gain, for less of a peak; "" where there is none, or a proof would be lost."""
+    """Return the advice to lower the high gain against peaking; "" where there is no high gain, or a proof would be
+    lost."""
     if any(check.id.fact == "theta" and check.verdict is Verdict.PROVED for check in observer.checks):
         return ""
     high = (gain.name for gain in observer.gains if gain.name in ("theta", "theta_1") and gain.initial[0] > 1)
@@ -131,8 +132,8 @@ def or_lower(observer: Observer) -> str:
 
 
 def outside(observer: Observer, margin: float = 0.0) -> Graph:
-    """Whether the estimate, or the plant's state that it stands for, is outside its declared range by more than
-    `margin` of its width, so that the model is evaluated at the edge; SX."""
+    """Return whether the estimate, or the plant's state behind it, is outside its declared range by more than `margin`
+    of its width, so that the model is evaluated at the edge; SX."""
     z, dynamics = observer.z, observer.dynamics
     ends = [widened(*end, margin) for end in dynamics.box]
     tests = [leaves(z[i], *end) for i, end in enumerate(ends) if end[0] > -INF]
@@ -140,13 +141,14 @@ def outside(observer: Observer, margin: float = 0.0) -> Graph:
 
 
 def outside_bit(observer: Observer) -> Block:
-    """Raise the bit where it is."""
+    """Return the block that raises the bit for an estimate outside its declared range."""
     bit = {Place("status", "OUTSIDE_BOX"): outside(observer)}
     return Block("outside the declared box the model is evaluated at its edge", bit)
 
 
 def unrecovered(observer: Observer) -> tuple[Block, ...]:
-    """The status where the plant's state cannot be recovered from the form's; nothing for a form that always can."""
+    """Return the status block for a plant's state that cannot be computed from the form's; empty for a form where it
+    always can."""
     form = observer.form
     if form.behind is None or observer.dynamics.recoverable:
         return ()
@@ -160,18 +162,19 @@ def unrecovered(observer: Observer) -> tuple[Block, ...]:
 
 
 def any_of(tests: Iterable[Graph]) -> Graph:
-    """Whether one of the truth values holds; 0 for none."""
+    """Return whether one of the truth values holds; 0 for none."""
     tests = list(tests)
     return reduce(partial(binary, ca.OP_OR), tests) if tests else ca.SX(0)
 
 
 def _within(value: Graph, limit: float) -> Graph:
-    """|value| <= limit; 0 for what is not a number."""
+    """Return |value| <= limit; 0 for a value that is not a number."""
     return ca.fabs(value) <= limit
 
 
 def guard_inputs(observer: Observer) -> Block:
-    """Return the guard of the inputs: the last valid one where it is no number or absurd, clamped to its range."""
+    """Return the guard of the inputs: each is clamped to its range; one that is not a number or absurd is replaced by
+    the last valid one."""
     values, writes, names = [], {}, dict[str, Graph]()
     last = sym("state", "u", len(observer.form.system.inputs))
     for i, signal in enumerate(observer.form.system.inputs):
@@ -187,7 +190,7 @@ def guard_inputs(observer: Observer) -> Block:
 
 
 def plausible(reading: tuple[float, float], raw: Graph) -> Graph:
-    """Whether a sample is a number that the sensor can read, or nearly."""
+    """Return whether a sample is a number in the range of the sensor, widened by its width at both ends."""
     low, high = reading
     width = high - low
     in_range = ca.logic_and(raw >= low - width, raw <= high + width) if width < INF else _within(raw, HUGE)
@@ -195,7 +198,7 @@ def plausible(reading: tuple[float, float], raw: Graph) -> Graph:
 
 
 def implausible(reading: tuple[float, float]) -> str:
-    """The samples that are not plausible, in words."""
+    """Return the text of which samples are implausible."""
     low, high = reading
     width = high - low
     place = f"outside {low - width:g} .. {high + width:g}" if width < INF else f"beyond {HUGE:g}"
@@ -203,7 +206,7 @@ def implausible(reading: tuple[float, float]) -> str:
 
 
 def _judged(signal: Signal, reading: tuple[float, float], raw: Graph, error: Graph) -> tuple[Graph, dict[Place, Graph]]:
-    """Whether a sample can be used, and its writes to the status: a usable sample is a number, plausible, and not
+    """Return whether a sample is usable, and its writes to the status: a usable sample is a number, plausible, and not
     absurdly far from the prediction."""
     number = _within(raw, LARGEST_NUMBER)
     valid = ca.logic_and(plausible(reading, raw), _within(error, 10 * HUGE))
@@ -215,8 +218,8 @@ def _judged(signal: Signal, reading: tuple[float, float], raw: Graph, error: Gra
 
 
 def readings(form: Form) -> list[tuple[float, float]]:
-    """The interval that each output can read: its declared range, or the one that follows from the ranges of states,
-    inputs and parameters."""
+    """Return the interval of readings of each output: its declared range, or the range that follows from those of
+    states, inputs and parameters."""
     signals = box((*form.states, *form.system.inputs, *form.system.parameters))
     signals |= {p: (Fraction(str(p.nominal)),) * 2 for p in form.system.parameters if not p.bounded}
     computed = [enclose(expression, signals) for expression in form.output]
@@ -227,8 +230,11 @@ def readings(form: Form) -> list[tuple[float, float]]:
 
 
 def hold(observer: Observer, clock: Clock) -> Program:
-    """The last values of the rows that are held, from the begin of a call on, and the bits of those that are held at
-    the begin, in the middle or at the end of the input's way to its new value."""
+    """Return the block that stores the last finite values of rows with a fallback at the begin of a call.
+
+    It also sets the bits of rates that are replaced by their fallback at the begin, middle or end of the input's
+    change.
+    """
     dynamics, z = observer.dynamics, observer.z
     named = dynamics.fallback
     writes, bits = {}, {}
@@ -244,7 +250,7 @@ def hold(observer: Observer, clock: Clock) -> Program:
 
 
 def undefined_rates(observer: Observer, clock: Clock) -> Program:
-    """The bits of the rates that have no finite value, or derivatives, at the end of a call."""
+    """Return the block with the bits of rates that have no finite value or derivative at the end of a call."""
     accepted = observer.dynamics.rate_slopes_valid(observer.z, clock.u(1.0))
     bits = {_bit(observer, i): ca.logic_not(each) for i, each in accepted.items()}
     return (Block("has each rate a finite value now?", bits),) if bits else ()
@@ -255,7 +261,7 @@ def _bit(observer: Observer, i: int) -> Place:
 
 
 def hold_fields(observer: Observer) -> tuple[Field, ...]:
-    """The memory of the rows that are held: the last finite value of each, 0 before there was one."""
+    """Return the fields for the last finite value of each row that may have none, initially 0."""
     holding = observer.dynamics.fallback
     meanings = {s.name: f"last finite value of b in {s.name}' = A z + b" for s in holding.rates.values()}
     meanings |= {y.name: f"last finite value of {y.name} at the estimate" for y in holding.outputs.values()}
@@ -265,8 +271,8 @@ def hold_fields(observer: Observer) -> tuple[Field, ...]:
 
 
 def sample(observer: Observer, u: Graph, j: int) -> tuple[Graph, dict[Place, Graph]]:
-    """The sample of output j, none where the output is not taken at the estimate, and the bits that say so, of an
-    output that may be held."""
+    """Return the sample of output j, not a number where the output is undefined at the estimate, and its status bits if
+    it may be undefined."""
     name = observer.form.system.outputs[j].name
     raw, readable = sym("output", name), observer.dynamics.output_slopes_valid(observer.z, u)
     if j not in readable:
@@ -277,7 +283,7 @@ def sample(observer: Observer, u: Graph, j: int) -> tuple[Graph, dict[Place, Gra
 
 
 def measure(observer: Observer, clock: Clock, j: int) -> Program:
-    """The measurement of output j, how far it is off the estimate's output, and whether it can be used."""
+    """Return the blocks that read output j, compute its innovation, and test whether the sample is usable."""
     signal = observer.form.system.outputs[j]
     accepted, undefined_bits = sample(observer, clock.u_now, j)
     measurement = Block(f"the measurement of {signal}", {Place("work", "reading"): accepted})
@@ -318,12 +324,11 @@ def guard_outputs(observer: Observer, clock: Clock) -> Block:
 def guard_state(
     program: Program, state: tuple[Field, ...], others: Program = (), before: Program = (), keep: Program = ()
 ) -> Program:
-    """Keep what a program wrote to the state in its box; if one of its values is lost, all of the state's restart, by
-    `others` those that it writes, and what else there is. Of values that are in their boxes, as nearly always, nothing
-    more is asked.
+    """Return the program that clamps to its box what a program wrote to the state.
 
-    `before`: a program after which the same was done in this call. What it has written and this one leaves as it is
-    need not be asked for again. `keep`: what does all that in the place of a program of its own, as `boxed`.
+    If a value is lost, all values are reset, those in `others` by that program. Values inside their boxes, the usual
+    case, cost one test. `before`: a program with the same guard earlier in this call, so that its unchanged values are
+    not tested again. `keep`: a call that replaces the inline program `boxed`.
     """
     fields = guarded(program, state)
     if not fields:
@@ -340,15 +345,16 @@ def guard_state(
 
 
 def guarded(program: Program, state: tuple[Field, ...]) -> list[Field]:
-    """The fields of the state that a program writes and that are kept in their boxes."""
+    """Return the fields of the state that a program writes and that are clamped to their boxes."""
     written = _written(program)
     return [f for f in state if Place("state", f.name) in written and f.kind == "real"]
 
 
 def boxed(fields: list[Field], state: tuple[Field, ...], others: Program = (), each: bool = False) -> Program:
-    """Return the program that keeps these fields of the state in their boxes, or where one of their values is lost, all
-    of it anew.
-    `each`: every value is asked once more whether it is a number, which a proof cannot know of a loop through many.
+    """Return the program that clamps these fields of the state to their boxes, or resets all of it where a value is
+    lost.
+
+    `each`: each value is tested again for being a number, which a static analyser cannot infer from a loop over many.
     """
     values = ca.vertcat(*(sym("state", f.name, f.size) for f in fields))
     usable = inside(values, [(-LOST, LOST)] * values.numel())
@@ -361,14 +367,14 @@ def boxed(fields: list[Field], state: tuple[Field, ...], others: Program = (), e
 
 
 def _written(program: Program) -> dict[Place, set[int]]:
-    """The elements of the state that a program changes, by the places that its blocks write."""
+    """Return the elements of the state that the blocks of a program change, by place."""
     changed: dict[Place, set[int]] = {}
     blocks = [statement for statement in walk(program) if isinstance(statement, Block)]
     for block, place, size in ((s, *item) for s in blocks for item in s.written if item[0].struct == "state"):
         values, same = dense(block.writes[place]).nonzeros(), sym(*place, size).nonzeros()
         elements = {k for k in range(size) if values[k].element_hash() != same[k].element_hash()}
         sources = block.copies.get(place, (place,))
-        if elements and any(source.struct in STRUCTS for source in sources):  # else a member's, in its box there
+        if elements and any(source.struct in STRUCTS for source in sources):  # else values of a member, in its box
             changed.setdefault(place, set()).update(elements)
     for kernel in (s for s in walk(program) if isinstance(s, Kernel)):
         for place, size in kernel.arguments:
@@ -387,12 +393,12 @@ def _in_its_box(field: Field, each: bool) -> Block:
     return Block(f"keep {field.name} in its box", writes)
 
 
-FEWEST = 3  # rows of which a table is shorter than the statements
+FEWEST = 3  # rows from which on a table is shorter than statements
 LIMITED = Place("status", "PARAMETER_LIMITED")
 
 
 def limit_parameters(plant: tuple[Field, ...], gains: tuple[Field, ...], derived: Program) -> Program:
-    """The program that limits the parameters and then computes the derived gains."""
+    """Return the program that limits the parameters and then computes the derived gains."""
     limits = list[tuple[Field, list[Limit]]]()
     for kind, fields in (("plant", plant), ("gain", gains)):
         for field in fields:
@@ -407,7 +413,7 @@ def limit_parameters(plant: tuple[Field, ...], gains: tuple[Field, ...], derived
 
 
 def _block(title: str, limits: Iterable[Limit], rows: bool = False) -> Block:
-    """The block that does it, which says so in the status."""
+    """Return the block that limits the parameters and reports it in the status."""
     values = dict[Place, list[Graph]]()
     changed = []
     limits = tuple(limits)
@@ -426,7 +432,7 @@ OUTPUT_BITS = (*CERTAIN_BITS, "UNDEFINED", *DATED_BITS, "UNDATED")  # in the ord
 RATE_BITS = ("HELD",)
 INPUT_BITS = ("REUSED", "CLAMPED")
 WIDTHS = (32, 64)  # bits of a status word
-EXACT = 32  # bits of one that is told as real numbers, of which each has 53
+EXACT = 32  # bits in each real number that reports a status, of its 53
 
 
 def word(bits: Sequence[Bit]) -> np.dtype:
@@ -437,8 +443,8 @@ def word(bits: Sequence[Bit]) -> np.dtype:
 def possible_bits(
     outputs: Iterable[Signal], inputs: Iterable[Signal], rates: Iterable[Signal], beyond: Mapping[Signal, str]
 ) -> list[Bit]:
-    """Return the bits that a status may have, in the order of the word: those of each output, of each state whose rate
-    may be held, of each input, of the step; `beyond`: when a sample of an output is implausible."""
+    """Return the bits that a status may have, in the order of the word: for each output, each state whose rate may have
+    a fallback, each input, and the step; `beyond`: the text of when a sample of an output is implausible."""
     bits = []
     for signals, kinds in ((outputs, OUTPUT_BITS), (rates, RATE_BITS), (inputs, INPUT_BITS)):
         for signal in signals:
@@ -451,8 +457,8 @@ def possible_bits(
 
 
 def certain_bits(outputs: Iterable[Signal], inputs: Iterable[Signal], dated: Container[str] = ()) -> list[str]:
-    """Return the names of the bits that every step with guards has of these signals, as their declaration tells;
-    `dated`: the names of the outputs whose samples say when they were taken."""
+    """Return the names of the status bits that every guarded step has for these signals; `dated`: the names of the
+    outputs whose samples have a time stamp."""
     of_outputs = [
         f"{kind}_{each}" for each in outputs for kind in (*CERTAIN_BITS, *(DATED_BITS if each.name in dated else ()))
     ]
@@ -460,7 +466,7 @@ def certain_bits(outputs: Iterable[Signal], inputs: Iterable[Signal], dated: Con
 
 
 def shortage(names: Sequence[str]) -> str:
-    """Return what is wrong with a status of bits of these names: what takes them, and a way out; "" where they fit."""
+    """Return the message for a status with too many bits, with the bits by source and a remedy; "" where they fit."""
     most, kinds = WIDTHS[-1], (*OUTPUT_BITS, *RATE_BITS, *INPUT_BITS)
     if len(names) <= most:
         return ""
@@ -485,7 +491,7 @@ NO_PARAMETERS = Bit(
     "nominal values, any other call took no sample and left the state as before the first call",
     "call init once before all else, or begin constant parameters with PARAMS_INIT",
 )
-UNMADE = (UNINITIALISED, NO_PARAMETERS)  # what no block raises: an entry does
+UNMADE = (UNINITIALISED, NO_PARAMETERS)  # bits that public functions raise, and no block
 MARK = scalar("ready", 0, kind="index", meaning="what init and reset leave here; a state without it begins anew")
 OF_PARAMETERS = "what init and PARAMS_INIT leave here; parameters without it are not used"
 _LEAST, _MOST = 0x01, 0xFE  # of a byte

@@ -1,4 +1,4 @@
-"""Python's reading of programs, block by block, in double precision: of a step, or of statements by themselves."""
+"""Interpretation of programs in Python, block by block, in double precision: of a step, or of separate statements."""
 
 from collections.abc import Callable, Iterable, Mapping
 from typing import Any
@@ -30,8 +30,8 @@ Bound = tuple[Action, list[np.ndarray]]
 
 
 def casadi_block(block: Block, arguments: list[np.ndarray]) -> Bound:
-    """The block as an action that reads `arguments` where they lie, and its result arrays."""
-    buffer: Any  # its types ask for the size, which it takes from the memory itself
+    """Return the block as an action that reads the arrays `arguments` in place, and its result arrays."""
+    buffer: Any  # its type stubs require the size, which it reads from the memory itself
     buffer, evaluate = block.graph.buffer()
     results = [np.zeros(block.graph.numel_out(i)) for i in range(len(block.writes) + len(block.names))]
     for index, array in enumerate(arguments):
@@ -50,8 +50,8 @@ def casadi_block(block: Block, arguments: list[np.ndarray]) -> Bound:
 class Reading(Reader[Action]):
     """Programs as closures over one memory.
 
-    `memory` maps each place to an array, 0 at first: (size), (count, size) for a field of a group, (count, count, size)
-    for one of a group in a group. `status`: the bits that were raised.
+    `memory` maps each place to an array, initially 0: (size), (count, size) for a field of a group, (count, count,
+    size) for a field of a group in a group. `status`: the raised bits.
     """
 
     def __init__(
@@ -65,8 +65,8 @@ class Reading(Reader[Action]):
         self._bind, self._dtype = bind, dtype
         self.memory: dict[Place, np.ndarray] = {}
         self.status = 0
-        self._rows: dict[Place, np.ndarray] = {}  # the member that a loop is at
-        self._tables: dict[Place, np.ndarray] = {}  # the array that a loop runs over: in a group, that of its member
+        self._rows: dict[Place, np.ndarray] = {}  # the current member of a loop
+        self._tables: dict[Place, np.ndarray] = {}  # the array of a loop: in a group, that of its member
         self._groups = {line[-1].name: line for line in lines_of(groups)}
         self._bits = {bit.place: 1 << k for k, bit in enumerate(bits)}
         self._sections: dict[str, Action] = {}
@@ -80,16 +80,16 @@ class Reading(Reader[Action]):
                 self._rows[place] = np.zeros(field.size, dtype)
 
     def give(self, values: Mapping[Place, Any]) -> None:
-        """Numbers to the places that the programs have."""
+        """Write numbers to the places that occur in the programs."""
         for place in values.keys() & self.memory.keys():
             self.memory[place][:] = np.ravel(values[place])
 
     def action(self, program: Program) -> Action:
-        """The program, to be run whenever it is called."""
+        """Return the program as a function that runs it."""
         return self.program(program)
 
     def joined(self, parts: Iterable[Action]) -> Action:
-        """Return the action of several, one after the other."""
+        """Return the action of several actions in sequence."""
         actions = list(parts)
 
         def run() -> None:
@@ -212,7 +212,7 @@ class Machine(Reading):
         return self._run(self._tune)
 
     def reset(self) -> None:
-        """The state as before the first call."""
+        """Set the state to its values before the first call."""
         self._fill("state", self.step.layout.state)
         for name, line in self._groups.items():
             for field in line[-1].fields:
@@ -231,11 +231,12 @@ class Machine(Reading):
         return status
 
     def estimate(self) -> None:
-        """Only the estimate."""
+        """Compute only the estimate."""
         self._run(self._estimate)
 
     def record(self, u: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """The estimates (N, n), the traces (N, number of them) and the statuses (N) of samples u (N, m), y (N, p)."""
+        """Return the estimates (N, n), the traces (N, number of traces) and the statuses (N) for samples u (N, m), y
+        (N, p)."""
         step, memory = self.step, self.memory
         kinds = (("input", step.inputs), ("output", step.samples))
         slots = [memory[Place(kind, signal.name)] for kind, signals in kinds for signal in signals]

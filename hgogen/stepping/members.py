@@ -1,7 +1,7 @@
-"""Statements of an observer alone as statements of one member of a group: its places move, what they do stays.
+"""Statements of a single observer as statements of one member of a group: other places, the same operations.
 
 `state.z` becomes `member.z`; a group of the observer becomes a group in each member. Places of the whole step, such as
-`state.u`, the gains and the status, stay where they are.
+`state.u`, the gains and the status, do not change.
 """
 
 from collections.abc import Callable, Iterable, Mapping
@@ -33,18 +33,18 @@ from hgogen.program import (
 
 @dataclass(frozen=True)
 class Substitution:
-    """A map of places: `places` maps each to another one, or, of those only read, to an SX column; `groups` maps the
-    names of groups."""
+    """A map of places: `places` maps a place to another one, or a place that is only read to an SX column; `groups`
+    maps the names of groups."""
 
     places: Mapping[Place, Graph]
     groups: Mapping[str, str]
 
     def program(self, program: Iterable[Statement]) -> Program:
-        """Every statement with its places moved."""
+        """Return every statement with its places replaced."""
         return tuple(self._statement(statement) for statement in program)
 
     def place(self, place: Place) -> Place:
-        """The new place of one that may be written."""
+        """Return the new place of a place that may be written."""
         if place.struct in self.groups:
             return place._replace(struct=self.groups[place.struct])
         substituted = self.places.get(place, place)
@@ -52,12 +52,12 @@ class Substitution:
         return substituted
 
     def value(self, place: Place, size: int) -> Graph:
-        """SX column of what stands for a place that is read."""
+        """Return the SX column that replaces a place that is read."""
         substituted = self.places.get(place)
         return sym(*self.place(place), size) if substituted is None or isinstance(substituted, Place) else substituted
 
     def values(self, *graphs: Graph) -> list[Graph]:
-        """SX graphs of the moved places."""
+        """Return SX graphs of the new places."""
         symbols = ca.symvar(ca.veccat(*graphs))
         if not symbols:
             return list(graphs)
@@ -99,7 +99,8 @@ _IN_ORDER = ("fields", "groups", "derived", "bits", "inner", *_PROGRAMS)
 
 
 def renamed(pieces: Pieces, name: Callable[[str], str], places: Mapping[Place, Graph]) -> Pieces:
-    """The pieces with other names for their fields and groups; `places` as in `Moved`, for what else they read."""
+    """Return the pieces with other names for their fields and groups; `places`: substitutions for other places, as in
+    `Substitution`."""
     fields = {Place("state", field.name): Place("state", name(field.name)) for field in pieces.fields}
     substituted = Substitution({**places, **fields}, {group.name: name(group.name) for group in pieces.groups})
     programs: dict[str, Any] = {name: substituted.program(getattr(pieces, name)) for name in _PROGRAMS}
@@ -114,7 +115,7 @@ def renamed(pieces: Pieces, name: Callable[[str], str], places: Mapping[Place, G
 
 
 def joined(pieces: Iterable[Pieces]) -> Pieces:
-    """Parts one after the other as one."""
+    """Return several pieces in sequence as one."""
     pieces = tuple(pieces)
     correcting = [piece for piece in pieces if piece.update]
     outputs = range(len(correcting[0].update) if correcting else 0)
@@ -129,7 +130,8 @@ def joined(pieces: Iterable[Pieces]) -> Pieces:
 
 
 def fresh(group: str, fields: Iterable[Field], part: str = "") -> Program:
-    """A member's fields as after a reset; counters in a block of their own; `part`: what begins with them."""
+    """Return the program that resets a member's fields; counters have a separate block; `part`: the prefix of the
+    blocks' part."""
     programs = list[Block]()
     for kind, title in (("real", "as after a reset"), ("index", "counters as after a reset")):
         writes = {Place(group, field.name): ca.SX(column(field.initial)) for field in fields if field.kind == kind}
@@ -138,8 +140,11 @@ def fresh(group: str, fields: Iterable[Field], part: str = "") -> Program:
 
 
 def fresh_groups(above: str, fields: Iterable[Field], groups: Iterable[Group], z: Graph) -> Program:
-    """The groups in `above`, a member or the state of these fields, as after a reset, but for what lasts, and but for
-    their estimates, which become those of `above`; `z` is the observer's estimate, an SX of places of the state."""
+    """Return the program that resets the groups in `above`, a member or the state of these fields, except their lasting
+    fields.
+
+    Their estimates become those of `above`; `z` is the observer's estimate, an SX of places of the state.
+    """
     loops = []
     for group in groups:
         copied, start = _copied(above, fields, group, z)
@@ -150,7 +155,8 @@ def fresh_groups(above: str, fields: Iterable[Field], groups: Iterable[Group], z
 
 
 def following_groups(above: str, fields: Iterable[Field], groups: Iterable[Group], z: Graph) -> Program:
-    """The estimates of the groups in `above` become its own, as in `fresh_groups`; what else they hold stays."""
+    """Return the program that sets the estimates of the groups in `above` to that of `above`, as in `fresh_groups`, and
+    changes nothing else."""
     loops = []
     for group in groups:
         _, start = _copied(above, fields, group, z)
@@ -160,7 +166,7 @@ def following_groups(above: str, fields: Iterable[Field], groups: Iterable[Group
 
 
 def _copied(above: str, fields: Iterable[Field], group: Group, z: Graph) -> tuple[list[Field], Program]:
-    """The fields of a group that take the estimate of `above`, and the block that copies it."""
+    """Return the fields of a group that hold the estimate of `above`, and the block that copies it."""
     known = {field.name for field in fields} | {"z"}
     inside = Substitution({Place("state", name): Place(above, name) for name in read_fields([z])}, {})
     of = {f.name: inside.values(z)[0] if f.name == "z" else sym(above, f.name, f.size) for f in group.fields}
@@ -170,6 +176,6 @@ def _copied(above: str, fields: Iterable[Field], group: Group, z: Graph) -> tupl
 
 
 def read_fields(graphs: Iterable[Graph]) -> set[str]:
-    """The names of the fields of the state that the SX graphs read."""
+    """Return the names of the state's fields that the SX graphs read."""
     places = {address(symbol)[0] for symbol in ca.symvar(ca.veccat(*graphs))}
     return {place.name for place in places if place.struct == "state"}

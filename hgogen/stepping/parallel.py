@@ -1,6 +1,6 @@
-"""Copies of an observer in parallel, restarted one after the other, and the choice of one of them, as a part.
+"""Copies of an observer in parallel, restarted in turn, and the selection of one of them, as a part.
 
-The copies are the members of one group, run in loops. A member has the fields and groups of the observer alone, and
+The copies are the members of one group, run in loops. A member has the fields and groups of the single observer and
 those of its score, by which the members are compared: `score`, the smaller the better, and `score_*`.
 """
 
@@ -31,7 +31,7 @@ RESTARTED = Bit(
     "treat the estimate as new; check parameters (tune was called?) and ranges",
 )
 _OUTSIDE = Place("work", "left")
-SHARE, PREDICTORS = 0.3, 4  # of the restart period the window where none is given, and its predictors
+SHARE, PREDICTORS = 0.3, 4  # the default window, of the restart period, and its predictors
 
 
 @dataclass(eq=False)
@@ -48,8 +48,8 @@ class BadPeriod(HgogenError):
 
 
 def demand_one(name: str, observer: Any, bank: str, late: str) -> None:
-    """Raise `BadGain` for what is no single observer whose samples come at once: of a bank the sentence is `bank`, of
-    one for late samples `late`."""
+    """Raise `BadGain` for anything but a single observer without delays; `bank` is the message for a bank, `late` for
+    an observer for late samples."""
     if not isinstance(observer, Observer):
         kind = type(observer).__name__
         raise BadGain(name, f"goes around an observer, such as hg.observers.riccati(..), not a {kind}")
@@ -63,8 +63,8 @@ def demand_one(name: str, observer: Any, bank: str, late: str) -> None:
 class Parallel(Part):
     """`count` copies of `member`, the oldest restarted every `period` (s).
 
-    They are compared by the output error of the newest sample, or by `innovation`, by default over a share of the
-    period.
+    The members are compared by the output error of the newest sample, or by `innovation`, by default over a share of
+    the period.
     """
 
     member: Observer
@@ -75,13 +75,13 @@ class Parallel(Part):
 
     @property
     def published(self) -> set[str]:
-        """Names of the member's fields that the step shows of the selected one: its estimate, notices and traces."""
+        """Names of the fields of the selected member that the step outputs: its estimate, notices and traces."""
         notices = (value for block in self.member.notices for value in block.writes.values())
         return read_fields([self.member.z, *notices]) | set(self.member.traces)
 
 
 def parallel(part: Parallel, clock: Clock, pieces: Callable[[Part], Pieces]) -> Pieces:
-    """The members in loops, with the pieces of their parts."""
+    """Return the members in loops, with the pieces of their parts."""
     period = round(part.period / clock.dt)
     if period < 1 or abs(period * clock.dt - part.period) > 1e-9 * part.period:
         raise BadPeriod(part.period, clock.dt)
@@ -113,7 +113,7 @@ def parallel(part: Parallel, clock: Clock, pieces: Callable[[Part], Pieces]) -> 
     return replace(
         every,
         fields=(
-            *copies,  # whose box, too, is the member's
+            *copies,  # whose box is also that of the member
             scalar("selected", 0, kind="index", high=part.count - 1, meaning="index of the selected member"),
             scalar("oldest", 0, kind="index", high=part.count - 1, meaning="index of the oldest member"),
             scalar("tick", 0, kind="index", high=period - 1, meaning="samples since the last restart"),
@@ -130,7 +130,7 @@ def parallel(part: Parallel, clock: Clock, pieces: Callable[[Part], Pieces]) -> 
 
 
 def _keep(count: int, every: Pieces, substitution: Substitution, programs: Iterable[Program]) -> Section:
-    """Return the section that keeps each member in its box, or makes it anew, whichever program spoiled it."""
+    """Return the section that clamps each member to its box, or resets it, after any program."""
     names = {field.name for program in programs for field in guarded(program, every.fields)}
     boxes = boxed([field for field in every.fields if field.name in names], every.fields, each=True)
     loop = Loop("member", count, substitution.program(boxes))
@@ -138,7 +138,7 @@ def _keep(count: int, every: Pieces, substitution: Substitution, programs: Itera
 
 
 def _update(part: Parallel, clock: Clock, j: int, correct: Program, score: Program) -> Program:
-    """A member's correction by output j, left out where its error is absurd, then its score."""
+    """Return a member's correction by output j, skipped for an absurd error, and then its score."""
     error = sym("work", "reading") - part.member.dynamics.output(part.member.z, clock.u_now)[j]
     if not correct:
         return score
@@ -165,13 +165,13 @@ def _score(part: Parallel, clock: Clock, fields: Iterable[Field], pieces: Callab
 
 
 def _judge(part: Parallel, dt: float) -> Innovation:
-    """Return the innovation by which members are compared; where none is given, over a share of the period."""
+    """Return the innovation by which members are compared, by default over a share of the period."""
     share = PREDICTORS * dt
     return part.innovation or staggered(max(1, round(SHARE * part.period / share)) * share, PREDICTORS)
 
 
 def judge_lengths(part: Parallel, dt: float) -> tuple[Lengths, ...]:
-    """The step lengths of the predictors by which the members are compared, if they are."""
+    """Return the step lengths of the predictors by which the members are compared; () without predictors."""
     if part.newest:
         return ()
     judge = _judge(part, dt).part(part.member.dynamics, state_field(part.member.form, None, 1.0))
@@ -179,7 +179,7 @@ def judge_lengths(part: Parallel, dt: float) -> tuple[Lengths, ...]:
 
 
 def _newest(part: Parallel, clock: Clock) -> Pieces:
-    worst = LOST  # a member that is lost restarts with
+    worst = LOST  # the score of a member that restarts because it is lost
 
     def add(j: int) -> Program:
         error = sym("work", "reading") - part.member.dynamics.output(part.member.z, clock.u_now)[j]
@@ -197,7 +197,8 @@ def _newest(part: Parallel, clock: Clock) -> Pieces:
 
 
 def _choose(part: Parallel, period: int) -> Program:
-    """The choice of the member with the smallest score among those that stay, if it is better by the hysteresis."""
+    """Return the selection of the member with the smallest score among those that do not restart, if it is better by
+    the hysteresis."""
     tick, selected, score = sym("state", "tick") + 1, sym("state", "selected"), sym("member", "score")
     best, after = sym("work", "best"), _after_the_oldest(part)
     clock = {Place("work", "due"): tick >= period, Place("state", "tick"): ca.if_else(tick >= period, 0, tick)}
@@ -234,7 +235,8 @@ def _choose(part: Parallel, period: int) -> Program:
 
 
 def _restart(part: Parallel, alone: Pieces) -> Program:
-    """The oldest member, if it is due: the selected one's estimate and score, the rest as after a reset."""
+    """Return the restart of the oldest member when it is due: with the estimate and score of the selected one, and its
+    other memory reset."""
     carried = read_fields([part.member.z])
     renewed = [field for field in alone.fields if not field.outer and field.name not in carried]
     begin = (*fresh("member", renewed), *fresh_groups("member", alone.fields, alone.groups, part.member.z))

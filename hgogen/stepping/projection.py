@@ -1,14 +1,14 @@
-"""The nearest estimate that fits a sample, from where an observer restarts, and the nearest in the declared ranges.
+"""The nearest estimate that fits a sample, for the restart of an observer, and the nearest one in the declared ranges.
 
     x <- x_0,   then, for each output that is judged, the most trusted one last,
     x <- sat(x + V g (y_j - h_j(z(x), u)) / (g' V g)),   g = dh_j/dx at x,   V = diag(width of the outer box)^2
 
-with x_0 the first values of the fields that the estimate z(x) is read from, and sat the declared ranges: the nearest
-point to x_0, in units of the outer box, at which the linearised output is what was measured. Where h is not linear, or
-several outputs are fitted, that is done SWEEPS times (Gauss and Newton).
+with the initial values x_0 of the fields on which the estimate z(x) depends, and the clamp sat to the declared ranges.
+x is the nearest point to x_0, in units of the outer box, at which the linearised output equals the measured one. Where
+h is nonlinear, or several outputs are fitted, this is repeated SWEEPS times (Gauss-Newton).
 
-Where the output is flat at x_0, as y = x^2 is at 0, the sample would tell nothing: x_0 is then another point of the
-ranges, at which it does. Which of the two signs of x is right no sample of y = x^2 tells.
+Where dh/dx is 0 at x_0, as for y = x^2 at 0, the sample has no information about x: x_0 is then another point of the
+ranges, with a nonzero dh/dx. A sample of y = x^2 cannot determine the sign of x.
 
 The projection onto the declared ranges is in the metric of the filter where it has a covariance:
 
@@ -25,17 +25,18 @@ with a truth x inside the ranges, V = e' S e, and g(z) = a'z > h.
 - Where z+ is outside its outer box, the estimate goes from z towards z+ as far as the box allows: V is convex, so it is
   no larger than at z anywhere on this way. A clamp of z+ to the box may make it larger: with a correlated P of three
   states V went from 45 to 22 by the projection, and to 243 by the clamp.
-- So a bound on V = e' P^-1 e holds with this guard at work, for a plant inside its ranges. It says nothing of two
-  estimates, of which one alone is projected, and nothing where Psi is nonlinear: there a is the gradient at sat(z), and
-  the step is one of Gauss and Newton.
+- So a bound on V = e' P^-1 e holds with this guard, for a plant inside its ranges. It does not hold for the difference
+  of two estimates of which one is projected, nor for a nonlinear Psi: there a is the gradient at sat(z), and the step
+  is a Gauss-Newton step.
 
-Without a covariance P is the diagonal of the squared widths of the outer box, for a constant injection too: its
-Lyapunov matrix is known only after a search, and moves with the gains. For g(z) = z_k the formula then clamps z_k. No
-component's error grows by that, since |min(max(z_k, l), h) - x_k| <= |z_k - x_k| for l <= x_k <= h, but V of another
-matrix may: of S = [1 -.99; -.99 1] and e = (1, 1) it is .02, and 1 with e_1 = 0. The same P stands for a covariance
-that is kept in columns (more than 7 states).
+Without a covariance P is the diagonal of the squared widths of the outer box. This includes a constant injection, whose
+Lyapunov matrix is known only after a search and changes with the gains. For g(z) = z_k the formula then clamps z_k.
+This increases the error of no component, since |min(max(z_k, l), h) - x_k| <= |z_k - x_k| for l <= x_k <= h, but it may
+increase V with another matrix: for S = [1 -.99; -.99 1] and e = (1, 1) it is .02, and 1 with e_1 = 0. The same P is
+used instead of a covariance in columns (more than 7 states).
 
-A value that is lost, of a P that overflows, stays as it was. Source: Simon, "Optimal State Estimation" (2006), 7.5.
+Where P overflows and a value is lost, the previous value is used. Source: Simon, "Optimal State Estimation" (2006),
+7.5.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -54,15 +55,15 @@ from hgogen.stepping.guards import readings
 from hgogen.stepping.members import read_fields
 
 SWEEPS = 3
-FLAT = 1e-2  # of what an output can span: a slope that moves it by less over the whole outer box tells nothing
-ELSEWHERE = 32  # points of the ranges that are tried
+FLAT = 1e-2  # of the span of an output: a sample with a smaller change over the outer box has no information
+ELSEWHERE = 32  # tried points of the ranges
 
 
 def nearest(
     observer: Observer, clock: Clock, fields: tuple[Field, ...], samples: Mapping[int, tuple[Graph, Graph]]
 ) -> Program:
-    """The `shown` fields of the state set to x of the module; `samples` by output, the most trusted last: what was
-    measured, and whether that is plausible."""
+    """Return the blocks that set the fields of the state to x of the module; `samples` by output, the most trusted
+    last: the measurement, and whether it is plausible."""
     u = sym("state", "u", len(observer.form.system.inputs))
     x = ca.vertcat(*(sym("state", field.name, field.size) for field in fields))
     h = observer.dynamics.output(observer.z, u)
@@ -78,34 +79,35 @@ def nearest(
             across = ca.dot(slopes[j], V * slopes[j])
             least = (1e-6 * spans[j]) ** 2 if spans[j] < INF else 1e-30
             projected = x + V * slopes[j] * ((y - h[j]) / ca.fmax(across, least))
-            fitted = column(kept(projected[i], end, x[i]) for i, end in enumerate(limits))
+            fitted = column(clamped_or(projected[i], end, x[i]) for i, end in enumerate(limits))
             value = ca.if_else(plausible, fitted, x) if len(samples) > 1 else fitted
             output = observer.form.system.outputs[j]
             blocks.append(Block(f"from the sample of {output}", placed(fields, value), part=f"fit_{output}"))
     return tuple(blocks)
 
 
-def kept(value: Graph, end: tuple[float, float], other: Graph) -> Graph:
-    """A value clamped to a range, another where it is lost; of a plausible sample none is, which an analyser sees."""
+def clamped_or(value: Graph, end: tuple[float, float], other: Graph) -> Graph:
+    """Return a value clamped to a range, or `other` where it is lost. No value is lost after a plausible sample; the
+    test lets a static analyser infer this."""
     return ca.if_else(ca.fabs(value) <= LOST, clamp(value, *end), other)
 
 
 def placed(fields: tuple[Field, ...], value: Graph) -> dict[Place, Graph]:
-    """The writes of an SX column to the fields, one after the other."""
+    """Return the writes of an SX column to the fields in sequence."""
     parts = ca.vertsplit(value, np.cumsum([0, *(field.size for field in fields)]).tolist())
     return {Place("state", field.name): part for field, part in zip(fields, parts, strict=True)}
 
 
 def weights(fields: tuple[Field, ...]) -> Graph:
-    """The squared widths of the outer box, V of the module, as a column."""
+    """Return the squared widths of the outer box, V of the module, as a column."""
     widths = np.array([high - low for field in fields for low, high in field.box])
     widths[~np.isfinite(widths)] = max(widths[np.isfinite(widths)], default=1.0)
     weights = ca.DM(widths)
-    return weights * weights  # infinite without a word where NumPy warns
+    return weights * weights  # infinite without the warning of NumPy
 
 
 def _range_ends(observer: Observer, fields: tuple[Field, ...], x: Graph) -> list[tuple[float, float]]:
-    """The declared range of each x_i that is a state z_k, else its outer box."""
+    """Return the declared range of each x_i that is a state z_k, else its outer box."""
     limits = [end for field in fields for end in field.box]
     for k, end in enumerate(observer.dynamics.box):
         same = [i for i in range(len(limits)) if ca.is_equal(ca.SX(observer.z[k]), x[i])]
@@ -124,7 +126,8 @@ def _start_point(
     V: Graph,
     limits: list[tuple[float, float]],
 ) -> np.ndarray:
-    """x_0: the first values, or the point of the ranges at which the most outputs, of these spans, tell something."""
+    """Return x_0: the initial values, or the point of the ranges at which samples of the most outputs have
+    information."""
     least = (FLAT * np.where(np.isfinite(spans), spans, 0.0)) ** 2
     places = [Place("state", field.name) for field in fields]
     sizes = np.cumsum([field.size for field in fields])[:-1]
@@ -148,13 +151,14 @@ def _start_point(
 
 
 def estimate_fields(observer: Observer, fields: tuple[Field, ...]) -> tuple[Field, ...]:
-    """The real fields of the state that the estimate is read from."""
+    """Return the real fields of the state on which the estimate depends."""
     read = read_fields([observer.z])
     return tuple(field for field in fields if field.name in read and field.kind == "real")
 
 
 def projection(observer: Observer, pieces: Pieces) -> Program:
-    """The program that projects the estimate of an observer with these pieces onto its ranges; see the module."""
+    """Return the program that projects the estimate of an observer with these pieces onto its ranges; see the
+    module."""
     if pieces.project:
         return pieces.project
     fields = estimate_fields(observer, pieces.fields)
@@ -167,7 +171,7 @@ def projection(observer: Observer, pieces: Pieces) -> Program:
 
 
 def _clamped(observer: Observer, x: Graph) -> Graph | None:
-    """The fields x, each clamped to its range; None where a range is not that of a field alone."""
+    """Return the fields x clamped to their ranges; None where a range is not that of a single field."""
     value = ca.SX(x)
     for g, _, end in _ranges(observer, x):
         same = [i for i in range(x.numel()) if ca.is_equal(ca.SX(g), x[i])]
@@ -178,7 +182,7 @@ def _clamped(observer: Observer, x: Graph) -> Graph | None:
 
 
 def _projected(observer: Observer, pieces: Pieces, fields: tuple[Field, ...], x: Graph) -> Graph:
-    """The fields x projected onto one range after the other."""
+    """Return the fields x projected onto the ranges in turn."""
     known = pieces.covariance is not None and pieces.covariance.shape[0] == x.numel()
     P: Graph = pieces.covariance if known else ca.diag(ca.SX(weights(fields)))
     projected = x
@@ -190,18 +194,19 @@ def _projected(observer: Observer, pieces: Pieces, fields: tuple[Field, ...], x:
 
 
 def _within(x: Graph, projected: Graph, outer: Sequence[tuple[float, float]]) -> Graph:
-    """The last point on the way from x to `moved` that is in the outer box; the clamp is of its rounding."""
+    """Return the last point on the way from x to `projected` that is in the outer box; a clamp removes rounding
+    errors."""
     way, share = projected - x, ca.SX(1)
     for i, (low, high) in enumerate(outer):
         room = ca.if_else(way[i] > 0, high - x[i], x[i] - low)
         share = ca.if_else(share * ca.fabs(way[i]) > room, room / ca.fabs(way[i]), share)
     reached = x + share * way
-    return column(kept(reached[i], end, x[i]) for i, end in enumerate(outer))
+    return column(clamped_or(reached[i], end, x[i]) for i, end in enumerate(outer))
 
 
 def _ranges(observer: Observer, x: Graph) -> Iterator[tuple[Graph, Graph, tuple[float, float]]]:
-    """g as an SX of the fields x (k), its gradient (k) and its ends, of each declared range: first those of states of
-    the plant that are no coordinates, then those of the coordinates."""
+    """Yield g as an SX of the fields x (k), its gradient (k) and its ends, for each declared range: first those of
+    plant states that are no coordinates, then those of the coordinates."""
     z, dynamics, u = observer.z, observer.dynamics, sym("state", "u", len(observer.form.system.inputs))
     map_ = ca.jacobian(z, x)
     for value, slope, end in dynamics.behind_ranges(z, u):

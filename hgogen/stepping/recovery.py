@@ -1,71 +1,72 @@
-"""Recovery: an estimate outside its ranges is projected onto them, one that is lost restarts from the sample.
+"""Recovery: an estimate outside its ranges is projected onto them, a lost estimate restarts from the sample.
 
-Signs of a fault are counted at each plausible sample of an output that is judged, each by itself, one that is not used
-for being absurdly far from the prediction among them:
+Separate counters count the signs of a fault at each plausible sample of a judged output, including samples that are
+rejected as absurdly far from the prediction:
 
     y_j     |e_j| > max(SHARE s_j, min(SIGMAS sqrt(S_j), SHARE s_j r_j))   e_j = y_j - yhat_j before the correction
     range   the estimate is outside a declared range by more than MARGIN of its width, at the samples of any output
 
-with s_j what y_j can span; where a filter has them, S_j the variance of e_j, and r_j >= 1 how many times noisier than
-the best sensor this one is, in units of what they span. So a sensor whose R is large restarts nothing by what R
-explains, unless all sensors are like that: then Q and R may be known up to a factor only. The count c of y_j has the
-sign of the last error that showed it:
+with the width s_j of the range of y_j and, for a filter, the variance S_j of e_j and the ratio r_j >= 1 of this
+sensor's noise to that of the best sensor, relative to their ranges. So a sensor with a large R causes no restart by
+errors that R explains, unless all sensors have a large R: then Q and R may be known only up to a factor. The fault
+counter c of y_j has the sign of the last error that raised it:
 
-    |c| <- |c| + 1           where the sign shows and e_j has the sign of c, or c = 0
-    |c| <- max(|c| - m, 0)   where it shows and e_j has the other sign, which c takes
-    |c| <- max(|c| - 1, 0)   elsewhere
-    c <- c + p or max(c - p, 0)   of range, where it shows or not; p the period of the sample in dt
+    |c| <- |c| + 1           if the sign occurs and e_j has the sign of c, or c = 0
+    |c| <- max(|c| - m, 0)   if it occurs and e_j has the other sign, which becomes that of c
+    |c| <- max(|c| - 1, 0)   otherwise
+    c <- c + p or max(c - p, 0)   for range, if it occurs or not; p is the period of the sample in dt
 
     |c| >= w:  a guard acts; |c| <- min(w, M/2), w <- min(2 w, M)
     c = 0:     w <- W
     W = T/(period of y_j), of range p T/dt of p outputs judged;   m = 1/(lambda period of y_j), at least 2
                                                                   T, lambda: see below
 
-The guard of y_j is a restart. That of range is a projection (stepping/projection.py); a restart where the estimate is
-outside by more than FAR of a width, at a false equilibrium or in a corner of its outer box; and a restart where w is
-above W: since the last guard the samples were not good for as long as it had waited for, so a projection did not help.
+The guard of y_j is a restart. The guard of range is a projection (stepping/projection.py). It is a restart where the
+estimate is outside by more than FAR of a width, at a false equilibrium or in a corner of its outer box, and where w is
+above W: since the last guard there was no fault-free period as long as its waiting time, so the projection did not
+help.
 
-Errors that are independent of each other and symmetric about 0 restart nothing, however large and frequent they are.
-Where a share q of them shows, |c| > 0 moves by no more than q/2 - 2 q/2 - (1 - q) = q/2 - 1 < 0 on average. From 1 it
-reaches w before 0 with a probability of at most x^(1 - w), x = (2 - q + sqrt((2 - q)^2 + 4 q^2))/(2 q) >= 1.618: x^|c|
-is a martingale for m = 2, as q x/2 + (1 - q)/x + q/(2 x^2) = 1. Hence w is at least FEWEST. Errors that change their
-sign within m samples, faster than the plant moves, as a tone or coloured noise of a sensor does, restart nothing
-either: |c| rises by less than m between two changes, and falls by m at each. What restarts are errors as slow as the
-plant at more than half of the samples for as long as T.
+Independent errors that are symmetric about 0 cause no restart, however large and frequent they are. Where a share q of
+them is a sign, |c| > 0 changes on average by at most q/2 - 2 q/2 - (1 - q) = q/2 - 1 < 0. From 1 it reaches w before 0
+with a probability of at most x^(1 - w), x = (2 - q + sqrt((2 - q)^2 + 4 q^2))/(2 q) >= 1.618: x^|c| is a martingale for
+m = 2, as q x/2 + (1 - q)/x + q/(2 x^2) = 1. Hence w is at least FEWEST. Errors that change their sign within m samples,
+faster than the plant, such as a tone or coloured noise of a sensor, cause no restart either: |c| rises by less than m
+between two changes, and falls by m at each. A restart requires errors as slow as the plant at more than half of the
+samples for the time T.
 
-All this is a judgement by rates at rest and no theorem. It can be wrong: an observer may need longer to converge, a
-plant may rest beyond its declared ranges and the estimate be right. So w doubles, up to M = 1024 W, or what can be
-counted, and c stays: a guard acts again when the sign has shown for twice as long in all, and later every M/2 samples:
-after a fault that has lasted for longer than T, the next restart comes no later than once more that time. w is W again
-when the samples have been good for as long as w. Counts that are out of their ranges, or not what they were left at,
-of memory that was spoiled, begin anew where a sign shows: a limit that is too high would not show. A theorem of
+This law is a heuristic based on rates at equilibrium, not a theorem. It can be wrong: an observer may need longer to
+converge, and a plant may stay beyond its declared ranges with a correct estimate. So w doubles, up to M = 1024 W or the
+largest count, and c is kept: a guard acts again when the sign has lasted twice as long in all, and later every M/2
+samples. After a fault that has lasted longer than T, the next restart comes at the latest after the same time again. w
+is reset to W after w samples without a fault. Counters outside their ranges, or with a wrong checksum because memory
+was corrupted, are reset when a sign occurs: a limit that is too high would not be noticed otherwise. A theorem of
 convergence holds from the last restart on.
 
-Restart from the sample: all memory is as after a reset but for what lasts, and the fields that the estimate is read
-from, which fit the sample (stepping/projection.py). A cold restart would fall into the same attractor.
+Restart from the sample: all memory is reset except the lasting fields and the fields of the estimate, which fit the
+sample (stepping/projection.py). A cold restart could converge to the same false attractor.
 
-A Riccati observer is told by R how far each sensor is trusted: in units of what they can span, s_j^2/R_j. One that is
-trusted less than LEAST times as much as another, and whose declared noise at a sample is wider than all that it can
-span, R_j/period_j > s_j^2, says nothing of the estimate, which is not judged by it: it may be off for ever. S_j, before
-the correction by y_j with r = R_theta/period_j and c = dh_j/dz, is c P c' + r. After it, as this law reads P, c P c'
-has become p = r c P c'/(c P c' + r), so that S_j is r^2/(r - p). A method that integrates with the measurement corrects
-by little in a step: p + r.
+For a Riccati observer R defines the trust s_j^2/R_j in each sensor, relative to its range. A sensor is not used to
+judge the estimate if its trust is less than LEAST times that in another, and if its declared noise exceeds its range,
+R_j/period_j > s_j^2: its error may be permanent. S_j, before the correction by y_j with r = R_theta/period_j and
+c = dh_j/dz, is c P c' + r. After the correction, when this law reads P, c P c' has become p = r c P c'/(c P c' + r), so
+that S_j is r^2/(r - p). A method that integrates with the measurement corrects little in a step: there S_j is p + r.
 
-An observer without a model of its last row, whose error never tends to 0, has no sign range; nor has one without a
-range of a state, nor an output without a range a sign y_j. An observer without a sign has no such law.
+An observer without a model of its last row, whose error does not tend to 0, has no sign range, and neither has an
+observer without a range of a state. An output without a range has no sign y_j. An observer without a sign has no law of
+recovery.
 
 T is the settling time:
 
     T = max(2 ln(100 r)/mu, 2/lambda)
 
-An observer that converges at the rate mu takes half of T to bring an error as wide as the outer box, r times the
-declared one, down to a hundredth of the declared one; the other half is for poles that coincide, and for a model that
-works against the gain. mu is the slowest rate of the linear error core, at the geometric mean of the ends between which
-a gain moves; of a Riccati observer the geometric mean of those of its closed loop at rest, the median over points of
-the box, as if slow modes were the least observable. That need not be so: a filter that is slower restarts, and then
-waits for longer. One that forgets at the rate rho has no slower mode than rho/2: its closed loop is that of F + rho/2.
-A plant may do for a time what its model does not know, as a tank that overflows, and that takes as long as it is slow:
-lambda is the geometric mean of |eigenvalues| of its Jacobian, the median over points of the box.
+An observer that converges at the rate mu needs T/2 to reduce an error as wide as the outer box, r times the declared
+one, to a hundredth of the declared one. The other half allows for multiple poles, and for a model that works against
+the gain. mu is the slowest rate of the linear error core, at the geometric mean of the ends of a varying gain. For a
+Riccati observer it is the geometric mean of the rates of its steady closed loop, the median over points of the box: the
+slow modes are taken to be the least observable. A filter that is slower restarts, and then waits longer. With
+forgetting at the rate rho no mode is slower than rho/2: its closed loop is that of F + rho/2. A plant may deviate from
+its model for a time that depends on its own rate, such as a tank that overflows: lambda is the geometric mean of
+|eigenvalues| of its Jacobian, the median over points of the box.
 """
 
 from collections.abc import Mapping
@@ -91,20 +92,21 @@ from hgogen.stepping.members import fresh, fresh_groups
 from hgogen.stepping.parallel import Parallel
 from hgogen.stepping.projection import estimate_fields, nearest, projection
 
-FINE = 100  # an error so many times smaller than the declared box has settled
+FINE = 100  # the declared box over a settled error
 HIDDEN = 1e-6  # of the fastest rate: a slower mode is a rounding error
 POINTS = 6  # corners of the box, and as many points inside, at which a linearisation is judged
 SAMPLES = 10  # the inverse of a rate, where none is known
 
 
 def settling_time(observer: Observer, clock: Clock, r: float) -> float:
-    """T of the module, in the model's unit; r is by how much the outer box is wider than the declared one."""
+    """Return T of the module, in the model's time unit; r is the width of the outer box over that of the declared
+    one."""
     plant = plant_rate(observer)
     return max(2 * log(FINE * r) / rate(observer, clock), 0.0 if plant is None else 2 / plant)
 
 
 def plant_rate(observer: Observer) -> float | None:
-    """The rate lambda of the module; None where the Jacobian is 0, or not finite at a point of the box."""
+    """Return the rate lambda of the module; None where the Jacobian is 0, or not finite at a point of the box."""
     try:
         slopes, _ = jacobians_on_box(observer.dynamics, POINTS)
     except Singular:
@@ -113,13 +115,13 @@ def plant_rate(observer: Observer) -> float | None:
 
 
 def _typical(decays: np.ndarray) -> float | None:
-    """The median over points (k, n) of the geometric mean of what is not of rounding; None for no point."""
+    """Return the median over points (k, n) of the geometric mean of the rates above rounding; None without points."""
     means = [np.exp(np.log(row[row > HIDDEN * row.max()]).mean()) for row in decays if row.max() > 0]
     return float(np.median(means)) if means else None
 
 
 def rate(observer: Observer, clock: Clock) -> float:
-    """The rate mu of the observer's slowest part; that of ten samples where none is known."""
+    """Return the rate mu of the observer's slowest part; that of ten samples where none is known."""
     known = [mu for part in observer.parts if (mu := _rate(part, observer, clock)) is not None]
     return min(known, default=1 / (SAMPLES * clock.dt))
 
@@ -150,9 +152,9 @@ def _rate(part: Any, observer: Observer, clock: Clock) -> float | None:
 
 @dataclass(frozen=True)
 class Sign:
-    """A sign of a fault: of `output`, or of the range of a state for None. `meaning` says of what, after "at which";
-    `time` (the model's unit) for which it shows at least before a guard first acts, `wait` (W), `most` (M) and `change`
-    (m) as counts."""
+    """A sign of a fault: of `output`, or of the ranges for None. `meaning`: the text after "at which"; `time` (the
+    model's unit): the shortest duration of the sign before a guard first acts; `wait` (W), `most` (M) and `change` (m)
+    as counts."""
 
     name: str
     output: int | None
@@ -164,12 +166,12 @@ class Sign:
 
     @property
     def count(self) -> str:
-        """The field of the state that counts it, c."""
+        """The field of the fault counter c."""
         return f"fault_count_{self.name}"
 
     @property
     def limit(self) -> str:
-        """The field of the count at which a guard acts, w."""
+        """The field of the count w at which a guard acts."""
         return f"fault_limit_{self.name}"
 
     @property
@@ -184,8 +186,11 @@ class Sign:
 
     @property
     def counted(self) -> Block:
-        """The count moved by `work.moves_NAME`, with the sign of `work.side_NAME`. Count and limit are in their ranges,
-        which was asked, and stay there: one at its most is at its limit as well, which an analyser need not see."""
+        """The block that changes the count by `work.moves_NAME`, with the sign of `work.side_NAME`.
+
+        Count and limit were tested to be in their ranges, and stay there. A count at its maximum is at its limit as
+        well, which a static analyser need not infer.
+        """
         change, limit = sym("work", f"moves_{self.name}"), sym("state", self.limit)
         size = ca.fmin(ca.fmax(self.size + change, 0), self.most)
         return Block(
@@ -198,7 +203,7 @@ class Sign:
 
     @property
     def over(self) -> Graph:
-        """Whether the count is at its limit, as it is only where it has just moved there; SX."""
+        """Whether the count is at its limit, which it has only just reached; SX."""
         return self.size >= sym("state", self.limit)
 
     @property
@@ -208,31 +213,31 @@ class Sign:
         return count if self.output is None else ca.fabs(count)
 
     def _signed(self, side: Graph, size: Graph) -> Graph:
-        """A count of that size, of errors on a side of 0."""
+        """Return a count of that size, with the sign of `side`."""
         return size if self.output is None else ca.if_else(side < 0, -size, size)
 
     @property
     def longest(self) -> float:
-        """The longest time between two restarts by it."""
+        """The longest time between two restarts by this sign."""
         return self.time * self.most / self.wait / 2
 
     @property
     def later(self) -> Block:
-        """A guard next acts at twice the count."""
+        """The block that doubles the limit after a guard has acted."""
         count, limit = sym("state", self.count), sym("state", self.limit)
         least = ca.fmin(limit, self.most / 2)  # which the size of the count has reached
         doubled = {self.count: self._signed(count, least), self.limit: ca.fmin(2 * limit, self.most)}
         return Block("the fault limit doubles", {Place("state", name): value for name, value in doubled.items()})
 
 
-SHARE = 0.1  # of what an output can span: an innovation beyond it is a sign
-SIGMAS = 3  # standard deviations of the innovation: up to them it is none, of a sensor that is noisier than the best
+SHARE = 0.1  # of the range of an output: a larger innovation is a sign
+SIGMAS = 3  # standard deviations of an innovation that is no sign, for a sensor that is noisier than the best
 MARGIN = 0.05  # of a range: the estimate of a plant that rests at the edge may lie beyond it, of noise and bias
 LEAST = 0.01  # of the trust in the best sensor
-ROUNDED = 2.0**-20  # of r: what is left of it by a sample is rounding below
+ROUNDED = 2.0**-20  # of r: a smaller r - p is a rounding error
 FAR = 0.5  # of a range: the estimate is at a false equilibrium, from where a projection does not bring it back
-FEWEST = 30  # samples that show a sign before a guard acts: independent noise does not get there
-DOUBLED = 1024  # times the first limit: the largest
+FEWEST = 30  # samples with a sign before a guard acts: independent noise does not reach it
+DOUBLED = 1024  # the largest limit over the first
 LONGEST = 1 << 23  # a float adds two such counts exactly
 
 
@@ -250,7 +255,7 @@ Samples = Mapping[int, Sampled]  # by output
 
 @dataclass(frozen=True, eq=False)
 class Recovery:
-    """The law for an observer whose parts are `pieces`, in so many `sections` of its step; see the module."""
+    """The law for an observer with the parts `pieces`, called in `sections` sections of its step; see the module."""
 
     observer: Observer
     clock: Clock
@@ -259,8 +264,8 @@ class Recovery:
 
     @cached_property
     def judged(self) -> tuple[int, ...]:
-        """The outputs by which the estimate is judged, the least trusted one first, one without a range before the
-        others; all, in their order, where nothing says how far to trust them."""
+        """The outputs that judge the estimate, the least trusted first, those without a range before the others; all,
+        in their order, for an observer without noise."""
         trust, bounded = self._trust, np.isfinite(self._spans)
         if trust is None or not bounded.any():
             return tuple(range(len(bounded)))
@@ -270,13 +275,13 @@ class Recovery:
 
     @cached_property
     def _trust(self) -> np.ndarray | None:
-        """The trust of a filter in each output, 0 where that has no range; None of an observer without a noise."""
+        """The trust of a filter in each output, 0 for one without a range; None for an observer without noise."""
         riccati, spans = _riccati(self.observer), np.array(self._spans)
         return None if riccati is None else np.where(np.isfinite(spans), spans, 0.0) ** 2 / riccati.nominal[1]
 
     @cached_property
     def signs(self) -> tuple[Sign, ...]:
-        """The signs that are counted of this observer."""
+        """The signs that are counted for this observer."""
         outputs = [j for j in self.judged if self._spans[j] < INF]
         ranges = not self.observer.practical and not self._outside.is_constant()
         longest = LONGEST // max(1, len(outputs) + ranges)
@@ -304,12 +309,12 @@ class Recovery:
 
     @cached_property
     def _readings(self) -> list[tuple[float, float]]:
-        """The interval that each output can read."""
+        """The interval of readings of each output."""
         return readings(self.observer.form)
 
     @cached_property
     def _spans(self) -> list[float]:
-        """The width that each output can span."""
+        """The width of the interval of readings of each output."""
         return [high - low for low, high in self._readings]
 
     @property
@@ -329,27 +334,26 @@ class Recovery:
 
     @cached_property
     def inner(self) -> tuple[Section, ...]:
-        """The sections that several call: one that counts the range, one that projects the estimate onto it."""
+        """The sections that several others call: one that counts the range, one that projects the estimate onto it."""
         return (*self._counting, *self._projecting)
 
     @cached_property
     def _counting(self) -> tuple[Section, ...]:
-        """The section that counts the range at any sample that is not the only one of a call, where every output has
-        one."""
+        """The section that counts the range at each sample, for several sections with samples at every period."""
         if self.sections < 2 or self.clock.every or not self.signs:
             return ()
         return (Section("count_range", "check the fault counts, and count the range", self._counted_range(1)),)
 
     @cached_property
     def _projecting(self) -> tuple[Section, ...]:
-        """The section that projects the estimate, where several ask for it."""
+        """The section that projects the estimate, if several call it."""
         if self.sections < 2 or not self._projection:
             return ()
         return (Section("project_onto_ranges", "project the estimate onto its declared ranges", self._projection),)
 
     def _counted_range(self, weight: int) -> Program:
-        """Fault counts and limits as after a reset, where they are out of their ranges or not what they were left at;
-        and the count of range moved by a weight."""
+        """Return the program that resets corrupted fault counters and limits, and changes the counter of range by a
+        weight."""
         same = ca.fabs(self._sum - sym("state", "fault_checksum")) < 0.5
         counts = [(sym("state", field.name), field) for sign in self.signs for field in sign.fields]
         inside = [ca.logic_and(c >= field.low[0], c <= field.high[0]) for c, field in counts]
@@ -369,12 +373,12 @@ class Recovery:
 
     @cached_property
     def _projection(self) -> Program:
-        """The program that projects the estimate onto its ranges, where they are a sign."""
+        """The program that projects the estimate onto its ranges, if they have a sign."""
         ranges = any(sign.output is None for sign in self.signs)
         return projection(self.observer, self.pieces) if ranges else ()
 
     def watch(self, samples: Samples, says: bool) -> Program:
-        """The law at the end of a section that has corrected the estimate.
+        """Return the law at the end of a section that has corrected the estimate.
 
         `says`: whether this section also raises OUTSIDE_BOX.
         """
@@ -382,7 +386,7 @@ class Recovery:
         samples = {j: samples[j] for j in self.judged if j in samples}
         if not self.signs or not samples:
             return (Block("is the estimate outside the declared box?", bit),) if bit else ()
-        weight = len(samples)  # of a judgement by these outputs, so that all add up to p, of those judged, in a time dt
+        weight = len(samples)  # the weights of all judged outputs add up to their number in a time dt
         if weight < len(self.judged):
             weight = self.clock.every[next(iter(samples))] if self.clock.every else 1
         signs = [sign for sign in self.signs if sign.output is None or sign.output in samples]
@@ -412,24 +416,24 @@ class Recovery:
 
     @cached_property
     def cleared(self) -> Program:
-        """Fault counts and limits as after a reset."""
+        """The program that resets fault counters and limits."""
         return fresh("state", self.fields, part="clear_fault_counts")
 
     @cached_property
     def other_memory(self) -> Program:
-        """The program that sets all memory but the estimate as after a reset, but for what lasts; members start from
-        the estimate."""
+        """The program that resets all memory except the estimate and the lasting fields; members start from the
+        estimate."""
         estimate, pieces = self._estimate_fields(), self.pieces
         fields = [field for field in pieces.fields if field not in estimate and not field.lasting]
         groups = fresh_groups("state", pieces.fields, pieces.groups, self.observer.z)
         return (*fresh("state", fields, part="clear_rest"), *groups)
 
     def _changes(self, sign: Sign, samples: Samples) -> dict[Place, Graph]:
-        """Return by how much the size of a count changes at these samples, at one of which the estimate is judged, and
-        whether what has the sign of the count then."""
+        """Return the change of a count's size at these samples, one of which judges the estimate, and a value with the
+        sign of the new count."""
         assert sign.output is not None
         sample, count = samples[sign.output], sym("state", sign.count)
-        deviates = ca.logic_not(ca.fabs(sample.error) <= self._limit(sign.output))  # or is no number
+        deviates = ca.logic_not(ca.fabs(sample.error) <= self._limit(sign.output))  # true for nan as well
         change = ca.if_else(deviates, ca.if_else(count * sample.error < 0, -sign.change, 1), -1)
         if len(samples) > 1:
             deviates = ca.logic_and(deviates, self._plausible(sign.output, sample))
@@ -440,7 +444,7 @@ class Recovery:
         }
 
     def _limit(self, j: int) -> Graph:
-        """The error of an output beyond which it shows the sign."""
+        """Return the error of an output beyond which it is a sign."""
         least, trust, riccati = SHARE * self._spans[j], self._trust, _riccati(self.observer)
         noisier = float(np.sqrt(trust.max() / trust[j])) if trust is not None and trust[j] > 0 else 1.0
         if riccati is None or noisier <= 1:
@@ -454,7 +458,7 @@ class Recovery:
         return ca.fmax(least, ca.fmin(SIGMAS * ca.sqrt(variance), least * noisier))
 
     def _plausible(self, j: int, sample: Sampled) -> Graph:
-        """Whether the estimate is judged by a sample: a valid one, or one that is absurdly far from the prediction."""
+        """Return whether a sample judges the estimate: a valid one, or one that is absurdly far from the prediction."""
         return ca.logic_or(sample.valid, plausible(self._readings[j], sample.y))
 
     def _guard(self, signs: list[Sign], samples: Samples) -> Program:
@@ -465,14 +469,14 @@ class Recovery:
         for sign in signs:
             if sign.output is not None:
                 helpless.append(sign.over)
-            else:  # a projection has not helped, by the limit of the sign, or would not: the estimate is far outside
+            else:  # a projection has not helped, by the limit of the sign, or the estimate is far outside
                 strayed = ca.logic_or(sym("state", sign.limit) > sign.wait, outside(self.observer, FAR))
                 helpless.append(ca.logic_and(sign.over, strayed))
         writes = {place: sign.over for sign, place in over.items()}
         later = (When(place, (sign.later,)) for sign, place in over.items())
         project = tuple(map(Call, self._projecting)) or self._projection
         fitted = {j: (s.y, self._plausible(j, s)) for j, s in samples.items()}
-        restart = (  # memory as after a reset, but for the estimate, which is the nearest to it that fits the samples
+        restart = (  # memory is reset, with the nearest estimate to the initial one that fits the samples
             *nearest(self.observer, self.clock, self._estimate_fields(), fitted),
             Block("the estimate has restarted from the sample", {Place("status", "RESTARTED_FROM_SAMPLE"): ca.SX(1)}),
             *self.other_memory,
@@ -495,11 +499,11 @@ class Recovery:
         )
 
     def _estimate_fields(self) -> tuple[Field, ...]:
-        """The fields that the estimate is read from."""
+        """Return the fields on which the estimate depends."""
         return estimate_fields(self.observer, self.pieces.fields)
 
     def _widest(self) -> float:
-        """The largest ratio r, over the coordinates, of the widths of the outer box and the declared one."""
+        """Return r, the largest ratio over the coordinates of the widths of the outer box and the declared one."""
         fields = self._estimate_fields()
         x = ca.vertcat(*(sym("state", field.name, field.size) for field in fields))
         values = {Place("state", field.name): np.array(field.initial) for field in fields}
@@ -513,7 +517,7 @@ class Recovery:
 
 
 def _riccati(observer: Observer) -> Riccati | None:
-    """The Riccati part of an observer, or of a bank's member; None without one."""
+    """Return the Riccati part of an observer, or of a bank's member; None without one."""
     for part in observer.parts:
         inner = _riccati(part.member) if isinstance(part, Parallel) else part
         plain = inner.plain if isinstance(inner, Around) else inner

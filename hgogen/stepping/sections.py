@@ -1,17 +1,18 @@
-"""The sections of a step: what its parts do in a call, in order, with guards, memory, and the law of recovery.
+"""The sections of a step: the statements of its parts in a call, in order, with guards, memory, and the law of
+recovery.
 
     predict   guard the input, advance the estimate from the last call to now
     update_Y  for each output that corrects: guard the sample, correct
     adapt     theta and the like, once after the updates
 
-A notice tells of the estimate of this call: it stands at the end of the last section before which that still moves.
+A notice describes the estimate of this call, and is at the end of the last section that can change it.
 
 Sensors may have different rates. `state.now` counts the calls of `predict` modulo 65536, the first one is number 0. A
-sample of output y may come with the number of the period in which it was taken, `update_y_at`: one of an earlier period
-is late, one of a period that `predict` has not reached is early; neither is used, and the status says which. The
-difference is taken modulo 65536, so the count may wrap round: up to 32768 periods back count as late, more as early.
-Before the first `predict` every sample is early. A second sample of y in one period and a second `adapt` do nothing but
-say so. The noise R of an output is taken for its own period, a whole multiple of dt.
+sample of output y may have the number of its measurement period as time stamp, `update_y_at`: a sample of an earlier
+period is late, one of a period that `predict` has not reached is early. Neither is used, and the status reports which.
+The difference is computed modulo 65536, so the count may wrap round: up to 32768 periods back count as late, more as
+early. Before the first `predict` every sample is early. A second sample of y in one period and a second `adapt` only
+raise a status bit. The noise R of an output refers to its own period, a whole multiple of dt.
 """
 
 from collections.abc import Iterable, Mapping, Sequence
@@ -62,17 +63,17 @@ from hgogen.stepping.projection import estimate_fields
 from hgogen.stepping.recovery import Recovery, Sampled
 from hgogen.system import System
 
-ROUND = 1 << 16  # periods after which the count begins again: what the smallest `unsigned` of C holds
-OLDEST = ROUND // 2  # periods back that still count as late
-AT = Place("argument", "at")  # the place of the number of the period in which a sample was taken
+ROUND = 1 << 16  # periods after which the count wraps: the range of the smallest `unsigned` of C
+OLDEST = ROUND // 2  # the oldest period that counts as late
+AT = Place("argument", "at")  # the number of a sample's measurement period
 
 
 class BadRate(BadArgument):
-    """A sensor's period that cannot be used."""
+    """A sensor's period that is not admissible."""
 
 
 def multiples(periods: Any, plant: System, dt: float) -> tuple[int, ...]:
-    """The number of dt between two samples of each output; 1 for an output that `periods` (by name) does not name.
+    """Return the number of dt between two samples of each output; 1 for an output that is not in `periods` (by name).
 
     Raises: `BadRate`.
     """
@@ -112,7 +113,7 @@ def _used(output: Signal) -> str:
 
 
 def tick(outputs: tuple[Signal, ...], adapts: bool) -> Block:
-    """The next period, before the first call's flag is raised."""
+    """Return the block that begins the next period; the first call begins period 0."""
     now = sym("state", "now")
     after = ca.if_else(now >= ROUND - 1, 0, now + 1)
     fresh = {Place("state", name): ca.SX(0) for name in (*["adapted"] * adapts, *map(_used, outputs))}
@@ -121,7 +122,8 @@ def tick(outputs: tuple[Signal, ...], adapts: bool) -> Block:
 
 
 def once(output: Signal, correct: Program) -> Program:
-    """An update by one output, once a period, none before the first; `correct` ends with what a valid sample does."""
+    """Return an update by one output, at most once per period and not before the first; `correct` ends with the effects
+    of a valid sample."""
     used, begun = sym("state", _used(output)), sym("state", "calls") >= 1
     test = {
         Place("work", "fresh"): ca.logic_and(used < 1, begun),
@@ -132,20 +134,21 @@ def once(output: Signal, correct: Program) -> Program:
 
 
 def order_fields(outputs: Iterable[Signal]) -> tuple[Field, ...]:
-    """Return the fields of a step whose sections may be called one by one: whether a sample of an output is still to
-    come since predict was called."""
+    """Return the fields of a step whose sections may be called one by one: whether a sample of an output was used since
+    predict."""
     meaning = "1 from a sample of {} that was used until the next predict"
     return tuple(scalar(_used(s), 1, kind="index", high=1, meaning=meaning.format(s)) for s in outputs)
 
 
 def awaited(outputs: Iterable[Signal]) -> tuple[Block, ...]:
-    """After a predict samples may come."""
+    """Return the block after a predict that permits samples again."""
     fresh = {Place("state", _used(output)): ca.SX(0) for output in outputs}
     return (Block("samples may come", fresh),) if fresh else ()
 
 
 def in_order(output: Signal, correct: Program) -> Program:
-    """An update by one output, once after a predict; `correct` ends with what a valid sample does."""
+    """Return an update by one output, at most once after a predict; `correct` ends with the effects of a valid
+    sample."""
     fresh = {Place("work", "fresh"): sym("state", _used(output)) < 1}
     raised = Block("there was no predict since the last", {Place("status", "OUT_OF_ORDER"): ca.SX(1)})
     return (Block(f"is a sample of {output} awaited?", fresh), When(Place("work", "fresh"), correct, (raised,)))
@@ -157,7 +160,7 @@ def use(output: Signal) -> Block:
 
 
 def adapt_once(program: Program) -> Program:
-    """Adaptation, once a period."""
+    """Return the adaptation, at most once per period."""
     done = sym("state", "adapted")
     test = {Place("work", "fresh"): done < 1, Place("status", "ADAPTED"): done >= 1}
     mark = Block("adapted", {Place("state", "adapted"): ca.SX(1)})
@@ -165,7 +168,7 @@ def adapt_once(program: Program) -> Program:
 
 
 def timed(section: Section, output: Signal) -> Section:
-    """The update section of an output for a sample that says when it was taken."""
+    """Return the update section of an output for a sample with a time stamp."""
     now, at = sym("state", "now"), sym(*AT)
     age = ca.if_else(now >= at, now - at, ROUND - 1 - at + now + 1)
     test = {
@@ -179,7 +182,7 @@ def timed(section: Section, output: Signal) -> Section:
 
 @dataclass(frozen=True, eq=False)
 class Assembly:
-    """The parts of an observer as statements, put together by a clock."""
+    """The parts of an observer, combined into sections for a clock."""
 
     observer: Observer
     clock: Clock
@@ -192,17 +195,17 @@ class Assembly:
 
     @cached_property
     def law(self) -> Recovery:
-        """The law by which an estimate that is lost restarts."""
+        """The law of recovery, which restarts a lost estimate."""
         return Recovery(self.observer, self.clock, self.whole, max(1, len(self.correcting)))
 
     @cached_property
     def adapt(self) -> Program:
-        """The program of the parts once after the updates; a part that does anything asks whether time has passed."""
+        """The program of the parts once after the updates; each part tests whether time has passed."""
         return flat(piece.adapt for piece in self.pieces)
 
     @property
     def uses_output(self) -> bool:
-        """Whether the last sample is remembered, which the parts integrate with."""
+        """Whether the parts integrate with the last sample, which is then stored."""
         return any(piece.uses_output for piece in self.pieces)
 
     @property
@@ -212,19 +215,19 @@ class Assembly:
 
     @cached_property
     def still(self) -> bool:
-        """Whether the estimate of this call stands before `adapt`, which writes nothing to it."""
+        """Whether the estimate of this call is final before `adapt`, which does not change it."""
         read_places = {place for place, _, _ in map(address, ca.symvar(self.observer.z))}
         return not any(read_places & s.writes.keys() for s in walk(self.adapt) if isinstance(s, Block))
 
     @cached_property
     def correcting(self) -> tuple[int, ...]:
-        """The outputs that correct, by their numbers."""
+        """The indices of the outputs that correct."""
         count = range(self.clock.outputs)
         return tuple(j for j in count if any(piece.update and piece.update[j] for piece in self.pieces))
 
     @property
     def _ordered(self) -> tuple[Signal, ...]:
-        """The outputs whose updates may be called one by one, without a count of the periods."""
+        """The outputs whose updates may be called one by one, without a period count."""
         outputs = self.observer.form.system.outputs
         counted = self.rated or self.uses_output or not self.clock.guarded
         return () if counted else tuple(outputs[j] for j in self.correcting)
@@ -254,9 +257,9 @@ class Assembly:
 
     @cached_property
     def sections(self) -> tuple[Section, ...]:
-        """The sections in order, without what is written and never read."""
+        """The sections in order, without statements whose results are never read."""
         sections = [self._predict, *map(self._update, self.correcting), *self._adapt]
-        last = len(sections) - (2 if self.adapt and self.still else 1)  # after it the estimate of this call stands
+        last = len(sections) - (2 if self.adapt and self.still else 1)  # the last one that can change the estimate
         outside = () if self.still and not self.rated else (outside_bit(self.observer),)
         notices = (*outside, *unrecovered(self.observer), *self.observer.notices)
         finished = []
@@ -269,14 +272,14 @@ class Assembly:
 
     @property
     def timed(self) -> tuple[Section, ...]:
-        """The updates for samples that say when they were taken, of sensors of different rates."""
+        """The updates for samples with a time stamp, for sensors of different rates."""
         updates = {section.corrects: section for section in self.sections}
         outputs = self.observer.form.system.outputs
         return tuple(timed(updates[y.name], y) for y in outputs if self.rated and y.name in updates)
 
     @property
     def estimate(self) -> Program:
-        """The plant's state."""
+        """The program that computes the plant's state."""
         observer = self.observer
         values = observer.dynamics.estimate(observer.z, sym("state", "u", len(observer.form.system.inputs)))
         writes = {Place("estimate", s.name): values[i] for i, (s, _) in enumerate(observer.form.estimates)}
@@ -288,8 +291,8 @@ class Assembly:
         return (*self.law.cleared, *self.law.other_memory)
 
     def _guarded(self, program: Program, before: Program = ()) -> Program:
-        """A program, and what keeps the state that it leaves behind in its box, or makes it anew; `before`: one that
-        was guarded before it."""
+        """Return a program, and the guard that clamps the state after it to its box or resets it; `before`: an earlier
+        guarded program."""
         if not self.clock.guarded:
             return program
         keep = tuple(map(Call, self._keep))
@@ -297,13 +300,13 @@ class Assembly:
 
     @property
     def inner(self) -> tuple[Section, ...]:
-        """The sections that others call."""
+        """The sections that other sections call."""
         return (*self.whole.inner, *self._keep, *self.law.inner)
 
     @cached_property
     def _keep(self) -> tuple[Section, ...]:
-        """The section that keeps the state in its box, which the first call and the guards behind programs ask for: the
-        estimate, and what programs write."""
+        """The section that clamps the state to its box, called in the first call and by the guards after programs: the
+        estimate, and the fields that programs write."""
         if not self.clock.guarded:
             return ()
         programs = (self.whole.predict, *map(self._correct, self.correcting), self.adapt)
@@ -318,9 +321,11 @@ class Assembly:
 
     @property
     def _predict(self) -> Section:
-        """The section that predicts. In the first call the state is kept in its box, as memory may have been spoiled
-        before it, and copies of the model start from the estimate, where it was written. Where no output corrects, the
-        law of recovery is evaluated here."""
+        """The section that predicts.
+
+        The first call clamps the state to its box, in case its memory was corrupted, and starts copies of the model
+        from the estimate. Where no output corrects, this section evaluates the law of recovery.
+        """
         observer, clock = self.observer, self.clock
         follow = following_groups("state", self.whole.fields, self.whole.groups, observer.z)
         guard_input, read = (guard_inputs, guard_outputs) if clock.guarded else (plain_inputs, plain_outputs)
@@ -345,7 +350,7 @@ class Assembly:
 
     @property
     def _samples(self) -> dict[int, Sampled]:
-        """The samples that the law of recovery reads where no output corrects."""
+        """The samples for the law of recovery where no output corrects."""
         read = self.observer.dynamics.output(self.observer.z, self.clock.u_now)
         raw = [sym("output", output.name) for output in self.observer.form.system.outputs]
         return {j: Sampled(y, self.clock.valid[j] > 0, y - read[j]) for j, y in enumerate(raw)}
@@ -385,24 +390,24 @@ def flat(tuples: Iterable[tuple[Any, ...]]) -> tuple[Any, ...]:
     return tuple(item for items in tuples for item in items)
 
 
-# --- in the place of guards, in a step without: signals as they come, every sample used, and a status of 0 ------
+# --- a step without guards: unchecked signals, every sample is used, and the status is 0 ------------------------
 
 
 def plain_inputs(observer: Observer) -> Block:
-    """The input now."""
+    """Return the block that reads the current input."""
     values = column(sym("input", signal.name) for signal in observer.form.system.inputs)
     return Block("the input", {Place("work", "u"): values})
 
 
 def plain_outputs(observer: Observer, clock: Clock) -> Block:
-    """Return the block of all samples at once for a part that integrates with the measurement: y now, y at the last
-    call."""
+    """Return the block that reads all samples at once for a part that integrates with the measurement: y now, y at the
+    last call."""
     now = column(sym("output", signal.name) for signal in observer.form.system.outputs)
     return Block("the samples", {Place("work", "y"): now, Place("work", "y_last"): sym("state", "y", clock.outputs)})
 
 
 def plain_sample(observer: Observer, clock: Clock, j: int) -> Block:
-    """The sample of output j and its innovation."""
+    """Return the block that reads the sample of output j and computes its innovation."""
     signal = observer.form.system.outputs[j]
     raw = sym("output", signal.name)
     error = raw - observer.dynamics.output(observer.z, clock.u_now)[j]
@@ -411,7 +416,7 @@ def plain_sample(observer: Observer, clock: Clock, j: int) -> Block:
 
 
 def silent(program: Sequence[Statement]) -> Program:
-    """The program without what it says in the status, and without statements that do nothing else."""
+    """Return the program without its writes to the status, and without statements that have no other effect."""
     return tuple(statement for each in program for statement in _silent(each))
 
 

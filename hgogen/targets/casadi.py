@@ -79,7 +79,7 @@ class Functions(Files):
     @property
     def held(self) -> tuple[str, ...]:
         """The members of it that the differential equations hold. Raises: `NoEquation`."""
-        return self._flow.held
+        return self._flow.constant
 
     def flags(self, status: Any) -> tuple[str, ...]:
         """The names of the bits that a status holds, a number or, of more than 32 bits, two."""
