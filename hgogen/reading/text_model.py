@@ -371,7 +371,7 @@ class Entry:
 
     @property
     def boxed(self) -> bool:
-        """Whether any range is declared."""
+        """Return whether any range is declared."""
         return bool(self.outer)
 
     @property

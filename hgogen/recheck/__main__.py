@@ -1,4 +1,4 @@
-"""`python -m recheck FILE`: verifies a certificate where nothing but this folder and mpmath is installed."""
+"""Command `python -m recheck FILE`, which verifies a certificate with this folder and mpmath only."""
 
 import argparse
 import json
@@ -11,10 +11,10 @@ from .verification import Rechecked, load, recheck
 
 
 def main(arguments: list[str] | None = None) -> int:
-    """Prints the claims, as text or JSON.
+    """Print the claims as text or JSON.
 
-    Returns 0 where every claim that is said to be proved or refuted is verified, 1 where one is not or there is none, 2
-    where the file is no certificate."""
+    Returns 0 if every claim that is said to be proved or refuted is verified, 1 if one is not or there is none, 2 if
+    the file is no certificate."""
     parser = argparse.ArgumentParser(prog="recheck", description="Verify a certificate of hgogen again.")
     parser.add_argument("file", metavar="FILE", help="a certificate that hgogen check wrote")
     parser.add_argument("--json", action="store_true", help="print the result as JSON")
@@ -41,7 +41,7 @@ def _text(result: Rechecked) -> str:
 
 
 def _run() -> int:
-    """`main`, of which a reader that stops early, as after `| head`, or a Ctrl-C makes no traceback."""
+    """Run `main` without a traceback for a closed pipe, as after `| head`, or for Ctrl-C."""
     try:
         status = main()
         sys.stdout.flush()

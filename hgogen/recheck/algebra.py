@@ -1,8 +1,8 @@
-"""Exact identities: quotients of polynomials with rational coefficients, whose letters are names and functions.
+"""Exact identities of quotients of polynomials with rational coefficients; the letters are names and function values.
 
-A quotient is zero if its numerator is, after t^q = g for t = g^(1/q), cos^2 = 1 - sin^2, cosh^2 = 1 + sinh^2. A sum in
-exp becomes a product. What is shown to be zero is zero wherever both sides are defined, and is not written over what is
-itself zero after these relations; what is not shown may still be.
+A quotient is zero if its numerator is zero after the relations t^q = g for t = g^(1/q), cos^2 = 1 - sin^2, cosh^2 = 1 +
+sinh^2. exp of a sum becomes a product. A quotient proved zero is zero wherever it is defined, and its denominator does
+not vanish by these relations. A quotient that is not proved zero may still be zero.
 """
 
 from collections.abc import Callable, Iterable, Mapping
@@ -22,7 +22,7 @@ Polynomial = Mapping[Monomial, Fraction]
 
 
 class TooLarge(Exception):  # the claim it belongs to is then not verified
-    """An identity beyond the size that is worth its time."""
+    """An identity beyond the size limits."""
 
 
 def _plus(a: Polynomial, b: Polynomial) -> Polynomial:
@@ -95,12 +95,12 @@ class Quotient:
         return self * inverse
 
     def __bool__(self) -> bool:
-        """False where it is written as 0."""
+        """Return False if the quotient is written as 0."""
         return bool(self.top)
 
     @property
     def number(self) -> Fraction | None:
-        """The value of the quotient where it is written as a number, else None."""
+        """The value of the quotient if it is written as a number, else None."""
         if self.bottom or any(self.top.keys() - {()}):
             return None
         return self.top.get((), Fraction(0))
@@ -121,7 +121,7 @@ def _merged(a: Factors, b: Factors, join: Any) -> Factors:
 
 
 def _missing(whole: Factors, part: Factors) -> Factors:
-    """Return the factors of the whole that the part does not have, each to the power that is missing."""
+    """Return the factors of the whole that the part lacks, each to the missing power."""
     present = [next((power for known, power in part if known == factor), 0) for factor, _ in whole]
     pairs = zip(whole, present, strict=True)
     return tuple((factor, power - present_power) for (factor, power), present_power in pairs if power > present_power)
@@ -132,7 +132,7 @@ def _expanded(factors: Factors) -> Polynomial:
 
 
 def _as_product(x: Quotient) -> tuple[Fraction, dict[int, int]] | None:
-    """Return a number times whole powers of letters, None where x is not shown to be such a product."""
+    """Return x as a number times integer powers of letters, None if it is not written so."""
     value, powers = Fraction(1), dict[int, int]()
     for factor, times in ((x.top, 1), *((factor, -power) for factor, power in x.bottom)):
         if len(factor) != 1:
@@ -146,7 +146,7 @@ def _as_product(x: Quotient) -> tuple[Fraction, dict[int, int]] | None:
 
 @dataclass(frozen=True)
 class _Kernel:
-    """A letter that stands for a function's value; `args` are quotients in letters before it."""
+    """A function value that is a letter; `args` are quotients in earlier letters."""
 
     name: str
     args: tuple[Quotient, ...]
@@ -154,10 +154,11 @@ class _Kernel:
 
 
 class Algebra:
-    """Letters as they are met: names first, then functions of what was met before.
+    """An algebra whose letters are names first, then functions in the order of their use, with arguments in earlier
+    letters.
 
-    `nonnegative`: names whose range has no number below zero, so that the root of a square is known; `names`: what each
-    name stands for, its letter, or of those that are `fixed` its number."""
+    `nonnegative`: names whose range is not negative, so that the root of a square is known; `names`: the value of each
+    name, its letter or, for a `fixed` one, its number."""
 
     def __init__(
         self, names: Iterable[str], nonnegative: Iterable[str] = (), fixed: Mapping[str, Fraction] | None = None
@@ -170,7 +171,7 @@ class Algebra:
         self.zero, self.one = self.number(Fraction(0)), self.number(Fraction(1))
 
     def read(self, text: Expression, values: Mapping[str, Quotient] | None = None) -> Quotient:
-        """Return the value of an expression, of these values of its names, by default what they stand for. Raises:
+        """Return the value of an expression for these values of its names, by default their letters. Raises:
         `Undefined`, `TooLarge`."""
         value: Quotient = evaluate(text, self.names if values is None else values, self.arithmetic)
         return value
@@ -178,7 +179,7 @@ class Algebra:
     def speed(
         self, text: Expression, speeds: Mapping[str, Quotient], values: Mapping[str, Quotient] | None = None
     ) -> Quotient:
-        """Return the derivative of an expression whose names move with these speeds. Raises: `Undefined`,
+        """Return the derivative of an expression along these derivatives of its names. Raises: `Undefined`,
         `TooLarge`."""
         speed: Quotient = along(text, self.names if values is None else values, speeds, self.arithmetic)[1]
         return speed
@@ -194,7 +195,7 @@ class Algebra:
         raise Undefined("Min and Max have no slope in closed form")
 
     def power(self, x: Quotient, exponent: int) -> Quotient:
-        """Return a whole power."""
+        """Return an integer power."""
         if exponent < 0:
             return self.one / self.power(x, -exponent)
         if len(x.top) > 1 and exponent > 64:
@@ -208,7 +209,7 @@ class Algebra:
         return result
 
     def root(self, x: Quotient, exponent: Fraction) -> Quotient:
-        """x^(p/q), as a letter t = x^(1/q) to the power p."""
+        """Return x^(p/q) as the power p of a letter t = x^(1/q)."""
         p, q = exponent.numerator, exponent.denominator
         if self.is_zero(x):  # as a letter t, 1/t would have a value
             return self.power(self.zero, p)
@@ -216,7 +217,7 @@ class Algebra:
         return self.power(known or self._kernel(_Kernel("root", (x,), q)), p)
 
     def _known_root(self, x: Quotient, q: int) -> Quotient | None:
-        """Return the q-th root of a positive number times whole q-th powers of letters that are not negative."""
+        """Return the q-th root of a positive number times integer q-th powers of nonnegative letters."""
         product = _as_product(x)
         if product is None:
             return None
@@ -235,7 +236,7 @@ class Algebra:
         return self._kernel(_Kernel("root", (self.number(value),), q))
 
     def _magnitude(self, x: Quotient) -> Quotient | None:
-        """|x| where x is a number times letters that are not negative."""
+        """Return |x| if x is a number times nonnegative letters."""
         product = _as_product(x)
         if product is None:
             return None
@@ -251,7 +252,7 @@ class Algebra:
         return kind.name in ("root", "exp", "Abs", "cosh")
 
     def function(self, name: str, args: tuple[Quotient, ...]) -> Quotient:
-        """Return a function's value, as a letter; tan and exp of a sum by others."""
+        """Return a function's value as a letter; tan, and exp of a sum, by other functions."""
         if name == "jump":
             raise Undefined("a side has no slope in closed form")
         name = "sign" if name == "side" else name
@@ -274,7 +275,7 @@ class Algebra:
         return self._kernel(_Kernel(name, args))
 
     def _exp(self, x: Quotient) -> Quotient:
-        """exp(sum of c m) = product of exp(|c| m / k)^(k) with whole k, over one for c < 0."""
+        """Return exp(sum of c m) as the product of exp(|c| m / k)^(k) with integer k, inverted for c < 0."""
         if x.bottom:
             mirrored = self._find(_Kernel("exp", (-x,)))
             return self._kernel(_Kernel("exp", (x,))) if mirrored is None else self.one / self._at(mirrored)
@@ -287,7 +288,7 @@ class Algebra:
         return result
 
     def _kernel(self, kernel: _Kernel) -> Quotient:
-        """Return the letter of a function's value, a new one where the function has none yet."""
+        """Return the letter of a function's value, a new one if the value has none yet."""
         if not all(map(self._has_value, kernel.args)):
             raise Undefined("division by zero")
         letter = self._find(kernel)
@@ -307,7 +308,7 @@ class Algebra:
         return None
 
     def value(self, x: Quotient, letters: Mapping[str, Any], arithmetic: Arithmetic) -> Any:
-        """Return what a quotient is in another arithmetic, where its names have these values. Raises: `Undefined`."""
+        """Return the value of a quotient in another arithmetic, for these values of its names. Raises: `Undefined`."""
 
         @cache
         def of(letter: int) -> Any:
@@ -333,16 +334,15 @@ class Algebra:
         return quotient(x)
 
     def is_zero(self, x: Quotient) -> bool:
-        """Return whether x is shown to be zero wherever it is defined, over a denominator that is not shown to be
-        zero."""
+        """Return whether x is proved zero wherever it is defined, and no factor of its denominator vanishes."""
         return self._vanishes(x.top) and self._has_value(x)
 
     def _has_value(self, x: Quotient) -> bool:
-        """False where a denominator is zero, over which every numerator would be."""
+        """Return whether no factor of the denominator vanishes; over 0 any numerator would count as zero."""
         return not any(self._vanishes(factor) for factor, _ in x.bottom)
 
     def _vanishes(self, top: Polynomial) -> bool:
-        """Return whether a numerator is shown to be zero by the relations of its letters."""
+        """Return whether a numerator is zero by the relations of its letters."""
         while top:
             relation = self._reducible(top)
             if relation is None:
@@ -351,7 +351,7 @@ class Algebra:
         return True
 
     def _reducible(self, top: Polynomial) -> tuple[int, int, Quotient] | None:
-        """Return the last letter t with a power of its relation t^q = g, with q and g."""
+        """Return the last letter t whose relation t^q = g applies, with q and g."""
         best: tuple[int, int, Quotient] | None = None
         for monomial in top:
             for letter, exponent in monomial:
@@ -375,7 +375,7 @@ class Algebra:
         return None
 
     def _reduced(self, top: Polynomial, letter: int, degree: int, value: Quotient) -> Polynomial:
-        """Return the numerator after t^q = g; the denominator that g brings in changes no zero."""
+        """Return the numerator after t^q = g; multiplying by the denominator of g changes no zero."""
         parts: dict[int, dict[Monomial, Fraction]] = {}
         for monomial, coefficient in top.items():
             powers = dict(monomial)

@@ -1,7 +1,7 @@
-"""One walk over a certificate's expressions for every arithmetic, derivatives in any of them, and exact fractions.
+"""Evaluation of a certificate's expressions in any arithmetic, with derivatives, and exact fractions.
 
-An arithmetic is a type with + - * / and the functions that `Arithmetic` lists. `dual` makes of it the arithmetic of
-values with slopes, which is forward differentiation.
+An arithmetic is a type with + - * / and the functions of `Arithmetic`. `dual` extends it to values with slopes, which
+is forward differentiation.
 """
 
 import math
@@ -19,20 +19,20 @@ Value = TypeVar("Value")
 
 
 class Undefined(Exception):  # not an error of the user: the walk over the boxes catches it
-    """A value is not a finite real number on this box, or no rule shows that it is."""
+    """The error that a value is not proved to be a finite real number on this box."""
 
 
 class Unproved(Exception):
-    """A statement that the arithmetic does not confirm; the text says which and where."""
+    """The error that the arithmetic does not confirm a statement; the text says which and where."""
 
 
 @dataclass(frozen=True)
 class Arithmetic:
-    """The operations of a kind of value besides + - * /.
+    """The operations of a kind of value other than + - * /.
 
-    `number`: of a Fraction; `power`: whole exponents; `root`: rational exponents; `function`: by name; `hull`: of two
-    values the first where another is above zero, the second where it is below, else what holds both (the slope of Min
-    and Max)."""
+    `number`: of a Fraction; `power`: integer exponents; `root`: rational exponents; `function`: by name; `hull`: of a
+    selector and two values, the first value if the selector is positive, the second if it is negative, else a value
+    that holds both (the slope of Min and Max)."""
 
     number: Callable[[Fraction], Any]
     power: Callable[[Any, int], Any]
@@ -42,8 +42,8 @@ class Arithmetic:
 
 
 def evaluate(expression: Expression, values: Mapping[str, Any], arithmetic: Arithmetic) -> Any:
-    """Return the value of an expression where its names have these values. Raises: `Undefined`, and what the arithmetic
-    raises."""
+    """Return the value of an expression for these values of its names. Raises: `Undefined`, and the arithmetic's
+    errors."""
     computed: list[Any] = []
     for op, places, value in expression.instructions:
         args = [computed[place] for place in places]
@@ -81,7 +81,7 @@ def determinant(rows: Sequence[Sequence[Any]]) -> Any:
 
 @dataclass(frozen=True)
 class Dual:
-    """A value with its slopes; a slope that is missing is zero."""
+    """A value with its slopes by index; a missing slope is zero."""
 
     value: Any
     slopes: Mapping[int, Any]
@@ -114,7 +114,7 @@ def _sum(a: Mapping[int, Any], b: Mapping[int, Any]) -> dict[int, Any]:
 
 
 def dual(base: Arithmetic) -> Arithmetic:
-    """Values with slopes in another arithmetic."""
+    """Return the arithmetic of values with slopes over another arithmetic."""
 
     def power(x: Dual, exponent: int) -> Dual:
         value = base.power(x.value, exponent)
@@ -147,7 +147,8 @@ def dual(base: Arithmetic) -> Arithmetic:
         return Dual(value, args[0].scaled(_slope(name, args[0].value, value, base)))
 
     def both(way: Dual, a: Dual, b: Dual) -> Dual:
-        """Return the choice: where the way passes 0 it jumps, and has any slope in what moves the way."""
+        """Return the hull of both values; where the selector passes 0 the value jumps, with any slope in the selector's
+        names."""
         jump = way.scaled(base.function("jump", (way.value,)))
         return Dual(base.hull(way.value, a.value, b.value), _sum(_either(way.value, a, b, base), jump))
 
@@ -155,7 +156,7 @@ def dual(base: Arithmetic) -> Arithmetic:
 
 
 def seeded(values: Mapping[str, Any], names: Iterable[str], arithmetic: Arithmetic) -> dict[str, Dual]:
-    """Return the values, with a slope of 1 at the place of each of the names that has one."""
+    """Return the values as duals; each of `names` has the slope 1 at its own index."""
     places, one = {name: k for k, name in enumerate(names)}, arithmetic.number(Fraction(1))
     return {name: Dual(value, {places[name]: one} if name in places else {}) for name, value in values.items()}
 
@@ -163,7 +164,7 @@ def seeded(values: Mapping[str, Any], names: Iterable[str], arithmetic: Arithmet
 def jacobian(
     rows: Iterable[Expression], values: Mapping[str, Any], names: Sequence[str], arithmetic: Arithmetic
 ) -> list[list[Any]]:
-    """Return the slopes (n, m) of n rows in m names, where their names have these values. Raises: as `evaluate`."""
+    """Return the slopes (n, m) of n rows in m names at these values. Raises: as `evaluate`."""
     moving, zero, base = seeded(values, names, arithmetic), arithmetic.number(Fraction(0)), dual(arithmetic)
     slopes = [evaluate(row, moving, base).slopes for row in rows]
     return [[row.get(k, zero) for k in range(len(names))] for row in slopes]
@@ -172,7 +173,7 @@ def jacobian(
 def along(
     row: Expression, values: Mapping[str, Any], speeds: Mapping[str, Any], arithmetic: Arithmetic
 ) -> tuple[Any, Any]:
-    """Return the value of a row, and how fast it moves where its names do with these speeds. Raises: as `evaluate`."""
+    """Return the value of a row and its derivative along these speeds of its names. Raises: as `evaluate`."""
     moving = {name: Dual(value, {0: speeds[name]} if name in speeds else {}) for name, value in values.items()}
     result = evaluate(row, moving, dual(arithmetic))
     return result.value, result.slopes.get(0, arithmetic.number(Fraction(0)))
@@ -184,13 +185,13 @@ def _extreme(name: str, a: Dual, b: Dual, base: Arithmetic) -> Dual:
 
 
 def _either(way: Any, a: Dual, b: Dual, base: Arithmetic) -> dict[int, Any]:
-    """Return the slopes of a where the way is above 0, those of b where it is below."""
+    """Return the slopes of a if the selector is positive, of b if it is negative, else their hulls."""
     zero = base.number(Fraction(0))
     return {k: base.hull(way, a.slopes.get(k, zero), b.slopes.get(k, zero)) for k in sorted({*a.slopes, *b.slopes})}
 
 
 def _slope(name: str, x: Any, value: Any, base: Arithmetic) -> Any:
-    """df/dx of a function of one argument, from x and f(x)."""
+    """Return df/dx of a function of one argument, from x and f(x)."""
     one = base.number(Fraction(1))
     if name in _OTHERS:
         factor, other = _OTHERS[name]
@@ -231,7 +232,7 @@ _LONGEST = 4096  # bits of an exact fraction; beyond it intervals answer
 
 
 class NotExact(Exception):
-    """A value that is no rational number, or too long a one."""
+    """The error that a value is no rational number, or too long a one."""
 
 
 def _exact_power(x: Fraction, exponent: int) -> Fraction:

@@ -1,13 +1,12 @@
-"""Bounds on a box, verified again: a walk over the certificate's bisection, each leaf by mpmath's intervals.
+"""Bounds on a box: each leaf of the certificate's bisection is verified by mpmath's intervals.
 
-A leaf is shown by the natural interval extension, on the faces towards which the expression is monotone, or by the
-mean value form f(x) in f(c) + sum_i [df/dx_i] (x_i - c_i). Where that is too weak the leaf is bisected further, up to a
+A leaf is verified by the natural interval extension, on the faces towards which the expression is monotone, or by the
+mean value form f(x) in f(c) + sum_i [df/dx_i] (x_i - c_i). If that is too weak the leaf is bisected further, up to a
 limit of boxes. The pieces of a bisection cover their box by construction.
 
-Bounds of a Jacobian's spectral norm on a box, verified again, and that an expression is smooth there.
-
-A Jacobian on a box is enclosed entry by entry, by forward derivatives in mpmath's intervals; where that is too weak, by
-the mean value form of each entry, with second derivatives.
+Bounds of a Jacobian's spectral norm on a box, and a check that an expression is smooth there, work likewise. A Jacobian
+is enclosed entry by entry, by forward derivatives in mpmath's intervals; if that is too weak, by the mean value form of
+each entry, with second derivatives.
 """
 
 import math
@@ -38,8 +37,8 @@ _duals = dual(intervals)
 
 @dataclass(frozen=True)
 class Try:
-    """The answer of one box: whether it `holds`, the slopes by which to choose where to cut, if there are any, and the
-    face on which it fails if anywhere."""
+    """The result on one box: whether the statement `holds`, the slopes for the choice of the side to cut, if known, and
+    the face on which the statement fails if anywhere."""
 
     holds: bool
     slopes: Slopes | None = None
@@ -47,8 +46,8 @@ class Try:
 
 
 def leaves(tree: str, box: Box) -> list[Box]:
-    """Return the boxes at the leaves of a bisection, written in prefix order: a name cuts its side, a dot is a leaf.
-    Raises: `Unproved` for a text that is no bisection of this box."""
+    """Return the leaf boxes of a bisection in prefix order: a name cuts its side, a dot is a leaf. Raises: `Unproved`
+    for a text that is no bisection of this box."""
     boxes: list[Box] = []
     pending = [box]
     for token in tree.split():
@@ -67,8 +66,8 @@ def leaves(tree: str, box: Box) -> list[Box]:
 
 
 def halves(box: Box, name: str) -> tuple[Box, Box]:
-    """Return the box cut in two: a side at its midpoint, an unbounded one at 0, or beyond 0 at twice its end and
-    one."""
+    """Return the two halves of a box: a side is cut at its midpoint, an unbounded one at 0, or beyond 0 at twice its
+    end plus 1 away from 0."""
     low, high = box[name]
     cut = _middle(low, high)
     return {**box, name: (low, cut)}, {**box, name: (cut, high)}
@@ -83,8 +82,8 @@ def _middle(low: End, high: End) -> Fraction:
 
 
 def covered(box: Box, tree: str, attempt: Callable[[Box], Try], more: int = MORE) -> int:
-    """Return how many boxes it took to show a statement on the whole box, at most `more` beyond the leaves of the
-    bisection. Raises: `Unproved` with the box that was not shown."""
+    """Return the number of boxes by which a statement is proved on the whole box, at most `more` beyond the leaves of
+    the bisection. Raises: `Unproved` with a box on which it is not proved."""
     pending = leaves(tree, box)
     limit = len(pending) + more
     tried = 0
@@ -105,12 +104,12 @@ def covered(box: Box, tree: str, attempt: Callable[[Box], Try], more: int = MORE
 
 
 def centre_of(box: Box) -> Box:
-    """Return the box's middle, as a box."""
+    """Return the centre of a box as a degenerate box."""
     return {name: (low, low) if low == high else (_middle(low, high),) * 2 for name, (low, high) in box.items()}
 
 
 def _widest(here: Box, whole: Box, slopes: Slopes | None) -> str | None:
-    """Return the side to cut: where the expression varies most, else the widest for its range."""
+    """Return the side to cut: along which the expression varies most, else the widest relative to its range."""
     sizes = {}
     for index, (name, (low, high)) in enumerate(here.items()):
         if low == high:
@@ -157,12 +156,12 @@ def _printed_end(end: End) -> str:
 
 
 def narrowed(box: Box, names: Iterable[str]) -> Box:
-    """Return the sides of a box that have these names, sorted."""
+    """Return the sides of a box with these names, sorted."""
     return {name: box[name] for name in sorted(names)}
 
 
 def cut(text: str) -> str:
-    """Return the beginning of a long text, for a sentence."""
+    """Return a text for a sentence, cut to 60 characters."""
     return text if len(text) <= 60 else f"{text[:57]}..."
 
 
@@ -172,12 +171,12 @@ def sides(box: Box) -> dict[str, Interval]:
 
 
 def points(at: Mapping[str, Fraction]) -> dict[str, Interval]:
-    """Numbers as intervals."""
+    """Return numbers as intervals."""
     return {name: point(value) for name, value in at.items()}
 
 
 def ranged(expression: Expression, low: End, high: End) -> Callable[[Box], Try]:
-    """Return the statement that the expression is real and low <= value <= high; an infinite bound says nothing."""
+    """Return the statement that the expression is real and low <= value <= high; a bound may be infinite."""
 
     def attempt(box: Box) -> Try:
         try:
@@ -206,17 +205,17 @@ def _meets(value: Interval, limit: End, sign: int) -> bool:
 
 
 def seeded_sides(box: Box) -> dict[str, Dual]:
-    """Return the box as intervals with slopes in those of its names that are no points, by their places."""
+    """Return the box as intervals with a slope, by index, for each side that is no point."""
     return seeded(sides(box), (name if low < high else "" for name, (low, high) in box.items()), intervals)
 
 
 def unbounded(box: Box) -> bool:
-    """Return whether a side of it has no end."""
+    """Return whether a side has an infinite end."""
     return any(math.inf in (abs(low), abs(high)) for low, high in box.values())
 
 
 def _bounded(expression: Expression, face: Box, slopes: Slopes, limit: End, sign: int) -> bool:
-    """Return whether value >= limit on the face where it is least (sign 1), or value <= limit where it is greatest
+    """Return whether value >= limit on the face of the minimum (sign 1), or value <= limit on that of the maximum
     (-1)."""
     if all(low == high for low, high in face.values()):
         return _at(expression, {name: Fraction(low) for name, (low, _) in face.items()}, limit, sign)
@@ -234,7 +233,7 @@ def _bounded(expression: Expression, face: Box, slopes: Slopes, limit: End, sign
 
 
 def face_on(box: Box, slopes: Slopes, sign: int) -> dict[str, tuple[End, End]]:
-    """Return the face where a monotone expression is least (sign 1) or greatest (sign -1)."""
+    """Return the face of the minimum (sign 1) or maximum (sign -1) in the monotone directions."""
     face = dict(box)
     for k, (name, (low, high)) in enumerate(box.items()):
         slope = slopes.get(k, point(Fraction(0)))
@@ -246,7 +245,7 @@ def face_on(box: Box, slopes: Slopes, sign: int) -> dict[str, tuple[End, End]]:
 
 
 def _centre(side: tuple[End, End], slope: Interval | None, sign: int) -> Fraction:
-    """Return where the mean value form is best for this bound (Baumann 1988); any point of the side is right."""
+    """Return the best centre of the mean value form for this bound (Baumann 1988); any point of the side is valid."""
     low, high = Fraction(side[0]), Fraction(side[1])
     if low == high or slope is None:
         return low
@@ -259,7 +258,7 @@ def _centre(side: tuple[End, End], slope: Interval | None, sign: int) -> Fractio
 
 
 def _at(expression: Expression, at: Mapping[str, Fraction], limit: End, sign: int) -> bool:
-    """Return whether the bound holds at one point, in exact fractions where the value is one."""
+    """Return whether the bound holds at one point, in exact fractions if the value is one."""
     value = _value_at(expression, at)
     if value is None or isinstance(value, Interval):
         return value is not None and _meets(value, limit, sign)
@@ -267,7 +266,7 @@ def _at(expression: Expression, at: Mapping[str, Fraction], limit: End, sign: in
 
 
 def _value_at(expression: Expression, at: Mapping[str, Fraction]) -> Fraction | Interval | None:
-    """Return the value at a point, exact where it is a fraction; None where there is none."""
+    """Return the value at a point, exact if it is a fraction; None if it is undefined."""
     value: Fraction | Interval
     try:
         try:
@@ -280,7 +279,7 @@ def _value_at(expression: Expression, at: Mapping[str, Fraction]) -> Fraction | 
 
 
 def witnessed(expression: Expression, at: Mapping[str, Fraction]) -> str:
-    """Return what the expression is at a point: "zero", "negative", "positive", or "" where it is not decided."""
+    """Return the sign of the expression at a point: "zero", "negative", "positive", or "" if undecided."""
     value = _value_at(expression, at)
     if isinstance(value, Fraction):
         return "zero" if not value else "positive" if value > 0 else "negative"
@@ -309,8 +308,8 @@ def regular(expressions: Sequence[Expression], names: Sequence[str]) -> Callable
 
 
 def differentiable(texts: Iterable[Expression], at: Mapping[str, Fraction]) -> None:
-    """Demand that no modulus, sign, minimum or maximum has its kink at a point, where the formula of a slope would say
-    nothing. Raises: `Unproved`."""
+    """Demand that no modulus, sign, minimum, maximum or table has a kink at a point, where the formula of a slope is
+    invalid. Raises: `Unproved`."""
     values = points(at)
     for text in texts:
         for op, args, _ in text.instructions:
@@ -326,8 +325,8 @@ def differentiable(texts: Iterable[Expression], at: Mapping[str, Fraction]) -> N
 
 
 def continuous(texts: Iterable[Expression], names: Iterable[str], box: Box) -> None:
-    """Demand that no table's derivative in a text jumps along the names within a box. A slope does not see a jump where
-    the certificate's bisection is cut, on whose leaves it is that from within. Raises: `Unproved`."""
+    """Demand that no table's derivative in a text jumps along the names within a box. Slopes on the leaves are
+    one-sided at a cut of the bisection, so they do not detect a jump there. Raises: `Unproved`."""
     along, ranges = frozenset(names), sides(box)
     for text in texts:
         varies: list[bool] = []
@@ -349,8 +348,8 @@ def steep(
     scale: Sequence[Expression] = (),
     norm: Norm | None = None,
 ) -> Callable[[Box], Try]:
-    """Return the statement |J| <= bound in a norm, by default the spectral one, J the Jacobian of `rows` in `names`; of
-    S J S^-1 for a diagonal S = `scale`."""
+    """Return the statement |J| <= bound in a norm, by default the spectral one, for the Jacobian J of `rows` in
+    `names`, or for S J S^-1 with a diagonal S = `scale`."""
     within = norm or spectral
 
     def entries(box: Box) -> list[list[Interval]]:
@@ -367,7 +366,7 @@ def by_mean_value(
     varying: Callable[[Box], list[list[Dual]]],
     holds: Callable[[list[list[Interval]]], bool],
 ) -> Callable[[Box], Try]:
-    """Return the statement that a matrix is such: by its entries, or by the mean value form of each, from its
+    """Return the statement that a matrix has a property, by its entries, or by the mean value form of each from its
     slopes."""
 
     def attempt(box: Box) -> Try:
@@ -391,8 +390,8 @@ def by_mean_value(
 def no_steeper(
     rows: Sequence[Expression], names: Sequence[str], most: Matrix, sizes: Sequence[Fraction], box: Box
 ) -> int:
-    """Demand that no slope of the rows in a name whose size is not 0 is steeper than `most`; with how many boxes.
-    Raises: `Unproved`."""
+    """Demand that the slopes of the rows, in the names whose size is not 0, are at most `most`; return the number of
+    boxes. Raises: `Unproved`."""
     wanted = [j for j, size in enumerate(sizes) if size]
     ends = {(i, j): (-bounds[j], bounds[j]) for i, bounds in enumerate(most) for j in wanted}
     where = narrowed(box, {name for row in rows for name in row.names})
@@ -422,9 +421,9 @@ def in_ranges(
 def on_faces(
     ends: Sequence[Side], values: Callable[[Box], list[Interval]], varying: Callable[[Box], list[Dual]]
 ) -> Callable[[Box], Try]:
-    """Return the statement that values are in ranges on a box: by themselves, or on the face towards which one is
-    monotone, by its value at the centre and its slopes or by itself. A side that may jump has any slope in what moves
-    it, so that it is the same at the centre, or on the face, wherever that shows anything."""
+    """Return the statement that values are in ranges on a box. It tries the values, then the mean value form and the
+    values on the face towards which a value is monotone. A generalised derivative that may jump has an unbounded slope,
+    so neither a face nor a mean value proves anything along its names."""
 
     def beyond(x: Interval, k: int) -> list[int]:
         low, high = ends[k]
@@ -454,14 +453,14 @@ def on_faces(
 def _scaled(
     rows: Sequence[Expression], names: Sequence[str], box: Box, scale: Sequence[Expression]
 ) -> list[list[Interval]]:
-    """S J S^-1 on a box; J where there is no scale."""
+    """Return S J S^-1 on a box, or J without a scale."""
     return _similar(tuple(rows), tuple(names), tuple(box.items()), tuple(scale), False)
 
 
 def _second(
     rows: Sequence[Expression], names: Sequence[str], box: Box, scale: Sequence[Expression]
 ) -> list[list[Dual]]:
-    """S J S^-1 with the slopes of its entries in all of the box's names, by their places. Raises: `Undefined`."""
+    """Return S J S^-1 with the slopes of its entries in all names of the box, by index. Raises: `Undefined`."""
     if unbounded(box):
         raise Undefined("an unbounded side")
     return _similar(tuple(rows), tuple(names), tuple(box.items()), tuple(scale), True)
@@ -471,7 +470,7 @@ def _second(
 def _similar(
     rows: Rows, names: tuple[str, ...], ends: tuple[tuple[str, Side], ...], scale: Rows, varying: bool
 ) -> list[list[Any]]:
-    """S J S^-1, whose diagonal is that of J, which S would make wider."""
+    """Return S J S^-1, with the diagonal of J, which S would only widen."""
     box, arithmetic = dict(ends), _duals if varying else intervals
     values: Mapping[str, Any] = seeded_sides(box) if varying else sides(box)
     J, S = jacobian(rows, values, names, arithmetic), [evaluate(factor, values, arithmetic) for factor in scale]
@@ -479,19 +478,19 @@ def _similar(
 
 
 def ways(centre: Box, box: Box) -> Slopes:
-    """Return the ways from the centre to all of the box, by the places of names."""
+    """Return the offsets of the box from its centre, by the index of names."""
     return {k: side - point(Fraction(centre[name][0])) for k, (name, side) in enumerate(sides(box).items())}
 
 
 def mean_value(centre: Interval, slopes: Slopes, away: Slopes) -> Interval:
-    """Return the value at a centre and slopes from it, `away` the ways from there."""
+    """Return the mean value form of the value at a centre, the slopes and the offsets `away`."""
     for k, slope in slopes.items():
         centre = centre + slope * away[k]
     return centre
 
 
 def weights(entries: Sequence[Dual]) -> Slopes:
-    """Return the sum of the sizes of the entries' slopes in each name."""
+    """Return the sum of the magnitudes of the entries' slopes in each name."""
     variation: dict[int, Interval] = {}
     for entry in entries:
         for k, slope in entry.slopes.items():
@@ -506,7 +505,8 @@ def frobenius(J: list[list[Interval]], bound: Fraction) -> bool:
 
 
 def spectral(J: list[list[Interval]], bound: Fraction) -> bool:
-    """|J| <= bound by Frobenius' norm, or bound^2 I - J'J > 0 by the pivots of its LDL' in intervals."""
+    """Return whether |J| <= bound by the Frobenius norm, or bound^2 I - J'J > 0 by the pivots of its LDL' in
+    intervals."""
     columns = list(zip(*J, strict=True))
     squares = [_squared(column) for column in columns]
     if _sum(squares).at_most(bound**2):
@@ -532,7 +532,7 @@ def positive(M: list[list[Interval]]) -> bool:
 
 
 def definite(M: list[list[Interval]]) -> int:
-    """1 where every symmetric matrix within M is positive definite, -1 where none is, else 0: by signs of pivots."""
+    """Return 1 if every symmetric matrix within M is positive definite, -1 if none is, else 0, by signs of pivots."""
     M = [list(row) for row in M]
     n = len(M)
     for k in range(n):

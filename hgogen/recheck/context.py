@@ -1,22 +1,19 @@
-"""The context of a rule: the exact algebra of a certificate, its form in chains, and what a rule is.
+"""The context of a rule: the exact algebra of a certificate, its form in chains, and the rules' data type.
 
-What a rule of a certificate works with: its exact algebra, and what has been shown of its form.
-
-Every rule first shows that the form is the plant:
+Every rule first verifies that the form is the plant:
 
     dX/dz (A z + b) = f(X(z), u),   h(X(z), u) = output,   Z(X(z)) = z,   X(Z(x)) = x
 
 as rational functions, X = from_form, Z = to_form, where every expression has a value on its whole box.
 
-A form in chains, for the claims about observers: its structure, its a_i, chains of integrators, and slopes.
+For claims about observers a form in chains has its structure, its a_i, chains of integrators, and slopes:
 
-z' = A(u) z + b(z, u),   y_i = a_1 z_1 + c of its chain:   A has a superdiagonal within each chain only
-w_i = a_1 .. a_i z_i:   w_i' = w_(i+1) + c_i(w, u),   c_i = a_1 .. a_i b_i,   y = w_1 + o(u)
+    z' = A(u) z + b(z, u),   y_i = a_1 z_1 + c of its chain:   A has a superdiagonal within each chain only
+    w_i = a_1 .. a_i z_i:   w_i' = w_(i+1) + c_i(w, u),   c_i = a_1 .. a_i b_i,   y = w_1 + o(u)
 
-A rule: how one question in one time model is verified against the certificate's own plant, form and observer.
-
-A rule takes what has to be shown from the plant and the form, never from the claim: the claim adds bounds, a bisection
-or a witness.
+A rule verifies one kind of claim in one time model against the certificate's own plant, form and observer. It derives
+the statement to prove from the plant and the form, never from the claim: the claim adds bounds, a bisection or a
+witness.
 """
 
 import math
@@ -51,7 +48,7 @@ from .text import Expression, Unreadable, expression, number
 
 @dataclass(frozen=True)
 class Finding:
-    """A rule's finding, as a sentence, and with how many boxes."""
+    """The finding of a rule as a sentence, with the number of boxes it took."""
 
     sentence: str
     boxes: int = 0
@@ -68,7 +65,7 @@ REFUSALS = (
 
 
 def reason_of(error: Exception) -> str:
-    """Return the words for why a verification ended."""
+    """Return the reason why a verification failed, in words."""
     match error:
         case Undefined():
             return f"an expression has no value: {error}"
@@ -83,7 +80,7 @@ def reason_of(error: Exception) -> str:
 
 
 class Context:
-    """A certificate with its exact algebra, and what has been shown of it."""
+    """A certificate with its exact algebra and the properties proved of its form."""
 
     def __init__(self, certificate: Certificate) -> None:
         self.file = certificate
@@ -94,14 +91,14 @@ class Context:
 
     @property
     def equations(self) -> Finding:
-        """The form is the plant, by exact algebra. Raises: `Unproved`."""
+        """The finding, by exact algebra, that the form is the plant. Raises: `Unproved`."""
         if self.fault:
             raise Unproved(self.fault)
         return Finding("the form's equations are the plant's")
 
     @cached_property
     def fault(self) -> str:
-        """Why the form is not shown to be the plant, or ""."""
+        """The reason why the form is not proved to be the plant, or ""."""
         try:
             self._finite()
             self._flow()
@@ -110,7 +107,7 @@ class Context:
         return ""
 
     def _finite(self) -> None:
-        """Every expression is a finite number on its whole box: an identity says nothing where a side has no value."""
+        """Demand that every expression is finite on its whole box: an identity is void where a side has no value."""
         form, plant = self.form, self.plant
         if len(self.z) != len(plant.states):
             raise Unproved("the form has not as many states as the plant")
@@ -126,7 +123,7 @@ class Context:
                     raise Unproved(f"{cut(text.text)} of {where} is not shown to be a finite number: {error}") from None
 
     def _flow(self) -> None:
-        """Shows dX/dz (A z + b) = f(X(z), u), h(X(z), u) = output, Z(X(z)) = z and X(Z(x)) = x."""
+        """Prove dX/dz (A z + b) = f(X(z), u), h(X(z), u) = output, Z(X(z)) = z and X(Z(x)) = x."""
         algebra, form, plant, z = self.algebra, self.form, self.plant, self.algebra.names
         for change in (*form.to_form, *form.from_form):
             only(change.names & set(self.file.inputs), (), "the change of coordinates")
@@ -155,16 +152,16 @@ class Context:
 
     @cached_property
     def rates(self) -> tuple[Expression, ...]:
-        """A z + b, row by row."""
+        """The rows of A z + b."""
         return self._rows(lambda entry: entry.text != "0")
 
     @cached_property
     def nonlinear(self) -> tuple[Expression, ...]:
-        """b, with the terms of A z whose factor reads a state, row by row."""
+        """The rows of b with the terms of A z whose factor reads a state."""
         return self._rows(lambda entry: not entry.names.isdisjoint(self.z))
 
     def _rows(self, selects: Callable[[Expression], bool]) -> tuple[Expression, ...]:
-        """b with those terms of A z whose entry of A `selects` takes, row by row."""
+        """Return the rows of b with the terms of A z whose entry of A `selects` accepts."""
         terms = (
             [f"({entry.text})*{name}" for entry, name in zip(row, self.z, strict=True) if selects(entry)]
             for row in self.form.A
@@ -177,12 +174,12 @@ class Context:
             raise Unproved(complaint)
 
     def same(self, text: Expression, wanted: Quotient, complaint: str) -> None:
-        """Demand that an expression of the file is what has to be shown."""
+        """Demand that an expression of the file equals the `wanted` quotient."""
         self._same(self.value(text), wanted, complaint)
 
     def first_gain(self, chain: int) -> Quotient:
-        """a_1 = dy/dz of an output, 0, 1, .., and the state z that it shows. That y(z) - y(0) = z dy/dz for every z
-        makes it the same for every z. Raises: `Unproved`."""
+        """Return a_1 = dy/dz of output `chain`, from 0, in the state z that it measures. It is the same for every z,
+        since y(z) - y(0) = z dy/dz is proved for every z. Raises: `Unproved`."""
         first, output = self.observed[chain], self.form.output[chain]
         slope, letters = self.slope(output, first), self.algebra.names
         nonlinear = self.value(output, {**letters, first: self.algebra.zero})
@@ -190,7 +187,7 @@ class Context:
         return slope
 
     def output_slope(self, output: int) -> Fraction:
-        """dy/dz of an output in the state z that it shows, a number other than 0. Raises: `Unproved`."""
+        """Return dy/dz of an output in the state z that it measures, a number other than 0. Raises: `Unproved`."""
         slope = self.first_gain(output).number
         if not slope:
             raise Unproved("the slope of an output is no number")
@@ -198,14 +195,14 @@ class Context:
 
     @property
     def heads(self) -> tuple[str, ...]:
-        """The first state of each chain, "" of one without states."""
+        """The first state of each chain, "" for a chain without states."""
         blocks = self.form.blocks
         return tuple(self.z[sum(blocks[:i])] if size else "" for i, size in enumerate(blocks))
 
     @cached_property
     def observed(self) -> tuple[str, ...]:
-        """The state that each output shows: the first of its chain, or that of another chain, by a slope that is a
-        number as that chain's own is; "" of one of which neither is shown."""
+        """The state that each output measures: the first of its own chain, or of another chain if the slopes of both
+        outputs are numbers; "" if neither is proved."""
         return tuple(of_chain or self._shared(j) for j, of_chain in enumerate(self.heads))
 
     def _shared(self, output: int) -> str:
@@ -216,18 +213,19 @@ class Context:
         return ""
 
     def demand_observed(self, output: int) -> None:
-        """Demand that it is known how an error of an output enters. Raises: `Unproved`."""
+        """Demand that an output measures the first state of a chain, so that the effect of its error is known. Raises:
+        `Unproved`."""
         if not self.observed[output]:
             raise Unproved(f"output {output + 1} is not shown to show the first state of a chain")
 
     def slope(self, text: Expression, name: str) -> Quotient:
-        """Return the partial derivative of an expression in a name, in closed form."""
+        """Return the partial derivative of an expression with respect to a name, in closed form."""
         return self.algebra.speed(text, {name: self.algebra.one})
 
     def at_kinks(self, slope: Expression, row: Expression) -> Expression:
-        """Return the slope of a row, its `sign` read as the slope of |e|, which at e = 0 is a set and not 0.
+        """Return the slope of a row with each `sign` read as the slope of |e|, which at e = 0 is a set and not 0.
 
-        A sign that the row itself has stays: x sign(u) has the slope sign(u), which is 0 at u = 0, at an edge too."""
+        A sign in the row itself stays: x sign(u) has the slope sign(u), which is 0 at u = 0, also at an edge."""
         jumps = [self.value(replace(row, result=args[0])) for op, args, _ in row.instructions if op == "sign"]
 
         def is_sign_of_row(place: int) -> bool:
@@ -242,21 +240,21 @@ class Context:
 
 
 def algebra_of(box: Box) -> Algebra:
-    """Return the algebra of a box's names; a name of one value is no letter."""
+    """Return the algebra of a box's names; a name with one value is a number."""
     free = [name for name, (low, high) in box.items() if low < high]
     fixed = {name: Fraction(low) for name, (low, high) in box.items() if low == high}
     return Algebra(free, [name for name in free if box[name][0] >= 0], fixed)
 
 
 def numbers(rows: Iterable[Sequence[Quotient]]) -> list[list[Fraction]] | None:
-    """Return the rows as numbers; None where an entry is written otherwise."""
+    """Return the rows as numbers; None if an entry is not written as a number."""
     values = [[entry.number for entry in row] for row in rows]
     known = [[value for value in row if value is not None] for row in values]
     return known if known == values else None
 
 
 def applied(algebra: Algebra, M: Iterable[Sequence[Fraction]], x: Sequence[Quotient]) -> list[Quotient]:
-    """M x of numbers M."""
+    """Return M x for a matrix M of numbers."""
     return [inner(algebra, [algebra.number(a) for a in row], x) for row in M]
 
 
@@ -270,7 +268,8 @@ def inner(algebra: Algebra, a: Sequence[Quotient], x: Sequence[Quotient]) -> Quo
 
 
 def inside(low: Any, high: Any, share: Fraction) -> Fraction:
-    """Return the point at a share of a range; of an unbounded one as far from its end, or from 0."""
+    """Return the point at a share of a range; in an unbounded range, at the distance `share` from its finite end or
+    from 0."""
     if low > -math.inf:
         return Fraction(low) + (share if high == math.inf else share * (Fraction(high) - Fraction(low)))
     return (Fraction(0) if high == math.inf else Fraction(high)) - share
@@ -281,19 +280,19 @@ RANGE = ("expression", "box", "low", "high", "tree")  # what the evidence of an 
 
 
 def only(names: Iterable[str], allowed: Iterable[str], complaint: str) -> None:
-    """Demand that only allowed names are read. Raises: `Unproved`."""
+    """Demand that all names are allowed. Raises: `Unproved`."""
     strange = sorted(set(names) - set(allowed))
     if strange:
         raise Unproved(f"{complaint} reads {', '.join(strange)}")
 
 
 def finite(text: Expression, box: Box) -> int:
-    """Demand that an expression is a finite number on its whole box; with how many boxes. Raises: `Unproved`."""
+    """Demand that an expression is finite on its whole box; return the number of boxes. Raises: `Unproved`."""
     return covered(narrowed(box, text.names), ".", ranged(text, -math.inf, math.inf))
 
 
 def declared_box(evidence: Mapping[str, Any], box: Box, names: Iterable[str]) -> Box:
-    """Return the model's box of these names. The claim's own must be the same. Raises: `Unproved`."""
+    """Return the model's box of these names, which must equal the claim's. Raises: `Unproved`."""
     wanted = narrowed(box, names)
     pairs = part(evidence, "box", dict)
     if not all(isinstance(pair, list) and len(pair) == 2 for pair in pairs.values()):
@@ -304,7 +303,7 @@ def declared_box(evidence: Mapping[str, Any], box: Box, names: Iterable[str]) ->
 
 
 def claimed(context: Context, evidence: Mapping[str, Any], wanted: Quotient) -> Expression:
-    """Return the evidence's expression, which is what has to be shown. Raises: `Unproved`."""
+    """Return the evidence's expression, which must equal the `wanted` quotient. Raises: `Unproved`."""
     text = expression(part(evidence, "expression", str), context.form.box)
     context.same(text, wanted, f"its expression {text.text} is not what the form has")
     return text
@@ -317,8 +316,8 @@ def enclosed(
     source: Expression,
     read: Callable[[Expression], Expression] = lambda text: text,
 ) -> tuple[Fraction, Fraction, Finding]:
-    """Return an enclosure low <= e <= high of what has to be shown, on the model's box; `read`: how its text is.
-    Raises: `Unproved`."""
+    """Return an enclosure low <= e <= high of the `wanted` quotient e on the model's box; `read` transforms its
+    expression before the evaluation. Raises: `Unproved`."""
     text = claimed(context, fields(evidence, "a range", RANGE), wanted)
     low, high = scalar(evidence, "low"), scalar(evidence, "high")
     box = declared_box(evidence, context.form.box, text.names)
@@ -329,8 +328,7 @@ def enclosed(
 
 
 def printed(value: Fraction, way: int = 0, digits: int = 6) -> str:
-    """Return a number as a sentence prints it: rounded to so many digits where it is long, up for `way` 1, down for
-    -1."""
+    """Return a number for a sentence: a long one is rounded to so many digits, up for `way` 1, down for -1."""
     text = str(value)
     if len(text) <= 12:
         return text
@@ -340,8 +338,8 @@ def printed(value: Fraction, way: int = 0, digits: int = 6) -> str:
 
 
 def is_above(value: Fraction, bound: Fraction) -> str:
-    """Return the words that a number is above a smaller one, in as many digits as it takes to tell them apart. Raises:
-    `Unproved` where so many would be too many to read."""
+    """Return the words that `value` is above `bound`, with enough digits to distinguish them. Raises: `Unproved` if
+    that takes too many digits."""
     for digits in range(6, _MOST):
         high, low = printed(value, -1, digits), printed(bound, 1, digits)
         if Fraction(high) > Fraction(low):
@@ -350,7 +348,7 @@ def is_above(value: Fraction, bound: Fraction) -> str:
 
 
 def on(box: Box) -> str:
-    """Return the sides of a box that are no points, for a sentence."""
+    """Return the sides of a box that are no points as text for a sentence."""
     named = [f"{name} in [{low}, {high}]" for name, (low, high) in box.items() if low < high]
     return f" on {', '.join(named)}" if named else ""
 
@@ -377,12 +375,12 @@ ON_CHAINS = (*CHAINS, *CARRIED)
 
 
 def structure(context: Context, claim: Claim) -> Finding:
-    """Demand that A has a superdiagonal within each chain only, which reads no state (but z_1 where there is one
-    chain), that b reads what the alignment lets it, and that y_i = a_1 z_1 + c of its chain, where a_1 and c read no
-    state.
+    """Demand the structure of chains: A has a superdiagonal within each chain only, which reads no state (but z_1 if
+    there is one chain), b reads the states that the alignment permits, and y_i = a_1 z_1 + c of its chain, where a_1
+    and c read no state.
 
-    Of an output whose chain has no states nothing is asked: an observer takes it for a measurement of the first state
-    of a chain where it is a constant multiple of that one's output, and a gain acts on no other."""
+    An output whose chain has no states is unconstrained: an observer uses it as a measurement of the first state of
+    another chain if it is a constant multiple of that chain's output, else no gain acts on it."""
     form, z = context.form, context.z
     several = form.kind == "block_triangular"
     if len(form.blocks) != len(form.output) or not (several or len(form.blocks) == 1):
@@ -418,7 +416,7 @@ def structure(context: Context, claim: Claim) -> Finding:
 
 
 def _readable(form: FormFile, reader: tuple[int, int], read: tuple[int, int]) -> bool:
-    """Return whether the row at (chain, level) may read the state at (chain, level)."""
+    """Return whether the row at `reader` may read the state at `read`, both (chain, level)."""
     (i, level), (k, at) = reader, read
     if i == k:
         return at <= level
@@ -430,7 +428,7 @@ def _readable(form: FormFile, reader: tuple[int, int], read: tuple[int, int]) ->
 
 
 def _in_order(context: Context, places: Sequence[tuple[int, int]]) -> None:
-    """Demand of a cascade that the chains have an order in which each reads only those before."""
+    """Demand that the chains of a cascade have an order in which each reads only earlier chains."""
     form = context.form
     if form.alignment != "cascade":
         return
@@ -447,8 +445,8 @@ def _in_order(context: Context, places: Sequence[tuple[int, int]]) -> None:
 
 
 def ranges_kept(context: Context, every: bool = False) -> int:
-    """Demand that the form's states stay in their ranges while the plant's do, and return the number of boxes. Where a
-    state is none of the plant's, this may be a claim of its own, unless `every` one is asked for."""
+    """Demand that the form's states stay in their ranges while the plant's do, and return the number of boxes. A state
+    that is none of the plant's may be left to a claim `recast.range`, unless `every` state is requested."""
     boxes = 0
     range_claimed = not every and context.file.claim("recast.range") is not None
     for name, row in zip(context.z, context.form.to_form, strict=True):
@@ -462,7 +460,7 @@ Value = TypeVar("Value")
 
 
 def wanted_gain(context: Context, place: tuple[int, ...]) -> tuple[Quotient, Expression]:
-    """a_i of the one chain, or a_(k,i) of chain k, and the expression that it stands in. Raises: `Unproved`."""
+    """Return a_i of the only chain, or a_(k,i) of chain k, and the expression that contains it. Raises: `Unproved`."""
     _ = context.equations
     chain, index = place if len(place) == 2 else (1, *place)
     at = place_of(context, chain, index)
@@ -481,7 +479,7 @@ def place_of(context: Context, chain: int, index: int) -> int:
 
 
 def built(context: Context, claim: Claim) -> Observer:
-    """Return the file's observer with its numbers, which the claim's id names. Raises: `Unproved`."""
+    """Return the file's observer with its numbers, which must be the one of the claim's id. Raises: `Unproved`."""
     observer, name = context.file.observer, claim.maker
     if observer is None or observer.name != name or not observer.numbers:
         raise Unproved(f"the file has no {name} observer with its numbers")
@@ -490,8 +488,8 @@ def built(context: Context, claim: Claim) -> Observer:
 
 @dataclass(frozen=True)
 class Scale:
-    """Coordinates S w of integrators, S = diag(`units`): `expressions` of parameters, from z to them; with how many
-    boxes they were shown to be finite and not zero."""
+    """Coordinates S w of integrators, S = diag(`units`); `expressions` in parameters scale z to them, proved finite and
+    nonzero with `boxes` boxes."""
 
     units: list[Fraction]
     expressions: list[Expression]
@@ -499,7 +497,7 @@ class Scale:
 
 
 def integrators(context: Context, evidence: Mapping[str, Any]) -> Scale:
-    """Return the one chain in coordinates S w: the claim's `scale` is units_i a_1 .. a_i, constant in time. Raises:
+    """Return the only chain in coordinates S w: the claim's `scale` is units_i a_1 .. a_i, constant in time. Raises:
     `Unproved`."""
     _ = context.equations
     n, algebra, product = len(context.z), context.algebra, context.algebra.one
@@ -515,7 +513,7 @@ def integrators(context: Context, evidence: Mapping[str, Any]) -> Scale:
 
 
 def constants(context: Context, texts: Sequence[Any]) -> list[Expression]:
-    """Return the texts as expressions, which read parameters alone. Raises: `Unproved`."""
+    """Return the texts as expressions, which read parameters only. Raises: `Unproved`."""
     expressions = [expression(text, context.form.box) for text in texts]
     for text in expressions:
         only(text.names, context.file.parameters, f"the constant {text.text}")
@@ -523,14 +521,14 @@ def constants(context: Context, texts: Sequence[Any]) -> list[Expression]:
 
 
 def invertible(context: Context, scale: Sequence[Expression]) -> int:
-    """Demand that each is finite and not zero on its box; with how many boxes. Raises: `Unproved`."""
+    """Demand that each is finite and not zero on its box; return the number of boxes. Raises: `Unproved`."""
     box = context.form.box
     return sum(finite(expression(f"1/({s.text})", box), box) for s in scale)
 
 
 def steady(context: Context, gains: Sequence[Expression]) -> int:
-    """Demand that A reads no state, and that the gains of an observer read parameters alone and are finite whatever
-    these are; with how many boxes. Raises: `Unproved`."""
+    """Demand that A reads no state, and that an observer's gains read parameters only and are finite for all of them;
+    return the number of boxes. Raises: `Unproved`."""
     for entry in (entry for row in context.form.A for entry in row):
         only(entry.names & set(context.z), (), "A")
     return sum(finite(k, context.form.box) for k in constants(context, [k.text for k in gains]))
@@ -546,7 +544,7 @@ def gain_of(blocks: Sequence[int], entries: Sequence[Value], none: Value) -> lis
 
 
 def core_of(context: Context, scale: Sequence[Expression], gains: Sequence[Expression], N: Matrix) -> Matrix:
-    """N, with S (A - K C) = N S whatever the parameters. Raises: `Unproved`."""
+    """Return N, with S (A - K C) = N S for all parameters. Raises: `Unproved`."""
     algebra, form = context.algebra, context.form
     S, entries = ([context.value(text) for text in texts] for texts in (scale, gains))
     column, K = {z: k for k, z in enumerate(context.heads)}, gain_of(form.blocks, entries, algebra.zero)
@@ -563,14 +561,15 @@ def core_of(context: Context, scale: Sequence[Expression], gains: Sequence[Expre
 def slope(
     context: Context, evidence: Mapping[str, Any], scale: Sequence[Expression], norm: Norm = spectral
 ) -> tuple[Fraction, int]:
-    """Return the claim's bound of |S db/dz S^-1| on the box, S the diagonal `scale`, and with how many boxes it is
-    shown. Raises: `Unproved`."""
+    """Return the claim's bound of |S db/dz S^-1| on the box, S the diagonal `scale`, and the number of boxes. Raises:
+    `Unproved`."""
     bound, _, boxes = _steepness(context, evidence, context.form.b, scale, norm)
     return bound, boxes
 
 
 def jacobian_bound(context: Context, claim: Claim, rows: Sequence[Expression], name: str) -> Finding:
-    """|d rows/dz| <= the claim's bound in the spectral norm, on the form's box. Raises: `Unproved`."""
+    """Demand that |d rows/dz| is at most the claim's bound in the spectral norm, on the form's box. Raises:
+    `Unproved`."""
     _ = context.equations
     bound, box, boxes = _steepness(context, claim.evidence, rows)
     return Finding(f"|{name}| <= {printed(bound, 1)}{on(box)}", boxes)
@@ -598,12 +597,13 @@ STRUCTURE = "{kind}.structure"  # the claim that a form is in chains
 
 @dataclass(frozen=True)
 class Rule:
-    """The claims that it verifies, and how.
+    """A rule: the claims that it verifies, and the function that does.
 
-    `makers`: what a claim's id is before its dot, none for the form's kind; `facts`: what it is after that, without the
-    numbers at its end, of which a kind of form has as many as `rows` says, none where that says nothing; `kinds`: the
-    forms on which it holds, none for any; `keys`: what the evidence may have; `assumes`: the ids of the claims that it
-    rests on; `about`: what it is about, for its sentence. In these two {maker} and {kind}, the form's, are put in."""
+    `makers`: the part of a claim's id before the dot, none for the form's kind; `facts`: the part after it, without its
+    row numbers; `rows`: the number of row numbers by the kind of form, none for other kinds; `kinds`: the kinds of form
+    on which the rule holds, none for any; `keys`: the permitted parts of the evidence; `assumes`: the ids of the claims
+    that it assumes; `about`: the subject of its sentence. {maker} and the form's {kind} are filled into the last
+    two."""
 
     makers: Keys
     facts: Keys
@@ -623,16 +623,16 @@ class Rule:
         return known and claim.verdict == self.verdict and (not self.kinds or kind in self.kinds)
 
     def needs(self, kind: str, claim: Claim) -> Keys:
-        """Return the ids of the claims that a claim on a form of that kind rests on. Of a form that is carried to other
-        coordinates the structure is no claim, but shown with each that rests on it."""
+        """Return the ids of the claims that a claim on a form of that kind assumes. On a form carried to other
+        coordinates the structure is no claim: it is verified with each claim that assumes it."""
         return tuple(self.named(id, kind, claim) for id in self.assumes if id != STRUCTURE or kind not in CARRIED)
 
     def named(self, text: str, kind: str, claim: Claim) -> str:
-        """Return a text of it with the claim's maker and the form's kind put in."""
+        """Return a text of the rule with the claim's maker and the form's kind filled in."""
         return text.format(maker=claim.maker, kind=kind)
 
     def find(self, context: Context, claim: Claim) -> Finding:
-        """Return the finding on a claim that it takes. Raises: `Unproved`."""
+        """Return the finding on a claim that the rule accepts. Raises: `Unproved`."""
         if STRUCTURE in self.assumes and context.form.kind in CARRIED:
             observer = context.file.observer
             if observer is None or observer.name != claim.maker:
@@ -643,15 +643,15 @@ class Rule:
 
 @dataclass(frozen=True)
 class Needed:
-    """The claims that a certificate of a form cannot leave out, whatever the verdicts: the claim of its `structure`,
-    and those `others` it where that is proved."""
+    """The claims that a certificate of a form requires, whatever their verdicts: the claim of its `structure`, and the
+    `others` if that is proved."""
 
     structure: str
     others: Callable[[FormFile], tuple[str, ...]] = lambda form: ()
 
 
 def of_observer(makers: Keys, facts: Keys, verify: Verify, keys: Keys = (), *assumes: str, kinds: Keys = ()) -> Rule:
-    """Return the rule of claims about observers' numbers alone, on a form of any kind, or of these."""
+    """Return the rule of claims about observers' numbers only, on forms of any kind or of these kinds."""
     return Rule(makers, facts, verify, keys, kinds, assumes=assumes, about="the {maker} observer")
 
 

@@ -1,6 +1,6 @@
-"""What a certificate file holds, read at the door: every part has its type, every name its range.
+"""The content of a certificate file, with its types checked: every part has its type, every name its range.
 
-The file says nothing twice that could disagree: a claim's expressions are compared with the form's by the rules.
+No part of the file is redundant without a check: the rules compare a claim's expressions with the form's.
 """
 
 import json
@@ -57,8 +57,8 @@ class Equations:
 
 @dataclass(frozen=True)
 class FormFile:
-    """The form: z = to_form(x), x = from_form(z), z' = A z + b, y = output; the sizes of its chains, in order, and how
-    they may read each other."""
+    """A form: z = to_form(x), x = from_form(z), z' = A z + b, y = output; `blocks` are the sizes of its chains in
+    order, `alignment` says how they may read each other."""
 
     kind: str
     states: tuple[str, ...]
@@ -74,8 +74,8 @@ class FormFile:
 
 @dataclass(frozen=True)
 class Built:
-    """The parts of an observer: the names of `numbers`, or lists of them, and of `expressions`, the entries of a
-    gain: one for each state, or one for each state and chain; and of numbers that stand `optional` in some files."""
+    """The names of an observer's parts: `numbers`, single or in lists; `expressions`, the entries of a gain, one for
+    each state, or one for each state and chain; `optional` numbers."""
 
     numbers: tuple[str, ...]
     expressions: tuple[str, ...] = ()
@@ -84,8 +84,8 @@ class Built:
 
 @dataclass(frozen=True)
 class Observer:
-    """An observer; where something is proved of it, the `numbers` that it is built with, and the `entries` of its gains
-    by their names, where they may hold parameters."""
+    """An observer; if a claim is about it, with its `numbers` and with the `entries` of its gains by name, which may
+    hold parameters."""
 
     name: str
     numbers: Mapping[str, Any]
@@ -99,9 +99,9 @@ class Observer:
 
 @dataclass(frozen=True)
 class Claim:
-    """A claim: its verdict, and what shows it, as the file says.
+    """A claim with its verdict and evidence as in the file.
 
-    Its `id` is `maker`.`what`, and `what` the `fact` with the numbers `at`, of rows."""
+    Its `id` is `maker`.`what`; `what` is the `fact` followed by the row numbers `at`."""
 
     id: str
     verdict: str
@@ -114,10 +114,10 @@ class Claim:
 
 @dataclass(frozen=True)
 class Certificate:
-    """A certificate as it is read.
+    """A certificate as read from a file.
 
-    `model` is the digest of what it is about, and `named` tells whether the file states the same one; `untouched` tells
-    whether the file's digest is that of its content."""
+    `model` is the digest of the model; `named` says whether the file states the same digest, `untouched` whether the
+    file's digest is that of its content."""
 
     name: str
     plant: Equations
@@ -131,22 +131,23 @@ class Certificate:
     untouched: bool
 
     def claim(self, id: str) -> Claim | None:
-        """Return the claim of that id, None where there is none."""
+        """Return the claim with that id, None if there is none."""
         return next((claim for claim in self.claims if claim.id == id), None)
 
 
 def words(text: str) -> str:
-    """Words of the file, quoted so that they cannot be taken for the verifier's, nor move a terminal's cursor."""
+    """Return words of the file in quotes, so that they are not mistaken for the verifier's, nor control a terminal."""
     return json.dumps(text if len(text) <= LONGEST else f"{text[: LONGEST - 3]}...")
 
 
 def digest(content: Mapping[str, Any]) -> str:
-    """SHA-256 of the content without its digest. It finds accidents; who forges a file makes it anew."""
+    """Return the SHA-256 of the content without its digest. It detects accidental changes; a forger can recompute
+    it."""
     return _hashed({key: value for key, value in content.items() if key != "digest"})
 
 
 def model_digest(content: Mapping[str, Any]) -> str:
-    """SHA-256 of what is proved about: plant, form and observer, with their equations, ranges and numbers."""
+    """Return the SHA-256 of the model: plant, form and observer, with their equations, ranges and numbers."""
     return _hashed({key: content.get(key) for key in ABOUT})
 
 
@@ -155,8 +156,8 @@ def _hashed(value: Mapping[str, Any]) -> str:
 
 
 def read(text: str, observers: Mapping[str, Built]) -> Certificate:
-    """Return the certificate in a text, of observers that are built as told. Raises: `NoCertificate` for what is no
-    JSON, or misses a part; `Unreadable` for an expression or number."""
+    """Return the certificate in a text; `observers` lists the parts of each observer. Raises: `NoCertificate` for a
+    text that is no JSON or lacks a part; `Unreadable` for an expression or number."""
     if len(text) > LARGEST:
         raise NoCertificate(f"it has more than {LARGEST} characters")
     try:
@@ -174,7 +175,7 @@ def read(text: str, observers: Mapping[str, Built]) -> Certificate:
 
 
 def _shallow(content: Any) -> None:
-    """Raises: `NoCertificate` where lists and objects are too deep for what reads them."""
+    """Raise `NoCertificate` if lists and objects are nested too deep for the reader."""
     pending = [(content, 0)]
     while pending:
         value, depth = pending.pop()
@@ -185,7 +186,7 @@ def _shallow(content: Any) -> None:
 
 
 def _once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
-    """Return a JSON object of the pairs. Raises: `ValueError` where a key stands twice."""
+    """Return a JSON object of the pairs. Raises: `ValueError` for a duplicate key."""
     content = dict(pairs)
     if len(content) < len(pairs):
         raise ValueError("a key stands twice")
@@ -236,7 +237,7 @@ def _read(content: Mapping[str, Any], observers: Mapping[str, Built]) -> Certifi
 
 
 def part(holder: Mapping[str, Any], key: str, kind: type) -> Any:
-    """Return one part of a JSON object. Raises: `NoCertificate` where it is missing or of another type."""
+    """Return one part of a JSON object. Raises: `NoCertificate` if it is missing or of another type."""
     value = holder.get(key)
     if not isinstance(value, kind):
         raise NoCertificate(f"its part {key!r} is missing or no {kind.__name__}")
@@ -244,7 +245,7 @@ def part(holder: Mapping[str, Any], key: str, kind: type) -> Any:
 
 
 def _known(what: str, holder: Mapping[str, Any], known: Iterable[str] | None = None) -> None:
-    """Demand no unknown part, which could say anything. Raises: `NoCertificate`."""
+    """Demand that there is no unknown part. Raises: `NoCertificate`."""
     strange = sorted(holder.keys() - set(_KEYS[what] if known is None else known))
     if strange:
         raise NoCertificate(f"{what} has a part {words(strange[0])}, which is unknown here")
@@ -304,7 +305,7 @@ def _rows(holder: Mapping[str, Any], key: str, names: Mapping[str, Any], count: 
 
 
 def signals(holder: Mapping[str, Any], key: str) -> dict[str, tuple[End, End]]:
-    """Names with closed ranges, both ends null for an unbounded one; a parameter's fixed value is both ends."""
+    """Return names with closed ranges; both ends are null if unbounded, and equal for a fixed parameter."""
     ranges: dict[str, tuple[End, End]] = {}
     for entry in part(holder, key, list):
         if not isinstance(entry, dict):
@@ -361,7 +362,7 @@ def entries(holder: Mapping[str, Any], key: str, count: int) -> list[Any]:
 
 
 def fields(one: Any, what: str, keys: Sequence[str]) -> Mapping[str, Any]:
-    """Return a JSON object that has these parts and no others; `what` it is, in words. Raises: `Unproved`."""
+    """Return a JSON object that has exactly these parts; `what` describes it in a message. Raises: `Unproved`."""
     if not isinstance(one, dict) or set(one) != set(keys):
         *first, last = keys
         raise Unproved(f"{what} is no object of {', '.join(first)} and {last}")
@@ -369,7 +370,7 @@ def fields(one: Any, what: str, keys: Sequence[str]) -> Mapping[str, Any]:
 
 
 def column(holder: Mapping[str, Any], key: str, count: int) -> list[Fraction]:
-    """`count` numbers. Raises: `Unproved`."""
+    """Return the list of `count` numbers under a key. Raises: `Unproved`."""
     return [_number_of(value, key) for value in entries(holder, key, count)]
 
 

@@ -1,17 +1,18 @@
-"""What the error of an observer obeys, rebuilt from the plant and the observer's numbers.
+"""The differential inclusion of an observer's error, rebuilt from the plant and the observer's numbers.
 
     e' = theta (N e + B v) + sum over slopes of theta^-degree d onto (reads'e + takes'v)
 
-d in [low, high], each by itself; e holds the errors of fields over their units and theta^power, v those of the samples
-over theta^late, `late` the powers of the first states of the outputs' chains. A slope of b_i in z_j, in these
-coordinates, has 0 in its range, as a clamp lets a share of the error pass, and the degree power(i) - power(j); an a_i
-that moves, and a saturation in the core, have the degree -1. The cores are those of `CORES` and of a constant gain.
+Each d is in [low, high], independently; e holds the errors of fields over their units and theta^power, v those of the
+samples over theta^late, `late` the powers of the first states of the outputs' chains. A slope of b_i in z_j, in these
+coordinates, has 0 in its range, because a clamp passes only a share of the error, and the degree power(i) - power(j);
+an a_i that varies, and a saturation in the core, have the degree -1. The cores are those of `CORES` and of a constant
+gain.
 
-An observer may put the output error into the argument of b, z + N_theta (y - C z). There b reads of z_j the error e_j -
-sum_k N_jk (a_(k,1) e_k - v_k), e_k that of the first state of chain k, v_k that of its sample; N_theta has N_jk times
-theta^(p(j) - p(k)), p the powers that scale states, so that the coordinates S z over theta^p are free of theta: e_j -
-sum_k (S_j/S_k) N_jk a_(k,1) e_k + S_j N_jk v_k theta^-p(k). The equations of the observers stand in the docstring of
-`rules/continuous_time.py`.
+An observer may inject the output error into the argument of b, z + N_theta (y - C z). Then b reads for z_j the error
+e_j - sum_k N_jk (a_(k,1) e_k - v_k), e_k that of the first state of chain k, v_k that of its sample; N_theta has N_jk
+times theta^(p(j) - p(k)), p the powers that scale states, so that the coordinates S z over theta^p are free of theta:
+e_j - sum_k (S_j/S_k) N_jk a_(k,1) e_k + S_j N_jk v_k theta^-p(k). The docstring of `rules/continuous_time.py` lists the
+equations of the observers.
 """
 
 import math
@@ -46,9 +47,10 @@ _SATURATED = 8  # states up to which the saturations are tried in all their comb
 
 @dataclass(frozen=True)
 class Core:
-    """The core N at its `vertices`: with saturations that pass nothing first, and all last. Field k is scaled by the
-    unit of its `index` i(k), from 0, and by theta^-`power`; `fed` says whether c_i(k) enters, `picks` which field
-    stands for w_i in the argument of c, `measured` by what an error of the sample enters, over theta."""
+    """The core N at its `vertices`, the combinations of saturations: the first passes nothing, the last everything.
+    Field k is scaled by the unit of its `index` i(k), from 0, and by theta^-`power`; `fed` says whether c_i(k) acts on
+    it, `picks` which field estimates w_i in the argument of c, `measured` the gain of the sample's error, over
+    theta."""
 
     vertices: list[Matrix]
     index: list[int]
@@ -59,8 +61,8 @@ class Core:
 
     @property
     def gates(self) -> list[tuple[int, list[Fraction]]]:
-        """Return what each saturation takes away: the field whose error it passes, and the column by which that enters
-        the core beside the last vertex, where all is passed."""
+        """The effect of each saturation: the field whose error it passes, and the column by which a blocked error
+        changes the core of the last vertex, where everything passes."""
         columns = []
         for k in reversed(range(len(self.vertices).bit_length() - 1)):
             removed = self.vertices[-1 - 2**k] - self.vertices[-1]
@@ -99,7 +101,7 @@ def _low_power(numbers: Numbers, n: int) -> Core:
 
 
 def _peaking_free(numbers: Numbers, n: int) -> Core:
-    """Return the core in which p_n follows p_1, .., p_(n-1), at every combination of saturated and free states."""
+    """Return the core with p_n after p_1, .., p_(n-1), at every combination of saturated and free states."""
     if n > _SATURATED:
         raise Unproved(f"saturations of more than {_SATURATED} states are not tried")
     k, last, padding = _gains_of_pairs(numbers, n), scalar(numbers, "last"), [Fraction(0)] * (n - 2)
@@ -114,14 +116,15 @@ def _peaking_free(numbers: Numbers, n: int) -> Core:
 
 
 def _gains_of_pairs(numbers: Numbers, n: int) -> Matrix:
-    """Return the gains (n - 1, 2). Of one state there are no pairs, nor an error."""
+    """Return the gains (n - 1, 2) of an observer of at least two states."""
     if n < 2:
         raise Unproved("the observer is one of at least two states")
     return matrix(numbers, "gains", n - 1, 2)
 
 
 def _pairs(k: Matrix, shares: list[int]) -> Matrix:
-    """Return the core of p_1, .., p_m, q_1, .., q_m; `shares` (m + 1): what passes of the error of y, q_1, .., q_m."""
+    """Return the core of p_1, .., p_m, q_1, .., q_m; `shares` (m + 1): the passed share of the error of y, q_1, ..,
+    q_m."""
     m = len(k)
     N = zeros(2 * m, 2 * m)
     for i, (first, second) in enumerate(k):
@@ -136,8 +139,8 @@ def _pairs(k: Matrix, shares: list[int]) -> Matrix:
 
 
 def _injected(numbers: Numbers, n: int) -> Core:
-    """Return the core with all of the error injected, of an observer that injects less of it, or by a gain that
-    moves."""
+    """Return the core with the whole error injected, for an observer that injects a part of it or has a time-varying
+    gain."""
     gains, order = column(numbers, "gains", n), [*range(n)]
     return Core([companion(gains)], order, order, [True] * n, order, gains)
 
@@ -161,9 +164,9 @@ _NO_END = {"low": -math.inf, "high": math.inf}
 
 @dataclass(frozen=True)
 class Slope:
-    """A slope: what `reads` of e, and `takes` of the samples' errors at theta = 1, bring into the rates by `onto`, over
-    theta^`degree`: in [low, high]; `endless`: 1 where it is anything from low = high on, -1 anything up to that;
-    `realised`: whether a method realises the core beside it, which a core that moves with it is not."""
+    """A slope: (reads'e + takes'v) acts on the rates by `onto` over theta^`degree`, times a factor in [low, high], v at
+    theta = 1; `endless`: 1 if the factor is unbounded above, -1 if below, from low = high on; `realised`: False if the
+    core varies with this slope, so that no method realises it."""
 
     reads: list[Fraction]
     onto: list[Fraction]
@@ -177,24 +180,24 @@ class Slope:
 
 @dataclass(frozen=True)
 class Argument:
-    """The argument of b: what it reads in the place of z_j: `reads` (n) of the errors, and `takes` (p) of those of the
-    samples, over their powers of theta; these empty where they are no numbers."""
+    """The argument of b by its error in the place of z_j: `reads` (n) of the errors, and `takes` (p) of the errors of
+    the samples, over their powers of theta; `takes` is empty if it is not numeric."""
 
     reads: Matrix
     takes: Matrix
 
     @property
     def known(self) -> bool:
-        """Return whether it is known what b takes of the samples."""
+        """Return whether the effect of the samples on b is known."""
         return all(self.takes)
 
 
 @dataclass(frozen=True)
 class ErrorInclusion:
-    """N and the slopes, with how many boxes they were shown; `measured` (N, p), by what the samples enter at theta = 1.
-    The error of the field k is theta^-power scale_i times that of z_i, i = `index`(k), which it estimates where it is
-    `fed`; b reads z_i from the field that it `picks`, and `takes` (n, p) of the samples' errors at theta = 1. Of fields
-    of a chain of integrators `units` (n) are the errors where theirs are 1; empty of fields of the form's states."""
+    """N and the slopes, verified with `boxes` boxes; `measured` (N, p): the gain of the samples at theta = 1. The error
+    of field k is theta^-power scale_i times that of z_i, i = `index`(k), which the field estimates if it is `fed`; b
+    reads z_i from the field `picks`(i), and `takes` (n, p) of the samples' errors at theta = 1. For fields of a chain
+    of integrators `units` (n) are the errors e for errors 1 of w; empty for fields of the form's states."""
 
     N: Matrix
     slopes: list[Slope]
@@ -210,8 +213,8 @@ class ErrorInclusion:
     units: list[Fraction] = field(default_factory=list)
 
     def scales(self, context: Context, theta: Fraction) -> list[Fraction]:
-        """Return, by field (N), its error where that of its state of the form is 1. Raises: `Unproved` where a scale
-        holds parameters."""
+        """Return, by field (N), its error for an error 1 of its state of the form. Raises: `Unproved` if a scale
+        contains parameters."""
         values = [context.value(each).number for each in self.scale]
         known = [value for value in values if value]
         if len(known) < len(values):
@@ -219,7 +222,7 @@ class ErrorInclusion:
         return [known[i] / theta**p for i, p in zip(self.index, self.power, strict=True)]
 
     def at(self, theta: Fraction) -> Parts:
-        """Return what the error obeys at a theta."""
+        """Return the parts of the error dynamics at a theta."""
         M, G, H, E = theta * self.N, [], [], []
         late = [theta**-power for power in self.late]
         R, p = zeros(len(M), len(late)), len(late)
@@ -240,7 +243,8 @@ class ErrorInclusion:
 
 
 def error_inclusion(context: Context, observer: Observer, evidence: Mapping[str, Any]) -> ErrorInclusion:
-    """N and the slopes of the file's observer, from its numbers and the plant. Raises: `Unproved`."""
+    """Return the inclusion of the file's observer, from its numbers and the plant, with bounded slopes. Raises:
+    `Unproved`."""
     error = with_endless(context, observer, evidence)
     if any(slope.endless for slope in error.slopes):
         raise Unproved("a slope has no bound, for which this claim is not")
@@ -248,7 +252,7 @@ def error_inclusion(context: Context, observer: Observer, evidence: Mapping[str,
 
 
 def with_endless(context: Context, observer: Observer, evidence: Mapping[str, Any]) -> ErrorInclusion:
-    """Return the same, where slopes may have one end alone. Raises: `Unproved`."""
+    """Return the inclusion of the file's observer, whose slopes may be bounded on one side only. Raises: `Unproved`."""
     _ = context.equations
     build, strange = (_of_core, ("core", "ranges")) if observer.name in CORES else (_of_gain, ("units",))
     if unread := sorted(evidence.keys() & set(strange)):
@@ -257,7 +261,7 @@ def with_endless(context: Context, observer: Observer, evidence: Mapping[str, An
 
 
 def _of_core(context: Context, observer: Observer, evidence: Mapping[str, Any]) -> ErrorInclusion:
-    """Return the inclusion of an observer with a core of its own on one chain of integrators."""
+    """Return the inclusion of an observer with its own core on one chain of integrators."""
     scale, n = integrators(context, evidence), len(context.z)
     core = CORES[observer.name](observer.numbers, n)
     t = [scale.units[i] for i in core.index]
@@ -272,7 +276,7 @@ def _of_core(context: Context, observer: Observer, evidence: Mapping[str, Any]) 
 
 
 def _of_gain(context: Context, observer: Observer, evidence: Mapping[str, Any]) -> ErrorInclusion:
-    """Return the inclusion of a constant gain: the core is a matrix of numbers, or moves with a_i in ranges."""
+    """Return the inclusion of a constant gain: the core is a matrix of numbers, or varies with a_i in ranges."""
     n, form = len(context.z), context.form
     if form.alignment not in ("", "top", "end"):
         raise Unproved("its chains are not aligned at the top or at the end")
@@ -300,7 +304,7 @@ def _of_gain(context: Context, observer: Observer, evidence: Mapping[str, Any]) 
 
 
 def _argument(context: Context, observer: Observer, scale: list[Expression]) -> Argument:
-    """Return what b reads and takes; of an observer that injects nothing there the errors alone."""
+    """Return the argument of b; without injection there, the errors only."""
     if "argument" in observer.entries:
         argument = argument_of(context, observer.entries["argument"], scale)
         return replace(argument, takes=argument.takes @ _means(context, observer)) if argument.known else argument
@@ -309,8 +313,8 @@ def _argument(context: Context, observer: Observer, scale: list[Expression]) -> 
 
 
 def argument_of(context: Context, entries: Sequence[Expression], scale: Sequence[Expression]) -> Argument:
-    """Return the argument by the entries of N, for each z_j, in the coordinates `scale` z. Raises: `Unproved` where
-    what b reads of the errors is not of numbers."""
+    """Return the argument by the entries of N, for each z_j, in the coordinates `scale` z. Raises: `Unproved` if the
+    coefficients of the errors are not numbers."""
     S = [context.value(text) for text in scale]
     N = gain_of(context.form.blocks, [context.value(text) for text in entries], context.algebra.zero)
     reads, takes = unit(len(N)), numbers([s * entry for entry in row] for s, row in zip(S, N, strict=True))
@@ -327,7 +331,8 @@ def argument_of(context: Context, entries: Sequence[Expression], scale: Sequence
 
 
 def _by_chain(context: Context, observer: Observer, scale: list[Expression]) -> Matrix:
-    """S K, its columns spread over the outputs that show a state together; empty where its entries are no numbers."""
+    """Return S K, its columns distributed over the outputs that measure the same state; empty if its entries are not
+    numbers."""
     blocks, none = context.form.blocks, context.algebra.zero
     K = gain_of(blocks, [context.value(text) for text in observer.gains], none)
     known = numbers([context.value(s) * k for k in row] for s, row in zip(scale, K, strict=True))
@@ -335,9 +340,9 @@ def _by_chain(context: Context, observer: Observer, scale: list[Expression]) -> 
 
 
 def _means(context: Context, observer: Observer) -> Matrix:
-    """Return by how much the error of each output is in the mean of those that show the first state of a chain, all
-    samples there: w_j/r_j over the sum of the w, y_j = r_j y up to what is known, y that of the chain. Of one of which
-    that is not shown nothing; if it is in a mean, the others are in it by less."""
+    """Return the weight of each output's error in the mean of the outputs that measure the first state of a chain, all
+    samples present: w_j/r_j over the sum of the w, y_j = r_j y up to known terms, y that of the chain. An output that
+    measures no first state has weight 0; a mean that includes it weighs the others less."""
     outputs, observed = range(len(context.form.output)), context.observed
     together = [[j for j in outputs if z and observed[j] == z] for z in context.heads]
     if all(len(each) < 2 for each in together):
@@ -357,8 +362,8 @@ def _means(context: Context, observer: Observer) -> Matrix:
 def _moving(
     context: Context, observer: Observer, evidence: Mapping[str, Any], scale: list[Expression]
 ) -> tuple[list[Slope], int]:
-    """Return the a_i in their ranges: a_1 of a chain by its column of -K, others from state to state; S and K are
-    numbers."""
+    """Return the slopes of the a_i in their ranges: a_1 of a chain by its column of -K, the others from state to state.
+    S and K must be numbers."""
     blocks, slopes, boxes = context.form.blocks, [], 0
     S, K = (numbers([[context.value(text) for text in texts]]) for texts in (scale, observer.gains))
     if S is None or any(s != 1 for s in S[0]) or K is None:
@@ -384,8 +389,8 @@ def bounded_slopes(
     picks: list[int],
     least: int = 0,
 ) -> tuple[list[Slope], int]:
-    """Return the slopes of b in the coordinates `scale` z, each with 0 in its range, of every b_i in every z_j that it
-    reads, and with how many boxes they are shown. A degree may be as low as `least`. Raises: `Unproved`."""
+    """Return the slopes of b in the coordinates `scale` z, one for every z_j that a b_i reads, each with 0 in its
+    range, and the number of boxes. A degree must be at least `least`. Raises: `Unproved`."""
     form, listed, boxes, slopes = context.form, _listed(evidence), 0, list[Slope]()
     names = {name for text in (*form.b, *scale) for name in text.names}
     where = narrowed(form.box, names)
@@ -411,7 +416,7 @@ def bounded_slopes(
 
 
 def _listed(evidence: Mapping[str, Any]) -> dict[tuple[int, int], tuple[End, End, str]]:
-    """Return the claimed ranges by row and column, from 0, one of whose ends may be none."""
+    """Return the claimed ranges by row and column, from 0; one end may be infinite."""
     known = {}
     for slope in part(evidence, "slopes", list):
         fields(slope, "a slope", ("row", "column", "low", "high", "tree"))

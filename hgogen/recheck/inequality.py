@@ -1,27 +1,26 @@
-"""The one inequality: how a form of what the error obeys falls in a step of a method, or in continuous time.
+"""The matrix inequality for the decay of a quadratic form of the error, in a step of a method or in continuous time.
 
     X_i = e + h sum_j a_ij w_j,   w_i = M X_i + G p_i,   p_i = diag(d_i) H X_i,   e+ = e + h sum_i b_i w_i
     X_2 = e + h phi_1 (L e + r_1),   r_i = (M - L) X_i + G p_i,   e+ = X_2 + h phi_2 (r_2 - r_1)
 
-e is the error of two estimates that are given the same samples (`inclusion`); M takes its slopes at their middles, G
-and H what is beside, |d_ij| <= 1 for each stage by itself. With v = (e, p_1, .., p_s), e+ = e + h D v, H X_i = Q_i v,
-P > 0 and S >= 0 diagonal
+e is the difference of two estimates from the same samples (`inclusion`); M has the slopes at their middles, G and H
+their deviations, |d_ij| <= 1 independently at each stage. With v = (e, p_1, .., p_s), e+ = e + h D v, H X_i = Q_i v, P
+> 0 and S >= 0 diagonal
 
     2 e'P D v + h |D v|_P^2 + alpha |e|_P^2 + sum of Q_i'S_i Q_i - p_i'S_i p_i < 0   for all v
 
-shows |e+|_P^2 <= (1 - alpha h) |e|_P^2; with inputs u beside v, and sum_k lambda_k u_k^2 taken off, sum_k lambda_k <=
-alpha, that |e|_P <= 1 stays so while each |u_k| <= 1. Continuous time is Euler's step of the length 0: V' <= -alpha V.
-For given P and S it is a polynomial in h of degree 2 s - 1 by a method of the first line: Euler's, Heun's and the
-classical one of Runge and Kutta. The second realises the core L of M, X = h L: by
-the bilinear rule phi_1 = (1 - X/2)^-1 = 2 phi_2, by the matrix exponential phi_1 = 1 + X phi_2, phi_2 = (exp X - 1 -
-X)/X^2 but for what a program's polynomial is beside that. What that makes of the form is bounded entry by entry, in
-absolute values, and |d| 2 |v_i v_j| <= |d| (v_i^2 s_j/s_i + v_j^2 s_i/s_j) brings it onto the diagonal, for any s > 0.
+proves |e+|_P^2 <= (1 - alpha h) |e|_P^2. With inputs u appended to v, and sum_k lambda_k u_k^2 subtracted, sum_k
+lambda_k <= alpha, it proves that |e|_P <= 1 is invariant while each |u_k| <= 1. Continuous time is Euler's step of the
+length 0: V' <= -alpha V. For given P and S it is a polynomial in h of degree 2 s - 1 by a method of the first line:
+Euler's, Heun's and the classical one of Runge and Kutta. The second realises the core L of M, X = h L: by the bilinear
+rule phi_1 = (1 - X/2)^-1 = 2 phi_2, by the matrix exponential phi_1 = 1 + X phi_2, phi_2 = (exp X - 1 - X)/X^2 up to
+the error of a program's polynomial. The effect of that error on the form is bounded entry by entry, in absolute values,
+and |d| 2 |v_i v_j| <= |d| (v_i^2 s_j/s_i + v_j^2 s_i/s_j) moves it to the diagonal, for any s > 0.
 
-A norm falls whatever the slopes of an inclusion: V = e'P e, V' <= -alpha V for e' = (M + G diag(d) H) e.
+A quadratic form decays for all slopes of an inclusion: V = e'P e, V' <= -alpha V for e' = (M + G diag(d) H) e.
 
-M is affine in each |d_j| <= 1, so that the corners stand for all, where there are no multipliers (`inequality`). A
-slope without an end enters M by that which it has; what is beyond, -onto d reads e, d >= 0, takes from V' where P
-onto = lambda reads', lambda >= 0.
+M is affine in each |d_j| <= 1, so without multipliers the corners suffice. A slope that is unbounded on one side enters
+M by its finite end; the excess, -onto d reads e, d >= 0, decreases V' if P onto = lambda reads', lambda >= 0.
 """
 
 import math
@@ -81,8 +80,8 @@ Weights = tuple[Matrix, Matrix, Fraction]  # phi_1 and phi_2, and by how much el
 
 @dataclass(frozen=True)
 class Change:
-    """D, and X_i of each stage; `off`: by how much D and the last X may be beside these, entry by entry, empty where
-    they are exact."""
+    """The change D of e over a step of length h, e+ = e + h D v, and X_i of each stage; `off`: bounds of the errors of
+    D and of the last X, entry by entry, empty if they are exact."""
 
     D: Matrix
     stages: list[Matrix]
@@ -91,10 +90,10 @@ class Change:
 
 @dataclass(frozen=True)
 class Parts:
-    """e' = M e + G p + (B + R) v, p = diag(d) (H e + E v): M (N, N), G (N, m) and H (m, N) of what the error obeys, and
-    the core L of M (N, N), of which a part is `moving` with them or none; B, R (N, p) and E (m, p) of errors v of the
-    samples, B as L takes them and R as the rest does. Of slopes without an end `endless` has the columns onto (N) by
-    which they enter less a number >= 0 times what they read (N), in the sign in which that is so."""
+    """The error dynamics e' = M e + G p + (B + R) v, p = diag(d) (H e + E v): M (N, N), G (N, m), H (m, N), and the
+    core L (N, N) of M, `moving` if a part of it varies; B, R (N, p) and E (m, p) act on the errors v of the samples, B
+    in the core and R in the remainder. For slopes that are unbounded on one side `endless` has the columns onto (N) by
+    which they act, and the functionals that they read (N), multiplied by a factor <= 0."""
 
     M: Matrix
     G: Matrix
@@ -109,8 +108,8 @@ class Parts:
 
 @dataclass(frozen=True)
 class Method:
-    """A method: where its stages stand, from 0 to 1, the `degree` of its form in h, 0 of none; and how it `changes` e
-    (N, size), of p_i (m, size) and of errors v_i of the samples (p, size) at each stage."""
+    """A method: its `nodes` from 0 to 1, the `degree` of its form in h, 0 for none; and `changes`, its change from e
+    (N, size), p_i (m, size) and errors v_i of the samples (p, size) at each stage."""
 
     nodes: list[Fraction]
     degree: int
@@ -119,8 +118,8 @@ class Method:
 
 @dataclass(frozen=True)
 class Tableau:
-    """k_i = F(x + h sum_j a_ij k_j, c_i), x+ = x + h sum_i b_i k_i: the `rows` of a below its diagonal, the `weights` b
-    and the `nodes` c, of a method of an order."""
+    """A Runge-Kutta method k_i = F(x + h sum_j a_ij k_j, c_i), x+ = x + h sum_i b_i k_i: the `rows` of a below its
+    diagonal, the `weights` b, the `nodes` c, and its order."""
 
     rows: list[list[Fraction]]
     weights: list[Fraction]
@@ -133,19 +132,19 @@ class Tableau:
 
     @property
     def deviations(self) -> Matrix:
-        """c_i b_j - a_ij (s, s): by what k_j is in c_i Phi_h - X_i, over h."""
+        """The coefficients c_i b_j - a_ij (s, s) of k_j in c_i Phi_h - X_i, over h."""
         s = len(self.weights)
         wide = Matrix([[*row, *[Fraction(0)] * (s - len(row))] for row in self.rows])
         return outer(self.nodes, self.weights) - wide
 
     @property
     def cubic(self) -> list[int]:
-        """The stages at which that begins with a third Taylor coefficient."""
+        """The stages whose deviation begins with a third Taylor coefficient."""
         return [i for i, row in enumerate(self.deviations) if any(row) and not sum(map(mul, row, self.nodes))]
 
 
 def tableau_of(evidence: Mapping[str, Any]) -> Tableau:
-    """Return the tableau of the method that the evidence names. Raises: `Unproved` for what is none of these."""
+    """Return the tableau of the method in the evidence. Raises: `Unproved` for an unknown method."""
     known = _METHODS.get(part(evidence, "method", str))
     if known is None:
         raise Unproved(f"its method is none of {', '.join(_METHODS)}")
@@ -154,7 +153,7 @@ def tableau_of(evidence: Mapping[str, Any]) -> Tableau:
 
 
 def method_of(evidence: Mapping[str, Any]) -> Method:
-    """Return the method that the evidence names. Raises: `Unproved`."""
+    """Return the method in the evidence. Raises: `Unproved`."""
     name = part(evidence, "method", str)
     if name in REALISED:
         return Method([Fraction(0), ONE], 0, partial(_realised, REALISED[name]))
@@ -181,7 +180,7 @@ FLOW, NOW = _explicit(Tableau([[]], [ONE], 1)), Fraction(0)  # continuous time, 
 def _realised(
     weights: Callable[[Matrix], Weights], parts: Parts, h: Fraction, e: Matrix, p: list[Matrix], v: list[Matrix]
 ) -> Change:
-    """Return the change by phi_1 and phi_2 of the core."""
+    """Return the change of a method with phi_1 and phi_2 of the core."""
     if parts.moving:
         raise Unproved("a part of its core moves, which its method does not realise")
     nonlinear, X = parts.M - parts.L, h * parts.L
@@ -220,14 +219,13 @@ REALISED: Mapping[str, Callable[[Matrix], Weights]] = {  # by the name of a meth
 
 @dataclass(frozen=True)
 class Input:
-    """An input, by what it adds: to the samples (p) at each of the `stages` (s, p), and to the `rate` of e (N), over
-    h."""
+    """An input by its effect on the samples (p) at each of the `stages` (s, p), and on the `rate` of e (N), over h."""
 
     stages: Matrix
     rate: list[Fraction]
 
     def __add__(self, other: "Input") -> "Input":
-        """Return one input that is both."""
+        """Return one input with both effects."""
         return Input(self.stages + other.stages, [x + y for x, y in zip(self.rate, other.rate, strict=True)])
 
     def __mul__(self, size: Fraction) -> "Input":
@@ -236,8 +234,8 @@ class Input:
 
 
 def ends(method: Method, parts: Parts, output: int) -> tuple[Input, Input]:
-    """Return the inputs of an error of the sample of an output at the beginning of a step, and at the end, with the
-    line between them."""
+    """Return the inputs of an output's sample error at the beginning and at the end of a step, interpolated linearly
+    between."""
     row, still = of_field(output, parts.B.width), [Fraction(0)] * len(parts.M)
     return Input(outer([ONE - c for c in method.nodes], row), still), Input(outer(method.nodes, row), still)
 
@@ -245,8 +243,8 @@ def ends(method: Method, parts: Parts, output: int) -> tuple[Input, Input]:
 def form_of(
     parts: Parts, method: Method, h: Fraction, evidence: Mapping[str, Any], inputs: Sequence[Input] = ()
 ) -> Matrix:
-    """Return 2 e'P D v + h |D v|_P^2 + sum of Q'S Q - p'S p, without alpha; P and S are shown to have their signs.
-    Inputs stand at the end of v, and S goes on with them."""
+    """Return 2 e'P D v + h |D v|_P^2 + sum of Q'S Q - p'S p, without alpha, and demand P > 0 and S >= 0. Inputs are
+    appended to v, and their multipliers to S."""
     n, m, s = len(parts.M), len(parts.H), len(method.nodes)
     size = n + s * m
     width = size + len(inputs)
@@ -285,7 +283,7 @@ def _slack(
     off_D: Matrix,
     off_X: Matrix,
 ) -> Matrix:
-    """Return a diagonal that is at least what the form becomes larger by where D and the last X are off."""
+    """Return a diagonal that bounds the increase of the form by the errors of D and of the last X."""
     n, m, size = len(P), len(H), len(form)
     PD = abs(P) @ off_D
     linear = Matrix([*PD, *zeros(size - n, size)]) + h * (abs(D).T @ PD)
@@ -305,7 +303,7 @@ def demand_falls(
     evidence: Mapping[str, Any],
     inputs: Sequence[Input] = (),
 ) -> None:
-    """Demand that |e|_P^2 falls by alpha h of itself at least, but for the sum of lambda_k u_k^2 of inputs u. Raises:
+    """Demand that |e|_P^2 decreases by at least its share alpha h, up to the sum of lambda_k u_k^2 of inputs u. Raises:
     `Unproved`."""
     form, n = form_of(parts, method, h, evidence, inputs), len(parts.M)
     for base, row in zip(form, matrix(evidence, "P", n, n), strict=False):
@@ -316,7 +314,7 @@ def demand_falls(
 def demand_kept(
     parts: Parts, method: Method, h: Fraction, evidence: Mapping[str, Any], inputs: Sequence[Input]
 ) -> None:
-    """Demand that |e|_P <= 1 stays so while each input is at most 1. Raises: `Unproved`."""
+    """Demand that |e|_P <= 1 is invariant while each input is at most 1. Raises: `Unproved`."""
     alpha, lambdas = scalar(evidence, "alpha"), multipliers(evidence, inputs)
     if not (alpha > 0 and alpha * h < 1 and min(lambdas) >= 0 and sum(lambdas) <= alpha):
         raise Unproved("alpha is not above 0, alpha dt not below 1, or its lambda exceed alpha")
@@ -324,13 +322,13 @@ def demand_kept(
 
 
 def multipliers(evidence: Mapping[str, Any], inputs: Sequence[Input]) -> list[Fraction]:
-    """Return the lambda of the inputs. Raises: `Unproved`."""
+    """Return the multipliers lambda of the inputs. Raises: `Unproved`."""
     return column({"S": part(evidence, "S", list)[-len(inputs) :]}, "S", len(inputs))
 
 
 def demand_negative(what: str, form: Matrix) -> None:
-    """Demand that a symmetric form is negative: by its elimination in intervals, where these are too wide in fractions.
-    Raises: `Unproved`."""
+    """Demand that a symmetric form is negative definite, by elimination in intervals, or in fractions if these are too
+    wide. Raises: `Unproved`."""
     negated = -1 * form
     known = definite(negated.mapped(point).rows) if negated == negated.T else 0
     if known < 0:
@@ -340,7 +338,7 @@ def demand_negative(what: str, form: Matrix) -> None:
 
 
 def within(one: Mapping[str, Any], field: int, scales: list[Fraction], bound: Fraction, V: Fraction = ONE) -> None:
-    """Demand that the error which a field stands for is at most `bound` where |e|_P^2 <= V: bound^2 P >= V c'c. Raises:
+    """Demand that the error of a field's state is at most `bound` if |e|_P^2 <= V: bound^2 P >= V c'c. Raises:
     `Unproved`."""
     c = [Fraction(int(k == field)) / scale for k, scale in enumerate(scales)]
     rows = zip(c, V * matrix(one, "P", len(c), len(c)), strict=True)
@@ -348,7 +346,7 @@ def within(one: Mapping[str, Any], field: int, scales: list[Fraction], bound: Fr
 
 
 def place(holder: Mapping[str, Any], key: str, count: int) -> int:
-    """Return a place from 0, given from 1. Raises: `Unproved`."""
+    """Return the index from 0 of a place given from 1. Raises: `Unproved`."""
     value = scalar(holder, key)
     if value.denominator > 1 or not 1 <= value <= count:
         raise Unproved(f"its {key} is none of 1 to {count}")
@@ -363,7 +361,7 @@ WORK = 2**16  # corners times fields^3
 
 
 def demand_decays(parts: Parts, alpha: Fraction, evidence: Mapping[str, Any]) -> None:
-    """Demand V' <= -alpha V by the evidence's P, and its S where it has one. Raises: `Unproved`."""
+    """Demand V' <= -alpha V by the evidence's P, and its S if it has one. Raises: `Unproved`."""
     n, m = len(parts.M), len(parts.H)
     P = matrix(evidence, "P", n, n)
     for onto, reads in parts.endless:  # P onto is what is read times a number >= 0: V' loses by a slope of any size
@@ -382,30 +380,31 @@ def demand_decays(parts: Parts, alpha: Fraction, evidence: Mapping[str, Any]) ->
 
 
 def corners_of(parts: Parts) -> Iterator[Matrix]:
-    """Return M + G diag(d) H at all corners of the slopes."""
+    """Yield M + G diag(d) H at all corners of the slopes."""
     for d in product((-1, 1), repeat=len(parts.H)):
         yield parts.M + parts.G @ parts.H.weighed(d)
 
 
 @dataclass(frozen=True)
 class Decay:
-    """Decay of an observer's error at every gain from a least one on: how it `falls`, the name and the value of the
-    least `gain` that an observer has, and what is `phrase` of its error at every gain above a bound."""
+    """Decay of an observer's error at every gain from a least one on: the proof `falls`, the name and value of the
+    observer's least `gain`, and a `phrase` on its error at every gain above a bound."""
 
     falls: Falls
     gain: Callable[[Observer], tuple[str, Fraction]] = lambda observer: ("theta", scalar(observer.numbers, "theta"))
     phrase: Callable[[Observer], str] = lambda observer: "the error converges exponentially for every theta above {}"
 
     def converges(self, context: Context, claim: Claim) -> Finding:
-        """Return the bound above which every gain converges, by a V of the claim; the structure of the form is
-        another."""
+        """Return the finding of the bound above which every gain converges, by a V of the claim. The structure of the
+        form is another claim."""
         observer, least = built(context, claim), above_zero(claim.evidence, "least")
         boxes = self.falls(context, claim, claim.evidence, least, Fraction(0))
         phrase = self.phrase(observer).format(printed(least, 1))
         return Finding(f"in continuous time, without noise, {phrase}{on(context.form.box)}", boxes)
 
     def chosen(self, context: Context, claim: Claim) -> Finding:
-        """Return the observer's gain is above that bound; V falls there, where the claim says at which rate."""
+        """Return the finding that the observer's gain is above that bound, with the decay rate of V if the claim states
+        one."""
         (name, chosen), bound = self.gain(built(context, claim)), context.file.claim(f"{claim.maker}.convergence")
         if bound is None or not chosen > scalar(bound.evidence, "least"):
             raise Unproved(f"{name} = {printed(chosen)} is not above the bound")
@@ -418,8 +417,8 @@ class Decay:
 
 
 def decays(makers: Keys, decay: Decay, slopes: Keys, norm: Keys) -> tuple[Rule, Rule]:
-    """Return the rules that observers on a form in chains decay: the evidence of their `slopes`, and of a V, its
-    `norm`."""
+    """Return the rules for the decay of observers on a form in chains, with the evidence keys of their `slopes`, and of
+    V, `norm`."""
     return (
         on_chains(makers, ("convergence",), decay.converges, (*slopes, "least", *norm)),
         on_chains(makers, ("theta",), decay.chosen, ("alpha", *norm), "{maker}.convergence"),

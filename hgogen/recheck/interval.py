@@ -1,6 +1,6 @@
-"""The arithmetic that verifies ranges: mpmath's intervals, outward rounded.
+"""Interval arithmetic for ranges by mpmath's intervals, rounded outward.
 
-Taylor series below an order, as an arithmetic on top of intervals: c_0 + c_1 s + .. + c_(N-1) s^(N-1).
+Taylor series below an order are an arithmetic over these intervals: c_0 + c_1 s + .. + c_(N-1) s^(N-1).
 """
 
 import math
@@ -50,13 +50,13 @@ class Interval:
 
     @property
     def sign(self) -> int:
-        """1 or -1 where every number has that sign, else 0."""
+        """The sign 1 or -1 of all numbers of the interval, 0 if they have no common one."""
         low, high = self.ends
         return 1 if libmp.mpf_sign(low) > 0 else -1 if libmp.mpf_sign(high) < 0 else 0
 
     @property
     def exactly(self) -> tuple[Fraction | float, Fraction | float]:
-        """The ends, as fractions or infinite."""
+        """The ends as fractions or infinities."""
         return _exactly(self.ends[0]), _exactly(self.ends[1])
 
     @property
@@ -74,7 +74,7 @@ class Interval:
 
 
 def _rounded(value: Fraction | float, direction: str) -> Any:
-    """Return a number rounded in a direction; an infinite one as it is."""
+    """Return a number rounded in a direction; an infinity is unchanged."""
     if not isinstance(value, Fraction):
         if math.isinf(value):
             return libmp.from_float(value)
@@ -98,7 +98,7 @@ def between(low: Fraction | float, high: Fraction | float) -> Interval:
 
 
 def intersection(a: Interval, b: Interval) -> Interval:
-    """Return what two enclosures of one value have in common."""
+    """Return the intersection of two enclosures of one value."""
     return Interval((_larger(a.ends[0], b.ends[0]), _smaller(a.ends[1], b.ends[1])))
 
 
@@ -119,7 +119,7 @@ def _larger(a: Any, b: Any) -> Any:
 
 
 def _outward(value: Any, up: bool) -> Any:
-    """Return a value with an error of a few units of its last place, moved outward by far more than that."""
+    """Return a value, accurate to a few units of its last place, moved outward by a much larger margin."""
     if value in (libmp.fzero, *_INFINITE):
         return value
     margin = libmp.mpf_shift(libmp.mpf_abs(value), -PRECISION)
@@ -130,7 +130,7 @@ def _outward(value: Any, up: bool) -> Any:
 def _rising(
     function: Callable[..., Any], within: tuple[float, float] = (-math.inf, math.inf), complaint: str = "no value"
 ) -> Callable[[Interval], Interval]:
-    """Return a function that rises, from its values at the ends of an argument that must be within a range."""
+    """Return the interval extension of an increasing function, whose argument must be in the range `within`."""
 
     def apply(x: Interval) -> Interval:
         if not (x.at_least(within[0]) and x.at_most(within[1])):
@@ -144,8 +144,8 @@ def _rising(
 
 
 def _levelling(function: Callable[..., Any], whole: Interval) -> Callable[[Interval], Interval]:
-    """Return a function that rises within its `whole` range, of which an end stands for a value at too large an
-    argument."""
+    """Return the interval extension of an increasing function with the range `whole`, whose ends bound the values at
+    arguments that are too large."""
     rising, largest = _rising(function), between(-_LARGEST, _LARGEST)
 
     def apply(x: Interval) -> Interval:
@@ -165,7 +165,7 @@ def _log(x: Interval) -> Interval:
 
 
 def _small(x: Interval) -> bool:
-    """Return whether an angle is small enough to be reduced at small cost."""
+    """Return whether an angle is small enough for a cheap range reduction."""
     return all(end == libmp.fzero or (end not in _INFINITE and end[2] + end[3] < 64) for end in x.ends)
 
 
@@ -184,7 +184,7 @@ def _turned(angle: Ends) -> tuple[Ends, Ends]:
 
 
 def _tan(x: Interval) -> Interval:
-    """Return the range of tan, which rises where the cosine keeps its sign in less than a period."""
+    """Return the range of tan, which increases where the cosine keeps its sign in less than a period."""
     width = libmp.mpf_sub(x.ends[1], x.ends[0], PRECISION, _UP)
     if not _small(x) or libmp.mpf_gt(width, libmp.from_int(3)) or _cos(x).sign == 0:
         raise Undefined("a pole of tan")
@@ -197,22 +197,21 @@ def _abs(x: Interval) -> Interval:
 
 
 def _sign(x: Interval) -> Interval:
-    """Return the enclosure of sign(x), which rises from -1 over 0 to 1. Where x is 0 alone it is [-1, 1], which the
-    slope of |x| may be."""
+    """Return the enclosure of sign(x), which increases from -1 over 0 to 1. At x = 0 alone it is [-1, 1], the
+    generalised derivative of |x|."""
     low, high = (libmp.mpf_sign(end) for end in x.ends)
     return between(low, high) if low or high else _UNIT
 
 
 def _side(x: Interval) -> Interval:
-    """Return the slope of |x|: at the edge of a box the one within it, where x is 0 inside it, or all over it, [-1,
-    1]."""
+    """Return the derivative of |x|: at an edge of the box the one-sided derivative from within; if 0 is inside x, or x
+    is 0, [-1, 1]."""
     low, high = (libmp.mpf_sign(end) for end in x.ends)
     return point(Fraction(1 if high > 0 else -1)) if low * high >= 0 and (low or high) else _UNIT
 
 
 def _jump(x: Interval) -> Interval:
-    """Return the slope of a side: 0 where that is one number all over a box, else any: nothing is known of where it
-    jumps."""
+    """Return the derivative of `side`: 0 if `side` is constant on the box, else the whole line."""
     side = _side(x)
     return between(-math.inf, math.inf) if side == _UNIT else point(Fraction(0))
 
@@ -225,7 +224,7 @@ def _atanh(x: Interval) -> Interval:
 
 
 def _atan2(y: Interval, x: Interval) -> Interval:
-    """Away from the cut, by the quotient that has no pole."""
+    """Return atan2 away from its cut, by the quotient that has no pole."""
     half = _pi() * point(Fraction(1, 2))
     if x.sign > 0:
         return _atan(y / x)
@@ -247,7 +246,7 @@ def _pi() -> Interval:
 
 
 def _chosen(choose: Callable[[Any, Any], Any]) -> Callable[..., Interval]:
-    """Return what is chosen among all lows, and among all highs."""
+    """Return the function that applies `choose` to all lower ends and to all upper ends."""
     return lambda *args: Interval(
         (reduce(choose, [x.ends[0] for x in args]), reduce(choose, [x.ends[1] for x in args]))
     )
@@ -295,7 +294,7 @@ def _exactly(end: Any) -> Fraction | float:
 
 
 def _power(x: Interval, exponent: int) -> Interval:
-    """x^k from the ends; an even power of an interval about zero begins at 0."""
+    """Return x^k from the ends; an even power of an interval around zero begins at 0."""
     if exponent < 0:
         return point(Fraction(1)) / _power(x, -exponent)
     if exponent == 0:
@@ -313,7 +312,7 @@ def _whole(end: Any, exponent: int, direction: str) -> Any:
 
 
 def _root(x: Interval, exponent: Fraction) -> Interval:
-    """x^(p/q) of x >= 0, x > 0 for a negative exponent."""
+    """Return x^(p/q) for x >= 0, x > 0 for a negative exponent."""
     if not x.at_least(Fraction(0)):
         raise Undefined("a root of what may be negative")
     if exponent < 0:
@@ -342,7 +341,7 @@ _ABSENT = point(Fraction(0))
 
 @dataclass(frozen=True)
 class Taylor:
-    """The coefficients of a series."""
+    """A Taylor series by its coefficients."""
 
     coefficients: tuple[Interval, ...]
 
@@ -367,7 +366,7 @@ class Taylor:
 
 
 def _sum_of(terms: Iterable[Interval]) -> Interval:
-    """Return the sum; what is 0 for sure costs nothing."""
+    """Return the sum, without the terms that are exactly 0."""
     there = [term for term in terms if term is not _ABSENT]
     return reduce(add, there) if there else _ABSENT
 
@@ -377,12 +376,12 @@ def _product_of(a: Interval, b: Interval) -> Interval:
 
 
 def begin(coefficients: Sequence[Interval], order: int) -> Taylor:
-    """Return the series below t^order that begins with these coefficients, and goes on with zeros."""
+    """Return the series below t^order with these first coefficients and zeros after them."""
     return Taylor((*coefficients, *[_ABSENT] * order)[:order])
 
 
 def taylor(order: int) -> Arithmetic:
-    """Series below t^order."""
+    """Return the arithmetic of series below t^order."""
 
     def number(value: Fraction) -> Taylor:
         return begin((point(value),), order)
@@ -410,15 +409,16 @@ def taylor(order: int) -> Arithmetic:
 
 
 def _table_series(name: str, args: tuple[Taylor, ...]) -> Taylor:
-    """Return the series by the derivatives on the one piece in which all arguments begin, without its ends: a
-    derivative that jumps where a bisection cuts would else be on neither side of it."""
+    """Return the series by the derivatives on the one piece that holds all initial arguments, breakpoints excluded: at
+    a cut of a bisection a derivative may jump, and neither side has both values."""
     if not in_one_piece(name, [x.coefficients[0].exactly for x in args]):
         raise Undefined("no series where a table may be at one of its points")
     return _expanded(name, args, 0)
 
 
 def _expanded(name: str, args: tuple[Taylor, ...], k: int) -> Taylor:
-    """T + d (T' + d/2 (T'' + ..)) of d = x - x_0 from argument k on, whose derivatives T are series in those after."""
+    """Return T + d (T' + d/2 (T'' + ..)) for d = x - x_0 from argument k on; the derivatives T are series in the later
+    arguments."""
     if k == len(args):
         value = intervals.function(name, tuple(x.coefficients[0] for x in args))
         return begin((value,), len(args[0].coefficients))
@@ -432,7 +432,7 @@ def _expanded(name: str, args: tuple[Taylor, ...], k: int) -> Taylor:
 
 
 def _root_series(x: Taylor, exponent: Fraction) -> Taylor:
-    """b = a^r by k a_0 b_k = sum (r i - (k - i)) a_i b_(k-i)."""
+    """Return b = a^r by k a_0 b_k = sum (r i - (k - i)) a_i b_(k-i)."""
     a = x.coefficients
     b = [intervals.root(a[0], exponent)]
     for k in range(1, len(a)):
@@ -459,13 +459,13 @@ def _exp_series(a: Sequence[Interval]) -> list[Interval]:
 
 
 def _integrated(name: str, x: Taylor, slope: Taylor) -> Taylor:
-    """Return a function of x from the series of its slope there."""
+    """Return a function of x by the series of its derivative."""
     a, rate = x.coefficients, slope.coefficients
     return Taylor((intervals.function(name, (a[0],)), *(_integral_term(a, rate, k) for k in range(1, len(a)))))
 
 
 def _rotation_series(a: Sequence[Interval], names: tuple[str, str], way: int) -> tuple[list[Interval], list[Interval]]:
-    """sin and cos, of whose slopes the second has the sign -1, or sinh and cosh, of 1."""
+    """Return sin and cos, with `way` -1, or sinh and cosh, with 1: `way` is the sign of the second one's derivative."""
     s, c = ([intervals.function(name, (a[0],))] for name in names)
     for k in range(1, len(a)):
         rise, other = _integral_term(a, c, k), _integral_term(a, s, k)
@@ -484,7 +484,7 @@ def _tan_series(a: Sequence[Interval]) -> Sequence[Interval]:
 
 
 def _tanh_series(a: Sequence[Interval]) -> list[Interval]:
-    """t' = (1 - t^2) a'."""
+    """Return the series of tanh by t' = (1 - t^2) a'."""
     t, slope = [intervals.function("tanh", (a[0],))], list[Interval]()
     for k in range(1, len(a)):
         square = intervals.power(t[0], 2) if k == 1 else _sum_of(_product_of(t[i], t[k - 1 - i]) for i in range(k))
@@ -502,7 +502,7 @@ def _log_series(a: Sequence[Interval]) -> list[Interval]:
 
 
 def _angle_series(y: Sequence[Interval], x: Sequence[Interval]) -> list[Interval]:
-    """(x^2 + y^2) a' = y' x - x' y."""
+    """Return the series of atan2 by (x^2 + y^2) a' = y' x - x' y."""
     angle, square = [intervals.function("atan2", (y[0], x[0]))], intervals.power(x[0], 2) + intervals.power(y[0], 2)
     around = (Taylor(tuple(x)) * Taylor(tuple(x)) + Taylor(tuple(y)) * Taylor(tuple(y))).coefficients
     for k in range(1, len(x)):
@@ -512,14 +512,14 @@ def _angle_series(y: Sequence[Interval], x: Sequence[Interval]) -> list[Interval
 
 
 def _way(x: Interval) -> int:
-    """Return the sign of what keeps it: at a kink there is no series."""
+    """Return the sign of x, which must not change: a kink has no series."""
     if not x.sign:
         raise Undefined("no series at a kink")
     return x.sign
 
 
 def _chosen_series(a: Sequence[Interval], b: Sequence[Interval], way: int) -> Sequence[Interval]:
-    """Return the larger of two for `way` 1, the smaller for -1."""
+    """Return the larger of two series for `way` 1, the smaller for -1."""
     return a if _way(a[0] - b[0]) == way else b
 
 

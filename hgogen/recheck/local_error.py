@@ -1,43 +1,44 @@
-"""The sizes of what a method leaves follow from the plant, on its ranges.
+"""Verification that the sizes of a method's local error follow from the plant, on its ranges.
 
     x(t + h) = Phi_h(x) + delta,   Phi_h: a step of a method of order p on x' = F(x, u), u' constant
 
     beside      |delta|/h <= h^q (sup|x_(q+1)| + sup|Phi_(q+1)|), of an order q from 1 to p for each row: Taylor
-                coefficients of the flow at any point, of the step at any length up to h; of the order 0 what there is
-                where F is Lipschitz
+                coefficients of the flow at any point, of the step at any length up to h; for the order 0 the bound
+                below, for a Lipschitz F
     stages      |(1 - c_i) y + c_i C Phi_h(x) - C X_i| <= h^2 sum_j |c_i b_j - a_ij| sum_k |a_jk| sup|y''|, and
                 h^3 sup|c_i C Phi_3 - C X_(i,3)| where sum_j (c_i b_j - a_ij) c_j = 0
 
-where the plant keeps clear of the ends of its ranges by h sup|F|. y'' is at most how steep y' is in states and inputs,
-times how fast they move. Suprema are at most what the certificate says of them, shown by bisection: of coefficients on
-the cells of its tree.
+where the plant's distance from the ends of its ranges is at least h sup|F|. y'' is at most the slopes of y' in states
+and inputs times their speeds. The certificate states bounds of the suprema, which are proved by bisection: those of
+coefficients on the cells of its tree.
 
-Beside a plant whose flow is Lipschitz, kinks and all, |dF_i/dx_j|, |dF_i/du_k| <= L, |x'| <= V, |u'| <= r, so that
-|d/dt F_i(x(t), u(t))| <= W_i = (L (V, r))_i, a sum of values at c_l, of weights w_l that add to c, is beside the
-integral from 0 to c by at most W times that of the size of min(s, c) - sum of the w_l with c_l <= s; with c = 1 and
-weights that add the c_l to 1/2, and where F_i has a second derivative of at most w, by w (1/24 + sum |w_l| (c_l -
-1/2)^2/2), which a linear row has: w = (L (W, 0))_i. A stage is beside the plant at its time by that, in h, and by what
-the stages before it are, times L.
+For a plant with a Lipschitz flow, also with kinks, |dF_i/dx_j|, |dF_i/du_k| <= L, |x'| <= V, |u'| <= r, so that |d/dt
+F_i(x(t), u(t))| <= W_i = (L (V, r))_i. A sum of values at c_l, with weights w_l that add to c, differs from the
+integral from 0 to c by at most W times that of |min(s, c) - sum of the w_l with c_l <= s|. For c = 1, weights that add
+the c_l to 1/2, and an F_i with a second derivative of at most w, by w (1/24 + sum |w_l| (c_l - 1/2)^2/2); a linear row
+has w = (L (W, 0))_i. A stage differs from the plant at its time by that, times h, and by the differences of the earlier
+stages, times L.
 
-The sizes of what a realised core leaves follow from the plant, on its ranges.
+The sizes of the local error of a realised core follow from the plant likewise.
 
-The plant in the coordinates of the errors, X_k = s_k z_i of a field k that estimates z_i and 0 of a filter, obeys the
-observer's own equations; a step of these from X_0, of the plant's own samples y_0 and y_1,
+The plant in the coordinates of the errors, X_k = s_k z_i for a field k that estimates z_i and 0 for a filter, obeys the
+observer's own equations; a step of these from X_0, with the plant's own samples y_0 and y_1,
 
     X' = L X + w,   w = B y + beta,   beta_k = s_k b_i
     a = X_0 + h phi_1 X'_0 + h phi_2 B (y_1 - y_0),   X+ = a + h phi_2 (beta(a) - beta_0)
 
-is beside X_1 by alpha + h phi_2 (beta(a) - beta_1), and a by alpha - h phi_2 (beta_1 - beta_0). With |beta_1 - beta_0|
-<= h sup|beta'|, and the slopes of the rest of what the error obeys, whatever a clamp takes of them,
+differs from X_1 by alpha + h phi_2 (beta(a) - beta_1), and a by alpha - h phi_2 (beta_1 - beta_0). With |beta_1 -
+beta_0| <= h sup|beta'|, and the slopes of the remaining error dynamics under any clamp,
 
     by the bilinear rule        (1 - h L/2) alpha = -integral of (X' - line),   |alpha| <= |phi_1 s| h^3/12 sup|z'''|
     by the matrix exponential   alpha = h (phi_2 - phi_2*) integral of (1 - (h - s) L) X''(s)
                                         - integral of exp((h - s) L) (w - line)(s)
 
-while the plant keeps clear of the ends of its ranges by h sup|F|: `line` is that between the ends of a signal v, |v -
-line| <= s (h - s)/2 sup|v''|, or as if v'' were 4/h sup|v'|, and phi_2* the exponential's, of which the program's phi_2
-is within 2^-56. Suprema are at most what the certificate says of them, shown by bisection; of a plant with kinks it
-says how steep F and b are, of which their first derivatives follow, of states and inputs that move so fast.
+while the plant's distance from the ends of its ranges is at least h sup|F|: `line` is the chord between the ends of a
+signal v, |v - line| <= s (h - s)/2 sup|v''|, or with 4/h sup|v'| in the place of sup|v''|, and phi_2* is the
+exponential's, from which the program's phi_2 differs by at most 2^-56. The certificate's bounds of the suprema are
+proved by bisection; for a plant with kinks it bounds the slopes of F and b, from which their first derivatives follow
+with the speeds of states and inputs.
 """
 
 from collections.abc import Callable, Container, Iterable, Mapping, Sequence
@@ -67,10 +68,10 @@ _HALF, _ZERO, _TWELFTH = Fraction(1, 2), Fraction(0), Fraction(1, 12)
 
 @dataclass(frozen=True)
 class Remainder:
-    """The local error of a method on a plant that moves so: bounds of the `slopes` of y' in states and inputs (p, n +
-    m), of the third coefficients of the `lines` that have no second one (p, ..) or of none; and of each row of the form
-    (n) the order and the bounds of the coefficients of the `flow` and of the `step` after it, on the cells of a `tree`,
-    and where one is 0 how steep the rows are in states and inputs, `steepness` (n, n + m)."""
+    """The local error of a method on a moving plant: bounds of the `slopes` of y' in states and inputs (p, n + m), of
+    the third coefficients of the `lines` without a second one (p, ..), or none; for each row of the form (n) the order,
+    and bounds of the next coefficients of the `flow` and of the `step`, on the cells of a `tree`; and if an order is 0
+    the `steepness` (n, n + m), bounds of the rows' slopes in states and inputs."""
 
     context: Context
     tableau: Tableau
@@ -114,7 +115,7 @@ class Remainder:
         return sizes
 
     def demand(self) -> int:
-        """Demand that the bounds are those of the plant; with how many boxes. Raises: `Unproved`."""
+        """Demand that the bounds hold for the plant; return the number of boxes. Raises: `Unproved`."""
         context, box, boxes = self.context, self.context.form.box, self.motion.demand()
         names = (*context.z, *context.file.inputs)
         for j, (head, slope) in self.motion.observed.items():
@@ -149,13 +150,13 @@ class Remainder:
 def _after(
     series: Sequence[Sequence[Interval]], orders: Sequence[int], bounds: Sequence[Fraction]
 ) -> list[tuple[Interval, Fraction]]:
-    """Return the coefficients after the orders of rows, but of 0, and their bounds."""
+    """Return the coefficients after the orders of rows, without those of order 0, and their bounds."""
     each = zip(series, orders, bounds, strict=True)
     return [(x[order + 1], most) for x, order, most in each if order]
 
 
 def _degree(row: Expression, constant: Container[str]) -> int:
-    """0 of what is constant, 1 of what adds names and products of them with what is; else more."""
+    """Return 0 for a constant expression, 1 for a linear one in the other names, else more."""
     degrees = list[int]()
     for op, args, value in row.instructions:
         column_ = [degrees[arg] for arg in args]
@@ -177,7 +178,8 @@ def _all_within(pairs: Iterable[tuple[Interval, Fraction]]) -> bool:
 def demand_remainder(
     context: Context, tableau: Tableau, h: Fraction, share: Mapping[str, Any]
 ) -> tuple[PlantMotion, int]:
-    """Return how the plant moves, from which the sizes of the share follow, with how many boxes. Raises: `Unproved`."""
+    """Return the motion of the plant from which the sizes of the share follow, and the number of boxes. Raises:
+    `Unproved`."""
     follows, p, n, m = part(share, "follows", dict), len(context.form.output), len(context.z), len(context.file.inputs)
     demand_keys(follows, _KEYS)
     motion = motion_of(context, h, follows)
@@ -203,7 +205,7 @@ def _orders(follows: Mapping[str, Any], n: int, tableau: Tableau) -> list[int]:
 
 
 def _lines(follows: Mapping[str, Any], p: int, tableau: Tableau) -> Matrix:
-    """Return the bounds of the third coefficients of each output (p, ..), or none of any."""
+    """Return the bounds of the third coefficients of each output (p, ..), or none for all."""
     count = len(tableau.cubic) if any(entries(follows, "lines", p)) else 0
     return matrix(follows, "lines", p, count)
 
@@ -214,8 +216,8 @@ def _lines(follows: Mapping[str, Any], p: int, tableau: Tableau) -> Matrix:
 def lipschitz_error(
     tableau: Tableau, h: Fraction, steepness: Matrix, moving: Sequence[Fraction], linear: Sequence[bool]
 ) -> list[Fraction]:
-    """Return the local error of each row (n), over h: of `steepness` (n, n + m) where states and inputs are `moving` so
-    fast (n + m), and some rows are `linear`. Raises: `Unproved`."""
+    """Return the local error of each row (n), over h, from the `steepness` (n, n + m), the speeds `moving` of states
+    and inputs (n + m), and which rows are `linear`. Raises: `Unproved`."""
     if any(x < 0 for row in steepness for x in row):
         raise Unproved("one of its steepness is negative")
     n, nodes, off = len(steepness), tableau.nodes, list[list[Fraction]]()
@@ -237,12 +239,12 @@ def lipschitz_error(
 
 
 def _driven(rows: Matrix, by: Sequence[Fraction]) -> list[Fraction]:
-    """Return M x of rows whose last entries may be of what does not move."""
+    """Return M x; the last entries of a row may belong to constants and have no factor."""
     return [sum((x * y for x, y in zip(row, by, strict=False)), _ZERO) for row in rows]
 
 
 def _kernel(weights: Sequence[Fraction], nodes: Sequence[Fraction], c: Fraction) -> Fraction:
-    """Return the integral from 0 to 1. Raises: `Unproved` of weights that do not add to c."""
+    """Return the integral of the quadrature kernel from 0 to 1. Raises: `Unproved` if the weights do not add to c."""
     if sum(weights, _ZERO) != c:
         raise Unproved("its stages are not exact for what is constant")
     jumps = dict.fromkeys(sorted({_ZERO, c, ONE, *nodes}), _ZERO)
@@ -258,7 +260,7 @@ def _kernel(weights: Sequence[Fraction], nodes: Sequence[Fraction], c: Fraction)
 
 
 def _size(a: Fraction, b: Fraction) -> Fraction:
-    """Return the mean size of what goes from a to b on a line."""
+    """Return the mean absolute value on a line from a to b."""
     if a * b >= 0:
         return abs(a + b) / 2
     return (a * a + b * b) / (2 * abs(b - a))
@@ -270,10 +272,10 @@ _STAND_IN = 4  # over h, of a first derivative: what stands for the second
 
 @dataclass(frozen=True)
 class AtCore:
-    """A step of length `h` of what obeys the core L of `parts`, by `weights`; of the plant's states `lifted`, s (N, n),
-    and what `injected` (N, n) samples show of them, B C.
+    """A step of length `h` of the error dynamics `parts` with the core L, by `weights`; the plant's states enter by
+    `lifted`, s (N, n), and their samples by `injected`, B C (N, n).
 
-    Of the plant, bounds of a derivative of the `flow` z' in time (n), and of the first ones of the `rest` b, by their
+    Bounds for the plant: of a time derivative of the `flow` z' (n), and of the first time derivatives of b, by their
     orders from 1 (.., n)."""
 
     parts: Parts
@@ -285,7 +287,7 @@ class AtCore:
     rest: Matrix
 
     def total(self, alpha: Matrix) -> list[Fraction]:
-        """Return how far a step is from the plant at most (N), over h, of the sizes alpha (N, 1)."""
+        """Return a bound of the deviation of a step from the plant (N), over h, from the sizes alpha (N, 1)."""
         _, phi_2, width = self.weights
         weight, parts = self.h * phi_2.mapped(lambda x: abs(x) + width), self.parts
         ahead = alpha + weight @ (self.h * (abs(self.lifted) @ upright(self.rest[0])))
@@ -295,8 +297,8 @@ class AtCore:
 
 @dataclass(frozen=True)
 class Leaves:
-    """The local error of a realisation of a plant whose rest is known at both ends of a step: the sizes `alpha` (N, 1),
-    from the derivative of z' of the order `flow`, and those of b of up to the order `rest`."""
+    """The local error of a realisation for a plant with known b at both ends of a step: the sizes `alpha` (N, 1), from
+    the derivative of z' of the order `flow`, and those of b up to another order."""
 
     flow: int
     rest: int
@@ -324,7 +326,8 @@ _LEAVES: Mapping[str, Leaves] = {
 def demand_core_error(
     context: Context, error: ErrorInclusion, theta: Fraction, evidence: Mapping[str, Any], share: Mapping[str, Any]
 ) -> tuple[PlantMotion, int]:
-    """Return how the plant moves, from which the sizes of the share follow, with how many boxes. Raises: `Unproved`."""
+    """Return the motion of the plant from which the sizes of the share follow, and the number of boxes. Raises:
+    `Unproved`."""
     follows, n, name = part(share, "follows", dict), len(context.z), evidence["method"]
     demand_keys(follows, _CORE_KEYS)
     leaves, parts, h = _LEAVES[name], error.at(theta), scalar(evidence, "dt")
@@ -346,8 +349,7 @@ def demand_core_error(
 def _by_derivatives(
     motion: PlantMotion, follows: Mapping[str, Any], leaves: Leaves
 ) -> tuple[list[Fraction], Matrix, Callable[[], int]]:
-    """Bounds of the derivatives of the flow and of the rest, and what shows them with how many boxes. Raises:
-    `Unproved`."""
+    """Return bounds of the derivatives of the flow and of b, and the function that proves them. Raises: `Unproved`."""
     context, n = motion.context, len(motion.context.z)
     flow, rest = column(follows, "flow", n), matrix(follows, "rest", leaves.rest, n)
     derivatives = [Derivative(row, leaves.flow, most) for row, most in zip(context.rates, flow, strict=True)]
@@ -359,7 +361,8 @@ def _by_derivatives(
 def _by_steepness(
     motion: PlantMotion, follows: Mapping[str, Any], leaves: Leaves
 ) -> tuple[list[Fraction], Matrix, Callable[[], int]]:
-    """Return the same, and what stands for them, of how steep both are."""
+    """Return bounds of the first derivatives of the flow and of b by their slopes, substitutes for the higher ones, and
+    the function that proves them."""
     context, names = motion.context, (*motion.context.z, *motion.context.file.inputs)
     if follows["flow"] != [] or follows["rest"] != []:
         raise Unproved("its sizes follow from derivatives or from steepness")
@@ -381,7 +384,7 @@ def _by_steepness(
 
 
 def _demand_chain(context: Context, parts: Parts, lifted: Matrix, injected: Matrix) -> None:
-    """Demand L s + B C = s A: that X obeys the observer's equations."""
+    """Demand L s + B C = s A, so that X obeys the observer's equations."""
     chain = numbers([context.value(entry) for entry in row] for row in context.form.A)
     if chain is None:
         raise Unproved("the chain of the plant moves, which its method does not realise")

@@ -1,16 +1,16 @@
-"""Matrices of fractions, and their signs by elimination: exact.
+"""Exact matrices of fractions, with definiteness by elimination.
 
-The matrix exponential's weights of a core X, to a width that is known, and the integral of what a core drives.
+The weights of the matrix exponential of a core X, with an error bound, and the integral of a driven core.
 
     exp X = 1 + X phi_1,   phi_1 = 1 + X phi_2,   phi_2 = 1/2 + X/3! + X^2/4! + ..
 
-phi_2 by its series for X/2^k of a norm of at most 1/2, in intervals; then k doublings of X,
+phi_2 is computed by its series for X/2^k of a norm of at most 1/2, in intervals; then by k doublings of X,
 
     phi_2(2 X) = (phi_0 phi_2 + phi_1 + phi_2)/4,   phi_1(2 X) = (phi_0 phi_1 + phi_1)/2,   phi_0(2 X) = phi_0^2
 
 The integral of s (h - s)/2 |exp(s L) V| over s from 0 to h, entry by entry: on a piece from a to b = a + w each entry
-of F = exp(s L) V is beside its line by (s - a)(b - s)/2 sup|L^2 F| at most, |L^2 F(s)| <= exp(w |L|) |L^2 F(a)|; with
-p = s (h - s)/2, which is concave, and m the middle of the piece
+of F = exp(s L) V differs from its chord by at most (s - a)(b - s)/2 sup|L^2 F|, |L^2 F(s)| <= exp(w |L|) |L^2 F(a)|;
+with p = s (h - s)/2, which is concave, and m the middle of the piece
 
     integral of p |F| <= w/6 (p(a) + 2 p(m)) |F(a)| + w/6 (p(b) + 2 p(m)) |F(b)| + w^3/12 p(m) sup|L^2 F|
 """
@@ -31,7 +31,7 @@ _ZERO = Fraction(0)
 
 
 class Matrix:
-    """Rows of numbers of one kind, as many in each as its `width`, also where there are no rows."""
+    """A matrix of numbers of one kind; `width` is its number of columns, also without rows."""
 
     def __init__(self, rows: Iterable[Iterable[Any]], width: int | None = None) -> None:
         self.rows = [list(row) for row in rows]
@@ -63,8 +63,8 @@ class Matrix:
         return self.mapped(lambda x: factor * x if x else x)
 
     def __matmul__(self, other: "Matrix") -> "Matrix":
-        """Return the product; of fractions, each row and column of whole numbers over one denominator, so that each
-        entry is brought to lowest terms once."""
+        """Return the product. Rows and columns of fractions become integers over one denominator, so that each entry is
+        reduced to lowest terms once."""
         if self.width != len(other):
             raise ValueError("matrices that do not fit")
         rows, columns = self.rows, other.T.rows
@@ -97,7 +97,7 @@ class Matrix:
 
 
 def _whole(values: Sequence[Fraction]) -> tuple[list[int], int]:
-    """Return numbers times their least common denominator, and that."""
+    """Return numbers times their least common denominator, and that denominator."""
     common = lcm(*(value.denominator for value in values))
     return [value.numerator * (common // value.denominator) for value in values], common
 
@@ -113,7 +113,7 @@ def unit(n: int) -> Matrix:
 
 
 def of_field(k: int, count: int) -> list[Fraction]:
-    """Return the row k of the unit matrix: what reads the error of one field (N)."""
+    """Return row k of the unit matrix, which selects the error of one field (N)."""
     return [Fraction(int(k == at)) for at in range(count)]
 
 
@@ -123,12 +123,12 @@ def zeros(rows: int, columns: int) -> Matrix:
 
 
 def upright(values: Iterable[Fraction]) -> Matrix:
-    """Return the matrix of one column."""
+    """Return a matrix with one column."""
     return Matrix([[value] for value in values], 1)
 
 
 def outer(column: Iterable[Fraction], row: Sequence[Fraction]) -> Matrix:
-    """Return a column times a row."""
+    """Return the product of a column and a row."""
     return Matrix([[x * y for y in row] for x in column], len(row))
 
 
@@ -138,7 +138,7 @@ def largest_row(M: Matrix) -> Fraction:
 
 
 def inverse(M: Matrix) -> Matrix:
-    """Return M^-1 by elimination. Raises: `Unproved` of a singular one."""
+    """Return M^-1 by elimination. Raises: `Unproved` for a singular matrix."""
     size = len(M)
     rows = [[*row, *one] for row, one in zip(M, unit(size), strict=True)]
     for k in range(size):
@@ -155,7 +155,7 @@ def inverse(M: Matrix) -> Matrix:
 
 
 def twice(P: Matrix, N: Matrix) -> Matrix:
-    """Return N'P + P N of a symmetric P."""
+    """Return N'P + P N for a symmetric P."""
     PN = P @ N
     return PN + PN.T
 
@@ -185,8 +185,8 @@ def demand_nonnegative(matrices: Mapping[str, Matrix]) -> None:
 
 
 def _is_positive(M: Matrix, strictly: bool) -> bool:
-    """Return whether a symmetric matrix has no negative eigenvalue, `strictly` none of zero, by the pivots of its
-    elimination: a pivot of zero wants a row of zeros."""
+    """Return whether a symmetric matrix has no negative eigenvalue, and if `strictly` no zero one, by the pivots of
+    elimination: a zero pivot requires a row of zeros."""
     rows = [list(row) for row in M]
     for k, row in enumerate(rows):
         if row[k] < 0 or (row[k] == 0 and (strictly or any(row[k:]))):
@@ -200,12 +200,12 @@ def _is_positive(M: Matrix, strictly: bool) -> bool:
 
 
 def decaying(N: Matrix, P: Matrix) -> Matrix:
-    """Return -I - N'P - P N, which is positive definite where P shows N to decay."""
+    """Return -I - N'P - P N, whose positive definiteness proves with P > 0 that N is Hurwitz."""
     return -1 * unit(len(N)) - twice(P, N)
 
 
 def demand_enough(name: str, sizes: Iterable[Fraction], least: Iterable[Fraction]) -> None:
-    """Demand that the sizes of something are at least these. Raises: `Unproved`."""
+    """Demand that sizes are at least the sizes they follow from. Raises: `Unproved`."""
     if any(size < few for size, few in zip(sizes, least, strict=True)):
         raise Unproved(f"a size of {name} is less than what it follows from")
 
@@ -218,7 +218,7 @@ _DOUBLINGS = 40
 
 @lru_cache(maxsize=8)  # the inequalities of one claim share it
 def weight(X: Matrix) -> tuple[Matrix, Fraction]:
-    """Return a matrix, and how far its elements are at most from those of phi_2(X). Raises: `Unproved`."""
+    """Return a matrix and a bound on the difference of its entries from those of phi_2(X). Raises: `Unproved`."""
     norm, k, n = largest_row(X), 0, len(X)
     while norm > Fraction(1, 2):
         norm, k = norm / 2, k + 1
@@ -254,9 +254,9 @@ _SLOW = Fraction(1, 2)  # by how much it may turn in a piece
 
 
 def core_integral(L: Matrix, h: Fraction, V: Matrix) -> Matrix:
-    """Return the integral of a core L (N, N) and what it drives (N, k), balanced first: powers of 2 by which the rows
-    and the columns of d L d^-1 have sums that are near each other, which is slower. Raises: `Unproved` of a core that
-    is too fast."""
+    """Return the integral for a core L (N, N) and its input V (N, k). L is balanced first: a diagonal of powers of 2
+    makes the row and column sums of d L d^-1 similar, which reduces the norm. Raises: `Unproved` for a core that is too
+    fast."""
     d, each = [Fraction(1)] * len(L), range(len(L))
     for i in _ROUNDS * [*each]:
         row = sum((abs(L[i][j]) * d[i] / d[j] for j in each if j != i), _ZERO)
@@ -286,7 +286,7 @@ def _integral(L: Matrix, h: Fraction, V: Matrix) -> Matrix:
 
 
 def _driven(L: Matrix, s: Fraction, V: Matrix) -> tuple[Matrix, Matrix]:
-    """Return exp(s L) V = V + X V + X^2 phi_2 V, X = s L, and how far its elements are at most from that."""
+    """Return exp(s L) V = V + X V + X^2 phi_2 V, X = s L, and a bound on the error of its entries."""
     X = s * L
     phi_2, width = weight(X)
     any_of_it = Matrix([[width] * len(L) for _ in L])

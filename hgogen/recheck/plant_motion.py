@@ -1,22 +1,22 @@
-"""How fast a plant moves on its ranges, from which sizes of what a method leaves follow.
+"""Bounds of the speed of a plant on its ranges, from which sizes of a method's local error follow.
 
     x' = F(x, u), u' constant;   X_i = x + s sum_j a_ij k_j,   k_i = F(X_i, u + c_i s u'),   Phi_s = x + s sum_i b_i k_i
 
-Taylor coefficients in time of the plant's flow, and of a step of a method in its length, are intervals that hold those
-of every point of a box, and of every length s from 0 to h. At a stage an input may have left the box, but not its
-range. The k-th derivative of r(x(t), u(t)) of a row r is by series of values with slopes in the point, and in the rates
-of inputs: what it is on a box, by itself, or on the face towards which it grows by its value at the centre and slopes.
+Taylor coefficients in time of the plant's flow, and of a step of a method in its length, are intervals that enclose
+those of every point of a box, and of every length s from 0 to h. At a stage an input may have left the box, but not its
+range. The k-th derivative of r(x(t), u(t)) of a row r is bounded by series with slopes in the point and in the rates of
+inputs: by its interval on a box, or by its mean value form on the face towards which it increases.
 
-The sizes of what enters an error follow from what a user says of it, on the plant's ranges.
+The sizes of the inputs to an error follow from the user's declarations, on the plant's ranges.
 
     noise         the error of a sample itself
-    rounded       half of the steps to which samples are rounded
-    late          tau (|y'| + |dy/dz| m): the time by which a sample is taken beside its own
-    disturbance   integral of exp(s h J) m over s from 0 to 1, |dF/dz| <= J:   m = |dT/dx| d of d in the plant's rows
-    parameters    the same of m = |dF/dp| q, of parameters that are beside the program's by q
+    rounded       half of the quantisation steps of samples
+    late          tau (|y'| + |dy/dz| m): the error of the time at which a sample was taken
+    disturbance   integral of exp(s h J) m over s from 0 to 1, |dF/dz| <= J:   m = |dT/dx| d for d in the plant's rows
+    parameters    the same for m = |dF/dp| q, parameters that differ from the program's by q
 
-z' = F, z = T(x); each |.| is at most what the certificate says of it, shown by bisection. What a method leaves follows
-in `local_error`, what a program rounds in `program`.
+z' = F, z = T(x); the certificate states a bound of each |.|, which is proved by bisection. `local_error` treats the
+local error of a method, `program` the rounding errors of a program.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -40,7 +40,8 @@ _ONE = Fraction(1)
 
 @dataclass(frozen=True)
 class PlantMotion:
-    """Bounds in steps of length `h`: of how fast inputs move (m), and bounds of sup|F| (n) of the rows F."""
+    """Bounds of the plant's motion in steps of length `h`: of the `rates` of inputs (m), and of the `speeds` sup|F| (n)
+    of the rows F."""
 
     context: Context
     h: Fraction
@@ -48,7 +49,7 @@ class PlantMotion:
     speeds: list[Fraction]
 
     def demand(self) -> int:
-        """Demand that the bounds are those of the plant, and that no input is in what outputs show; with how many
+        """Demand that the bounds hold for the plant, and that no measured output reads an input; return the number of
         boxes. Raises: `Unproved`."""
         context = self.context
         for j in self.observed:
@@ -65,7 +66,7 @@ class PlantMotion:
 
     @cached_property
     def observed(self) -> dict[int, tuple[int, Fraction]]:
-        """The place, by output, of the state that it shows, and dy/dz; without those that show none, which are not
+        """The index of the state that each output measures, and dy/dz; without outputs that measure none, which are not
         injected. Raises: `Unproved`."""
         observed = dict[int, tuple[int, Fraction]]()
         for j, z in ((j, z) for j, z in enumerate(self.context.observed) if z):
@@ -74,32 +75,33 @@ class PlantMotion:
 
     @property
     def phrase(self) -> str:
-        """Return what is left, and how fast inputs move, in words."""
+        """The words on the method's local error and on the rates of inputs."""
         each = zip(self.context.file.inputs, self.rates, strict=True)
         moving = [f"{u} moves at up to {printed(rate, -1)}" for u, rate in each if u in self.read]
         return f"what the method leaves{' as ' if moving else ''}{', '.join(moving)}"
 
     @property
     def clear(self) -> str:
-        """The words for how much the plant keeps clear of the ends of its ranges, in words."""
+        """The words on the plant's least distance from the ends of its ranges."""
         each = zip(self.context.z, self.speeds, strict=True)
         return ", ".join(f"{printed(self.h * speed, 1)} in {z}" for z, speed in each)
 
 
 def demand_speeds(context: Context, speeds: Sequence[Fraction]) -> int:
-    """Demand that no row of the plant is faster on its ranges; with how many boxes. Raises: `Unproved`."""
+    """Demand that no row of the plant exceeds its speed on its ranges; return the number of boxes. Raises:
+    `Unproved`."""
     rows = zip(context.rates, speeds, strict=True)
     return sum(covered(narrowed(context.form.box, row.names), ".", ranged(row, -most, most)) for row, most in rows)
 
 
 def motion_of(context: Context, h: Fraction, follows: Mapping[str, Any]) -> PlantMotion:
-    """Return the motion of which a share says that its sizes follow. Raises: `Unproved`."""
+    """Return the motion that a share assumes. Raises: `Unproved`."""
     rates, speeds = column(follows, "rates", len(context.file.inputs)), column(follows, "speeds", len(context.z))
     return PlantMotion(context, h, rates, speeds)
 
 
 def demand_keys(follows: Mapping[str, Any], keys: tuple[str, ...], name: str = "the method") -> None:
-    """Demand that the sizes of something follow from these and no others. Raises: `Unproved`."""
+    """Demand that exactly these keys give the origin of the sizes. Raises: `Unproved`."""
     if set(follows) != {*keys}:
         raise Unproved(f"the sizes of {name} do not follow from {', '.join(keys) or 'nothing'}")
 
@@ -110,7 +112,7 @@ Series = Mapping[str, Dual]  # by names, of Taylor series with slopes
 
 
 def _flow(rows: Sequence[Expression], states: Sequence[str], started: Series, order: int) -> Series:
-    """Return the series below t^order of all names, of which the states move as the rows say. Raises: `Undefined`."""
+    """Return the series below t^order of all names, with the states driven by the rows. Raises: `Undefined`."""
     series = dict(started)
     for k in range(1, order):
         here = _begun(series, k)
@@ -138,8 +140,8 @@ def _longer(x: Dual, rate: Dual) -> Dual:
 
 @dataclass(frozen=True)
 class PlantSeries:
-    """The series of the rows F by the names of the states (n); `rates`: at most how fast an input moves, by its name,
-    within its range in `whole`; a name of the box that is neither is constant."""
+    """The series of the rows F for the states (n); `rates`: bounds of the inputs' rates by name, with the inputs within
+    their ranges in `whole`; any other name of the box is constant."""
 
     rows: Sequence[Expression]
     states: Sequence[str]
@@ -148,7 +150,7 @@ class PlantSeries:
     whole: Box
 
     def flow(self, order: int) -> list[list[Interval]]:
-        """Return those of the flow (n) below s^order. Raises: `Undefined`."""
+        """Return the series of the flow (n) below s^order. Raises: `Undefined`."""
         started = {name: [side] for name, side in sides(self.box).items()} | self._inputs(_ONE, Fraction(0))
         series = _flow(self.rows, self.states, {name: Dual(begin(x, len(x)), {}) for name, x in started.items()}, order)
         return [[*series[name].value.coefficients] for name in self.states]
@@ -170,7 +172,7 @@ class PlantSeries:
         return stages
 
     def _inputs(self, at: Fraction, h: Fraction) -> dict[str, list[Interval]]:
-        """Return the inputs and their rates at that share of any length up to h, the rates for a step of it."""
+        """Return the inputs and their rates at the share `at` of any length up to h, the rates scaled to that share."""
         ranges, known = sides(self.box), dict[str, list[Interval]]()
         for name, rate in self.rates.items():
             orders_of = point(at) * between(-rate, rate)
@@ -179,7 +181,7 @@ class PlantSeries:
         return known
 
     def _rates(self, states: Sequence[Taylor], inputs: Mapping[str, list[Interval]], order: int) -> list[Taylor]:
-        """F below s^order of the series of the states and of the inputs."""
+        """Return F below s^order from the series of the states and of the inputs."""
         values = {name: begin([side], order) for name, side in sides(self.box).items()}
         values |= zip(self.states, states, strict=True)
         values |= {name: begin(x, order) for name, x in inputs.items()}
@@ -193,7 +195,7 @@ Ends = tuple[tuple[str, tuple[End, End]], ...]  # those of a box
 
 @dataclass(frozen=True)
 class Derivative:
-    """A derivative of an order of a row, and its bound."""
+    """A time derivative of an order of a row, and its bound."""
 
     row: Expression
     order: int
@@ -201,7 +203,7 @@ class Derivative:
 
 
 def demand_derivatives(motion: PlantMotion, each: Sequence[Derivative]) -> int:
-    """Demand that derivatives of rows of the plant are at most what is said; with how many boxes. Raises:
+    """Demand that time derivatives of rows of the plant are within their bounds; return the number of boxes. Raises:
     `Unproved`."""
     context, orders_of = motion.context, tuple((one.row, one.order) for one in each)
     whole, rates = context.form.box, dict(zip(context.file.inputs, motion.rates, strict=True))
@@ -227,7 +229,7 @@ def _derivatives(
     orders_of: tuple[tuple[Expression, int], ...],
     here: Ends,
 ) -> list[Dual]:
-    """Return what derivatives of rows, of an order each, are in intervals on a box, with their slopes. Raises:
+    """Return the derivatives of rows, each of an order, as intervals on a box, with their slopes. Raises:
     `Undefined`."""
     orders = dict(sorted(orders_of, key=lambda one: one[1]))
     every = {**{name: Dual(x, {}) for name, x in sides(dict(whole)).items()}, **seeded_sides(dict(here))}
@@ -246,7 +248,7 @@ def _derivatives(
 
 
 def _started(*coefficients: Dual) -> Dual:
-    """Return a series with slopes, from coefficients that have one each."""
+    """Return a series with slopes from its coefficients, which are duals."""
     (none,) = begin((), 1).coefficients
     keys = dict.fromkeys(k for x in coefficients for k in x.slopes)
     slopes = {k: Taylor(tuple(x.slopes.get(k, none) for x in coefficients)) for k in keys}
@@ -259,8 +261,8 @@ Shares = Mapping[str, Mapping[str, Any]]
 
 
 def demand_followed(context: Context, h: Fraction, shares: Shares) -> int:
-    """Demand that the sizes of shares, by their names, are at least what they follow from; with how many boxes. Raises:
-    `Unproved`."""
+    """Demand that the sizes of shares, by name, are at least the sizes that they follow from; return the number of
+    boxes. Raises: `Unproved`."""
     n, p, boxes = len(context.z), len(context.form.output), 0
     drift, others = [Fraction(0)] * n, dict[str, tuple[Mapping[str, Any], list[Fraction]]]()
     for name, share in shares.items():
@@ -286,7 +288,7 @@ def demand_followed(context: Context, h: Fraction, shares: Shares) -> int:
 
 
 def _signless(follows: Mapping[str, Any], key: str, count: int) -> list[Fraction]:
-    """Numbers that are not negative."""
+    """Return numbers that are not negative. Raises: `Unproved`."""
     numbers = column(follows, key, count)
     if min(numbers, default=Fraction(0)) < 0:
         raise Unproved(f"one of its {key} is negative")
@@ -296,7 +298,7 @@ def _signless(follows: Mapping[str, Any], key: str, count: int) -> list[Fraction
 def _late(
     context: Context, follows: Mapping[str, Any], sizes: Sequence[Fraction], drift: Sequence[Fraction]
 ) -> tuple[list[Fraction], int]:
-    """tau (speed + |dy/dz| m), and with how many boxes."""
+    """Return tau (speed + |dy/dz| m), and the number of boxes."""
     speeds, least, boxes = _signless(follows, "speeds", len(sizes)), list[Fraction](), 0
     for j, (tau, speed) in enumerate(zip(sizes, speeds, strict=True)):
         if not tau:
@@ -313,7 +315,7 @@ def _late(
 
 
 def _by_disturbance(context: Context, follows: Mapping[str, Any]) -> tuple[Matrix, list[Fraction], int]:
-    """|dT/dx| and the disturbances."""
+    """Return bounds of |dT/dx|, the disturbances, and the number of boxes."""
     names, T = context.plant.states, context.form.to_form
     sizes = _signless(follows, "sizes", len(names))
     rows = matrix(follows, "rows", len(T), len(names))
@@ -321,7 +323,7 @@ def _by_disturbance(context: Context, follows: Mapping[str, Any]) -> tuple[Matri
 
 
 def _by_parameters(context: Context, follows: Mapping[str, Any]) -> tuple[Matrix, list[Fraction], int]:
-    """|dF/dp| and by how much the parameters are beside."""
+    """Return bounds of |dF/dp|, the errors of the parameters, and the number of boxes."""
     form, names = context.form, context.file.parameters
     sizes = _signless(follows, "sizes", len(names))
     wrong = {name: size for name, size in zip(names, sizes, strict=True) if size}
@@ -333,7 +335,7 @@ def _by_parameters(context: Context, follows: Mapping[str, Any]) -> tuple[Matrix
 
 
 def _on_its_way(h: Fraction, J: Matrix, drift: Sequence[Fraction]) -> list[Fraction]:
-    """An upper bound of the sum of (h J)^k m/(k + 1)! over all k."""
+    """Return an upper bound of the sum of (h J)^k m/(k + 1)! over all k."""
     if any(x < 0 for row in J for x in row):
         raise Unproved("one of its steepness is negative")
     norm = h * largest_row(J)

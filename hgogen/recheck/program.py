@@ -1,44 +1,45 @@
-"""A call's program as a certificate lists it: tied to the step, and how far it rounds.
+"""A call's program as a certificate lists it: its equality with a step of the observer, and bounds of its rounding
+errors.
 
-How far a number that a program computes may be from that of exact arithmetic: a running error analysis.
+A running error analysis bounds the difference between a computed number and its value in exact arithmetic.
 
-Each value v of exact arithmetic is in an interval, and |v~ - v| <= e, v~ what is computed of it. Round to nearest takes
-at most u |v~| more, u = 2^-24 or 2^-53, and `tiny`, the smallest normal number, where a result underflows:
+Each value v of exact arithmetic is in an interval, and |v~ - v| <= e for its computed value v~. Rounding to nearest
+adds at most u |v~|, u = 2^-24 or 2^-53, and `tiny`, the smallest normal number, at an underflow:
 
     v = a +- b  e = e_a + e_b                           v = a b    e = |a| e_b + |b| e_a + e_a e_b
     v = a / b   e = (e_a + |v| e_b)/(|b| - e_b)         v = f(a)   e = sup|f'| e_a
     each        + k (u (|v| + e) + tiny)
 
-k is 1 of these operations, 0 of what is exact: -a, |a|, min, max, products with 1 and 2, whole numbers up to 2^24. A
-constant that is none of these is rounded 8 times as a double, and once more. Of functions k is what a program's
-functions are measured to err by, twice: no arithmetic here shows it. Source: N. J. Higham, Accuracy and Stability of
-Numerical Algorithms, 2nd ed., 2002, section 3.3.
+k is 1 for these operations, 0 for exact ones: -a, |a|, min, max, products with 1 and 2, integers up to 2^24. Another
+constant is rounded 8 times as a double, and once more. For functions k is twice the largest measured error of a
+program's functions: no arithmetic here proves it. Source: N. J. Higham, Accuracy and Stability of Numerical Algorithms,
+2nd ed., 2002, section 3.3.
 
-A call's program as a certificate lists it: its statements against a step of a method on an observer's equation.
+The statements of the program are compared with a step of a method on an observer's equation.
 
     x1, ..   the elements of the fields      y1_last, y1, ..   samples, of the last call and of this one
-    v1, ..   the statements                  u1_last, u1, ..   inputs alike
+    v1, ..   the statements                  u1_last, u1, ..   inputs likewise
 
-A statement is an operation and what it takes, which is a name, a number, an expression of numbers, or a statement
-before it. The equation in the observer's own fields is built from the plant of the certificate and its numbers:
+A statement is an operation with operands: a name, a number, an expression of numbers, or an earlier statement. The
+equation in the observer's own fields is built from the plant of the certificate and its numbers:
 
     of a gain    z' = A z + b(clamped z + N v, u) + S^-1 theta B v,                v_j = theta^-late (y_j - h_j(z, u))
     of a core    e' = theta (N e + B v + sum over saturations of onto (sat e_j - e_j)) + s_i b_i(clamped z, u)
 
-S is the diagonal of scale and powers of theta, e_k = r_k x_k of a field x_k of a chain of integrators, v = y - o(u). b
-stands in the rows of the fields that estimate, of s_i theirs. What b reads is clamped to the ranges; a saturation
-clamps a field to the range of the state that it estimates. The step
+S is the diagonal of scale and powers of theta, e_k = r_k x_k for a field x_k of a chain of integrators, v = y - o(u). b
+acts on the rows of the fields that estimate states, with their s_i. The argument of b is clamped to the ranges; a
+saturation clamps a field to the range of the state that it estimates. The step
 
     X_i = x + h sum_j a_ij k_j,   k_i = f(X_i, y_i, u_i),   x+ = x + h sum_i b_i k_i
 
-are identities of the program in exact arithmetic, stage by stage, but for what its constants are rounded: by how much a
-statement is beside them is a quotient of what stands before it.
+equals the program in exact arithmetic, stage by stage, up to the rounding of its constants: the deviation of a
+statement is a quotient in earlier values.
 
-The sizes of what a program rounds follow from its statements, which are those of the step (`program`).
+The sizes of the rounding errors follow from these statements.
 
-How far it is from the step in its precision is computed where the plant is in its ranges and the error of each field
-within a bound, in pieces of the ranges of the states that outputs show. All shares together are at most that bound: an
-error that inputs alone made never leaves it.
+The error of the program in its precision is computed while the plant is in its ranges and the error of each field
+within a bound, in pieces of the ranges of the measured states. All shares together are at most that bound: an error
+caused by inputs only never exceeds it.
 """
 
 import re
@@ -77,8 +78,8 @@ PRECISIONS = tuple(_BITS)
 
 @dataclass(frozen=True)
 class Computed:
-    """The interval of a value, and the largest error, an interval whose upper end counts; `number` of a value that is
-    one, which the program has exactly."""
+    """A computed value: the interval of its exact value, and the largest error, the upper end of an interval; `number`
+    if the program has it exactly."""
 
     real: str
     value: Interval
@@ -87,11 +88,11 @@ class Computed:
 
     @property
     def around(self) -> Interval:
-        """Return where the exact and the computed value are."""
+        """The interval of the exact and the computed value."""
         return self.value + _both(self.error)
 
     def widened(self, size: Interval) -> "Computed":
-        """Return an exact value that may be so far beside."""
+        """Return the value with an additional error of at most `size`."""
         return Computed(self.real, self.value + _both(size), self.error + size)
 
     def __add__(self, other: "Computed") -> "Computed":
@@ -118,8 +119,7 @@ class Computed:
         return self.rounded(value, (self.error + _size(value) * other.error) / _size(other.around))
 
     def rounded(self, value: Interval, inherited: Interval, units: Fraction = Fraction(1)) -> "Computed":
-        """Return the result of an operation on it, which errs by so many u. Raises: `Undefined` of what may
-        overflow."""
+        """Return the result of an operation with an error of so many u. Raises: `Undefined` if it may overflow."""
         bits, normal = _BITS[self.real]
         share, whole = units / 2**bits, _size(value) + inherited
         error = inherited + point(share * (1 + 2 * share * (units > 1))) * whole + point(units / 2**normal)
@@ -128,7 +128,7 @@ class Computed:
         return Computed(self.real, value, error)
 
     def through(self, name: str, units: Fraction) -> "Computed":
-        """Return a function of it that is no operation."""
+        """Return the value of a library function of it."""
         slope = dual(intervals).function(name, (Dual(self.around, {0: _ONE}),)).slopes[0]
         return self.rounded(intervals.function(name, (self.value,)), _size(slope) * self.error, units)
 
@@ -139,7 +139,7 @@ def _size(value: Interval) -> Interval:
 
 
 def _by_power(x: Interval, exponent: Fraction | int) -> Fraction:
-    """Return the u by which x^exponent may err. Raises: `Undefined` where it is not bounded."""
+    """Return the error of x^exponent in u. Raises: `Undefined` if it is unbounded."""
     least, each = map(point, POWER)
     steep = least + each * point(abs(Fraction(exponent))) * _size(intervals.function("log", (x,)))
     high = steep.exactly[1]
@@ -153,14 +153,13 @@ def _both(error: Interval) -> Interval:
 
 
 def constant(real: str, text: Expression) -> Computed:
-    """Return a number that an expression without names says, which a program has as one constant. Raises:
-    `Undefined`."""
+    """Return the value of an expression without names, which the program has as one constant. Raises: `Undefined`."""
     value: Interval = evaluate(text, {}, intervals)
     return Computed(real, value).rounded(value, _size(value) * point(_FOLDED))
 
 
 def precision(real: str) -> Arithmetic:
-    """Return the arithmetic of a program in a precision, of `PRECISIONS`."""
+    """Return the arithmetic of a program in a precision, one of `PRECISIONS`."""
 
     def number(value: Fraction) -> Computed:
         if value.denominator == 1 and abs(value) <= _WHOLE:
@@ -204,8 +203,8 @@ _STATEMENT = re.compile(r"v[1-9][0-9]{0,5}\Z", re.ASCII)
 
 @dataclass(frozen=True)
 class Listed:
-    """The `statements`, each an operation and its operands; by stage the operands that are the fields there (N) and
-    their rates, and the fields `after` the call."""
+    """A listed program: `statements`, each an operation and its operands; by stage the operands of the fields (N) and
+    of their rates; and those of the fields `after` the call."""
 
     statements: list[tuple[str, list[str]]]
     stages: list[list[str]]
@@ -214,12 +213,12 @@ class Listed:
 
 
 def is_statement(operand: str) -> bool:
-    """Return whether an operand is one, not a name or a number."""
+    """Return whether an operand is a statement, not a name or a number."""
     return bool(_STATEMENT.match(operand))
 
 
 class Walk:
-    """The values of a program in an arithmetic, from those of its names; statements are computed as they are read."""
+    """A lazy evaluation of a program in an arithmetic, from the values of its names."""
 
     def __init__(
         self,
@@ -229,8 +228,8 @@ class Walk:
         deviations: Mapping[str, Callable[["Walk", Any], Any]] | None = None,
         constant: Callable[[Expression], Any] | None = None,
     ) -> None:
-        """`deviations`: of statements, what stands for their value; `constant`: what an expression without names is, by
-        default what the arithmetic computes of it."""
+        """Store the program. `deviations`: functions that replace the values of statements; `constant`: the value of an
+        expression without names, by default in the arithmetic."""
         self.values, self.arithmetic, self.deviations = dict(values), arithmetic, deviations or {}
         self.constant = constant or partial(evaluate, values={}, arithmetic=arithmetic)
         self.computed = dict[str, Any]()  # of statements that are named otherwise
@@ -238,7 +237,7 @@ class Walk:
         self.count = 0
 
     def value(self, operand: str) -> Any:
-        """Return the value of a name, a number or a statement. Raises: `Unproved`, and what the arithmetic raises."""
+        """Return the value of a name, a number or a statement. Raises: `Unproved`, and the arithmetic's errors."""
         if is_statement(operand):
             while int(operand[1:]) > self.count:
                 self._next()
@@ -255,7 +254,7 @@ class Walk:
             raise Unproved(f"its program reads {operand!r}, which it has not") from None
 
     def rename(self, operand: str, value: Any) -> None:
-        """Has a statement another value from now on, the first time; a name or a number keeps its own."""
+        """Replace the value of a statement from now on, once only; a name or a number keeps its value."""
         if is_statement(operand) and operand not in self.computed:
             self.computed[operand] = self.values[operand]
             self.values[operand] = value
@@ -302,7 +301,7 @@ def _operands(holder: Mapping[str, Any], key: str, count: int) -> list[str]:
 
 
 def _exponent(text: str) -> Fraction:
-    """Return an exponent other than 1/2, which is a square root."""
+    """Return an exponent other than 1/2, which is the operation sqrt."""
     try:
         exponent = number(text)
     except Unreadable:
@@ -313,7 +312,7 @@ def _exponent(text: str) -> Fraction:
 
 
 def _applied(word: str, values: Sequence[Any], arithmetic: Arithmetic) -> Any:
-    """Raises: `Unproved` of an operation that is none."""
+    """Return the value of an operation. Raises: `Unproved` for an unknown one."""
     count = _OPERANDS.get(word)
     if count is None:
         raise Unproved(f"its program has the operation {word!r}, whose rounding is not known")
@@ -342,7 +341,7 @@ _ZERO = Fraction(0)
 
 @dataclass(frozen=True)
 class Equation:
-    """The equation of an observer at a theta, with the plant's `parameters` as the program has them."""
+    """The equation of an observer at a theta, with the plant's `parameters` as in the program."""
 
     context: Context
     error: ErrorInclusion
@@ -351,19 +350,20 @@ class Equation:
 
     @cached_property
     def scales(self) -> list[Fraction]:
-        """The error of each field (N), e_k where that of its state of the form is 1. Raises: `Unproved`."""
+        """The error e_k of each field (N) for an error 1 of its state of the form. Raises: `Unproved`."""
         return self.error.scales(self.context, self.theta)
 
     @cached_property
     def units(self) -> list[Fraction]:
-        """r (N), the error e_k where that of the field is 1. Raises: `Unproved`."""
+        """The factors r (N): the error e_k for an error 1 of the field. Raises: `Unproved`."""
         if not self.error.units:
             return self.scales
         units = self.error.units
         return [units[i] / self.theta**p for i, p in zip(self.error.index, self.error.power, strict=True)]
 
     def rates(self, algebra: Algebra, x: Row, y: Row, u: Row) -> list[Quotient]:
-        """x' (N) of fields x (N), samples y (p) and inputs u (m). Raises: `Unproved`, `Undefined`, `TooLarge`."""
+        """Return x' (N) for fields x (N), samples y (p) and inputs u (m). Raises: `Unproved`, `Undefined`,
+        `TooLarge`."""
         context, error, number = self.context, self.error, algebra.number
         names = {name: number(value) for name, value in self.parameters.items()}
         names |= zip(context.file.inputs, u, strict=True)
@@ -374,7 +374,7 @@ class Equation:
         return [rate + number(fed * s / r) * b[i] for rate, s, r, fed, i in each]
 
     def _of_gain(self, algebra: Algebra, names: Mapping[str, Quotient], z: Row, y: Row) -> tuple[Row, Row]:
-        """z' but for b, and what b reads."""
+        """Return z' without b, and the argument of b."""
         form, there = self.context.form, {**names, **dict(zip(self.context.z, z, strict=True))}
         v = self._missed(algebra, there, y)
         A = [[algebra.read(entry, names) for entry in row] for row in form.A]
@@ -384,7 +384,7 @@ class Equation:
         return rates, [a + algebra.number(1 / s) * b for a, b, s in zip(z, injection, self.scales, strict=True)]
 
     def _of_core(self, algebra: Algebra, names: Mapping[str, Quotient], x: Row, y: Row) -> tuple[Row, Row]:
-        """x' but for b, and what b reads."""
+        """Return x' without b, and the argument of b."""
         error, number, nothing = self.error, algebra.number, dict.fromkeys(self.context.z, algebra.zero)
         e = [number(r) * each for r, each in zip(self.units, x, strict=True)]
         v = self._missed(algebra, {**names, **nothing}, y)
@@ -397,7 +397,7 @@ class Equation:
         return [number(self.theta / r) * rate for rate, r in zip(rates, self.units, strict=True)], reads
 
     def _missed(self, algebra: Algebra, there: Mapping[str, Quotient], y: Row) -> list[Quotient]:
-        """theta^-late (y - h) (p), 0 of an output that shows no state."""
+        """Return theta^-late (y - h) (p), 0 for an output that measures no state."""
         nothing, context = algebra.zero, self.context
         each = zip(y, context.form.output, context.observed, self.error.late, strict=True)
         return [
@@ -412,7 +412,7 @@ class Equation:
 
 
 def _clamp(algebra: Algebra, x: Quotient, low: End, high: End) -> Quotient:
-    """min(max(x, low), high), of ends that are numbers."""
+    """Return min(max(x, low), high), without infinite ends."""
     for name, end in (("Max", low), ("Min", high)):
         x = algebra.function(name, (x, algebra.number(end))) if isinstance(end, Fraction) else x
     return x
@@ -423,8 +423,8 @@ def _clamp(algebra: Algebra, x: Quotient, low: End, high: End) -> Quotient:
 
 @dataclass(frozen=True)
 class StepProgram:
-    """A `program` of a tableau on an observer's equation with steps of `h`, its inputs `between` two samples on their
-    "line", or on "hold" at the last one."""
+    """A `program` of a tableau on an observer's equation with steps of `h`; `between`: its inputs between two samples,
+    on their "line", or on "hold" at the last one."""
 
     equation: Equation
     tableau: Tableau
@@ -433,7 +433,7 @@ class StepProgram:
     between: str
 
     def besides(self) -> "Besides":
-        """Return by how much its statements are beside the step, in exact arithmetic. Raises: `Unproved`."""
+        """Return the deviations of its statements from the step in exact arithmetic. Raises: `Unproved`."""
         stages, fields = len(self.tableau.weights), len(self.equation.units)
         marks = {
             f"{what} {i} {k}": operand
@@ -467,7 +467,7 @@ class StepProgram:
         return [*(f"x{k}" for k in fields), *ends]
 
     def _there(self, algebra: Algebra, walk: Walk, name: str, node: Fraction) -> list[Quotient]:
-        """Samples or inputs at a part of the way between two."""
+        """Return samples or inputs at a fraction of the time between two."""
         count = len(self.equation.context.form.output if name == "y" else self.equation.context.file.inputs)
         share = Fraction(1) if name == "u" and self.between == "hold" else node
         pairs = [(walk.value(f"{name}{j}_last"), walk.value(f"{name}{j}")) for j in range(1, count + 1)]
@@ -486,8 +486,8 @@ def _stepped(
 
 @dataclass(frozen=True)
 class Besides:
-    """Statements that stand for what a step has, the `marks` by the names of letters: by how much each is `deviations`
-    that, where it is; from then on its value is a letter."""
+    """Statements that represent values of the step, the `marks` by the names of letters, with their nonzero
+    `deviations` from these values; from then on the value of a statement is a letter."""
 
     algebra: Algebra
     walk: Walk
@@ -495,7 +495,8 @@ class Besides:
     deviations: dict[str, Quotient] = field(default_factory=dict)
 
     def take(self, operands: Sequence[str], wanted: Sequence[Quotient], letters: str = "") -> list[Quotient]:
-        """Return the values of operands that stand for what is wanted. Raises: `Unproved`, and as the arithmetic."""
+        """Return the values of operands that represent the `wanted` values. Raises: `Unproved`, and the arithmetic's
+        errors."""
         for k, (operand, value) in enumerate(zip(operands, wanted, strict=True)):
             off = self.walk.value(operand) - value
             exact = (
@@ -511,7 +512,7 @@ class Besides:
 
     @property
     def statements(self) -> dict[str, Callable[[Walk, Computed], Computed]]:
-        """The functions, by statement that is beside, what its value and its error are in the arithmetic of a
+        """The functions that widen the value of each deviating statement by its deviation, in the arithmetic of a
         precision."""
         return {operand: partial(self._stepped, off) for operand, off in self.deviations.items()}
 
@@ -521,7 +522,7 @@ class Besides:
 
 
 class _Letters(dict[str, Interval]):
-    """The intervals of a walk by the names of letters."""
+    """A mapping from letters to the intervals of a walk."""
 
     def __init__(self, walk: Walk, marks: Mapping[str, str]) -> None:
         super().__init__()
@@ -541,8 +542,8 @@ Side = tuple[Fraction, Fraction]
 
 @dataclass(frozen=True)
 class Rounded:
-    """The program of a `step` in a `precision`; errors of samples at most `samples` (p), of fields in units of their
-    states at most `within` (N), the plant moves by at most `drifts` (n) in a call."""
+    """The program of a `step` in a `precision`, under bounds of the errors of samples, `samples` (p), of the errors of
+    fields in units of their states, `within` (N), and of the plant's movement in a call, `drifts` (n)."""
 
     step: StepProgram
     precision: str
@@ -551,8 +552,8 @@ class Rounded:
     drifts: Sequence[Fraction]
 
     def demand_sizes(self, sizes: Sequence[Fraction]) -> int:
-        """Demand that a call rounds the error of each field by at most h times its size (N); with how many pieces.
-        Raises: `Unproved`."""
+        """Demand that a call rounds the error of each field by at most h times its size (N); return the number of
+        pieces. Raises: `Unproved`."""
         pieces, deviations = self._pieces, self.step.besides().statements
         for ranges in pieces:
             try:
@@ -568,7 +569,7 @@ class Rounded:
 
     @property
     def _pieces(self) -> list[tuple[Side, ...]]:
-        """The ranges (n) of the states, those that outputs show in pieces."""
+        """The ranges (n) of the states, those of the measured states in pieces."""
         context = self.step.equation.context
         heads, sides = {z for z in context.observed if z}, list[list[Side]]()
         count = round(_PIECES ** (1 / max(1, len(heads))))
@@ -579,7 +580,7 @@ class Rounded:
         return list(product(*sides))
 
     def _values(self, ranges: Sequence[Side]) -> dict[str, Computed]:
-        """Return what the program reads while the plant is in these ranges at the beginning of a call."""
+        """Return the values that the program reads while the plant is in these ranges at the beginning of a call."""
         equation, context, values = self.step.equation, self.step.equation.context, dict[str, Interval]()
         known = zip(equation.units, equation.scales, equation.error.index, equation.error.fed, self.within, strict=True)
         for k, (unit, scale, i, fed, error) in enumerate(known, 1):
@@ -593,7 +594,7 @@ class Rounded:
         return {name: Computed(self.precision, value) for name, value in values.items()}
 
     def _sample(self, output: int, ranges: Sequence[Side]) -> Interval:
-        """Return the range of an output, from the beginning of a call to its end."""
+        """Return the range of an output from the beginning of a call to its end."""
         context = self.step.equation.context
         shifted = zip(context.z, ranges, self.drifts, strict=True)
         box = {**context.form.box, **{z: (low - move, high + move) for z, (low, high), move in shifted}}
@@ -610,8 +611,9 @@ def demand_rounding(
     shares: Mapping[str, Mapping[str, Any]],
     totals: Sequence[Fraction],
 ) -> tuple[str, int]:
-    """Demand that the sizes of a share are those of its program, beside all `shares` which come to `totals` (N) in the
-    units of the fields' states; what it assumes, in words, and with how many boxes. Raises: `Unproved`."""
+    """Demand that the sizes of a share bound its program's rounding errors while all `shares` move the fields by
+    `totals` (N) in the units of their states; return the assumptions in words, and the number of boxes. Raises:
+    `Unproved`."""
     follows, context = share["follows"], equation.context
     n, count, p = len(context.z), len(totals), len(context.form.output)
     errors, speeds = column(follows, "within", count), column(follows, "speeds", n)
@@ -630,13 +632,13 @@ def demand_rounding(
 
 
 def equation_of(context: Context, error: ErrorInclusion, theta: Fraction, follows: Mapping[str, Any]) -> Equation:
-    """Return the equation of the observer whose program is listed. Raises: `Unproved`."""
+    """Return the equation of the observer with the listed program. Raises: `Unproved`."""
     demand_keys(follows, _ROUNDING_KEYS, "its rounding")
     return Equation(context, error, theta, parameters_of(context, follows))
 
 
 def parameters_of(context: Context, follows: Mapping[str, Any]) -> dict[str, Fraction]:
-    """Return the plant's parameters as the program has them, each in its range. Raises: `Unproved`."""
+    """Return the plant's parameters as in the program, each in its range. Raises: `Unproved`."""
     names = context.file.parameters
     values = dict(zip(names, column(follows, "parameters", len(names)), strict=True))
     for name, value in values.items():
@@ -647,7 +649,8 @@ def parameters_of(context: Context, follows: Mapping[str, Any]) -> dict[str, Fra
 
 
 def _between(context: Context, follows: Mapping[str, Any], shares: Mapping[str, Mapping[str, Any]]) -> str:
-    """Return how its program has inputs between two samples: held where none moves."""
+    """Return the program's interpolation of inputs between two samples; "hold" requires constant inputs. Raises:
+    `Unproved`."""
     between, motion = _one_of(follows, "between", _BETWEEN), shares.get("method", {}).get("follows", {})
     rates = column(motion, "rates", len(context.file.inputs)) if "rates" in motion else []
     if between == "hold" and any(rates):

@@ -1,16 +1,16 @@
-"""Tables of a certificate: functions by points, held at their ends, whose ranges are exact.
+"""Tables of a certificate: functions given by points, constant beyond their ends, with exact ranges.
 
     Linear(x, m, x_0, y_0, x_1, y_1, ..), Monotone(x, m, x_0, y_0, ..): the derivative of order m at x, 0 for the value
     Bilinear(x, y, p, q, n, x_1, .., x_n, y_1, .., y_m, z_11, z_12, .., z_nm): that of order p in x and q in y
 
-Between two points Linear is a line, and Bilinear one along each axis. What they are at a place, and their slope beside
-it, is a weighted sum of the values at the points: a range is that of such sums, of products of weights along the axes.
+Between two points Linear is a line, and Bilinear one along each axis. A value or slope is a weighted sum of the values
+at the points, with products of weights along the axes; a range is the range of such sums.
 
-Between two points Monotone is the cubic with slopes d_k at its ends: inside 0 where the chords D on both sides have not
-one sign, else 1/d_k the mean of 1/D weighted by w = h + 2 g of the widths h of its own chord and g of the other; at an
-end the slope of the parabola through the three nearest points, 0 against its chord, 3 D at most where the next chord
-turns round (Fritsch and Carlson 1980, Fritsch and Butland 1984). Where a derivative jumps it is the set between its
-limits; on a box that ends there, the limit from within.
+Between two points Monotone is the cubic with slopes d_k at its ends. Inside, the slope is 0 if the chords D on both
+sides differ in sign, else 1/d_k is the mean of 1/D weighted by w = h + 2 g, with the width h of its own chord and g of
+the other. At an end it is the slope of the parabola through the three nearest points: 0 if it opposes its chord, and 3
+D at most if the next chord has the other sign (Fritsch and Carlson 1980, Fritsch and Butland 1984). A derivative that
+jumps is the set between its limits; on a box that ends there, the limit from within.
 """
 
 import math
@@ -34,16 +34,16 @@ _NEVER = 5  # more than any order that jumps
 
 
 def _pieces_on(places: Sequence[Fraction], low: End, high: End) -> tuple[int, int]:
-    """Return the first and the last piece on [low, high], the breakpoints between them inside it; of one breakpoint the
-    pieces on both sides."""
+    """Return the first and the last piece on [low, high], with the breakpoints between them inside it; at one
+    breakpoint, the pieces on both sides."""
     first, last = bisect_left(places, low), bisect_right(places, low)
     return (last, bisect_left(places, high)) if low < high else (first, last)
 
 
 @dataclass(frozen=True)
 class Grid:
-    """Lines along each axis between its `axes`; `values` has an entry for each place of the first, of two axes a row
-    for each place of the second."""
+    """A piecewise linear table with breakpoints `axes`; `values` has an entry for each breakpoint of the first axis,
+    with two axes a row over the second."""
 
     axes: tuple[tuple[Fraction, ...], ...]
     values: tuple[Any, ...]
@@ -51,8 +51,8 @@ class Grid:
 
     @cached_property
     def jumps(self) -> tuple[Order, ...]:
-        """For each axis and each of its breakpoints the lowest order that jumps there: 1 where the slopes on both sides
-        differ somewhere along it."""
+        """The lowest order that jumps, for each axis and each of its breakpoints: 1 if the slopes on both sides differ
+        somewhere along it."""
         turned = (self.values, tuple(zip(*self.values, strict=True)) if len(self.axes) > 1 else ())
         return tuple(
             tuple(
@@ -62,7 +62,7 @@ class Grid:
         )
 
     def range(self, order: Order, box: Sequence[Side]) -> tuple[Fraction, Fraction] | None:
-        """Return the least and the largest value on a box; None where it is not bounded."""
+        """Return the least and the largest value on a box; None if it is unbounded."""
         if any(_beyond(*each) for each in zip(self.axes, self.jumps, order, box, strict=True)):
             return None
         weights = [list(_weights(*each)) for each in zip(self.axes, order, box, strict=True)]
@@ -71,14 +71,14 @@ class Grid:
 
 
 def _beyond(places: Sequence[Fraction], jumps: Order, order: int, side: Side) -> bool:
-    """Return whether a derivative before this one jumps on a side of a box."""
+    """Return whether a derivative of lower order jumps on a side of a box."""
     first, last = _pieces_on(places, *side)
     return any(jump < order for jump in jumps[first:last])
 
 
 def _weights(places: Sequence[Fraction], order: int, side: Side) -> Iterator[Weights]:
-    """Return the weights between which a derivative along one axis lies: of the value the ends and the places within,
-    of the slope the pieces."""
+    """Yield the weights whose sums enclose a derivative along one axis: for the value at the ends and the breakpoints
+    within, for the slope on the pieces."""
     low, high = side
     first, last = _pieces_on(places, low, high)
     if order == 0:
@@ -88,7 +88,7 @@ def _weights(places: Sequence[Fraction], order: int, side: Side) -> Iterator[Wei
 
 
 def _between_places(places: Sequence[Fraction], t: End) -> Weights:
-    """Return the weights of the value at a place, held beyond the first and the last."""
+    """Return the weights of the value at a place, which is constant beyond the first and the last breakpoint."""
     if not places[0] < t < places[-1]:
         return ((0 if t <= places[0] else len(places) - 1, _ONE),)
     k = bisect_right(places, t)
@@ -97,7 +97,7 @@ def _between_places(places: Sequence[Fraction], t: End) -> Weights:
 
 
 def _rise(places: Sequence[Fraction], k: int) -> Weights:
-    """Return the weights of the slope of piece k, of which the first and the last are constant."""
+    """Return the weights of the slope of piece k; the first and the last piece are constant."""
     if not 0 < k < len(places):
         return ()
     width = places[k] - places[k - 1]
@@ -122,20 +122,20 @@ def _mixed(weights: Weights, values: Sequence[Any]) -> Any:
 
 @dataclass(frozen=True)
 class Curve:
-    """Monotone cubics: the points, and the `pieces` of each derivative, one more than points: before the first,
-    between, beyond."""
+    """A table of monotone cubics: the points, and the pieces of each derivative, one more than points: before the
+    first, between, beyond."""
 
     points: tuple[tuple[Fraction, Fraction], ...]
     degree = 3
 
     @cached_property
     def axes(self) -> tuple[tuple[Fraction, ...]]:
-        """The breakpoints of its one axis."""
+        """The breakpoints of the only axis."""
         return (tuple(x for x, _ in self.points),)
 
     @cached_property
     def orders(self) -> tuple[tuple[Piece, ...], ...]:
-        """The pieces of the value and of its derivatives, of which the fourth is zero."""
+        """The pieces of the value and of its derivatives up to the fourth, which is zero."""
         every = [((self.points[0][1],), *_cubics(self.points), (self.points[-1][1],))]
         for _ in range(4):
             every.append(tuple(_rate(piece) for piece in every[-1]))
@@ -143,7 +143,7 @@ class Curve:
 
     @cached_property
     def jumps(self) -> tuple[Order]:
-        """For each breakpoint the lowest order that jumps there."""
+        """The lowest order that jumps at each breakpoint."""
         widths = (_ZERO, *(b - a for a, b in pairwise(self.axes[0])))
         return (tuple(self._jump(k, width) for k, width in enumerate(widths)),)
 
@@ -152,7 +152,7 @@ class Curve:
         return next(differ, _NEVER)
 
     def range(self, order: Order, box: Sequence[Side]) -> tuple[Fraction, Fraction] | None:
-        """Return the least and the largest value on a box, or bounds of them; None where it is not bounded."""
+        """Return the least and the largest value on a box, or bounds of them; None if it is unbounded."""
         ((low, high),), m = box, min(order[0], 4)
         if _beyond(self.axes[0], self.jumps[0], m, (low, high)):
             return None
@@ -177,7 +177,7 @@ def _at(piece: Piece, t: Fraction) -> Fraction:
 
 
 def _range(piece: Piece, a: Fraction, b: Fraction) -> tuple[Fraction, Fraction]:
-    """Return the range; of a cubic that turns within, the bounds that its control points give."""
+    """Return the range; for a cubic with an inner extremum, the bounds by its control points."""
     values = [_at(piece, a), _at(piece, b)]
     if len(piece) == 3 and piece[2]:
         turn = -piece[1] / (2 * piece[2])
@@ -222,7 +222,7 @@ def _last(g: Fraction, h: Fraction, C: Fraction, D: Fraction) -> Fraction:
 
 
 def _points(numbers: Sequence[Fraction]) -> tuple[tuple[Fraction, Fraction], ...]:
-    """x and y in turn. Raises: `ValueError` with the fault."""
+    """Return the points of numbers x and y in turn. Raises: `ValueError` with the fault."""
     if len(numbers) % 2 or not 4 <= len(numbers) <= 2 * MOST:
         raise ValueError(f"a table has x and y of 2 to {MOST} points")
     return tuple(zip(numbers[::2], numbers[1::2], strict=True))
@@ -234,7 +234,7 @@ def _line(numbers: Sequence[Fraction]) -> Grid:
 
 
 def _map(numbers: Sequence[Fraction]) -> Grid:
-    """n, then x, y, and z row by row. Raises: `ValueError` with the fault."""
+    """Return the grid of n, then x, y, and z row by row. Raises: `ValueError` with the fault."""
     n = int(numbers[0]) if numbers and numbers[0].denominator == 1 and 2 <= numbers[0] < len(numbers) else 0
     m, excess = divmod(len(numbers) - 1 - n, n + 1)
     if not n or excess or m < 2 or n * m > MOST:
@@ -251,7 +251,7 @@ KINDS: Mapping[str, tuple[int, Callable[[Sequence[Fraction]], Grid | Curve]]] = 
 
 
 def name_of(kind: str, numbers: Sequence[Fraction]) -> str:
-    """Return the name that stands for a table's derivative in an expression's program, of its orders and its numbers.
+    """Return the function name of a table's derivative in a program, composed of its orders and numbers.
     Raises: `ValueError` with the fault."""
     count, table = KINDS[kind]
     if len(numbers) < count or any(m.denominator != 1 or not 0 <= m <= HIGHEST for m in numbers[:count]):
@@ -262,13 +262,13 @@ def name_of(kind: str, numbers: Sequence[Fraction]) -> str:
 
 
 def is_table(name: str) -> bool:
-    """Return whether a function's name stands for a table."""
+    """Return whether a function's name is that of a table."""
     return " " in name
 
 
 @lru_cache(maxsize=256)
 def table_of(name: str) -> tuple[Grid | Curve, Order]:
-    """Return the table, and the order of its derivative."""
+    """Return the table and the order of its derivative."""
     kind, *numbers = name.split()
     count, table = KINDS[kind]
     return table(tuple(map(Fraction, numbers[count:]))), tuple(map(int, numbers[:count]))
@@ -281,7 +281,7 @@ def next_of(name: str, k: int) -> str:
 
 
 def jumps(name: str, more: int = 0) -> bool:
-    """Return whether it is a table's derivative that jumps somewhere, or of which one of so many orders `more` does."""
+    """Return whether a table's derivative, or one of up to `more` higher orders, jumps somewhere."""
     if not is_table(name):
         return False
     table, order = table_of(name)
@@ -289,18 +289,18 @@ def jumps(name: str, more: int = 0) -> bool:
 
 
 def in_one_piece(name: str, box: Sequence[Side]) -> bool:
-    """Return whether a box is in one piece along each axis; a breakpoint is in both beside it."""
+    """Return whether a box is inside one piece along each axis, breakpoints excluded."""
     axes = table_of(name)[0].axes
     return all(bisect_left(axis, low) == bisect_right(axis, high) for axis, (low, high) in zip(axes, box, strict=True))
 
 
 def value_at(name: str, at: Sequence[Fraction]) -> Fraction | None:
-    """Return the value at numbers; None where it jumps."""
+    """Return the value at numbers; None at a jump."""
     ends = range_on(name, [(x, x) for x in at])
     return ends[0] if ends and ends[0] == ends[1] else None
 
 
 def range_on(name: str, box: Sequence[Side]) -> tuple[Fraction, Fraction] | None:
-    """Return the range on a box, whose ends may be infinite; None where it has none."""
+    """Return the range on a box, whose ends may be infinite; None if it has none."""
     table, order = table_of(name)
     return None if any(math.isnan(end) for side in box for end in side) else table.range(order, box)

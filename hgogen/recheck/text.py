@@ -1,15 +1,13 @@
-"""Expressions of a certificate as straight-line programs, and the base of every error of the checker.
+"""Expressions of a certificate as straight-line programs, and the base class of the checker's errors.
 
-The base of every error of the checker, which shares no code with those that write certificates.
-
-Expressions of a certificate as straight-line programs: a reader that shares no code with the rest of hgogen.
+The reader shares no code with the rest of hgogen, which writes certificates. Its grammar:
 
     sum: term (+ - term)*    term: factor (* / factor)*    factor: - factor | atom ** factor
     atom: number | name | function(sum, ...) | (sum)
 
-A table is a function that is followed by its order and its points (`tables`).
+A table is a function with its order and its points as further arguments (`tables`).
 
-Every name is declared by the certificate. A text that is too long or too deep is refused, so a hostile file costs
+The certificate declares every name. A text that is too long or too deep is rejected, so that a hostile file costs
 nothing.
 """
 
@@ -25,8 +23,8 @@ from .tables import KINDS, is_table, name_of
 
 
 class RecheckError(Exception):
-    """Base class: a sentence that names the thing and the fix; `status`: with which a command ends, 2 for what is no
-    certificate, 1 for one that is not verified."""
+    """Base class of errors, whose text names the fault and the fix; `status` is the exit status of a command: 2 for a
+    file that is no certificate, 1 for one that is not verified."""
 
     status: ClassVar[int] = 2
 
@@ -65,14 +63,15 @@ class Unreadable(RecheckError):
 
     @property
     def fault(self) -> str:
-        """Return what is wrong, without the fix."""
+        """The fault without the fix."""
         printed = self.text if len(self.text) <= 80 else f"{self.text[:77]}..."
         return f"cannot read {printed!r}: {self.reason}"
 
 
 class Instruction(NamedTuple):
-    """A value: `op` is "number" (a Fraction), "symbol" (its name), "add", "sub", "mul", "div", "neg", "power" (a
-    whole exponent), "root" (a rational exponent), "raise", or a function's name; `args` are places before it."""
+    """An instruction: `op` is "number" (a Fraction), "symbol" (its name), "add", "sub", "mul", "div", "neg", "power"
+    (an integer exponent), "root" (a rational exponent), "raise", or a function's name; `args` are indices of earlier
+    ones."""
 
     op: str
     args: tuple[int, ...] = ()
@@ -81,7 +80,7 @@ class Instruction(NamedTuple):
 
 @dataclass(frozen=True)
 class Expression:
-    """The `instructions` in order, `result`, the one that gives the value, and `names`, the symbols that are read."""
+    """An expression: its `instructions` in order, the index `result` of its value, and the `names` that it reads."""
 
     text: str
     instructions: tuple[Instruction, ...]
@@ -98,7 +97,7 @@ class Expression:
 
 
 def number(text: object) -> Fraction:
-    """Return the exact number that a text such as "-7/2" or "0.05" stands for. Raises: `Unreadable`."""
+    """Return the exact number of a text such as "-7/2" or "0.05". Raises: `Unreadable`."""
     if not isinstance(text, str) or not _NUMBER.match(text):
         raise Unreadable(_quoted(text), 'a number is a text, "p/q" or a decimal')
     if len(text) <= 2 * LARGEST:
@@ -114,7 +113,7 @@ def is_number(text: str) -> bool:
 
 
 def kind_of(value: object) -> str:
-    """Return what a value of JSON that is no text is called."""
+    """Return a description of a JSON value that is no text."""
     names = {type(None): "null", list: "a list", dict: "an object", bool: "a truth value"}
     return names.get(type(value), "a number that is no text")
 
@@ -140,7 +139,7 @@ def expression(text: object, declared: Container[str]) -> Expression:
 
 
 class _Reader:
-    """A parser, one token ahead; each value is written once."""
+    """A parser with one token of look-ahead; equal values share one instruction."""
 
     def __init__(self, text: str, declared: Container[str]) -> None:
         self.text, self.declared = text, declared
@@ -151,7 +150,7 @@ class _Reader:
         self.next()
 
     def fault(self, reason: str) -> Unreadable:
-        """Return the error that the text is none of the grammar."""
+        """Return the error that the text violates the grammar."""
         return Unreadable(self.text, reason)
 
     def _tokens(self) -> Iterator[tuple[str, str]]:
@@ -164,19 +163,19 @@ class _Reader:
             yield match.group(match.lastindex or 0), ("number", "name", "sign")[(match.lastindex or 1) - 1]
 
     def next(self) -> str:
-        """Step on; the token left behind."""
+        """Advance and return the passed token."""
         passed = self.token
         self.token, self.kind = next(self.tokens, ("", ""))
         return passed
 
     def expect(self, token: str) -> None:
-        """Step over `token`."""
+        """Advance past `token`."""
         if self.token != token:
             raise self.fault(f"{token!r} is missing")
         self.next()
 
     def put(self, op: str, args: tuple[int, ...] = (), value: Fraction | int | str | None = None) -> int:
-        """Return where the value stands; arithmetic of numbers is done at once."""
+        """Add an instruction, with arithmetic of numbers folded, and return its index."""
         known = [self.numbers.get(arg) for arg in args]
         folded = value if op == "number" else self._fold(op, known)
         if isinstance(folded, Fraction):
@@ -196,7 +195,7 @@ class _Reader:
         return value
 
     def sum(self, depth: int, signs: int = 0) -> int:
-        """sum: term (+ - term)*, or of the next signs term: factor (* / factor)*."""
+        """Parse sum: term (+ - term)*, or with `signs` 1 term: factor (* / factor)*."""
         inner = self.factor if signs else partial(self.sum, signs=1)
         value = inner(depth)
         while self.token in _SIGNS[signs]:
@@ -204,7 +203,7 @@ class _Reader:
         return value
 
     def factor(self, depth: int) -> int:
-        """factor: - factor | atom ** factor."""
+        """Parse factor: - factor | atom ** factor."""
         if depth > DEEPEST:
             raise self.fault(f"it is nested deeper than {DEEPEST}")
         if self.token == "-":
@@ -217,7 +216,7 @@ class _Reader:
         return self.power(base, self.factor(depth + 1))
 
     def power(self, base: int, exponent: int) -> int:
-        """base ** exponent, by what the exponent is."""
+        """Add base ** exponent by the kind of the exponent."""
         known = self.numbers.get(exponent)
         if known is None:
             return self.put("raise", (base, exponent))
@@ -228,7 +227,7 @@ class _Reader:
         return self.put("root", (base,), known)
 
     def atom(self, depth: int) -> int:
-        """atom: number | name | function(sum, ...) | (sum)."""
+        """Parse atom: number | name | function(sum, ...) | (sum)."""
         kind, token = self.kind, self.next()
         if kind == "number":
             if len(token) > LARGEST or abs(int(token.lower().partition("e")[2] or 0)) > LARGEST:
@@ -248,7 +247,7 @@ class _Reader:
         raise self.fault(f"{what} where a value should stand")
 
     def function(self, name: str, depth: int) -> int:
-        """function(sum, ...)."""
+        """Parse function(sum, ...)."""
         self.next()
         args = [self.sum(depth + 1)]
         while self.token == ",":
@@ -264,7 +263,8 @@ class _Reader:
         raise self.fault(f"there is no rule for {name} of {len(args)}")
 
     def table(self, kind: str, args: list[int]) -> int:
-        """kind(sum, .., order, .., x, y, x, y, ...): as many arguments and orders as the kind has, then numbers."""
+        """Parse kind(sum, .., order, .., x, y, x, y, ...): as many arguments and orders as the kind has, then
+        numbers."""
         count, _ = KINDS[kind]
         numbers = [self.numbers.get(arg) for arg in args[count:]]
         known = [number for number in numbers if number is not None]

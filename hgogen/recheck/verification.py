@@ -1,14 +1,15 @@
-"""A certificate verified again, by code and arithmetic that share nothing with those that wrote it.
+"""Verification of a certificate by code and arithmetic that share nothing with those that wrote it.
 
-Exact identities are shown by rational functions over fractions, ranges by mpmath's intervals on the certificate's
-bisections. A claim holds for the model that stands in the same file, of which `Rechecked.model` is the digest; the
-file's own digest finds accidents, it is no signature. An open claim's reason is the file's: nobody has verified it.
+Exact identities are proved by rational functions over fractions, ranges by mpmath's intervals on the certificate's
+bisections. A claim holds for the model in the same file, whose digest is `Rechecked.model`; the file's own digest
+detects accidents and is no signature. The reason of an open claim is the file's and is not verified.
 
-What no verified claim is about is said to be unexamined. Of a form on which no claim rests
+A part of the model without a verified claim is reported as unexamined. For a form on which no claim depends the
+identities
 
     dZ/dx f + dZ/du u' = A(Z) Z + b(Z),   output(Z) = h,   X(Z) = x,   Z = to_form(x, u), X = from_form
 
-are shown as exact identities in x, wherever both sides have a value, or at points of the plant's box not to hold.
+are proved exactly in x, wherever both sides have a value, or disproved at points of the plant's box.
 """
 
 import os
@@ -48,7 +49,7 @@ class CannotRead(RecheckError):
 
 @dataclass(eq=False)
 class NotVerified(RecheckError):
-    """A certificate of which a claim was not verified."""
+    """A certificate with a claim that was not verified."""
 
     status: ClassVar[int] = 1
     failed: tuple["Row", ...]
@@ -60,7 +61,7 @@ class NotVerified(RecheckError):
 
 @dataclass(eq=False)
 class NothingVerified(RecheckError):
-    """A certificate of which nothing is verified, because no claim of it asserts anything."""
+    """A certificate without any claim that asserts something."""
 
     status: ClassVar[int] = 1
     plant: str
@@ -73,8 +74,8 @@ class NothingVerified(RecheckError):
 class Row:
     """The outcome of one claim, or a fault of the file or of its form, which has no verdict.
 
-    `found` is "verified", "fails", or, where nothing is asserted, "open" or "stated"; `sentence` says how it was found,
-    with how many `boxes`."""
+    `found` is "verified", "fails", or, if nothing is asserted, "open" or "stated"; `sentence` says how it was found,
+    `boxes` with how many boxes."""
 
     id: Annotated[str, "name of the claim"]
     verdict: Annotated[str, "the verdict in the file"]
@@ -115,7 +116,7 @@ class Rechecked:
 
     @property
     def counts(self) -> dict[str, int]:
-        """Return how many claims were verified, are open, are only stated; and what failed."""
+        """The numbers of claims by outcome: verified, open, stated, failed."""
         return {name: len(self._rows_with(what)) for what, name in _COUNTED.items()}
 
     @property
@@ -125,20 +126,20 @@ class Rechecked:
 
     @property
     def remarks(self) -> list[str]:
-        """Return what all of it rests on, and what it says nothing of."""
+        """Sentences on the fixed values that all claims assume, and on the unexamined parts."""
         points = ", ".join(f"{name} = {value}" for name, value in self.points.items())
         fixed = [f"with one value: {points}"] if points else []
         return [*fixed, *(f"not examined: {subject}" for subject in self.unexamined)]
 
     def demand(self) -> None:
-        """Raises: `NotVerified` where a claim fails, `NothingVerified` where none is verified."""
+        """Raise `NotVerified` if a claim fails, `NothingVerified` if none is verified."""
         if self.failed:
             raise NotVerified(self.failed)
         if not self.verified:
             raise NothingVerified(self.plant)
 
     def as_dict(self) -> dict[str, Any]:
-        """The report as JSON has it."""
+        """Return the report as JSON content."""
         rows = [asdict(row) for row in self.rows]
         about = {"plant": self.plant, "form": self.form, "observer": self.observer or None, "model": self.model}
         outcome = {"verified": bool(self.verified and not self.failed), "counts": self.counts, "claims": rows}
@@ -146,17 +147,17 @@ class Rechecked:
 
 
 def read(text: str) -> Certificate:
-    """Return the certificate in a text. Raises: `NoCertificate` for what is no JSON, or misses a part; `Unreadable` for
-    an expression or number."""
+    """Return the certificate in a text. Raises: `NoCertificate` for a text that is no JSON or lacks a part;
+    `Unreadable` for an expression or number."""
     return read_file(text, OBSERVERS)
 
 
 @lru_cache(maxsize=4)  # who makes a certificate has it verified, and is often the first who is given it
 def recheck(text: str) -> Rechecked:
-    """Verify the certificate in a text; what is not shown is a row that fails.
+    """Verify the certificate in a text; a claim that is not proved is a row that fails.
 
-    A file that was changed fails by the row "digest"; the other rows tell what holds of the model that it now names.
-    Raises: `NoCertificate` and `Unreadable` for a text that is no certificate."""
+    A changed file fails by the row "digest"; the other rows then describe the model that it now contains. Raises:
+    `NoCertificate` and `Unreadable` for a text that is no certificate."""
     certificate = read(text)
     context = Context(certificate)
     observer = certificate.observer.name if certificate.observer else ""
@@ -183,7 +184,7 @@ def recheck(text: str) -> Rechecked:
 
 
 def _plain(text: str) -> str:
-    """Return a name of the file, quoted where it may be more than a name."""
+    """Return a name of the file, quoted if it may be more than a name."""
     return text if re.fullmatch(r"[\w ,.()-]{1,80}", text, re.ASCII) else words(text)
 
 
@@ -203,7 +204,7 @@ def load(path: str | Path) -> str:
 
 
 def rows(context: Context) -> Iterator[Row]:
-    """Return a row for each claim, and one for each required claim that is missing."""
+    """Yield a row for each claim, and one for each required claim that is missing."""
     certificate = context.file
     by_id: dict[str, Row] = {}
     for claim in certificate.claims:
@@ -223,15 +224,14 @@ def rows(context: Context) -> Iterator[Row]:
 
 
 def _missing(certificate: Certificate, row: Row, known: Mapping[str, Row]) -> list[str]:
-    """Return what a claim rests on and is not verified."""
+    """Return the assumptions of a claim that are not verified."""
     claim = certificate.claim(row.id)
     needed = assumed_claims(certificate, claim) if claim else ()
     return [id for id in needed if id not in known or known[id].found != "verified"]
 
 
 def _row(context: Context, claim: Claim) -> Row:
-    """Return what the verification of a claim gives: it is verified, it asserts nothing to verify, or it fails, and
-    why."""
+    """Return the outcome of a claim: verified, nothing asserted, or failed with the reason."""
     kind, verdict = context.form.kind, _plain(claim.verdict)
     try:
         if claim.verdict in OPEN:
@@ -251,7 +251,7 @@ def _row(context: Context, claim: Claim) -> Row:
 
 
 def _narrow(context: Context) -> str:
-    """Return the states and inputs whose ranges are one point, which a claim holds at alone."""
+    """Return a remark on the states and inputs whose range is a single point."""
     plant = context.plant
     every = {**plant.box, **{name: context.form.box[name] for name in context.z}}
     signals = (*plant.states, *context.file.inputs, *context.z)
@@ -260,7 +260,7 @@ def _narrow(context: Context) -> str:
 
 
 def _read_only(claim: Claim, keys: Iterable[str]) -> None:
-    """Evidence that nothing reads could say anything."""
+    """Demand that the evidence has no unknown part."""
     strange = sorted(claim.evidence.keys() - set(keys))
     if strange:
         raise Unproved(f"its evidence has a part {words(strange[0])}, which is unknown here")
@@ -278,7 +278,7 @@ _POINTS = 5
 
 
 def faults(context: Context) -> Iterator[str]:
-    """Return what the form is shown not to be."""
+    """Yield sentences on the equations that the form violates."""
     form = context.form
     if form.kind in _PLANT_COORDINATES and sorted(row.text for row in form.to_form) != sorted(context.plant.states):
         yield "its states are not those of the plant, as its kind says"
@@ -287,7 +287,7 @@ def faults(context: Context) -> Iterator[str]:
 
 
 def unexamined(context: Context, verified: Iterable[str]) -> Iterator[str]:
-    """Sentences on what no verified claim is about, and what is not shown."""
+    """Yield sentences on the parts without a verified claim, and on identities that are not proved."""
     form, observer = context.form, context.file.observer
     if form.kind not in FORMS:
         yield f"no rule knows the form {words(form.kind)}: that the plant is in it"
@@ -300,7 +300,7 @@ def unexamined(context: Context, verified: Iterable[str]) -> Iterator[str]:
 
 
 def _unmodelled(context: Context) -> bool:
-    """Return whether the file has an observer that leaves b out of its last row, and such a form."""
+    """Return whether the file has an observer without a model of the last row, and a form with b = 0."""
     observer = context.file.observer
     return observer is not None and observer.name == UNMODELLED and all(row.text == "0" for row in context.form.b)
 
@@ -320,7 +320,7 @@ def _unshown(context: Context) -> str:
 
 
 def _differences(context: Context) -> Iterator[str]:
-    """Return a sentence on the first of some points of the plant's box where the sides of an equation differ."""
+    """Yield a sentence on the first of some points of the plant's box where the sides of an equation differ."""
     try:
         box, speeds = _moving(context)
     except Unproved:
@@ -340,7 +340,7 @@ def _differences(context: Context) -> Iterator[str]:
 
 
 def _moving(context: Context) -> tuple[Mapping[str, tuple[Any, Any]], Mapping[str, str]]:
-    """Return the plant's box with derivatives of inputs, and which is whose."""
+    """Return the plant's box with the derivatives of inputs, and their names by input."""
     box, rates = box_of_rates(context)
     read = {name for row in context.form.to_form for name in row.names}
     return box, {u: rate for u, rate in rates.items() if u in read}
@@ -349,7 +349,7 @@ def _moving(context: Context) -> tuple[Mapping[str, tuple[Any, Any]], Mapping[st
 def _residuals(
     context: Context, at: Mapping[str, Any], rates: Mapping[str, str], arithmetic: Arithmetic
 ) -> Iterator[tuple[str, Any]]:
-    """Return each equation's name and the difference of its sides, at these values."""
+    """Yield each equation's name and the difference of its sides at these values."""
     form, plant = context.form, context.plant
     speeds = {name: evaluate(row, at, arithmetic) for name, row in zip(plant.states, plant.flow, strict=True)}
     speeds |= {u: at[rate] for u, rate in rates.items()}

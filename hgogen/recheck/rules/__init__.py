@@ -1,7 +1,7 @@
 """The rules by which claims are verified; each file of this folder has those of one kind of claim, as `RULES`.
 
-A file may have `OBSERVERS`, what the observers that it knows are built with, and `NEEDED`, what a certificate of a kind
-of form cannot leave out. Of these no file has anything that another one has.
+A file may have `OBSERVERS`, the parts of its observers, and `NEEDED`, the claims that a certificate of a kind of form
+requires. Their keys are unique across files.
 """
 
 from collections.abc import Iterable, Mapping
@@ -18,7 +18,7 @@ from ..text import RecheckError
 
 @dataclass(eq=False)
 class BadRules(RecheckError):
-    """A file of rules that is none, or that says again what another one says."""
+    """A file without rules, or with a key that another file has too."""
 
     file: str
     reason: str
@@ -28,7 +28,7 @@ class BadRules(RecheckError):
 
 
 def rules_of(files: Iterable[ModuleType]) -> tuple[Rule, ...]:
-    """Return the rules of all files. Raises: `BadRules` for a file that has none."""
+    """Return the rules of all files. Raises: `BadRules` for a file without rules."""
     every: list[Rule] = []
     for file in files:
         rules = getattr(file, "RULES", None)
@@ -39,7 +39,7 @@ def rules_of(files: Iterable[ModuleType]) -> tuple[Rule, ...]:
 
 
 def merged(files: Iterable[ModuleType], key: str) -> Mapping[str, Any]:
-    """Return the mappings that files have under a name. Raises: `BadRules` where two files have a row of one name."""
+    """Return the union of the mappings that files have under a name. Raises: `BadRules` for a key in two files."""
     rows: dict[str, Any] = {}
     where: dict[str, str] = {}
     for file in files:
@@ -59,12 +59,12 @@ FORMS = frozenset((*NEEDED, *(kind for rule in RULES for kind in rule.kinds)))  
 
 
 def rule_of(kind: str, claim: Claim) -> Rule | None:
-    """Return the rule of a claim on a form of that kind; None where no rule verifies it."""
+    """Return the rule of a claim on a form of that kind; None if no rule verifies it."""
     return next((rule for rule in RULES if rule.takes(kind, claim)), None)
 
 
 def assumed_claims(certificate: Certificate, claim: Claim) -> tuple[str, ...]:
-    """Return the ids of the claims that this one rests on; any claim of a form rests on those of its coordinates."""
+    """Return the ids of the claims that this one assumes; any claim of a form assumes those of its coordinates."""
     kind, rule = certificate.form.kind, rule_of(certificate.form.kind, claim)
     named = rule.needs(kind, claim) if rule else ()
     coordinates = (other.id for other in certificate.claims if other.maker == "recast")
@@ -72,7 +72,7 @@ def assumed_claims(certificate: Certificate, claim: Claim) -> tuple[str, ...]:
 
 
 def required(certificate: Certificate) -> tuple[str, ...]:
-    """Return the ids of the claims that a certificate of this form cannot leave out, whatever their verdicts."""
+    """Return the ids of the claims that a certificate of this form requires, whatever their verdicts."""
     needed = NEEDED.get(certificate.form.kind)
     if needed is None:
         return ()

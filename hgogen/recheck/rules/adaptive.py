@@ -1,50 +1,51 @@
-"""What lets a gain move, verified again: the matrix inequalities of an adaptive or updated gain, the time of a switch.
+"""The matrix inequalities of observers with a time-varying gain, adaptive or updated, and with an adaptive level.
 
-With N = A - K C of a chain of integrators, K the observer's `gains`, D = diag(b, .., b + n - 1), b = 1 where none is
-told, and e the error of w scaled by the powers of the gain l, e'/l = (N - r D + J(l)/l) e, r = l'/l^2:
+With N = A - K C of a chain of integrators, K the observer's `gains`, D = diag(b, .., b + n - 1), b = 1 unless stated,
+and e the error of w scaled by the powers of the gain l, e'/l = (N - r D + J(l)/l) e, r = l'/l^2:
 
     adaptive_lmi   gamma'/gamma^2 >= -sigma,  P > 0,  D P + P D >= 0,  N'P + P N + sigma (D P + P D) + lambda I <= 0.
                    With w' + G_1 v and y + G_2 v, mu^2 >= 2 gamma_sup^(2n) s bounds the L2 gain from v to the error of
                    w, with k >= |T^-1 dc/dw T| at T = diag(gamma_inf, .., gamma_inf^n), and so for every larger gamma,
                    where N'P + P N + sigma (D P + P D) + lambda I + (delta_1 P P + delta_2 P K K'P)/s <= 0,
                    lambda = (4 k lambda_max(P) + 1)/(2 gamma_inf), delta_1 >= 1 + |G_1|^2,
-                   delta_2 = G_2 (I + G_1'G_1) G_2'. Or by a V of its own, D V + V D >= 0, in e_i = units_i times the
-                   error of w_i over gamma^i: with the slopes of c as `inclusion` bounds them at gamma_inf,
+                   delta_2 = G_2 (I + G_1'G_1) G_2'. Or by a separate V, D V + V D >= 0, in e_i = units_i times the
+                   error of w_i over gamma^i: with the slopes of c bounded as in `inclusion` at gamma_inf,
                    V' + |w - what|^2 - mu^2 |v|^2 < 0 at gamma' = -sigma gamma^2, at both ends of gamma and, each by
                    itself, of gamma^-i in gamma^-i G_1: in gamma it is convex, in the others linear
     updated_gain   L' = L (p_1 (p_2 - L) + p_3 Gamma), N'P + P N <= -I, D P + P D > 0:
                    N'P + P N + p_1 (D P + P D) < 0,  p_3 (D P + P D) >= 2 lambda_max(P);  L' < 0 where L is at its
                    cap, Gamma <= sup |T^-1 dc/dw T|, Frobenius' norm, T = diag(cap, .., cap^n)
     both           V = e'P e has V' <= -alpha V at every l from the `least` on, where D P + P D > 0 and
-                   M'P + P M + alpha P < 0 for each M, with J in the ranges of its slopes, 0 among them:
-                   least (N + sigma D) + J(least) of r >= -sigma;
-                   least N + J(least) and least (N + p_1 D) of r >= -p_1 (1 - least/l), which they are in the shares
-                   least/l and 1 - least/l, as J(l)/l shrinks with l
+                   M'P + P M + alpha P < 0 for each M, with J in the ranges of its slopes, which contain 0:
+                   least (N + sigma D) + J(least) for r >= -sigma;
+                   least N + J(least) and least (N + p_1 D) for r >= -p_1 (1 - least/l), a combination of both with
+                   the shares least/l and 1 - least/l, as J(l)/l shrinks with l
     switched_gain  V' <= -a(l) V, a(l) = (l - 2 p L)/p, in V = e'P e, least I <= P <= p I, for l = theta, theta_low: the
-                   time in theta makes up for both jumps of V where
+                   time in theta compensates both jumps of V if
                    a(theta) hold > log((p/least)^2 (theta/theta_low)^(2n-2))
 
 Sources: Alessandri, Mathematical Problems in Engineering (2020), (54)-(62), (70), (87); Andrieu, Praly, Astolfi,
 Automatica 45 (2009); Ahrens, Khalil, Automatica 45 (2009), with the dwell time of Hespanha, Morse, CDC 1999.
 
-The convergence of an observer that injects through a saturation or a dead zone whose level adapts, verified again.
+The convergence of an observer with injection through a saturation or a dead zone whose level adapts:
 
     w' = A w + c(w, u) + diag(l, .., l^n) K i(e),   e = y - w_1,   sigma' = l (-lambda sigma + r e^2),   l = theta
     stubborn: i(e) = sat e = e - q,   dead_zone: i(e) = e - sat e = e - s,   |sat e| <= sqrt sigma
 
-`gains` are K, `decay` is lambda. In eps_i = units_i l^(1-i) (w_i - plant's), units_1 = 1, with N = A - K C so scaled,
-P > 0, and one mu > 0, tau >= 0 for which the symmetric form
+`gains` are K, `decay` is lambda. In eps_i = units_i l^(1-i) (w_i - plant's), units_1 = 1, with N = A - K C so scaled, P
+> 0, and one mu > 0, tau >= 0 for which the symmetric form
 
     dead_zone  eps'(N'P + P N) eps + 2 eps'P K s + mu (r eps_1^2 - lambda s^2) + 2 tau s (eps_1 - s)
     stubborn   eps'(N'P + P N) eps + 2 eps'P K q + mu (2 eps_1 C (N eps + K q) + lambda (eps_1 - q)^2 - r eps_1^2)
                + 2 tau q (eps_1 - q)
 
-is negative, the core decays: V = eps'P eps + mu sigma of the dead zone, for sigma >= s^2, s (eps_1 - s) >= 0; V =
-eps'P eps + mu max(eps_1^2 - sigma, 0) of the other, for sigma = (eps_1 - q)^2 where q is not 0, and where it is, N'P +
-P N is negative too. With c the error has N + J/l in the place of N, J of slopes in ranges (`inclusion`), in which both
-are affine: at their corners, or with multipliers S, d (v h' + h v') <= S h h' + v v'/S for |d| <= 1. With a/l of V
-beside them V' <= -a V, where of the dead zone a <= l lambda. What holds at a theta holds at every larger one: J/l
-shrinks, and its ranges hold 0. Source of the observers: Astolfi, Alessandri, Zaccarian, IEEE TAC 66(2) (2021).
+is negative, the core decays: for the dead zone with V = eps'P eps + mu sigma, sigma >= s^2, s (eps_1 - s) >= 0; for the
+stubborn observer with V = eps'P eps + mu max(eps_1^2 - sigma, 0), sigma = (eps_1 - q)^2 where q is not 0, and where it
+is, N'P + P N is negative too. With c the error dynamics have N + J/l instead of N, J of slopes in ranges (`inclusion`),
+in which both forms are affine: they are negative at their corners, or with multipliers S, d (v h' + h v') <= S h h' + v
+v'/S for |d| <= 1. With a/l of V added V' <= -a V, for the dead zone with a <= l lambda. A decay proved at a theta holds
+at every larger one: J/l shrinks, and its ranges hold 0. Source of the observers: Astolfi, Alessandri, Zaccarian, IEEE
+TAC 66(2) (2021).
 """
 
 from collections.abc import Callable, Iterator, Mapping
@@ -91,7 +92,7 @@ from ..matrix import (
 
 
 def inequality(context: Context, claim: Claim) -> Finding:
-    """P > 0, D P + P D >= 0, N'P + P N + sigma (D P + P D) < 0: the one that the claim's fact names."""
+    """Prove the inequality of the claim's fact: P > 0, D P + P D >= 0, or N'P + P N + sigma (D P + P D) < 0."""
     observer, P = built(context, claim), _P(context, claim)
     match claim.fact:
         case "definite":
@@ -106,12 +107,12 @@ def inequality(context: Context, claim: Claim) -> Finding:
 
 
 def attenuation(context: Context, claim: Claim) -> Finding:
-    """Show that the L2 gain from the claim's disturbance has the claim's bound, by a V of its own where it has one."""
+    """Prove the claim's bound of the L2 gain from its disturbance, by the claim's V if it has one."""
     return (_by_one_v if "V" in claim.evidence else _by_formula)(context, claim)
 
 
 def _by_one_v(context: Context, claim: Claim) -> Finding:
-    """Show it by the V of the claim, at the ends of gamma and of each gamma^-i that enters."""
+    """Prove the bound by the claim's V, at the ends of gamma and of each gamma^-i with a nonzero row of G_1."""
     observer, evidence, n = built(context, claim), claim.evidence, len(context.z)
     (low, high), mu = column(observer.numbers, "gamma", 2), above_zero(evidence, "mu")
     sigma, m = scalar(observer.numbers, "sigma"), len(part(evidence, "G_2", list))
@@ -137,7 +138,7 @@ def _by_one_v(context: Context, claim: Claim) -> Finding:
 
 
 def _by_formula(context: Context, claim: Claim) -> Finding:
-    """Show it by (87), of the P of the other claims."""
+    """Prove the bound by (87), with the P of the other claims."""
     observer, evidence = built(context, claim), claim.evidence
     (low, high), P, n = column(observer.numbers, "gamma", 2), _P(context, claim), len(context.z)
     if not 0 < low <= high:
@@ -171,12 +172,12 @@ def _attenuated(context: Context, G: Matrix, g: Matrix, mu: Fraction, boxes: int
 
 
 def _printed(M: Matrix) -> str:
-    """Return a matrix for a sentence, exactly: the claim is about no other."""
+    """Return a matrix for a sentence, exactly."""
     return f"[{'; '.join(' '.join(map(str, row)) for row in M)}]"
 
 
 def _at(context: Context, claim: Claim, gain: Fraction, **norm: Any) -> tuple[Fraction, int]:
-    """Return the claim's bound of |T^-1 dc/dw T|, T = diag(gain, gain^2, ..), and with how many boxes it is shown."""
+    """Return the claim's bound of |T^-1 dc/dw T|, T = diag(gain, gain^2, ..), and the number of boxes of its proof."""
     scale = integrators(context, claim.evidence)
     if scale.units != [gain ** -(i + 1) for i in range(len(context.z))]:
         raise Unproved(f"its units are not the powers of {printed(gain)}")
@@ -185,13 +186,13 @@ def _at(context: Context, claim: Claim, gain: Fraction, **norm: Any) -> tuple[Fr
 
 
 def _rate(observer: Observer, P: Matrix) -> Matrix:
-    """-N'P - P N - sigma (D P + P D)."""
+    """Return -N'P - P N - sigma (D P + P D)."""
     N = companion(column(observer.numbers, "gains", len(P)))
     return -1 * twice(P, N) - signless(observer.numbers, "sigma") * _spread(P, Fraction(1))
 
 
 def _P(context: Context, claim: Claim) -> Matrix:
-    """Return the matrix P, the same in every claim about the paper's inequalities: they speak of one Lyapunov
+    """Return the matrix P, which must be equal in all claims on the paper's inequalities, as they have one Lyapunov
     function."""
     n, P = len(context.z), claim.evidence.get("P")
     for other in context.file.claims:
@@ -201,7 +202,7 @@ def _P(context: Context, claim: Claim) -> Matrix:
 
 
 def _spread(P: Matrix, b: Fraction) -> Matrix:
-    """D P + P D."""
+    """Return D P + P D."""
     return Matrix([[(2 * b + i + j) * value for j, value in enumerate(row)] for i, row in enumerate(P)])
 
 
@@ -209,14 +210,14 @@ def _spread(P: Matrix, b: Fraction) -> Matrix:
 
 
 def falls(context: Context, claim: Claim) -> Finding:
-    """N'P + P N + p_1 (D P + P D) < 0."""
+    """Prove N'P + P N + p_1 (D P + P D) < 0."""
     p_1, (P, N, spread) = above_zero(built(context, claim).numbers, "p_1"), _weighted(context, claim)
     demand_positive({"-N'P - P N - p_1 (D P + P D)": -1 * twice(P, N) - p_1 * spread})
     return Finding(f"p_1 = {printed(p_1)} is small enough: N'P + P N + p_1 (D P + P D) < 0 {_of(claim)}")
 
 
 def rises(context: Context, claim: Claim) -> Finding:
-    """p_3 (D P + P D) >= 2 lambda_max(P), of the P by which p_1 is small enough, where that is claimed."""
+    """Prove p_3 (D P + P D) >= 2 lambda_max(P), for the P of the claim on p_1 if that is proved."""
     p_3, (P, _, spread) = above_zero(built(context, claim).numbers, "p_3"), _weighted(context, claim)
     peak, n = scalar(claim.evidence, "peak"), len(P)
     demand_nonnegative(
@@ -236,7 +237,7 @@ def rises(context: Context, claim: Claim) -> Finding:
 
 
 def _of(claim: Claim) -> str:
-    """Return the words for the matrices of an inequality: of another D it is another."""
+    """Return the words for the claim's P and D."""
     return f"for its P and D = diag(b, .., b + n - 1), b = {printed(scalar(claim.evidence, 'b'))}"
 
 
@@ -245,7 +246,7 @@ def _same(evidence: Mapping[str, Any]) -> tuple[Any, Any]:
 
 
 def below_cap(context: Context, claim: Claim) -> Finding:
-    """L' < 0 at the cap."""
+    """Prove L' < 0 at the cap."""
     numbers = built(context, claim).numbers
     p_1, p_2, p_3, cap = (above_zero(numbers, name) for name in ("p_1", "p_2", "p_3", "cap"))
     gamma, boxes = _at(context, claim, cap, norm=frobenius)
@@ -256,7 +257,7 @@ def below_cap(context: Context, claim: Claim) -> Finding:
 
 
 def _weighted(context: Context, claim: Claim) -> tuple[Matrix, Matrix, Matrix]:
-    """P, N and D P + P D, with N'P + P N <= -I, P > 0, D P + P D > 0."""
+    """Return P, N and D P + P D, with N'P + P N <= -I, P > 0, D P + P D > 0."""
     P, b = _P(context, claim), above_zero(claim.evidence, "b")
     N, spread = companion(column(built(context, claim).numbers, "gains", len(P))), _spread(P, b)
     demand_positive({"P": P, "-I - N'P - P N": decaying(N, P), "D P + P D": spread})
@@ -267,7 +268,7 @@ def _weighted(context: Context, claim: Claim) -> tuple[Matrix, Matrix, Matrix]:
 
 
 def _by_norm(context: Context, claim: Claim, slopes: Mapping[str, Any], level: Fraction, alpha: Fraction) -> int:
-    """V' <= -alpha V at every gain from a level on, by the claim's P; with how many boxes the slopes are shown."""
+    """Prove V' <= -alpha V at every gain from a level on, by the claim's P; return the number of boxes."""
     observer, n = built(context, claim), len(context.z)
     error, P, b = error_inclusion(context, observer, slopes), matrix(claim.evidence, "P", n, n), scalar(slopes, "b")
     D = unit(n).weighed(b + i for i in range(n))
@@ -282,7 +283,7 @@ def _by_norm(context: Context, claim: Claim, slopes: Mapping[str, Any], level: F
 
 
 def _updated(observer: Observer) -> tuple[Fraction, bool]:
-    """Return how fast its gain may fall, and that it does not at its least value, p_2."""
+    """Return the largest rate of decrease of the gain, and True, as it is zero at the least gain, p_2."""
     numbers = observer.numbers
     if not 0 < scalar(numbers, "p_2") <= scalar(numbers, "cap"):
         raise Unproved("its p_2 is not from 0 to its cap")
@@ -291,7 +292,7 @@ def _updated(observer: Observer) -> tuple[Fraction, bool]:
 
 
 def _adaptive(observer: Observer) -> tuple[Fraction, bool]:
-    """Return how fast its gain may fall, also at its least value."""
+    """Return the largest rate of decrease of the gain, and False, as it also applies at the least gain."""
     low, high = column(observer.numbers, "gamma", 2)
     if not 0 < low <= high:
         raise Unproved("its gamma has no range above zero")
@@ -319,7 +320,7 @@ Form = Callable[[Matrix], Matrix]  # of N, in which it is affine
 
 
 def core(context: Context, claim: Claim) -> Finding:
-    """Show that the linear core decays behind its saturation or dead zone."""
+    """Prove that the linear core decays behind its saturation or dead zone."""
     observer, n = built(context, claim), len(context.z)
     units = _units(claim.evidence, n)
     N = similar(units, companion(column(observer.numbers, "gains", n)))
@@ -329,7 +330,7 @@ def core(context: Context, claim: Claim) -> Finding:
 
 
 def _falls(context: Context, claim: Claim, slopes: Mapping[str, Any], level: Fraction, alpha: Fraction) -> int:
-    """V' <= -alpha V at a theta, by the claim's V, whatever the slopes; with how many boxes these are shown."""
+    """Prove V' <= -alpha V at a theta, by the claim's V, for all slopes; return the number of boxes."""
     observer, evidence = built(context, claim), claim.evidence
     error = error_inclusion(context, observer, slopes)
     if observer.name == "dead_zone" and alpha > level * above_zero(observer.numbers, "decay"):
@@ -354,7 +355,7 @@ def _falls(context: Context, claim: Claim, slopes: Mapping[str, Any], level: Fra
 
 
 def _bounded(form: Form, N: Matrix, steps: list[Matrix], H: Matrix, S: list[Fraction]) -> Matrix:
-    """Return the form at N, with what each slope adds to it at most."""
+    """Return the form at N plus an upper bound of the effect of each slope."""
     whole = base = form(N)
     for step, read, s in zip(steps, H, S, strict=True):
         h = [*read, *[Fraction(0)] * (len(base) - len(read))]
@@ -373,8 +374,7 @@ def _units(evidence: Mapping[str, Any], n: int) -> list[Fraction]:
 
 
 def _forms(observer: Observer, units: list[Fraction], evidence: Mapping[str, Any], a: Fraction) -> Iterator[Form]:
-    """Return the forms of N with a times V beside them: (n + 1, n + 1), and (n, n) where all of the error is
-    injected."""
+    """Yield the forms in N with a times V added: (n + 1, n + 1), and (n, n) for the whole error injected."""
     n, numbers = len(units), observer.numbers
     gains, decay, r = column(numbers, "gains", n), above_zero(numbers, "decay"), above_zero(numbers, "r")
     mu, tau = above_zero(evidence, "mu"), signless(evidence, "tau")

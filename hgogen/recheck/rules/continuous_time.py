@@ -1,4 +1,4 @@
-"""The convergence of an observer of a constant injection in continuous time, verified again.
+"""The convergence in continuous time of an observer with constant injection.
 
     high_gain            z' = A z + b(sat z, u) + diag(theta, .., theta^n) K (y - C z), on a chain for each output
     circle_criterion     the same with b(sat(z + N_theta (y - C z)), u), N_theta of the entries `argument`
@@ -8,27 +8,27 @@
     low_power            p_i' = q_i + c_i + theta k_i1 e_i,   q_i' = q_(i+1) + c_(i+1) + theta^2 k_i2 e_i,   i < n
     peaking_free         the same with sat q_(i+1) in q_i', e_i = sat q_(i-1) - p_i, and p_n' = c_n + theta last e_n
 
-with eta_0 = y - w_1, e_1 = y - p_1, e_i = q_(i-1) - p_i, q_n = 0; b and c take the estimate clamped to the box, sat is
-to the range of the state; `gains` are K, L, or the pairs k. K acts chain by chain, or is a matrix, whose entry for the
-state i and the output of chain k stands times theta^(p(i) - p(k) + 1), p the powers that scale states. The errors e of
-fields, in units and over powers of theta, obey e' = M e with slopes in ranges (`inclusion`); P > 0 with M'P + P M +
-alpha P < 0 for all of them shows V' <= -alpha V, V = e'P e. What holds at the `least` theta holds at every larger one:
-M/theta is N and slopes over theta^(degree + 1), those of a degree above -1 have 0 in their ranges, which shrink, and
-the others stay.
+with eta_0 = y - w_1, e_1 = y - p_1, e_i = q_(i-1) - p_i, q_n = 0; b and c have the estimate clamped to the box as
+argument, sat clamps to the range of the state; `gains` are K, L, or the pairs k. K acts chain by chain, or is a matrix,
+whose entry for the state i and the output of chain k is multiplied by theta^(p(i) - p(k) + 1), p the powers that scale
+states. The errors e of fields, in units and over powers of theta, obey e' = M e with slopes in ranges (`inclusion`); P
+> 0 with M'P + P M + alpha P < 0 for all of them proves V' <= -alpha V, V = e'P e. A decay at the `least` theta holds at
+every larger one: M/theta is N and slopes over theta^(degree + 1). Slopes of a degree above -1 have 0 in their ranges,
+which shrink, and the other slopes stay.
 
-A switch between gains multiplies e by D = diag((low/theta)^p), so that V becomes at most `up` times what it was, or
-`down` times: up P_low - D P_high D >= 0, down P_high - D^-1 P_low D^-1 >= 0. Held for a time T with alpha T > log(up
-down) in the high gain, V falls from cycle to cycle.
+A switch between gains multiplies e by D = diag((low/theta)^p), so that V becomes at most `up` times its value, or
+`down` times: up P_low - D P_high D >= 0, down P_high - D^-1 P_low D^-1 >= 0. If the high gain is held for a time T with
+alpha T > log(up down), V decreases from cycle to cycle.
 
-How far inputs drive the error: e' = M e + B v at the observer's theta. By `inequality` |e|_P <= 1 stays so while each
-|v_k| <= 1; with |C e|^2 in the place of alpha |e|_P^2, and lambda_k <= mu^2, the L2 norm of C e is at most mu times
-that of v. Inputs are noise of samples, of sizes by output, and what comes to the rows of the form beside b.
+The response of the error to inputs: e' = M e + B v at the observer's theta. By `inequality` |e|_P <= 1 is invariant
+while each |v_k| <= 1; with |C e|^2 instead of alpha |e|_P^2, and lambda_k <= mu^2, the L2 norm of C e is at most mu
+times that of v. Inputs are noise of samples, of sizes by output, and disturbances added to b in the rows of the form.
 
 Sources of the observers: Gauthier, Hammouri, Othman, IEEE TAC 37 (1992); Ahrens, Khalil, Automatica 45 (2009); Astolfi,
 Jungers, Zaccarian, ECC (2018); Astolfi, Marconi, IEEE TAC 60 (2015); Astolfi, Marconi, Praly, Teel, Automatica 98
 (2018).
 
-The convergence of a high gain on the uniform form, verified again.
+The convergence of a high gain on the uniform form:
 
     z' = F(z, u) + diag(g_1, .., g_n) (y - h),   F_k = s_k z_(k+1) + b_k(sat z, u),   y = a z_1 + c
     g_i = theta^i K_i/(a F_1' .. F_(i-1)') at (sat z, u),   F_k' = dF_k/dz_(k+1)
@@ -36,17 +36,18 @@ The convergence of a high gain on the uniform form, verified again.
     e' = (theta (N - diag(K_1, K_2 q_1, K_3 q_1 q_2, ..) 1 C) + slopes) e,   q_k in the range of s_k/F_k'
 
 for e_i = s_1 .. s_(i-1) (z_i - x_i)/theta^(i-1), x the plant's state in its ranges, N the shift, the slopes those of b,
-each with 0 in its range, as a clamp lets a share of an error pass. A slope of F_k in z_(k+1) grows as theta does, and
-the others do not grow: what decays in |e|_P at the least theta decays at every larger one. The matrix is affine in
-each slope and in each q_k. So P > 0 with M'P + P M + alpha P < 0 at all combinations of ends shows |e|_P^2 to fall like
-exp(-alpha t); else multipliers S >= 0 of the slopes do, each K_i q_1 .. q_(i-1) taken for a slope of its own.
+each with 0 in its range, because a clamp passes only a share of an error. A slope of F_k in z_(k+1) grows as theta
+does, and the others do not grow: a decay of |e|_P at the least theta holds at every larger one. The matrix is affine in
+each slope and in each q_k. So P > 0 with M'P + P M + alpha P < 0 at all combinations of ends proves that |e|_P^2
+decreases like exp(-alpha t); else multipliers S >= 0 of the slopes prove it, with each K_i q_1 .. q_(i-1) as a slope of
+its own.
 
-The convergence of a Kalman filter of a linear plant with constant coefficients, verified again.
+The convergence of a Kalman filter of a linear plant with constant coefficients:
 
     z' = A z + b(u),  y = C z + d(u):   sum_k (A')^k C'C A^k > 0,  sum_k A^k Q Q' (A')^k > 0,  k < n,  R > 0
 
-A and C are those of the certificate's form, which no b reads a state of. With (C, A) observable and (A, Q) controllable
-P of the Riccati equation converges to the one for which A - P C' R^-1 C is Hurwitz. A constant `theta` above 1 scales Q
+A and C are those of the certificate's form, whose b reads no state. With (C, A) observable and (A, Q) controllable P of
+the Riccati equation converges to the solution for which A - P C' R^-1 C is Hurwitz. A constant `theta` above 1 scales Q
 by rows and columns, so that it must be positive definite. Source: R. E. Kalman, R. S. Bucy, J. Basic Engineering 83
 (1961), section 7.
 """
@@ -85,7 +86,7 @@ from ..text import Expression
 
 
 def _least(observer: Observer) -> tuple[str, Fraction]:
-    """Return the name and the value of the least theta, which of two is not above the other."""
+    """Return the name and the value of the least theta; theta_low must not be above theta."""
     name = "theta_low" if "theta_low" in observer.numbers else "theta"
     least = scalar(observer.numbers, name)
     if least > scalar(observer.numbers, "theta"):
@@ -100,7 +101,7 @@ def _phrase(observer: Observer) -> str:
 
 
 def dwell(context: Context, claim: Claim) -> Finding:
-    """Show that the time hold is long enough; that the low gain's norm falls is another claim."""
+    """Prove that the time hold is long enough; the decay with the low gain is another claim."""
     numbers, evidence = built(context, claim).numbers, claim.evidence
     theta, low, hold = (above_zero(numbers, name) for name in ("theta", "theta_low", "hold"))
     up, down = above_zero(evidence, "up"), above_zero(evidence, "down")
@@ -123,7 +124,7 @@ def dwell(context: Context, claim: Claim) -> Finding:
 
 
 def _falls(context: Context, claim: Claim, slopes: Mapping[str, Any], level: Fraction, alpha: Fraction) -> int:
-    """V' <= -alpha V at a theta, by the claim's V, whatever the slopes; with how many boxes these are shown."""
+    """Prove V' <= -alpha V at a theta, by the claim's V, for all slopes; return the number of boxes."""
     error = with_endless(context, built(context, claim), slopes)
     demand_decays(error.at(level), alpha, claim.evidence)
     return error.boxes
@@ -133,7 +134,7 @@ def _falls(context: Context, claim: Claim, slopes: Mapping[str, Any], level: Fra
 
 
 def l2_gain(context: Context, claim: Claim) -> Finding:
-    """Show the L2 gain from the claim's inputs to the errors of the states, weighed by what they count for."""
+    """Prove the L2 gain from the claim's inputs to the weighted errors of the states."""
     error, parts, scales, inputs, phrase = _of(context, claim)
     evidence, n, mu = claim.evidence, len(context.z), above_zero(claim.evidence, "mu")
     if max(multipliers(evidence, inputs)) > mu**2:
@@ -149,7 +150,7 @@ def l2_gain(context: Context, claim: Claim) -> Finding:
 
 
 def iss_gain(context: Context, claim: Claim) -> Finding:
-    """Show the bound to which the error of each state comes."""
+    """Prove the ultimate bound of the error of each state."""
     error, parts, scales, inputs, phrase = _of(context, claim)
     bounds = list[str]()
     each = entries(claim.evidence, "bounds", len(context.z))
@@ -162,7 +163,7 @@ def iss_gain(context: Context, claim: Claim) -> Finding:
 
 
 def _of(context: Context, claim: Claim) -> tuple[ErrorInclusion, Parts, list[Fraction], list[Input], str]:
-    """Return the error at the observer's theta, its scales, the inputs, and words for these."""
+    """Return the error at the observer's theta, its parts, its scales, the inputs, and their description."""
     observer, evidence = built(context, claim), claim.evidence
     theta, error = scalar(observer.numbers, "theta"), error_inclusion(context, observer, evidence)
     if not theta > 0 or not error.measured:
@@ -189,7 +190,7 @@ Shares = list[tuple[Fraction, Fraction]]
 
 
 def _uniform_falls(context: Context, claim: Claim, ranges: Mapping[str, Any], level: Fraction, alpha: Fraction) -> int:
-    """V' <= -alpha V at a theta, by the claim's P, whatever the slopes; with how many boxes these are shown."""
+    """Prove V' <= -alpha V at a theta, by the claim's P, for all slopes; return the number of boxes."""
     _ = context.equations
     observer, n = built(context, claim), len(context.z)
     K, s = column(observer.numbers, "gains", n), _above(context)
@@ -209,7 +210,7 @@ def _uniform_falls(context: Context, claim: Claim, ranges: Mapping[str, Any], le
 
 
 def _above(context: Context) -> list[Fraction]:
-    """Return the numbers s_k above the diagonal of A, where it has nothing else."""
+    """Return the numbers s_k above the diagonal of A, whose other entries must be zero."""
     numbers = []
     for i, row in enumerate(context.form.A):
         for j, text in enumerate(row):
@@ -225,7 +226,7 @@ def _above(context: Context) -> list[Fraction]:
 
 
 def _shares(context: Context, evidence: Mapping[str, Any], s: list[Fraction]) -> tuple[Shares, int]:
-    """Return the range of each s_k/F_k', and with how many boxes these are shown."""
+    """Return the range of each s_k/F_k', and the number of boxes."""
     shares, boxes, one = Shares(), 0, context.algebra.number(Fraction(1))
     for k, (number, range_) in enumerate(zip(s, entries(evidence, "shares", len(s)), strict=True)):
         rate, z = context.rates[k], context.z[k + 1]
@@ -248,12 +249,12 @@ def _inclusion(n: int, slopes: list[Slope]) -> ErrorInclusion:
 
 
 def _injected(K: list[Fraction], q: tuple[Fraction, ...]) -> list[Fraction]:
-    """K_1, K_2 q_1, K_3 q_1 q_2, .."""
+    """Return K_1, K_2 q_1, K_3 q_1 q_2, .."""
     return [k * prod(q[:i], start=Fraction(1)) for i, k in enumerate(K)]
 
 
 def _of_products(K: list[Fraction], shares: Shares) -> Iterator[Slope]:
-    """Return each K_i q_1 .. q_(i-1) as a slope of its own."""
+    """Yield each K_i q_1 .. q_(i-1) as a slope of its own."""
     every, n = [_injected(K, q) for q in product(*shares)], range(len(K))
     for i in n:
         ends = [each[i] for each in every]
@@ -261,7 +262,7 @@ def _of_products(K: list[Fraction], shares: Shares) -> Iterator[Slope]:
 
 
 def _corners(parts: Parts, K: list[Fraction], shares: Shares, theta: Fraction) -> Iterator[Parts]:
-    """Return what the error obeys at all combinations of ends."""
+    """Yield the error dynamics at all combinations of ends."""
     ends = [sorted(set(pair)) for pair in shares]
     if 2 ** len(parts.H) * prod(map(len, ends)) > _CORNERS:
         raise Unproved(f"its slopes have more than {_CORNERS} combinations of ends")
@@ -272,7 +273,7 @@ def _corners(parts: Parts, K: list[Fraction], shares: Shares, theta: Fraction) -
 
 
 def convergence(context: Context, claim: Claim) -> Finding:
-    """Show that the error converges exponentially from everywhere."""
+    """Prove that the error converges exponentially from everywhere."""
     observer, form, n = built(context, claim), context.form, len(context.z)
     A, C = matrix(claim.evidence, "A", n, n), matrix(claim.evidence, "C", len(form.output), n)
     _linear(context, A, C)

@@ -1,13 +1,13 @@
-"""Contraction of the error of an observer as its step runs, and its response to noise and other inputs, verified again.
+"""Contraction of an observer's error at each call of its step, and its response to noise and other inputs.
 
-The inequality is that of `inequality`. As a polynomial in h it is negative on a piece of a line where its Bernstein
-coefficients are. What holds at (h, theta) holds at (h theta/theta', theta') of a larger theta': there h M is the same
-but for smaller slopes of b.
+The inequality is that of `inequality`. As a polynomial in h it is negative on an interval if its Bernstein coefficients
+are. A proof at (h, theta) holds at (h theta/theta', theta') for a larger theta': there h M is the same except for
+smaller slopes of b.
 
-Inputs keep to |e|_P <= 1 while each is at most 1. They are errors of the samples of an output at both ends of a call,
-errors of what is injected at a stage, what the plant does beside a step of the method in a row of its form, over h,
-which the sample at the end of the call shows, and what comes to an element of e itself, over h. A share is of inputs in
-one unit.
+Inputs keep |e|_P <= 1 while each is at most 1. They are errors of the samples of an output at both ends of a call,
+errors of the injected sample at a stage, deviations of the plant from a step of the method in a row of its form, over
+h, which the sample at the end of the call contains, and errors added to an element of e itself, over h. A share
+consists of inputs in one unit.
 """
 
 import math
@@ -62,22 +62,22 @@ class _Running:
 
     @cached_property
     def parts(self) -> Parts:
-        """Return what the error obeys."""
+        """The parts of the error dynamics."""
         return self.error.at(self.theta)
 
     @cached_property
     def scales(self) -> list[Fraction]:
-        """The error of each field (N) where that of its state is 1. Raises: `Unproved`."""
+        """The error of each field (N) for an error 1 of its state. Raises: `Unproved`."""
         return self.error.scales(self.context, self.theta)
 
     @property
     def at(self) -> str:
-        """The words for it."""
+        """The words for the method, dt and theta."""
         return f"by {self.evidence['method']} at dt = {printed(self.h)}, theta = {printed(self.theta)}"
 
     @property
     def estimating(self) -> set[int]:
-        """The places of the fields that estimate."""
+        """The indices of the fields that estimate a state."""
         return {k for k, fed in enumerate(self.error.fed) if fed}
 
 
@@ -90,7 +90,7 @@ def _running(context: Context, claim: Claim) -> _Running:
 
 
 def step(context: Context, claim: Claim) -> Finding:
-    """|e+|_P^2 <= (1 - alpha dt) |e|_P^2 at the observer's theta."""
+    """Prove |e+|_P^2 <= (1 - alpha dt) |e|_P^2 at the observer's theta."""
     run, alpha = _running(context, claim), scalar(claim.evidence, "alpha")
     if not 0 <= alpha * run.h < 1:
         raise Unproved("alpha dt is below 0 or not below 1")
@@ -100,7 +100,7 @@ def step(context: Context, claim: Claim) -> Finding:
 
 
 def throughout(context: Context, claim: Claim) -> Finding:
-    """|e+|_P < |e|_P at the claim's theta, at most the observer's, at every step length up to a longest."""
+    """Prove |e+|_P < |e|_P at the claim's theta, at most the observer's, at every step length up to a longest."""
     observer, evidence = built(context, claim), claim.evidence
     theta, error, method = scalar(evidence, "theta"), error_inclusion(context, observer, evidence), method_of(evidence)
     if not 0 < theta <= scalar(observer.numbers, "theta"):
@@ -134,8 +134,8 @@ def _bernstein(degree: int) -> Matrix:
 
 
 def noise(context: Context, claim: Claim) -> Finding:
-    """|z_i| <= bound of an error e in |e|_P <= 1, which stays there while the samples of an output err by at most 1:
-    its inputs are those at both ends of a call."""
+    """Prove |z_i| <= bound for errors e in |e|_P <= 1, which is invariant while the error of an output's samples is at
+    most 1: its inputs are those at both ends of a call."""
     run, phrase = _running(context, claim), dict[tuple[int, int], str]()
     for one in part(claim.evidence, "bounds", list):
         fields(one, "a bound", ("state", "output", "alpha", "P", "S", "bound"))
@@ -158,8 +158,9 @@ def noise(context: Context, claim: Claim) -> Finding:
 
 
 def start(context: Context, claim: Claim) -> Finding:
-    """|e|_P < |e|_P of the call before, and |z_i| <= bound of all e that begin with |z| <= first, by |e(0)|_P^2 <= V at
-    the corners and bound^2 P >= V c'c, z_i = c e: for the limits of the fields that estimate, and for each state."""
+    """Prove that |e|_P decreases at each call, and |z_i| <= bound for all e that begin with |z| <= first, by |e(0)|_P^2
+    <= V at the corners and bound^2 P >= V c'c, z_i = c e: for the limits of the estimating fields, and for each
+    state."""
     run, evidence, n = _running(context, claim), claim.evidence, len(context.z)
     if n > _CORNERS:
         raise Unproved(f"it has more than {_CORNERS} states")
@@ -188,7 +189,7 @@ def start(context: Context, claim: Claim) -> Finding:
 
 
 def _limits(clear: Mapping[str, Any], run: _Running) -> dict[int, Fraction]:
-    """Return the limits of all fields that estimate, by place from 0."""
+    """Return the limits of all fields that estimate a state, by index."""
     limits = {}
     for one in part(clear, "limits", list):
         fields(one, "a limit", ("field", "limit"))
@@ -199,8 +200,8 @@ def _limits(clear: Mapping[str, Any], run: _Running) -> dict[int, Fraction]:
 
 
 def _largest(error: ErrorInclusion, scales: list[Fraction], first: list[Fraction], P: Matrix) -> Fraction:
-    """Return the largest |e(0)|_P^2, of fields that begin with the error of the state that they estimate, or with
-    none."""
+    """Return the largest |e(0)|_P^2, for fields that begin with the error of the state that they estimate, or with
+    0."""
     sides = [s * first[i] * fed for s, i, fed in zip(scales, error.index, error.fed, strict=True)]
     largest = Fraction(0)
     for signs in product((1,), *[(1, -1)] * (len(first) - 1)):
@@ -218,7 +219,7 @@ Shares = Mapping[str, Mapping[str, Any]]  # by their inputs
 
 
 def error(context: Context, claim: Claim) -> Finding:
-    """Show the share of each part in the error of each field that estimates."""
+    """Prove the share of each kind of input in the error of each field that estimates a state."""
     run, shares, by_kind = (
         _running(context, claim),
         part(claim.evidence, "shares", list),
@@ -252,7 +253,7 @@ def error(context: Context, claim: Claim) -> Finding:
 
 
 def _followed(run: _Running, shares: Shares) -> tuple[list[str], str, int]:
-    """Demand that the sizes follow: what they are, under what, and with how many boxes."""
+    """Demand that the sizes follow from the plant; return their description, the condition, and the number of boxes."""
     context, evidence, method, rounding = run.context, run.evidence, shares.get("method"), shares.get("rounding")
     others = {kind: share for kind, share in shares.items() if share is not method and share is not rounding}
     boxes, sizes = demand_followed(context, run.h, others), list[str]()
@@ -275,8 +276,8 @@ def _followed(run: _Running, shares: Shares) -> tuple[list[str], str, int]:
 
 
 def _bounds_of(share: Mapping[str, Any], scales: Sequence[Fraction]) -> list[Fraction]:
-    """Return, by field (N), at least how far a share moves its error: by its bound, of one without by the norms in
-    which the inputs keep e within 1."""
+    """Return a bound of a share's effect on the error of each field (N): the share's own bound, or without one the
+    bound by the quadratic forms in which the inputs keep e within 1."""
     N, unit = len(scales), scalar(share, "unit")
     bounds = {_field(one, N): scalar(one, "bound") for one in share["bounds"]}
     if len(bounds) < N:
@@ -287,17 +288,17 @@ def _bounds_of(share: Mapping[str, Any], scales: Sequence[Fraction]) -> list[Fra
 
 
 def _root(value: Fraction) -> Fraction:
-    """Return a number at least the square root, and hardly above."""
+    """Return a close upper bound of the square root."""
     return Fraction(math.isqrt(value.numerator * _FINE**2 // value.denominator) + 1, _FINE)
 
 
 def _field(one: Any, count: int) -> int:
-    """Return the field of a bound, from 0."""
+    """Return the field index of a bound, from 0."""
     return place(fields(one, "a bound", ("field", "alpha", "P", "S", "bound")), "field", count)
 
 
 def _inputs(run: _Running, share: Mapping[str, Any]) -> list[Input]:
-    """Return the inputs of a share that are not 0, in its unit."""
+    """Return the nonzero inputs of a share, in its unit."""
     context, error, method = run.context, run.error, run.method
     p, n, stages = len(context.form.output), len(context.z), len(method.nodes)
     still, inputs = [Fraction(0)] * len(error.N), list[Input]()
@@ -327,7 +328,7 @@ def _inputs(run: _Running, share: Mapping[str, Any]) -> list[Input]:
 
 
 def _sizes(share: Mapping[str, Any], key: str, count: int) -> list[Fraction]:
-    """`count` sizes that are not negative, or none."""
+    """Return `count` sizes that are not negative, or none."""
     sizes = column(share, key, count) if share[key] != [] else []
     if any(size < 0 for size in sizes):
         raise Unproved(f"a size of its {key} is negative")

@@ -1,40 +1,38 @@
-"""Dissipation of an error system, verified again, with the error rebuilt from the plant.
+"""Dissipation of an error system that is rebuilt from the plant.
 
-The errors of observers, rebuilt from the plant of the certificate by what a claim states of the observer.
-
-An observer that corrects by its output error:
+The error is built from the plant of the certificate and the observer that a claim states. For correction by the output
+error:
 
     x' = f(x, u) + G1(x) w,   y = h(x, u) + G2(x) w,   xhat' = f(xhat, u) + l(xhat, u) (y - h(xhat, u)),   e = x - xhat
     e' = F(e, x) + G(e, x) w,   F = f(x) - f(x - e) - l(x - e) (h(x) - h(x - e)),   G = G1(x) - l(x - e) G2(x)
 
 A claim states the gain l, G1, G2 and the ranges of the errors, never F and G; so F vanishes at e = 0, and another plant
-has another F. Nothing is saturated: beyond the ranges of x, f, h and l are as they are written.
+has another F. Nothing is saturated: f, h and l are evaluated as written also outside the ranges of x.
 
-An observer of any equations:
+For an observer with any equations:
 
     x' = f(x, u, w),   y = h(x, u, w),   xhat' = g(xhat, y, u),   e = x - xhat
     e' = f(x, u, w) - g(x - e, h(x, u, w), u) = F(e, x, u) + G(e, x, u) w
 
-A claim states g, of the states (for the estimate), of y_1, y_2, .. and known inputs, the inputs w that g does not know,
-and F and G; it may hold on a set x_k = a_k(x) alone, which the plant has to keep to: f_k = sum_j da_k/dx_j f_j. These
-are exact identities, wherever both sides have a value; F vanishes at e = 0.
+A claim states g in the states (for the estimate), y_1, y_2, .. and known inputs, the inputs w unknown to g, and F and
+G; it may hold on a set x_k = a_k(x) only, which must be invariant for the plant: f_k = sum_j da_k/dx_j f_j. These are
+exact identities, wherever both sides have a value; F vanishes at e = 0.
 
 Source: Alessandri, Mathematical Problems in Engineering (2020), (19), (24), (25), (29), (30).
 
-The Hamilton-Jacobi inequality of an error system, verified again: its L2 gain mu from w to e while e is in a box.
+The Hamilton-Jacobi inequality of an error system bounds its L2 gain mu from w to e while e is in a box:
 
     e' = F(e, x) + G(e, x) w:   V(0) = 0, V(e) > 0,   S(e, x) = V_e F + |V_e G|^2/(2 mu^2) + |e|^2/2 < 0,   e not 0
 
-With V_e(0) = 0, F(0, x) = 0 both V_e and F are averages of their slopes between 0 and e, so that S <= -e'N e and
-V = e'H e/2, N and H averages of H(c) and
+With V_e(0) = 0, F(0, x) = 0 both V_e and F are averages of their slopes between 0 and e, so that S <= -e'N e and V =
+e'H e/2, N and H averages of H(c) and
 
     N(c, d, g) = -(H(c) F_e(d) + F_e(d)'H(c) + H(c) G(g) G(g)'H(c)/mu^2 + I)/2,   H = V_ee
 
-over c, d, g in any box around 0 that holds e. They are positive definite on a `share` of the box of errors, by
-bisection; on the slabs that this leaves S and V keep off 0. A set {V <= c} keeps off the faces of the box where V is
-above c on them: of V = e'P e, where P - c/end_i^2 on its place (i, i) has no negative eigenvalue. The system is that
-of the file's plant (`error`); a claim states the observer, V and mu. Source: Alessandri, Mathematical
-Problems in Engineering (2020), theorem 1, (21), (38), (39).
+over c, d, g in any box around 0 that contains e. Bisection proves them positive definite on a `share` of the box of
+errors, and S and V nonzero on the remaining slabs. A set {V <= c} does not reach the faces of the box if V is above c
+on them: for V = e'P e, if P - c/end_i^2 on its place (i, i) has no negative eigenvalue. Source: Alessandri,
+Mathematical Problems in Engineering (2020), theorem 1, (21), (38), (39).
 """
 
 import math
@@ -60,8 +58,8 @@ PARTS = ("gain", "G1", "G2", "errors")  # of a claim's description of the system
 
 @dataclass(frozen=True)
 class ErrorSystem:
-    """The system of `plant`: the ranges of the errors (n) `around` 0, F (n) and G (n, k) in any arithmetic where names
-    have values, the names that each reads, and the words that say which observer has this error."""
+    """The error system of `plant`: the ranges of the errors (n) `around` 0, F (n) and G (n, k) as functions of values
+    in any arithmetic, the names that each reads, and a sentence on the observer."""
 
     plant: Equations
     around: Box
@@ -73,8 +71,8 @@ class ErrorSystem:
 
 
 def error_system(context: Context, description: Mapping[str, Any]) -> ErrorSystem:
-    """Return the error system of the file's plant, by a claim's description of its gain (n, p), G1 (n, k) and G2 (p,
-    k). Raises: `Unproved`."""
+    """Return the error system of the file's plant, by a claim's gain (n, p), G1 (n, k) and G2 (p, k). Raises:
+    `Unproved`."""
     plant = context.plant
     around, n, p = around_of(context, description), len(plant.states), len(plant.output)
     texts = entries(description, "G1", n)
@@ -127,14 +125,14 @@ def around_of(context: Context, description: Mapping[str, Any]) -> Box:
 
 
 def smooth(texts: Iterable[Expression]) -> None:
-    """Demand that none has kinks or jumps. Raises: `Unproved`."""
+    """Demand that the expressions have no kinks or jumps. Raises: `Unproved`."""
     for text in texts:
         if text.kinked:
             raise Unproved(f"{cut(text.text)} has kinks or jumps")
 
 
 def matrix_of(description: Mapping[str, Any], key: str, rows: int, columns: int, names: Box) -> Rows:
-    """Return a matrix (rows, columns) of expressions that read these names. Raises: `Unproved`."""
+    """Return a matrix (rows, columns) of expressions in these names. Raises: `Unproved`."""
     texts = entries(description, key, rows)
     return tuple(tuple(expression(cell, names) for cell in entries({key: row}, key, columns)) for row in texts)
 
@@ -156,7 +154,7 @@ def names_of(texts: Iterable[Expression]) -> set[str]:
 
 
 def text_of(rows: Rows) -> str:
-    """Return a matrix as it is printed."""
+    """Return a matrix of expressions as text."""
     return f"({'; '.join(', '.join(cell.text for cell in row) for row in rows)})"
 
 
@@ -166,8 +164,7 @@ OBSERVED = ("observer", "unknown", "along", "flow", "noise", "errors")  # of a c
 
 
 def observed_system(context: Context, description: Mapping[str, Any]) -> ErrorSystem:
-    """Return the error system of the file's plant, by a claim's description of the observer, of F and of G. Raises:
-    `Unproved`."""
+    """Return the error system of the file's plant, by a claim's observer, F and G. Raises: `Unproved`."""
     plant, around, n = context.plant, around_of(context, description), len(context.plant.states)
     inputs, parameters = context.file.inputs, context.file.parameters
     unknown, along = tuple(part(description, "unknown", list)), part(description, "along", dict)
@@ -215,7 +212,8 @@ def _demand_same(
     rows: Sequence[Expression],
     outputs: Sequence[str],
 ) -> None:
-    """Demand that the plant stays in the set, that the claimed system is that of plant and observer, and F(0) = 0."""
+    """Demand that the set is invariant for the plant, that the claimed system is that of plant and observer, and F(0) =
+    0."""
     plant, algebra = system.plant, algebra_of({**system.plant.box, **system.around})
     at = {**algebra.names, **{name: algebra.read(value) for name, value in along.items()}}
     f = [algebra.read(row, at) for row in plant.flow]
@@ -247,8 +245,8 @@ def _demand_values(
     rows: Sequence[Expression],
     outputs: Sequence[str],
 ) -> None:
-    """Demand that plant, observer and claimed system have a value at a point inside of the ranges where e = 0: about
-    it, the identities say something."""
+    """Demand that plant, observer and claimed system have a value at an interior point with e = 0, so that the
+    identities are not void."""
     zero = dict.fromkeys(around, Fraction(0))
     at = points({**{name: inside(*ends, Fraction(1, 3)) for name, ends in plant.box.items()}, **zero})
     at |= {name: evaluate(value, at, intervals) for name, value in along.items()}
@@ -299,12 +297,12 @@ class ClaimedGain:
         return {**self.system.plant.box, **self.around}
 
     def finding(self, sentence: str, boxes: int) -> Finding:
-        """Return the finding on it."""
+        """Return the finding with a sentence on the error system."""
         return Finding(f"{sentence}; of the error {self.system.sentence}", boxes)
 
 
 def is_positive(context: Context, claim: Claim) -> Finding:
-    """V(0) = 0 and V(e) > 0 for every other e of the box."""
+    """Prove V(0) = 0 and V(e) > 0 for every other e of the box."""
     claimed = _claimed_gain(context, claim)
     share, T = _share(claim, claimed)
     boxes = covered(_copies(claimed, share, {"c": claimed.V.names}), ".", _definite(claimed, T, _hessian))
@@ -316,7 +314,7 @@ def is_positive(context: Context, claim: Claim) -> Finding:
 
 
 def inequality(context: Context, claim: Claim) -> Finding:
-    """S(e, x) < 0 for every e of the box but 0, and every x."""
+    """Prove S(e, x) < 0 for every e of the box but 0, and every x."""
     claimed = _claimed_gain(context, claim)
     share, T = _share(claim, claimed)
     reads = {"c": claimed.V.names, "d": claimed.system.read_by_flow, "g": claimed.system.read_by_noise}
@@ -335,7 +333,7 @@ def inequality(context: Context, claim: Claim) -> Finding:
 
 
 def level(context: Context, claim: Claim) -> Finding:
-    """Every set {V <= c} with c below the claim's keeps off the faces of the box."""
+    """Prove that every set {V <= c} with c below the claim's level does not reach the faces of the box."""
     claimed, floor = _claimed_gain(context, claim), above_zero(claim.evidence, "floor")
     faces = [(i, end) for i, name in enumerate(claimed.errors) for end in _ends(claimed, name)]
     P, boxes = _quadratic(claimed), 0
@@ -357,7 +355,7 @@ def level(context: Context, claim: Claim) -> Finding:
 
 
 def _claimed_gain(context: Context, claim: Claim) -> ClaimedGain:
-    """Return the claim's system, smooth, with V = 0 and V_e = 0 at e = 0, the same as in the file's other claims.
+    """Return the claim's smooth system, with V = 0 and V_e = 0 at e = 0, the same as in the file's other claims.
     Raises: `Unproved`."""
     description = part(claim.evidence, "system", dict)
     known_keys = next((keys for keys in _SYSTEMS if description.keys() == {*keys, *_OF_ALL}), None)
@@ -375,7 +373,7 @@ def _claimed_gain(context: Context, claim: Claim) -> ClaimedGain:
 
 
 def _vanishing(claimed: ClaimedGain) -> None:
-    """Shows V(0) = 0 and V_e(0) = 0 by exact algebra, and that V has no kinks and finite slopes on the whole box."""
+    """Prove V(0) = 0 and V_e(0) = 0 by exact algebra, and that V has no kinks and finite slopes on the whole box."""
     algebra = algebra_of(claimed.around)
     still = dict.fromkeys(claimed.errors, algebra.zero)
     smooth((claimed.V,))
@@ -423,8 +421,7 @@ def _ends(claimed: ClaimedGain, name: str) -> tuple[Fraction, Fraction]:
 
 
 def _share(claim: Claim, claimed: ClaimedGain) -> tuple[Fraction, Matrix]:
-    """Return the share of the box on which the matrices are shown to be definite, and the basis T (n, n) to show it
-    in."""
+    """Return the share of the box on which the matrices are proved definite, and the basis T (n, n) of the proof."""
     share, n = above_zero(claim.evidence, "share"), len(claimed.errors)
     if share > 1:
         raise Unproved("its share is above 1")
@@ -432,7 +429,7 @@ def _share(claim: Claim, claimed: ClaimedGain) -> tuple[Fraction, Matrix]:
 
 
 def _slabs(claim: Claim, claimed: ClaimedGain, share: Fraction) -> Iterator[tuple[Box, str, Fraction]]:
-    """Return what the share of the box leaves, slab by slab, each with its bisection and bound."""
+    """Yield the slabs outside the share of the box, each with its bisection and bound."""
     covers = entries(claim.evidence, "slabs", 0 if share == 1 else 2 * len(claimed.errors))
     inner = dict(claimed.around)
     for k, name in enumerate(claimed.errors if covers else ()):
@@ -444,7 +441,7 @@ def _slabs(claim: Claim, claimed: ClaimedGain, share: Fraction) -> Iterator[tupl
 
 
 def _demand_left_side(claimed: ClaimedGain, left_side: Expression) -> None:
-    """Demand that a text is S."""
+    """Demand that an expression equals S."""
     algebra = algebra_of(claimed.box)
     e, arithmetic, half = algebra.names, algebra.arithmetic, algebra.number(Fraction(1, 2))
     (p,) = jacobian((claimed.V,), {name: e[name] for name in claimed.errors}, claimed.errors, arithmetic)
@@ -460,14 +457,14 @@ def _demand_left_side(claimed: ClaimedGain, left_side: Expression) -> None:
 
 
 def _quadratic(claimed: ClaimedGain) -> Matrix | None:
-    """Return the matrix P of V = e'P e, None where V is another function."""
+    """Return the matrix P of V = e'P e, None for another V."""
     algebra = algebra_of(claimed.around)
     H = numbers(_second(claimed, algebra.names, algebra.arithmetic))
     return None if H is None else Fraction(1, 2) * Matrix(H)
 
 
 def _second(claimed: ClaimedGain, values: Mapping[str, Any], arithmetic: Arithmetic) -> Matrix:
-    """V_ee (n, n) in any arithmetic."""
+    """Return V_ee (n, n) in any arithmetic."""
     inner_ = seeded(values, claimed.errors, arithmetic)
     zero = arithmetic.number(Fraction(0))
     (slopes,) = jacobian((claimed.V,), inner_, claimed.errors, dual(arithmetic))
@@ -478,7 +475,7 @@ def _second(claimed: ClaimedGain, values: Mapping[str, Any], arithmetic: Arithme
 
 
 def _copies(claimed: ClaimedGain, share: Fraction, reads: Mapping[str, Any]) -> Box:
-    """Return the box of the copies c, d, g of the errors, a share of their box, and of the signals that are read."""
+    """Return the box of the copies c, d, g of the errors, a share of their box, and of the signals that they read."""
     box: dict[str, Any] = {}
     for copy, names in reads.items():
         for name in sorted(names):
@@ -491,7 +488,7 @@ def _copies(claimed: ClaimedGain, share: Fraction, reads: Mapping[str, Any]) -> 
 
 
 def _definite(claimed: ClaimedGain, T: Matrix, keys: Callable[[ClaimedGain, Box], Matrix]) -> Any:
-    """Return the statement that T'M T is positive definite, M of `keys`."""
+    """Return the statement that T'M T is positive definite, M given by `keys`."""
     basis = T.mapped(_number)
 
     @lru_cache(maxsize=2)

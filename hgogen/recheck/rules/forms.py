@@ -1,12 +1,12 @@
-"""What a form is: its structure, its rows, how steep it is, and its coordinates, verified again.
+"""Properties of a form: its structure, its rows, its Lipschitz constants, and its coordinates.
 
     chains    z' = A(u) z + b(z, u),             y_i = a_1 z_1 + c of its chain,   0 < a_m <= a_i <= a_M
-    affine    z' = A(s, u) z + b(s, u),          y = C(u) z + d(u),   s the states that outputs show alone
+    affine    z' = A(s, u) z + b(s, u),          y = C(u) z + d(u),   s the states that an output measures alone
     uniform   z_i' = F_i(z_1, .., z_(i+1), u),   y = h(z_1, u),   dh/dz_1, dF_(i-1)/dz_i never 0
 
 Source of the first: N. Boizot, E. Busvelle, J.-P. Gauthier, Automatica 46 (2010), form (3).
 
-The map to phase coordinates, verified again: Phi = (y, y', .., y^(n-1)), its rank, and that it is one to one.
+The map to phase coordinates is Phi = (y, y', .., y^(n-1)); its rank and that it is one to one are verified as well.
 
 Phi_1 = h, Phi_(k+1) = dPhi_k/dx f + sum_u dPhi_k/du u', as rational functions, with the derivatives of inputs as names.
 Phi is one to one on the box, which is a product of intervals, if at every point all principal minors of L dPhi/dx are
@@ -57,7 +57,7 @@ from ..text import KINKS, Expression, expression
 
 
 def _gain(context: Context, claim: Claim) -> Finding:
-    """0 < a_m <= a_i <= a_M on the box."""
+    """Prove 0 < a_m <= a_i <= a_M on the box."""
     low, _, finding = enclosed(context, claim.evidence, *wanted_gain(context, claim.at))
     if low <= 0:
         raise Unproved("its lower bound is not above zero")
@@ -65,7 +65,7 @@ def _gain(context: Context, claim: Claim) -> Finding:
 
 
 def _no_gain(context: Context, claim: Claim) -> Finding:
-    """The refutation that a_i is positive: a point of the box at which it is zero or negative."""
+    """Refute that a_i is positive, by a point of the box at which it is zero or negative."""
     wanted, source = wanted_gain(context, claim.at)
     text = claimed(context, claim.evidence, wanted)
     at = witness(claim, context.form.box, text.names | source.names)
@@ -76,7 +76,7 @@ def _no_gain(context: Context, claim: Claim) -> Finding:
 
 
 def _offset(context: Context, claim: Claim) -> Finding:
-    """c = y - a_1 z_1 is finite on the box."""
+    """Prove that c = y - a_1 z_1 is finite on the box."""
     _ = context.equations
     chain = claim.at[0] if claim.at else 1
     head = context.z[place_of(context, chain, 1)]
@@ -92,8 +92,8 @@ def _offset(context: Context, claim: Claim) -> Finding:
 
 
 def _affine(context: Context, claim: Claim) -> Finding:
-    """y = d + sum c_k z_k with d = y(0), c_k = y(z_k = 1) - y(0) for every z, so that both are of no state; A, b read
-    states that an output shows alone, with a number for c_k."""
+    """Prove y = d + sum c_k z_k with d = y(0), c_k = y(z_k = 1) - y(0) for every z, so that both read no state; A, b
+    may read states that an output measures alone, with a number for c_k."""
     _ = context.equations
     z, measured, algebra = context.z, list[str](), context.algebra
     offset_ = {**algebra.names, **dict.fromkeys(z, algebra.zero)}
@@ -116,7 +116,7 @@ def _affine(context: Context, claim: Claim) -> Finding:
 
 
 def _uniform(context: Context, claim: Claim) -> Finding:
-    """F_i reads z_1..z_(i+1), y reads z_1."""
+    """Prove that F_i reads z_1..z_(i+1), and y reads z_1."""
     _ = context.equations
     z = context.z
     for i, row in enumerate(context.rates):
@@ -129,7 +129,7 @@ def _uniform(context: Context, claim: Claim) -> Finding:
 
 
 def _slope(context: Context, claim: Claim) -> Finding:
-    """dh/dz_1, or dF_(i-1)/dz_i, is bounded and bounded away from zero on the box."""
+    """Prove that dh/dz_1, or dF_(i-1)/dz_i, is bounded and bounded away from zero on the box."""
     wanted, rate = _wanted_slope(context, *claim.at)
     low, high, finding = enclosed(context, claim.evidence, wanted, rate, lambda text: context.at_kinks(text, rate))
     if low <= 0 <= high:
@@ -139,8 +139,8 @@ def _slope(context: Context, claim: Claim) -> Finding:
 
 
 def _no_slope(context: Context, claim: Claim) -> Finding:
-    """Show that a slope is zero at a point of the box that is at no kink; or it has opposite signs at two, and what it
-    is of is continuous."""
+    """Prove that a slope is zero at a point of the box without a kink; or that it has opposite signs at two points, and
+    its row is continuous."""
     wanted, rate = _wanted_slope(context, *claim.at)
     text = claimed(context, claim.evidence, wanted)
     read = context.at_kinks(text, rate)
@@ -169,7 +169,7 @@ def _wanted_slope(context: Context, index: int) -> tuple[Quotient, Expression]:
 
 
 def _lipschitz(context: Context, claim: Claim) -> Finding:
-    """|d rows/dz| <= bound, of the rows that the kind of the form has in `_STEEP`."""
+    """Prove |d rows/dz| <= bound, for the rows in `_STEEP` of the kind of the form."""
     name, rows = _STEEP[context.form.kind]
     return jacobian_bound(context, claim, rows(context), name)
 
@@ -192,7 +192,7 @@ def _numbered(begin: str, count: int) -> Iterator[str]:
 
 
 def _inverse(context: Context, claim: Claim) -> Finding:
-    """z = Z(x) and x = X(z) undo each other and have finite derivatives on their boxes."""
+    """Prove that z = Z(x) and x = X(z) are inverse and have finite derivatives on their boxes."""
     _ = context.equations
     form, plant = context.form, context.plant
     boxes = _regular(form.to_form, plant.states, plant.box) + _regular(form.from_form, form.states, form.box)
@@ -208,8 +208,8 @@ MOST = 6  # states, beyond which the determinant's expansion is too long
 
 
 def phases(context: Context, claim: Claim) -> Finding:
-    """Phi is the output with its derivatives along the plant's flow, and smooth on the box, but for its last entry also
-    in what inputs do: where an input passes a kink, the entry has no derivative."""
+    """Prove that Phi is the output with its derivatives along the plant's flow, and smooth on the box. The last entry
+    need not be differentiable in the inputs: it has no derivative where an input passes a kink."""
     plant, states = context.plant, context.plant.states
     box, rates, Phi = _read_phases(context, claim)
     if len(plant.output) != 1 or len(Phi) != len(states):
@@ -237,7 +237,7 @@ def phases(context: Context, claim: Claim) -> Finding:
 
 
 def rank(context: Context, claim: Claim) -> Finding:
-    """det dPhi/dx keeps clear of zero; Phi is another claim."""
+    """Prove that det dPhi/dx is bounded away from zero; Phi is another claim."""
     slopes = _phase_slopes(context, claim)
     low, high, boxes = _bounded_determinant(slopes, slopes.rows, claim.evidence)
     if low <= 0 <= high:
@@ -246,7 +246,7 @@ def rank(context: Context, claim: Claim) -> Finding:
 
 
 def one_to_one(context: Context, claim: Claim) -> Finding:
-    """Show that all principal minors of L dPhi/dx are above zero; Phi is another claim."""
+    """Prove that all principal minors of L dPhi/dx are above zero; Phi is another claim."""
     slopes, n, boxes = _phase_slopes(context, claim), len(context.plant.states), 0
     _smooth_enough(slopes.Phi, 0)
     L, algebra = matrix(claim.evidence, "weights", n, n), slopes.algebra
@@ -270,7 +270,7 @@ def one_to_one(context: Context, claim: Claim) -> Finding:
 
 @dataclass(frozen=True)
 class _Slopes:
-    """dPhi/dx as quotients, the `rows` (n, n), with what they are made of."""
+    """The Jacobian dPhi/dx as quotients, `rows` (n, n), with Phi, its box and its algebra."""
 
     rows: list[list[Quotient]]
     Phi: list[Expression]
@@ -290,7 +290,7 @@ def _phase_slopes(context: Context, claim: Claim) -> _Slopes:
 def _bounded_determinant(
     slopes: _Slopes, rows: list[list[Quotient]], evidence: Mapping[str, Any]
 ) -> tuple[Fraction, Fraction, int]:
-    """Return the bounds that evidence tells of the determinant of rows, once they are shown, with how many boxes."""
+    """Return the evidence's bounds of the determinant of rows, once proved, and the number of boxes."""
     text, algebra = expression(part(evidence, "expression", str), slopes.box), slopes.algebra
     if not algebra.is_zero(algebra.read(text) - (determinant(rows) if rows else algebra.one)):
         raise Unproved(f"its expression {text.text} is not the determinant")
@@ -306,8 +306,8 @@ def _read_phases(context: Context, claim: Claim) -> tuple[Box, Mapping[str, str]
 
 
 def box_of_rates(context: Context) -> tuple[Box, Mapping[str, str]]:
-    """Return the plant's box with the derivatives of inputs, unbounded where they have no range; which name is the
-    derivative of which, by the names. Raises: `Unproved`."""
+    """Return the plant's box with the derivatives of inputs, unbounded without a range, and the name of the derivative
+    by the name of the input. Raises: `Unproved`."""
     count, inputs = len(context.plant.states), context.file.inputs
     endings = [*(f"_{'d' * k}ot" for k in range(1, min(count, 3) + 1)), *(f"_d{k}" for k in range(4, count + 1))]
     lines = [[name, *(f"{name.rstrip('_')}{suffix}" for suffix in endings)] for name in inputs]
@@ -320,15 +320,15 @@ def box_of_rates(context: Context) -> tuple[Box, Mapping[str, str]]:
 
 
 def _smooth_enough(rows: Sequence[Expression], order: int) -> None:
-    """Demand that they have no modulus and the like, and no table whose derivative of that order jumps."""
+    """Demand that rows have no kink function, and no table whose derivative of that order jumps."""
     for row in rows:
         if any(step.op in KINKS or jumps(step.op, order) for step in row.instructions):
             raise Unproved(f"{row.text[:60]} is not shown to be differentiable")
 
 
 def _regular_row(row: Expression, states: Sequence[str], box: Box) -> int:
-    """Return in how many boxes a row is shown to have finite derivatives; where a side is unbounded it is a
-    polynomial."""
+    """Demand that a row has finite derivatives, and is a polynomial if a side is unbounded; return the number of
+    boxes."""
     if all(math.isfinite(end) for name in row.names for end in box[name]):
         return covered(narrowed(box, row.names), ".", regular([row], [name for name in states if name in row.names]))
     for op, _, value in row.instructions:

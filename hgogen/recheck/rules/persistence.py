@@ -1,30 +1,31 @@
-"""Persistence of inputs, verified again: the Gramian over windows, from the transition of pieces.
+"""Persistence of inputs: a lower bound of the observability Gramian over windows of time.
 
-How x' = A x moves over a piece of time, and what y = C x shows of it there, from the Taylor series of A and C.
+The transition matrix of x' = A x over a piece of time, and the Gramian of y = C x there, follow from the Taylor series
+of A and C:
 
-    Phi' = A Phi,   W = integral Phi' C' C Phi,   in balls of whole numbers over 2^192: the middle, and how far off it
+    Phi' = A Phi,   W = integral Phi' C' C Phi,   in balls of integers over 2^192: the middle, and the radius
 
-Phi and Phi' C' C Phi are series to an order N. The coefficient N + 1, taken anywhere in the piece, bounds what they
-leave (Lagrange): its entries are at most those of the series of norms, the largest sums of a row or column, of A and C
-on the whole piece, from |Phi| <= exp(length |A|).
+Phi and Phi' C' C Phi are series to an order N. The coefficient N + 1, taken anywhere in the piece, bounds the remainder
+(Lagrange): its entries are at most those of the series of norms, the largest sums of a row or column, of A and C on the
+whole piece, from |Phi| <= exp(length |A|).
 
-Inputs make every state of a state-affine plant observable, by a measure for every window: verified again.
+Inputs make every state of a state-affine plant observable, by a measure for every window:
 
     x' = A(u) x + b,   y = C(u) x + d,   N_0 = C,   N_(k+1) = N_k A + N_k':   rank n of N_0, .., N_(n-1) at a time t_0
 
 makes the observability Gramian over any window with t_0 inside positive definite; a periodic input has such a time in
-every window of two periods. An input is constant, or reads the time in sin and cos alone, of arguments that a period
-takes a whole number of turns further. The observer clamps an input to its range: at t_0 it is strictly inside, or it is
-constant and in it. A and C are finite on the box, as the form's structure has it. Source: L. M. Silverman, H. E.
-Meadows, SIAM J. Control 5 (1967).
+every window of two periods. An input is constant, or reads the time in sin and cos only, whose arguments advance by a
+multiple of 2 pi in a period. The observer clamps an input to its range: at t_0 the input is strictly inside, or it is
+constant and in the range. A and C are finite on the box, by the claim on the form's structure. Source: L. M. Silverman,
+H. E. Meadows, SIAM J. Control 5 (1967).
 
     W(s, d) = D (integral_s^(s+d) Phi' C' R^-1 C Phi) D >= bound
 
-D are the half-widths of the ranges of the states, 1 without one. A moving course is cut into pieces of `piece`, a
-window into 2^level and one more: one that begins in a piece k has W >= exp(-2 piece a) M, M that of the 2^level pieces
-after it, a >= |A + A'|/2 on the piece. A still one has windows of 2^level. C is weighted by `weights` s_j with s_j^2
-R_j <= 1. The course has the period, which the pieces of `starts` cover, and keeps to the ranges of the inputs, to which
-an observer clamps them. Derivatives in t are Taylor coefficients, of parameters in their box.
+D are the half-widths of the ranges of the states, 1 without one. A time-varying course is cut into pieces of `piece`, a
+window into 2^level and one more: a window that begins in a piece k has W >= exp(-2 piece a) M, M that of the 2^level
+pieces after it, a >= |A + A'|/2 on the piece. A constant course has windows of 2^level. C is weighted by `weights` s_j
+with s_j^2 R_j <= 1. The pieces of `starts` cover the period of the course, which stays in the ranges of the inputs, to
+which an observer clamps them. Derivatives in t are Taylor coefficients, for all parameters in their box.
 """
 
 import math
@@ -52,7 +53,7 @@ Value = TypeVar("Value")
 
 @dataclass(frozen=True)
 class Balls:
-    """A matrix: its middle, and by how much each entry may be off it, over 2^192."""
+    """A matrix of balls: the middle and the radius of each entry, over 2^192."""
 
     mid: list[list[int]]
     off: list[list[int]]
@@ -67,7 +68,7 @@ class Balls:
 
     @property
     def turned(self) -> "Balls":
-        """The transposed."""
+        """The transpose."""
         return Balls(*([list(column) for column in zip(*rows, strict=True)] for rows in (self.mid, self.off)))
 
     def times(self, share: Fraction) -> "Balls":
@@ -77,13 +78,13 @@ class Balls:
 
     @property
     def norm(self) -> int:
-        """The largest sum of sizes of a row, or of a column, from above."""
+        """An upper bound of the largest absolute sum of a row or of a column."""
         sizes = [[abs(m) + r for m, r in zip(*rows, strict=True)] for rows in zip(self.mid, self.off, strict=True)]
         return max(map(sum, chain(sizes, zip(*sizes, strict=True))))
 
     @property
     def fractions(self) -> tuple[Matrix, Fraction]:
-        """The symmetric middle, and the largest sum by which a row may be off it."""
+        """The symmetric middle, and the largest sum of radii in a row."""
         n = range(len(self.mid))
         even = Matrix([[Fraction(self.mid[i][j] + self.mid[j][i], 2 * _ONE) for j in n] for i in n])
         return even, max(Fraction(sum(self.off[i][j] + self.off[j][i] for j in n), 2 * _ONE) for i in n)
@@ -104,7 +105,7 @@ def _dot(m: Sequence[int], r: Sequence[int], n: Sequence[int], s: Sequence[int])
 
 
 def balls(rows: Sequence[Sequence[Interval]]) -> Balls:
-    """Return a matrix of intervals. Raises: `Unproved` for one that is not finite."""
+    """Return the balls of a matrix of intervals. Raises: `Unproved` for one that is not finite."""
     ends = [[_whole(x) for x in row] for row in rows]
     mid = _each(ends, lambda pair: (pair[0] + pair[1]) >> 1)
     return Balls(mid, _each(ends, lambda pair: ((pair[1] - pair[0]) >> 1) + 1))
@@ -119,13 +120,13 @@ def _whole(x: Interval) -> tuple[int, int]:
 
 @dataclass(frozen=True)
 class Window:
-    """The transition over a window of time, and the Gramian over it."""
+    """The transition matrix over a window of time, and the Gramian over it."""
 
     Phi: Balls
     W: Balls
 
     def then(self, after: "Window") -> "Window":
-        """Return the window of this time and the one after it."""
+        """Return the window that joins this one and the next."""
         return Window(after.Phi @ self.Phi, self.W + self.Phi.turned @ after.W @ self.Phi)
 
 
@@ -133,8 +134,8 @@ Series = Sequence[Balls]
 
 
 def piece(A: Series, C: Series, around: tuple[Series, Series], length: Fraction) -> Window:
-    """Return the window of a piece, from the coefficients below N + 1 of A and C at its begin, and those below N + 2
-    `around`, on all of it."""
+    """Return the window of a piece, from the coefficients below N + 1 of A and C at its beginning, and those below N +
+    2 `around` it, on the whole piece."""
     n, p = len(A[0].mid), len(C[0].mid)
     unit = [[_ONE * (i == j) for j in range(n)] for i in range(n)]
     Phi = [Balls(unit, [[0] * n for _ in range(n)])]
@@ -167,13 +168,12 @@ def _up(value: int, share: Fraction) -> int:
 
 
 def _above(a: Sequence[int], b: Sequence[int], k: int) -> int:
-    """Return the coefficient k of a b, from above."""
+    """Return an upper bound of the coefficient k of a b."""
     return (sum(a[i] * b[k - i] for i in range(k + 1)) >> _BITS) + 1
 
 
 def _coefficient(a: Series, b: Series, k: int) -> Balls:
-    """Return the coefficient k of a b: those of a beside each other times those of b below each other, in one
-    product."""
+    """Return the coefficient k of a b, by one product of the coefficients of a in a row and those of b in a column."""
     first, last = a[: k + 1], b[k::-1]
     wide = ([list(chain(*rows)) for rows in zip(*each, strict=True)] for each in _parts(first))
     return Balls(*wide) @ Balls(*([*chain(*each)] for each in _parts(last)))
@@ -195,7 +195,7 @@ TIME = {"t": (-math.inf, math.inf)}
 
 
 def course(context: Context, claim: Claim) -> tuple[dict[str, Expression], set[str]]:
-    """Return the inputs of the claim, expressions of the time, and what A and C read, which is of these and of
+    """Return the claim's inputs, expressions of the time, and the names that A and C read, which are these inputs and
     parameters. Raises: `Unproved`."""
     _ = context.equations
     form, texts = context.form, part(claim.evidence, "inputs", dict)
@@ -208,7 +208,7 @@ def course(context: Context, claim: Claim) -> tuple[dict[str, Expression], set[s
 
 
 def persistent(context: Context, claim: Claim) -> Finding:
-    """Show that every state is observable along the claim's inputs, for all parameter values."""
+    """Prove that every state is observable along the claim's inputs, for all parameter values."""
     (inputs, read), evidence, form = course(context, claim), claim.evidence, context.form
     if len(context.z) > MOST:
         raise Unproved(f"the rank of more than {MOST} states is not computed")
@@ -240,7 +240,7 @@ def _value(text: Expression) -> Any:
 
 
 def periodic(texts: Sequence[Expression], period: Expression) -> None:
-    """Demand that the time stands in sin and cos alone, of arguments c t + d with c times the period a multiple of 2
+    """Demand that the time occurs in sin and cos only, with arguments c t + d and c times the period a multiple of 2
     pi."""
     algebra = algebra_of(TIME)
     for text in texts:
@@ -257,14 +257,14 @@ def periodic(texts: Sequence[Expression], period: Expression) -> None:
 
 
 def _whole_turns(turns: Quotient, algebra: Algebra) -> bool:
-    """Return whether it is 2 pi k for a whole k."""
+    """Return whether it is 2 pi k for an integer k."""
     pi = algebra.function("pi", ())
     each = (k for size in range(1, _TURNS + 1) for k in (size, -size))
     return any(algebra.is_zero(turns - algebra.number(Fraction(2 * k)) * pi) for k in each)
 
 
 def inside(context: Context, inputs: Mapping[str, Expression], at: Expression) -> None:
-    """Demand that each input is inside its range at t_0: strictly where it moves."""
+    """Demand that each input is inside its range at t_0, strictly if it varies."""
     for name, text in inputs.items():
         low, high = context.form.box[name]
         value = evaluate(text, {"t": _value(at)}, intervals)
@@ -277,7 +277,7 @@ def inside(context: Context, inputs: Mapping[str, Expression], at: Expression) -
 
 
 def _full(context: Context, inputs: Mapping[str, Expression], at: Expression) -> Any:
-    """Return the statement that det(N'N) is not zero, N the rows N_0, .., N_(n-1) at t_0; det N of one output."""
+    """Return the statement that det(N'N) is not zero, N the rows N_0, .., N_(n-1) at t_0; det N for one output."""
     n = len(context.z)
 
     def attempt(box: Box) -> Try:
@@ -293,7 +293,7 @@ def _full(context: Context, inputs: Mapping[str, Expression], at: Expression) ->
 
 
 def _rows(context: Context, inputs: Mapping[str, Expression], box: Box, time: Interval) -> list[list[Interval]]:
-    """Enclosures of the rows of N_0 = C, N_(k+1) = N_k A + N_k', k < n - 1, at a time."""
+    """Return enclosures of the rows of N_0 = C, N_(k+1) = N_k A + N_k', k < n - 1, at a time."""
     n = range(len(context.z))
     A, N = series_of(context, inputs, box, time, len(n))
     rows = [[x.coefficients[0] for x in row] for row in N]
@@ -313,8 +313,8 @@ def _rows(context: Context, inputs: Mapping[str, Expression], box: Box, time: In
 def series_of(
     context: Context, inputs: Mapping[str, Expression], box: Box, time: Interval, order: int
 ) -> tuple[list[list[Taylor]], list[list[Taylor]]]:
-    """Return A and C as series below the order at a time, along the inputs, for all parameters of the box; of an output
-    that is affine in z the row of C is y(z_k = 1) - y(0). Raises: `Undefined`."""
+    """Return A and C as series below the order at a time, along the inputs, for all parameters of the box; the row of C
+    for an output that is affine in z is y(z_k = 1) - y(0). Raises: `Undefined`."""
     arithmetic, z = taylor(order), context.z
     zero, one = arithmetic.number(Fraction(0)), arithmetic.number(Fraction(1))
     known = {name: begin((between(*box[name]),), order) for name in context.file.parameters}
@@ -332,7 +332,7 @@ def series_of(
 
 
 def least(context: Context, claim: Claim) -> Finding:
-    """Every window's smallest eigenvalue is at least the bound, for all parameter values."""
+    """Prove that every window's smallest eigenvalue is at least the bound, for all parameter values."""
     (inputs, _), evidence = course(context, claim), claim.evidence
     level, starts = (_count(evidence, name, most) for name, most in (("level", _LEVEL), ("starts", _STARTS)))
     length, bound = above_zero(evidence, "piece"), above_zero(evidence, "bound")
@@ -371,7 +371,7 @@ def _count(evidence: Mapping[str, Any], name: str, most: int) -> int:
 
 
 class _Course:
-    """A and C along the inputs, in scaled coordinates."""
+    """A course of A and C along the inputs, in scaled coordinates."""
 
     def __init__(self, context: Context, inputs: Mapping[str, Expression], weights: list[Fraction]) -> None:
         self.context, self.inputs, self.weights = context, inputs, weights
@@ -384,7 +384,7 @@ class _Course:
         self.around: tuple[Series, Series] = ([], [])
 
     def demand(self, length: Fraction, level: int, starts: int, bound: Fraction) -> None:
-        """Demand that the bound holds of every window. Raises: `Unproved`, `Undefined`."""
+        """Demand that the bound holds for every window. Raises: `Unproved`, `Undefined`."""
         if not starts:
             window = self.piece(Fraction(0), length)
             for _ in range(level):
@@ -407,7 +407,7 @@ class _Course:
         return piece(A, C, self.around, length)
 
     def remaining(self, begin: Fraction, length: Fraction) -> Fraction:
-        """Return at least the share of |v|^2 that is left from anywhere in a piece to its end."""
+        """Return a lower bound of the share of |v|^2 that remains from any time in a piece to its end."""
         (A,), _ = self.series(between(begin, begin + length), 1)
         steep = (A + A.turned).times(Fraction(1, 2)).fractions
         size = max(sum(map(abs, row)) for row in steep[0]) + steep[1]
