@@ -124,7 +124,7 @@ def test_what_slopes_read_is_what_the_argument_is_given() -> None:
         a, head = ((Fraction(3), 0), (Fraction(1, 2), 2))[chain]
         wanted = [Fraction(int(k == j)) - (k == head) * entry * a * s[j] / s[head] for k in range(3)]
         assert list(slope.reads) == wanted
-        assert list(slope.takes) == [(k == chain) * entry * s[j] for k in range(2)]
+        assert list(slope.from_y) == [(k == chain) * entry * s[j] for k in range(2)]
 
 
 # --- what is proved ---------------------------------------------------------------------------------------------------
@@ -252,7 +252,7 @@ def test_what_is_read_in_other_units() -> None:
     texts = [[expression(text, {}) for text in row] for row in (("1/4", "-3/10", "3/2"), ("1", "2", "5"))]
     argument = argument_of(context, *texts)
     assert argument.reads == [[Fraction(1, 4), 0, 0], [Fraction(9, 5), 1, 0], [0, 0, Fraction(1, 4)]]
-    assert argument.takes == [[Fraction(1, 4), 0], [Fraction(-3, 5), 0], [0, Fraction(15, 2)]]
+    assert argument.from_y == [[Fraction(1, 4), 0], [Fraction(-3, 5), 0], [0, Fraction(15, 2)]]
 
 
 @pytest.mark.full

@@ -15,7 +15,7 @@ import hgogen as hg
 from hgogen.check import Verdict
 from hgogen.recheck.arithmetic import Unproved
 from hgogen.recheck.matrix import Matrix
-from hgogen.recheck.plant_motion import _on_its_way
+from hgogen.recheck.plant_motion import _accumulated
 from hgogen.recheck.verification import recheck
 
 
@@ -29,7 +29,7 @@ def test_what_moves_a_row_goes_on_to_the_others_as_by_the_exponential(h: float) 
         wide[:n, :n], wide[:n, n] = h * J, m
         wanted = expm(wide)[:n, n]
         rows = Matrix([[Fraction(x) for x in row] for row in J])
-        summed = _on_its_way(Fraction(h), rows, [Fraction(x) for x in m])
+        summed = _accumulated(Fraction(h), rows, [Fraction(x) for x in m])
         np.testing.assert_allclose([float(x) for x in summed], wanted, rtol=1e-12, atol=1e-300)
         assert all(x >= Fraction(size) for x, size in zip(summed, m, strict=True))
 
@@ -37,7 +37,7 @@ def test_what_moves_a_row_goes_on_to_the_others_as_by_the_exponential(h: float) 
 def test_the_sum_is_not_below_what_it_tends_to() -> None:
     """Of J = 1 and m = 1 it is (e^h - 1)/h."""
     h = Fraction(1, 2)
-    (summed,) = _on_its_way(h, Matrix([[Fraction(1)]]), [Fraction(1)])
+    (summed,) = _accumulated(h, Matrix([[Fraction(1)]]), [Fraction(1)])
     terms, total = Fraction(1), Fraction(1)
     for k in range(2, 200):
         terms *= h / k
@@ -47,9 +47,9 @@ def test_the_sum_is_not_below_what_it_tends_to() -> None:
 
 def test_a_plant_too_fast_for_its_dt_is_not_summed() -> None:
     with pytest.raises(Unproved, match="too fast"):
-        _on_its_way(Fraction(1), Matrix([[Fraction(21)]]), [Fraction(1)])
+        _accumulated(Fraction(1), Matrix([[Fraction(21)]]), [Fraction(1)])
     with pytest.raises(Unproved, match="negative"):
-        _on_its_way(Fraction(1), Matrix([[Fraction(-1)]]), [Fraction(1)])
+        _accumulated(Fraction(1), Matrix([[Fraction(-1)]]), [Fraction(1)])
 
 
 @cache

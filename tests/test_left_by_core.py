@@ -20,13 +20,13 @@ import hgogen as hg
 from hgogen.check import Verdict
 from hgogen.recheck.arithmetic import Unproved
 from hgogen.recheck.inequality import POLYNOMIAL_ERROR, REALISED
-from hgogen.recheck.local_error import _LEAVES, AtCore, _demand_chain
+from hgogen.recheck.local_error import _REALISATIONS, CoreStep, _demand_chain
 from hgogen.recheck.matrix import Matrix, core_integral, unit
 from hgogen.recheck.plant_motion import Derivative, PlantMotion, demand_derivatives
 from hgogen.recheck.text import expression
 from hgogen.recheck.verification import recheck
 
-BILINEAR, EXPONENTIAL = _LEAVES
+BILINEAR, EXPONENTIAL = _REALISATIONS
 
 
 def exactly(rows: Sequence[Sequence[float]]) -> Matrix:
@@ -71,33 +71,33 @@ def test_a_core_that_turns_too_far_is_not_shown() -> None:
 # --- sizes by hand ----------------------------------------------------------------------------------------------------
 
 
-def at_core(method: str, slope: int, **beside: Any) -> AtCore:
+def at_core(method: str, slope: int, **beside: Any) -> CoreStep:
     """A step of length 1 of one field, L = -2 by the bilinear rule and 0 by the exponential."""
     L = exactly([[-2 if method == BILINEAR else 0]])
     parts: Any = SimpleNamespace(L=L, M=exactly([[L[0][0] + slope]]), G=exactly([[2]]), H=exactly([[-1]]))
-    return AtCore(
+    return CoreStep(
         parts, Fraction(1), REALISED[method](L), exactly([[-1]]), exactly([[5]]), exactly([[12]])[0], **beside
     )
 
 
 def test_the_bilinear_rule_by_hand() -> None:
     """phi_1 = 1/2, phi_2 = 1/4: alpha = 12/24; a is beside by alpha + 8/4, and slopes of 1 + 2 make of it 3 of that."""
-    step = at_core(BILINEAR, -1, rest=exactly([[8]]))
-    alpha = _LEAVES[BILINEAR].alpha(step)
+    step = at_core(BILINEAR, -1, nonlinear=exactly([[8]]))
+    alpha = _REALISATIONS[BILINEAR].alpha(step)
     assert alpha == [[Fraction(1, 2)]]
     assert step.total(alpha) == [Fraction(1, 2) + Fraction(3, 4) * (Fraction(1, 2) + 2)]
 
 
 def test_the_matrix_exponential_by_hand() -> None:
     """A twelfth of 5 * 12 + 24, and what the program's polynomials leave."""
-    step = at_core(EXPONENTIAL, 0, rest=exactly([[8], [24]]))
-    ((alpha,),) = _LEAVES[EXPONENTIAL].alpha(step)
+    step = at_core(EXPONENTIAL, 0, nonlinear=exactly([[8], [24]]))
+    ((alpha,),) = _REALISATIONS[EXPONENTIAL].alpha(step)
     assert 7 + 12 * POLYNOMIAL_ERROR <= alpha < 7 + 12 * POLYNOMIAL_ERROR + Fraction(1, 2**60)
     assert float(step.total(exactly([[alpha]]))[0]) == pytest.approx(7 + 2 / 2 * (7 + 8 / 2))
 
 
 def test_the_exponential_counts_what_its_polynomials_may_be_beside_it() -> None:
-    step = at_core(EXPONENTIAL, 0, rest=exactly([[8], [0]]))
+    step = at_core(EXPONENTIAL, 0, nonlinear=exactly([[8], [0]]))
     assert step.total(exactly([[0]]))[0] > 4
 
 

@@ -22,7 +22,7 @@ from hgogen.prove.plant_step import PlantStep
 from hgogen.recheck.arithmetic import Unproved
 from hgogen.recheck.inequality import Tableau as Rechecked
 from hgogen.recheck.inequality import tableau_of
-from hgogen.recheck.local_error import _LEAVES, _by_steepness, _degree, _orders, lipschitz_error
+from hgogen.recheck.local_error import _REALISATIONS, _by_steepness, _degree, _orders, lipschitz_error
 from hgogen.recheck.matrix import Matrix
 from hgogen.recheck.text import expression
 from hgogen.recheck.verification import recheck
@@ -319,7 +319,7 @@ def test_what_stands_for_a_second_derivative_of_a_realised_core(name: str, secon
     context: Any = SimpleNamespace(z=[x], file=SimpleNamespace(inputs=[u]), rates=(), form=SimpleNamespace(b=()))
     motion: Any = SimpleNamespace(context=context, h=H, speeds=[Fraction(3)], rates=[Fraction(2)])
     steep = [[["1", "2"]], [["0", "5"]]]
-    flow, rest, _ = _by_steepness(motion, {"flow": [], "rest": [], "steepness": steep}, _LEAVES[name])
+    flow, rest, _ = _by_steepness(motion, {"flow": [], "rest": [], "steepness": steep}, _REALISATIONS[name])
     assert flow == [7 * (4 / H if second else 1)]
     assert rest == [[10]] if second else [[10], [40 / H]]
 

@@ -25,7 +25,7 @@ from hgogen.program import Place
 from hgogen.recheck.algebra import Algebra, Quotient
 from hgogen.recheck.arithmetic import Undefined, Unproved
 from hgogen.recheck.interval import between, intervals, point
-from hgogen.recheck.program import Besides, Computed, Listed, Rounded, Walk, precision
+from hgogen.recheck.program import Computed, Deviations, ListedProgram, Rounded, Walk, precision
 from hgogen.recheck.rules.discrete_time import _root
 from hgogen.recheck.text import expression
 from hgogen.recheck.verification import recheck
@@ -365,7 +365,7 @@ def test_no_program_is_further_from_exact_arithmetic(rows: list[tuple[str, int, 
         names.append(f"v{i}")
     ends = [(Fraction(float(dtype(a))), Fraction(float(dtype(b)))) for a, b in zip(low, high, strict=True)]
     held = {f"x{i}": Computed(real, between(*pair)) for i, pair in enumerate(ends, 1)}
-    walk = Walk(Listed(statements, [], [], []), held, precision(real))
+    walk = Walk(ListedProgram(statements, [], [], []), held, precision(real))
     try:
         known = walk.value(names[-1])
     except Undefined:
@@ -412,7 +412,7 @@ def of(value: float, error: float = 0.0, real: str = "float") -> Computed:
 def test_what_both_operands_err_by_goes_on(word: str, errors: tuple[float, float], least: float) -> None:
     """Of 3 and 2, by as much as operands at the ends of their errors make it, and a rounding."""
     held = {f"x{i}": of(value, error) for i, (value, error) in enumerate(zip((3.0, 2.0), errors, strict=True), 1)}
-    walk = Walk(Listed([(word, ["x1", "x2"])], [], [], []), held, precision("float"))
+    walk = Walk(ListedProgram([(word, ["x1", "x2"])], [], [], []), held, precision("float"))
     error = float(walk.value("v1").error.exactly[1])
     rounded = 0 if word in ("Min", "Max") else 2.0**-24 * {"add": 5, "sub": 1, "mul": 6, "div": 1.5}[word]
     assert least + rounded <= error <= (least + rounded) * (1 + 1e-6) + 2.0**-24
@@ -423,9 +423,9 @@ def test_what_both_operands_err_by_goes_on(word: str, errors: tuple[float, float
     [("sin", 0.5, math.cos(0.4)), ("exp", 1.0, math.exp(1.1)), ("tan", 0.2, 1 + math.tan(0.3) ** 2)],
 )
 def test_a_function_hands_on_its_steepest_slope_and_errs_itself(name: str, at: float, slope: float) -> None:
-    walk = Walk(Listed([(name, ["x1"])], [], [], []), {"x1": of(at, 0.1)}, precision("float"))
+    walk = Walk(ListedProgram([(name, ["x1"])], [], [], []), {"x1": of(at, 0.1)}, precision("float"))
     inherited = float(walk.value("v1").error.exactly[1])
-    alone = Walk(Listed([(name, ["x1"])], [], [], []), {"x1": of(at)}, precision("float"))
+    alone = Walk(ListedProgram([(name, ["x1"])], [], [], []), {"x1": of(at)}, precision("float"))
     own = float(alone.value("v1").error.exactly[1])
     least = (16 if name == "tan" else 8) * 2.0**-24 * abs(getattr(math, name)(at))
     assert least < own < least * 1.001
@@ -434,7 +434,7 @@ def test_a_function_hands_on_its_steepest_slope_and_errs_itself(name: str, at: f
 
 def test_angles_beyond_those_that_were_measured_have_no_bound() -> None:
     for size, known in ((199.0, True), (201.0, False)):
-        content = Walk(Listed([("sin", ["x1"])], [], [], []), {"x1": of(size)}, precision("float"))
+        content = Walk(ListedProgram([("sin", ["x1"])], [], [], []), {"x1": of(size)}, precision("float"))
         if known:
             assert content.value("v1").error.finite
         else:
@@ -445,7 +445,7 @@ def test_angles_beyond_those_that_were_measured_have_no_bound() -> None:
 def applied(text: str, at: Computed) -> Computed:
     """A statement of x1, which is `at`."""
     word, *operands = text.split()
-    value: Computed = Walk(Listed([(word, operands)], [], [], []), {"x1": at}, precision(at.real)).value("v1")
+    value: Computed = Walk(ListedProgram([(word, operands)], [], [], []), {"x1": at}, precision(at.real)).value("v1")
     return value
 
 
@@ -494,8 +494,10 @@ def test_what_is_rounded_is_that_at_the_far_end_of_all_ranges(name: str, most: i
         ),
     )
     equation = SimpleNamespace(context=context, units=[1], scales=[1], error=SimpleNamespace(index=[0], fed=[True]))
-    program = Listed([("square", [name])], [], [], ["v1"])
-    step: Any = SimpleNamespace(equation=equation, program=program, h=1, besides=lambda: SimpleNamespace(statements={}))
+    program = ListedProgram([("square", [name])], [], [], ["v1"])
+    step: Any = SimpleNamespace(
+        equation=equation, program=program, h=1, deviations=lambda: SimpleNamespace(statements={})
+    )
     one, size = Fraction(1), Fraction(most**2, 2**24)
     rounded = Rounded(step, "float", [2 * one], [one], [one])
     assert rounded.demand_sizes([size * Fraction("1.000001")]) == 32
@@ -513,35 +515,35 @@ def test_the_plant_moves_at_its_speed_and_by_what_is_beside_it(monkeypatch: pyte
     assert seen == [[Fraction(claim["dt"]) * (speed + more) for speed, more in zip((5, 7), left, strict=True)]]
 
 
-def summed() -> tuple[Besides, Quotient, Quotient]:
+def summed() -> tuple[Deviations, Quotient, Quotient]:
     """Statements of a program that adds two names; and these."""
     algebra = Algebra(["x1", "x2", "field 0", "rate 0"])
     x1, x2 = (algebra.names[name] for name in ("x1", "x2"))
-    walk = Walk(Listed([("add", ["x1", "x2"])], [], [], []), {"x1": x1, "x2": x2}, algebra.arithmetic)
-    return Besides(algebra, walk, {"field 0": "v1", "rate 0": "v1"}), x1, x2
+    walk = Walk(ListedProgram([("add", ["x1", "x2"])], [], [], []), {"x1": x1, "x2": x2}, algebra.arithmetic)
+    return Deviations(algebra, walk, {"field 0": "v1", "rate 0": "v1"}), x1, x2
 
 
 def test_a_statement_is_beside_one_value_alone() -> None:
     """How far it is from another would not be known."""
     stage, x1, x2 = summed()
-    stage.take(["v1"], [x1 + x2], "field")
+    stage.match(["v1"], [x1 + x2], "field")
     after, *both = summed()
     for statements, wanted in ((stage, [x1]), (after, both)):
         with pytest.raises(Unproved, match="v1 of its program is not what the step has"):
-            statements.take(["v1"] * len(wanted), wanted)
+            statements.match(["v1"] * len(wanted), wanted)
 
 
 def test_a_statement_that_stands_for_several_keeps_its_first_letter() -> None:
     statements, x1, x2 = summed()
     for letters in ("field", "rate", ""):
-        assert statements.take(["v1"], [x1 + x2], letters) == [statements.algebra.names["field 0"]]
+        assert statements.match(["v1"], [x1 + x2], letters) == [statements.algebra.names["field 0"]]
 
 
 @pytest.mark.parametrize("by", [Fraction(-1, 8), Fraction(1, 8)])
 def test_a_statement_errs_by_as_much_as_it_is_beside(by: Fraction) -> None:
     """Below what the step has as above it."""
     statements, x1, x2 = summed()
-    statements.take(["v1"], [x1 + x2 + statements.algebra.number(by)])
+    statements.match(["v1"], [x1 + x2 + statements.algebra.number(by)])
     error = statements.statements["v1"](statements.walk, of(5.0)).error
     assert error.exactly == (Fraction(1, 8), Fraction(1, 8))
 

@@ -5,7 +5,7 @@ from typing import Any
 
 import pytest
 
-from hgogen.recheck.file import Built
+from hgogen.recheck.file import ObserverKeys
 from hgogen.recheck.rules import OBSERVERS, RULES, BadRules, merged, rules_of
 from hgogen.recheck.rules import continuous_time as rules
 
@@ -33,7 +33,9 @@ def test_a_file_without_rules(parts: dict[str, Any]) -> None:
 @pytest.mark.parametrize("key", ["OBSERVERS", "NEEDED"])
 def test_one_name_in_two_files(key: str) -> None:
     """The later one would take the place of the other, whose rules then read numbers that no file has."""
-    files = (file(name, **{key: {"low_power": Built((number,))}}) for name, number in (("one", "gains"), ("two", "L")))
+    files = (
+        file(name, **{key: {"low_power": ObserverKeys((number,))}}) for name, number in (("one", "gains"), ("two", "L"))
+    )
     said = rf"^two\.py in the folder of rules has a row 'low_power' in {key}, as one\.py has; keep one of the two$"
     with pytest.raises(BadRules, match=said):
         merged(files, key)

@@ -311,7 +311,7 @@ class Algebra:
         """Return the value of a quotient in another arithmetic, for these values of its names. Raises: `Undefined`."""
 
         @cache
-        def of(letter: int) -> Any:
+        def letter_value(letter: int) -> Any:
             kind = self.letters[letter]
             if isinstance(kind, str):
                 return letters[kind]
@@ -323,7 +323,7 @@ class Algebra:
         def polynomial(terms: Polynomial) -> Any:
             total = arithmetic.number(Fraction(0))
             for monomial, coefficient in terms.items():
-                powers = (arithmetic.power(of(letter), exponent) for letter, exponent in monomial)
+                powers = (arithmetic.power(letter_value(letter), exponent) for letter, exponent in monomial)
                 total = total + reduce(lambda a, b: a * b, powers, arithmetic.number(coefficient))
             return total
 
@@ -379,9 +379,9 @@ class Algebra:
         parts: dict[int, dict[Monomial, Fraction]] = {}
         for monomial, coefficient in top.items():
             powers = dict(monomial)
-            times, left = divmod(powers.pop(letter, 0), degree)
-            if left:
-                powers[letter] = left
+            times, remainder = divmod(powers.pop(letter, 0), degree)
+            if remainder:
+                powers[letter] = remainder
             parts.setdefault(times, {})[tuple(sorted(powers.items()))] = coefficient
         terms = (Quotient(part) * self.power(value, times) for times, part in sorted(parts.items()))
         return reduce(lambda a, b: a + b, terms).top

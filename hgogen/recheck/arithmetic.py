@@ -73,7 +73,7 @@ def determinant(rows: Sequence[Sequence[Any]]) -> Any:
         return first[0]
     terms = []
     for j, x in enumerate(first):
-        if x:  # what is 0 for sure costs nothing
+        if x:  # skip entries that are exactly 0
             minor = determinant([[*row[:j], *row[j + 1 :]] for row in others])
             terms.append(-(x * minor) if j % 2 else x * minor)
     return total(terms) if terms else first[0]
@@ -205,7 +205,7 @@ def _slope(name: str, x: Any, value: Any, base: Arithmetic) -> Any:
     raise Undefined(f"{name} has no slope")
 
 
-# f' = factor * other(x). No text has a `side`, the slope of Abs, or a `jump`, that of a side; a sign has no slope.
+# f' = factor * other(x). Only slopes contain `side`, the slope of Abs, and `jump`, that of `side`; sign has no slope.
 _OTHERS = {
     "sin": (1, "cos"),
     "cos": (-1, "sin"),

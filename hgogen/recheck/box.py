@@ -36,7 +36,7 @@ _duals = dual(intervals)
 
 
 @dataclass(frozen=True)
-class Try:
+class Attempt:
     """The result on one box: whether the statement `holds`, the slopes for the choice of the side to cut, if known, and
     the face on which the statement fails if anywhere."""
 
@@ -81,7 +81,7 @@ def _middle(low: End, high: End) -> Fraction:
     return (Fraction(low) + Fraction(high)) / 2
 
 
-def covered(box: Box, tree: str, attempt: Callable[[Box], Try], more: int = MORE) -> int:
+def covered(box: Box, tree: str, attempt: Callable[[Box], Attempt], more: int = MORE) -> int:
     """Return the number of boxes by which a statement is proved on the whole box, at most `more` beyond the leaves of
     the bisection. Raises: `Unproved` with a box on which it is not proved."""
     pending = leaves(tree, box)
@@ -175,26 +175,26 @@ def points(at: Mapping[str, Fraction]) -> dict[str, Interval]:
     return {name: point(value) for name, value in at.items()}
 
 
-def ranged(expression: Expression, low: End, high: End) -> Callable[[Box], Try]:
+def ranged(expression: Expression, low: End, high: End) -> Callable[[Box], Attempt]:
     """Return the statement that the expression is real and low <= value <= high; a bound may be infinite."""
 
-    def attempt(box: Box) -> Try:
+    def attempt(box: Box) -> Attempt:
         try:
             natural = evaluate(expression, sides(box), intervals)
         except Undefined:
-            return Try(False)
+            return Attempt(False)
         fails = [(end, sign) for end, sign in ((low, 1), (high, -1)) if not _meets(natural, end, sign)]
         if not fails or unbounded(box):
-            return Try(not fails)
+            return Attempt(not fails)
         try:
             slopes = dict(evaluate(expression, seeded_sides(box), _duals).slopes)
         except Undefined:
-            return Try(False)
+            return Attempt(False)
         for end, sign in fails:
             face = face_on(box, slopes, sign)
             if not _bounded(expression, face, slopes, end, sign):
-                return Try(False, slopes, face)
-        return Try(True, slopes)
+                return Attempt(False, slopes, face)
+        return Attempt(True, slopes)
 
     return attempt
 
@@ -292,17 +292,17 @@ Side = tuple[End, End]
 Norm = Callable[[list[list[Interval]], Fraction], bool]  # whether a matrix, however it lies in intervals, is within
 
 
-def regular(expressions: Sequence[Expression], names: Sequence[str]) -> Callable[[Box], Try]:
+def regular(expressions: Sequence[Expression], names: Sequence[str]) -> Callable[[Box], Attempt]:
     """Return the statement that expressions and their derivatives in `names` are finite."""
 
-    def attempt(box: Box) -> Try:
+    def attempt(box: Box) -> Attempt:
         try:
             there = sides(box)
             slopes = jacobian(expressions, there, names, intervals)
             values = (evaluate(row, there, intervals) for row in expressions)
-            return Try(all(x.finite for x in (*values, *chain(*slopes))))
+            return Attempt(all(x.finite for x in (*values, *chain(*slopes))))
         except Undefined:
-            return Try(False)
+            return Attempt(False)
 
     return attempt
 
@@ -347,7 +347,7 @@ def steep(
     bound: Fraction,
     scale: Sequence[Expression] = (),
     norm: Norm | None = None,
-) -> Callable[[Box], Try]:
+) -> Callable[[Box], Attempt]:
     """Return the statement |J| <= bound in a norm, by default the spectral one, for the Jacobian J of `rows` in
     `names`, or for S J S^-1 with a diagonal S = `scale`."""
     within = norm or spectral
@@ -365,24 +365,24 @@ def by_mean_value(
     entries: Callable[[Box], list[list[Interval]]],
     varying: Callable[[Box], list[list[Dual]]],
     holds: Callable[[list[list[Interval]]], bool],
-) -> Callable[[Box], Try]:
+) -> Callable[[Box], Attempt]:
     """Return the statement that a matrix has a property, by its entries, or by the mean value form of each from its
     slopes."""
 
-    def attempt(box: Box) -> Try:
+    def attempt(box: Box) -> Attempt:
         try:
             J = entries(box)
             if holds(J):
-                return Try(True)
+                return Attempt(True)
             centre, dJ = centre_of(box), varying(box)
-            middle, away = entries(centre), ways(centre, box)
+            middle, away = entries(centre), offsets(centre, box)
         except Undefined:
-            return Try(False)
+            return Attempt(False)
         refined = [
             [intersection(x, mean_value(at, dx.slopes, away)) for x, at, dx in zip(*three, strict=True)]
             for three in zip(J, middle, dJ, strict=True)
         ]
-        return Try(holds(refined), weights([*chain(*dJ)]))
+        return Attempt(holds(refined), weights([*chain(*dJ)]))
 
     return attempt
 
@@ -404,7 +404,7 @@ def in_ranges(
     names: Sequence[str],
     ends: Mapping[tuple[int, int], tuple[End, End]],
     scale: Sequence[Expression] = (),
-) -> Callable[[Box], Try]:
+) -> Callable[[Box], Attempt]:
     """Return the statement that these entries of S J S^-1 are in their ranges."""
 
     def values(box: Box) -> list[Interval]:
@@ -420,7 +420,7 @@ def in_ranges(
 
 def on_faces(
     ends: Sequence[Side], values: Callable[[Box], list[Interval]], varying: Callable[[Box], list[Dual]]
-) -> Callable[[Box], Try]:
+) -> Callable[[Box], Attempt]:
     """Return the statement that values are in ranges on a box. It tries the values, then the mean value form and the
     values on the face towards which a value is monotone. A generalised derivative that may jump has an unbounded slope,
     so neither a face nor a mean value proves anything along its names."""
@@ -431,21 +431,21 @@ def on_faces(
 
     def holds(face: Box, k: int, way: int, slopes: Slopes) -> bool:
         centre = centre_of(face)
-        if way not in beyond(mean_value(values(centre)[k], slopes, ways(centre, face)), k):
+        if way not in beyond(mean_value(values(centre)[k], slopes, offsets(centre, face)), k):
             return True
         return way not in beyond(values(face)[k], k)
 
-    def attempt(box: Box) -> Try:
+    def attempt(box: Box) -> Attempt:
         try:
             fails = [(k, way) for k, x in enumerate(values(box)) for way in beyond(x, k)]
             slopes = [x.slopes for x in varying(box)] if fails else []
             for k, way in fails:
                 face = face_on(box, slopes[k], way)
                 if not holds(face, k, way, slopes[k]):
-                    return Try(False, slopes[k], face)
+                    return Attempt(False, slopes[k], face)
         except Undefined:
-            return Try(False)
-        return Try(True)
+            return Attempt(False)
+        return Attempt(True)
 
     return attempt
 
@@ -466,7 +466,7 @@ def _second(
     return _similar(tuple(rows), tuple(names), tuple(box.items()), tuple(scale), True)
 
 
-@lru_cache(maxsize=1 << 10)  # of each entry of a Jacobian, and of its norm, something is shown of the same boxes
+@lru_cache(maxsize=1 << 10)  # statements on the entries of a Jacobian and on its norm share boxes
 def _similar(
     rows: Rows, names: tuple[str, ...], ends: tuple[tuple[str, Side], ...], scale: Rows, varying: bool
 ) -> list[list[Any]]:
@@ -477,7 +477,7 @@ def _similar(
     return [[x if i == j else S[i] * x / S[j] for j, x in enumerate(row)] for i, row in enumerate(J)] if S else J
 
 
-def ways(centre: Box, box: Box) -> Slopes:
+def offsets(centre: Box, box: Box) -> Slopes:
     """Return the offsets of the box from its centre, by the index of names."""
     return {k: side - point(Fraction(centre[name][0])) for k, (name, side) in enumerate(sides(box).items())}
 

@@ -61,7 +61,7 @@ REFUSALS = (
     RecursionError,
     NoCertificate,
     Unreadable,
-)  # what a verification may end with
+)  # errors of a failed verification
 
 
 def reason_of(error: Exception) -> str:
@@ -276,7 +276,7 @@ def inside(low: Any, high: Any, share: Fraction) -> Fraction:
 
 
 _MOST = 40  # digits of a number in a sentence
-RANGE = ("expression", "box", "low", "high", "tree")  # what the evidence of an enclosure has
+RANGE = ("expression", "box", "low", "high", "tree")  # keys of the evidence of an enclosure
 
 
 def only(names: Iterable[str], allowed: Iterable[str], complaint: str) -> None:
@@ -478,7 +478,7 @@ def place_of(context: Context, chain: int, index: int) -> int:
     return sum(blocks[: chain - 1]) + index - 1
 
 
-def built(context: Context, claim: Claim) -> Observer:
+def observer_of(context: Context, claim: Claim) -> Observer:
     """Return the file's observer with its numbers, which must be the one of the claim's id. Raises: `Unproved`."""
     observer, name = context.file.observer, claim.maker
     if observer is None or observer.name != name or not observer.numbers:
@@ -615,7 +615,7 @@ class Rule:
     assumes: Keys = ()
     about: str = "the {kind} form"
 
-    def takes(self, kind: str, claim: Claim) -> bool:
+    def accepts(self, kind: str, claim: Claim) -> bool:
         """Return whether it verifies a claim on a form of that kind."""
         rows = self.rows.get(kind, 0)
         fact, count = (claim.fact, len(claim.at)) if rows else (claim.what, 0)
@@ -650,11 +650,11 @@ class Needed:
     others: Callable[[FormFile], tuple[str, ...]] = lambda form: ()
 
 
-def of_observer(makers: Keys, facts: Keys, verify: Verify, keys: Keys = (), *assumes: str, kinds: Keys = ()) -> Rule:
+def observer_rule(makers: Keys, facts: Keys, verify: Verify, keys: Keys = (), *assumes: str, kinds: Keys = ()) -> Rule:
     """Return the rule of claims about observers' numbers only, on forms of any kind or of these kinds."""
     return Rule(makers, facts, verify, keys, kinds, assumes=assumes, about="the {maker} observer")
 
 
-def on_chains(makers: Keys, facts: Keys, verify: Verify, keys: Keys = (), *assumes: str) -> Rule:
+def chains_rule(makers: Keys, facts: Keys, verify: Verify, keys: Keys = (), *assumes: str) -> Rule:
     """Return the rule of claims about observers on a form in chains."""
-    return of_observer(makers, facts, verify, keys, STRUCTURE, *assumes, kinds=ON_CHAINS)
+    return observer_rule(makers, facts, verify, keys, STRUCTURE, *assumes, kinds=ON_CHAINS)

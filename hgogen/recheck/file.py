@@ -19,9 +19,9 @@ from .text import Expression, RecheckError, expression, kind_of, number
 
 FORMAT, VERSION = "hgogen certificate", "3"
 LARGEST = 50_000_000  # characters of a file
-ABOUT = ("plant", "form", "observer")  # the parts that say what is proved about
-DIGEST_DIGITS = 16  # digits of their digest that are printed
-LONGEST = 300  # characters of the file's words that are printed
+ABOUT = ("plant", "form", "observer")  # the parts that describe the model
+DIGEST_DIGITS = 16  # printed digits of their digest
+LONGEST = 300  # printed characters of the file's words
 DEEPEST = 20  # lists and objects in each other
 _ID = re.compile(r"([a-z_0-9]{1,60})\.([A-Za-z_0-9]{1,60})\Z", re.ASCII)
 _ROWS = re.compile(r"(.*?)((?:_[1-9][0-9]{0,3})*)\Z", re.ASCII)
@@ -73,7 +73,7 @@ class FormFile:
 
 
 @dataclass(frozen=True)
-class Built:
+class ObserverKeys:
     """The names of an observer's parts: `numbers`, single or in lists; `expressions`, the entries of a gain, one for
     each state, or one for each state and chain; `optional` numbers."""
 
@@ -155,7 +155,7 @@ def _hashed(value: Mapping[str, Any]) -> str:
     return sha256(json.dumps(value, sort_keys=True, separators=(",", ":")).encode()).hexdigest()
 
 
-def read(text: str, observers: Mapping[str, Built]) -> Certificate:
+def read(text: str, observers: Mapping[str, ObserverKeys]) -> Certificate:
     """Return the certificate in a text; `observers` lists the parts of each observer. Raises: `NoCertificate` for a
     text that is no JSON or lacks a part; `Unreadable` for an expression or number."""
     if len(text) > LARGEST:
@@ -197,7 +197,7 @@ def _no_constant(name: str) -> None:
     raise ValueError(f"{name} is no number here")
 
 
-def _read(content: Mapping[str, Any], observers: Mapping[str, Built]) -> Certificate:
+def _read(content: Mapping[str, Any], observers: Mapping[str, ObserverKeys]) -> Certificate:
     plant, form = part(content, "plant", dict), part(content, "form", dict)
     _known("the file", content)
     _known("plant", plant)
@@ -259,7 +259,7 @@ def _blocks(form: Mapping[str, Any], count: int) -> tuple[int, ...]:
 
 
 def _observer(
-    content: Mapping[str, Any], observers: Mapping[str, Built], names: Mapping[str, Any], blocks: Sequence[int]
+    content: Mapping[str, Any], observers: Mapping[str, ObserverKeys], names: Mapping[str, Any], blocks: Sequence[int]
 ) -> Observer | None:
     if content.get("observer", 0) is None:
         return None
@@ -270,7 +270,7 @@ def _observer(
     del parts["name"]
     if not parts:
         return Observer(name, {})
-    known = observers.get(name, Built(()))
+    known = observers.get(name, ObserverKeys(()))
     wanted = (*known.numbers, *known.expressions)
     _known("observer", parts, (*wanted, *known.optional))
     if missing := sorted(set(wanted) - parts.keys()):
@@ -350,7 +350,7 @@ def _claim(id: str, entry: Mapping[str, Any]) -> Claim:
 
 # --- numbers of the evidence
 
-MOST_ROWS = 40  # or columns: beyond, an elimination in fractions takes too long
+MOST_ROWS = 40  # or columns: an elimination of more in fractions takes too long
 
 
 def entries(holder: Mapping[str, Any], key: str, count: int) -> list[Any]:
@@ -413,4 +413,4 @@ def signless(holder: Mapping[str, Any], key: str) -> Fraction:
     return value
 
 
-__all__ = ["DIGEST_DIGITS", "FORMAT", "VERSION", "Built", "Certificate", "Claim", "NoCertificate"]
+__all__ = ["DIGEST_DIGITS", "FORMAT", "VERSION", "Certificate", "Claim", "NoCertificate", "ObserverKeys"]

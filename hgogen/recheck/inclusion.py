@@ -1,6 +1,6 @@
 """The differential inclusion of an observer's error, rebuilt from the plant and the observer's numbers.
 
-    e' = theta (N e + B v) + sum over slopes of theta^-degree d onto (reads'e + takes'v)
+    e' = theta (N e + B v) + sum over slopes of theta^-degree d onto (reads'e + from_y'v)
 
 Each d is in [low, high], independently; e holds the errors of fields over their units and theta^power, v those of the
 samples over theta^late, `late` the powers of the first states of the outputs' chains. A slope of b_i in z_j, in these
@@ -38,11 +38,11 @@ from .context import (
 )
 from .file import Observer, column, entries, fields, matrix, part, scalar
 from .inequality import Parts
-from .matrix import Matrix, companion, of_field, outer, similar, unit, zeros
+from .matrix import Matrix, companion, outer, similar, unit, unit_row, zeros
 from .text import Expression
 
 Numbers = Mapping[str, Any]
-_SATURATED = 8  # states up to which the saturations are tried in all their combinations
+_SATURATED = 8  # states up to which all combinations of saturations are tried
 
 
 @dataclass(frozen=True)
@@ -87,7 +87,7 @@ def _filtered(numbers: Numbers, n: int) -> Core:
 def _filtered_injection(numbers: Numbers, n: int) -> Core:
     m = len(numbers["G"]) if isinstance(numbers["G"], list) else 0
     F, G, NH = matrix(numbers, "F", m, m), column(numbers, "G", m), matrix(numbers, "NH", n, m)
-    above = [[*of_field(i + 1, n), *NH[i]] for i in range(n)]
+    above = [[*unit_row(i + 1, n), *NH[i]] for i in range(n)]
     below = [[-G[i], *[Fraction(0)] * (n - 1), *F[i]] for i in range(m)]
     order = [*range(n), *[0] * m]
     return Core([Matrix(above + below)], order, order, [True] * n + [False] * m, [*range(n)], [Fraction(0)] * n + G)
@@ -145,9 +145,9 @@ def _injected(numbers: Numbers, n: int) -> Core:
     return Core([companion(gains)], order, order, [True] * n, order, gains)
 
 
-OF_A_GAIN: tuple[str, ...] = ("high_gain", "circle_criterion")  # of a core A - K C, K a matrix
-CONSTANT: tuple[str, ...] = ("filtered", "filtered_injection", "low_power", "peaking_free")  # of a core of its own
-INJECTED = (*OF_A_GAIN, *CONSTANT)  # of a constant injection
+OF_A_GAIN: tuple[str, ...] = ("high_gain", "circle_criterion")  # with a core A - K C, K a matrix
+CONSTANT: tuple[str, ...] = ("filtered", "filtered_injection", "low_power", "peaking_free")  # with their own core
+INJECTED = (*OF_A_GAIN, *CONSTANT)  # with a constant injection
 CORES: Mapping[str, Callable[[Numbers, int], Core]] = {
     "filtered": _filtered,
     "filtered_injection": _filtered_injection,
@@ -157,46 +157,46 @@ CORES: Mapping[str, Callable[[Numbers, int], Core]] = {
 }
 
 
-ERROR = ("scale", "slopes", "core", "ranges", "units")  # what the evidence of an error's inclusion may have
+ERROR = ("scale", "slopes", "core", "ranges", "units")  # keys of the evidence of an error's inclusion
 End = Fraction | float
 _NO_END = {"low": -math.inf, "high": math.inf}
 
 
 @dataclass(frozen=True)
 class Slope:
-    """A slope: (reads'e + takes'v) acts on the rates by `onto` over theta^`degree`, times a factor in [low, high], v at
-    theta = 1; `endless`: 1 if the factor is unbounded above, -1 if below, from low = high on; `realised`: False if the
-    core varies with this slope, so that no method realises it."""
+    """A slope: (reads'e + from_y'v) acts on the rates by `onto` over theta^`degree`, times a factor in [low, high], v
+    at theta = 1; `one_sided`: 1 if the factor is unbounded above, -1 if below, from low = high on; `realised`: False if
+    the core varies with this slope, so that no method realises it."""
 
     reads: list[Fraction]
     onto: list[Fraction]
     low: Fraction
     high: Fraction
     degree: int
-    takes: list[Fraction] = field(default_factory=list)
-    endless: int = 0
+    from_y: list[Fraction] = field(default_factory=list)
+    one_sided: int = 0
     realised: bool = True
 
 
 @dataclass(frozen=True)
 class Argument:
-    """The argument of b by its error in the place of z_j: `reads` (n) of the errors, and `takes` (p) of the errors of
-    the samples, over their powers of theta; `takes` is empty if it is not numeric."""
+    """The argument of b by its error in the place of z_j: `reads` (n) of the errors, and `from_y` (p) of the errors of
+    the samples, over their powers of theta; `from_y` is empty if it is not numeric."""
 
     reads: Matrix
-    takes: Matrix
+    from_y: Matrix
 
     @property
     def known(self) -> bool:
         """Return whether the effect of the samples on b is known."""
-        return all(self.takes)
+        return all(self.from_y)
 
 
 @dataclass(frozen=True)
 class ErrorInclusion:
     """N and the slopes, verified with `boxes` boxes; `measured` (N, p): the gain of the samples at theta = 1. The error
     of field k is theta^-power scale_i times that of z_i, i = `index`(k), which the field estimates if it is `fed`; b
-    reads z_i from the field `picks`(i), and `takes` (n, p) of the samples' errors at theta = 1. For fields of a chain
+    reads z_i from the field `picks`(i), and `from_y` (n, p) of the samples' errors at theta = 1. For fields of a chain
     of integrators `units` (n) are the errors e for errors 1 of w; empty for fields of the form's states."""
 
     N: Matrix
@@ -209,7 +209,7 @@ class ErrorInclusion:
     power: list[int]
     scale: list[Expression]
     late: list[int]
-    takes: Matrix = field(default_factory=lambda: Matrix([]))
+    from_y: Matrix = field(default_factory=lambda: Matrix([]))
     units: list[Fraction] = field(default_factory=list)
 
     def scales(self, context: Context, theta: Fraction) -> list[Fraction]:
@@ -228,54 +228,55 @@ class ErrorInclusion:
         R, p = zeros(len(M), len(late)), len(late)
         B = theta * (self.measured or R).T.weighed(late).T
         for slope in self.slopes:
-            share, takes = theta**-slope.degree, slope.takes or [Fraction(0)] * len(late)
-            takes, middle = [x * by for x, by in zip(takes, late, strict=True)], share * (slope.low + slope.high) / 2
+            share, from_y = theta**-slope.degree, slope.from_y or [Fraction(0)] * len(late)
+            from_y = [x * by for x, by in zip(from_y, late, strict=True)]
+            middle = share * (slope.low + slope.high) / 2
             onto = [x * middle for x in slope.onto]
-            M, R = M + outer(onto, slope.reads), R + outer(onto, takes)
+            M, R = M + outer(onto, slope.reads), R + outer(onto, from_y)
             if slope.low < slope.high:
                 G.append([x * share * (slope.high - slope.low) / 2 for x in slope.onto])
                 H.append(slope.reads)
-                E.append(takes)
+                E.append(from_y)
         moving = not all(slope.realised for slope in self.slopes)
-        endless = [slope for slope in self.slopes if slope.endless and any(slope.reads)]
-        signed = [(slope.onto, [-slope.endless * x for x in slope.reads]) for slope in endless]
+        one_sided = [slope for slope in self.slopes if slope.one_sided and any(slope.reads)]
+        signed = [(slope.onto, [-slope.one_sided * x for x in slope.reads]) for slope in one_sided]
         return Parts(M, Matrix(G, len(M)).T, Matrix(H, len(M)), theta * self.N, moving, B, R, Matrix(E, p), signed)
 
 
 def error_inclusion(context: Context, observer: Observer, evidence: Mapping[str, Any]) -> ErrorInclusion:
     """Return the inclusion of the file's observer, from its numbers and the plant, with bounded slopes. Raises:
     `Unproved`."""
-    error = with_endless(context, observer, evidence)
-    if any(slope.endless for slope in error.slopes):
+    error = one_sided_inclusion(context, observer, evidence)
+    if any(slope.one_sided for slope in error.slopes):
         raise Unproved("a slope has no bound, for which this claim is not")
     return error
 
 
-def with_endless(context: Context, observer: Observer, evidence: Mapping[str, Any]) -> ErrorInclusion:
+def one_sided_inclusion(context: Context, observer: Observer, evidence: Mapping[str, Any]) -> ErrorInclusion:
     """Return the inclusion of the file's observer, whose slopes may be bounded on one side only. Raises: `Unproved`."""
     _ = context.equations
-    build, strange = (_of_core, ("core", "ranges")) if observer.name in CORES else (_of_gain, ("units",))
+    build, strange = (_core_inclusion, ("core", "ranges")) if observer.name in CORES else (_gain_inclusion, ("units",))
     if unread := sorted(evidence.keys() & set(strange)):
         raise Unproved(f"its evidence has a part {unread[0]}, which its observer has not")
     return build(context, observer, evidence)
 
 
-def _of_core(context: Context, observer: Observer, evidence: Mapping[str, Any]) -> ErrorInclusion:
+def _core_inclusion(context: Context, observer: Observer, evidence: Mapping[str, Any]) -> ErrorInclusion:
     """Return the inclusion of an observer with its own core on one chain of integrators."""
     scale, n = integrators(context, evidence), len(context.z)
     core = CORES[observer.name](observer.numbers, n)
     t = [scale.units[i] for i in core.index]
     slopes, boxes = bounded_slopes(context, evidence, scale.expressions, [*range(n)], core.fed, core.index, core.picks)
-    for of, onto in core.gates:
-        column_ = [x * t[k] / t[of] for k, x in enumerate(onto)]
-        slopes.append(Slope(of_field(of, len(t)), column_, Fraction(0), Fraction(1), -1))
+    for j, onto in core.gates:
+        column_ = [x * t[k] / t[j] for k, x in enumerate(onto)]
+        slopes.append(Slope(unit_row(j, len(t)), column_, Fraction(0), Fraction(1), -1))
     measured = Matrix([[x * unit] for x, unit in zip(core.measured, t, strict=True)])
     N, boxes, late = similar(t, core.vertices[-1]), boxes + scale.boxes, [0]
     where = (core.index, core.fed, core.picks, core.power)
     return ErrorInclusion(N, slopes, boxes, measured, *where, scale.expressions, late, units=scale.units)
 
 
-def _of_gain(context: Context, observer: Observer, evidence: Mapping[str, Any]) -> ErrorInclusion:
+def _gain_inclusion(context: Context, observer: Observer, evidence: Mapping[str, Any]) -> ErrorInclusion:
     """Return the inclusion of a constant gain: the core is a matrix of numbers, or varies with a_i in ranges."""
     n, form = len(context.z), context.form
     if form.alignment not in ("", "top", "end"):
@@ -286,9 +287,9 @@ def _of_gain(context: Context, observer: Observer, evidence: Mapping[str, Any]) 
     powers = [late + level for late, size in zip(shift, form.blocks, strict=True) for level in range(size)]
     slopes, more = bounded_slopes(context, evidence, scale, powers, [True] * n, [*range(n)], [*range(n)])
     argument = _argument(context, observer, scale)
-    for k, slope in enumerate(slopes):  # of b, which reads one error, by what it reads in the place of that
+    for k, slope in enumerate(slopes):  # each slope of b reads one error; the argument of b gives its replacement
         at = slope.reads.index(Fraction(1))
-        slopes[k] = replace(slope, reads=argument.reads[at], takes=argument.takes[at])
+        slopes[k] = replace(slope, reads=argument.reads[at], from_y=argument.from_y[at])
     if ("core" in evidence) is ("ranges" in evidence):
         raise Unproved("its evidence has not one of a core and ranges")
     observed, N = 0, zeros(n, n)
@@ -300,14 +301,14 @@ def _of_gain(context: Context, observer: Observer, evidence: Mapping[str, Any]) 
     measured, each = _by_chain(context, observer, scale) if argument.known else Matrix([]), [*range(n)]
     late = [shift[context.heads.index(z)] if z else 0 for z in context.observed]
     where = (each, [True] * n, each, powers)
-    return ErrorInclusion(N, slopes, boxes + more + observed, measured, *where, scale, late, argument.takes)
+    return ErrorInclusion(N, slopes, boxes + more + observed, measured, *where, scale, late, argument.from_y)
 
 
 def _argument(context: Context, observer: Observer, scale: list[Expression]) -> Argument:
     """Return the argument of b; without injection there, the errors only."""
     if "argument" in observer.entries:
         argument = argument_of(context, observer.entries["argument"], scale)
-        return replace(argument, takes=argument.takes @ _means(context, observer)) if argument.known else argument
+        return replace(argument, from_y=argument.from_y @ _means(context, observer)) if argument.known else argument
     n = len(context.z)
     return Argument(unit(n), zeros(n, len(context.heads)))
 
@@ -317,7 +318,7 @@ def argument_of(context: Context, entries: Sequence[Expression], scale: Sequence
     coefficients of the errors are not numbers."""
     S = [context.value(text) for text in scale]
     N = gain_of(context.form.blocks, [context.value(text) for text in entries], context.algebra.zero)
-    reads, takes = unit(len(N)), numbers([s * entry for entry in row] for s, row in zip(S, N, strict=True))
+    reads, from_y = unit(len(N)), numbers([s * entry for entry in row] for s, row in zip(S, N, strict=True))
     for k, z in enumerate(context.heads):
         if not z:
             continue
@@ -327,7 +328,7 @@ def argument_of(context: Context, entries: Sequence[Expression], scale: Sequence
             if share is None:
                 raise Unproved("what it injects into the argument of b is not of numbers in these coordinates")
             reads[j][head] -= share
-    return Argument(reads, Matrix([[] for _ in N] if takes is None else takes))
+    return Argument(reads, Matrix([[] for _ in N] if from_y is None else from_y))
 
 
 def _by_chain(context: Context, observer: Observer, scale: list[Expression]) -> Matrix:
@@ -375,7 +376,7 @@ def _moving(
         boxes += finding.boxes
         chain, level = place
         onto = [-row[chain - 1] if level == 1 else Fraction(int(i == at - 1)) for i, row in enumerate(columns)]
-        slopes.append(Slope(of_field(at, len(columns)), onto, low, high, -1, realised=False))
+        slopes.append(Slope(unit_row(at, len(columns)), onto, low, high, -1, realised=False))
     return slopes, boxes
 
 
@@ -407,9 +408,9 @@ def bounded_slopes(
             degree = powers[i] - powers[j]
             if degree < least:
                 raise Unproved(f"b_{i + 1} reads {z}, of a higher power of theta")
-            reads, way = of_field(picks[j], len(onto)), (high == math.inf) - (low == -math.inf)
+            reads, way = unit_row(picks[j], len(onto)), (high == math.inf) - (low == -math.inf)
             known = [Fraction(end) for end in (min(low, Fraction(0)), max(high, Fraction(0))) if math.isfinite(end)]
-            slopes.append(Slope(reads, onto, known[0], known[-1], degree, endless=way))
+            slopes.append(Slope(reads, onto, known[0], known[-1], degree, one_sided=way))
     if listed:
         raise Unproved("it bounds slopes that are none of b")
     return slopes, boxes

@@ -42,12 +42,12 @@ from .context import (
     Finding,
     Keys,
     Rule,
-    built,
+    chains_rule,
     is_above,
     jacobian_bound,
-    of_observer,
+    observer_of,
+    observer_rule,
     on,
-    on_chains,
     printed,
 )
 from .file import Claim, Observer, above_zero, column, matrix, part, scalar, signless
@@ -58,24 +58,24 @@ from .matrix import (
     demand_positive,
     dot,
     inverse,
-    of_field,
+    lyapunov,
     outer,
-    twice,
     unit,
+    unit_row,
     weight,
     zeros,
 )
 from .text import number
 
-_ROWS, _WHOLE = 60, 100  # of an inequality of a step, without its inputs; of continuous time, with them
+_ROWS, _WHOLE = 60, 100  # most rows: in a step without its inputs, in continuous time with them
 ONE = Fraction(1)
 _METHODS: Mapping[str, tuple[tuple[tuple[str, ...], ...], tuple[str, ...], int]] = {
     "Euler": (((),), ("1",), 1),
     "Heun": (((), ("1",)), ("1/2", "1/2"), 2),
     "classical Runge-Kutta": (((), ("1/2",), ("0", "1/2"), ("0", "0", "1")), ("1/6", "1/3", "1/3", "1/6"), 4),
 }
-POLYNOMIAL_ERROR = Fraction(1, 2**56)  # of an element of phi_2: what a program's polynomial may be beside it
-Weights = tuple[Matrix, Matrix, Fraction]  # phi_1 and phi_2, and by how much elements of phi_2 may be beside these
+POLYNOMIAL_ERROR = Fraction(1, 2**56)  # of an element of phi_2 by a program's polynomial
+Weights = tuple[Matrix, Matrix, Fraction]  # phi_1, phi_2, and a bound of the errors of phi_2's elements
 
 
 @dataclass(frozen=True)
@@ -92,8 +92,8 @@ class Change:
 class Parts:
     """The error dynamics e' = M e + G p + (B + R) v, p = diag(d) (H e + E v): M (N, N), G (N, m), H (m, N), and the
     core L (N, N) of M, `moving` if a part of it varies; B, R (N, p) and E (m, p) act on the errors v of the samples, B
-    in the core and R in the remainder. For slopes that are unbounded on one side `endless` has the columns onto (N) by
-    which they act, and the functionals that they read (N), multiplied by a factor <= 0."""
+    in the core and R in the remainder. For slopes that are unbounded on one side `one_sided` has the columns onto (N)
+    by which they act, and the functionals that they read (N), multiplied by a factor <= 0."""
 
     M: Matrix
     G: Matrix
@@ -103,7 +103,7 @@ class Parts:
     B: Matrix
     R: Matrix
     E: Matrix
-    endless: list[tuple[list[Fraction], list[Fraction]]] = field(default_factory=list)
+    one_sided: list[tuple[list[Fraction], list[Fraction]]] = field(default_factory=list)
 
 
 @dataclass(frozen=True)
@@ -186,7 +186,7 @@ def _realised(
     nonlinear, X = parts.M - parts.L, h * parts.L
     phi_1, phi_2, width = weights(X)
     first = nonlinear @ e + parts.G @ p[0] + parts.R @ v[0]
-    driven = parts.L @ e + first + parts.B @ v[0]  # by phi_1; by phi_2 what the last sample is beside the first
+    driven = parts.L @ e + first + parts.B @ v[0]  # multiplied by phi_1; `later`, the change of the samples, by phi_2
     later = parts.B @ (v[1] - v[0])
     ahead = phi_1 @ driven + phi_2 @ later
     after = e + h * ahead
@@ -236,7 +236,7 @@ class Input:
 def ends(method: Method, parts: Parts, output: int) -> tuple[Input, Input]:
     """Return the inputs of an output's sample error at the beginning and at the end of a step, interpolated linearly
     between."""
-    row, still = of_field(output, parts.B.width), [Fraction(0)] * len(parts.M)
+    row, still = unit_row(output, parts.B.width), [Fraction(0)] * len(parts.M)
     return Input(outer([ONE - c for c in method.nodes], row), still), Input(outer(method.nodes, row), still)
 
 
@@ -248,7 +248,7 @@ def form_of(
     n, m, s = len(parts.M), len(parts.H), len(method.nodes)
     size = n + s * m
     width = size + len(inputs)
-    # of a step the inputs are as few as the model's rows; of continuous time a certificate says how many there are
+    # a step has no more inputs than the model has rows; in continuous time the certificate sets their number
     rows, most = (width, _WHOLE) if method is FLOW else (size, _ROWS)
     if rows > most:
         raise Unproved(f"its inequality has more than {most} rows")
@@ -355,7 +355,7 @@ def place(holder: Mapping[str, Any], key: str, count: int) -> int:
 
 # --- decay in continuous time
 
-# V' <= -alpha V at a theta, by the claim's V, whatever the slopes that the second evidence bounds; in how many boxes
+# the proof of V' <= -alpha V at a theta, by the claim's V and the evidence of the slopes; returns the number of boxes
 Falls = Callable[[Context, Claim, Mapping[str, Any], Fraction, Fraction], int]
 WORK = 2**16  # corners times fields^3
 
@@ -364,7 +364,7 @@ def demand_decays(parts: Parts, alpha: Fraction, evidence: Mapping[str, Any]) ->
     """Demand V' <= -alpha V by the evidence's P, and its S if it has one. Raises: `Unproved`."""
     n, m = len(parts.M), len(parts.H)
     P = matrix(evidence, "P", n, n)
-    for onto, reads in parts.endless:  # P onto is what is read times a number >= 0: V' loses by a slope of any size
+    for onto, reads in parts.one_sided:  # P onto = share reads, share >= 0: the slope decreases V' at any size
         pushed = P.T.applied(onto)
         share = dot(pushed, reads) / dot(reads, reads)
         if share < 0 or pushed != [share * x for x in reads]:
@@ -376,7 +376,7 @@ def demand_decays(parts: Parts, alpha: Fraction, evidence: Mapping[str, Any]) ->
     if 2**m * n**3 > WORK:
         raise Unproved("it has no S, and more corners of its slopes than are tried one by one")
     for corner in corners_of(parts):
-        demand_negative("its inequality", twice(P, corner) + alpha * P)
+        demand_negative("its inequality", lyapunov(P, corner) + alpha * P)
 
 
 def corners_of(parts: Parts) -> Iterator[Matrix]:
@@ -397,7 +397,7 @@ class Decay:
     def converges(self, context: Context, claim: Claim) -> Finding:
         """Return the finding of the bound above which every gain converges, by a V of the claim. The structure of the
         form is another claim."""
-        observer, least = built(context, claim), above_zero(claim.evidence, "least")
+        observer, least = observer_of(context, claim), above_zero(claim.evidence, "least")
         boxes = self.falls(context, claim, claim.evidence, least, Fraction(0))
         phrase = self.phrase(observer).format(printed(least, 1))
         return Finding(f"in continuous time, without noise, {phrase}{on(context.form.box)}", boxes)
@@ -405,7 +405,7 @@ class Decay:
     def chosen(self, context: Context, claim: Claim) -> Finding:
         """Return the finding that the observer's gain is above that bound, with the decay rate of V if the claim states
         one."""
-        (name, chosen), bound = self.gain(built(context, claim)), context.file.claim(f"{claim.maker}.convergence")
+        (name, chosen), bound = self.gain(observer_of(context, claim)), context.file.claim(f"{claim.maker}.convergence")
         if bound is None or not chosen > scalar(bound.evidence, "least"):
             raise Unproved(f"{name} = {printed(chosen)} is not above the bound")
         known = f"{name} = {is_above(chosen, scalar(bound.evidence, 'least'))}"
@@ -420,8 +420,8 @@ def decays(makers: Keys, decay: Decay, slopes: Keys, norm: Keys) -> tuple[Rule, 
     """Return the rules for the decay of observers on a form in chains, with the evidence keys of their `slopes`, and of
     V, `norm`."""
     return (
-        on_chains(makers, ("convergence",), decay.converges, (*slopes, "least", *norm)),
-        on_chains(makers, ("theta",), decay.chosen, ("alpha", *norm), "{maker}.convergence"),
+        chains_rule(makers, ("convergence",), decay.converges, (*slopes, "least", *norm)),
+        chains_rule(makers, ("theta",), decay.chosen, ("alpha", *norm), "{maker}.convergence"),
     )
 
 
@@ -432,4 +432,4 @@ def clamped(makers: Keys) -> Rule:
     def steep(context: Context, claim: Claim) -> Finding:
         return jacobian_bound(context, claim, context.form.b, "db/dz")
 
-    return of_observer(makers, ("lipschitz",), steep, STEEP, STRUCTURE, kinds=CARRIED)
+    return observer_rule(makers, ("lipschitz",), steep, STEEP, STRUCTURE, kinds=CARRIED)

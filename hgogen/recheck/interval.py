@@ -17,8 +17,8 @@ from .arithmetic import Arithmetic, Undefined
 from .tables import in_one_piece, is_table, next_of, range_on, table_of
 
 PRECISION = 80  # bits
-_GUARD = 30  # bits computed beyond these, and then given away as a margin for the error of a function's value
-_LARGEST = 2**16  # of an argument of exp and of the exponent of 2 of an angle
+_GUARD = 30  # extra bits, a margin for the error of a function's value
+_LARGEST = 2**16  # argument of exp, tanh, sinh and cosh
 
 Ends = tuple[Any, Any]  # two numbers of mpmath, low and high
 _DOWN, _UP = libmp.round_floor, libmp.round_ceiling
@@ -143,7 +143,7 @@ def _rising(
     return apply
 
 
-def _levelling(function: Callable[..., Any], whole: Interval) -> Callable[[Interval], Interval]:
+def _saturating(function: Callable[..., Any], whole: Interval) -> Callable[[Interval], Interval]:
     """Return the interval extension of an increasing function with the range `whole`, whose ends bound the values at
     arguments that are too large."""
     rising, largest = _rising(function), between(-_LARGEST, _LARGEST)
@@ -177,7 +177,7 @@ def _cos(x: Interval) -> Interval:
     return _UNIT if not _small(x) else Interval(_turned(x.ends)[0])
 
 
-@lru_cache(maxsize=1 << 10)  # the slope of one is the other, so that both are asked of an angle, and again
+@lru_cache(maxsize=1 << 10)  # sin and cos of one angle are both needed, as each is the slope of the other
 def _turned(angle: Ends) -> tuple[Ends, Ends]:
     cosine, sine = libmp.mpi_cos_sin(angle, PRECISION)
     return cosine, sine
@@ -254,7 +254,7 @@ def _chosen(choose: Callable[[Any, Any], Any]) -> Callable[..., Interval]:
 
 _FUNCTIONS: Mapping[str, Callable[..., Interval]] = {
     "pi": _pi,
-    "exp": _levelling(libmp.mpf_exp, between(0, math.inf)),
+    "exp": _saturating(libmp.mpf_exp, between(0, math.inf)),
     "log": _log,
     "sin": _sin,
     "cos": _cos,
@@ -265,7 +265,7 @@ _FUNCTIONS: Mapping[str, Callable[..., Interval]] = {
     "acos": lambda x: -_fallen_acos(x),
     "sinh": _rising(libmp.mpf_sinh, *_NOT_SO_LARGE),
     "cosh": lambda x: intersection(_rising_cosh(_abs(x)), between(1, math.inf)),
-    "tanh": _levelling(libmp.mpf_tanh, _UNIT),
+    "tanh": _saturating(libmp.mpf_tanh, _UNIT),
     "acosh": _rising(libmp.mpf_acosh, (1, math.inf), "acosh below 1"),
     "atanh": _atanh,
     "asinh": _rising(libmp.mpf_asinh),
@@ -278,7 +278,7 @@ _FUNCTIONS: Mapping[str, Callable[..., Interval]] = {
 }
 
 
-@lru_cache(maxsize=1 << 10)  # a series that grows begins with the same values each time
+@lru_cache(maxsize=1 << 10)  # the orders of a series share their first values
 def _table(name: str, *place: Interval) -> Interval:
     """Return the range of a table by its exact pieces."""
     ends = range_on(name, [x.exactly for x in place])

@@ -49,20 +49,20 @@ from itertools import chain, pairwise
 from typing import Any
 
 from .arithmetic import Undefined, Unproved
-from .box import Box, Try, covered, narrowed, no_steeper
+from .box import Attempt, Box, covered, narrowed, no_steeper
 from .context import Context, numbers
 from .file import column, entries, matrix, part, scalar
 from .inclusion import ErrorInclusion
 from .inequality import ONE, POLYNOMIAL_ERROR, REALISED, Parts, Tableau, Weights
 from .interval import Interval, point
-from .matrix import Matrix, core_integral, demand_enough, dot, unit, upright, zeros
+from .matrix import Matrix, column_matrix, core_integral, demand_enough, dot, unit, zeros
 from .plant_motion import Derivative, PlantMotion, PlantSeries, demand_derivatives, demand_keys, motion_of
 from .text import Expression
 
 _KEYS = ("rates", "speeds", "slopes", "lines", "orders", "flow", "step", "steepness", "tree")
 _THIRD = 3  # the coefficient of a line
-_MORE = 100  # boxes on which coefficients are taken, beyond the cells of a tree
-_NONLINEAR = 2  # the degree of what is not linear
+_MORE = 100  # boxes for the coefficients beyond the cells of a tree
+_NONLINEAR = 2  # degree of a nonlinear expression
 _HALF, _ZERO, _TWELFTH = Fraction(1, 2), Fraction(0), Fraction(1, 12)
 
 
@@ -127,24 +127,24 @@ class Remainder:
             return boxes
         return boxes + covered(narrowed(box, self.motion.read), self.tree, self._within, _MORE)
 
-    def _within(self, box: Box) -> Try:
+    def _within(self, box: Box) -> Attempt:
         context, orders, whole = self.context, self.orders, self.context.form.box
         rates = dict(zip(context.file.inputs, self.motion.rates, strict=True))
         plant = PlantSeries(context.rates, context.z, rates, {**whole, **box}, whole)
         try:
             flow = plant.flow(max(orders) + 2)
             if not _all_within(_after(flow, orders, self.flow)):
-                return Try(False)
+                return Attempt(False)
             steps = plant.step(self.tableau, self.motion.h, max(max(orders) + 2, _THIRD + 1))
         except Undefined:
-            return Try(False)
+            return Attempt(False)
         step = [x.coefficients for x in steps[-1]]
         pairs = _after(step, orders, self.step)
         for j, (head, slope) in self.motion.observed.items():
             for i, third in zip(self.tableau.cubic, self.lines[j], strict=False):
                 line = point(self.tableau.nodes[i]) * step[head][_THIRD] - steps[i][head].coefficients[_THIRD]
                 pairs.append((line, third / abs(slope)))
-        return Try(_all_within(pairs))
+        return Attempt(_all_within(pairs))
 
 
 def _after(
@@ -267,11 +267,11 @@ def _size(a: Fraction, b: Fraction) -> Fraction:
 
 
 _CORE_KEYS = ("rates", "speeds", "flow", "rest", "steepness")
-_STAND_IN = 4  # over h, of a first derivative: what stands for the second
+_STAND_IN = 4  # times a first derivative over h: the substitute for the second
 
 
 @dataclass(frozen=True)
-class AtCore:
+class CoreStep:
     """A step of length `h` of the error dynamics `parts` with the core L, by `weights`; the plant's states enter by
     `lifted`, s (N, n), and their samples by `injected`, B C (N, n).
 
@@ -284,42 +284,42 @@ class AtCore:
     lifted: Matrix
     injected: Matrix
     flow: list[Fraction]
-    rest: Matrix
+    nonlinear: Matrix
 
     def total(self, alpha: Matrix) -> list[Fraction]:
         """Return a bound of the deviation of a step from the plant (N), over h, from the sizes alpha (N, 1)."""
         _, phi_2, width = self.weights
         weight, parts = self.h * phi_2.mapped(lambda x: abs(x) + width), self.parts
-        ahead = alpha + weight @ (self.h * (abs(self.lifted) @ upright(self.rest[0])))
-        J = abs(parts.M - parts.L) + abs(parts.G) @ abs(parts.H)  # at most, of what the rest makes of an error
+        ahead = alpha + weight @ (self.h * (abs(self.lifted) @ column_matrix(self.nonlinear[0])))
+        J = abs(parts.M - parts.L) + abs(parts.G) @ abs(parts.H)  # bounds the Jacobian of the remaining error dynamics
         return [x / self.h for (x,) in alpha + weight @ (J @ ahead)]
 
 
 @dataclass(frozen=True)
-class Leaves:
+class Realisation:
     """The local error of a realisation for a plant with known b at both ends of a step: the sizes `alpha` (N, 1), from
     the derivative of z' of the order `flow`, and those of b up to another order."""
 
     flow: int
-    rest: int
-    alpha: Callable[[AtCore], Matrix]
+    nonlinear: int
+    alpha: Callable[[CoreStep], Matrix]
 
 
-def _by_bilinear_rule(step: AtCore) -> Matrix:
-    return step.h**3 / 12 * (abs(step.weights[0] @ step.lifted) @ upright(step.flow))
+def _by_bilinear_rule(step: CoreStep) -> Matrix:
+    return step.h**3 / 12 * (abs(step.weights[0] @ step.lifted) @ column_matrix(step.flow))
 
 
-def _by_matrix_exponential(step: AtCore) -> Matrix:
-    L, h, head = step.parts.L, step.h, upright(step.flow)
+def _by_matrix_exponential(step: CoreStep) -> Matrix:
+    L, h, head = step.parts.L, step.h, column_matrix(step.flow)
     source = Matrix([[*row, *column_] for row, column_ in zip(step.injected, step.lifted, strict=True)])
     rotated = unit(len(L)) + h / 2 * abs(L)
     polynomial = Matrix([[POLYNOMIAL_ERROR] * len(L) for _ in L]) @ (rotated @ (abs(step.lifted) @ head))
-    return core_integral(L, h, source) @ upright([*step.flow, *step.rest[1]]) + h**2 * polynomial
+    return core_integral(L, h, source) @ column_matrix([*step.flow, *step.nonlinear[1]]) + h**2 * polynomial
 
 
-_LEAVES: Mapping[str, Leaves] = {
-    "the bilinear rule": Leaves(2, 1, _by_bilinear_rule),
-    "the matrix exponential": Leaves(1, 2, _by_matrix_exponential),
+_REALISATIONS: Mapping[str, Realisation] = {
+    "the bilinear rule": Realisation(2, 1, _by_bilinear_rule),
+    "the matrix exponential": Realisation(1, 2, _by_matrix_exponential),
 }
 
 
@@ -330,36 +330,36 @@ def demand_core_error(
     `Unproved`."""
     follows, n, name = part(share, "follows", dict), len(context.z), evidence["method"]
     demand_keys(follows, _CORE_KEYS)
-    leaves, parts, h = _LEAVES[name], error.at(theta), scalar(evidence, "dt")
+    realisation, parts, h = _REALISATIONS[name], error.at(theta), scalar(evidence, "dt")
     motion = motion_of(context, h, follows)
     bounds = _by_steepness if part(follows, "steepness", list) else _by_derivatives
-    flow, rest, demanded = bounds(motion, follows, leaves)
+    flow, nonlinear, demanded = bounds(motion, follows, realisation)
     each = zip(error.scales(context, theta), error.index, error.fed, strict=True)
     lifted = Matrix([s * int(fed and i == at) for at in range(n)] for s, i, fed in each)
-    injected = zeros(len(parts.L), n)  # B C, from what outputs show
+    injected = zeros(len(parts.L), n)  # B C
     for j, (head, slope) in motion.observed.items():
         for row, by in zip(injected, parts.B, strict=True):
             row[head] += by[j] * slope
     _demand_chain(context, parts, lifted, injected)
-    step = AtCore(parts, h, REALISED[name](h * parts.L), lifted, injected, flow, rest)
-    demand_enough("the method", column(share, "fields", len(lifted)), step.total(leaves.alpha(step)))
+    step = CoreStep(parts, h, REALISED[name](h * parts.L), lifted, injected, flow, nonlinear)
+    demand_enough("the method", column(share, "fields", len(lifted)), step.total(realisation.alpha(step)))
     return motion, motion.demand() + demanded()
 
 
 def _by_derivatives(
-    motion: PlantMotion, follows: Mapping[str, Any], leaves: Leaves
+    motion: PlantMotion, follows: Mapping[str, Any], realisation: Realisation
 ) -> tuple[list[Fraction], Matrix, Callable[[], int]]:
     """Return bounds of the derivatives of the flow and of b, and the function that proves them. Raises: `Unproved`."""
     context, n = motion.context, len(motion.context.z)
-    flow, rest = column(follows, "flow", n), matrix(follows, "rest", leaves.rest, n)
-    derivatives = [Derivative(row, leaves.flow, most) for row, most in zip(context.rates, flow, strict=True)]
-    for order, bounds in enumerate(rest, 1):
+    flow, nonlinear = column(follows, "flow", n), matrix(follows, "rest", realisation.nonlinear, n)
+    derivatives = [Derivative(row, realisation.flow, most) for row, most in zip(context.rates, flow, strict=True)]
+    for order, bounds in enumerate(nonlinear, 1):
         derivatives += [Derivative(row, order, most) for row, most in zip(context.form.b, bounds, strict=True)]
-    return flow, rest, partial(demand_derivatives, motion, derivatives)
+    return flow, nonlinear, partial(demand_derivatives, motion, derivatives)
 
 
 def _by_steepness(
-    motion: PlantMotion, follows: Mapping[str, Any], leaves: Leaves
+    motion: PlantMotion, follows: Mapping[str, Any], realisation: Realisation
 ) -> tuple[list[Fraction], Matrix, Callable[[], int]]:
     """Return bounds of the first derivatives of the flow and of b by their slopes, substitutes for the higher ones, and
     the function that proves them."""
@@ -371,7 +371,7 @@ def _by_steepness(
         matrix({"steepness": rows}, "steepness", len(context.z), len(names))
         for rows in entries(follows, "steepness", len(both))
     ]
-    flow, rest = (rows.applied([*motion.speeds, *motion.rates]) for rows in steep)
+    flow, nonlinear = (rows.applied([*motion.speeds, *motion.rates]) for rows in steep)
 
     def stand_in(order: int, first: list[Fraction]) -> list[Fraction]:
         return [(_STAND_IN / motion.h) ** (order - 1) * x for x in first]
@@ -380,7 +380,11 @@ def _by_steepness(
         pairs, ones = zip(both, steep, strict=True), [Fraction(1)] * len(names)
         return sum(no_steeper(rows, names, most, ones, context.form.box) for rows, most in pairs)
 
-    return stand_in(leaves.flow, flow), Matrix(stand_in(k, rest) for k in range(1, leaves.rest + 1)), demanded
+    return (
+        stand_in(realisation.flow, flow),
+        Matrix(stand_in(k, nonlinear) for k in range(1, realisation.nonlinear + 1)),
+        demanded,
+    )
 
 
 def _demand_chain(context: Context, parts: Parts, lifted: Matrix, injected: Matrix) -> None:

@@ -53,7 +53,7 @@ class Matrix:
         return hash(tuple(map(tuple, self.rows)))
 
     def __add__(self, other: "Matrix") -> "Matrix":
-        rows = zip(self.rows, other.rows, strict=True)  # what is 0, as most entries are, costs nothing
+        rows = zip(self.rows, other.rows, strict=True)  # skip zeros, which most entries are
         return Matrix([[x + y if x and y else x or y for x, y in zip(*row, strict=True)] for row in rows], self.width)
 
     def __sub__(self, other: "Matrix") -> "Matrix":
@@ -109,10 +109,10 @@ def dot(a: Iterable[Fraction], b: Iterable[Fraction]) -> Fraction:
 
 def unit(n: int) -> Matrix:
     """Return the unit matrix (n, n)."""
-    return Matrix([of_field(k, n) for k in range(n)])
+    return Matrix([unit_row(k, n) for k in range(n)])
 
 
-def of_field(k: int, count: int) -> list[Fraction]:
+def unit_row(k: int, count: int) -> list[Fraction]:
     """Return row k of the unit matrix, which selects the error of one field (N)."""
     return [Fraction(int(k == at)) for at in range(count)]
 
@@ -122,7 +122,7 @@ def zeros(rows: int, columns: int) -> Matrix:
     return Matrix([[_ZERO] * columns for _ in range(rows)], columns)
 
 
-def upright(values: Iterable[Fraction]) -> Matrix:
+def column_matrix(values: Iterable[Fraction]) -> Matrix:
     """Return a matrix with one column."""
     return Matrix([[value] for value in values], 1)
 
@@ -154,7 +154,7 @@ def inverse(M: Matrix) -> Matrix:
     return Matrix([row[size:] for row in rows])
 
 
-def twice(P: Matrix, N: Matrix) -> Matrix:
+def lyapunov(P: Matrix, N: Matrix) -> Matrix:
     """Return N'P + P N for a symmetric P."""
     PN = P @ N
     return PN + PN.T
@@ -201,7 +201,7 @@ def _is_positive(M: Matrix, strictly: bool) -> bool:
 
 def decaying(N: Matrix, P: Matrix) -> Matrix:
     """Return -I - N'P - P N, whose positive definiteness proves with P > 0 that N is Hurwitz."""
-    return -1 * unit(len(N)) - twice(P, N)
+    return -1 * unit(len(N)) - lyapunov(P, N)
 
 
 def demand_enough(name: str, sizes: Iterable[Fraction], least: Iterable[Fraction]) -> None:
@@ -225,7 +225,7 @@ def weight(X: Matrix) -> tuple[Matrix, Fraction]:
     if k > _DOUBLINGS:
         raise Unproved("its core is too fast for its dt")
     small, one = X.mapped(lambda x: point(x / 2**k)), unit(n).mapped(point)
-    tail = 2 * norm**_TERMS / factorial(_TERMS + 2)  # the terms that are left out are together below twice the first
+    tail = 2 * norm**_TERMS / factorial(_TERMS + 2)  # the omitted terms are together below twice the first
     phi_2, power = Matrix([[between(-tail, tail)] * n for _ in range(n)]), one
     for j in range(_TERMS):
         phi_2 = phi_2 + _over(factorial(j + 2), power)
@@ -248,9 +248,9 @@ def _over(divisor: int, a: Matrix) -> Matrix:
 
 
 _FEW, _MANY = 16, 128  # pieces of an integral
-_FINE = 16  # pieces where the core turns by 1
-_ROUNDS = 8  # of a balance
-_SLOW = Fraction(1, 2)  # by how much it may turn in a piece
+_FINE = 16  # pieces for h |L| = 1
+_ROUNDS = 8  # of balancing
+_SLOW = Fraction(1, 2)  # largest norm of w L in a piece
 
 
 def core_integral(L: Matrix, h: Fraction, V: Matrix) -> Matrix:

@@ -190,7 +190,7 @@ class PlantSeries:
 
 # --- derivatives in time
 
-Ends = tuple[tuple[str, tuple[End, End]], ...]  # those of a box
+Ends = tuple[tuple[str, tuple[End, End]], ...]  # ends of a box
 
 
 @dataclass(frozen=True)
@@ -207,7 +207,7 @@ def demand_derivatives(motion: PlantMotion, each: Sequence[Derivative]) -> int:
     `Unproved`."""
     context, orders_of = motion.context, tuple((one.row, one.order) for one in each)
     whole, rates = context.form.box, dict(zip(context.file.inputs, motion.rates, strict=True))
-    steered = {u: f"{u}'" for u, rate in rates.items() if rate}  # what stands for its rate, a name that no text has
+    steered = {u: f"{u}'" for u, rate in rates.items() if rate}  # the name of its rate, which no expression reads
     box = {**narrowed(whole, motion.read), **{steered[u]: (-rates[u], rates[u]) for u in steered}}
     plant = tuple(context.rates), tuple(context.z), tuple(whole.items()), tuple(steered.items())
 
@@ -220,7 +220,7 @@ def demand_derivatives(motion: PlantMotion, each: Sequence[Derivative]) -> int:
     return covered(box, ".", on_faces([(-one.most, one.most) for one in each], values, on))
 
 
-@lru_cache(maxsize=1 << 10)  # other bounds of them are shown, or are not, of the same boxes
+@lru_cache(maxsize=1 << 10)  # several bounds are tried on the same boxes
 def _derivatives(
     rates: tuple[Expression, ...],
     states: tuple[str, ...],
@@ -256,7 +256,7 @@ def _started(*coefficients: Dual) -> Dual:
 
 
 _TERMS = 60  # of the exponential's series
-_FAST = 20  # up to which norm of h J it is summed
+_FAST = 20  # largest norm of h J
 Shares = Mapping[str, Mapping[str, Any]]
 
 
@@ -274,7 +274,7 @@ def demand_followed(context: Context, h: Fraction, shares: Shares) -> int:
             each = rows.applied(sizes)
             J = matrix(follows, "steepness", n, n)
             boxes += observed + no_steeper(context.rates, context.z, J, [Fraction(1)] * n, context.form.box)
-            demand_enough(name, column(share, "beside", n), _on_its_way(h, J, each))
+            demand_enough(name, column(share, "beside", n), _accumulated(h, J, each))
             drift = [x + y for x, y in zip(drift, each, strict=True)]
         elif keys:
             others[name] = follows, _signless(follows, "sizes", p)
@@ -334,7 +334,7 @@ def _by_parameters(context: Context, follows: Mapping[str, Any]) -> tuple[Matrix
     return rows, sizes, no_steeper(context.rates, names, rows, sizes, box)
 
 
-def _on_its_way(h: Fraction, J: Matrix, drift: Sequence[Fraction]) -> list[Fraction]:
+def _accumulated(h: Fraction, J: Matrix, drift: Sequence[Fraction]) -> list[Fraction]:
     """Return an upper bound of the sum of (h J)^k m/(k + 1)! over all k."""
     if any(x < 0 for row in J for x in row):
         raise Unproved("one of its steepness is negative")
@@ -346,7 +346,7 @@ def _on_its_way(h: Fraction, J: Matrix, drift: Sequence[Fraction]) -> list[Fract
         exact = [h * x / k for x in J.applied(term)]
         term = [Fraction(-(-x.numerator * 2**_BITS // x.denominator), 2**_BITS) for x in exact]  # or a little above
         total = [x + y for x, y in zip(total, term, strict=True)]
-    tail = max(term, default=Fraction(0))  # each term that is left out is at most half of the one before
+    tail = max(term, default=Fraction(0))  # each omitted term is at most half of the one before
     return [x + tail if x > at_first else x for x, at_first in zip(total, drift, strict=True)]
 
 

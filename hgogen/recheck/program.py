@@ -63,16 +63,18 @@ from .text import HIGHEST, ONE_ARGUMENT, OPERATIONS, Expression, Unreadable, exp
 
 _NO_ERROR, _ONE = point(Fraction(0)), point(Fraction(1))
 _WHOLE = 2**24
-_FOLDED = Fraction(8, 2**53) * (1 + Fraction(1, 2**40))  # of a constant, before it is rounded to the precision
+_FOLDED = Fraction(8, 2**53) * (
+    1 + Fraction(1, 2**40)
+)  # error of a folded constant before its rounding to the precision
 _BITS = {"float": (24, 126), "double": (53, 1022)}  # of u and of the smallest normal number
-_ANGLE = Fraction(200)  # up to which sin, cos and tan are measured
-UNITS: Mapping[str, Fraction] = {  # u by which a function may err, twice its measured ulps, an ulp at most 2 u
+_ANGLE = Fraction(200)  # largest angle of the measured sin, cos and tan
+UNITS: Mapping[str, Fraction] = {  # error bound in u: twice the measured ulps, an ulp is at most 2 u
     **{name: Fraction(8) for name in ("sqrt", "exp", "log", "sin", "cos", "asin", "acos", "atan", "cosh")},
     **{name: Fraction(14) for name in ("tanh", "asinh", "acosh", "atanh")},
     "tan": Fraction(16),
     "sinh": Fraction(10),
 }
-POWER = Fraction(6), Fraction(8)  # the same of x^k: so many, and so many for each k |log x|
+POWER = Fraction(6), Fraction(8)  # the same for x^k: a constant, and a multiple of k |log x|
 PRECISIONS = tuple(_BITS)
 
 
@@ -197,12 +199,12 @@ def precision(real: str) -> Arithmetic:
 
 
 _LONGEST = 5_000  # statements, of which a call of 8 states has some 500
-_FUNCTIONS = 1_000  # of these: each is compared with those before it
+_FUNCTIONS = 1_000  # each is compared with those before it
 _STATEMENT = re.compile(r"v[1-9][0-9]{0,5}\Z", re.ASCII)
 
 
 @dataclass(frozen=True)
-class Listed:
+class ListedProgram:
     """A listed program: `statements`, each an operation and its operands; by stage the operands of the fields (N) and
     of their rates; and those of the fields `after` the call."""
 
@@ -222,7 +224,7 @@ class Walk:
 
     def __init__(
         self,
-        program: Listed,
+        program: ListedProgram,
         values: Mapping[str, Any],
         arithmetic: Arithmetic,
         deviations: Mapping[str, Callable[["Walk", Any], Any]] | None = None,
@@ -232,7 +234,7 @@ class Walk:
         expression without names, by default in the arithmetic."""
         self.values, self.arithmetic, self.deviations = dict(values), arithmetic, deviations or {}
         self.constant = constant or partial(evaluate, values={}, arithmetic=arithmetic)
-        self.computed = dict[str, Any]()  # of statements that are named otherwise
+        self.computed = dict[str, Any]()  # values of renamed statements
         self.rest: Iterator[tuple[int, tuple[str, list[str]]]] = enumerate(program.statements, 1)
         self.count = 0
 
@@ -278,7 +280,7 @@ class Walk:
         return _applied(word, [self.value(each) for each in operands], self.arithmetic)
 
 
-def listed(holder: Mapping[str, Any], fields: int, stages: int) -> Listed:
+def listed_program(holder: Mapping[str, Any], fields: int, stages: int) -> ListedProgram:
     """Return the program of a share. Raises: `Unproved`."""
     texts = part(holder, "program", list)
     if len(texts) > _LONGEST or not all(isinstance(text, str) and text.split() for text in texts):
@@ -287,7 +289,7 @@ def listed(holder: Mapping[str, Any], fields: int, stages: int) -> Listed:
     if sum(word not in _PLAIN for word, _ in statements) > _FUNCTIONS:
         raise Unproved(f"its program has more than {_FUNCTIONS} functions")
     rows = {key: [_operands({key: row}, key, fields) for row in entries(holder, key, stages)] for key in _STAGES}
-    return Listed(statements, rows["stages"], rows["rates"], _operands(holder, "after", fields))
+    return ListedProgram(statements, rows["stages"], rows["rates"], _operands(holder, "after", fields))
 
 
 _STAGES = ("stages", "rates")
@@ -367,31 +369,31 @@ class Equation:
         context, error, number = self.context, self.error, algebra.number
         names = {name: number(value) for name, value in self.parameters.items()}
         names |= zip(context.file.inputs, u, strict=True)
-        rates, reads = (self._of_core if error.units else self._of_gain)(algebra, names, x, y)
+        rates, reads = (self._core_rates if error.units else self._gain_rates)(algebra, names, x, y)
         clamped = {z: _clamp(algebra, each, *context.form.box[z]) for z, each in zip(context.z, reads, strict=True)}
         b = [algebra.read(row, {**names, **clamped}) for row in context.form.b]
         each = zip(rates, self.scales, self.units, error.fed, error.index, strict=True)
         return [rate + number(fed * s / r) * b[i] for rate, s, r, fed, i in each]
 
-    def _of_gain(self, algebra: Algebra, names: Mapping[str, Quotient], z: Row, y: Row) -> tuple[Row, Row]:
+    def _gain_rates(self, algebra: Algebra, names: Mapping[str, Quotient], z: Row, y: Row) -> tuple[Row, Row]:
         """Return z' without b, and the argument of b."""
         form, there = self.context.form, {**names, **dict(zip(self.context.z, z, strict=True))}
         v = self._missed(algebra, there, y)
         A = [[algebra.read(entry, names) for entry in row] for row in form.A]
-        injected, injection = (applied(algebra, M, v) for M in (self.error.measured, self.error.takes))
+        injected, injection = (applied(algebra, M, v) for M in (self.error.measured, self.error.from_y))
         each = zip(A, injected, self.scales, strict=True)
         rates = [inner(algebra, row, z) + algebra.number(self.theta / s) * more for row, more, s in each]
         return rates, [a + algebra.number(1 / s) * b for a, b, s in zip(z, injection, self.scales, strict=True)]
 
-    def _of_core(self, algebra: Algebra, names: Mapping[str, Quotient], x: Row, y: Row) -> tuple[Row, Row]:
+    def _core_rates(self, algebra: Algebra, names: Mapping[str, Quotient], x: Row, y: Row) -> tuple[Row, Row]:
         """Return x' without b, and the argument of b."""
         error, number, nothing = self.error, algebra.number, dict.fromkeys(self.context.z, algebra.zero)
         e = [number(r) * each for r, each in zip(self.units, x, strict=True)]
         v = self._missed(algebra, {**names, **nothing}, y)
         rates = [a + b for a, b in zip(applied(algebra, error.N, e), applied(algebra, error.measured, v), strict=True)]
-        for slope in (slope for slope in error.slopes if slope.degree == -1):  # what a saturation takes away
-            of, onto = slope.reads.index(Fraction(1)), slope.onto
-            injection = number(self.units[of]) * (x[of] - self._saturated(algebra, x[of], of))
+        for slope in (slope for slope in error.slopes if slope.degree == -1):  # effect of a saturation
+            k, onto = slope.reads.index(Fraction(1)), slope.onto
+            injection = number(self.units[k]) * (x[k] - self._saturated(algebra, x[k], k))
             rates = [rate + number(share) * injection for rate, share in zip(rates, onto, strict=True)]
         reads = [number(1 / self.scales[k]) * e[k] for k in error.picks]
         return [number(self.theta / r) * rate for rate, r in zip(rates, self.units, strict=True)], reads
@@ -429,10 +431,10 @@ class StepProgram:
     equation: Equation
     tableau: Tableau
     h: Fraction
-    program: Listed
+    program: ListedProgram
     between: str
 
-    def besides(self) -> "Besides":
+    def deviations(self) -> "Deviations":
         """Return the deviations of its statements from the step in exact arithmetic. Raises: `Unproved`."""
         stages, fields = len(self.tableau.weights), len(self.equation.units)
         marks = {
@@ -443,21 +445,23 @@ class StepProgram:
         }
         algebra = Algebra([*self._names, *marks])
         walk = Walk(self.program, {name: algebra.names[name] for name in self._names}, algebra.arithmetic)
-        besides, rates = Besides(algebra, walk, marks), list[list[Quotient]]()
+        deviations, rates = Deviations(algebra, walk, marks), list[list[Quotient]]()
         try:
             x = [walk.value(f"x{k}") for k in range(1, fields + 1)]
             for i, (row, node) in enumerate(zip(self.tableau.rows, self.tableau.nodes, strict=True)):
                 wanted = _stepped(algebra, x, rates, [self.h * a for a in row])
-                there = besides.take(self.program.stages[i], wanted, f"field {i}")
+                there = deviations.match(self.program.stages[i], wanted, f"field {i}")
                 y, u = (self._there(algebra, walk, name, node) for name in ("y", "u"))
                 slope = self.equation.rates(algebra, there, y, u)
-                rates.append(besides.take(self.program.rates[i], slope, f"rate {i}"))
-            besides.take(self.program.after, _stepped(algebra, x, rates, [self.h * b for b in self.tableau.weights]))
+                rates.append(deviations.match(self.program.rates[i], slope, f"rate {i}"))
+            deviations.match(
+                self.program.after, _stepped(algebra, x, rates, [self.h * b for b in self.tableau.weights])
+            )
         except Undefined as error:
             raise Unproved(f"its program has no value: {error}") from None
         except TooLarge:
             raise Unproved("its program is too large to verify") from None
-        return besides
+        return deviations
 
     @property
     def _names(self) -> list[str]:
@@ -485,7 +489,7 @@ def _stepped(
 
 
 @dataclass(frozen=True)
-class Besides:
+class Deviations:
     """Statements that represent values of the step, the `marks` by the names of letters, with their nonzero
     `deviations` from these values; from then on the value of a statement is a letter."""
 
@@ -494,14 +498,12 @@ class Besides:
     marks: Mapping[str, str]
     deviations: dict[str, Quotient] = field(default_factory=dict)
 
-    def take(self, operands: Sequence[str], wanted: Sequence[Quotient], letters: str = "") -> list[Quotient]:
+    def match(self, operands: Sequence[str], wanted: Sequence[Quotient], letters: str = "") -> list[Quotient]:
         """Return the values of operands that represent the `wanted` values. Raises: `Unproved`, and the arithmetic's
         errors."""
         for k, (operand, value) in enumerate(zip(operands, wanted, strict=True)):
             off = self.walk.value(operand) - value
-            exact = (
-                operand in self.walk.computed and operand not in self.deviations
-            )  # what it was before it was renamed
+            exact = operand in self.walk.computed and operand not in self.deviations  # its value before the renaming
             if not (self.algebra.is_zero(off) or (exact and self.algebra.is_zero(self.walk.computed[operand] - value))):
                 if not is_statement(operand) or operand in {*self.walk.computed, *self.deviations}:
                     raise Unproved(f"{operand} of its program is not what the step has")
@@ -535,7 +537,7 @@ class _Letters(dict[str, Interval]):
 
 _ROUNDING_KEYS = ("between", "parameters", "precision", "speeds", "within", "program", "stages", "rates", "after")
 _BETWEEN = ("line", "hold")
-_PIECES = 32  # of the ranges of the states that outputs show
+_PIECES = 32  # of the ranges of the measured states
 _ZERO = Fraction(0)
 Side = tuple[Fraction, Fraction]
 
@@ -554,7 +556,7 @@ class Rounded:
     def demand_sizes(self, sizes: Sequence[Fraction]) -> int:
         """Demand that a call rounds the error of each field by at most h times its size (N); return the number of
         pieces. Raises: `Unproved`."""
-        pieces, deviations = self._pieces, self.step.besides().statements
+        pieces, deviations = self._pieces, self.step.deviations().statements
         for ranges in pieces:
             try:
                 inputs, known = self._values(ranges), partial(constant, self.precision)
@@ -624,7 +626,7 @@ def demand_rounding(
     drifts = [h * (speed + sum(each, _ZERO)) for speed, *each in zip(speeds, *deviations, strict=True)]
     noisy = [column(each, "samples", p) for each in shares.values() if each["samples"] != []]
     samples = [sum(each, _ZERO) for each in zip(*noisy, strict=True)] or [_ZERO] * p
-    program = listed(follows, count, len(tableau.weights))
+    program = listed_program(follows, count, len(tableau.weights))
     step = StepProgram(equation, tableau, h, program, _between(context, follows, shares))
     rounded = Rounded(step, _one_of(follows, "precision", PRECISIONS), samples, errors, drifts)
     boxes += rounded.demand_sizes(column(share, "fields", count))

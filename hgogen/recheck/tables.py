@@ -164,7 +164,7 @@ class Curve:
         piece = self.orders[order][k]
         if not any(piece[1:]):
             return piece[0], piece[0]
-        start, end = self.axes[0][k - 1], self.axes[0][k]  # a piece that is no constant lies between two points
+        start, end = self.axes[0][k - 1], self.axes[0][k]  # a piece that is not constant is between two points
         return _range(piece, Fraction(max(low, start)) - start, Fraction(min(high, end)) - start)
 
 

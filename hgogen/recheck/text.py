@@ -93,7 +93,7 @@ class Expression:
         return any(step.op in KINKS or is_table(step.op) for step in self.instructions)
 
     def __hash__(self) -> int:
-        return hash((self.text, self.result))  # as quick as a text's, which is remembered
+        return hash((self.text, self.result))  # as fast as the hash of a text, which Python caches
 
 
 def number(text: object) -> Fraction:

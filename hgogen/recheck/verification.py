@@ -32,7 +32,7 @@ from .rules import FORMS, OBSERVERS, assumed_claims, required, rule_of
 from .rules.forms import box_of_rates
 from .text import RecheckError, Unreadable
 
-STATED = "stated"  # proved or refuted, but of no evidence that is verified here
+STATED = "stated"  # proved or refuted, without evidence for this checker
 OPEN = ("where", "generic", "unknown", STATED)  # verdicts that assert nothing to verify
 
 
@@ -152,7 +152,7 @@ def read(text: str) -> Certificate:
     return read_file(text, OBSERVERS)
 
 
-@lru_cache(maxsize=4)  # who makes a certificate has it verified, and is often the first who is given it
+@lru_cache(maxsize=4)  # the maker of a certificate verifies it, and often reads it first
 def recheck(text: str) -> Rechecked:
     """Verify the certificate in a text; a claim that is not proved is a row that fails.
 
@@ -266,14 +266,14 @@ def _read_only(claim: Claim, keys: Iterable[str]) -> None:
         raise Unproved(f"its evidence has a part {words(strange[0])}, which is unknown here")
 
 
-# --- what claims leave unexamined
+# --- parts that no claim examines
 
 _PLANT_COORDINATES = (
     "phase, original coordinates",
     "uniform_chain, original coordinates",
     "original",
 )  # the plant's coordinates
-UNMODELLED = "lambda_tracking"  # an observer that may have no model of the last row, whose b is then 0
+UNMODELLED = "lambda_tracking"  # this observer may have no model of the last row; its b is then 0
 _POINTS = 5
 
 

@@ -12,7 +12,7 @@ from types import ModuleType
 from typing import Any
 
 from ..context import Needed, Rule
-from ..file import Built, Certificate, Claim
+from ..file import Certificate, Claim, ObserverKeys
 from ..text import RecheckError
 
 
@@ -53,14 +53,14 @@ def merged(files: Iterable[ModuleType], key: str) -> Mapping[str, Any]:
 
 _FILES = [import_module(f"{__name__}.{each.name}") for each in iter_modules(__path__)]
 RULES: tuple[Rule, ...] = rules_of(_FILES)
-OBSERVERS: Mapping[str, Built] = merged(_FILES, "OBSERVERS")
+OBSERVERS: Mapping[str, ObserverKeys] = merged(_FILES, "OBSERVERS")
 NEEDED: Mapping[str, Needed] = merged(_FILES, "NEEDED")
-FORMS = frozenset((*NEEDED, *(kind for rule in RULES for kind in rule.kinds)))  # of which a rule says something
+FORMS = frozenset((*NEEDED, *(kind for rule in RULES for kind in rule.kinds)))  # kinds of form with a rule
 
 
 def rule_of(kind: str, claim: Claim) -> Rule | None:
     """Return the rule of a claim on a form of that kind; None if no rule verifies it."""
-    return next((rule for rule in RULES if rule.takes(kind, claim)), None)
+    return next((rule for rule in RULES if rule.accepts(kind, claim)), None)
 
 
 def assumed_claims(certificate: Certificate, claim: Claim) -> tuple[str, ...]:

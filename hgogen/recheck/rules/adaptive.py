@@ -57,8 +57,8 @@ from typing import Any
 
 from ..arithmetic import Unproved
 from ..box import frobenius
-from ..context import STEEP, Context, Finding, built, integrators, of_observer, on, on_chains, printed, slope
-from ..file import Built, Claim, Observer, above_zero, column, matrix, part, scalar, signless
+from ..context import STEEP, Context, Finding, chains_rule, integrators, observer_of, observer_rule, on, printed, slope
+from ..file import Claim, Observer, ObserverKeys, above_zero, column, matrix, part, scalar, signless
 from ..inclusion import error_inclusion
 from ..inequality import (
     FLOW,
@@ -75,16 +75,16 @@ from ..inequality import (
 )
 from ..matrix import (
     Matrix,
+    column_matrix,
     companion,
     decaying,
     demand_nonnegative,
     demand_positive,
     dot,
+    lyapunov,
     outer,
     similar,
-    twice,
     unit,
-    upright,
     zeros,
 )
 
@@ -93,7 +93,7 @@ from ..matrix import (
 
 def inequality(context: Context, claim: Claim) -> Finding:
     """Prove the inequality of the claim's fact: P > 0, D P + P D >= 0, or N'P + P N + sigma (D P + P D) < 0."""
-    observer, P = built(context, claim), _P(context, claim)
+    observer, P = observer_of(context, claim), _P(context, claim)
     match claim.fact:
         case "definite":
             demand_positive({"P": P})
@@ -113,7 +113,7 @@ def attenuation(context: Context, claim: Claim) -> Finding:
 
 def _by_one_v(context: Context, claim: Claim) -> Finding:
     """Prove the bound by the claim's V, at the ends of gamma and of each gamma^-i with a nonzero row of G_1."""
-    observer, evidence, n = built(context, claim), claim.evidence, len(context.z)
+    observer, evidence, n = observer_of(context, claim), claim.evidence, len(context.z)
     (low, high), mu = column(observer.numbers, "gamma", 2), above_zero(evidence, "mu")
     sigma, m = scalar(observer.numbers, "sigma"), len(part(evidence, "G_2", list))
     if not 0 < low <= high or sigma < 0 or not m:
@@ -139,11 +139,11 @@ def _by_one_v(context: Context, claim: Claim) -> Finding:
 
 def _by_formula(context: Context, claim: Claim) -> Finding:
     """Prove the bound by (87), with the P of the other claims."""
-    observer, evidence = built(context, claim), claim.evidence
+    observer, evidence = observer_of(context, claim), claim.evidence
     (low, high), P, n = column(observer.numbers, "gamma", 2), _P(context, claim), len(context.z)
     if not 0 < low <= high:
         raise Unproved("its gamma has no range above zero")
-    k, peak = scalar(evidence, "bound"), scalar(evidence, "peak")  # of |T^-1 dc/dw T|, and of lambda_max(P)
+    k, peak = scalar(evidence, "bound"), scalar(evidence, "peak")  # bounds of |T^-1 dc/dw T| and of lambda_max(P)
     demand_positive({"P": P})
     demand_nonnegative({"D P + P D": _spread(P, Fraction(1)), "peak I - P": peak * unit(n) - P})
     if not isinstance(evidence.get("G_2"), list) or not evidence["G_2"]:
@@ -151,7 +151,7 @@ def _by_formula(context: Context, claim: Claim) -> Finding:
     m, share, mu = len(evidence["G_2"]), above_zero(evidence, "share"), above_zero(evidence, "mu")
     G, g, first = matrix(evidence, "G_1", n, m), Matrix([column(evidence, "G_2", m)]), scalar(evidence, "delta_1")
     ((second,),) = g @ (unit(m) + G.T @ G) @ g.T
-    PK = P @ upright(column(observer.numbers, "gains", n))
+    PK = P @ column_matrix(column(observer.numbers, "gains", n))
     load, rate = first * (P @ P) + second * (PK @ PK.T), (4 * k * peak + 1) / (2 * low)
     demand_nonnegative(
         {
@@ -188,7 +188,7 @@ def _at(context: Context, claim: Claim, gain: Fraction, **norm: Any) -> tuple[Fr
 def _rate(observer: Observer, P: Matrix) -> Matrix:
     """Return -N'P - P N - sigma (D P + P D)."""
     N = companion(column(observer.numbers, "gains", len(P)))
-    return -1 * twice(P, N) - signless(observer.numbers, "sigma") * _spread(P, Fraction(1))
+    return -1 * lyapunov(P, N) - signless(observer.numbers, "sigma") * _spread(P, Fraction(1))
 
 
 def _P(context: Context, claim: Claim) -> Matrix:
@@ -211,14 +211,14 @@ def _spread(P: Matrix, b: Fraction) -> Matrix:
 
 def falls(context: Context, claim: Claim) -> Finding:
     """Prove N'P + P N + p_1 (D P + P D) < 0."""
-    p_1, (P, N, spread) = above_zero(built(context, claim).numbers, "p_1"), _weighted(context, claim)
-    demand_positive({"-N'P - P N - p_1 (D P + P D)": -1 * twice(P, N) - p_1 * spread})
-    return Finding(f"p_1 = {printed(p_1)} is small enough: N'P + P N + p_1 (D P + P D) < 0 {_of(claim)}")
+    p_1, (P, N, spread) = above_zero(observer_of(context, claim).numbers, "p_1"), _weighted(context, claim)
+    demand_positive({"-N'P - P N - p_1 (D P + P D)": -1 * lyapunov(P, N) - p_1 * spread})
+    return Finding(f"p_1 = {printed(p_1)} is small enough: N'P + P N + p_1 (D P + P D) < 0 {_matrix_words(claim)}")
 
 
 def rises(context: Context, claim: Claim) -> Finding:
     """Prove p_3 (D P + P D) >= 2 lambda_max(P), for the P of the claim on p_1 if that is proved."""
-    p_3, (P, _, spread) = above_zero(built(context, claim).numbers, "p_3"), _weighted(context, claim)
+    p_3, (P, _, spread) = above_zero(observer_of(context, claim).numbers, "p_3"), _weighted(context, claim)
     peak, n = scalar(claim.evidence, "peak"), len(P)
     demand_nonnegative(
         {
@@ -233,10 +233,10 @@ def rises(context: Context, claim: Claim) -> Finding:
             and _same(other.evidence) != _same(claim.evidence)
         ):
             raise Unproved("its P is not that of updated_gain.p_1")
-    return Finding(f"p_3 = {printed(p_3)} is large enough: p_3 (D P + P D) >= 2 lambda_max(P) {_of(claim)}")
+    return Finding(f"p_3 = {printed(p_3)} is large enough: p_3 (D P + P D) >= 2 lambda_max(P) {_matrix_words(claim)}")
 
 
-def _of(claim: Claim) -> str:
+def _matrix_words(claim: Claim) -> str:
     """Return the words for the claim's P and D."""
     return f"for its P and D = diag(b, .., b + n - 1), b = {printed(scalar(claim.evidence, 'b'))}"
 
@@ -247,7 +247,7 @@ def _same(evidence: Mapping[str, Any]) -> tuple[Any, Any]:
 
 def below_cap(context: Context, claim: Claim) -> Finding:
     """Prove L' < 0 at the cap."""
-    numbers = built(context, claim).numbers
+    numbers = observer_of(context, claim).numbers
     p_1, p_2, p_3, cap = (above_zero(numbers, name) for name in ("p_1", "p_2", "p_3", "cap"))
     gamma, boxes = _at(context, claim, cap, norm=frobenius)
     if not p_1 * (p_2 - cap) + p_3 * gamma < 0:
@@ -259,7 +259,7 @@ def below_cap(context: Context, claim: Claim) -> Finding:
 def _weighted(context: Context, claim: Claim) -> tuple[Matrix, Matrix, Matrix]:
     """Return P, N and D P + P D, with N'P + P N <= -I, P > 0, D P + P D > 0."""
     P, b = _P(context, claim), above_zero(claim.evidence, "b")
-    N, spread = companion(column(built(context, claim).numbers, "gains", len(P))), _spread(P, b)
+    N, spread = companion(column(observer_of(context, claim).numbers, "gains", len(P))), _spread(P, b)
     demand_positive({"P": P, "-I - N'P - P N": decaying(N, P), "D P + P D": spread})
     return P, N, spread
 
@@ -269,15 +269,15 @@ def _weighted(context: Context, claim: Claim) -> tuple[Matrix, Matrix, Matrix]:
 
 def _by_norm(context: Context, claim: Claim, slopes: Mapping[str, Any], level: Fraction, alpha: Fraction) -> int:
     """Prove V' <= -alpha V at every gain from a level on, by the claim's P; return the number of boxes."""
-    observer, n = built(context, claim), len(context.z)
+    observer, n = observer_of(context, claim), len(context.z)
     error, P, b = error_inclusion(context, observer, slopes), matrix(claim.evidence, "P", n, n), scalar(slopes, "b")
     D = unit(n).weighed(b + i for i in range(n))
-    demand_positive({"D P + P D": twice(P, D)})
+    demand_positive({"D P + P D": lyapunov(P, D)})
     fall, eased = _FALL[claim.maker](observer)
     parts, shift = error.at(level), level * fall * D
     if eased:
         core = level * error.N + shift
-        demand_negative("its inequality without b", twice(P, core) + alpha * P)
+        demand_negative("its inequality without b", lyapunov(P, core) + alpha * P)
     demand_decays(parts if eased else replace(parts, M=parts.M + shift), alpha, claim.evidence)
     return error.boxes
 
@@ -316,12 +316,12 @@ _OF_V = ("slopes", "V", "S")
 _SLOPED = (*STEEP, "units", "scale", "P", "peak")
 
 
-Form = Callable[[Matrix], Matrix]  # of N, in which it is affine
+Form = Callable[[Matrix], Matrix]  # an affine function of N
 
 
 def core(context: Context, claim: Claim) -> Finding:
     """Prove that the linear core decays behind its saturation or dead zone."""
-    observer, n = built(context, claim), len(context.z)
+    observer, n = observer_of(context, claim), len(context.z)
     units = _units(claim.evidence, n)
     N = similar(units, companion(column(observer.numbers, "gains", n)))
     for form in _forms(observer, units, claim.evidence, Fraction(0)):
@@ -331,7 +331,7 @@ def core(context: Context, claim: Claim) -> Finding:
 
 def _falls(context: Context, claim: Claim, slopes: Mapping[str, Any], level: Fraction, alpha: Fraction) -> int:
     """Prove V' <= -alpha V at a theta, by the claim's V, for all slopes; return the number of boxes."""
-    observer, evidence = built(context, claim), claim.evidence
+    observer, evidence = observer_of(context, claim), claim.evidence
     error = error_inclusion(context, observer, slopes)
     if observer.name == "dead_zone" and alpha > level * above_zero(observer.numbers, "decay"):
         raise Unproved("its alpha is above theta decay")
@@ -382,7 +382,7 @@ def _forms(observer: Observer, units: list[Fraction], evidence: Mapping[str, Any
     demand_positive({"P": P})
 
     def behind(N: Matrix) -> Matrix:
-        top, side = twice(P, N) + a * P, P.applied(K)
+        top, side = lyapunov(P, N) + a * P, P.applied(K)
         side[0] += tau
         if observer.name == "dead_zone":
             top[0][0] += mu * r
@@ -397,25 +397,25 @@ def _forms(observer: Observer, units: list[Fraction], evidence: Mapping[str, Any
         return Matrix([*([*row, end] for row, end in zip(top, side, strict=True)), [*side, last]])
 
     yield behind
-    yield lambda N: twice(P, N) + a * P
+    yield lambda N: lyapunov(P, N) + a * P
 
 
 _GAINS, _LEVELS = ("updated_gain", "adaptive_lmi"), ("stubborn", "dead_zone")
 OBSERVERS = {
-    "updated_gain": Built(("p_1", "p_2", "p_3", "cap", "gains")),
-    "adaptive_lmi": Built(("gamma", "sigma", "gains")),
-    **dict.fromkeys(_LEVELS, Built(("theta", "decay", "r", "gains"))),
+    "updated_gain": ObserverKeys(("p_1", "p_2", "p_3", "cap", "gains")),
+    "adaptive_lmi": ObserverKeys(("gamma", "sigma", "gains")),
+    **dict.fromkeys(_LEVELS, ObserverKeys(("theta", "decay", "r", "gains"))),
 }
 RULES = (
-    of_observer(("updated_gain",), ("p_1",), falls, ("P", "b")),
-    of_observer(("updated_gain",), ("p_3",), rises, ("P", "b", "peak")),
-    on_chains(("updated_gain",), ("cap",), below_cap, (*STEEP, "units", "scale")),
-    of_observer(("adaptive_lmi",), ("definite", "shrink", "decay"), inequality, ("P",)),
-    on_chains(
+    observer_rule(("updated_gain",), ("p_1",), falls, ("P", "b")),
+    observer_rule(("updated_gain",), ("p_3",), rises, ("P", "b", "peak")),
+    chains_rule(("updated_gain",), ("cap",), below_cap, (*STEEP, "units", "scale")),
+    observer_rule(("adaptive_lmi",), ("definite", "shrink", "decay"), inequality, ("P",)),
+    chains_rule(
         ("adaptive_lmi",), ("attenuation",), attenuation, (*_SLOPED, *_OF_V, "G_1", "G_2", "delta_1", "share", "mu")
     ),
     *decays(_GAINS, Decay(_by_norm, _gain, _phrase), ("scale", "slopes", "units", "b"), ("P", "S")),
-    of_observer(_LEVELS, ("core",), core, ("units", "P", "mu", "tau")),
+    observer_rule(_LEVELS, ("core",), core, ("units", "P", "mu", "tau")),
     *decays(_LEVELS, Decay(_falls), ("scale", "slopes", "units"), ("P", "mu", "tau", "S")),
     clamped((*OBSERVERS,)),
 )

@@ -61,9 +61,9 @@ from typing import Any
 
 from ..arithmetic import Unproved
 from ..box import continuous
-from ..context import Context, Finding, Rule, built, constants, enclosed, inner, on_chains, only, printed
-from ..file import Built, Claim, Observer, above_zero, column, entries, fields, matrix, part, scalar
-from ..inclusion import ERROR, INJECTED, ErrorInclusion, Slope, bounded_slopes, error_inclusion, with_endless
+from ..context import Context, Finding, Rule, chains_rule, constants, enclosed, inner, observer_of, only, printed
+from ..file import Claim, Observer, ObserverKeys, above_zero, column, entries, fields, matrix, part, scalar
+from ..inclusion import ERROR, INJECTED, ErrorInclusion, Slope, bounded_slopes, error_inclusion, one_sided_inclusion
 from ..inequality import (
     FLOW,
     NOW,
@@ -81,7 +81,7 @@ from ..inequality import (
     within,
 )
 from ..interval import intervals, point
-from ..matrix import Matrix, demand_nonnegative, demand_positive, of_field, outer, zeros
+from ..matrix import Matrix, demand_nonnegative, demand_positive, outer, unit_row, zeros
 from ..text import Expression
 
 
@@ -102,13 +102,13 @@ def _phrase(observer: Observer) -> str:
 
 def dwell(context: Context, claim: Claim) -> Finding:
     """Prove that the time hold is long enough; the decay with the low gain is another claim."""
-    numbers, evidence = built(context, claim).numbers, claim.evidence
+    numbers, evidence = observer_of(context, claim).numbers, claim.evidence
     theta, low, hold = (above_zero(numbers, name) for name in ("theta", "theta_low", "hold"))
     up, down = above_zero(evidence, "up"), above_zero(evidence, "down")
     alpha, bound = scalar(evidence, "alpha"), context.file.claim(f"{claim.maker}.convergence")
     if alpha < 0 or bound is None:
         raise Unproved("its alpha is negative, or there is no bound on theta")
-    error = error_inclusion(context, built(context, claim), bound.evidence)
+    error = error_inclusion(context, observer_of(context, claim), bound.evidence)
     demand_decays(error.at(theta), alpha, evidence)
     size, other = len(error.N), context.file.claim(f"{claim.maker}.theta")
     if other is None or not other.evidence:
@@ -125,7 +125,7 @@ def dwell(context: Context, claim: Claim) -> Finding:
 
 def _falls(context: Context, claim: Claim, slopes: Mapping[str, Any], level: Fraction, alpha: Fraction) -> int:
     """Prove V' <= -alpha V at a theta, by the claim's V, for all slopes; return the number of boxes."""
-    error = with_endless(context, built(context, claim), slopes)
+    error = one_sided_inclusion(context, observer_of(context, claim), slopes)
     demand_decays(error.at(level), alpha, claim.evidence)
     return error.boxes
 
@@ -135,7 +135,7 @@ def _falls(context: Context, claim: Claim, slopes: Mapping[str, Any], level: Fra
 
 def l2_gain(context: Context, claim: Claim) -> Finding:
     """Prove the L2 gain from the claim's inputs to the weighted errors of the states."""
-    error, parts, scales, inputs, phrase = _of(context, claim)
+    error, parts, scales, inputs, phrase = _error_and_inputs(context, claim)
     evidence, n, mu = claim.evidence, len(context.z), above_zero(claim.evidence, "mu")
     if max(multipliers(evidence, inputs)) > mu**2:
         raise Unproved("a lambda is above mu^2")
@@ -143,15 +143,15 @@ def l2_gain(context: Context, claim: Claim) -> Finding:
     for count, field in zip(counts, error.picks, strict=True):
         form[field][field] += (count / scales[field]) ** 2
     demand_negative("its inequality", form)
-    of = ", ".join(f"{printed(x)} {z}" for x, z in zip(counts, context.z, strict=True))
+    states = ", ".join(f"{printed(x)} {z}" for x, z in zip(counts, context.z, strict=True))
     return Finding(
-        f"in continuous time, {phrase}, the L2 gain to the error of {of} is at most {printed(mu, 1)}", error.boxes
+        f"in continuous time, {phrase}, the L2 gain to the error of {states} is at most {printed(mu, 1)}", error.boxes
     )
 
 
 def iss_gain(context: Context, claim: Claim) -> Finding:
     """Prove the ultimate bound of the error of each state."""
-    error, parts, scales, inputs, phrase = _of(context, claim)
+    error, parts, scales, inputs, phrase = _error_and_inputs(context, claim)
     bounds = list[str]()
     each = entries(claim.evidence, "bounds", len(context.z))
     for z, field, one in zip(context.z, error.picks, each, strict=True):
@@ -162,9 +162,9 @@ def iss_gain(context: Context, claim: Claim) -> Finding:
     return Finding(f"in continuous time, {phrase}, the error of {', '.join(bounds)}", error.boxes)
 
 
-def _of(context: Context, claim: Claim) -> tuple[ErrorInclusion, Parts, list[Fraction], list[Input], str]:
+def _error_and_inputs(context: Context, claim: Claim) -> tuple[ErrorInclusion, Parts, list[Fraction], list[Input], str]:
     """Return the error at the observer's theta, its parts, its scales, the inputs, and their description."""
-    observer, evidence = built(context, claim), claim.evidence
+    observer, evidence = observer_of(context, claim), claim.evidence
     theta, error = scalar(observer.numbers, "theta"), error_inclusion(context, observer, evidence)
     if not theta > 0 or not error.measured:
         raise Unproved("its theta is not positive, or its gains are no numbers in these coordinates")
@@ -173,7 +173,7 @@ def _of(context: Context, claim: Claim) -> tuple[ErrorInclusion, Parts, list[Fra
     for j, size in enumerate(column(evidence, "noise", p)):
         if size:
             context.demand_observed(j)
-            inputs.append(Input(Matrix([of_field(j, p)]), [Fraction(0)] * len(scales)) * size)
+            inputs.append(Input(Matrix([unit_row(j, p)]), [Fraction(0)] * len(scales)) * size)
             phrase.append(f"under noise of {printed(size)} in output {j + 1}")
     for added in part(evidence, "beside", list):
         rows = column({"beside": added}, "beside", len(context.z))
@@ -192,7 +192,7 @@ Shares = list[tuple[Fraction, Fraction]]
 def _uniform_falls(context: Context, claim: Claim, ranges: Mapping[str, Any], level: Fraction, alpha: Fraction) -> int:
     """Prove V' <= -alpha V at a theta, by the claim's P, for all slopes; return the number of boxes."""
     _ = context.equations
-    observer, n = built(context, claim), len(context.z)
+    observer, n = observer_of(context, claim), len(context.z)
     K, s = column(observer.numbers, "gains", n), _above(context)
     only(context.form.output[0].names & set(context.z), context.z[:1], "the output")
     _ = context.first_gain(0)
@@ -244,7 +244,7 @@ def _shares(context: Context, evidence: Mapping[str, Any], s: list[Fraction]) ->
 
 
 def _inclusion(n: int, slopes: list[Slope]) -> ErrorInclusion:
-    every, shift = [*range(n)], Matrix([of_field(k + 1, n) for k in range(n)])
+    every, shift = [*range(n)], Matrix([unit_row(k + 1, n) for k in range(n)])
     return ErrorInclusion(shift, slopes, 0, Matrix([]), every, [True] * n, every, every, [], [])
 
 
@@ -258,7 +258,7 @@ def _of_products(K: list[Fraction], shares: Shares) -> Iterator[Slope]:
     every, n = [_injected(K, q) for q in product(*shares)], range(len(K))
     for i in n:
         ends = [each[i] for each in every]
-        yield Slope(of_field(0, len(K)), [Fraction(-int(k == i)) for k in n], min(ends), max(ends), -1)
+        yield Slope(unit_row(0, len(K)), [Fraction(-int(k == i)) for k in n], min(ends), max(ends), -1)
 
 
 def _corners(parts: Parts, K: list[Fraction], shares: Shares, theta: Fraction) -> Iterator[Parts]:
@@ -268,13 +268,13 @@ def _corners(parts: Parts, K: list[Fraction], shares: Shares, theta: Fraction) -
         raise Unproved(f"its slopes have more than {_CORNERS} combinations of ends")
     for corner in corners_of(parts):
         for q in product(*ends):
-            whole = corner - theta * outer(_injected(K, q), of_field(0, len(K)))
+            whole = corner - theta * outer(_injected(K, q), unit_row(0, len(K)))
             yield replace(parts, M=whole, G=zeros(len(K), 0), H=zeros(0, len(K)), E=zeros(0, parts.B.width))
 
 
 def convergence(context: Context, claim: Claim) -> Finding:
     """Prove that the error converges exponentially from everywhere."""
-    observer, form, n = built(context, claim), context.form, len(context.z)
+    observer, form, n = observer_of(context, claim), context.form, len(context.z)
     A, C = matrix(claim.evidence, "A", n, n), matrix(claim.evidence, "C", len(form.output), n)
     _linear(context, A, C)
     Q, R = matrix(observer.numbers, "Q", n, n), column(observer.numbers, "R", len(form.output))
@@ -318,15 +318,15 @@ def _gramian(A: Matrix, start: Matrix) -> Matrix:
 _INJECTED = (*INJECTED, "switched_gain")
 _UNIFORM = "uniform_injection"
 OBSERVERS = {
-    _UNIFORM: Built(("theta", "gains")),
-    "riccati": Built(("theta", "Q", "R")),
-    "high_gain": Built(("theta",), ("gains",), ("weights",)),
-    "circle_criterion": Built(("theta",), ("gains", "argument"), ("weights",)),
-    "switched_gain": Built(("theta", "theta_low", "hold"), ("gains",), ("weights",)),
-    "filtered": Built(("theta", "alpha", "beta", "gains")),
-    "filtered_injection": Built(("theta", "F", "G", "NH")),
-    "low_power": Built(("theta", "gains")),
-    "peaking_free": Built(("theta", "gains", "last")),
+    _UNIFORM: ObserverKeys(("theta", "gains")),
+    "riccati": ObserverKeys(("theta", "Q", "R")),
+    "high_gain": ObserverKeys(("theta",), ("gains",), ("weights",)),
+    "circle_criterion": ObserverKeys(("theta",), ("gains", "argument"), ("weights",)),
+    "switched_gain": ObserverKeys(("theta", "theta_low", "hold"), ("gains",), ("weights",)),
+    "filtered": ObserverKeys(("theta", "alpha", "beta", "gains")),
+    "filtered_injection": ObserverKeys(("theta", "F", "G", "NH")),
+    "low_power": ObserverKeys(("theta", "gains")),
+    "peaking_free": ObserverKeys(("theta", "gains", "last")),
 }
 _NORM = ("P", "S")
 _INPUTS = (*ERROR, "noise", "beside")
@@ -344,8 +344,8 @@ RULES = (
     ),
     Rule(("riccati",), ("convergence",), convergence, ("A", "C"), about="the filter of a linear plant"),
     *decays(_INJECTED, Decay(_falls, _least, _phrase), ERROR, _NORM),
-    on_chains(("switched_gain",), ("hold",), dwell, ("alpha", *_NORM, "up", "down"), "switched_gain.theta"),
+    chains_rule(("switched_gain",), ("hold",), dwell, ("alpha", *_NORM, "up", "down"), "switched_gain.theta"),
     clamped(_INJECTED),
-    on_chains(INJECTED, ("l2_gain",), l2_gain, (*_INPUTS, "counts", "mu", "P", "S")),
-    on_chains(INJECTED, ("iss_gain",), iss_gain, (*_INPUTS, "bounds")),
+    chains_rule(INJECTED, ("l2_gain",), l2_gain, (*_INPUTS, "counts", "mu", "P", "S")),
+    chains_rule(INJECTED, ("iss_gain",), iss_gain, (*_INPUTS, "bounds")),
 )

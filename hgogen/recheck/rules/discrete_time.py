@@ -21,7 +21,7 @@ from operator import add
 from typing import Any
 
 from ..arithmetic import Unproved
-from ..context import Context, Finding, built, on_chains, printed
+from ..context import Context, Finding, chains_rule, observer_of, printed
 from ..file import Claim, above_zero, column, entries, fields, matrix, part, scalar
 from ..inclusion import ERROR, INJECTED, ErrorInclusion, error_inclusion
 from ..inequality import (
@@ -39,13 +39,13 @@ from ..inequality import (
     within,
 )
 from ..local_error import demand_core_error, demand_remainder
-from ..matrix import Matrix, dot, inverse, of_field, outer, zeros
+from ..matrix import Matrix, dot, inverse, outer, unit_row, zeros
 from ..plant_motion import demand_followed
 from ..program import demand_rounding, equation_of
 from ..text import number
 
 _PIECES = 24  # of a range of step lengths
-_CORNERS = 8  # states up to which all corners of the first errors are tried
+_CORNERS = 8  # states up to which all corners of the initial errors are tried
 _FINE = 2**200  # parts of a root
 
 
@@ -82,7 +82,7 @@ class _Running:
 
 
 def _running(context: Context, claim: Claim) -> _Running:
-    observer, evidence = built(context, claim), claim.evidence
+    observer, evidence = observer_of(context, claim), claim.evidence
     theta, h = scalar(observer.numbers, "theta"), scalar(evidence, "dt")
     if not (theta > 0 and h > 0):
         raise Unproved("theta and dt are not positive")
@@ -101,7 +101,7 @@ def step(context: Context, claim: Claim) -> Finding:
 
 def throughout(context: Context, claim: Claim) -> Finding:
     """Prove |e+|_P < |e|_P at the claim's theta, at most the observer's, at every step length up to a longest."""
-    observer, evidence = built(context, claim), claim.evidence
+    observer, evidence = observer_of(context, claim), claim.evidence
     theta, error, method = scalar(evidence, "theta"), error_inclusion(context, observer, evidence), method_of(evidence)
     if not 0 < theta <= scalar(observer.numbers, "theta"):
         raise Unproved("its theta is not between 0 and the observer's")
@@ -154,7 +154,7 @@ def noise(context: Context, claim: Claim) -> Finding:
     return Finding(f"{run.at}, noise moves {', '.join(phrase.values())}", run.error.boxes)
 
 
-# --- from first errors
+# --- from initial errors
 
 
 def start(context: Context, claim: Claim) -> Finding:
@@ -263,7 +263,7 @@ def _followed(run: _Running, shares: Shares) -> tuple[list[str], str, int]:
     if rounding:
         equation = equation_of(context, run.error, run.theta, rounding["follows"])
         each = zip(*(_bounds_of(share, equation.scales) for share in shares.values()), strict=True)
-        totals = [sum(bounds, Fraction(0)) for bounds in each]  # at least how far all shares move each field (N)
+        totals = [sum(bounds, Fraction(0)) for bounds in each]  # bounds of the effect of all shares on each field (N)
         phrase, more = demand_rounding(equation, tableau_of(evidence), run.h, rounding, shares, totals)
         sizes, boxes = [*sizes, phrase], boxes + more
     if method is None:
@@ -310,7 +310,7 @@ def _inputs(run: _Running, share: Mapping[str, Any]) -> list[Input]:
         for i, size in enumerate(_sizes({"stages": row}, "stages", stages)):
             if size:
                 context.demand_observed(j)
-                inputs.append(Input(outer(of_field(i, stages), of_field(j, p)), still) * size)
+                inputs.append(Input(outer(unit_row(i, stages), unit_row(j, p)), still) * size)
     for i, size in enumerate(_sizes(share, "beside", n)):
         onto = [-s * (fed and at == i) for s, fed, at in zip(run.scales, error.fed, error.index, strict=True)]
         deviation = Input(zeros(stages, p), onto)
@@ -321,7 +321,7 @@ def _inputs(run: _Running, share: Mapping[str, Any]) -> list[Input]:
             deviation += ends(method, run.parts, j)[1] * (run.h * slope)
         inputs += [deviation * size] if size else []
     for k, size in enumerate(_sizes(share, "fields", len(error.N))):
-        inputs += [Input(zeros(stages, p), of_field(k, len(error.N))) * size] if size else []
+        inputs += [Input(zeros(stages, p), unit_row(k, len(error.N))) * size] if size else []
     if not inputs:
         raise Unproved("a share has no inputs")
     return [each * (1 / scalar(share, "unit")) for each in inputs]
@@ -337,9 +337,9 @@ def _sizes(share: Mapping[str, Any], key: str, count: int) -> list[Fraction]:
 
 _STEP = (*ERROR, "method")
 RULES = (
-    on_chains(INJECTED, ("step",), step, (*_STEP, "dt", "alpha", "P", "S")),
-    on_chains(INJECTED, ("shorter", "tuned"), throughout, (*_STEP, "theta", "pieces")),
-    on_chains(INJECTED, ("noise",), noise, (*_STEP, "dt", "bounds")),
-    on_chains(INJECTED, ("start",), start, (*_STEP, "dt", "first", "clear", "peaks")),
-    on_chains(INJECTED, ("error",), error, (*_STEP, "dt", "shares")),
+    chains_rule(INJECTED, ("step",), step, (*_STEP, "dt", "alpha", "P", "S")),
+    chains_rule(INJECTED, ("shorter", "tuned"), throughout, (*_STEP, "theta", "pieces")),
+    chains_rule(INJECTED, ("noise",), noise, (*_STEP, "dt", "bounds")),
+    chains_rule(INJECTED, ("start",), start, (*_STEP, "dt", "first", "clear", "peaks")),
+    chains_rule(INJECTED, ("error",), error, (*_STEP, "dt", "shares")),
 )

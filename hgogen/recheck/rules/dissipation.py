@@ -45,11 +45,11 @@ from operator import mul
 from typing import Any
 
 from ..arithmetic import Arithmetic, Dual, Undefined, Unproved, dual, evaluate, jacobian, seeded, total
-from ..box import Box, End, Try, by_mean_value, covered, cut, narrowed, points, positive, ranged, sides, unbounded
+from ..box import Attempt, Box, End, by_mean_value, covered, cut, narrowed, points, positive, ranged, sides, unbounded
 from ..context import Context, Finding, Rule, algebra_of, finite, inner, inside, numbers, on, printed
 from ..file import Claim, Equations, above_zero, entries, fields, matrix, part, scalar, signals
 from ..interval import Interval, intervals, point
-from ..matrix import Matrix, demand_nonnegative, of_field, outer
+from ..matrix import Matrix, demand_nonnegative, outer, unit_row
 from ..text import Expression, expression
 
 Rows = tuple[tuple[Expression, ...], ...]
@@ -321,12 +321,12 @@ def inequality(context: Context, claim: Claim) -> Finding:
     boxes = covered(_copies(claimed, share, reads), ".", _definite(claimed, T, _second_order))
     slabs = list(_slabs(claim, claimed, share))
     if slabs:
-        left_side = expression(part(claim.evidence, "left", str), claimed.box)
-        _demand_left_side(claimed, left_side)
+        lhs = expression(part(claim.evidence, "left", str), claimed.box)
+        _demand_lhs(claimed, lhs)
         for slab, tree, bound in slabs:
             if bound >= 0:
                 raise Unproved("the left side is not kept below zero on a slab")
-            boxes += covered(narrowed(slab, left_side.names), tree, ranged(left_side, -math.inf, bound))
+            boxes += covered(narrowed(slab, lhs.names), tree, ranged(lhs, -math.inf, bound))
     return claimed.finding(
         f"inequality (38) holds with V = {cut(claimed.V.text)}, mu = {printed(claimed.mu)}{on(claimed.box)}", boxes
     )
@@ -339,7 +339,7 @@ def level(context: Context, claim: Claim) -> Finding:
     P, boxes = _quadratic(claimed), 0
     if P is not None:
         for i, end in faces:
-            shell = floor / end**2 * outer(*[of_field(i, len(P))] * 2)
+            shell = floor / end**2 * outer(*[unit_row(i, len(P))] * 2)
             demand_nonnegative({f"P - {printed(floor)}/{printed(end)}^2 on its place ({i + 1}, {i + 1})": P - shell})
     else:
         for i, end in faces:
@@ -390,14 +390,14 @@ def _regular(claimed: ClaimedGain) -> Any:
     """Return the statement that F has finite slopes in e, and that G is finite."""
     system = claimed.system
 
-    def attempt(box: Box) -> Try:
-        at = {**dict.fromkeys(claimed.box, point(Fraction(0))), **sides(box)}  # what is not read may be anything
+    def attempt(box: Box) -> Attempt:
+        at = {**dict.fromkeys(claimed.box, point(Fraction(0))), **sides(box)}  # names that are not read have any value
         try:
             rates, noise = system.flow(seeded(at, claimed.errors, intervals), _duals), system.noise(at, intervals)
         except Undefined:
-            return Try(False)
+            return Attempt(False)
         slopes = (x for rate in rates for x in rate.slopes.values())
-        return Try(all(x.finite for x in (*slopes, *chain(*noise))))
+        return Attempt(all(x.finite for x in (*slopes, *chain(*noise))))
 
     return attempt
 
@@ -405,12 +405,12 @@ def _regular(claimed: ClaimedGain) -> Any:
 def _smooth(claimed: ClaimedGain) -> Any:
     """Return the statement that V has finite second derivatives."""
 
-    def attempt(box: Box) -> Try:
+    def attempt(box: Box) -> Attempt:
         try:
             hessian = _hessian(claimed, {f"c.{k}": v for k, v in box.items()})
         except Undefined:
-            return Try(False)
-        return Try(all(x.value.finite for x in chain(*hessian)))
+            return Attempt(False)
+        return Attempt(all(x.value.finite for x in chain(*hessian)))
 
     return attempt
 
@@ -440,7 +440,7 @@ def _slabs(claim: Claim, claimed: ClaimedGain, share: Fraction) -> Iterator[tupl
         inner[name] = (low * share, high * share)
 
 
-def _demand_left_side(claimed: ClaimedGain, left_side: Expression) -> None:
+def _demand_lhs(claimed: ClaimedGain, lhs: Expression) -> None:
     """Demand that an expression equals S."""
     algebra = algebra_of(claimed.box)
     e, arithmetic, half = algebra.names, algebra.arithmetic, algebra.number(Fraction(1, 2))
@@ -452,7 +452,7 @@ def _demand_left_side(claimed: ClaimedGain, left_side: Expression) -> None:
         *(half * e[name] * e[name] for name in claimed.errors),
         *(loud * each * each for each in pushed),
     ]
-    if not algebra.is_zero(algebra.read(left_side) - total(terms)):
+    if not algebra.is_zero(algebra.read(lhs) - total(terms)):
         raise Unproved("its left side is not that of (38)")
 
 

@@ -38,7 +38,7 @@ from typing import Any, TypeVar
 
 from ..algebra import Algebra, Quotient
 from ..arithmetic import Undefined, Unproved, determinant, evaluate, total
-from ..box import Box, Try, covered, cut, narrowed, ranged
+from ..box import Attempt, Box, covered, cut, narrowed, ranged
 from ..context import CHAINS, Context, Finding, Rule, algebra_of, only, printed
 from ..file import Claim, above_zero, column, part, scalar
 from ..interval import Interval, Taylor, begin, between, intervals, point, taylor
@@ -67,7 +67,7 @@ class Balls:
         return Balls([[m for m, _ in row] for row in pairs], [[r for _, r in row] for row in pairs])
 
     @property
-    def turned(self) -> "Balls":
+    def transposed(self) -> "Balls":
         """The transpose."""
         return Balls(*([list(column) for column in zip(*rows, strict=True)] for rows in (self.mid, self.off)))
 
@@ -127,7 +127,7 @@ class Window:
 
     def then(self, after: "Window") -> "Window":
         """Return the window that joins this one and the next."""
-        return Window(after.Phi @ self.Phi, self.W + self.Phi.turned @ after.W @ self.Phi)
+        return Window(after.Phi @ self.Phi, self.W + self.Phi.transposed @ after.W @ self.Phi)
 
 
 Series = Sequence[Balls]
@@ -142,7 +142,7 @@ def piece(A: Series, C: Series, around: tuple[Series, Series], length: Fraction)
     for k in range(ORDER):
         Phi.append(_coefficient(A, Phi, k).times(Fraction(1, k + 1)))
     V = [_coefficient(C, Phi, k) for k in range(ORDER + 1)]
-    rates = [_coefficient([v.turned for v in V], V, k) for k in range(ORDER + 1)]
+    rates = [_coefficient([v.transposed for v in V], V, k) for k in range(ORDER + 1)]
     remainder, lost = _remainders(around, p, length)
     end, gramian = _off(n, remainder) + Phi[0], _off(n, lost)
     for k in range(1, ORDER + 1):
@@ -190,7 +190,7 @@ def _off(n: int, size: int) -> Balls:
 MOST = 5  # states, beyond which determinants and derivatives are too long
 _TURNS = 1000  # of an argument over a period
 _LEVEL, _STARTS = 9, 2000
-_GROUP = 8  # pieces whose series have one bound of what they leave
+_GROUP = 8  # pieces whose series share a bound of the remainder
 TIME = {"t": (-math.inf, math.inf)}
 
 
@@ -244,7 +244,7 @@ def periodic(texts: Sequence[Expression], period: Expression) -> None:
     pi."""
     algebra = algebra_of(TIME)
     for text in texts:
-        raw: list[bool] = []  # whether a place reads the time beside sin and cos
+        raw: list[bool] = []  # whether an instruction reads the time outside sin and cos
         for op, args, _ in text.instructions:
             loose = op == "symbol" or any(raw[place] for place in args)
             if loose and op in ("sin", "cos"):
@@ -280,14 +280,14 @@ def _full(context: Context, inputs: Mapping[str, Expression], at: Expression) ->
     """Return the statement that det(N'N) is not zero, N the rows N_0, .., N_(n-1) at t_0; det N for one output."""
     n = len(context.z)
 
-    def attempt(box: Box) -> Try:
+    def attempt(box: Box) -> Attempt:
         try:
             rows = _rows(context, inputs, {**context.form.box, **box}, _value(at))
             columns = [*zip(*rows, strict=True)]
             whole = rows if len(rows) == n else [[total(map(mul, p, q)) for q in columns] for p in columns]
-            return Try(bool(rows) and determinant(whole).sign != 0)
+            return Attempt(bool(rows) and determinant(whole).sign != 0)
         except Undefined:
-            return Try(False)
+            return Attempt(False)
 
     return attempt
 
@@ -328,7 +328,7 @@ def series_of(
     return A, C
 
 
-# --- how much every window shows
+# --- the Gramian over every window
 
 
 def least(context: Context, claim: Claim) -> Finding:
@@ -376,7 +376,7 @@ class _Course:
     def __init__(self, context: Context, inputs: Mapping[str, Expression], weights: list[Fraction]) -> None:
         self.context, self.inputs, self.weights = context, inputs, weights
         ranges = (context.form.box[z] for z in context.z)
-        self.half = [  # half the width of a range, 1 of one that has none
+        self.half = [  # half the width of a range, 1 if unbounded
             (Fraction(high) - Fraction(low)) / 2 if -math.inf < low < high < math.inf else Fraction(1)
             for low, high in ranges
         ]
@@ -409,7 +409,7 @@ class _Course:
     def remaining(self, begin: Fraction, length: Fraction) -> Fraction:
         """Return a lower bound of the share of |v|^2 that remains from any time in a piece to its end."""
         (A,), _ = self.series(between(begin, begin + length), 1)
-        steep = (A + A.turned).times(Fraction(1, 2)).fractions
+        steep = (A + A.transposed).times(Fraction(1, 2)).fractions
         size = max(sum(map(abs, row)) for row in steep[0]) + steep[1]
         low, _ = intervals.function("exp", (point(-2 * length * size),)).exactly
         return Fraction(low)
