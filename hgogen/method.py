@@ -34,7 +34,7 @@ from hgogen.part import Clock, Ode, Pieces
 from hgogen.program import INF, Block, Field, Kernel, Place, Program, Repeat, When, address, sym
 from hgogen.prove.inclusion import Inclusion, Uncertain
 from hgogen.prove.inequality import Inequality, Realisation, realised, stagewise
-from hgogen.prove.method_error import CoreDeviation, Leaves, StageDeviation
+from hgogen.prove.method_error import CoreDeviation, LocalError, StageDeviation
 from hgogen.prove.plant_step import ErrorInput, PlantStep
 from hgogen.sentence import NONE, Reason, because
 
@@ -342,7 +342,7 @@ class Matrices:
 class Realising:
     """A realisation of a linear core by its `matrices`, of a core and a step length (s), and `numbers`: (Phi, Psi_0,
     Psi_1) (N, N) of h M; `equations`: lines for reports. Of it is known how it moves the error of an observer: by the
-    `realisation`, in which proofs have its matrices; and what it `leaves` of a plant whose residual terms are known at
+    `realisation`, in which proofs have its matrices; and its `local_error` on a plant whose residual terms are known at
     both ends of a step."""
 
     name: str
@@ -350,7 +350,7 @@ class Realising:
     numbers: Callable[[np.ndarray, float], tuple[np.ndarray, np.ndarray, np.ndarray]]
     equations: tuple[str, ...]
     realisation: Realisation
-    leaves: Leaves
+    local_error: LocalError
     exact = True  # the core is realised, not integrated
     prediction = None
 
@@ -411,7 +411,7 @@ class Realising:
 
     def beside(self, plant: PlantStep, error: Inclusion, theta: Fraction) -> ErrorInput:
         """The plant's own samples at both ends, its residual terms by two stages."""
-        return CoreDeviation(plant, error, theta).error_input(self.realisation, self.leaves)
+        return CoreDeviation(plant, error, theta).error_input(self.realisation, self.local_error)
 
 
 def _chosen(flags: list[Place], known: Pattern, updates: Mapping[Pattern, Pieces]) -> Program:

@@ -12,7 +12,7 @@ from oracle.adaptive_lmi import SIGMA, K, P
 
 import hgogen as hg
 from hgogen.check import Check, Verdict
-from hgogen.prove.varying_gain import Candidate, Given, candidate, disturbance, gain
+from hgogen.prove.varying_gain import Assumptions, Candidate, candidate, disturbance, gain
 from hgogen.prove.varying_gain import adaptive_checks as checks
 from hgogen.reading.given import BadGain
 from hgogen.rigor.definite import exact, largest, nonnegative, positive, rationals, root, smallest
@@ -152,8 +152,8 @@ def test_an_eigenvalue_of_0_is_enough_for_gamma_to_rise_and_not_for_decay() -> N
 # --- what follows from them ---------------------------------------------------------------------------------
 
 
-def adapted(low: float = 20.53, high: float = 80, slope: Fraction | None = SLOPE, **more: Any) -> Given:
-    return Given(Fraction(low), Fraction(high), slope, disturbance=disturbance(TORQUE, 3), **more)
+def adapted(low: float = 20.53, high: float = 80, slope: Fraction | None = SLOPE, **more: Any) -> Assumptions:
+    return Assumptions(Fraction(low), Fraction(high), slope, disturbance=disturbance(TORQUE, 3), **more)
 
 
 def test_the_checks_of_an_observer() -> None:
@@ -184,10 +184,10 @@ def test_the_gain_is_no_larger_than_the_papers() -> None:
 
 
 @cache
-def skewed() -> tuple[Candidate, Given, float]:
+def skewed() -> tuple[Candidate, Assumptions, float]:
     """A disturbance whose G_1 G_1' is not diagonal, for which (79) fails."""
     G = (np.array([[1.0, 0, 0], [2.0, 1.0, 0], [-1.0, 1.0, 0]]), np.array([0.5, 0, 1.0]))
-    adaptation = Given(Fraction(25), Fraction(30), SLOPE, disturbance=disturbance(G, 3))
+    adaptation = Assumptions(Fraction(25), Fraction(30), SLOPE, disturbance=disturbance(G, 3))
     mu = gain(paper(), adaptation)
     assert mu is not None
     return paper(), adaptation, float(mu)

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from plants import MODELS, model
 
 import hgogen as hg
-from hgogen.certificates.contraction import Reach, _beyond, _proved, contraction, reach
+from hgogen.certificates.contraction import Reach, _neighbour_checks, _proved, contraction, reach
 from hgogen.check import Verdict
 from hgogen.model import load
 from hgogen.program import Place
@@ -207,9 +207,9 @@ def test_a_step_beyond_the_longest_is_not_proved_and_says_which_slope_held_there
 def test_other_lengths_and_thetas_are_claimed_where_there_are_pieces() -> None:
     observer = made("pendulum", "high_gain")
     steps = steps_of(observer, "euler")
-    assert list(_beyond(observer, "Euler", steps, Reach(Fraction(1, 10), (), steps.theta))) == []
+    assert list(_neighbour_checks(observer, "Euler", steps, Reach(Fraction(1, 10), (), steps.theta))) == []
     pieces = (Piece(Fraction(0), Fraction(1, 10), Weights(((Fraction(1),),), ())),)
-    shorter, tuned = _beyond(observer, "Euler", steps, Reach(Fraction(1, 10), pieces, Fraction(5), pieces))
+    shorter, tuned = _neighbour_checks(observer, "Euler", steps, Reach(Fraction(1, 10), pieces, Fraction(5), pieces))
     assert "every dt up to 0.1 s, of a larger theta while theta dt is up to 2" in shorter.claim
     assert "every theta from 5 to 20" in tuned.claim
 

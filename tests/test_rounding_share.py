@@ -546,11 +546,11 @@ def test_a_gain_that_is_no_number_of_the_precision_is_rounded() -> None:
 
 
 def test_what_grows_with_itself_has_no_bound() -> None:
-    assert rounding_share._kept_to(lambda r: Fraction(1, 2) + r / 2) == 1
-    r = rounding_share._kept_to(lambda r: 3 + r / 2)
+    assert rounding_share._fixed_point(lambda r: Fraction(1, 2) + r / 2) == 1
+    r = rounding_share._fixed_point(lambda r: 3 + r / 2)
     assert 3 + r / 2 <= r < 20
     with pytest.raises(Unbounded):
-        rounding_share._kept_to(lambda r: 1 + r)
+        rounding_share._fixed_point(lambda r: 1 + r)
 
 
 def test_rounding_at_first_is_within_a_twentieth_after_its_calls() -> None:

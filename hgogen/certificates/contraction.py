@@ -31,7 +31,7 @@ from hgogen.program import INF
 from hgogen.prove.convergence import Flow
 from hgogen.prove.inclusion import Facts, Inclusion, Nothing
 from hgogen.prove.inequality import ROWS, Contracts, Piece, Steps, all_shorter, farthest, unstable
-from hgogen.prove.questions import obeyed, theta_of
+from hgogen.prove.questions import error_inclusion, theta_of
 from hgogen.sentence import Down, Reason, Sentence, because, down, point, same, up
 from hgogen.step import Step, demand_step
 
@@ -94,7 +94,7 @@ def contraction(step: Step) -> Contraction:
 
 @lru_cache(maxsize=32)
 def _contraction(observer: Observer, method: Method, rule: str, dt: float, limit: float) -> Contraction:
-    error = obeyed(observer)
+    error = error_inclusion(observer)
     if isinstance(error, Nothing):
         return _unknown(observer, rule, dt, error.reason)
     if not isinstance(method, OnErrors):
@@ -109,15 +109,15 @@ def _contraction(observer: Observer, method: Method, rule: str, dt: float, limit
         return _unknown(observer, rule, dt, many, "Take a method of fewer stages, or validate by trials.")
     proof, far = steps.proved(h), reach(steps, h, limit)
     if proof is None:
-        return _unknown(observer, rule, dt, _why(observer, steps, h), _fix(far), far)
+        return _unknown(observer, rule, dt, _obstacle(observer, steps, h), _fix(far), far)
     pattern = "|e|_P falls at least like exp(-{rate} t), in {arithmetic} arithmetic"
     rate = because(pattern, rate=Down(proof.rate, 3), arithmetic=steps.at(h).arithmetic)
     facts = {"method": rule, "dt": proof.h, "alpha": proof.alpha, **proof.weights.written}
     known = claimed(observer, "step", _claim(observer, rule, dt), rate, error, facts)
-    return Contraction((known, *_beyond(observer, rule, steps, far)), proof.rate, far, proof)
+    return Contraction((known, *_neighbour_checks(observer, rule, steps, far)), proof.rate, far, proof)
 
 
-def _beyond(observer: Observer, rule: str, steps: Steps, far: Reach) -> Iterator[Check]:
+def _neighbour_checks(observer: Observer, rule: str, steps: Steps, far: Reach) -> Iterator[Check]:
     """Yield the proved checks of other step lengths and of other thetas."""
     reason = because("the inequality is a polynomial in dt, negative on the whole range, in rational arithmetic")
     if far.pieces:
@@ -159,12 +159,12 @@ def _unknown(
     return Contraction((Check(id, _claim(observer, rule, dt), Verdict.UNKNOWN, why, fix=fix),), None, far)
 
 
-def _why(observer: Observer, steps: Steps, h: Fraction) -> Reason:
+def _obstacle(observer: Observer, steps: Steps, h: Fraction) -> Reason:
     """Return why there is no proof at a step length: constant slopes with growing errors, else the main obstacle and
     its size."""
     slopes = unstable(steps.at(h))
     if slopes is None:
-        known, share = Flow(steps.error, steps.theta).obstacle(observer.form.states), enough(steps, h)
+        known, share = Flow(steps.error, steps.theta).obstacle(observer.form.states), sufficient_share(steps, h)
         if share is None:
             return known
         return because("{why}; one is with {share} of the ranges of all slopes of b", why=known, share=Down(share, 2))
@@ -206,7 +206,7 @@ def reach(steps: Steps, h: Fraction, limit: float) -> Reach:
     return Reach(longest, pieces, least, tuned)
 
 
-def enough(steps: Steps, h: Fraction) -> Fraction | None:
+def sufficient_share(steps: Steps, h: Fraction) -> Fraction | None:
     """Return, for a step without a proof, the largest share of the ranges of its slopes with which there is one; None
     for none. Raises: `NoSolver`."""
 

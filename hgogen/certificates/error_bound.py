@@ -27,7 +27,7 @@ from hgogen.analysis.maps import sided
 from hgogen.analysis.scaling import of_used
 from hgogen.certificates.contraction import claimed, contraction, running
 from hgogen.certificates.rounding_share import rounding_share
-from hgogen.certificates.start_set import NO_WAY, Running, Start, patient, room, start_of
+from hgogen.certificates.start_set import NO_WAY, Running, Start, restart_calls, room, start_of
 from hgogen.check import Check, ClaimId, Verdict
 from hgogen.form import Form
 from hgogen.method import OnErrors
@@ -54,13 +54,15 @@ def slopes_of_states(form: Form, errors: Sequence[Fraction]) -> Slopes:
         if state.name in form.names:
             continue
         try:
-            slopes[state.name] = _of_plant(form, state) if transformed(form) else _of_form(form, expression, errors)
+            slopes[state.name] = (
+                _slopes_on_plant(form, state) if transformed(form) else _slopes_on_form(form, expression, errors)
+            )
         except Unbounded:
             continue
     return slopes
 
 
-def _of_form(form: Form, expression: sp.Expr, errors: Sequence[Fraction]) -> tuple[Fraction, ...]:
+def _slopes_on_form(form: Form, expression: sp.Expr, errors: Sequence[Fraction]) -> tuple[Fraction, ...]:
     """Return the slopes of a state that is reported as an expression of z, which is clamped where the map turns.
     Raises: `Unbounded`."""
     where, (_, nonlinear) = form.box, linear_terms(expression, form.states)
@@ -70,7 +72,7 @@ def _of_form(form: Form, expression: sp.Expr, errors: Sequence[Fraction]) -> tup
     return _steepest(expression, form, where)
 
 
-def _of_plant(form: Form, state: sp.Symbol) -> tuple[Fraction, ...]:
+def _slopes_on_plant(form: Form, state: sp.Symbol) -> tuple[Fraction, ...]:
     """Return the slopes of a state that is reported as an expression of the states of the form's system. These are
     recovered from z, clamped to its ranges, and then clamped to theirs. Raises: `Unbounded`."""
     system, inverse = form.system, sided(form)
@@ -173,7 +175,7 @@ def error_bound(
         "disturbance": sizes("disturbance", disturbance, names_of(form.system.declared.states)),
         "parameters": sizes("parameters", parameters, names_of(form.system.parameters)),
     }
-    moving = _moving(step, rates)
+    moving = _input_rates(step, rates)
     known = contraction(step)
     if known.proof is None or not known.proof.alpha:
         return _unknown(step, known.checks[0].reason)
@@ -205,7 +207,7 @@ def signed(step: AnyStep, **bounds: Any) -> AnyStep:
     return replace(step, signed=error_bound(step, **bounds).signed)
 
 
-def _moving(step: Step, rates: Each) -> tuple[Fraction | None, ...]:
+def _input_rates(step: Step, rates: Each) -> tuple[Fraction | None, ...]:
     """Return the largest speed of each input between samples, None where it is unknown. Raises: `BadNames`,
     `BadGain`."""
     inputs = step.observer.form.system.inputs
@@ -245,7 +247,7 @@ def _error_inputs(plant: PlantStep, most: Mapping[str, Sequence[Fraction]]) -> d
 def _bounded(
     step: Step, proof: Contracts, plant: PlantStep, most: Mapping[str, Sequence[Fraction]], real: Real | None
 ) -> ErrorBound:
-    """Raises: `Unbounded`, `NoSolver`."""
+    """Return the bound from the shares of all inputs. Raises: `Unbounded`, `NoSolver`."""
     assert isinstance(step.method, OnErrors)  # the contraction is proved
     error_inputs, error = _error_inputs(plant, most), proof.steps.error
     scales, heads = error.scales(proof.steps.theta), heads_of(plant.form)
@@ -260,7 +262,8 @@ def _bounded(
     each_sample = zip(*(one.sizes.samples for one in error_inputs.values() if one.sizes.samples), strict=True)
     samples = [sum(each, Fraction(0)) for each in each_sample] or [Fraction(0)] * len(plant.form.output)
     start, early = start_of(step.observer, proof.steps), _totals(fields, shares)
-    begun, calls, start_residual = _begun(running, start, early), 0, {k: _CLOSE * early[k] for k in error.layout.picks}
+    begun, calls = _start_multiple(running, start, early), 0
+    start_residual = {k: _CLOSE * early[k] for k in error.layout.picks}
     if real:
         if isinstance(begun, Nothing):
             raise Unbounded(because("how much is rounded is not known: {why}", why=begun.reason))
@@ -268,7 +271,7 @@ def _bounded(
         early = {k: early[k] + rounding.early[k] for k in fields}
         calls, start_residual = rounding.calls, {**rounding.start_residual}
         shares.append(rounding.share)
-        begun = _begun(running, start, early)
+        begun = _start_multiple(running, start, early)
         if isinstance(begun, Nothing):
             raise Unbounded(because("with what is rounded at first, {why}", why=begun.reason))
     return _stated(running, shares, begun, room(running, samples, early), start_residual, calls)
@@ -293,7 +296,7 @@ def _totals(fields: Sequence[int], shares: Sequence[Share]) -> dict[int, Fractio
     return {k: sum((share.bound(k) for share in shares), Fraction(0)) for k in fields}
 
 
-def _begun(
+def _start_multiple(
     running: Running, start: Start | Nothing, totals: Mapping[int, Fraction]
 ) -> tuple[Start, Fraction] | Nothing:
     """Return the start, and the multiple of its initial errors with which the estimate reaches no limit under the
@@ -344,7 +347,7 @@ def _stated(
     states = [*zip(names, form.states, strict=True), *((x.name, x) for x, _ in form.estimates if x.bounded)]
     widths = {x: number(Fraction(z.interval[1]) - Fraction(z.interval[0]))[0] for x, z in reversed(states)}
     beyond = [x for x, most in bounds.items() if most > widths.get(x, math.inf)]
-    vain = [_beyond(x, bounds[x], widths[x], {what: sizes[x] for what, sizes in parts.items()}) for x in beyond]
+    vain = [_useless_bound(x, bounds[x], widths[x], {what: sizes[x] for what, sizes in parts.items()}) for x in beyond]
     bounds, *sizes = ({x: y for x, y in each.items() if x not in beyond} for each in (bounds, *parts.values()))
     if not bounds:
         method = all(max(parts, key=lambda what: parts[what][x]) == "method" for x in beyond)
@@ -362,7 +365,7 @@ def _stated(
     ]
     pattern = "{each:; }; while the plant keeps {margins} clear of the ends of its ranges"
     bounded_states = because(pattern, each=[*each, *vain], margins=[Up(value, 2) for value in margins.values()])
-    reason = joined(bounded_states, _from(step, settled, multiple), NONE if alone else because(_GUARDS))
+    reason = joined(bounded_states, _settling(step, settled, multiple), NONE if alone else because(_GUARDS))
     facts = {"method": step.code.rule, "dt": Fraction(step.dt), "shares": [share.written for share in shares]}
     check = claimed(step.observer, "error", _claim(step, list(bounds) if vain else ()), reason, running.error, facts)
     return ErrorBound(
@@ -389,7 +392,7 @@ def _settled(
     if isinstance(begun, Nothing):
         return Signed(unsettled=begun.reason), None, room == {}
     start, multiple = begun
-    alone = room is not None and _calls(running, start, multiple, room) < patient(running.step)
+    alone = room is not None and _calls(running, start, multiple, room) < restart_calls(running.step)
     first = zip(running.plant.form.names, start.first, strict=True)
     signed_start = Signed(
         settles=running.step.dt * (_calls(running, start, multiple, residual) + calls),
@@ -399,7 +402,7 @@ def _settled(
     return signed_start, multiple, alone or room == {}
 
 
-def _beyond(state: str, bound: float, width: float, parts: Mapping[str, float]) -> Sentence:
+def _useless_bound(state: str, bound: float, width: float, parts: Mapping[str, float]) -> Sentence:
     """Return the sentence that a bound is useless, with its largest cause."""
     what = max(parts, key=lambda each: parts[each])
     pattern = "{state} is unknown, as {bound} is more than its range is wide, {width}, and {what} alone has {size}"
@@ -408,7 +411,7 @@ def _beyond(state: str, bound: float, width: float, parts: Mapping[str, float]) 
     )
 
 
-def _from(step: Step, settled: Signed, multiple: Fraction | None) -> Reason:
+def _settling(step: Step, settled: Signed, multiple: Fraction | None) -> Reason:
     """Return the sentence with the time from which the bound holds, and the initial errors."""
     if settled.settles is None or multiple is None:
         pattern = "once what is left of the start has decayed, for which no time is proved: {why}"

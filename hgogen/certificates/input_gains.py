@@ -27,7 +27,15 @@ from hgogen.prove.convergence import Falls, Flow
 from hgogen.prove.inclusion import NO_SCALES, Inclusion, Nothing, Uncertain, state_row
 from hgogen.prove.inequality import Contracts, Inputs, pushed
 from hgogen.prove.quadratic import floats, inverse_root, rational, stacked
-from hgogen.prove.questions import Driven, InputBound, input_bound, l2_bound, obeyed, step_input_bound, theta_of
+from hgogen.prove.questions import (
+    Driven,
+    InputBound,
+    error_inclusion,
+    input_bound,
+    l2_bound,
+    step_input_bound,
+    theta_of,
+)
 from hgogen.reading.given import Each, in_order, names_of, sizes
 from hgogen.rigor.box import exact
 from hgogen.rigor.outward import number
@@ -209,7 +217,7 @@ def _known(observer: Observer, noise: Each, disturbance: Each) -> _Known | Reaso
     form, system = observer.form, observer.form.system
     noises = of_used(form, sizes("noise", noise, names_of(system.outputs)))
     disturbed = sizes("disturbance", disturbance, names_of(system.declared.states))
-    error = obeyed(observer)
+    error = error_inclusion(observer)
     if isinstance(error, Nothing):
         return error.reason
     if not any((*noises, *disturbed)):

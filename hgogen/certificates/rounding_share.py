@@ -244,9 +244,9 @@ class _Writer:
             raise Unsure("a constant that is no number")
         value = Fraction(number)
         candidates = [_number(value.limit_denominator(_SIMPLE)), _number(Fraction(repr(number)))]
-        nearest = min(self.known, key=lambda known: _off(known, value), default=candidates[0])
+        nearest = min(self.known, key=lambda known: _distance(known, value), default=candidates[0])
         most = abs(value) * Fraction(FOLDED, 2**53)
-        return next(known for known in (nearest, *candidates) if _off(known, value) <= most)
+        return next(known for known in (nearest, *candidates) if _distance(known, value) <= most)
 
     def call(self, function: Graph, columns: Columns, body: Callable[[Columns], Columns]) -> Columns:
         results = body(columns)
@@ -267,7 +267,7 @@ class _Writer:
         return self.statements.setdefault(statement, Operand(f"v{len(self.statements) + 1}"))
 
 
-def _off(known: Operand, value: Fraction) -> Fraction:
+def _distance(known: Operand, value: Fraction) -> Fraction:
     assert known.number is not None
     return abs(known.number - value)
 
@@ -307,12 +307,12 @@ def _as_is(values: list[Operand]) -> list[Operand]:
     return values
 
 
-def _sorted(values: list[Operand]) -> list[Operand]:
+def _numbers_last(values: list[Operand]) -> list[Operand]:
     """Return the values with numbers last, for operations with any order."""
     return sorted(values, key=lambda each: each.number is not None)
 
 
-def _after(number: int) -> Order:
+def _number_first(number: int) -> Order:
     """Return the order with a number first."""
     return lambda values: [_number(Fraction(number)), *values]
 
@@ -327,11 +327,11 @@ _WORDS: Mapping[int, tuple[str, Order]] = {
     ca.OP_DIV: ("div", _as_is),
     ca.OP_NEG: ("neg", _as_is),
     ca.OP_SQ: ("square", _as_is),
-    ca.OP_TWICE: ("mul", _after(2)),
-    ca.OP_INV: ("div", _after(1)),
+    ca.OP_TWICE: ("mul", _number_first(2)),
+    ca.OP_INV: ("div", _number_first(1)),
     ca.OP_FABS: ("Abs", _as_is),
-    ca.OP_FMIN: ("Min", _sorted),
-    ca.OP_FMAX: ("Max", _sorted),
+    ca.OP_FMIN: ("Min", _numbers_last),
+    ca.OP_FMAX: ("Max", _numbers_last),
     ca.OP_SQRT: ("sqrt", _as_is),
     **dict.fromkeys(_POWERS, ("pow", _as_is)),
     **{getattr(ca, f"OP_{name.upper()}"): (name, _as_is) for name in _FUNCTIONS},
@@ -365,7 +365,7 @@ def rounding_share(
     """Return the share of a program in a working precision, in addition to the others, for initial errors of `multiple`
     times those that the ranges allow, and sample errors of at most `samples` (p). Raises: `Unbounded`, `NoSolver`."""
     every, plant = range(len(start.scales)), running.plant
-    parts = [_of_share(share.unit, share.proofs, start.scales) for share in shares]
+    parts = [_field_bounds(share.unit, share.proofs, start.scales) for share in shares]
     others = {k: sum((part[k] for part in parts), Fraction(0)) for k in every}
     begins = running.begins(start, every)
     scale, speeds = min(multiple, Fraction(1)), plant.stated_speeds
@@ -377,14 +377,14 @@ def rounding_share(
     wide = {k: others[k] + scale * begins[k] for k in every}
     first = sizes.sizes(wide)
     _, bounds = _bounded(running, first)
-    most = _kept_to(lambda r: _times(sizes.sizes({k: wide[k] + r * bounds[k] for k in every}), first))
+    most = _fixed_point(lambda r: _ratio(sizes.sizes({k: wide[k] + r * bounds[k] for k in every}), first))
     early = {k: most * bounds[k] for k in every}
     within = {k: _ROOM * others[k] + (1 + CLOSE) * early[k] for k in every}
     later = sizes.sizes(within)
     proofs, bounds = _bounded(running, later)
     residual = {k: CLOSE * (others[k] + min(bounds[k], early[k])) for k in every}
     falls = min(one.alpha for one in proofs.values()) * running.proof.h
-    calls = _calls(float(most * _times(first, later)), float(falls))
+    calls = _calls(float(most * _ratio(first, later)), float(falls))
     share = Share("rounding", later, later.largest, proofs, sizes.follows([within[k] for k in every]))
     return RoundingShare(share, early, residual, calls)
 
@@ -395,17 +395,17 @@ def _bounded(running: Running, sizes: Sizes) -> tuple[dict[int, InputBound], dic
     known = running.bounds(sizes)
     if known is None:
         raise Unbounded(because("no bound is found of what rounding does"))
-    return known, _of_share(sizes.largest, known, running.scales)
+    return known, _field_bounds(sizes.largest, known, running.scales)
 
 
-def _times(more: Sizes, less: Sizes) -> Fraction:
+def _ratio(more: Sizes, less: Sizes) -> Fraction:
     """Return the largest ratio of `more` to `less` over the fields. Raises: `Unbounded`."""
     if not all(less.fields):
         raise Unbounded(because("a field is not rounded"))
     return max(x / y for x, y in zip(more.fields, less.fields, strict=True))
 
 
-def _kept_to(times: Callable[[Fraction], Fraction]) -> Fraction:
+def _fixed_point(times: Callable[[Fraction], Fraction]) -> Fraction:
     """Return an r with times(r) <= r. Raises: `Unbounded`."""
     r = Fraction(1)
     for _ in range(_ROUNDS):
@@ -423,7 +423,7 @@ def _calls(ratio: float, falls: float) -> int:
     return max(0, math.ceil(math.log(max(1.0, (ratio**2 - 1) / target)) / -math.log1p(-falls) * _UP))
 
 
-def _of_share(unit: Fraction, proofs: Mapping[int, InputBound], scales: Sequence[Fraction]) -> dict[int, Fraction]:
+def _field_bounds(unit: Fraction, proofs: Mapping[int, InputBound], scales: Sequence[Fraction]) -> dict[int, Fraction]:
     """Return the bound of each field for inputs in a unit: by its own proof, else the least by the norms of other
     fields."""
     P = [rational(one.weights.P) for one in proofs.values()]
@@ -445,7 +445,7 @@ class _Sizing:
 
     def sizes(self, errors: Sized) -> Sizes:
         """Return the sizes for these errors. Raises: `Unbounded`."""
-        rounded = [self._on(ranges, errors) for ranges in self._pieces]
+        rounded = [self._on_piece(ranges, errors) for ranges in self._pieces]
         each = zip(zip(*rounded, strict=True), self._remembered, strict=True)
         return Sizes(fields=tuple(max(rhos) * e * SUMMED / Fraction(self.running.step.dt) for rhos, e in each))
 
@@ -467,7 +467,7 @@ class _Sizing:
             "after": listing.after,
         }
 
-    def _on(self, ranges: Sequence[Side], errors: Sized) -> list[Fraction]:
+    def _on_piece(self, ranges: Sequence[Side], errors: Sized) -> list[Fraction]:
         """Return the rounding errors on a piece by field. Raises: `Unbounded`."""
         layout, balls = self.running.error.layout, []
         for k, (i, fed, e) in enumerate(zip(layout.index, layout.fed, self._remembered, strict=True)):

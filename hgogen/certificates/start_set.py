@@ -184,7 +184,7 @@ def _first(observer: Observer, error: Inclusion) -> list[Fraction] | Nothing:
     begins = _in_form(observer, error, [value for field in _fields(observer) for value in field.initial])
     first = []
     for i, state in enumerate(observer.form.states):
-        (low, high), values = map(Fraction, state.interval), [begins[k] for k in _of(error, i)]
+        (low, high), values = map(Fraction, state.interval), [begins[k] for k in _estimating(error, i)]
         rounded = _ROUNDED * max(map(abs, values))
         if max(values) - min(values) > rounded:
             return Nothing(because("the fields that estimate {state} do not begin alike", state=state))
@@ -200,13 +200,13 @@ def _limits(observer: Observer, error: Inclusion) -> dict[int, Fraction]:
     limits = {}
     for i, state in enumerate(observer.form.states):
         low, high = map(Fraction, state.interval)
-        for k in _of(error, i):
+        for k in _estimating(error, i):
             bottom, top = sorted((ends[0][k], ends[1][k]))
             limits[k] = min(low - bottom, top - high) * (1 - _ROUNDED)
     return limits
 
 
-def _of(error: Inclusion, state: int) -> list[int]:
+def _estimating(error: Inclusion, state: int) -> list[int]:
     """Return the fields that estimate a state of the form."""
     layout = error.layout
     return [k for k, (i, fed) in enumerate(zip(layout.index, layout.fed, strict=True)) if fed and i == state]
@@ -246,7 +246,7 @@ def room(running: Running, samples: Sequence[Fraction], totals: Mapping[int, Fra
     return slack if all(x > 0 for x in slack.values()) else None
 
 
-def patient(step: Step) -> int:
+def restart_calls(step: Step) -> int:
     """Return the number of calls that a sign of a lost estimate may last before the estimate restarts."""
     return min((math.floor(sign.time / step.dt * (1 - 1e-9)) for sign in step.code.signs), default=0)
 

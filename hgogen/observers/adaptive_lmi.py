@@ -37,9 +37,9 @@ from hgogen.prove.adaptive_design import adaptive_gain
 from hgogen.prove.error_models import on_integrators, plain
 from hgogen.prove.inclusion import Nothing
 from hgogen.prove.varying_gain import (
+    Assumptions,
     Candidate,
     Disturbance,
-    Given,
     Law,
     VaryingGain,
     candidate,
@@ -155,7 +155,7 @@ def adaptive_lmi(
     disturbed = None if disturbance is None else as_disturbance(disturbance, chain.n)
     extent = Fraction(low), Fraction(high)
     driven = None if disturbed is None else _driven(chain, design, extent, disturbed)
-    guarantees = Given(*extent, k, reason, disturbed, proved, driven)
+    guarantees = Assumptions(*extent, k, reason, disturbed, proved, driven)
     law = Law("gamma_inf", low, design.sigma, easing=False, b=Fraction(1), P=np.array(design.P, dtype=float))
     facts = checks("adaptive_lmi", design, guarantees)
     demand((*form.checks, *facts), accept, form, _MOVING)

@@ -174,7 +174,7 @@ class Flow:
     @cached_property
     def fastest(self) -> Falls | None:
         """A proof at theta with a rate close to the largest; None where none is found."""
-        theta, weights = self.theta, self._known
+        theta, weights = self.theta, self._weights_at_theta
         if weights is None:
             return None
         most, alpha = self._most, Fraction(0)
@@ -190,7 +190,7 @@ class Flow:
         none is found."""
         thetas = (self.theta * FACTOR**k for k in range(1, TIMES))
         later = ((theta, weights) for theta in thetas if (weights := self._weights(theta)) is not None)
-        first = (self.theta, self._known) if self._known is not None else next(later, None)
+        first = (self.theta, self._weights_at_theta) if self._weights_at_theta is not None else next(later, None)
         if first is None:
             return None
         theta, weights = first
@@ -216,19 +216,19 @@ class Flow:
         )
 
     @cached_property
-    def _known(self) -> Any:
+    def _weights_at_theta(self) -> Any:
         """The weights at theta; None where there are none, or where an error does not decay at constant slopes."""
         return self._weights(self.theta) if self.slowest[0] < 0 else None
 
     @cached_property
-    def _moving(self) -> Callable[[Fraction], Uncertain]:
+    def _system(self) -> Callable[[Fraction], Uncertain]:
         """The function that returns the system of the error at a theta; it caches the last ones, as each is used at
         several rates."""
         return lru_cache(maxsize=_THETAS)(self.error.at)
 
     def _slowest(self, theta: Fraction) -> tuple[float, Array]:
         """Return the largest real part of an eigenvalue over the corners that are tried, and its corner."""
-        e = self._moving(theta).floats
+        e = self._system(theta).floats
         d = np.array(self.error.hull, dtype=float) if self.error.hull else corners(e.G.shape[1])
         parts = np.linalg.eigvals(e.M + (e.G * d[:, None]) @ e.H).real.max(axis=1)
         return float(parts.max()), d[parts.argmax()]
@@ -355,10 +355,10 @@ class Flow:
         return P, np.linalg.norm(P @ forms[0].pairs[0][1][:, n:], axis=0)
 
     def _exactly(self, theta: Fraction, alpha: Fraction) -> tuple[Quadratic, ...]:
-        return self._forms(self._moving(theta), theta, alpha)
+        return self._forms(self._system(theta), theta, alpha)
 
     def _floats(self, theta: Fraction, alpha: Fraction) -> tuple[Quadratic, ...]:
-        return self._forms(self._moving(theta).floats, theta, float(alpha))
+        return self._forms(self._system(theta).floats, theta, float(alpha))
 
     def _forms(self, e: Uncertain, theta: Fraction, alpha: Any) -> tuple[Quadratic, ...]:
         return tuple(self.variation.forms(e, theta, alpha, self.error.hull))

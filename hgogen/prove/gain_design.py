@@ -44,7 +44,7 @@ from hgogen.prove.error_models import with_gains
 from hgogen.prove.inclusion import Inclusion, Nothing, Slope, Uncertain
 from hgogen.prove.inequality import ends, flow, pushed
 from hgogen.prove.quadratic import Array, Quadratic
-from hgogen.prove.questions import Bounds, bounds, named, together_in_floats
+from hgogen.prove.questions import Bounds, bounds, joint_bound_in_floats, named
 from hgogen.prove.semidefinite import CLOSER, Rows, affine, definite, entries, reaching, solved, symmetric
 from hgogen.reading.given import BadGain, Each, Misfit, cached, each_by_name, names_of, positive
 from hgogen.sentence import NONE, Down, Reason, Sentence, Up, because, same
@@ -278,7 +278,7 @@ class Search:
             middle = (low + high) / 2
             one = self._at(middle, noisy)
             low, high, best = (low, middle, one) if one else (middle, high, best)
-        noise_bound = together_in_floats(
+        noise_bound = joint_bound_in_floats(
             best.flow.error, self.sizes, self.task.rows, best.falls, 2 * noisy, self.task.fastest
         )
         return replace(best, noise_bound=min(noise_bound, _LARGE))

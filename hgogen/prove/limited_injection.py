@@ -234,7 +234,7 @@ class LimitedInjection(Flow):
         return next(filter(None, (self._proof(one, theta, alpha) for one in holding)), None)
 
     @cached_property
-    def _known(self) -> Decay | None:
+    def _weights_at_theta(self) -> Decay | None:
         """The V that decreases at theta, one with a rate if possible."""
         return self._weights(self.theta, self._most * SLOW) or self._weights(self.theta)
 

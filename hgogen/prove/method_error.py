@@ -140,7 +140,6 @@ def _kernel(end: Fraction, weights: Column, places: Column) -> Fraction:
 
 _SECOND, _THIRD = 2, 3  # order of the Taylor coefficient of a line
 _DENOMINATOR = 10_000  # the largest denominator of a tableau's coefficients
-_NONE = Fraction(0)
 _LITTLE = Fraction(1, 1000)  # remainder over the plant's speed, below which cells are not cut
 _NO_REMAINDER = "the method's remainder has no bound on the ranges: {flow}"
 
@@ -176,9 +175,9 @@ class StageDeviation:
         """Return, by stage (s), the largest difference between the line through two samples of an output and the output
         at the stage. Raises: `Unbounded`."""
         (a, _, _), moving = self._coefficients, (*self.plant.stated_speeds, *self.plant.input_rates)
-        second_rate = sum((x * most for x, most in zip(self._output_steepness[output], moving, strict=True)), _NONE)
-        away = [sum(map(abs, row), _NONE) for row in a]  # distance of a stage from the start, over h sup|F|
-        shares = [sum((abs(w) * far for w, far in zip(row, away, strict=True)), _NONE) for row in self._line_weights]
+        second_rate = sum((x * most for x, most in zip(self._output_steepness[output], moving, strict=True)), _ZERO)
+        away = [sum(map(abs, row), _ZERO) for row in a]  # distance of a stage from the start, over h sup|F|
+        shares = [sum((abs(w) * far for w, far in zip(row, away, strict=True)), _ZERO) for row in self._line_weights]
         sizes = [self.plant.h**2 * share * second_rate for share in shares]
         for i, third in zip(self._cubic, self._lines[output], strict=False):
             sizes[i] = min(sizes[i], self.plant.h**_THIRD * third)
@@ -193,14 +192,14 @@ class StageDeviation:
         """The remainder in each row of the form, by the order that gives the least (n). Raises: `Unbounded`."""
         known, plant = self._known, self.plant
         rows = [known.rows(plant.h)] if known else []
-        if not known or known.weight(plant.h, self._little) > 1:
+        if not known or known.weight(plant.h, self._negligible) > 1:
             moving = (*plant.stated_speeds, *plant.input_rates)
             terms = (sp.Add.make_args(row) for row in plant.flow)
             linear = [all(term.is_number or term.as_coeff_Mul()[1].is_Symbol for term in row) for row in terms]
             sizes = lipschitz_remainder(plant.h, *self._coefficients, self._steepness, moving, linear)
             if sizes is None:
                 raise Unbounded(because(_NO_REMAINDER, flow=plant.flow))
-            rows += [tuple(Row(0, _NONE, _NONE, size) for size in sizes)]
+            rows += [tuple(Row(0, _ZERO, _ZERO, size) for size in sizes)]
         return tuple(min(each, key=lambda row: row.size) for each in zip(*rows, strict=True))
 
     @cached_property
@@ -252,15 +251,14 @@ class StageDeviation:
     @cached_property
     def _cells(self) -> "Subdivision[Coefficients] | None":
         """The ranges in cells, cut until the remainder is small against the speed of the plant. Raises: `Unbounded`."""
-        weight = partial(Coefficients.weight, h=self.plant.h, little=self._little)
-        return subdivided(self.plant.read, self._on, weight)
+        weight = partial(Coefficients.weight, h=self.plant.h, little=self._negligible)
+        return subdivided(self.plant.read, self._on_cell, weight)
 
     @cached_property
-    def _little(self) -> tuple[Fraction, ...]:
+    def _negligible(self) -> tuple[Fraction, ...]:
         return tuple(_LITTLE * speed for speed in self.plant.stated_speeds)
 
-    def _on(self, cell: Ranges) -> "Coefficients | None":
-        """Return the coefficients on a cell."""
+    def _on_cell(self, cell: Ranges) -> "Coefficients | None":
         last, c = self.tableau.order + 2, self._coefficients[2]
         try:
             flow, (stages, end) = self.plant.series(last, cell), self._step_series(cell)
@@ -368,19 +366,19 @@ class CoreDeviation:
     theta: Fraction
     smooth: bool = True
 
-    def error_input(self, realisation: inequality.Realisation, leaves: "Leaves") -> ErrorInput:
+    def error_input(self, realisation: inequality.Realisation, local: "LocalError") -> ErrorInput:
         """Return the deviation of each field of an estimate that begins at the plant's own state, and the facts from
         which it follows. Raises: `Unbounded`."""
         self._demand_chain()
         try:
-            return self._by_derivatives(realisation, leaves)
+            return self._by_derivatives(realisation, local)
         except Unbounded:
-            return replace(self, smooth=False)._by_derivatives(realisation, leaves)
+            return replace(self, smooth=False)._by_derivatives(realisation, local)
 
-    def _by_derivatives(self, realisation: inequality.Realisation, leaves: "Leaves") -> ErrorInput:
+    def _by_derivatives(self, realisation: inequality.Realisation, local: "LocalError") -> ErrorInput:
         """Return the deviation by derivatives of the flow and of b, or by Lipschitz constants. Raises: `Unbounded`."""
         with ctx.workprec(BALLS):
-            weight, alpha = np.abs(realisation(self.L, self.plant.h)[1]) * self.h, leaves.alpha(self)
+            weight, alpha = np.abs(realisation(self.L, self.plant.h)[1]) * self.h, local.alpha(self)
             ahead = alpha + weight @ np.abs(self.lifted) @ self.most(1, self.plant.nonlinear_part) * self.h
             e = self.obeyed
             slopes = np.abs(e.M - e.core) + np.abs(e.G) @ np.abs(e.H)  # bound of the slopes outside of the core
@@ -388,17 +386,17 @@ class CoreDeviation:
             if not all(arb(x).is_finite() for x in total):
                 raise Unbounded(because("its core turns too fast for a step of {h}", h=float(self.plant.h)))
             sizes = Sizes(fields=tuple(magnitude(arb(x)) * _BARELY / self.plant.h for x in total))
-        return ErrorInput(sizes, self._follows(leaves))
+        return ErrorInput(sizes, self._follows(local))
 
-    def _follows(self, leaves: "Leaves") -> Evidence:
+    def _follows(self, local: "LocalError") -> Evidence:
         flow, nonlinear = self.plant.flow, self.plant.nonlinear_part
         known = {"rates": self.plant.input_rates, "speeds": self.plant.stated_speeds}
         if not self.smooth:
             return {**known, "flow": [], "rest": [], "steepness": [self.plant.steep(flow), self.plant.steep(nonlinear)]}
         return {
             **known,
-            "flow": self._derivatives(leaves.flow, flow),
-            "rest": tuple(self._derivatives(order, nonlinear) for order in range(1, leaves.nonlinear + 1)),
+            "flow": self._derivatives(local.flow, flow),
+            "rest": tuple(self._derivatives(order, nonlinear) for order in range(1, local.nonlinear + 1)),
             "steepness": [],
         }
 
@@ -470,7 +468,7 @@ class CoreDeviation:
 
 
 @dataclass(frozen=True)
-class Leaves:
+class LocalError:
     """The error of a realisation whose nonlinear part is known at both ends of a step: the sizes of `alpha` (N), from
     the time derivative of z' of the order `flow`, and from those of b up to the order `nonlinear`; every realisation
     uses the first of b."""
@@ -496,8 +494,8 @@ def by_matrix_exponential(step: CoreDeviation) -> Array:
     return np.asarray(driven + any_of_it @ turned @ np.abs(step.lifted) @ rates * step.h**2)
 
 
-BILINEAR = Leaves(2, 1, by_bilinear_rule)
-EXPONENTIAL = Leaves(1, 2, by_matrix_exponential)
+BILINEAR = LocalError(2, 1, by_bilinear_rule)
+EXPONENTIAL = LocalError(1, 2, by_matrix_exponential)
 
 
 def _integral(L: Array, h: Fraction, source: Array) -> Array:

@@ -44,8 +44,8 @@ from hgogen.rigor.tape import NoTape, tape
 from hgogen.sentence import because
 
 _LOOSE = Fraction(1001, 1000)  # factor on a supremum, so that a weaker arithmetic proves it
+_ZERO = Fraction(0)
 SUMMED = 1 + Fraction(1, 10**9)  # factor on a number that another arithmetic rounds differently
-_NONE = Fraction(0)
 Rows = tuple[tuple[Fraction, ...], ...]
 # of a series; ValueError where FLINT divides by a ball around 0
 UNKNOWN = Undecided, ZeroDivisionError, ValueError, NoTape
@@ -235,7 +235,7 @@ class PlantStep:
             if rate is None and u in read:
                 pattern = 'how fast {u} moves between samples is not known: give rates={{"{u}": ..}}, or hold it there'
                 raise Unbounded(because(pattern, u=u.name))
-            input_rates.append(rate if rate and u in read else _NONE)
+            input_rates.append(rate if rate and u in read else _ZERO)
         return tuple(input_rates)
 
     def largest(self, expression: sp.Expr) -> Fraction:
@@ -285,15 +285,8 @@ def steepness_in(expression: sp.Expr, p: sp.Symbol, where: Box) -> Fraction:
     return Fraction(known.high)
 
 
-_NOTHING = Fraction(0)
-ERROR_INPUTS = (
-    "noise",
-    "rounded",
-    "late",
-    "disturbance",
-    "parameters",
-    "rates",
-)  # whose sizes a user declares
+# inputs whose sizes a user declares
+ERROR_INPUTS = ("noise", "rounded", "late", "disturbance", "parameters", "rates")
 
 
 Heads = Mapping[int, tuple[int, Fraction]]  # by an output's place: the place of the state that it measures, and dy/dz
@@ -324,7 +317,7 @@ class Sizes:
     def largest(self) -> Fraction:
         """The largest size, whatever its unit."""
         stages = (x for row in self.stages for x in row)
-        return max((*self.samples, *stages, *self.deviation, *self.fields), default=_NOTHING)
+        return max((*self.samples, *stages, *self.deviation, *self.fields), default=_ZERO)
 
     def over(self, size: Fraction) -> "Sizes":
         """Return the sizes in units of a size > 0."""

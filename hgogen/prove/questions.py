@@ -45,7 +45,7 @@ from hgogen.prove.quadratic import (
     inverse_root,
     rational,
 )
-from hgogen.prove.semidefinite import Solution, cheapest, holding, settled, shortest, together
+from hgogen.prove.semidefinite import Solution, cheapest, norm_limits, settled, shortest, sum_limit
 from hgogen.reading.given import names_of
 from hgogen.rigor.definite import fraction, number, root
 from hgogen.rigor.outward import number as outward
@@ -101,7 +101,7 @@ def input_bound(bounded: Bounded, W: Array | None, q: int, c: Array, most: Fract
         tried[alpha] = float(root(Fraction(square))) if 0 < square < _LARGE else _LARGE
         return tried[alpha]
 
-    _walk(bound)
+    _search_shares(bound)
     proofs = (bound_at(bounded, coordinates, q, c, alpha) for alpha in sorted(tried, key=tried.__getitem__))
     return next(filter(None, proofs), None)
 
@@ -112,7 +112,7 @@ def step_input_bound(proof: Contracts, inputs: Inputs, c: Array) -> InputBound |
     return input_bound(lambda alpha: (step.driven(alpha, inputs),), proof.steps.coordinates, q, c, proof.alpha)
 
 
-def _walk(bound: Callable[[Fraction], float]) -> None:
+def _search_shares(bound: Callable[[Fraction], float]) -> None:
     """Try shares of the rate upwards while the bound falls, else downwards."""
     least = bound(_SHARES[_FIRST])
     for way in (_SHARES[_FIRST + 1 :], _SHARES[:_FIRST][::-1]):
@@ -156,7 +156,7 @@ def weights_in_floats(
         """Return the solution in these coordinates, with the inputs in a unit in which x is near 1."""
         unit = alpha / float(np.linalg.norm((np.linalg.inv(W) @ forms[0].pairs[0][1])[:, -q:]))
         view = View(forms, W, np.append(even(forms[0], W)[:-q], [unit] * q))
-        return shortest(view, rows @ W, together(forms[0], q, float(_SHARE) * alpha), margin, unit, _INPUTS)
+        return shortest(view, rows @ W, sum_limit(forms[0], q, float(_SHARE) * alpha), margin, unit, _INPUTS)
 
     return settled(sought_in, W)
 
@@ -188,7 +188,7 @@ def confined(proof: Contracts, corners: Array, rows: Mapping[int, Array]) -> Con
         """Return the solution in these coordinates, with corners near 1."""
         begins = starts @ np.linalg.inv(W).T
         far = float(np.linalg.norm(begins, axis=1).max())
-        limits = holding(of, begins / far)
+        limits = norm_limits(of, begins / far)
         return shortest(View((of,), W, even(of, W)), reads @ W, limits, margin, 1 / far, _START)
 
     exactly = confirmed((form,), lambda margin: settled(lambda W: sought_in(W, margin), W))
@@ -269,7 +269,7 @@ def l2_bound(each: Sequence[Driven], W: Array, growing: Array | None = None) -> 
 # --- noise in continuous time
 
 
-def obeyed(observer: Observer) -> Inclusion | Nothing:
+def error_inclusion(observer: Observer) -> Inclusion | Nothing:
     """Return the inclusion of the error of an observer of a constant injection, or why there is none."""
     known: Inclusion | Nothing | None = observer.error
     why = "the proof is for a constant injection: high_gain, filtered and the like, on chains"
@@ -287,7 +287,7 @@ def noise_bounds(observer: Observer) -> Bounds | Nothing:
     """Return, by the names of a state of the form and of an output, the largest error of the state for noise of at most
     1 in the output, in continuous time, at the declared gains of an observer of a constant injection; or why that is
     not known. Raises: `NoSolver`."""
-    error = obeyed(observer)
+    error = error_inclusion(observer)
     if isinstance(error, Nothing):
         return error
     flow = Flow(error, theta_of(observer))
@@ -310,7 +310,7 @@ def bounds(flow: Flow, falls: Falls) -> Mapping[tuple[int, int], float] | Reason
     if scales is None:
         return NO_SCALES
     e, W = error.at(flow.theta), inverse_root(floats(rational(falls.weights.P)))
-    e, picks, every = _over(e, number(falls.alpha)), list(enumerate(error.layout.picks)), range(e.B.shape[1])
+    e, picks, every = _rescaled(e, number(falls.alpha)), list(enumerate(error.layout.picks)), range(e.B.shape[1])
     known = {(i, j): 0.0 for i, _ in picks for j in every}  # 0 for an output that is not injected
     for j in np.flatnonzero(np.vstack([e.B, e.E]).any(axis=0)).tolist():
         alone = e.driven_by(np.eye(len(every), dtype=int)[:, [j]])
@@ -326,7 +326,7 @@ def bounds(flow: Flow, falls: Falls) -> Mapping[tuple[int, int], float] | Reason
     return known
 
 
-def together_in_floats(
+def joint_bound_in_floats(
     error: Inclusion, sizes: Array, rows: Array, falls: Falls, alpha: float, fastest: float
 ) -> float:
     """Return the largest |c z| over the `rows` c (r, n), z the errors of the form's states, under noise of all outputs
@@ -338,7 +338,7 @@ def together_in_floats(
     scales = error.scales(falls.theta)
     assert scales is not None
     e, W = error.at(falls.theta).floats, inverse_root(floats(rational(falls.weights.P)))
-    e, least = _over(e.driven_by(np.diag(sizes)), alpha), float("inf")
+    e, least = _rescaled(e.driven_by(np.diag(sizes)), alpha), float("inf")
     rows = rows @ np.array([floats(state_row(scales, k)[None])[0] for k in error.layout.picks])
     for share in _TRIED:
         candidate = weights_in_floats(driven(e, share, error.hull), rows, share, W, len(sizes), _MARGIN)
@@ -349,7 +349,7 @@ def together_in_floats(
     return least
 
 
-def _over(e: Uncertain, pace: Any) -> Uncertain:
+def _rescaled(e: Uncertain, pace: Any) -> Uncertain:
     """Return the system in a time that runs `pace` times as fast, so that rates are near 1; in the arithmetic of
     both."""
     return replace(e, M=e.M / pace, G=e.G / pace, B=e.B / pace, core=e.core / pace, injected=e.injected / pace)

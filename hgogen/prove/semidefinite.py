@@ -339,13 +339,13 @@ def _solved(
     return (symmetric(of_P, n), np.maximum(x[q : q + k], 0.0), float(x[-1])), prices
 
 
-def together(form: Quadratic, q: int, most: float) -> Limits:
+def sum_limit(form: Quadratic, q: int, most: float) -> Limits:
     """Return the limit that the last q of S sum up to at most `most`."""
     n, k = len(form.pairs[0][0]), len(form.Q)
     return np.append(np.zeros(n * (n + 1) // 2 + k - q), np.ones(q))[None], np.array([most])
 
 
-def holding(form: Quadratic, points: Array) -> Limits:
+def norm_limits(form: Quadratic, points: Array) -> Limits:
     """Return the limits |x|_P <= 1 at the `points` x (r, n)."""
     n, k = points.shape[1], len(form.Q)
     i, j = _places(n)
@@ -475,7 +475,7 @@ def symmetric(entries: Array, size: int) -> Array:
 def merged(form: Quadratic) -> tuple[tuple[Quadratic], tuple[Group, ...]]:
     """Return the form of floats with the fewest columns, the state first, then one for each direction; and the groups,
     whose multipliers have no Z in it."""
-    n, each = len(form.pairs[0][0]), tuple(_alike(form))
+    n, each = len(form.pairs[0][0]), tuple(_directions(form))
     T, Z = np.zeros((form.size, n + len(each))), np.zeros((len(form.Z), n + len(each)))
     T[:n, :n] = np.eye(n)
     for at, places in enumerate(each, n):
@@ -499,20 +499,19 @@ def _columns(form: Quadratic) -> Array:
     return np.vstack([part for pair in form.pairs for part in pair] + [form.Q])[:, n:]
 
 
-def _alike(form: Quadratic) -> Iterator[list[int]]:
+def _directions(form: Quadratic) -> Iterator[list[int]]:
     """Yield the multipliers of each direction, the one with the longest column first."""
     columns, remaining = _columns(form), list(range(len(form.Q)))
     lengths = np.linalg.norm(columns, axis=0)
     while remaining:
         first = max(remaining, key=lengths.__getitem__)
-        places = [k for k in remaining if k == first or _along(columns, lengths, first, k)]
+        places = [k for k in remaining if k == first or _parallel(columns, lengths, first, k)]
         places.sort(key=lambda k: -lengths[k])
         yield places
         remaining = [k for k in remaining if k not in places]
 
 
-def _along(columns: Array, lengths: Array, first: int, other: int) -> bool:
-    """Return whether two columns are parallel."""
+def _parallel(columns: Array, lengths: Array, first: int, other: int) -> bool:
     if not lengths[other]:
         return False
     cosine = columns[:, first] @ columns[:, other] / lengths[first] / lengths[other]

@@ -233,7 +233,7 @@ class Disturbance:
 
 
 @dataclass(frozen=True)
-class Given:
+class Assumptions:
     """The assumptions of an observer: gamma in [`low`, `high`], and `slope` k >= |T^-1 dc/dw T| from gamma = `low` on,
     with its proof `steep`; None where no k is known, for the `reason`. `moving`: the error with a disturbance, where
     the ranges of its slopes are known."""
@@ -252,7 +252,7 @@ class Attenuating:
     """The proof of a claim about the L2 gain of the `candidate`, under the `assumptions`."""
 
     candidate: Candidate
-    assumptions: Given
+    assumptions: Assumptions
 
     def evidence(self, form: Form) -> Evidence | None:
         """Return P, lambda_max(P), the bound k of dc/dw, the disturbance, and s of (87) and mu; the last two for the k
@@ -354,7 +354,7 @@ def judged(id: ClaimId, claim: str, M: Any, strict: bool = True, sign: int = 1) 
     return Check(id, claim, Verdict.REFUTED, reason, witness=witness, fix="Take them of hgogen.design.")
 
 
-def adaptive_checks(maker: str, candidate: Candidate, assumptions: Given) -> tuple[Check, ...]:
+def adaptive_checks(maker: str, candidate: Candidate, assumptions: Assumptions) -> tuple[Check, ...]:
     """Return the checks of `facts`, and with a disturbance `MAKER.attenuation`, that the L2 gain has a bound."""
     known, disturbed, moving = facts(maker, candidate), assumptions.disturbance, assumptions.moving
     built = numbers(candidate, assumptions)
@@ -387,18 +387,18 @@ def adaptive_checks(maker: str, candidate: Candidate, assumptions: Given) -> tup
     return (*checks, replace(check, proofs=(Grounds(built, fact),)))
 
 
-def numbers(candidate: Candidate, assumptions: Given) -> dict[str, Any]:
+def numbers(candidate: Candidate, assumptions: Assumptions) -> dict[str, Any]:
     """Return the numbers of the observer on which its claims depend."""
     return {"gamma": (assumptions.low, assumptions.high), "sigma": candidate.sigma, "gains": candidate.K}
 
 
-def gain(candidate: Candidate, assumptions: Given) -> Fraction | None:
+def gain(candidate: Candidate, assumptions: Assumptions) -> Fraction | None:
     """Return a proved mu for gamma in its range, near the smallest that (87) gives; None where (70) or (87) fails."""
     share = assumed_share(candidate, assumptions)
     return None if share is None else root(2 * share, bits=52) * assumptions.high**candidate.n
 
 
-def assumed_share(candidate: Candidate, assumptions: Given) -> Fraction | None:
+def assumed_share(candidate: Candidate, assumptions: Assumptions) -> Fraction | None:
     """Return the number s of `share_of`, with lambda of (70); None where no slope or no disturbance is known."""
     if assumptions.slope is None or assumptions.disturbance is None:
         return None
