@@ -377,8 +377,8 @@ def text_of(made: Any, folder: Any) -> int:
 @pytest.mark.parametrize(
     ("name", "place"),
     [
-        ("decaying", "s.z"),
-        ("low_power", "s.xi_p and s.xi_q"),
+        ("decaying", "`s.z`"),
+        ("low_power", "`s.xi_p` and `s.xi_q`"),
     ],
 )
 def test_the_manual_says_where_the_estimate_starts(name: str, place: str) -> None:

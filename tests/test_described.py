@@ -2,7 +2,7 @@
 
 import pytest
 
-from hgogen.emit.described import described
+from hgogen.emit.interface import described
 from hgogen.program import Field
 
 

@@ -14,7 +14,7 @@ from plants import MODELS
 import hgogen as hg
 from hgogen.certificates.error_bound import slopes_of_states
 from hgogen.check import Verdict
-from hgogen.emit.promised import promised
+from hgogen.emit.manual import proved_bounds
 from hgogen.model import load
 from hgogen.program import Place
 from hgogen.stepping.machine import Machine
@@ -92,7 +92,7 @@ def test_its_shares_add_and_the_check_names_it(case: str) -> None:
     assert "x2" not in known.inside
     assert known.bounds["x2"] == pytest.approx(sum(share["x2"] for share in known.shares.values()))
     assert "x2 within" in str(known.check.reason)
-    assert "The bound of x2 follows from the others" in "\n".join(promised(hg.signed(step_of(case), **INPUTS)))
+    assert "The bound of x2 follows from the others" in "\n".join(proved_bounds(hg.signed(step_of(case), **INPUTS)))
 
 
 def test_the_slope_is_the_largest_between_plant_and_estimate() -> None:

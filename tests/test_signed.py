@@ -19,7 +19,7 @@ from hgogen import cli
 from hgogen.call import CallableStep
 from hgogen.certificates import contraction
 from hgogen.commands.claims import checked
-from hgogen.emit.promised import promised
+from hgogen.emit.manual import proved_bounds
 from hgogen.model import load
 from hgogen.prove import questions
 from hgogen.prove.questions import Signed
@@ -54,7 +54,7 @@ def step_of(**options: Any) -> CallableStep:
 
 def said(**other: Any) -> str:
     """What is stated of numbers that are known."""
-    return "\n".join(promised(replace(step_of(), signed=replace(KNOWN, **other))))
+    return "\n".join(proved_bounds(replace(step_of(), signed=replace(KNOWN, **other))))
 
 
 def manual(step: CallableStep) -> str:
@@ -134,7 +134,7 @@ def test_ends_without_what_is_between_are_not_stated(monkeypatch: pytest.MonkeyP
     observer = hg.observers.high_gain(hg.forms.triangular(model("pendulum")), theta=19, poles=(-1, -1))
     step = hg.signed(hg.sample(observer, hg.methods.rk4, dt=1e-3), rates={"tau": 5})
     assert hg.contraction(step).reach.least is not None
-    text = "\n".join(promised(step))
+    text = "\n".join(proved_bounds(step))
     assert "the error decays at theta = 19; at any other theta nothing is proved." in text
     assert "every dt" not in text
 
@@ -148,7 +148,7 @@ def test_ends_without_what_is_between_are_not_stated(monkeypatch: pytest.MonkeyP
     ],
 )
 def test_how_an_input_moves_is_stated(options: dict[str, str], rates: dict[str, float], expected: str) -> None:
-    text = "\n".join(promised(replace(step_of(**options), signed=replace(KNOWN, assumed={"rates": rates}))))
+    text = "\n".join(proved_bounds(replace(step_of(**options), signed=replace(KNOWN, assumed={"rates": rates}))))
     assert [each for each in ("held", "straight", "never") if each in text] == [
         word for word in ("held", "straight", "never") if word in expected
     ]
@@ -160,8 +160,8 @@ def test_how_an_input_moves_is_stated(options: dict[str, str], rates: dict[str, 
     [{}, {"noise": {"y": 1e-3}}],  # how fast tau moves is not known
 )
 def test_what_is_not_proved_is_said_not_to_be(sizes: dict[str, Any]) -> None:
-    assert promised(hg.signed(step_of(), **sizes)) == [UNPROVED]
-    assert promised(hg.signed(step_of(guards="none"), rates={"tau": 5}, **sizes)) == [UNPROVED]
+    assert proved_bounds(hg.signed(step_of(), **sizes)) == [UNPROVED]
+    assert proved_bounds(hg.signed(step_of(guards="none"), rates={"tau": 5}, **sizes)) == [UNPROVED]
 
 
 @pytest.mark.full

@@ -17,7 +17,7 @@
 #error "needs sums in their order: -funsafe-math-optimizations spoils the bundled functions"
 #endif
 
-/* of what runs rarely, which is no part of what calls it */
+/* for a function that runs rarely: it is not inlined */
 #if defined(__GNUC__)
 #define BATTERY_RARELY __attribute__((noinline))
 #else
@@ -174,6 +174,7 @@ static unsigned battery_ready(battery_state *s, const battery_params *p)
 }
 
 BATTERY_RARELY
+/* set the fault counts and their limits as after a reset */
 static void battery_clear_fault_counts(battery_state *s)
 {
     /* as after a reset */
@@ -197,7 +198,7 @@ static unsigned battery_keep_in_box(battery_state *s, const battery_params *p)
         lost = !(t1 && battery_within(s->D[0], 1e+30f) && battery_within(s->D[1], 1e+30f));
     }
     if (lost) {
-        /* a value is lost: all restart */
+        /* a value is lost: restart all but the signals */
         s->z[0] = 0.05f;
         s->z[1] = 0.0f;
         status |= BATTERY_RESTARTED;
@@ -338,6 +339,7 @@ static unsigned battery_run_predict(battery_state *s, const battery_params *p, c
     return status;
 }
 
+/* is the sample a number, plausible, and not absurdly far from its estimate? */
 static unsigned battery_guard_measurement_y(const battery_state *s, float *e, float *output_error,
     float reading, bool *valid)
 {
@@ -408,10 +410,11 @@ static unsigned battery_use_sample_y(battery_state *s, const battery_params *p, 
     return status;
 }
 
+/* is the estimate out of a range or far from a sample, or does a fault count run? */
 static unsigned battery_suspect_y(const battery_state *s, float output_error, bool *suspect, bool valid)
 {
     unsigned status = 0u;
-    /* is the estimate where it cannot be for long? */
+    /* is the estimate out of a range or far from a sample, or does a fault count run? */
     {
         const float z1 = s->z[0];
         const bool t1 = z1 < 0.05f || z1 > 0.95f || battery_abs(s->z[1]) > 0.2f;
@@ -423,6 +426,7 @@ static unsigned battery_suspect_y(const battery_state *s, float output_error, bo
     return status;
 }
 
+/* is there a plausible sample, by which the estimate can be judged? */
 static bool battery_plausible_y(float reading, bool valid)
 {
     bool sampled = false;
@@ -431,6 +435,7 @@ static bool battery_plausible_y(float reading, bool valid)
     return sampled;
 }
 
+/* is a fault count or limit out of its range, or does the checksum differ? */
 static bool battery_counts_spoiled_y(const battery_state *s)
 {
     bool spoiled = false;
@@ -452,9 +457,10 @@ static bool battery_counts_spoiled_y(const battery_state *s)
     return spoiled;
 }
 
+/* the change of the fault count of an output at this sample, and the sign of its error */
 static void battery_find_signs_y(const battery_state *s, float *moves_y, float output_error, float *side_y)
 {
-    /* which signs show? */
+    /* a count goes up by 1 at a large error, far down at one of the other sign, else down by 1 */
     {
         const bool t1 = battery_within(output_error, 0.3361959f);
         const float fault_count_y = s->fault_count_y;
@@ -470,7 +476,7 @@ static unsigned battery_recover_y(battery_state *s, float reading)
     bool lost = false;
     bool over_range = false;
     bool over_y = false;
-    /* by which sign, and is the estimate lost? */
+    /* which fault counts are at their limits, and must the estimate restart? */
     {
         const bool t1 = s->fault_limit_y <= battery_abs(s->fault_count_y);
         const float fault_limit_range = s->fault_limit_range;
@@ -619,7 +625,7 @@ static unsigned battery_count_faults_y(battery_state *s, float output_error, flo
         s->fault_count_y = (side_y < 0.0f) ? -t1 : t1;
         s->fault_limit_y = (t1 <= 0.0f) ? 120.0f : fault_limit_y;
     }
-    /* does a guard act? */
+    /* is a fault count at its limit? */
     acts = s->fault_limit_y <= battery_abs(s->fault_count_y) || s->fault_limit_range <= s->fault_count_range;
     if (acts) {
         status |= battery_recover_y(s, reading);

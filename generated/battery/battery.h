@@ -25,7 +25,7 @@ typedef struct {
     float soc; /**< state of charge, 0.05 .. 0.95 */
     float v;   /**< relaxation voltage [V], -0.2 .. 0.2 */
 } battery_plant;
-/** parameters: change plant or gain, then call tune */
+/** parameters: change gain, then call tune */
 typedef struct {
     unsigned ready; /**< what init and PARAMS_INIT leave here; parameters without it are not used */
     struct {
@@ -33,19 +33,19 @@ typedef struct {
         float R;    /**< output noise: y [y^2 s], 1e-12 .. 1 */
     } gain; /**< gains of the observer */
 } battery_params;
-/** what a step remembers: yours to copy, save and restore; ranges are limits, which no call leaves; .. */
+/** what a step remembers: yours to copy, save and restore; a call keeps each member in its range */
 typedef struct {
     unsigned ready;          /**< what init and reset leave here; a state without it begins anew */
     float z[2];              /**< estimate in the form's coordinates: soc, v */
-    float L;                 /**< unit lower factor of P, strict lower triangle by columns: L21, .. */
+    float L;                 /**< L of P = L D L' by columns: L21, -4.44444e+08 .. 4.44444e+08 */
     float D[2];              /**< diagonal factor of the covariance P = L D L' */
-    float fault_count_y;     /**< samples with a fault, signed as the last error, -122880 .. 122880 */
+    float fault_count_y;     /**< faulty samples, sign of the last error, -122880 .. 122880 */
     float fault_limit_y;     /**< fault count at which a guard acts, 120 .. 122880 */
-    float fault_count_range; /**< samples with a fault, 0 .. 122880 */
+    float fault_count_range; /**< faulty samples, 0 .. 122880 */
     float fault_limit_range; /**< fault count at which a guard acts, 120 .. 122880 */
-    float fault_checksum;    /**< checks fault counts and limits: their sum beyond the start, 0 .. 491280 */
+    float fault_checksum;    /**< checksum of fault counts and limits, 0 .. 491280 */
     unsigned calls;          /**< 0 before the first call, 1 after it */
-    unsigned used_y;         /**< 1 from a sample of y that was used until the next predict */
+    unsigned used_y;         /**< 0: an update with y may come, 1: none before the next predict */
     float u;                 /**< last valid input: i, -5 .. 5 */
 } battery_state;
 
@@ -67,7 +67,7 @@ unsigned battery_tune(battery_params *p);
  * @param[out] s the state: what a step remembers */
 void battery_reset(battery_state *s);
 
-/** @brief one sampling period: predict, update_y
+/** @brief one sampling period: predict, update_y; NaN means a missing sample; the first call advances no time
  * @param[in,out] s the state: what a step remembers
  * @param[in] p the parameters
  * @param[in] in the input now
@@ -96,16 +96,16 @@ unsigned battery_predict(battery_state *s, const battery_params *p, const batter
  * @return 0, or an or of the status bits */
 unsigned battery_update_y(battery_state *s, const battery_params *p, const battery_output *measurement);
 
-/** @brief the state as BATTERY_SAVED bytes: BATTERY_LAYOUT, what lies in memory, a checksum
+/** @brief write the state as BATTERY_SAVED bytes: BATTERY_LAYOUT, the memory of the struct, a checksum
  * @param[in] s the state: what a step remembers
- * @param[out] saved NAME_SAVED bytes, which may lie anywhere */
+ * @param[out] saved BATTERY_SAVED bytes, at any address */
 void battery_save(const battery_state *s, unsigned char *saved);
 
-/** @brief the state that was saved, where it was saved by this program and no bit of it is another
+/** @brief read a state that this program saved; refuse any other, and one with another bit
  * @param[out] s the state: what a step remembers
- * @param[in] saved NAME_SAVED bytes, which may lie anywhere
- * @param[in] size how many there are
- * @return 0: restored; 1: refused, the state is as it was */
+ * @param[in] saved BATTERY_SAVED bytes, at any address
+ * @param[in] size how many bytes there are
+ * @return 0: restored; 1: refused, the state is unchanged */
 unsigned battery_restore(battery_state *s, const unsigned char *saved, size_t size);
 
 #ifdef __cplusplus
@@ -131,18 +131,19 @@ unsigned battery_restore(battery_state *s, const unsigned char *saved, size_t si
 
 /** the estimate, or a state of the plant before it is clamped to its range, is outside the declared ranges,
  * where the model is evaluated at the edge. To do: normal while the estimate peaks, do not act on it then; if
- * it stays, the declared ranges are too narrow. */
+ * it stays, the declared ranges are too narrow. The ranges are in battery.md. */
 #define BATTERY_OUTSIDE_BOX           0x0010u
 
 /** the estimate was projected to its outer box; the convergence theorem, where it applies, is suspended. To
- * do: none if brief; if it stays, widen the ranges. */
+ * do: none if brief; if it stays, widen the ranges. The ranges are in battery.md. */
 #define BATTERY_STATE_LIMITED         0x0020u
 
-/** a value was lost (not finite, or beyond 1e30), and the whole state restarted. To do: treat the estimate as
- * new; check parameters (tune was called?) and ranges. */
+/** a value was lost (not finite, or beyond 1e30): all of the state restarted but the last input and samples,
+ * and the counters of calls. To do: treat the estimate as new; check parameters (tune was called?) and
+ * ranges. */
 #define BATTERY_RESTARTED             0x0040u
 
-/** good samples did not bring the estimate back, and the state restarted from the sample. To do: treat the
+/** good samples did not bring the estimate back, and the observer restarted from the sample. To do: treat the
  * estimate as new; if it comes again without a fault, widen the ranges or check the model. */
 #define BATTERY_RESTARTED_FROM_SAMPLE 0x0080u
 
@@ -162,25 +163,25 @@ unsigned battery_restore(battery_state *s, const unsigned char *saved, size_t si
  * ranges. To do: wait for measurements; if it stays while they come, scale Q and R down together. */
 #define BATTERY_COVARIANCE_LIMITED    0x0800u
 
-/** the memory of the state was none that init or reset had made, or one of another program: it was not used,
- * the state began as before the first call. To do: call init once before all else; of a state that was
- * restored, check what was saved. */
+/** the state has no mark of init or reset, or that of another program: it was not used and began as before
+ * the first call. To do: call init once before all else; of a state that was restored, check what was
+ * saved. */
 #define BATTERY_UNINITIALISED         0x1000u
 
-/** the memory of the parameters was none that init or PARAMS_INIT had made, or of another program: tune took
- * the nominal values, any other call took no sample and left the state as before the first call. To do: call
- * init once before all else, or begin constant parameters with PARAMS_INIT. */
+/** the parameters have no mark of init or PARAMS_INIT, or that of another program: tune took the nominal
+ * values, any other call took no sample and left the state as before the first call. To do: call init once
+ * before all else, or begin constant parameters with PARAMS_INIT. */
 #define BATTERY_NO_PARAMETERS         0x2000u
 
 /** @} */
 
-#define BATTERY_VERSION "0.2.0"                       /**< of hgogen that made this file */
+#define BATTERY_VERSION "0.2.0"                       /**< of hgogen, which generated this file */
 #define BATTERY_MODEL   "b105c5606e5f38bf"            /**< digest of the model, as in its certificate */
 #define BATTERY_LAYOUT  "d41e8486e5992ec8"            /**< digest of what a saved state needs to be the same */
-#define BATTERY_READY   0xD51Fu                       /**< mark of what init and reset have made */
+#define BATTERY_READY   0xD51Fu                       /**< mark that init and reset write */
 #define BATTERY_SAVED   (sizeof(battery_state) + 12u) /**< bytes of a saved state */
 
-/** what constant parameters begin with, which may lie in flash: nominal ones, tuned, with their mark */
+/** initial value of constant parameters, which may lie in flash: nominal ones, tuned, with their mark */
 #define BATTERY_PARAMS_INIT { \
     BATTERY_READY, \
     {{5e-06f, 9e-07f}, 1e-06f} \

@@ -11,7 +11,7 @@
 #error "needs sums in their order: -funsafe-math-optimizations spoils the bundled functions"
 #endif
 
-/* of what runs rarely, which is no part of what calls it */
+/* for a function that runs rarely: it is not inlined */
 #if defined(__GNUC__)
 #define BIOREACTOR_RARELY __attribute__((noinline))
 #else
@@ -132,7 +132,7 @@ static unsigned bioreactor_keep_in_box(bioreactor_state *s, const bioreactor_par
         lost = !(t2 && bioreactor_within(s->falls, 1e+30f));
     }
     if (lost) {
-        /* a value is lost: all restart */
+        /* a value is lost: restart all but the signals */
         s->w[0] = 0.0f;
         s->w[1] = 0.0f;
         s->k = 0.1f;
@@ -185,6 +185,7 @@ static unsigned bioreactor_keep_in_box(bioreactor_state *s, const bioreactor_par
     return status;
 }
 
+/* replace an input that is not finite or absurd by the last valid one, and clamp it to its range */
 static unsigned bioreactor_guard_input(const bioreactor_state *s, const bioreactor_input *in, float *u)
 {
     unsigned status = 0u;
@@ -204,6 +205,7 @@ static unsigned bioreactor_guard_input(const bioreactor_state *s, const bioreact
     return status;
 }
 
+/* is each sample a number, plausible, and not absurdly far from its estimate? */
 static unsigned bioreactor_guard_measurements(const bioreactor_state *s,
     const bioreactor_output *measurement, float *valid, float *y, float *y_last)
 {
@@ -310,11 +312,12 @@ static unsigned bioreactor_advance(bioreactor_state *s, const bioreactor_params 
     return status;
 }
 
+/* is the estimate out of a range or far from a sample, or does a fault count run? */
 static unsigned bioreactor_suspect(const bioreactor_state *s, const bioreactor_output *measurement,
     bool *suspect, float valid)
 {
     unsigned status = 0u;
-    /* is the estimate where it cannot be for long? */
+    /* is the estimate out of a range or far from a sample, or does a fault count run? */
     {
         const float w1 = s->w[0];
         const float w2 = s->w[1];
@@ -333,6 +336,7 @@ static unsigned bioreactor_suspect(const bioreactor_state *s, const bioreactor_o
     return status;
 }
 
+/* is there a plausible sample, by which the estimate can be judged? */
 static bool bioreactor_plausible(const bioreactor_output *measurement, float valid)
 {
     bool sampled = false;
@@ -371,7 +375,7 @@ static unsigned bioreactor_count_faults(bioreactor_state *s, const bioreactor_ou
         s->fault_limit_y = 6360.0f;
         s->fault_checksum = 0.0f;
     }
-    /* which signs show? */
+    /* a count goes up by 1 at a large error, far down at one of the other sign, else down by 1 */
     {
         const float t1 = measurement->y - s->w[0];
         const bool t2 = bioreactor_within(t1, 0.03f);
@@ -387,10 +391,10 @@ static unsigned bioreactor_count_faults(bioreactor_state *s, const bioreactor_ou
         s->fault_count_y = (side_y < 0.0f) ? -t1 : t1;
         s->fault_limit_y = (t1 <= 0.0f) ? 6360.0f : fault_limit_y;
     }
-    /* does a guard act? */
+    /* is a fault count at its limit? */
     acts = s->fault_limit_y <= bioreactor_abs(s->fault_count_y);
     if (acts) {
-        /* by which sign, and is the estimate lost? */
+        /* which fault counts are at their limits, and must the estimate restart? */
         {
             const bool t1 = s->fault_limit_y <= bioreactor_abs(s->fault_count_y);
             over_y = t1;
@@ -468,6 +472,7 @@ static unsigned bioreactor_predict(bioreactor_state *s, const bioreactor_params 
     return status;
 }
 
+/* is a number of the state beyond its limits, or not a number? */
 static bool bioreactor_beyond_box(const bioreactor_state *s)
 {
     bool beyond = false;

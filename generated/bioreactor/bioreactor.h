@@ -26,7 +26,7 @@ typedef struct {
     float m; /**< microorganisms [g/l], 0.01 .. 0.15 */
     float s; /**< substrate [g/l], 0.001 .. 0.15 */
 } bioreactor_plant;
-/** parameters: change plant or gain, then call tune */
+/** parameters: change gain, then call tune */
 typedef struct {
     unsigned ready; /**< what init and PARAMS_INIT leave here; parameters without it are not used */
     struct {
@@ -35,21 +35,21 @@ typedef struct {
         float reach; /**< output error from which it grows no faster [y], 0.5 .. 500 */
     } gain; /**< gains of the observer */
 } bioreactor_params;
-/** what a step remembers: yours to copy, save and restore; ranges are limits, which no call leaves; .. */
+/** what a step remembers: yours to copy, save and restore; a call keeps each member in its range */
 typedef struct {
     unsigned ready;       /**< what init and reset leave here; a state without it begins anew */
     float w[2];           /**< estimate, in chains of integrators: m, a1*m*s/(a2*m + s) - m*u */
     float k;              /**< gain, which grows outside the strip [1/h], 0.1 .. 5 */
     float quiet;          /**< integral of k since the error is inside the strip, 0 .. 44.9693 */
     float settled;        /**< 1 once it was inside for a while: what is far then is a fault, 0 .. 1 */
-    float turns;          /**< how often an error that is far changed its sign, with the sign of the .. */
+    float turns;          /**< sign changes of a large error, signed as the last, -16 .. 16 */
     float falls;          /**< how often the gain may still fall, 0 .. 6 */
-    float fault_count_y;  /**< samples with a fault, signed as the last error, -6.51264e+06 .. 6.51264e+06 */
+    float fault_count_y;  /**< faulty samples, sign of the last error, -6.51264e+06 .. 6.51264e+06 */
     float fault_limit_y;  /**< fault count at which a guard acts, 6360 .. 6.51264e+06 */
-    float fault_checksum; /**< checks fault counts and limits: their sum beyond the start, 0 .. 1.30189e+07 */
+    float fault_checksum; /**< checksum of fault counts and limits, 0 .. 1.30189e+07 */
     unsigned calls;       /**< 0 before the first call, 1 after it, then 2 */
     float u;              /**< last valid input: u, 0 .. 0.1 */
-    float y;              /**< sample of the last call, or its estimate where there was none: y */
+    float y;              /**< last sample, or its estimate: y */
     float y_valid;        /**< 1 where the last call had a valid sample: y */
 } bioreactor_state;
 
@@ -71,7 +71,7 @@ unsigned bioreactor_tune(bioreactor_params *p);
  * @param[out] s the state: what a step remembers */
 void bioreactor_reset(bioreactor_state *s);
 
-/** @brief one sampling period: predict, adapt
+/** @brief one sampling period: predict, adapt; NaN means a missing sample; the first call advances no time
  * @param[in,out] s the state: what a step remembers
  * @param[in] p the parameters
  * @param[in] in the input now
@@ -86,16 +86,16 @@ unsigned bioreactor_step(bioreactor_state *s, const bioreactor_params *p, const 
  * @param[out] x the estimate of the plant's state */
 void bioreactor_estimate(const bioreactor_state *s, const bioreactor_params *p, bioreactor_plant *x);
 
-/** @brief the state as BIOREACTOR_SAVED bytes: BIOREACTOR_LAYOUT, what lies in memory, a checksum
+/** @brief write the state as BIOREACTOR_SAVED bytes: BIOREACTOR_LAYOUT, the memory of the struct, a checksum
  * @param[in] s the state: what a step remembers
- * @param[out] saved NAME_SAVED bytes, which may lie anywhere */
+ * @param[out] saved BIOREACTOR_SAVED bytes, at any address */
 void bioreactor_save(const bioreactor_state *s, unsigned char *saved);
 
-/** @brief the state that was saved, where it was saved by this program and no bit of it is another
+/** @brief read a state that this program saved; refuse any other, and one with another bit
  * @param[out] s the state: what a step remembers
- * @param[in] saved NAME_SAVED bytes, which may lie anywhere
- * @param[in] size how many there are
- * @return 0: restored; 1: refused, the state is as it was */
+ * @param[in] saved BIOREACTOR_SAVED bytes, at any address
+ * @param[in] size how many bytes there are
+ * @return 0: restored; 1: refused, the state is unchanged */
 unsigned bioreactor_restore(bioreactor_state *s, const unsigned char *saved, size_t size);
 
 #ifdef __cplusplus
@@ -122,18 +122,19 @@ unsigned bioreactor_restore(bioreactor_state *s, const unsigned char *saved, siz
 
 /** the estimate, or a state of the plant before it is clamped to its range, is outside the declared ranges,
  * where the model is evaluated at the edge. To do: normal while the estimate peaks, do not act on it then; if
- * it stays, the declared ranges are too narrow. */
+ * it stays, the declared ranges are too narrow. The ranges are in bioreactor.md. */
 #define BIOREACTOR_OUTSIDE_BOX           0x0010u
 
 /** the estimate was projected to its outer box; the convergence theorem, where it applies, is suspended. To
- * do: none if brief; if it stays, widen the ranges. */
+ * do: none if brief; if it stays, widen the ranges. The ranges are in bioreactor.md. */
 #define BIOREACTOR_STATE_LIMITED         0x0020u
 
-/** a value was lost (not finite, or beyond 1e30), and the whole state restarted. To do: treat the estimate as
- * new; check parameters (tune was called?) and ranges. */
+/** a value was lost (not finite, or beyond 1e30): all of the state restarted but the last input and samples,
+ * and the counters of calls. To do: treat the estimate as new; check parameters (tune was called?) and
+ * ranges. */
 #define BIOREACTOR_RESTARTED             0x0040u
 
-/** good samples did not bring the estimate back, and the state restarted from the sample. To do: treat the
+/** good samples did not bring the estimate back, and the observer restarted from the sample. To do: treat the
  * estimate as new; if it comes again without a fault, widen the ranges or check the model. */
 #define BIOREACTOR_RESTARTED_FROM_SAMPLE 0x0080u
 
@@ -145,25 +146,25 @@ unsigned bioreactor_restore(bioreactor_state *s, const unsigned char *saved, siz
  * gain falls by halves; if it stays, raise strip, or declare a higher cap, and a shorter dt for it. */
 #define BIOREACTOR_GAIN_LIMITED          0x0200u
 
-/** the memory of the state was none that init or reset had made, or one of another program: it was not used,
- * the state began as before the first call. To do: call init once before all else; of a state that was
- * restored, check what was saved. */
+/** the state has no mark of init or reset, or that of another program: it was not used and began as before
+ * the first call. To do: call init once before all else; of a state that was restored, check what was
+ * saved. */
 #define BIOREACTOR_UNINITIALISED         0x0400u
 
-/** the memory of the parameters was none that init or PARAMS_INIT had made, or of another program: tune took
- * the nominal values, any other call took no sample and left the state as before the first call. To do: call
- * init once before all else, or begin constant parameters with PARAMS_INIT. */
+/** the parameters have no mark of init or PARAMS_INIT, or that of another program: tune took the nominal
+ * values, any other call took no sample and left the state as before the first call. To do: call init once
+ * before all else, or begin constant parameters with PARAMS_INIT. */
 #define BIOREACTOR_NO_PARAMETERS         0x0800u
 
 /** @} */
 
-#define BIOREACTOR_VERSION "0.2.0"                          /**< of hgogen that made this file */
+#define BIOREACTOR_VERSION "0.2.0"                          /**< of hgogen, which generated this file */
 #define BIOREACTOR_MODEL   "d3e50a381325b170"               /**< digest of the model, as in its certificate */
 #define BIOREACTOR_LAYOUT  "0f2af77e97414004"               /**< digest of what a saved state needs to be the same */
-#define BIOREACTOR_READY   0x102Cu                          /**< mark of what init and reset have made */
+#define BIOREACTOR_READY   0x102Cu                          /**< mark that init and reset write */
 #define BIOREACTOR_SAVED   (sizeof(bioreactor_state) + 12u) /**< bytes of a saved state */
 
-/** what constant parameters begin with, which may lie in flash: nominal ones, tuned, with their mark */
+/** initial value of constant parameters, which may lie in flash: nominal ones, tuned, with their mark */
 #define BIOREACTOR_PARAMS_INIT { \
     BIOREACTOR_READY, \
     {100.0f, 0.02f, 0.5f} \

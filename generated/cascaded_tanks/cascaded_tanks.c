@@ -17,7 +17,7 @@
 #error "needs sums in their order: -funsafe-math-optimizations spoils the bundled functions"
 #endif
 
-/* of what runs rarely, which is no part of what calls it */
+/* for a function that runs rarely: it is not inlined */
 #if defined(__GNUC__)
 #define CASCADED_TANKS_RARELY __attribute__((noinline))
 #else
@@ -240,6 +240,7 @@ static unsigned cascaded_tanks_ready(cascaded_tanks_state *s, const cascaded_tan
 }
 
 CASCADED_TANKS_RARELY
+/* set the fault counts and their limits as after a reset */
 static void cascaded_tanks_clear_fault_counts(cascaded_tanks_state *s)
 {
     /* as after a reset */
@@ -251,6 +252,7 @@ static void cascaded_tanks_clear_fault_counts(cascaded_tanks_state *s)
 }
 
 CASCADED_TANKS_RARELY
+/* set what the observer remembers besides the estimate as after a reset */
 static void cascaded_tanks_clear_rest(cascaded_tanks_state *s)
 {
     /* as after a reset */
@@ -289,7 +291,7 @@ static unsigned cascaded_tanks_keep_in_box(cascaded_tanks_state *s, const cascad
         lost = !(t2 && cascaded_tanks_within(s->theta, 1e+30f));
     }
     if (lost) {
-        /* a value is lost: all restart */
+        /* a value is lost: restart all but the signals */
         s->z[0] = 5.0f;
         s->z[1] = 1.7525125f;
         status |= CASCADED_TANKS_RESTARTED;
@@ -331,6 +333,7 @@ static unsigned cascaded_tanks_keep_in_box(cascaded_tanks_state *s, const cascad
     return status;
 }
 
+/* replace an input that is not finite or absurd by the last valid one, and clamp it to its range */
 static unsigned cascaded_tanks_guard_input(const cascaded_tanks_state *s, const cascaded_tanks_input *in,
     float *u)
 {
@@ -505,6 +508,7 @@ static unsigned cascaded_tanks_run_predict(cascaded_tanks_state *s, const cascad
     return status;
 }
 
+/* is the sample a number, plausible, and not absurdly far from its estimate? */
 static unsigned cascaded_tanks_guard_measurement_y(const cascaded_tanks_state *s, float *e,
     float *output_error, float reading, bool *valid)
 {
@@ -577,11 +581,12 @@ static unsigned cascaded_tanks_use_sample_y(cascaded_tanks_state *s, const casca
     return status;
 }
 
+/* is the estimate out of a range or far from a sample, or does a fault count run? */
 static unsigned cascaded_tanks_suspect_y(const cascaded_tanks_state *s, float output_error, bool *suspect,
     bool valid)
 {
     unsigned status = 0u;
-    /* is the estimate where it cannot be for long? */
+    /* is the estimate out of a range or far from a sample, or does a fault count run? */
     {
         const float z1 = s->z[0];
         const float z2 = s->z[1];
@@ -594,6 +599,7 @@ static unsigned cascaded_tanks_suspect_y(const cascaded_tanks_state *s, float ou
     return status;
 }
 
+/* is there a plausible sample, by which the estimate can be judged? */
 static bool cascaded_tanks_plausible_y(float reading, bool valid)
 {
     bool sampled = false;
@@ -602,6 +608,7 @@ static bool cascaded_tanks_plausible_y(float reading, bool valid)
     return sampled;
 }
 
+/* is a fault count or limit out of its range, or does the checksum differ? */
 static bool cascaded_tanks_counts_spoiled_y(const cascaded_tanks_state *s)
 {
     bool spoiled = false;
@@ -622,10 +629,11 @@ static bool cascaded_tanks_counts_spoiled_y(const cascaded_tanks_state *s)
     return spoiled;
 }
 
+/* the change of the fault count of an output at this sample, and the sign of its error */
 static void cascaded_tanks_find_signs_y(const cascaded_tanks_state *s, float *moves_y, float output_error,
     float *side_y)
 {
-    /* which signs show? */
+    /* a count goes up by 1 at a large error, far down at one of the other sign, else down by 1 */
     {
         const bool t1 = cascaded_tanks_within(output_error, 1.0f);
         const float fault_count_y = s->fault_count_y;
@@ -641,7 +649,7 @@ static unsigned cascaded_tanks_recover_y(cascaded_tanks_state *s, float reading)
     bool lost = false;
     bool over_range = false;
     bool over_y = false;
-    /* by which sign, and is the estimate lost? */
+    /* which fault counts are at their limits, and must the estimate restart? */
     {
         const bool t1 = s->fault_limit_y <= cascaded_tanks_abs(s->fault_count_y);
         const float fault_limit_range = s->fault_limit_range;
@@ -749,7 +757,7 @@ static unsigned cascaded_tanks_count_faults_y(cascaded_tanks_state *s, float out
         s->fault_count_y = (side_y < 0.0f) ? -t1 : t1;
         s->fault_limit_y = (t1 <= 0.0f) ? 30.0f : fault_limit_y;
     }
-    /* does a guard act? */
+    /* is a fault count at its limit? */
     acts = s->fault_limit_y <= cascaded_tanks_abs(s->fault_count_y)
         || s->fault_limit_range <= s->fault_count_range;
     if (acts) {

@@ -25,7 +25,7 @@ typedef struct {
     float x1; /**< upper level, 0.2704 .. 10 */
     float x2; /**< lower level, 0.25 .. 11 */
 } cascaded_tanks_plant;
-/** parameters: change plant or gain, then call tune */
+/** parameters: change gain, then call tune */
 typedef struct {
     unsigned ready; /**< what init and PARAMS_INIT leave here; parameters without it are not used */
     struct {
@@ -44,24 +44,24 @@ typedef struct {
     float sum;        /**< sum of dt (y - yhat)^2 [y^2 s], 0 .. 1e+30 */
     unsigned samples; /**< valid samples in the sum */
 } cascaded_tanks_predictor;
-/** what a step remembers: yours to copy, save and restore; ranges are limits, which no call leaves; .. */
+/** what a step remembers: yours to copy, save and restore; a call keeps each member in its range */
 typedef struct {
-    unsigned ready;                        /**< what init and reset leave here; a state without it .. */
-    float z[2];                            /**< estimate in the form's coordinates: x2, w */
-    float L;                               /**< unit lower factor of P, strict lower triangle by .. */
-    float D[2];                            /**< diagonal factor of the covariance P = L D L' */
-    float innovation;                      /**< innovation I_d [y^2 s], 0 .. 1e+30 */
-    unsigned oldest;                       /**< index of the oldest predictor */
-    unsigned tick;                         /**< samples since the last restart */
-    float theta;                           /**< high-gain parameter, 1: Kalman mode, 1 .. 4 */
-    float fault_count_y;                   /**< samples with a fault, signed as the last error, -30720 .. */
-    float fault_limit_y;                   /**< fault count at which a guard acts, 30 .. 30720 */
-    float fault_count_range;               /**< samples with a fault, 0 .. 30720 */
-    float fault_limit_range;               /**< fault count at which a guard acts, 30 .. 30720 */
-    float fault_checksum;                  /**< checks fault counts and limits: their sum beyond the .. */
-    unsigned calls;                        /**< 0 before the first call, 1 after it, then 2 */
-    unsigned used_y;                       /**< 1 from a sample of y that was used until the next predict */
-    float u;                               /**< last valid input: u, 0 .. 7 */
+    unsigned ready;          /**< what init and reset leave here; a state without it begins anew */
+    float z[2];              /**< estimate in the form's coordinates: x2, w */
+    float L;                 /**< L of P = L D L' by columns: L21, -3.27727e+08 .. 3.27727e+08 */
+    float D[2];              /**< diagonal factor of the covariance P = L D L' */
+    float innovation;        /**< innovation I_d [y^2 s], 0 .. 1e+30 */
+    unsigned oldest;         /**< index of the oldest predictor */
+    unsigned tick;           /**< samples since the last restart */
+    float theta;             /**< high-gain parameter, 1: Kalman mode, 1 .. 4 */
+    float fault_count_y;     /**< faulty samples, sign of the last error, -30720 .. 30720 */
+    float fault_limit_y;     /**< fault count at which a guard acts, 30 .. 30720 */
+    float fault_count_range; /**< faulty samples, 0 .. 30720 */
+    float fault_limit_range; /**< fault count at which a guard acts, 30 .. 30720 */
+    float fault_checksum;    /**< checksum of fault counts and limits, 0 .. 122820 */
+    unsigned calls;          /**< 0 before the first call, 1 after it, then 2 */
+    unsigned used_y;         /**< 0: an update with y may come, 1: none before the next predict */
+    float u;                 /**< last valid input: u, 0 .. 7 */
     cascaded_tanks_predictor predictor[5]; /**< copies of the model that run without correction */
 } cascaded_tanks_state;
 
@@ -83,7 +83,8 @@ unsigned cascaded_tanks_tune(cascaded_tanks_params *p);
  * @param[out] s the state: what a step remembers */
 void cascaded_tanks_reset(cascaded_tanks_state *s);
 
-/** @brief one sampling period: predict, update_y, adapt
+/** @brief one sampling period: predict, update_y, adapt; NaN means a missing sample; the first call advances
+ * no time
  * @param[in,out] s the state: what a step remembers
  * @param[in] p the parameters
  * @param[in] in the input now
@@ -121,16 +122,17 @@ unsigned cascaded_tanks_update_y(cascaded_tanks_state *s, const cascaded_tanks_p
  * @return 0, or an or of the status bits */
 unsigned cascaded_tanks_adapt(cascaded_tanks_state *s, const cascaded_tanks_params *p);
 
-/** @brief the state as CASCADED_TANKS_SAVED bytes: CASCADED_TANKS_LAYOUT, what lies in memory, a checksum
+/** @brief write the state as CASCADED_TANKS_SAVED bytes: CASCADED_TANKS_LAYOUT, the memory of the struct, a
+ * checksum
  * @param[in] s the state: what a step remembers
- * @param[out] saved NAME_SAVED bytes, which may lie anywhere */
+ * @param[out] saved CASCADED_TANKS_SAVED bytes, at any address */
 void cascaded_tanks_save(const cascaded_tanks_state *s, unsigned char *saved);
 
-/** @brief the state that was saved, where it was saved by this program and no bit of it is another
+/** @brief read a state that this program saved; refuse any other, and one with another bit
  * @param[out] s the state: what a step remembers
- * @param[in] saved NAME_SAVED bytes, which may lie anywhere
- * @param[in] size how many there are
- * @return 0: restored; 1: refused, the state is as it was */
+ * @param[in] saved CASCADED_TANKS_SAVED bytes, at any address
+ * @param[in] size how many bytes there are
+ * @return 0: restored; 1: refused, the state is unchanged */
 unsigned cascaded_tanks_restore(cascaded_tanks_state *s, const unsigned char *saved, size_t size);
 
 #ifdef __cplusplus
@@ -156,18 +158,19 @@ unsigned cascaded_tanks_restore(cascaded_tanks_state *s, const unsigned char *sa
 
 /** the estimate, or a state of the plant before it is clamped to its range, is outside the declared ranges,
  * where the model is evaluated at the edge. To do: normal while the estimate peaks, do not act on it then; if
- * it stays, the declared ranges are too narrow. */
+ * it stays, the declared ranges are too narrow. The ranges are in cascaded_tanks.md. */
 #define CASCADED_TANKS_OUTSIDE_BOX           0x0010u
 
 /** the estimate was projected to its outer box; the convergence theorem, where it applies, is suspended. To
- * do: none if brief; if it stays, widen the ranges or lower theta_1. */
+ * do: none if brief; if it stays, widen the ranges or lower theta_1. The ranges are in cascaded_tanks.md. */
 #define CASCADED_TANKS_STATE_LIMITED         0x0020u
 
-/** a value was lost (not finite, or beyond 1e30), and the whole state restarted. To do: treat the estimate as
- * new; check parameters (tune was called?) and ranges. */
+/** a value was lost (not finite, or beyond 1e30): all of the state restarted but the last input and samples,
+ * and the counters of calls. To do: treat the estimate as new; check parameters (tune was called?) and
+ * ranges. */
 #define CASCADED_TANKS_RESTARTED             0x0040u
 
-/** good samples did not bring the estimate back, and the state restarted from the sample. To do: treat the
+/** good samples did not bring the estimate back, and the observer restarted from the sample. To do: treat the
  * estimate as new; if it comes again without a fault, widen the ranges or lower theta_1 or check the
  * model. */
 #define CASCADED_TANKS_RESTARTED_FROM_SAMPLE 0x0080u
@@ -188,25 +191,25 @@ unsigned cascaded_tanks_restore(cascaded_tanks_state *s, const unsigned char *sa
  * ranges. To do: wait for measurements; if it stays while they come, scale Q and R down together. */
 #define CASCADED_TANKS_COVARIANCE_LIMITED    0x0800u
 
-/** the memory of the state was none that init or reset had made, or one of another program: it was not used,
- * the state began as before the first call. To do: call init once before all else; of a state that was
- * restored, check what was saved. */
+/** the state has no mark of init or reset, or that of another program: it was not used and began as before
+ * the first call. To do: call init once before all else; of a state that was restored, check what was
+ * saved. */
 #define CASCADED_TANKS_UNINITIALISED         0x1000u
 
-/** the memory of the parameters was none that init or PARAMS_INIT had made, or of another program: tune took
- * the nominal values, any other call took no sample and left the state as before the first call. To do: call
- * init once before all else, or begin constant parameters with PARAMS_INIT. */
+/** the parameters have no mark of init or PARAMS_INIT, or that of another program: tune took the nominal
+ * values, any other call took no sample and left the state as before the first call. To do: call init once
+ * before all else, or begin constant parameters with PARAMS_INIT. */
 #define CASCADED_TANKS_NO_PARAMETERS         0x2000u
 
 /** @} */
 
-#define CASCADED_TANKS_VERSION "0.2.0"                              /**< of hgogen that made this file */
+#define CASCADED_TANKS_VERSION "0.2.0"                              /**< of hgogen, which generated this file */
 #define CASCADED_TANKS_MODEL   "e3faf2d1d20d6800"                   /**< digest of the model, as in its certificate */
 #define CASCADED_TANKS_LAYOUT  "b3f3b97e8f13551e"                   /**< digest of what a saved state needs to be the same */
-#define CASCADED_TANKS_READY   0xB4F5u                              /**< mark of what init and reset have made */
+#define CASCADED_TANKS_READY   0xB4F5u                              /**< mark that init and reset write */
 #define CASCADED_TANKS_SAVED   (sizeof(cascaded_tanks_state) + 12u) /**< bytes of a saved state */
 
-/** what constant parameters begin with, which may lie in flash: nominal ones, tuned, with their mark */
+/** initial value of constant parameters, which may lie in flash: nominal ones, tuned, with their mark */
 #define CASCADED_TANKS_PARAMS_INIT { \
     CASCADED_TANKS_READY, \
     {{0.0001f, 0.0014f}, 0.0016f, 2.0f, 4.0f, 0.25f, 0.7f, 1.0f} \

@@ -11,7 +11,7 @@
 #error "needs sums in their order: -funsafe-math-optimizations spoils the bundled functions"
 #endif
 
-/* of what runs rarely, which is no part of what calls it */
+/* for a function that runs rarely: it is not inlined */
 #if defined(__GNUC__)
 #define CHUA_RARELY __attribute__((noinline))
 #else
@@ -106,6 +106,7 @@ static unsigned chua_ready(chua_state *s, const chua_params *p)
 }
 
 CHUA_RARELY
+/* set the fault counts and their limits as after a reset */
 static void chua_clear_fault_counts(chua_state *s)
 {
     /* as after a reset */
@@ -125,7 +126,7 @@ static unsigned chua_keep_in_box(chua_state *s, const chua_params *p)
     /* is a value lost? */
     lost = !(chua_within(s->z[0], 1e+30f) && chua_within(s->z[1], 1e+30f) && chua_within(s->z[2], 1e+30f));
     if (lost) {
-        /* a value is lost: all restart */
+        /* a value is lost: restart all but the signals */
         s->z[0] = 0.0f;
         s->z[1] = 0.0f;
         s->z[2] = 0.0f;
@@ -155,6 +156,7 @@ static void chua_nominal(chua_params *p)
     p->gain.theta = 5.0f;
 }
 
+/* is each sample a number, plausible, and not absurdly far from its estimate? */
 static unsigned chua_guard_measurements(const chua_state *s, const chua_output *measurement, float *valid,
     float *y, float *y_last)
 {
@@ -249,10 +251,11 @@ static unsigned chua_advance(chua_state *s, const chua_params *p, float valid, f
     return status;
 }
 
+/* is the estimate out of a range or far from a sample, or does a fault count run? */
 static unsigned chua_suspect(const chua_state *s, const chua_output *measurement, bool *suspect, float valid)
 {
     unsigned status = 0u;
-    /* is the estimate where it cannot be for long? */
+    /* is the estimate out of a range or far from a sample, or does a fault count run? */
     {
         const float z1 = s->z[0];
         const bool t1 = chua_abs(z1) > 3.0f || chua_abs(s->z[1]) > 1.0f || chua_abs(s->z[2]) > 5.0f;
@@ -265,6 +268,7 @@ static unsigned chua_suspect(const chua_state *s, const chua_output *measurement
     return status;
 }
 
+/* is there a plausible sample, by which the estimate can be judged? */
 static bool chua_plausible(const chua_output *measurement, float valid)
 {
     bool sampled = false;
@@ -276,6 +280,7 @@ static bool chua_plausible(const chua_output *measurement, float valid)
     return sampled;
 }
 
+/* is a fault count or limit out of its range, or does the checksum differ? */
 static bool chua_counts_spoiled(const chua_state *s)
 {
     bool spoiled = false;
@@ -296,10 +301,11 @@ static bool chua_counts_spoiled(const chua_state *s)
     return spoiled;
 }
 
+/* the change of the fault count of an output at this sample, and the sign of its error */
 static void chua_find_signs(const chua_state *s, const chua_output *measurement, float *moves_y,
     float *side_y)
 {
-    /* which signs show? */
+    /* a count goes up by 1 at a large error, far down at one of the other sign, else down by 1 */
     {
         const float t1 = measurement->y - s->z[0];
         const bool t2 = chua_within(t1, 0.6f);
@@ -316,7 +322,7 @@ static unsigned chua_recover(chua_state *s, const chua_output *measurement)
     bool lost = false;
     bool over_range = false;
     bool over_y = false;
-    /* by which sign, and is the estimate lost? */
+    /* which fault counts are at their limits, and must the estimate restart? */
     {
         const bool t1 = s->fault_limit_y <= chua_abs(s->fault_count_y);
         const float fault_limit_range = s->fault_limit_range;
@@ -409,7 +415,7 @@ static unsigned chua_count_faults(chua_state *s, const chua_output *measurement)
         s->fault_count_y = (side_y < 0.0f) ? -t1 : t1;
         s->fault_limit_y = (t1 <= 0.0f) ? 3130.0f : fault_limit_y;
     }
-    /* does a guard act? */
+    /* is a fault count at its limit? */
     acts = s->fault_limit_y <= chua_abs(s->fault_count_y) || s->fault_limit_range <= s->fault_count_range;
     if (acts) {
         status |= chua_recover(s, measurement);

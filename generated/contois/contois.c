@@ -11,7 +11,7 @@
 #error "needs sums in their order: -funsafe-math-optimizations spoils the bundled functions"
 #endif
 
-/* of what runs rarely, which is no part of what calls it */
+/* for a function that runs rarely: it is not inlined */
 #if defined(__GNUC__)
 #define CONTOIS_RARELY __attribute__((noinline))
 #else
@@ -120,6 +120,7 @@ static unsigned contois_ready(contois_state *s, const contois_params *p)
 }
 
 CONTOIS_RARELY
+/* set the fault counts and their limits as after a reset */
 static void contois_clear_fault_counts(contois_state *s)
 {
     /* as after a reset */
@@ -143,7 +144,7 @@ static unsigned contois_keep_in_box(contois_state *s, const contois_params *p)
         lost = !(t1 && contois_within(s->D[0], 1e+30f) && contois_within(s->D[1], 1e+30f));
     }
     if (lost) {
-        /* a value is lost: all restart */
+        /* a value is lost: restart all but the signals */
         s->z[0] = 0.1f;
         s->z[1] = 0.1f;
         status |= CONTOIS_RESTARTED;
@@ -299,6 +300,7 @@ static unsigned contois_run_predict(contois_state *s, const contois_params *p, c
     return status;
 }
 
+/* is the sample a number, plausible, and not absurdly far from its estimate? */
 static unsigned contois_guard_measurement_y(const contois_state *s, float *e, float *output_error,
     float reading, bool *valid)
 {
@@ -354,10 +356,11 @@ static unsigned contois_use_sample_y(contois_state *s, const contois_params *p, 
     return status;
 }
 
+/* is the estimate out of a range or far from a sample, or does a fault count run? */
 static unsigned contois_suspect_y(const contois_state *s, float output_error, bool *suspect, bool valid)
 {
     unsigned status = 0u;
-    /* is the estimate where it cannot be for long? */
+    /* is the estimate out of a range or far from a sample, or does a fault count run? */
     {
         const float z1 = s->z[0];
         const float z2 = s->z[1];
@@ -370,6 +373,7 @@ static unsigned contois_suspect_y(const contois_state *s, float output_error, bo
     return status;
 }
 
+/* is there a plausible sample, by which the estimate can be judged? */
 static bool contois_plausible_y(float reading, bool valid)
 {
     bool sampled = false;
@@ -378,6 +382,7 @@ static bool contois_plausible_y(float reading, bool valid)
     return sampled;
 }
 
+/* is a fault count or limit out of its range, or does the checksum differ? */
 static bool contois_counts_spoiled_y(const contois_state *s)
 {
     bool spoiled = false;
@@ -399,9 +404,10 @@ static bool contois_counts_spoiled_y(const contois_state *s)
     return spoiled;
 }
 
+/* the change of the fault count of an output at this sample, and the sign of its error */
 static void contois_find_signs_y(const contois_state *s, float *moves_y, float output_error, float *side_y)
 {
-    /* which signs show? */
+    /* a count goes up by 1 at a large error, far down at one of the other sign, else down by 1 */
     {
         const bool t1 = contois_within(output_error, 0.49f);
         const float fault_count_y = s->fault_count_y;
@@ -417,7 +423,7 @@ static unsigned contois_recover_y(contois_state *s, float reading)
     bool lost = false;
     bool over_range = false;
     bool over_y = false;
-    /* by which sign, and is the estimate lost? */
+    /* which fault counts are at their limits, and must the estimate restart? */
     {
         const bool t1 = s->fault_limit_y <= contois_abs(s->fault_count_y);
         const float fault_limit_range = s->fault_limit_range;
@@ -528,7 +534,7 @@ static unsigned contois_count_faults_y(contois_state *s, float output_error, flo
         s->fault_count_y = (side_y < 0.0f) ? -t1 : t1;
         s->fault_limit_y = (t1 <= 0.0f) ? 600.0f : fault_limit_y;
     }
-    /* does a guard act? */
+    /* is a fault count at its limit? */
     acts = s->fault_limit_y <= contois_abs(s->fault_count_y) || s->fault_limit_range <= s->fault_count_range;
     if (acts) {
         status |= contois_recover_y(s, reading);

@@ -26,7 +26,7 @@ typedef struct {
     float m; /**< biomass [g/l], 0.1 .. 5 */
     float s; /**< substrate [g/l], 0.1 .. 10 */
 } contois_plant;
-/** parameters: change plant or gain, then call tune */
+/** parameters: change gain, then call tune */
 typedef struct {
     unsigned ready; /**< what init and PARAMS_INIT leave here; parameters without it are not used */
     struct {
@@ -35,19 +35,19 @@ typedef struct {
         float theta; /**< high-gain parameter, 1 .. 2 */
     } gain; /**< gains of the observer */
 } contois_params;
-/** what a step remembers: yours to copy, save and restore; ranges are limits, which no call leaves; .. */
+/** what a step remembers: yours to copy, save and restore; a call keeps each member in its range */
 typedef struct {
     unsigned ready;          /**< what init and reset leave here; a state without it begins anew */
     float z[2];              /**< estimate in the form's coordinates: m, s */
-    float L;                 /**< unit lower factor of P, strict lower triangle by columns: L21, .. */
+    float L;                 /**< L of P = L D L' by columns: L21, -1.53335e+10 .. 1.53335e+10 */
     float D[2];              /**< diagonal factor of the covariance P = L D L' */
-    float fault_count_y;     /**< samples with a fault, signed as the last error, -614400 .. 614400 */
+    float fault_count_y;     /**< faulty samples, sign of the last error, -614400 .. 614400 */
     float fault_limit_y;     /**< fault count at which a guard acts, 600 .. 614400 */
-    float fault_count_range; /**< samples with a fault, 0 .. 614400 */
+    float fault_count_range; /**< faulty samples, 0 .. 614400 */
     float fault_limit_range; /**< fault count at which a guard acts, 600 .. 614400 */
-    float fault_checksum;    /**< checks fault counts and limits: their sum beyond the start, 0 .. .. */
+    float fault_checksum;    /**< checksum of fault counts and limits, 0 .. 2.4564e+06 */
     unsigned calls;          /**< 0 before the first call, 1 after it */
-    unsigned used_y;         /**< 1 from a sample of y that was used until the next predict */
+    unsigned used_y;         /**< 0: an update with y may come, 1: none before the next predict */
     float u;                 /**< last valid input: u, 0 .. 0.5 */
 } contois_state;
 
@@ -69,7 +69,7 @@ unsigned contois_tune(contois_params *p);
  * @param[out] s the state: what a step remembers */
 void contois_reset(contois_state *s);
 
-/** @brief one sampling period: predict, update_y
+/** @brief one sampling period: predict, update_y; NaN means a missing sample; the first call advances no time
  * @param[in,out] s the state: what a step remembers
  * @param[in] p the parameters
  * @param[in] in the input now
@@ -98,16 +98,16 @@ unsigned contois_predict(contois_state *s, const contois_params *p, const contoi
  * @return 0, or an or of the status bits */
 unsigned contois_update_y(contois_state *s, const contois_params *p, const contois_output *measurement);
 
-/** @brief the state as CONTOIS_SAVED bytes: CONTOIS_LAYOUT, what lies in memory, a checksum
+/** @brief write the state as CONTOIS_SAVED bytes: CONTOIS_LAYOUT, the memory of the struct, a checksum
  * @param[in] s the state: what a step remembers
- * @param[out] saved NAME_SAVED bytes, which may lie anywhere */
+ * @param[out] saved CONTOIS_SAVED bytes, at any address */
 void contois_save(const contois_state *s, unsigned char *saved);
 
-/** @brief the state that was saved, where it was saved by this program and no bit of it is another
+/** @brief read a state that this program saved; refuse any other, and one with another bit
  * @param[out] s the state: what a step remembers
- * @param[in] saved NAME_SAVED bytes, which may lie anywhere
- * @param[in] size how many there are
- * @return 0: restored; 1: refused, the state is as it was */
+ * @param[in] saved CONTOIS_SAVED bytes, at any address
+ * @param[in] size how many bytes there are
+ * @return 0: restored; 1: refused, the state is unchanged */
 unsigned contois_restore(contois_state *s, const unsigned char *saved, size_t size);
 
 #ifdef __cplusplus
@@ -133,18 +133,19 @@ unsigned contois_restore(contois_state *s, const unsigned char *saved, size_t si
 
 /** the estimate, or a state of the plant before it is clamped to its range, is outside the declared ranges,
  * where the model is evaluated at the edge. To do: normal while the estimate peaks, do not act on it then; if
- * it stays, the declared ranges are too narrow. */
+ * it stays, the declared ranges are too narrow. The ranges are in contois.md. */
 #define CONTOIS_OUTSIDE_BOX           0x0010u
 
 /** the estimate was projected to its outer box; the convergence theorem, where it applies, is suspended. To
- * do: none if brief; if it stays, widen the ranges or lower theta. */
+ * do: none if brief; if it stays, widen the ranges or lower theta. The ranges are in contois.md. */
 #define CONTOIS_STATE_LIMITED         0x0020u
 
-/** a value was lost (not finite, or beyond 1e30), and the whole state restarted. To do: treat the estimate as
- * new; check parameters (tune was called?) and ranges. */
+/** a value was lost (not finite, or beyond 1e30): all of the state restarted but the last input and samples,
+ * and the counters of calls. To do: treat the estimate as new; check parameters (tune was called?) and
+ * ranges. */
 #define CONTOIS_RESTARTED             0x0040u
 
-/** good samples did not bring the estimate back, and the state restarted from the sample. To do: treat the
+/** good samples did not bring the estimate back, and the observer restarted from the sample. To do: treat the
  * estimate as new; if it comes again without a fault, widen the ranges or lower theta or check the model. */
 #define CONTOIS_RESTARTED_FROM_SAMPLE 0x0080u
 
@@ -164,25 +165,25 @@ unsigned contois_restore(contois_state *s, const unsigned char *saved, size_t si
  * ranges. To do: wait for measurements; if it stays while they come, scale Q and R down together. */
 #define CONTOIS_COVARIANCE_LIMITED    0x0800u
 
-/** the memory of the state was none that init or reset had made, or one of another program: it was not used,
- * the state began as before the first call. To do: call init once before all else; of a state that was
- * restored, check what was saved. */
+/** the state has no mark of init or reset, or that of another program: it was not used and began as before
+ * the first call. To do: call init once before all else; of a state that was restored, check what was
+ * saved. */
 #define CONTOIS_UNINITIALISED         0x1000u
 
-/** the memory of the parameters was none that init or PARAMS_INIT had made, or of another program: tune took
- * the nominal values, any other call took no sample and left the state as before the first call. To do: call
- * init once before all else, or begin constant parameters with PARAMS_INIT. */
+/** the parameters have no mark of init or PARAMS_INIT, or that of another program: tune took the nominal
+ * values, any other call took no sample and left the state as before the first call. To do: call init once
+ * before all else, or begin constant parameters with PARAMS_INIT. */
 #define CONTOIS_NO_PARAMETERS         0x2000u
 
 /** @} */
 
-#define CONTOIS_VERSION "0.2.0"                       /**< of hgogen that made this file */
+#define CONTOIS_VERSION "0.2.0"                       /**< of hgogen, which generated this file */
 #define CONTOIS_MODEL   "f54b8a00f7fe844c"            /**< digest of the model, as in its certificate */
 #define CONTOIS_LAYOUT  "455d2f06136d8137"            /**< digest of what a saved state needs to be the same */
-#define CONTOIS_READY   0x465Fu                       /**< mark of what init and reset have made */
+#define CONTOIS_READY   0x465Fu                       /**< mark that init and reset write */
 #define CONTOIS_SAVED   (sizeof(contois_state) + 12u) /**< bytes of a saved state */
 
-/** what constant parameters begin with, which may lie in flash: nominal ones, tuned, with their mark */
+/** initial value of constant parameters, which may lie in flash: nominal ones, tuned, with their mark */
 #define CONTOIS_PARAMS_INIT { \
     CONTOIS_READY, \
     {{0.0001f, 0.1f}, 1e-08f, 2.0f} \

@@ -17,7 +17,7 @@
 #error "needs sums in their order: -funsafe-math-optimizations spoils the bundled functions"
 #endif
 
-/* of what runs rarely, which is no part of what calls it */
+/* for a function that runs rarely: it is not inlined */
 #if defined(__GNUC__)
 #define CSTR_RARELY __attribute__((noinline))
 #else
@@ -203,6 +203,7 @@ static unsigned cstr_ready(cstr_state *s, const cstr_params *p)
 }
 
 CSTR_RARELY
+/* set the fault counts and their limits as after a reset */
 static void cstr_clear_fault_counts(cstr_state *s)
 {
     /* as after a reset */
@@ -226,7 +227,7 @@ static unsigned cstr_keep_in_box(cstr_state *s, const cstr_params *p)
         lost = !(t1 && cstr_within(s->D[1], 1e+30f));
     }
     if (lost) {
-        /* a value is lost: all restart */
+        /* a value is lost: restart all but the signals */
         s->z[0] = 300.0f;
         s->z[1] = 0.05f;
         status |= CSTR_RESTARTED;
@@ -380,6 +381,7 @@ static unsigned cstr_run_predict(cstr_state *s, const cstr_params *p, const cstr
     return status;
 }
 
+/* is the sample a number, plausible, and not absurdly far from its estimate? */
 static unsigned cstr_guard_measurement_y(const cstr_state *s, float *e, float *output_error, float reading,
     bool *valid)
 {
@@ -436,10 +438,11 @@ static unsigned cstr_use_sample_y(cstr_state *s, const cstr_params *p, float e)
     return status;
 }
 
+/* is the estimate out of a range or far from a sample, or does a fault count run? */
 static unsigned cstr_suspect_y(const cstr_state *s, float output_error, bool *suspect, bool valid)
 {
     unsigned status = 0u;
-    /* is the estimate where it cannot be for long? */
+    /* is the estimate out of a range or far from a sample, or does a fault count run? */
     {
         const float z1 = s->z[0];
         const float z2 = s->z[1];
@@ -452,6 +455,7 @@ static unsigned cstr_suspect_y(const cstr_state *s, float output_error, bool *su
     return status;
 }
 
+/* is there a plausible sample, by which the estimate can be judged? */
 static bool cstr_plausible_y(float reading, bool valid)
 {
     bool sampled = false;
@@ -460,6 +464,7 @@ static bool cstr_plausible_y(float reading, bool valid)
     return sampled;
 }
 
+/* is a fault count or limit out of its range, or does the checksum differ? */
 static bool cstr_counts_spoiled_y(const cstr_state *s)
 {
     bool spoiled = false;
@@ -480,9 +485,10 @@ static bool cstr_counts_spoiled_y(const cstr_state *s)
     return spoiled;
 }
 
+/* the change of the fault count of an output at this sample, and the sign of its error */
 static void cstr_find_signs_y(const cstr_state *s, float *moves_y, float output_error, float *side_y)
 {
-    /* which signs show? */
+    /* a count goes up by 1 at a large error, far down at one of the other sign, else down by 1 */
     {
         const bool t1 = cstr_within(output_error, 5.0f);
         const float fault_count_y = s->fault_count_y;
@@ -498,7 +504,7 @@ static unsigned cstr_recover_y(cstr_state *s, float reading)
     bool lost = false;
     bool over_range = false;
     bool over_y = false;
-    /* by which sign, and is the estimate lost? */
+    /* which fault counts are at their limits, and must the estimate restart? */
     {
         const bool t1 = s->fault_limit_y <= cstr_abs(s->fault_count_y);
         const float fault_limit_range = s->fault_limit_range;
@@ -609,7 +615,7 @@ static unsigned cstr_count_faults_y(cstr_state *s, float output_error, float rea
         s->fault_count_y = (side_y < 0.0f) ? -t1 : t1;
         s->fault_limit_y = (t1 <= 0.0f) ? 239.0f : fault_limit_y;
     }
-    /* does a guard act? */
+    /* is a fault count at its limit? */
     acts = s->fault_limit_y <= cstr_abs(s->fault_count_y) || s->fault_limit_range <= s->fault_count_range;
     if (acts) {
         status |= cstr_recover_y(s, reading);

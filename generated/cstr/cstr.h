@@ -26,7 +26,7 @@ typedef struct {
     float C; /**< concentration [mol/l], 0.05 .. 1 */
     float T; /**< temperature [K], 300 .. 350 */
 } cstr_plant;
-/** parameters: change plant or gain, then call tune */
+/** parameters: change gain, then call tune */
 typedef struct {
     unsigned ready; /**< what init and PARAMS_INIT leave here; parameters without it are not used */
     struct {
@@ -34,19 +34,19 @@ typedef struct {
         float R;    /**< output noise: y [y^2 min], 1e-11 .. 10 */
     } gain; /**< gains of the observer */
 } cstr_params;
-/** what a step remembers: yours to copy, save and restore; ranges are limits, which no call leaves; .. */
+/** what a step remembers: yours to copy, save and restore; a call keeps each member in its range */
 typedef struct {
     unsigned ready;          /**< what init and reset leave here; a state without it begins anew */
     float z[2];              /**< estimate in the form's coordinates: T, C */
-    float L;                 /**< unit lower factor of P, strict lower triangle by columns: L21, .. */
+    float L;                 /**< L of P = L D L' by columns: L21, -1.5932e+07 .. 1.5932e+07 */
     float D[2];              /**< diagonal factor of the covariance P = L D L' */
-    float fault_count_y;     /**< samples with a fault, signed as the last error, -244736 .. 244736 */
+    float fault_count_y;     /**< faulty samples, sign of the last error, -244736 .. 244736 */
     float fault_limit_y;     /**< fault count at which a guard acts, 239 .. 244736 */
-    float fault_count_range; /**< samples with a fault, 0 .. 244736 */
+    float fault_count_range; /**< faulty samples, 0 .. 244736 */
     float fault_limit_range; /**< fault count at which a guard acts, 239 .. 244736 */
-    float fault_checksum;    /**< checks fault counts and limits: their sum beyond the start, 0 .. 978466 */
+    float fault_checksum;    /**< checksum of fault counts and limits, 0 .. 978466 */
     unsigned calls;          /**< 0 before the first call, 1 after it */
-    unsigned used_y;         /**< 1 from a sample of y that was used until the next predict */
+    unsigned used_y;         /**< 0: an update with y may come, 1: none before the next predict */
     float u;                 /**< last valid input: Tc, 280 .. 320 */
 } cstr_state;
 
@@ -68,7 +68,7 @@ unsigned cstr_tune(cstr_params *p);
  * @param[out] s the state: what a step remembers */
 void cstr_reset(cstr_state *s);
 
-/** @brief one sampling period: predict, update_y
+/** @brief one sampling period: predict, update_y; NaN means a missing sample; the first call advances no time
  * @param[in,out] s the state: what a step remembers
  * @param[in] p the parameters
  * @param[in] in the input now
@@ -96,16 +96,16 @@ unsigned cstr_predict(cstr_state *s, const cstr_params *p, const cstr_input *in)
  * @return 0, or an or of the status bits */
 unsigned cstr_update_y(cstr_state *s, const cstr_params *p, const cstr_output *measurement);
 
-/** @brief the state as CSTR_SAVED bytes: CSTR_LAYOUT, what lies in memory, a checksum
+/** @brief write the state as CSTR_SAVED bytes: CSTR_LAYOUT, the memory of the struct, a checksum
  * @param[in] s the state: what a step remembers
- * @param[out] saved NAME_SAVED bytes, which may lie anywhere */
+ * @param[out] saved CSTR_SAVED bytes, at any address */
 void cstr_save(const cstr_state *s, unsigned char *saved);
 
-/** @brief the state that was saved, where it was saved by this program and no bit of it is another
+/** @brief read a state that this program saved; refuse any other, and one with another bit
  * @param[out] s the state: what a step remembers
- * @param[in] saved NAME_SAVED bytes, which may lie anywhere
- * @param[in] size how many there are
- * @return 0: restored; 1: refused, the state is as it was */
+ * @param[in] saved CSTR_SAVED bytes, at any address
+ * @param[in] size how many bytes there are
+ * @return 0: restored; 1: refused, the state is unchanged */
 unsigned cstr_restore(cstr_state *s, const unsigned char *saved, size_t size);
 
 #ifdef __cplusplus
@@ -131,18 +131,19 @@ unsigned cstr_restore(cstr_state *s, const unsigned char *saved, size_t size);
 
 /** the estimate, or a state of the plant before it is clamped to its range, is outside the declared ranges,
  * where the model is evaluated at the edge. To do: normal while the estimate peaks, do not act on it then; if
- * it stays, the declared ranges are too narrow. */
+ * it stays, the declared ranges are too narrow. The ranges are in cstr.md. */
 #define CSTR_OUTSIDE_BOX           0x0010u
 
 /** the estimate was projected to its outer box; the convergence theorem, where it applies, is suspended. To
- * do: none if brief; if it stays, widen the ranges. */
+ * do: none if brief; if it stays, widen the ranges. The ranges are in cstr.md. */
 #define CSTR_STATE_LIMITED         0x0020u
 
-/** a value was lost (not finite, or beyond 1e30), and the whole state restarted. To do: treat the estimate as
- * new; check parameters (tune was called?) and ranges. */
+/** a value was lost (not finite, or beyond 1e30): all of the state restarted but the last input and samples,
+ * and the counters of calls. To do: treat the estimate as new; check parameters (tune was called?) and
+ * ranges. */
 #define CSTR_RESTARTED             0x0040u
 
-/** good samples did not bring the estimate back, and the state restarted from the sample. To do: treat the
+/** good samples did not bring the estimate back, and the observer restarted from the sample. To do: treat the
  * estimate as new; if it comes again without a fault, widen the ranges or check the model. */
 #define CSTR_RESTARTED_FROM_SAMPLE 0x0080u
 
@@ -162,25 +163,25 @@ unsigned cstr_restore(cstr_state *s, const unsigned char *saved, size_t size);
  * ranges. To do: wait for measurements; if it stays while they come, scale Q and R down together. */
 #define CSTR_COVARIANCE_LIMITED    0x0800u
 
-/** the memory of the state was none that init or reset had made, or one of another program: it was not used,
- * the state began as before the first call. To do: call init once before all else; of a state that was
- * restored, check what was saved. */
+/** the state has no mark of init or reset, or that of another program: it was not used and began as before
+ * the first call. To do: call init once before all else; of a state that was restored, check what was
+ * saved. */
 #define CSTR_UNINITIALISED         0x1000u
 
-/** the memory of the parameters was none that init or PARAMS_INIT had made, or of another program: tune took
- * the nominal values, any other call took no sample and left the state as before the first call. To do: call
- * init once before all else, or begin constant parameters with PARAMS_INIT. */
+/** the parameters have no mark of init or PARAMS_INIT, or that of another program: tune took the nominal
+ * values, any other call took no sample and left the state as before the first call. To do: call init once
+ * before all else, or begin constant parameters with PARAMS_INIT. */
 #define CSTR_NO_PARAMETERS         0x2000u
 
 /** @} */
 
-#define CSTR_VERSION "0.2.0"                    /**< of hgogen that made this file */
+#define CSTR_VERSION "0.2.0"                    /**< of hgogen, which generated this file */
 #define CSTR_MODEL   "6d9f3adca64aa30f"         /**< digest of the model, as in its certificate */
 #define CSTR_LAYOUT  "748695478b76b934"         /**< digest of what a saved state needs to be the same */
-#define CSTR_READY   0x7588u                    /**< mark of what init and reset have made */
+#define CSTR_READY   0x7588u                    /**< mark that init and reset write */
 #define CSTR_SAVED   (sizeof(cstr_state) + 12u) /**< bytes of a saved state */
 
-/** what constant parameters begin with, which may lie in flash: nominal ones, tuned, with their mark */
+/** initial value of constant parameters, which may lie in flash: nominal ones, tuned, with their mark */
 #define CSTR_PARAMS_INIT { \
     CSTR_READY, \
     {{10.0f, 0.0009f}, 1e-05f} \

@@ -17,7 +17,7 @@
 #error "needs sums in their order: -funsafe-math-optimizations spoils the bundled functions"
 #endif
 
-/* of what runs rarely, which is no part of what calls it */
+/* for a function that runs rarely: it is not inlined */
 #if defined(__GNUC__)
 #define DISTURBED_PENDULUM_RARELY __attribute__((noinline))
 #else
@@ -142,6 +142,7 @@ static unsigned disturbed_pendulum_ready(disturbed_pendulum_state *s, const dist
 }
 
 DISTURBED_PENDULUM_RARELY
+/* set the fault counts and their limits as after a reset */
 static void disturbed_pendulum_clear_fault_counts(disturbed_pendulum_state *s)
 {
     /* as after a reset */
@@ -166,7 +167,7 @@ static unsigned disturbed_pendulum_keep_in_box(disturbed_pendulum_state *s,
         lost = !(t1 && disturbed_pendulum_within(s->gamma, 1e+30f));
     }
     if (lost) {
-        /* a value is lost: all restart */
+        /* a value is lost: restart all but the signals */
         s->w[0] = 1.0f;
         s->w[1] = 1.0f;
         s->w[2] = 1.0f;
@@ -206,6 +207,7 @@ static void disturbed_pendulum_nominal(disturbed_pendulum_params *p)
     p->gain.sigma = 0.05f;
 }
 
+/* is each sample a number, plausible, and not absurdly far from its estimate? */
 static unsigned disturbed_pendulum_guard_measurements(const disturbed_pendulum_state *s,
     const disturbed_pendulum_output *measurement, float *valid, float *y, float *y_last)
 {
@@ -319,11 +321,12 @@ static unsigned disturbed_pendulum_advance(disturbed_pendulum_state *s, const di
     return status;
 }
 
+/* is the estimate out of a range or far from a sample, or does a fault count run? */
 static unsigned disturbed_pendulum_suspect(const disturbed_pendulum_state *s,
     const disturbed_pendulum_output *measurement, bool *suspect, float valid)
 {
     unsigned status = 0u;
-    /* is the estimate where it cannot be for long? */
+    /* is the estimate out of a range or far from a sample, or does a fault count run? */
     {
         const float w1 = s->w[0];
         const bool t1 = disturbed_pendulum_abs(w1) > 4.0f || disturbed_pendulum_abs(s->w[1]) > 50.0f
@@ -337,6 +340,7 @@ static unsigned disturbed_pendulum_suspect(const disturbed_pendulum_state *s,
     return status;
 }
 
+/* is there a plausible sample, by which the estimate can be judged? */
 static bool disturbed_pendulum_plausible(const disturbed_pendulum_output *measurement, float valid)
 {
     bool sampled = false;
@@ -349,6 +353,7 @@ static bool disturbed_pendulum_plausible(const disturbed_pendulum_output *measur
     return sampled;
 }
 
+/* is a fault count or limit out of its range, or does the checksum differ? */
 static bool disturbed_pendulum_counts_spoiled(const disturbed_pendulum_state *s)
 {
     bool spoiled = false;
@@ -369,10 +374,11 @@ static bool disturbed_pendulum_counts_spoiled(const disturbed_pendulum_state *s)
     return spoiled;
 }
 
+/* the change of the fault count of an output at this sample, and the sign of its error */
 static void disturbed_pendulum_find_signs(const disturbed_pendulum_state *s,
     const disturbed_pendulum_output *measurement, float *moves_y, float *side_y)
 {
-    /* which signs show? */
+    /* a count goes up by 1 at a large error, far down at one of the other sign, else down by 1 */
     {
         const float t1 = measurement->y - s->w[0];
         const bool t2 = disturbed_pendulum_within(t1, 0.8f);
@@ -390,7 +396,7 @@ static unsigned disturbed_pendulum_recover(disturbed_pendulum_state *s,
     bool lost = false;
     bool over_range = false;
     bool over_y = false;
-    /* by which sign, and is the estimate lost? */
+    /* which fault counts are at their limits, and must the estimate restart? */
     {
         const bool t1 = s->fault_limit_y <= disturbed_pendulum_abs(s->fault_count_y);
         const float fault_limit_range = s->fault_limit_range;
@@ -490,7 +496,7 @@ static unsigned disturbed_pendulum_count_faults(disturbed_pendulum_state *s,
         s->fault_count_y = (side_y < 0.0f) ? -t1 : t1;
         s->fault_limit_y = (t1 <= 0.0f) ? 3499.0f : fault_limit_y;
     }
-    /* does a guard act? */
+    /* is a fault count at its limit? */
     acts = s->fault_limit_y <= disturbed_pendulum_abs(s->fault_count_y)
         || s->fault_limit_range <= s->fault_count_range;
     if (acts) {

@@ -23,7 +23,7 @@ typedef struct {
     float x2; /**< rate [rad/s], -50 .. 50 */
     float x3; /**< unknown torque over inertia [1/s2], -5 .. 5 */
 } disturbed_pendulum_plant;
-/** parameters: change plant or gain, then call tune */
+/** parameters: change gain, then call tune */
 typedef struct {
     unsigned ready; /**< what init and PARAMS_INIT leave here; parameters without it are not used */
     struct {
@@ -32,18 +32,18 @@ typedef struct {
         float sigma;     /**< gamma falls like -sigma gamma^2, 0 .. 0.05 */
     } gain; /**< gains of the observer */
 } disturbed_pendulum_params;
-/** what a step remembers: yours to copy, save and restore; ranges are limits, which no call leaves; .. */
+/** what a step remembers: yours to copy, save and restore; a call keeps each member in its range */
 typedef struct {
     unsigned ready;          /**< what init and reset leave here; a state without it begins anew */
     float w[3];              /**< estimate, in chains of integrators: x1, x2, x3 */
     float gamma;             /**< high-gain parameter, 20.53 .. 80 */
-    float fault_count_y;     /**< samples with a fault, signed as the last error, -3.58298e+06 .. .. */
+    float fault_count_y;     /**< faulty samples, sign of the last error, -3.58298e+06 .. 3.58298e+06 */
     float fault_limit_y;     /**< fault count at which a guard acts, 3499 .. 3.58298e+06 */
-    float fault_count_range; /**< samples with a fault, 0 .. 3.58298e+06 */
+    float fault_count_range; /**< faulty samples, 0 .. 3.58298e+06 */
     float fault_limit_range; /**< fault count at which a guard acts, 3499 .. 3.58298e+06 */
-    float fault_checksum;    /**< checks fault counts and limits: their sum beyond the start, 0 .. .. */
+    float fault_checksum;    /**< checksum of fault counts and limits, 0 .. 1.43249e+07 */
     unsigned calls;          /**< 0 before the first call, 1 after it */
-    float y;                 /**< sample of the last call, or its estimate where there was none: y */
+    float y;                 /**< last sample, or its estimate: y */
     float y_valid;           /**< 1 where the last call had a valid sample: y */
 } disturbed_pendulum_state;
 
@@ -65,7 +65,7 @@ unsigned disturbed_pendulum_tune(disturbed_pendulum_params *p);
  * @param[out] s the state: what a step remembers */
 void disturbed_pendulum_reset(disturbed_pendulum_state *s);
 
-/** @brief one sampling period: predict
+/** @brief one sampling period: predict; NaN means a missing sample; the first call advances no time
  * @param[in,out] s the state: what a step remembers
  * @param[in] p the parameters
  * @param[in] measurement the measurement now
@@ -80,17 +80,17 @@ unsigned disturbed_pendulum_step(disturbed_pendulum_state *s, const disturbed_pe
 void disturbed_pendulum_estimate(const disturbed_pendulum_state *s, const disturbed_pendulum_params *p,
     disturbed_pendulum_plant *x);
 
-/** @brief the state as DISTURBED_PENDULUM_SAVED bytes: DISTURBED_PENDULUM_LAYOUT, what lies in memory, a
- * checksum
+/** @brief write the state as DISTURBED_PENDULUM_SAVED bytes: DISTURBED_PENDULUM_LAYOUT, the memory of the
+ * struct, a checksum
  * @param[in] s the state: what a step remembers
- * @param[out] saved NAME_SAVED bytes, which may lie anywhere */
+ * @param[out] saved DISTURBED_PENDULUM_SAVED bytes, at any address */
 void disturbed_pendulum_save(const disturbed_pendulum_state *s, unsigned char *saved);
 
-/** @brief the state that was saved, where it was saved by this program and no bit of it is another
+/** @brief read a state that this program saved; refuse any other, and one with another bit
  * @param[out] s the state: what a step remembers
- * @param[in] saved NAME_SAVED bytes, which may lie anywhere
- * @param[in] size how many there are
- * @return 0: restored; 1: refused, the state is as it was */
+ * @param[in] saved DISTURBED_PENDULUM_SAVED bytes, at any address
+ * @param[in] size how many bytes there are
+ * @return 0: restored; 1: refused, the state is unchanged */
 unsigned disturbed_pendulum_restore(disturbed_pendulum_state *s, const unsigned char *saved, size_t size);
 
 #ifdef __cplusplus
@@ -109,18 +109,19 @@ unsigned disturbed_pendulum_restore(disturbed_pendulum_state *s, const unsigned 
 
 /** the estimate, or a state of the plant before it is clamped to its range, is outside the declared ranges,
  * where the model is evaluated at the edge. To do: normal while the estimate peaks, do not act on it then; if
- * it stays, the declared ranges are too narrow. */
+ * it stays, the declared ranges are too narrow. The ranges are in disturbed_pendulum.md. */
 #define DISTURBED_PENDULUM_OUTSIDE_BOX           0x0004u
 
 /** the estimate was projected to its outer box; the convergence theorem, where it applies, is suspended. To
- * do: none if brief; if it stays, widen the ranges. */
+ * do: none if brief; if it stays, widen the ranges. The ranges are in disturbed_pendulum.md. */
 #define DISTURBED_PENDULUM_STATE_LIMITED         0x0008u
 
-/** a value was lost (not finite, or beyond 1e30), and the whole state restarted. To do: treat the estimate as
- * new; check parameters (tune was called?) and ranges. */
+/** a value was lost (not finite, or beyond 1e30): all of the state restarted but the last input and samples,
+ * and the counters of calls. To do: treat the estimate as new; check parameters (tune was called?) and
+ * ranges. */
 #define DISTURBED_PENDULUM_RESTARTED             0x0010u
 
-/** good samples did not bring the estimate back, and the state restarted from the sample. To do: treat the
+/** good samples did not bring the estimate back, and the observer restarted from the sample. To do: treat the
  * estimate as new; if it comes again without a fault, widen the ranges or check the model. */
 #define DISTURBED_PENDULUM_RESTARTED_FROM_SAMPLE 0x0020u
 
@@ -132,25 +133,25 @@ unsigned disturbed_pendulum_restore(disturbed_pendulum_state *s, const unsigned 
  * do: correct the parameter and tune again. */
 #define DISTURBED_PENDULUM_PARAMETER_LIMITED     0x0080u
 
-/** the memory of the state was none that init or reset had made, or one of another program: it was not used,
- * the state began as before the first call. To do: call init once before all else; of a state that was
- * restored, check what was saved. */
+/** the state has no mark of init or reset, or that of another program: it was not used and began as before
+ * the first call. To do: call init once before all else; of a state that was restored, check what was
+ * saved. */
 #define DISTURBED_PENDULUM_UNINITIALISED         0x0100u
 
-/** the memory of the parameters was none that init or PARAMS_INIT had made, or of another program: tune took
- * the nominal values, any other call took no sample and left the state as before the first call. To do: call
- * init once before all else, or begin constant parameters with PARAMS_INIT. */
+/** the parameters have no mark of init or PARAMS_INIT, or that of another program: tune took the nominal
+ * values, any other call took no sample and left the state as before the first call. To do: call init once
+ * before all else, or begin constant parameters with PARAMS_INIT. */
 #define DISTURBED_PENDULUM_NO_PARAMETERS         0x0200u
 
 /** @} */
 
-#define DISTURBED_PENDULUM_VERSION "0.2.0"                                  /**< of hgogen that made this file */
+#define DISTURBED_PENDULUM_VERSION "0.2.0"                                  /**< of hgogen, which generated this file */
 #define DISTURBED_PENDULUM_MODEL   "bbb9ececb691603d"                       /**< digest of the model, as in its certificate */
 #define DISTURBED_PENDULUM_LAYOUT  "ccddfa6ecd4197ad"                       /**< digest of what a saved state needs to be the same */
-#define DISTURBED_PENDULUM_READY   0xCDDFu                                  /**< mark of what init and reset have made */
+#define DISTURBED_PENDULUM_READY   0xCDDFu                                  /**< mark that init and reset write */
 #define DISTURBED_PENDULUM_SAVED   (sizeof(disturbed_pendulum_state) + 12u) /**< bytes of a saved state */
 
-/** what constant parameters begin with, which may lie in flash: nominal ones, tuned, with their mark */
+/** initial value of constant parameters, which may lie in flash: nominal ones, tuned, with their mark */
 #define DISTURBED_PENDULUM_PARAMS_INIT { \
     DISTURBED_PENDULUM_READY, \
     {50.0f, 0.1f, 0.05f} \

@@ -11,7 +11,7 @@
 #error "needs sums in their order: -funsafe-math-optimizations spoils the bundled functions"
 #endif
 
-/* of what runs rarely, which is no part of what calls it */
+/* for a function that runs rarely: it is not inlined */
 #if defined(__GNUC__)
 #define DUFFING_RARELY __attribute__((noinline))
 #else
@@ -105,6 +105,7 @@ static unsigned duffing_ready(duffing_state *s, const duffing_params *p)
 }
 
 DUFFING_RARELY
+/* set the fault counts and their limits as after a reset */
 static void duffing_clear_fault_counts(duffing_state *s)
 {
     /* as after a reset */
@@ -124,7 +125,7 @@ static unsigned duffing_keep_in_box(duffing_state *s, const duffing_params *p)
     /* is a value lost? */
     lost = !(duffing_within(s->z[0], 1e+30f) && duffing_within(s->z[1], 1e+30f));
     if (lost) {
-        /* a value is lost: all restart */
+        /* a value is lost: restart all but the signals */
         s->z[0] = 0.0f;
         s->z[1] = 0.0f;
         status |= DUFFING_RESTARTED;
@@ -151,6 +152,7 @@ static void duffing_nominal(duffing_params *p)
     p->gain.theta = 5.0f;
 }
 
+/* replace an input that is not finite or absurd by the last valid one, and clamp it to its range */
 static unsigned duffing_guard_input(const duffing_state *s, const duffing_input *in, float *u)
 {
     unsigned status = 0u;
@@ -170,6 +172,7 @@ static unsigned duffing_guard_input(const duffing_state *s, const duffing_input 
     return status;
 }
 
+/* is each sample a number, plausible, and not absurdly far from its estimate? */
 static unsigned duffing_guard_measurements(const duffing_state *s, const duffing_output *measurement,
     float *valid, float *y, float *y_last)
 {
@@ -259,11 +262,12 @@ static unsigned duffing_advance(duffing_state *s, const duffing_params *p, float
     return status;
 }
 
+/* is the estimate out of a range or far from a sample, or does a fault count run? */
 static unsigned duffing_suspect(const duffing_state *s, const duffing_output *measurement, bool *suspect,
     float valid)
 {
     unsigned status = 0u;
-    /* is the estimate where it cannot be for long? */
+    /* is the estimate out of a range or far from a sample, or does a fault count run? */
     {
         const float z1 = s->z[0];
         const bool t1 = duffing_abs(z1) > 2.0f || duffing_abs(s->z[1]) > 3.0f;
@@ -276,6 +280,7 @@ static unsigned duffing_suspect(const duffing_state *s, const duffing_output *me
     return status;
 }
 
+/* is there a plausible sample, by which the estimate can be judged? */
 static bool duffing_plausible(const duffing_output *measurement, float valid)
 {
     bool sampled = false;
@@ -287,6 +292,7 @@ static bool duffing_plausible(const duffing_output *measurement, float valid)
     return sampled;
 }
 
+/* is a fault count or limit out of its range, or does the checksum differ? */
 static bool duffing_counts_spoiled(const duffing_state *s)
 {
     bool spoiled = false;
@@ -308,10 +314,11 @@ static bool duffing_counts_spoiled(const duffing_state *s)
     return spoiled;
 }
 
+/* the change of the fault count of an output at this sample, and the sign of its error */
 static void duffing_find_signs(const duffing_state *s, const duffing_output *measurement, float *moves_y,
     float *side_y)
 {
-    /* which signs show? */
+    /* a count goes up by 1 at a large error, far down at one of the other sign, else down by 1 */
     {
         const float t1 = measurement->y - s->z[0];
         const bool t2 = duffing_within(t1, 0.4f);
@@ -328,7 +335,7 @@ static unsigned duffing_recover(duffing_state *s, const duffing_output *measurem
     bool lost = false;
     bool over_range = false;
     bool over_y = false;
-    /* by which sign, and is the estimate lost? */
+    /* which fault counts are at their limits, and must the estimate restart? */
     {
         const bool t1 = s->fault_limit_y <= duffing_abs(s->fault_count_y);
         const float fault_limit_range = s->fault_limit_range;
@@ -415,7 +422,7 @@ static unsigned duffing_count_faults(duffing_state *s, const duffing_output *mea
         s->fault_count_y = (side_y < 0.0f) ? -t1 : t1;
         s->fault_limit_y = (t1 <= 0.0f) ? 2486.0f : fault_limit_y;
     }
-    /* does a guard act? */
+    /* is a fault count at its limit? */
     acts = s->fault_limit_y <= duffing_abs(s->fault_count_y) || s->fault_limit_range <= s->fault_count_range;
     if (acts) {
         status |= duffing_recover(s, measurement);

@@ -17,7 +17,7 @@
 #error "needs sums in their order: -funsafe-math-optimizations spoils the bundled functions"
 #endif
 
-/* of what runs rarely, which is no part of what calls it */
+/* for a function that runs rarely: it is not inlined */
 #if defined(__GNUC__)
 #define FITZHUGH_NAGUMO_RARELY __attribute__((noinline))
 #else
@@ -239,6 +239,7 @@ static unsigned fitzhugh_nagumo_ready(fitzhugh_nagumo_state *s, const fitzhugh_n
 }
 
 FITZHUGH_NAGUMO_RARELY
+/* set the fault counts and their limits as after a reset */
 static void fitzhugh_nagumo_clear_fault_counts(fitzhugh_nagumo_state *s)
 {
     /* as after a reset */
@@ -250,6 +251,7 @@ static void fitzhugh_nagumo_clear_fault_counts(fitzhugh_nagumo_state *s)
 }
 
 FITZHUGH_NAGUMO_RARELY
+/* set what the observer remembers besides the estimate as after a reset */
 static void fitzhugh_nagumo_clear_rest(fitzhugh_nagumo_state *s)
 {
     /* as after a reset */
@@ -296,7 +298,7 @@ static unsigned fitzhugh_nagumo_keep_in_box(fitzhugh_nagumo_state *s, const fitz
         lost = !t4;
     }
     if (lost) {
-        /* a value is lost: all restart */
+        /* a value is lost: restart all but the signals */
         s->z[0] = 0.0f;
         s->z[1] = 0.0f;
         s->z[2] = 0.0f;
@@ -348,6 +350,7 @@ static unsigned fitzhugh_nagumo_keep_in_box(fitzhugh_nagumo_state *s, const fitz
     return status;
 }
 
+/* replace an input that is not finite or absurd by the last valid one, and clamp it to its range */
 static unsigned fitzhugh_nagumo_guard_input(const fitzhugh_nagumo_state *s, const fitzhugh_nagumo_input *in,
     float *u)
 {
@@ -566,6 +569,7 @@ static unsigned fitzhugh_nagumo_run_predict(fitzhugh_nagumo_state *s, const fitz
     return status;
 }
 
+/* is the sample a number, plausible, and not absurdly far from its estimate? */
 static unsigned fitzhugh_nagumo_guard_measurement_y(const fitzhugh_nagumo_state *s, float *e,
     float *output_error, float reading, bool *valid)
 {
@@ -640,11 +644,12 @@ static unsigned fitzhugh_nagumo_use_sample_y(fitzhugh_nagumo_state *s, const fit
     return status;
 }
 
+/* is the estimate out of a range or far from a sample, or does a fault count run? */
 static unsigned fitzhugh_nagumo_suspect_y(const fitzhugh_nagumo_state *s, float output_error, bool *suspect,
     bool valid)
 {
     unsigned status = 0u;
-    /* is the estimate where it cannot be for long? */
+    /* is the estimate out of a range or far from a sample, or does a fault count run? */
     {
         const bool t1 = fitzhugh_nagumo_abs(s->z[0]) > 3.5f || fitzhugh_nagumo_abs(s->z[1]) > 10.0f
             || fitzhugh_nagumo_abs(s->z[2]) > 8.0f;
@@ -656,6 +661,7 @@ static unsigned fitzhugh_nagumo_suspect_y(const fitzhugh_nagumo_state *s, float 
     return status;
 }
 
+/* is there a plausible sample, by which the estimate can be judged? */
 static bool fitzhugh_nagumo_plausible_y(float reading, bool valid)
 {
     bool sampled = false;
@@ -664,6 +670,7 @@ static bool fitzhugh_nagumo_plausible_y(float reading, bool valid)
     return sampled;
 }
 
+/* is a fault count or limit out of its range, or does the checksum differ? */
 static bool fitzhugh_nagumo_counts_spoiled_y(const fitzhugh_nagumo_state *s)
 {
     bool spoiled = false;
@@ -684,10 +691,11 @@ static bool fitzhugh_nagumo_counts_spoiled_y(const fitzhugh_nagumo_state *s)
     return spoiled;
 }
 
+/* the change of the fault count of an output at this sample, and the sign of its error */
 static void fitzhugh_nagumo_find_signs_y(const fitzhugh_nagumo_state *s, float *moves_y, float output_error,
     float *side_y)
 {
-    /* which signs show? */
+    /* a count goes up by 1 at a large error, far down at one of the other sign, else down by 1 */
     {
         const bool t1 = fitzhugh_nagumo_within(output_error, 1.0f);
         const float fault_count_y = s->fault_count_y;
@@ -703,7 +711,7 @@ static unsigned fitzhugh_nagumo_recover_y(fitzhugh_nagumo_state *s, float readin
     bool lost = false;
     bool over_range = false;
     bool over_y = false;
-    /* by which sign, and is the estimate lost? */
+    /* which fault counts are at their limits, and must the estimate restart? */
     {
         const bool t1 = s->fault_limit_y <= fitzhugh_nagumo_abs(s->fault_count_y);
         const float fault_limit_range = s->fault_limit_range;
@@ -829,7 +837,7 @@ static unsigned fitzhugh_nagumo_count_faults_y(fitzhugh_nagumo_state *s, float o
         s->fault_count_y = (side_y < 0.0f) ? -t1 : t1;
         s->fault_limit_y = (t1 <= 0.0f) ? 1023.0f : fault_limit_y;
     }
-    /* does a guard act? */
+    /* is a fault count at its limit? */
     acts = s->fault_limit_y <= fitzhugh_nagumo_abs(s->fault_count_y)
         || s->fault_limit_range <= s->fault_count_range;
     if (acts) {

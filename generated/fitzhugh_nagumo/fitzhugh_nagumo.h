@@ -26,7 +26,7 @@ typedef struct {
     float x2;  /**< recovery, -10 .. 10 */
     float eta; /**< slowly changing parameter, -8 .. 8 */
 } fitzhugh_nagumo_plant;
-/** parameters: change plant or gain, then call tune */
+/** parameters: change gain, then call tune */
 typedef struct {
     unsigned ready; /**< what init and PARAMS_INIT leave here; parameters without it are not used */
     struct {
@@ -45,24 +45,24 @@ typedef struct {
     float sum;        /**< sum of dt (y - yhat)^2 [y^2 s], 0 .. 1e+30 */
     unsigned samples; /**< valid samples in the sum */
 } fitzhugh_nagumo_predictor;
-/** what a step remembers: yours to copy, save and restore; ranges are limits, which no call leaves; .. */
+/** what a step remembers: yours to copy, save and restore; a call keeps each member in its range */
 typedef struct {
-    unsigned ready;                         /**< what init and reset leave here; a state without it .. */
-    float z[3];                             /**< estimate in the form's coordinates: x1, x2, -eta */
-    float L[3];                             /**< unit lower factor of P, strict lower triangle by .. */
-    float D[3];                             /**< diagonal factor of the covariance P = L D L' */
-    float innovation;                       /**< innovation I_d [y^2 s], 0 .. 1e+30 */
-    unsigned oldest;                        /**< index of the oldest predictor */
-    unsigned tick;                          /**< samples since the last restart */
-    float theta;                            /**< high-gain parameter, 1: Kalman mode, 1 .. 8 */
-    float fault_count_y;                    /**< samples with a fault, signed as the last error, .. */
-    float fault_limit_y;                    /**< fault count at which a guard acts, 1023 .. 1.04755e+06 */
-    float fault_count_range;                /**< samples with a fault, 0 .. 1.04755e+06 */
-    float fault_limit_range;                /**< fault count at which a guard acts, 1023 .. 1.04755e+06 */
-    float fault_checksum;                   /**< checks fault counts and limits: their sum beyond the .. */
-    unsigned calls;                         /**< 0 before the first call, 1 after it, then 2 */
-    unsigned used_y;                        /**< 1 from a sample of y that was used until the next predict */
-    float u;                                /**< last valid input: u, -1 .. 1 */
+    unsigned ready;          /**< what init and reset leave here; a state without it begins anew */
+    float z[3];              /**< estimate in the form's coordinates: x1, x2, -eta */
+    float L[3];              /**< L of P = L D L' by columns: L21, L31, L32 */
+    float D[3];              /**< diagonal factor of the covariance P = L D L' */
+    float innovation;        /**< innovation I_d [y^2 s], 0 .. 1e+30 */
+    unsigned oldest;         /**< index of the oldest predictor */
+    unsigned tick;           /**< samples since the last restart */
+    float theta;             /**< high-gain parameter, 1: Kalman mode, 1 .. 8 */
+    float fault_count_y;     /**< faulty samples, sign of the last error, -1.04755e+06 .. 1.04755e+06 */
+    float fault_limit_y;     /**< fault count at which a guard acts, 1023 .. 1.04755e+06 */
+    float fault_count_range; /**< faulty samples, 0 .. 1.04755e+06 */
+    float fault_limit_range; /**< fault count at which a guard acts, 1023 .. 1.04755e+06 */
+    float fault_checksum;    /**< checksum of fault counts and limits, 0 .. 4.18816e+06 */
+    unsigned calls;          /**< 0 before the first call, 1 after it, then 2 */
+    unsigned used_y;         /**< 0: an update with y may come, 1: none before the next predict */
+    float u;                 /**< last valid input: u, -1 .. 1 */
     fitzhugh_nagumo_predictor predictor[5]; /**< copies of the model that run without correction */
 } fitzhugh_nagumo_state;
 
@@ -84,7 +84,8 @@ unsigned fitzhugh_nagumo_tune(fitzhugh_nagumo_params *p);
  * @param[out] s the state: what a step remembers */
 void fitzhugh_nagumo_reset(fitzhugh_nagumo_state *s);
 
-/** @brief one sampling period: predict, update_y, adapt
+/** @brief one sampling period: predict, update_y, adapt; NaN means a missing sample; the first call advances
+ * no time
  * @param[in,out] s the state: what a step remembers
  * @param[in] p the parameters
  * @param[in] in the input now
@@ -122,16 +123,17 @@ unsigned fitzhugh_nagumo_update_y(fitzhugh_nagumo_state *s, const fitzhugh_nagum
  * @return 0, or an or of the status bits */
 unsigned fitzhugh_nagumo_adapt(fitzhugh_nagumo_state *s, const fitzhugh_nagumo_params *p);
 
-/** @brief the state as FITZHUGH_NAGUMO_SAVED bytes: FITZHUGH_NAGUMO_LAYOUT, what lies in memory, a checksum
+/** @brief write the state as FITZHUGH_NAGUMO_SAVED bytes: FITZHUGH_NAGUMO_LAYOUT, the memory of the struct, a
+ * checksum
  * @param[in] s the state: what a step remembers
- * @param[out] saved NAME_SAVED bytes, which may lie anywhere */
+ * @param[out] saved FITZHUGH_NAGUMO_SAVED bytes, at any address */
 void fitzhugh_nagumo_save(const fitzhugh_nagumo_state *s, unsigned char *saved);
 
-/** @brief the state that was saved, where it was saved by this program and no bit of it is another
+/** @brief read a state that this program saved; refuse any other, and one with another bit
  * @param[out] s the state: what a step remembers
- * @param[in] saved NAME_SAVED bytes, which may lie anywhere
- * @param[in] size how many there are
- * @return 0: restored; 1: refused, the state is as it was */
+ * @param[in] saved FITZHUGH_NAGUMO_SAVED bytes, at any address
+ * @param[in] size how many bytes there are
+ * @return 0: restored; 1: refused, the state is unchanged */
 unsigned fitzhugh_nagumo_restore(fitzhugh_nagumo_state *s, const unsigned char *saved, size_t size);
 
 #ifdef __cplusplus
@@ -157,18 +159,19 @@ unsigned fitzhugh_nagumo_restore(fitzhugh_nagumo_state *s, const unsigned char *
 
 /** the estimate, or a state of the plant before it is clamped to its range, is outside the declared ranges,
  * where the model is evaluated at the edge. To do: normal while the estimate peaks, do not act on it then; if
- * it stays, the declared ranges are too narrow. */
+ * it stays, the declared ranges are too narrow. The ranges are in fitzhugh_nagumo.md. */
 #define FITZHUGH_NAGUMO_OUTSIDE_BOX           0x0010u
 
 /** the estimate was projected to its outer box; the convergence theorem, where it applies, is suspended. To
- * do: none if brief; if it stays, widen the ranges or lower theta_1. */
+ * do: none if brief; if it stays, widen the ranges or lower theta_1. The ranges are in fitzhugh_nagumo.md. */
 #define FITZHUGH_NAGUMO_STATE_LIMITED         0x0020u
 
-/** a value was lost (not finite, or beyond 1e30), and the whole state restarted. To do: treat the estimate as
- * new; check parameters (tune was called?) and ranges. */
+/** a value was lost (not finite, or beyond 1e30): all of the state restarted but the last input and samples,
+ * and the counters of calls. To do: treat the estimate as new; check parameters (tune was called?) and
+ * ranges. */
 #define FITZHUGH_NAGUMO_RESTARTED             0x0040u
 
-/** good samples did not bring the estimate back, and the state restarted from the sample. To do: treat the
+/** good samples did not bring the estimate back, and the observer restarted from the sample. To do: treat the
  * estimate as new; if it comes again without a fault, widen the ranges or lower theta_1 or check the
  * model. */
 #define FITZHUGH_NAGUMO_RESTARTED_FROM_SAMPLE 0x0080u
@@ -189,25 +192,25 @@ unsigned fitzhugh_nagumo_restore(fitzhugh_nagumo_state *s, const unsigned char *
  * ranges. To do: wait for measurements; if it stays while they come, scale Q and R down together. */
 #define FITZHUGH_NAGUMO_COVARIANCE_LIMITED    0x0800u
 
-/** the memory of the state was none that init or reset had made, or one of another program: it was not used,
- * the state began as before the first call. To do: call init once before all else; of a state that was
- * restored, check what was saved. */
+/** the state has no mark of init or reset, or that of another program: it was not used and began as before
+ * the first call. To do: call init once before all else; of a state that was restored, check what was
+ * saved. */
 #define FITZHUGH_NAGUMO_UNINITIALISED         0x1000u
 
-/** the memory of the parameters was none that init or PARAMS_INIT had made, or of another program: tune took
- * the nominal values, any other call took no sample and left the state as before the first call. To do: call
- * init once before all else, or begin constant parameters with PARAMS_INIT. */
+/** the parameters have no mark of init or PARAMS_INIT, or that of another program: tune took the nominal
+ * values, any other call took no sample and left the state as before the first call. To do: call init once
+ * before all else, or begin constant parameters with PARAMS_INIT. */
 #define FITZHUGH_NAGUMO_NO_PARAMETERS         0x2000u
 
 /** @} */
 
-#define FITZHUGH_NAGUMO_VERSION "0.2.0"                               /**< of hgogen that made this file */
+#define FITZHUGH_NAGUMO_VERSION "0.2.0"                               /**< of hgogen, which generated this file */
 #define FITZHUGH_NAGUMO_MODEL   "89cfd4a37039da7b"                    /**< digest of the model, as in its certificate */
 #define FITZHUGH_NAGUMO_LAYOUT  "efdc3ce0f09383c7"                    /**< digest of what a saved state needs to be the same */
-#define FITZHUGH_NAGUMO_READY   0xF0DDu                               /**< mark of what init and reset have made */
+#define FITZHUGH_NAGUMO_READY   0xF0DDu                               /**< mark that init and reset write */
 #define FITZHUGH_NAGUMO_SAVED   (sizeof(fitzhugh_nagumo_state) + 12u) /**< bytes of a saved state */
 
-/** what constant parameters begin with, which may lie in flash: nominal ones, tuned, with their mark */
+/** initial value of constant parameters, which may lie in flash: nominal ones, tuned, with their mark */
 #define FITZHUGH_NAGUMO_PARAMS_INIT { \
     FITZHUGH_NAGUMO_READY, \
     {{0.1f, 0.01f, 0.00023f}, 1.0f, 4.0f, 0.1f, 1.0f, 0.16f, 0.32f} \

@@ -17,7 +17,7 @@
 #error "needs sums in their order: -funsafe-math-optimizations spoils the bundled functions"
 #endif
 
-/* of what runs rarely, which is no part of what calls it */
+/* for a function that runs rarely: it is not inlined */
 #if defined(__GNUC__)
 #define FLEXIBLE_JOINT_RARELY __attribute__((noinline))
 #else
@@ -138,6 +138,7 @@ static unsigned flexible_joint_ready(flexible_joint_state *s, const flexible_joi
 }
 
 FLEXIBLE_JOINT_RARELY
+/* set the fault counts and their limits as after a reset */
 static void flexible_joint_clear_fault_counts(flexible_joint_state *s)
 {
     /* as after a reset */
@@ -161,7 +162,7 @@ static unsigned flexible_joint_keep_in_box(flexible_joint_state *s, const flexib
         lost = !(t1 && flexible_joint_within(s->z[3], 1e+30f));
     }
     if (lost) {
-        /* a value is lost: all restart */
+        /* a value is lost: restart all but the signals */
         s->z[0] = 0.0f;
         s->z[1] = 0.0f;
         s->z[2] = 0.0f;
@@ -196,6 +197,7 @@ static void flexible_joint_nominal(flexible_joint_params *p)
     p->gain.theta = 10.0f;
 }
 
+/* replace an input that is not finite or absurd by the last valid one, and clamp it to its range */
 static unsigned flexible_joint_guard_input(const flexible_joint_state *s, const flexible_joint_input *in,
     float *u)
 {
@@ -216,6 +218,7 @@ static unsigned flexible_joint_guard_input(const flexible_joint_state *s, const 
     return status;
 }
 
+/* is each sample a number, plausible, and not absurdly far from its estimate? */
 static unsigned flexible_joint_guard_measurements(const flexible_joint_state *s,
     const flexible_joint_output *measurement, float *valid, float *y, float *y_last)
 {
@@ -326,11 +329,12 @@ static unsigned flexible_joint_advance(flexible_joint_state *s, const flexible_j
     return status;
 }
 
+/* is the estimate out of a range or far from a sample, or does a fault count run? */
 static unsigned flexible_joint_suspect(const flexible_joint_state *s,
     const flexible_joint_output *measurement, bool *suspect, float valid)
 {
     unsigned status = 0u;
-    /* is the estimate where it cannot be for long? */
+    /* is the estimate out of a range or far from a sample, or does a fault count run? */
     {
         const float z1 = s->z[0];
         const bool t1 = flexible_joint_abs(z1) > 3.0f || flexible_joint_abs(s->z[1]) > 10.0f
@@ -345,6 +349,7 @@ static unsigned flexible_joint_suspect(const flexible_joint_state *s,
     return status;
 }
 
+/* is there a plausible sample, by which the estimate can be judged? */
 static bool flexible_joint_plausible(const flexible_joint_output *measurement, float valid)
 {
     bool sampled = false;
@@ -357,6 +362,7 @@ static bool flexible_joint_plausible(const flexible_joint_output *measurement, f
     return sampled;
 }
 
+/* is a fault count or limit out of its range, or does the checksum differ? */
 static bool flexible_joint_counts_spoiled(const flexible_joint_state *s)
 {
     bool spoiled = false;
@@ -377,10 +383,11 @@ static bool flexible_joint_counts_spoiled(const flexible_joint_state *s)
     return spoiled;
 }
 
+/* the change of the fault count of an output at this sample, and the sign of its error */
 static void flexible_joint_find_signs(const flexible_joint_state *s,
     const flexible_joint_output *measurement, float *moves_y, float *side_y)
 {
-    /* which signs show? */
+    /* a count goes up by 1 at a large error, far down at one of the other sign, else down by 1 */
     {
         const float t1 = measurement->y - s->z[0];
         const bool t2 = flexible_joint_within(t1, 0.6f);
@@ -397,7 +404,7 @@ static unsigned flexible_joint_recover(flexible_joint_state *s, const flexible_j
     bool lost = false;
     bool over_range = false;
     bool over_y = false;
-    /* by which sign, and is the estimate lost? */
+    /* which fault counts are at their limits, and must the estimate restart? */
     {
         const bool t1 = s->fault_limit_y <= flexible_joint_abs(s->fault_count_y);
         const float fault_limit_range = s->fault_limit_range;
@@ -498,7 +505,7 @@ static unsigned flexible_joint_count_faults(flexible_joint_state *s, const flexi
         s->fault_count_y = (side_y < 0.0f) ? -t1 : t1;
         s->fault_limit_y = (t1 <= 0.0f) ? 2303.0f : fault_limit_y;
     }
-    /* does a guard act? */
+    /* is a fault count at its limit? */
     acts = s->fault_limit_y <= flexible_joint_abs(s->fault_count_y)
         || s->fault_limit_range <= s->fault_count_range;
     if (acts) {

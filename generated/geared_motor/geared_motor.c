@@ -17,7 +17,7 @@
 #error "needs sums in their order: -funsafe-math-optimizations spoils the bundled functions"
 #endif
 
-/* of what runs rarely, which is no part of what calls it */
+/* for a function that runs rarely: it is not inlined */
 #if defined(__GNUC__)
 #define GEARED_MOTOR_RARELY __attribute__((noinline))
 #else
@@ -265,6 +265,7 @@ static unsigned geared_motor_ready(geared_motor_state *s, const geared_motor_par
 }
 
 GEARED_MOTOR_RARELY
+/* set the fault counts and their limits as after a reset */
 static void geared_motor_clear_fault_counts(geared_motor_state *s)
 {
     /* as after a reset */
@@ -278,6 +279,7 @@ static void geared_motor_clear_fault_counts(geared_motor_state *s)
 }
 
 GEARED_MOTOR_RARELY
+/* set what the observer remembers besides the estimate as after a reset */
 static void geared_motor_clear_rest(geared_motor_state *s)
 {
     /* as after a reset */
@@ -312,6 +314,7 @@ static void geared_motor_clear_rest(geared_motor_state *s)
     }
 }
 
+/* is a number of the state not finite, or beyond 1e30? */
 static bool geared_motor_value_lost(const geared_motor_state *s)
 {
     bool lost = false;
@@ -340,7 +343,7 @@ static unsigned geared_motor_keep_in_box(geared_motor_state *s, const geared_mot
     bool lost = false;
     lost = geared_motor_value_lost(s);
     if (lost) {
-        /* a value is lost: all restart */
+        /* a value is lost: restart all but the signals */
         s->z[0] = 0.0f;
         s->z[1] = 0.0f;
         s->z[2] = 0.0f;
@@ -513,6 +516,7 @@ static unsigned geared_motor_project_onto_ranges(geared_motor_state *s, const ge
     return status;
 }
 
+/* replace an input that is not finite or absurd by the last valid one, and clamp it to its range */
 static unsigned geared_motor_guard_input(const geared_motor_state *s, const geared_motor_input *in, float *u)
 {
     unsigned status = 0u;
@@ -532,6 +536,7 @@ static unsigned geared_motor_guard_input(const geared_motor_state *s, const gear
     return status;
 }
 
+/* is a number of the state beyond its limits, or not a number? */
 static bool geared_motor_beyond_box(const geared_motor_state *s)
 {
     bool beyond = false;
@@ -812,6 +817,7 @@ static unsigned geared_motor_run_predict(geared_motor_state *s, const geared_mot
     return status;
 }
 
+/* is the sample a number, plausible, and not absurdly far from its estimate? */
 static unsigned geared_motor_guard_measurement_y1(const geared_motor_state *s, float *e, float *output_error,
     float reading, bool *valid)
 {
@@ -891,10 +897,11 @@ static unsigned geared_motor_use_sample_y1(geared_motor_state *s, const geared_m
     return status;
 }
 
+/* is the estimate out of a range or far from a sample, or does a fault count run? */
 static bool geared_motor_suspect_y1(const geared_motor_state *s, float output_error, bool valid)
 {
     bool suspect = false;
-    /* is the estimate where it cannot be for long? */
+    /* is the estimate out of a range or far from a sample, or does a fault count run? */
     {
         const bool t1 = geared_motor_abs(s->z[0]) > 200.0f || geared_motor_abs(s->z[1]) > 15.0f
             || geared_motor_abs(s->z[2]) > 300.0f;
@@ -905,6 +912,7 @@ static bool geared_motor_suspect_y1(const geared_motor_state *s, float output_er
     return suspect;
 }
 
+/* is there a plausible sample, by which the estimate can be judged? */
 static bool geared_motor_plausible_y1(float reading, bool valid)
 {
     bool sampled = false;
@@ -913,10 +921,11 @@ static bool geared_motor_plausible_y1(float reading, bool valid)
     return sampled;
 }
 
+/* the change of the fault count of an output at this sample, and the sign of its error */
 static void geared_motor_find_signs_y1(const geared_motor_state *s, float *moves_y_y1, float output_error,
     float *side_y_y1)
 {
-    /* which signs show? */
+    /* a count goes up by 1 at a large error, far down at one of the other sign, else down by 1 */
     {
         const bool t1 = geared_motor_within(output_error, 40.0f);
         const float fault_count_y_y1 = s->fault_count_y_y1;
@@ -933,7 +942,7 @@ static unsigned geared_motor_recover_y1(geared_motor_state *s, const geared_moto
     bool lost = false;
     bool over_range = false;
     bool over_y_y1 = false;
-    /* by which sign, and is the estimate lost? */
+    /* which fault counts are at their limits, and must the estimate restart? */
     {
         const bool t1 = s->fault_limit_y_y1 <= geared_motor_abs(s->fault_count_y_y1);
         const float fault_limit_range = s->fault_limit_range;
@@ -1027,7 +1036,7 @@ static unsigned geared_motor_run_update_y1(geared_motor_state *s, const geared_m
                     s->fault_count_y_y1 = (side_y_y1 < 0.0f) ? -t1 : t1;
                     s->fault_limit_y_y1 = (t1 <= 0.0f) ? 80.0f : fault_limit_y_y1;
                 }
-                /* does a guard act? */
+                /* is a fault count at its limit? */
                 acts = s->fault_limit_y_y1 <= geared_motor_abs(s->fault_count_y_y1)
                     || s->fault_limit_range <= s->fault_count_range;
                 if (acts) {
@@ -1048,6 +1057,7 @@ static unsigned geared_motor_run_update_y1(geared_motor_state *s, const geared_m
     return status;
 }
 
+/* is the sample a number, plausible, and not absurdly far from its estimate? */
 static unsigned geared_motor_guard_measurement_y2(const geared_motor_state *s, float *e, float *output_error,
     float reading, bool *valid)
 {
@@ -1143,11 +1153,12 @@ static unsigned geared_motor_use_sample_y2(geared_motor_state *s, const geared_m
     return status;
 }
 
+/* is the estimate out of a range or far from a sample, or does a fault count run? */
 static unsigned geared_motor_suspect_y2(const geared_motor_state *s, float output_error, bool *suspect,
     bool valid)
 {
     unsigned status = 0u;
-    /* is the estimate where it cannot be for long? */
+    /* is the estimate out of a range or far from a sample, or does a fault count run? */
     {
         const bool t1 = geared_motor_abs(s->z[0]) > 200.0f || geared_motor_abs(s->z[1]) > 15.0f
             || geared_motor_abs(s->z[2]) > 300.0f;
@@ -1160,6 +1171,7 @@ static unsigned geared_motor_suspect_y2(const geared_motor_state *s, float outpu
     return status;
 }
 
+/* is there a plausible sample, by which the estimate can be judged? */
 static bool geared_motor_plausible_y2(float reading, bool valid)
 {
     bool sampled = false;
@@ -1168,10 +1180,11 @@ static bool geared_motor_plausible_y2(float reading, bool valid)
     return sampled;
 }
 
+/* the change of the fault count of an output at this sample, and the sign of its error */
 static void geared_motor_find_signs_y2(const geared_motor_state *s, const geared_motor_params *p,
     float *moves_y_y2, float output_error, float *side_y_y2)
 {
-    /* which signs show? */
+    /* a count goes up by 1 at a large error, far down at one of the other sign, else down by 1 */
     {
         const float t1 = p->gain.R[1]/(0.001f*s->theta);
         const float L21 = s->L[0];
@@ -1193,7 +1206,7 @@ static unsigned geared_motor_recover_y2(geared_motor_state *s, const geared_moto
     bool lost = false;
     bool over_range = false;
     bool over_y_y2 = false;
-    /* by which sign, and is the estimate lost? */
+    /* which fault counts are at their limits, and must the estimate restart? */
     {
         const bool t1 = s->fault_limit_y_y2 <= geared_motor_abs(s->fault_count_y_y2);
         const float fault_limit_range = s->fault_limit_range;
@@ -1287,7 +1300,7 @@ static unsigned geared_motor_run_update_y2(geared_motor_state *s, const geared_m
                     s->fault_count_y_y2 = (side_y_y2 < 0.0f) ? -t1 : t1;
                     s->fault_limit_y_y2 = (t1 <= 0.0f) ? 80.0f : fault_limit_y_y2;
                 }
-                /* does a guard act? */
+                /* is a fault count at its limit? */
                 acts = s->fault_limit_y_y2 <= geared_motor_abs(s->fault_count_y_y2)
                     || s->fault_limit_range <= s->fault_count_range;
                 if (acts) {

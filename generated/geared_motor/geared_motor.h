@@ -28,7 +28,7 @@ typedef struct {
     float w;   /**< speed [rad/s], -300 .. 300 */
     float T;   /**< load torque [N m], -0.2 .. 0.2 */
 } geared_motor_plant;
-/** parameters: change plant or gain, then call tune */
+/** parameters: change gain, then call tune */
 typedef struct {
     unsigned ready; /**< what init and PARAMS_INIT leave here; parameters without it are not used */
     struct {
@@ -47,27 +47,27 @@ typedef struct {
     float sum[2];        /**< sum of dt (y - yhat)^2 [y^2 s], 0 .. 1e+30 */
     unsigned samples[2]; /**< valid samples in the sum */
 } geared_motor_predictor;
-/** what a step remembers: yours to copy, save and restore; ranges are limits, which no call leaves; .. */
+/** what a step remembers: yours to copy, save and restore; a call keeps each member in its range */
 typedef struct {
-    unsigned ready;                      /**< what init and reset leave here; a state without it begins .. */
-    float z[4];                          /**< estimate in the form's coordinates: phi, i, -w, T */
-    float L[6];                          /**< unit lower factor of P, strict lower triangle by columns: .. */
-    float D[4];                          /**< diagonal factor of the covariance P = L D L' */
-    float innovation;                    /**< innovation I_d [y^2 s], 0 .. 1e+30 */
-    unsigned oldest;                     /**< index of the oldest predictor */
-    unsigned tick;                       /**< samples since the last restart */
-    float theta;                         /**< high-gain parameter, 1: Kalman mode, 1 .. 4 */
-    float fault_count_y_y2;              /**< samples with a fault, signed as the last error, -81920 .. .. */
-    float fault_limit_y_y2;              /**< fault count at which a guard acts, 80 .. 81920 */
-    float fault_count_y_y1;              /**< samples with a fault, signed as the last error, -81920 .. .. */
-    float fault_limit_y_y1;              /**< fault count at which a guard acts, 80 .. 81920 */
-    float fault_count_range;             /**< samples with a fault, 0 .. 163840 */
-    float fault_limit_range;             /**< fault count at which a guard acts, 160 .. 163840 */
-    float fault_checksum;                /**< checks fault counts and limits: their sum beyond the .. */
-    unsigned calls;                      /**< 0 before the first call, 1 after it, then 2 */
-    unsigned used_y1;                    /**< 1 from a sample of y1 that was used until the next predict */
-    unsigned used_y2;                    /**< 1 from a sample of y2 that was used until the next predict */
-    float u;                             /**< last valid input: v, -12 .. 12 */
+    unsigned ready;          /**< what init and reset leave here; a state without it begins anew */
+    float z[4];              /**< estimate in the form's coordinates: phi, i, -w, T */
+    float L[6];              /**< L of P = L D L' by columns: L21 .. L43 */
+    float D[4];              /**< diagonal factor of the covariance P = L D L' */
+    float innovation;        /**< innovation I_d [y^2 s], 0 .. 1e+30 */
+    unsigned oldest;         /**< index of the oldest predictor */
+    unsigned tick;           /**< samples since the last restart */
+    float theta;             /**< high-gain parameter, 1: Kalman mode, 1 .. 4 */
+    float fault_count_y_y2;  /**< faulty samples, sign of the last error, -81920 .. 81920 */
+    float fault_limit_y_y2;  /**< fault count at which a guard acts, 80 .. 81920 */
+    float fault_count_y_y1;  /**< faulty samples, sign of the last error, -81920 .. 81920 */
+    float fault_limit_y_y1;  /**< fault count at which a guard acts, 80 .. 81920 */
+    float fault_count_range; /**< faulty samples, 0 .. 163840 */
+    float fault_limit_range; /**< fault count at which a guard acts, 160 .. 163840 */
+    float fault_checksum;    /**< checksum of fault counts and limits, 0 .. 655040 */
+    unsigned calls;          /**< 0 before the first call, 1 after it, then 2 */
+    unsigned used_y1;        /**< 0: an update with y1 may come, 1: none before the next predict */
+    unsigned used_y2;        /**< 0: an update with y2 may come, 1: none before the next predict */
+    float u;                 /**< last valid input: v, -12 .. 12 */
     geared_motor_predictor predictor[5]; /**< copies of the model that run without correction */
 } geared_motor_state;
 
@@ -89,7 +89,8 @@ unsigned geared_motor_tune(geared_motor_params *p);
  * @param[out] s the state: what a step remembers */
 void geared_motor_reset(geared_motor_state *s);
 
-/** @brief one sampling period: predict, update_y1, update_y2, adapt
+/** @brief one sampling period: predict, update_y1, update_y2, adapt; NaN means a missing sample; the first
+ * call advances no time
  * @param[in,out] s the state: what a step remembers
  * @param[in] p the parameters
  * @param[in] in the input now
@@ -134,16 +135,17 @@ unsigned geared_motor_update_y2(geared_motor_state *s, const geared_motor_params
  * @return 0, or an or of the status bits */
 unsigned geared_motor_adapt(geared_motor_state *s, const geared_motor_params *p);
 
-/** @brief the state as GEARED_MOTOR_SAVED bytes: GEARED_MOTOR_LAYOUT, what lies in memory, a checksum
+/** @brief write the state as GEARED_MOTOR_SAVED bytes: GEARED_MOTOR_LAYOUT, the memory of the struct, a
+ * checksum
  * @param[in] s the state: what a step remembers
- * @param[out] saved NAME_SAVED bytes, which may lie anywhere */
+ * @param[out] saved GEARED_MOTOR_SAVED bytes, at any address */
 void geared_motor_save(const geared_motor_state *s, unsigned char *saved);
 
-/** @brief the state that was saved, where it was saved by this program and no bit of it is another
+/** @brief read a state that this program saved; refuse any other, and one with another bit
  * @param[out] s the state: what a step remembers
- * @param[in] saved NAME_SAVED bytes, which may lie anywhere
- * @param[in] size how many there are
- * @return 0: restored; 1: refused, the state is as it was */
+ * @param[in] saved GEARED_MOTOR_SAVED bytes, at any address
+ * @param[in] size how many bytes there are
+ * @return 0: restored; 1: refused, the state is unchanged */
 unsigned geared_motor_restore(geared_motor_state *s, const unsigned char *saved, size_t size);
 
 #ifdef __cplusplus
@@ -176,18 +178,19 @@ unsigned geared_motor_restore(geared_motor_state *s, const unsigned char *saved,
 
 /** the estimate, or a state of the plant before it is clamped to its range, is outside the declared ranges,
  * where the model is evaluated at the edge. To do: normal while the estimate peaks, do not act on it then; if
- * it stays, the declared ranges are too narrow. */
+ * it stays, the declared ranges are too narrow. The ranges are in geared_motor.md. */
 #define GEARED_MOTOR_OUTSIDE_BOX           0x0040u
 
 /** the estimate was projected to its outer box; the convergence theorem, where it applies, is suspended. To
- * do: none if brief; if it stays, widen the ranges or lower theta_1. */
+ * do: none if brief; if it stays, widen the ranges or lower theta_1. The ranges are in geared_motor.md. */
 #define GEARED_MOTOR_STATE_LIMITED         0x0080u
 
-/** a value was lost (not finite, or beyond 1e30), and the whole state restarted. To do: treat the estimate as
- * new; check parameters (tune was called?) and ranges. */
+/** a value was lost (not finite, or beyond 1e30): all of the state restarted but the last input and samples,
+ * and the counters of calls. To do: treat the estimate as new; check parameters (tune was called?) and
+ * ranges. */
 #define GEARED_MOTOR_RESTARTED             0x0100u
 
-/** good samples did not bring the estimate back, and the state restarted from the sample. To do: treat the
+/** good samples did not bring the estimate back, and the observer restarted from the sample. To do: treat the
  * estimate as new; if it comes again without a fault, widen the ranges or lower theta_1 or check the
  * model. */
 #define GEARED_MOTOR_RESTARTED_FROM_SAMPLE 0x0200u
@@ -208,25 +211,25 @@ unsigned geared_motor_restore(geared_motor_state *s, const unsigned char *saved,
  * ranges. To do: wait for measurements; if it stays while they come, scale Q and R down together. */
 #define GEARED_MOTOR_COVARIANCE_LIMITED    0x2000u
 
-/** the memory of the state was none that init or reset had made, or one of another program: it was not used,
- * the state began as before the first call. To do: call init once before all else; of a state that was
- * restored, check what was saved. */
+/** the state has no mark of init or reset, or that of another program: it was not used and began as before
+ * the first call. To do: call init once before all else; of a state that was restored, check what was
+ * saved. */
 #define GEARED_MOTOR_UNINITIALISED         0x4000u
 
-/** the memory of the parameters was none that init or PARAMS_INIT had made, or of another program: tune took
- * the nominal values, any other call took no sample and left the state as before the first call. To do: call
- * init once before all else, or begin constant parameters with PARAMS_INIT. */
+/** the parameters have no mark of init or PARAMS_INIT, or that of another program: tune took the nominal
+ * values, any other call took no sample and left the state as before the first call. To do: call init once
+ * before all else, or begin constant parameters with PARAMS_INIT. */
 #define GEARED_MOTOR_NO_PARAMETERS         0x8000u
 
 /** @} */
 
-#define GEARED_MOTOR_VERSION "0.2.0"                            /**< of hgogen that made this file */
+#define GEARED_MOTOR_VERSION "0.2.0"                            /**< of hgogen, which generated this file */
 #define GEARED_MOTOR_MODEL   "887a0a9fb7bb3841"                 /**< digest of the model, as in its certificate */
 #define GEARED_MOTOR_LAYOUT  "e557f471c74166bf"                 /**< digest of what a saved state needs to be the same */
-#define GEARED_MOTOR_READY   0xE658u                            /**< mark of what init and reset have made */
+#define GEARED_MOTOR_READY   0xE658u                            /**< mark that init and reset write */
 #define GEARED_MOTOR_SAVED   (sizeof(geared_motor_state) + 12u) /**< bytes of a saved state */
 
-/** what constant parameters begin with, which may lie in flash: nominal ones, tuned, with their mark */
+/** initial value of constant parameters, which may lie in flash: nominal ones, tuned, with their mark */
 #define GEARED_MOTOR_PARAMS_INIT { \
     GEARED_MOTOR_READY, \
     {{0.001f, 1.0f, 10.0f, 1e-05f}, {1e-08f, 1e-06f}, 2.0f, 0.02f, 20.0f, 400.0f, 4000.0f} \

@@ -11,7 +11,7 @@
 #error "needs sums in their order: -funsafe-math-optimizations spoils the bundled functions"
 #endif
 
-/* of what runs rarely, which is no part of what calls it */
+/* for a function that runs rarely: it is not inlined */
 #if defined(__GNUC__)
 #define GLUCOSE_INSULIN_RARELY __attribute__((noinline))
 #else
@@ -111,6 +111,7 @@ static unsigned glucose_insulin_ready(glucose_insulin_state *s, const glucose_in
 }
 
 GLUCOSE_INSULIN_RARELY
+/* set the fault counts and their limits as after a reset */
 static void glucose_insulin_clear_fault_counts(glucose_insulin_state *s)
 {
     /* as after a reset */
@@ -122,6 +123,7 @@ static void glucose_insulin_clear_fault_counts(glucose_insulin_state *s)
 }
 
 GLUCOSE_INSULIN_RARELY
+/* set what the observer remembers besides the estimate as after a reset */
 static void glucose_insulin_clear_rest(glucose_insulin_state *s)
 {
     /* as after a reset */
@@ -150,7 +152,7 @@ static unsigned glucose_insulin_keep_in_box(glucose_insulin_state *s, const gluc
         lost = !t3;
     }
     if (lost) {
-        /* a value is lost: all restart */
+        /* a value is lost: restart all but the signals */
         s->z[0] = 40.0f;
         s->z[1] = 0.0f;
         s->z[2] = 0.0f;
@@ -191,6 +193,7 @@ static unsigned glucose_insulin_keep_in_box(glucose_insulin_state *s, const gluc
     return status;
 }
 
+/* replace an input that is not finite or absurd by the last valid one, and clamp it to its range */
 static unsigned glucose_insulin_guard_input(const glucose_insulin_state *s, const glucose_insulin_input *in,
     float *u)
 {
@@ -373,6 +376,7 @@ static unsigned glucose_insulin_run_predict(glucose_insulin_state *s, const gluc
     return status;
 }
 
+/* is the sample a number, plausible, and not absurdly far from its estimate? */
 static unsigned glucose_insulin_guard_measurement_y(const glucose_insulin_state *s, float *e,
     float *output_error, float reading, bool *valid)
 {
@@ -436,11 +440,12 @@ static unsigned glucose_insulin_use_sample_y(glucose_insulin_state *s, const glu
     return status;
 }
 
+/* is the estimate out of a range or far from a sample, or does a fault count run? */
 static unsigned glucose_insulin_suspect_y(const glucose_insulin_state *s, float output_error, bool *suspect,
     bool valid)
 {
     unsigned status = 0u;
-    /* is the estimate where it cannot be for long? */
+    /* is the estimate out of a range or far from a sample, or does a fault count run? */
     {
         const float z1 = s->z[0];
         const float z2 = s->z[1];
@@ -454,6 +459,7 @@ static unsigned glucose_insulin_suspect_y(const glucose_insulin_state *s, float 
     return status;
 }
 
+/* is there a plausible sample, by which the estimate can be judged? */
 static bool glucose_insulin_plausible_y(float reading, bool valid)
 {
     bool sampled = false;
@@ -462,6 +468,7 @@ static bool glucose_insulin_plausible_y(float reading, bool valid)
     return sampled;
 }
 
+/* is a fault count or limit out of its range, or does the checksum differ? */
 static bool glucose_insulin_counts_spoiled_y(const glucose_insulin_state *s)
 {
     bool spoiled = false;
@@ -482,10 +489,11 @@ static bool glucose_insulin_counts_spoiled_y(const glucose_insulin_state *s)
     return spoiled;
 }
 
+/* the change of the fault count of an output at this sample, and the sign of its error */
 static void glucose_insulin_find_signs_y(const glucose_insulin_state *s, float *moves_y, float output_error,
     float *side_y)
 {
-    /* which signs show? */
+    /* a count goes up by 1 at a large error, far down at one of the other sign, else down by 1 */
     {
         const bool t1 = glucose_insulin_within(output_error, 36.0f);
         const float fault_count_y = s->fault_count_y;
@@ -501,7 +509,7 @@ static unsigned glucose_insulin_recover_y(glucose_insulin_state *s, float readin
     bool lost = false;
     bool over_range = false;
     bool over_y = false;
-    /* by which sign, and is the estimate lost? */
+    /* which fault counts are at their limits, and must the estimate restart? */
     {
         const bool t1 = s->fault_limit_y <= glucose_insulin_abs(s->fault_count_y);
         const float fault_limit_range = s->fault_limit_range;
@@ -631,7 +639,7 @@ static unsigned glucose_insulin_count_faults_y(glucose_insulin_state *s, float o
         s->fault_count_y = (side_y < 0.0f) ? -t1 : t1;
         s->fault_limit_y = (t1 <= 0.0f) ? 450.0f : fault_limit_y;
     }
-    /* does a guard act? */
+    /* is a fault count at its limit? */
     acts = s->fault_limit_y <= glucose_insulin_abs(s->fault_count_y)
         || s->fault_limit_range <= s->fault_count_range;
     if (acts) {

@@ -26,7 +26,7 @@ typedef struct {
     float X; /**< biomass [g/l], 0.5 .. 10 */
     float S; /**< substrate [g/l], 0 .. 20 */
 } haldane_plant;
-/** parameters: change plant or gain, then call tune */
+/** parameters: change gain, then call tune */
 typedef struct {
     unsigned ready; /**< what init and PARAMS_INIT leave here; parameters without it are not used */
     struct {
@@ -34,19 +34,19 @@ typedef struct {
         float R;    /**< output noise: y [y^2 h], 1e-12 .. 1 */
     } gain; /**< gains of the observer */
 } haldane_params;
-/** what a step remembers: yours to copy, save and restore; ranges are limits, which no call leaves; .. */
+/** what a step remembers: yours to copy, save and restore; a call keeps each member in its range */
 typedef struct {
     unsigned ready;          /**< what init and reset leave here; a state without it begins anew */
     float z[2];              /**< estimate in the form's coordinates: X, S */
-    float L;                 /**< unit lower factor of P, strict lower triangle by columns: L21, .. */
+    float L;                 /**< L of P = L D L' by columns: L21, -4.16763e+09 .. 4.16763e+09 */
     float D[2];              /**< diagonal factor of the covariance P = L D L' */
-    float fault_count_y;     /**< samples with a fault, signed as the last error, -918528 .. 918528 */
+    float fault_count_y;     /**< faulty samples, sign of the last error, -918528 .. 918528 */
     float fault_limit_y;     /**< fault count at which a guard acts, 897 .. 918528 */
-    float fault_count_range; /**< samples with a fault, 0 .. 918528 */
+    float fault_count_range; /**< faulty samples, 0 .. 918528 */
     float fault_limit_range; /**< fault count at which a guard acts, 897 .. 918528 */
-    float fault_checksum;    /**< checks fault counts and limits: their sum beyond the start, 0 .. .. */
+    float fault_checksum;    /**< checksum of fault counts and limits, 0 .. 3.67232e+06 */
     unsigned calls;          /**< 0 before the first call, 1 after it */
-    unsigned used_y;         /**< 1 from a sample of y that was used until the next predict */
+    unsigned used_y;         /**< 0: an update with y may come, 1: none before the next predict */
     float u;                 /**< last valid input: D, 0 .. 0.5 */
 } haldane_state;
 
@@ -68,7 +68,7 @@ unsigned haldane_tune(haldane_params *p);
  * @param[out] s the state: what a step remembers */
 void haldane_reset(haldane_state *s);
 
-/** @brief one sampling period: predict, update_y
+/** @brief one sampling period: predict, update_y; NaN means a missing sample; the first call advances no time
  * @param[in,out] s the state: what a step remembers
  * @param[in] p the parameters
  * @param[in] in the input now
@@ -97,16 +97,16 @@ unsigned haldane_predict(haldane_state *s, const haldane_params *p, const haldan
  * @return 0, or an or of the status bits */
 unsigned haldane_update_y(haldane_state *s, const haldane_params *p, const haldane_output *measurement);
 
-/** @brief the state as HALDANE_SAVED bytes: HALDANE_LAYOUT, what lies in memory, a checksum
+/** @brief write the state as HALDANE_SAVED bytes: HALDANE_LAYOUT, the memory of the struct, a checksum
  * @param[in] s the state: what a step remembers
- * @param[out] saved NAME_SAVED bytes, which may lie anywhere */
+ * @param[out] saved HALDANE_SAVED bytes, at any address */
 void haldane_save(const haldane_state *s, unsigned char *saved);
 
-/** @brief the state that was saved, where it was saved by this program and no bit of it is another
+/** @brief read a state that this program saved; refuse any other, and one with another bit
  * @param[out] s the state: what a step remembers
- * @param[in] saved NAME_SAVED bytes, which may lie anywhere
- * @param[in] size how many there are
- * @return 0: restored; 1: refused, the state is as it was */
+ * @param[in] saved HALDANE_SAVED bytes, at any address
+ * @param[in] size how many bytes there are
+ * @return 0: restored; 1: refused, the state is unchanged */
 unsigned haldane_restore(haldane_state *s, const unsigned char *saved, size_t size);
 
 #ifdef __cplusplus
@@ -132,18 +132,19 @@ unsigned haldane_restore(haldane_state *s, const unsigned char *saved, size_t si
 
 /** the estimate, or a state of the plant before it is clamped to its range, is outside the declared ranges,
  * where the model is evaluated at the edge. To do: normal while the estimate peaks, do not act on it then; if
- * it stays, the declared ranges are too narrow. */
+ * it stays, the declared ranges are too narrow. The ranges are in haldane.md. */
 #define HALDANE_OUTSIDE_BOX           0x0010u
 
 /** the estimate was projected to its outer box; the convergence theorem, where it applies, is suspended. To
- * do: none if brief; if it stays, widen the ranges. */
+ * do: none if brief; if it stays, widen the ranges. The ranges are in haldane.md. */
 #define HALDANE_STATE_LIMITED         0x0020u
 
-/** a value was lost (not finite, or beyond 1e30), and the whole state restarted. To do: treat the estimate as
- * new; check parameters (tune was called?) and ranges. */
+/** a value was lost (not finite, or beyond 1e30): all of the state restarted but the last input and samples,
+ * and the counters of calls. To do: treat the estimate as new; check parameters (tune was called?) and
+ * ranges. */
 #define HALDANE_RESTARTED             0x0040u
 
-/** good samples did not bring the estimate back, and the state restarted from the sample. To do: treat the
+/** good samples did not bring the estimate back, and the observer restarted from the sample. To do: treat the
  * estimate as new; if it comes again without a fault, widen the ranges or check the model. */
 #define HALDANE_RESTARTED_FROM_SAMPLE 0x0080u
 
@@ -163,25 +164,25 @@ unsigned haldane_restore(haldane_state *s, const unsigned char *saved, size_t si
  * ranges. To do: wait for measurements; if it stays while they come, scale Q and R down together. */
 #define HALDANE_COVARIANCE_LIMITED    0x0800u
 
-/** the memory of the state was none that init or reset had made, or one of another program: it was not used,
- * the state began as before the first call. To do: call init once before all else; of a state that was
- * restored, check what was saved. */
+/** the state has no mark of init or reset, or that of another program: it was not used and began as before
+ * the first call. To do: call init once before all else; of a state that was restored, check what was
+ * saved. */
 #define HALDANE_UNINITIALISED         0x1000u
 
-/** the memory of the parameters was none that init or PARAMS_INIT had made, or of another program: tune took
- * the nominal values, any other call took no sample and left the state as before the first call. To do: call
- * init once before all else, or begin constant parameters with PARAMS_INIT. */
+/** the parameters have no mark of init or PARAMS_INIT, or that of another program: tune took the nominal
+ * values, any other call took no sample and left the state as before the first call. To do: call init once
+ * before all else, or begin constant parameters with PARAMS_INIT. */
 #define HALDANE_NO_PARAMETERS         0x2000u
 
 /** @} */
 
-#define HALDANE_VERSION "0.2.0"                       /**< of hgogen that made this file */
+#define HALDANE_VERSION "0.2.0"                       /**< of hgogen, which generated this file */
 #define HALDANE_MODEL   "9edec5267dc05d79"            /**< digest of the model, as in its certificate */
 #define HALDANE_LAYOUT  "44241ced9c3f042d"            /**< digest of what a saved state needs to be the same */
-#define HALDANE_READY   0x4525u                       /**< mark of what init and reset have made */
+#define HALDANE_READY   0x4525u                       /**< mark that init and reset write */
 #define HALDANE_SAVED   (sizeof(haldane_state) + 12u) /**< bytes of a saved state */
 
-/** what constant parameters begin with, which may lie in flash: nominal ones, tuned, with their mark */
+/** initial value of constant parameters, which may lie in flash: nominal ones, tuned, with their mark */
 #define HALDANE_PARAMS_INIT { \
     HALDANE_READY, \
     {{0.02f, 0.1f}, 1e-06f} \

@@ -11,7 +11,7 @@
 #error "needs sums in their order: -funsafe-math-optimizations spoils the bundled functions"
 #endif
 
-/* of what runs rarely, which is no part of what calls it */
+/* for a function that runs rarely: it is not inlined */
 #if defined(__GNUC__)
 #define HINDMARSH_ROSE_RARELY __attribute__((noinline))
 #else
@@ -116,6 +116,7 @@ static unsigned hindmarsh_rose_ready(hindmarsh_rose_state *s, const hindmarsh_ro
 }
 
 HINDMARSH_ROSE_RARELY
+/* set the fault counts and their limits as after a reset */
 static void hindmarsh_rose_clear_fault_counts(hindmarsh_rose_state *s)
 {
     /* as after a reset */
@@ -139,7 +140,7 @@ static unsigned hindmarsh_rose_keep_in_box(hindmarsh_rose_state *s, const hindma
         lost = !t1;
     }
     if (lost) {
-        /* a value is lost: all restart */
+        /* a value is lost: restart all but the signals */
         s->z[0] = 0.0f;
         s->z[1] = 0.0f;
         s->z[2] = 0.0f;
@@ -169,6 +170,7 @@ static void hindmarsh_rose_nominal(hindmarsh_rose_params *p)
     p->gain.theta = 10.0f;
 }
 
+/* replace an input that is not finite or absurd by the last valid one, and clamp it to its range */
 static unsigned hindmarsh_rose_guard_input(const hindmarsh_rose_state *s, const hindmarsh_rose_input *in,
     float *u)
 {
@@ -189,6 +191,7 @@ static unsigned hindmarsh_rose_guard_input(const hindmarsh_rose_state *s, const 
     return status;
 }
 
+/* is each sample a number, plausible, and not absurdly far from its estimate? */
 static unsigned hindmarsh_rose_guard_measurements(const hindmarsh_rose_state *s,
     const hindmarsh_rose_output *measurement, float *valid, float *y, float *y_last)
 {
@@ -294,11 +297,12 @@ static unsigned hindmarsh_rose_advance(hindmarsh_rose_state *s, const hindmarsh_
     return status;
 }
 
+/* is the estimate out of a range or far from a sample, or does a fault count run? */
 static unsigned hindmarsh_rose_suspect(const hindmarsh_rose_state *s,
     const hindmarsh_rose_output *measurement, bool *suspect, float valid)
 {
     unsigned status = 0u;
-    /* is the estimate where it cannot be for long? */
+    /* is the estimate out of a range or far from a sample, or does a fault count run? */
     {
         const float z1 = s->z[0];
         const float z2 = s->z[1];
@@ -313,6 +317,7 @@ static unsigned hindmarsh_rose_suspect(const hindmarsh_rose_state *s,
     return status;
 }
 
+/* is there a plausible sample, by which the estimate can be judged? */
 static bool hindmarsh_rose_plausible(const hindmarsh_rose_output *measurement, float valid)
 {
     bool sampled = false;
@@ -325,6 +330,7 @@ static bool hindmarsh_rose_plausible(const hindmarsh_rose_output *measurement, f
     return sampled;
 }
 
+/* is a fault count or limit out of its range, or does the checksum differ? */
 static bool hindmarsh_rose_counts_spoiled(const hindmarsh_rose_state *s)
 {
     bool spoiled = false;
@@ -345,10 +351,11 @@ static bool hindmarsh_rose_counts_spoiled(const hindmarsh_rose_state *s)
     return spoiled;
 }
 
+/* the change of the fault count of an output at this sample, and the sign of its error */
 static void hindmarsh_rose_find_signs(const hindmarsh_rose_state *s,
     const hindmarsh_rose_output *measurement, float *moves_y, float *side_y)
 {
-    /* which signs show? */
+    /* a count goes up by 1 at a large error, far down at one of the other sign, else down by 1 */
     {
         const float t1 = measurement->y - s->z[0];
         const bool t2 = hindmarsh_rose_within(t1, 0.5f);
@@ -365,7 +372,7 @@ static unsigned hindmarsh_rose_recover(hindmarsh_rose_state *s, const hindmarsh_
     bool lost = false;
     bool over_range = false;
     bool over_y = false;
-    /* by which sign, and is the estimate lost? */
+    /* which fault counts are at their limits, and must the estimate restart? */
     {
         const bool t1 = s->fault_limit_y <= hindmarsh_rose_abs(s->fault_count_y);
         const float fault_limit_range = s->fault_limit_range;
@@ -466,7 +473,7 @@ static unsigned hindmarsh_rose_count_faults(hindmarsh_rose_state *s, const hindm
         s->fault_count_y = (side_y < 0.0f) ? -t1 : t1;
         s->fault_limit_y = (t1 <= 0.0f) ? 1101.0f : fault_limit_y;
     }
-    /* does a guard act? */
+    /* is a fault count at its limit? */
     acts = s->fault_limit_y <= hindmarsh_rose_abs(s->fault_count_y)
         || s->fault_limit_range <= s->fault_count_range;
     if (acts) {

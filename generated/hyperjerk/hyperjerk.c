@@ -11,7 +11,7 @@
 #error "needs sums in their order: -funsafe-math-optimizations spoils the bundled functions"
 #endif
 
-/* of what runs rarely, which is no part of what calls it */
+/* for a function that runs rarely: it is not inlined */
 #if defined(__GNUC__)
 #define HYPERJERK_RARELY __attribute__((noinline))
 #else
@@ -121,6 +121,7 @@ static unsigned hyperjerk_ready(hyperjerk_state *s, const hyperjerk_params *p)
 }
 
 HYPERJERK_RARELY
+/* set the fault counts and their limits as after a reset */
 static void hyperjerk_clear_fault_counts(hyperjerk_state *s)
 {
     /* as after a reset */
@@ -132,6 +133,7 @@ static void hyperjerk_clear_fault_counts(hyperjerk_state *s)
 }
 
 HYPERJERK_RARELY
+/* set what the observer remembers besides the estimate as after a reset */
 static void hyperjerk_clear_rest(hyperjerk_state *s)
 {
     /* as after a reset */
@@ -156,7 +158,7 @@ static unsigned hyperjerk_keep_in_box(hyperjerk_state *s, const hyperjerk_params
         lost = !(t2 && hyperjerk_within(s->eta[2], 1e+30f) && hyperjerk_within(s->eta[3], 1e+30f));
     }
     if (lost) {
-        /* a value is lost: all restart */
+        /* a value is lost: restart all but the signals */
         s->w[0] = 0.0f;
         s->w[1] = 0.0f;
         s->w[2] = 0.0f;
@@ -202,6 +204,7 @@ static void hyperjerk_nominal(hyperjerk_params *p)
     p->gain.theta = 10.0f;
 }
 
+/* is each sample a number, plausible, and not absurdly far from its estimate? */
 static unsigned hyperjerk_guard_measurements(const hyperjerk_state *s, const hyperjerk_output *measurement,
     float *valid, float *y, float *y_last)
 {
@@ -338,11 +341,12 @@ static unsigned hyperjerk_advance(hyperjerk_state *s, const hyperjerk_params *p,
     return status;
 }
 
+/* is the estimate out of a range or far from a sample, or does a fault count run? */
 static unsigned hyperjerk_suspect(const hyperjerk_state *s, const hyperjerk_output *measurement,
     bool *suspect, float valid)
 {
     unsigned status = 0u;
-    /* is the estimate where it cannot be for long? */
+    /* is the estimate out of a range or far from a sample, or does a fault count run? */
     {
         const float w1 = s->w[0];
         const bool t1 = hyperjerk_abs(w1) > 3.0f || hyperjerk_abs(s->w[1]) > 4.0f
@@ -356,6 +360,7 @@ static unsigned hyperjerk_suspect(const hyperjerk_state *s, const hyperjerk_outp
     return status;
 }
 
+/* is there a plausible sample, by which the estimate can be judged? */
 static bool hyperjerk_plausible(const hyperjerk_output *measurement, float valid)
 {
     bool sampled = false;
@@ -367,6 +372,7 @@ static bool hyperjerk_plausible(const hyperjerk_output *measurement, float valid
     return sampled;
 }
 
+/* is a fault count or limit out of its range, or does the checksum differ? */
 static bool hyperjerk_counts_spoiled(const hyperjerk_state *s)
 {
     bool spoiled = false;
@@ -388,10 +394,11 @@ static bool hyperjerk_counts_spoiled(const hyperjerk_state *s)
     return spoiled;
 }
 
+/* the change of the fault count of an output at this sample, and the sign of its error */
 static void hyperjerk_find_signs(const hyperjerk_state *s, const hyperjerk_output *measurement,
     float *moves_y, float *side_y)
 {
-    /* which signs show? */
+    /* a count goes up by 1 at a large error, far down at one of the other sign, else down by 1 */
     {
         const float t1 = measurement->y - s->w[0];
         const bool t2 = hyperjerk_within(t1, 0.6f);
@@ -408,7 +415,7 @@ static unsigned hyperjerk_recover(hyperjerk_state *s, const hyperjerk_output *me
     bool lost = false;
     bool over_range = false;
     bool over_y = false;
-    /* by which sign, and is the estimate lost? */
+    /* which fault counts are at their limits, and must the estimate restart? */
     {
         const bool t1 = s->fault_limit_y <= hyperjerk_abs(s->fault_count_y);
         const float fault_limit_range = s->fault_limit_range;
@@ -510,7 +517,7 @@ static unsigned hyperjerk_count_faults(hyperjerk_state *s, const hyperjerk_outpu
         s->fault_count_y = (side_y < 0.0f) ? -t1 : t1;
         s->fault_limit_y = (t1 <= 0.0f) ? 7523.0f : fault_limit_y;
     }
-    /* does a guard act? */
+    /* is a fault count at its limit? */
     acts = s->fault_limit_y <= hyperjerk_abs(s->fault_count_y)
         || s->fault_limit_range <= s->fault_count_range;
     if (acts) {

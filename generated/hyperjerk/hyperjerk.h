@@ -23,25 +23,25 @@ typedef struct {
     float x3; /**< acceleration [m/s2], -6 .. 6 */
     float x4; /**< jerk [m/s3], -12 .. 12 */
 } hyperjerk_plant;
-/** parameters: change plant or gain, then call tune */
+/** parameters: change gain, then call tune */
 typedef struct {
     unsigned ready; /**< what init and PARAMS_INIT leave here; parameters without it are not used */
     struct {
         float theta; /**< high-gain parameter, 1 .. 10 */
     } gain; /**< gains of the observer */
 } hyperjerk_params;
-/** what a step remembers: yours to copy, save and restore; ranges are limits, which no call leaves; .. */
+/** what a step remembers: yours to copy, save and restore; a call keeps each member in its range */
 typedef struct {
     unsigned ready;          /**< what init and reset leave here; a state without it begins anew */
     float w[4];              /**< estimate, in chains of integrators: x1, x2, x3, x4 */
     float eta[4];            /**< filtered output injection */
-    float fault_count_y;     /**< samples with a fault, signed as the last error, -4.1943e+06 .. 4.1943e+06 */
+    float fault_count_y;     /**< faulty samples, sign of the last error, -4.1943e+06 .. 4.1943e+06 */
     float fault_limit_y;     /**< fault count at which a guard acts, 7523 .. 4.1943e+06 */
-    float fault_count_range; /**< samples with a fault, 0 .. 4.1943e+06 */
+    float fault_count_range; /**< faulty samples, 0 .. 4.1943e+06 */
     float fault_limit_range; /**< fault count at which a guard acts, 7523 .. 4.1943e+06 */
-    float fault_checksum;    /**< checks fault counts and limits: their sum beyond the start, 0 .. .. */
+    float fault_checksum;    /**< checksum of fault counts and limits, 0 .. 1.67622e+07 */
     unsigned calls;          /**< 0 before the first call, 1 after it */
-    float y;                 /**< sample of the last call, or its estimate where there was none: y */
+    float y;                 /**< last sample, or its estimate: y */
     float y_valid;           /**< 1 where the last call had a valid sample: y */
 } hyperjerk_state;
 
@@ -63,7 +63,7 @@ unsigned hyperjerk_tune(hyperjerk_params *p);
  * @param[out] s the state: what a step remembers */
 void hyperjerk_reset(hyperjerk_state *s);
 
-/** @brief one sampling period: predict
+/** @brief one sampling period: predict; NaN means a missing sample; the first call advances no time
  * @param[in,out] s the state: what a step remembers
  * @param[in] p the parameters
  * @param[in] measurement the measurement now
@@ -76,16 +76,16 @@ unsigned hyperjerk_step(hyperjerk_state *s, const hyperjerk_params *p, const hyp
  * @param[out] x the estimate of the plant's state */
 void hyperjerk_estimate(const hyperjerk_state *s, const hyperjerk_params *p, hyperjerk_plant *x);
 
-/** @brief the state as HYPERJERK_SAVED bytes: HYPERJERK_LAYOUT, what lies in memory, a checksum
+/** @brief write the state as HYPERJERK_SAVED bytes: HYPERJERK_LAYOUT, the memory of the struct, a checksum
  * @param[in] s the state: what a step remembers
- * @param[out] saved NAME_SAVED bytes, which may lie anywhere */
+ * @param[out] saved HYPERJERK_SAVED bytes, at any address */
 void hyperjerk_save(const hyperjerk_state *s, unsigned char *saved);
 
-/** @brief the state that was saved, where it was saved by this program and no bit of it is another
+/** @brief read a state that this program saved; refuse any other, and one with another bit
  * @param[out] s the state: what a step remembers
- * @param[in] saved NAME_SAVED bytes, which may lie anywhere
- * @param[in] size how many there are
- * @return 0: restored; 1: refused, the state is as it was */
+ * @param[in] saved HYPERJERK_SAVED bytes, at any address
+ * @param[in] size how many bytes there are
+ * @return 0: restored; 1: refused, the state is unchanged */
 unsigned hyperjerk_restore(hyperjerk_state *s, const unsigned char *saved, size_t size);
 
 #ifdef __cplusplus
@@ -104,18 +104,19 @@ unsigned hyperjerk_restore(hyperjerk_state *s, const unsigned char *saved, size_
 
 /** the estimate, or a state of the plant before it is clamped to its range, is outside the declared ranges,
  * where the model is evaluated at the edge. To do: normal while the estimate peaks, do not act on it then; if
- * it stays, the declared ranges are too narrow. */
+ * it stays, the declared ranges are too narrow. The ranges are in hyperjerk.md. */
 #define HYPERJERK_OUTSIDE_BOX           0x0004u
 
 /** the estimate was projected to its outer box; the convergence theorem, where it applies, is suspended. To
- * do: none if brief; if it stays, widen the ranges. */
+ * do: none if brief; if it stays, widen the ranges. The ranges are in hyperjerk.md. */
 #define HYPERJERK_STATE_LIMITED         0x0008u
 
-/** a value was lost (not finite, or beyond 1e30), and the whole state restarted. To do: treat the estimate as
- * new; check parameters (tune was called?) and ranges. */
+/** a value was lost (not finite, or beyond 1e30): all of the state restarted but the last input and samples,
+ * and the counters of calls. To do: treat the estimate as new; check parameters (tune was called?) and
+ * ranges. */
 #define HYPERJERK_RESTARTED             0x0010u
 
-/** good samples did not bring the estimate back, and the state restarted from the sample. To do: treat the
+/** good samples did not bring the estimate back, and the observer restarted from the sample. To do: treat the
  * estimate as new; if it comes again without a fault, widen the ranges or check the model. */
 #define HYPERJERK_RESTARTED_FROM_SAMPLE 0x0020u
 
@@ -127,25 +128,25 @@ unsigned hyperjerk_restore(hyperjerk_state *s, const unsigned char *saved, size_
  * do: correct the parameter and tune again. */
 #define HYPERJERK_PARAMETER_LIMITED     0x0080u
 
-/** the memory of the state was none that init or reset had made, or one of another program: it was not used,
- * the state began as before the first call. To do: call init once before all else; of a state that was
- * restored, check what was saved. */
+/** the state has no mark of init or reset, or that of another program: it was not used and began as before
+ * the first call. To do: call init once before all else; of a state that was restored, check what was
+ * saved. */
 #define HYPERJERK_UNINITIALISED         0x0100u
 
-/** the memory of the parameters was none that init or PARAMS_INIT had made, or of another program: tune took
- * the nominal values, any other call took no sample and left the state as before the first call. To do: call
- * init once before all else, or begin constant parameters with PARAMS_INIT. */
+/** the parameters have no mark of init or PARAMS_INIT, or that of another program: tune took the nominal
+ * values, any other call took no sample and left the state as before the first call. To do: call init once
+ * before all else, or begin constant parameters with PARAMS_INIT. */
 #define HYPERJERK_NO_PARAMETERS         0x0200u
 
 /** @} */
 
-#define HYPERJERK_VERSION "0.2.0"                         /**< of hgogen that made this file */
+#define HYPERJERK_VERSION "0.2.0"                         /**< of hgogen, which generated this file */
 #define HYPERJERK_MODEL   "12d901580e429e51"              /**< digest of the model, as in its certificate */
 #define HYPERJERK_LAYOUT  "da50c57c201356ec"              /**< digest of what a saved state needs to be the same */
-#define HYPERJERK_READY   0xDB51u                         /**< mark of what init and reset have made */
+#define HYPERJERK_READY   0xDB51u                         /**< mark that init and reset write */
 #define HYPERJERK_SAVED   (sizeof(hyperjerk_state) + 12u) /**< bytes of a saved state */
 
-/** what constant parameters begin with, which may lie in flash: nominal ones, tuned, with their mark */
+/** initial value of constant parameters, which may lie in flash: nominal ones, tuned, with their mark */
 #define HYPERJERK_PARAMS_INIT { \
     HYPERJERK_READY, \
     {10.0f} \

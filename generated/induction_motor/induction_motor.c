@@ -11,7 +11,7 @@
 #error "needs sums in their order: -funsafe-math-optimizations spoils the bundled functions"
 #endif
 
-/* of what runs rarely, which is no part of what calls it */
+/* for a function that runs rarely: it is not inlined */
 #if defined(__GNUC__)
 #define INDUCTION_MOTOR_RARELY __attribute__((noinline))
 #else
@@ -138,6 +138,7 @@ static uint32_t induction_motor_ready(induction_motor_state *s, const induction_
 }
 
 INDUCTION_MOTOR_RARELY
+/* set the fault counts and their limits as after a reset */
 static void induction_motor_clear_fault_counts(induction_motor_state *s)
 {
     /* as after a reset */
@@ -151,6 +152,7 @@ static void induction_motor_clear_fault_counts(induction_motor_state *s)
 }
 
 INDUCTION_MOTOR_RARELY
+/* set what the observer remembers besides the estimate as after a reset */
 static void induction_motor_clear_rest(induction_motor_state *s)
 {
     /* as after a reset */
@@ -171,6 +173,7 @@ static void induction_motor_clear_rest(induction_motor_state *s)
     s->D[4] = 400.0f;
 }
 
+/* is a number of the state not finite, or beyond 1e30? */
 static bool induction_motor_value_lost(const induction_motor_state *s)
 {
     bool lost = false;
@@ -201,7 +204,7 @@ static uint32_t induction_motor_keep_in_box(induction_motor_state *s, const indu
     bool lost = false;
     lost = induction_motor_value_lost(s);
     if (lost) {
-        /* a value is lost: all restart */
+        /* a value is lost: restart all but the signals */
         s->z[0] = 0.0f;
         s->z[1] = 0.0f;
         s->z[2] = 0.0f;
@@ -399,6 +402,7 @@ static uint32_t induction_motor_project_onto_ranges(induction_motor_state *s, co
     return status;
 }
 
+/* replace an input that is not finite or absurd by the last valid one, and clamp it to its range */
 static uint32_t induction_motor_guard_input(const induction_motor_state *s, const induction_motor_input *in,
     float *u)
 {
@@ -429,6 +433,7 @@ static uint32_t induction_motor_guard_input(const induction_motor_state *s, cons
     return status;
 }
 
+/* is a number of the state beyond its limits, or not a number? */
 static bool induction_motor_beyond_box(const induction_motor_state *s)
 {
     bool beyond = false;
@@ -793,6 +798,7 @@ static uint32_t induction_motor_run_predict(induction_motor_state *s, const indu
     return status;
 }
 
+/* is the sample a number, plausible, and not absurdly far from its estimate? */
 static uint32_t induction_motor_guard_measurement_y1(const induction_motor_state *s, float *e,
     float *output_error, float reading, bool *valid)
 {
@@ -863,10 +869,11 @@ static uint32_t induction_motor_use_sample_y1(induction_motor_state *s, const in
     return status;
 }
 
+/* is the estimate out of a range or far from a sample, or does a fault count run? */
 static bool induction_motor_suspect_y1(const induction_motor_state *s, float output_error, bool valid)
 {
     bool suspect = false;
-    /* is the estimate where it cannot be for long? */
+    /* is the estimate out of a range or far from a sample, or does a fault count run? */
     {
         const bool t1 = induction_motor_abs(s->z[0]) > 20.0f || induction_motor_abs(s->z[1]) > 20.0f
             || induction_motor_abs(s->z[2]) > 1.5f;
@@ -877,6 +884,7 @@ static bool induction_motor_suspect_y1(const induction_motor_state *s, float out
     return suspect;
 }
 
+/* is there a plausible sample, by which the estimate can be judged? */
 static bool induction_motor_plausible_y1(float reading, bool valid)
 {
     bool sampled = false;
@@ -885,10 +893,11 @@ static bool induction_motor_plausible_y1(float reading, bool valid)
     return sampled;
 }
 
+/* the change of the fault count of an output at this sample, and the sign of its error */
 static void induction_motor_find_signs_y1(const induction_motor_state *s, float *moves_y_y1,
     float output_error, float *side_y_y1)
 {
-    /* which signs show? */
+    /* a count goes up by 1 at a large error, far down at one of the other sign, else down by 1 */
     {
         const bool t1 = induction_motor_within(output_error, 4.0f);
         const float fault_count_y_y1 = s->fault_count_y_y1;
@@ -906,7 +915,7 @@ static uint32_t induction_motor_recover_y1(induction_motor_state *s, const induc
     bool lost = false;
     bool over_range = false;
     bool over_y_y1 = false;
-    /* by which sign, and is the estimate lost? */
+    /* which fault counts are at their limits, and must the estimate restart? */
     {
         const bool t1 = s->fault_limit_y_y1 <= induction_motor_abs(s->fault_count_y_y1);
         const float fault_limit_range = s->fault_limit_range;
@@ -1005,7 +1014,7 @@ static uint32_t induction_motor_run_update_y1(induction_motor_state *s, const in
                     s->fault_count_y_y1 = (side_y_y1 < 0.0f) ? -t1 : t1;
                     s->fault_limit_y_y1 = (t1 <= 0.0f) ? 522.0f : fault_limit_y_y1;
                 }
-                /* does a guard act? */
+                /* is a fault count at its limit? */
                 acts = s->fault_limit_y_y1 <= induction_motor_abs(s->fault_count_y_y1)
                     || s->fault_limit_range <= s->fault_count_range;
                 if (acts) {
@@ -1026,6 +1035,7 @@ static uint32_t induction_motor_run_update_y1(induction_motor_state *s, const in
     return status;
 }
 
+/* is the sample a number, plausible, and not absurdly far from its estimate? */
 static uint32_t induction_motor_guard_measurement_y2(const induction_motor_state *s, float *e,
     float *output_error, float reading, bool *valid)
 {
@@ -1114,11 +1124,12 @@ static uint32_t induction_motor_use_sample_y2(induction_motor_state *s, const in
     return status;
 }
 
+/* is the estimate out of a range or far from a sample, or does a fault count run? */
 static uint32_t induction_motor_suspect_y2(const induction_motor_state *s, float output_error, bool *suspect,
     bool valid)
 {
     uint32_t status = 0u;
-    /* is the estimate where it cannot be for long? */
+    /* is the estimate out of a range or far from a sample, or does a fault count run? */
     {
         const bool t1 = induction_motor_abs(s->z[0]) > 20.0f || induction_motor_abs(s->z[1]) > 20.0f
             || induction_motor_abs(s->z[2]) > 1.5f;
@@ -1131,10 +1142,11 @@ static uint32_t induction_motor_suspect_y2(const induction_motor_state *s, float
     return status;
 }
 
+/* the change of the fault count of an output at this sample, and the sign of its error */
 static void induction_motor_find_signs_y2(const induction_motor_state *s, float *moves_y_y2,
     float output_error, float *side_y_y2)
 {
-    /* which signs show? */
+    /* a count goes up by 1 at a large error, far down at one of the other sign, else down by 1 */
     {
         const bool t1 = induction_motor_within(output_error, 4.0f);
         const float fault_count_y_y2 = s->fault_count_y_y2;
@@ -1152,7 +1164,7 @@ static uint32_t induction_motor_recover_y2(induction_motor_state *s, const induc
     bool lost = false;
     bool over_range = false;
     bool over_y_y2 = false;
-    /* by which sign, and is the estimate lost? */
+    /* which fault counts are at their limits, and must the estimate restart? */
     {
         const bool t1 = s->fault_limit_y_y2 <= induction_motor_abs(s->fault_count_y_y2);
         const float fault_limit_range = s->fault_limit_range;
@@ -1251,7 +1263,7 @@ static uint32_t induction_motor_run_update_y2(induction_motor_state *s, const in
                     s->fault_count_y_y2 = (side_y_y2 < 0.0f) ? -t1 : t1;
                     s->fault_limit_y_y2 = (t1 <= 0.0f) ? 522.0f : fault_limit_y_y2;
                 }
-                /* does a guard act? */
+                /* is a fault count at its limit? */
                 acts = s->fault_limit_y_y2 <= induction_motor_abs(s->fault_count_y_y2)
                     || s->fault_limit_range <= s->fault_count_range;
                 if (acts) {

@@ -31,7 +31,7 @@ typedef struct {
     float fb; /**< rotor flux b [Wb], -1.5 .. 1.5 */
     float w;  /**< speed [rad/s], -200 .. 200 */
 } induction_motor_plant;
-/** parameters: change plant or gain, then call tune */
+/** parameters: change gain, then call tune */
 typedef struct {
     unsigned ready; /**< what init and PARAMS_INIT leave here; parameters without it are not used */
     struct {
@@ -39,22 +39,22 @@ typedef struct {
         float R[2]; /**< output noise: y1, y2 [y^2 s], 1e-14 .. 0.01 */
     } gain; /**< gains of the observer */
 } induction_motor_params;
-/** what a step remembers: yours to copy, save and restore; ranges are limits, which no call leaves; .. */
+/** what a step remembers: yours to copy, save and restore; a call keeps each member in its range */
 typedef struct {
     unsigned ready;          /**< what init and reset leave here; a state without it begins anew */
     float z[5];              /**< estimate in the form's coordinates: ia, ib, fa, fb, w */
-    float L[10];             /**< unit lower factor of P, strict lower triangle by columns: L21, L31, .. */
+    float L[10];             /**< L of P = L D L' by columns: L21 .. L54 */
     float D[5];              /**< diagonal factor of the covariance P = L D L' */
-    float fault_count_y_y1;  /**< samples with a fault, signed as the last error, -534528 .. 534528 */
+    float fault_count_y_y1;  /**< faulty samples, sign of the last error, -534528 .. 534528 */
     float fault_limit_y_y1;  /**< fault count at which a guard acts, 522 .. 534528 */
-    float fault_count_y_y2;  /**< samples with a fault, signed as the last error, -534528 .. 534528 */
+    float fault_count_y_y2;  /**< faulty samples, sign of the last error, -534528 .. 534528 */
     float fault_limit_y_y2;  /**< fault count at which a guard acts, 522 .. 534528 */
-    float fault_count_range; /**< samples with a fault, 0 .. 1.06803e+06 */
+    float fault_count_range; /**< faulty samples, 0 .. 1.06803e+06 */
     float fault_limit_range; /**< fault count at which a guard acts, 1043 .. 1.06803e+06 */
-    float fault_checksum;    /**< checks fault counts and limits: their sum beyond the start, 0 .. .. */
+    float fault_checksum;    /**< checksum of fault counts and limits, 0 .. 4.27209e+06 */
     unsigned calls;          /**< 0 before the first call, 1 after it */
-    unsigned used_y1;        /**< 1 from a sample of y1 that was used until the next predict */
-    unsigned used_y2;        /**< 1 from a sample of y2 that was used until the next predict */
+    unsigned used_y1;        /**< 0: an update with y1 may come, 1: none before the next predict */
+    unsigned used_y2;        /**< 0: an update with y2 may come, 1: none before the next predict */
     float u[2];              /**< last valid input: ua, ub, -400 .. 400 */
 } induction_motor_state;
 
@@ -76,7 +76,8 @@ uint32_t induction_motor_tune(induction_motor_params *p);
  * @param[out] s the state: what a step remembers */
 void induction_motor_reset(induction_motor_state *s);
 
-/** @brief one sampling period: predict, update_y1, update_y2
+/** @brief one sampling period: predict, update_y1, update_y2; NaN means a missing sample; the first call
+ * advances no time
  * @param[in,out] s the state: what a step remembers
  * @param[in] p the parameters
  * @param[in] in the input now
@@ -116,16 +117,17 @@ uint32_t induction_motor_update_y1(induction_motor_state *s, const induction_mot
 uint32_t induction_motor_update_y2(induction_motor_state *s, const induction_motor_params *p,
     const induction_motor_output *measurement);
 
-/** @brief the state as INDUCTION_MOTOR_SAVED bytes: INDUCTION_MOTOR_LAYOUT, what lies in memory, a checksum
+/** @brief write the state as INDUCTION_MOTOR_SAVED bytes: INDUCTION_MOTOR_LAYOUT, the memory of the struct, a
+ * checksum
  * @param[in] s the state: what a step remembers
- * @param[out] saved NAME_SAVED bytes, which may lie anywhere */
+ * @param[out] saved INDUCTION_MOTOR_SAVED bytes, at any address */
 void induction_motor_save(const induction_motor_state *s, unsigned char *saved);
 
-/** @brief the state that was saved, where it was saved by this program and no bit of it is another
+/** @brief read a state that this program saved; refuse any other, and one with another bit
  * @param[out] s the state: what a step remembers
- * @param[in] saved NAME_SAVED bytes, which may lie anywhere
- * @param[in] size how many there are
- * @return 0: restored; 1: refused, the state is as it was */
+ * @param[in] saved INDUCTION_MOTOR_SAVED bytes, at any address
+ * @param[in] size how many bytes there are
+ * @return 0: restored; 1: refused, the state is unchanged */
 unsigned induction_motor_restore(induction_motor_state *s, const unsigned char *saved, size_t size);
 
 #ifdef __cplusplus
@@ -165,18 +167,19 @@ unsigned induction_motor_restore(induction_motor_state *s, const unsigned char *
 
 /** the estimate, or a state of the plant before it is clamped to its range, is outside the declared ranges,
  * where the model is evaluated at the edge. To do: normal while the estimate peaks, do not act on it then; if
- * it stays, the declared ranges are too narrow. */
+ * it stays, the declared ranges are too narrow. The ranges are in induction_motor.md. */
 #define INDUCTION_MOTOR_OUTSIDE_BOX           UINT32_C(0x00000100)
 
 /** the estimate was projected to its outer box; the convergence theorem, where it applies, is suspended. To
- * do: none if brief; if it stays, widen the ranges. */
+ * do: none if brief; if it stays, widen the ranges. The ranges are in induction_motor.md. */
 #define INDUCTION_MOTOR_STATE_LIMITED         UINT32_C(0x00000200)
 
-/** a value was lost (not finite, or beyond 1e30), and the whole state restarted. To do: treat the estimate as
- * new; check parameters (tune was called?) and ranges. */
+/** a value was lost (not finite, or beyond 1e30): all of the state restarted but the last input and samples,
+ * and the counters of calls. To do: treat the estimate as new; check parameters (tune was called?) and
+ * ranges. */
 #define INDUCTION_MOTOR_RESTARTED             UINT32_C(0x00000400)
 
-/** good samples did not bring the estimate back, and the state restarted from the sample. To do: treat the
+/** good samples did not bring the estimate back, and the observer restarted from the sample. To do: treat the
  * estimate as new; if it comes again without a fault, widen the ranges or check the model. */
 #define INDUCTION_MOTOR_RESTARTED_FROM_SAMPLE UINT32_C(0x00000800)
 
@@ -196,25 +199,25 @@ unsigned induction_motor_restore(induction_motor_state *s, const unsigned char *
  * ranges. To do: wait for measurements; if it stays while they come, scale Q and R down together. */
 #define INDUCTION_MOTOR_COVARIANCE_LIMITED    UINT32_C(0x00008000)
 
-/** the memory of the state was none that init or reset had made, or one of another program: it was not used,
- * the state began as before the first call. To do: call init once before all else; of a state that was
- * restored, check what was saved. */
+/** the state has no mark of init or reset, or that of another program: it was not used and began as before
+ * the first call. To do: call init once before all else; of a state that was restored, check what was
+ * saved. */
 #define INDUCTION_MOTOR_UNINITIALISED         UINT32_C(0x00010000)
 
-/** the memory of the parameters was none that init or PARAMS_INIT had made, or of another program: tune took
- * the nominal values, any other call took no sample and left the state as before the first call. To do: call
- * init once before all else, or begin constant parameters with PARAMS_INIT. */
+/** the parameters have no mark of init or PARAMS_INIT, or that of another program: tune took the nominal
+ * values, any other call took no sample and left the state as before the first call. To do: call init once
+ * before all else, or begin constant parameters with PARAMS_INIT. */
 #define INDUCTION_MOTOR_NO_PARAMETERS         UINT32_C(0x00020000)
 
 /** @} */
 
-#define INDUCTION_MOTOR_VERSION "0.2.0"                               /**< of hgogen that made this file */
+#define INDUCTION_MOTOR_VERSION "0.2.0"                               /**< of hgogen, which generated this file */
 #define INDUCTION_MOTOR_MODEL   "d114fcfad0b8ae13"                    /**< digest of the model, as in its certificate */
 #define INDUCTION_MOTOR_LAYOUT  "8f6c8149b1ef314f"                    /**< digest of what a saved state needs to be the same */
-#define INDUCTION_MOTOR_READY   0x906Du                               /**< mark of what init and reset have made */
+#define INDUCTION_MOTOR_READY   0x906Du                               /**< mark that init and reset write */
 #define INDUCTION_MOTOR_SAVED   (sizeof(induction_motor_state) + 12u) /**< bytes of a saved state */
 
-/** what constant parameters begin with, which may lie in flash: nominal ones, tuned, with their mark */
+/** initial value of constant parameters, which may lie in flash: nominal ones, tuned, with their mark */
 #define INDUCTION_MOTOR_PARAMS_INIT { \
     INDUCTION_MOTOR_READY, \
     {{1.0f, 1.0f, 0.0001f, 0.0001f, 10.0f}, {1e-08f, 1e-08f}} \

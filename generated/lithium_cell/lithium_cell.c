@@ -11,7 +11,7 @@
 #error "needs sums in their order: -funsafe-math-optimizations spoils the bundled functions"
 #endif
 
-/* of what runs rarely, which is no part of what calls it */
+/* for a function that runs rarely: it is not inlined */
 #if defined(__GNUC__)
 #define LITHIUM_CELL_RARELY __attribute__((noinline))
 #else
@@ -170,6 +170,7 @@ static unsigned lithium_cell_ready(lithium_cell_state *s, const lithium_cell_par
 }
 
 LITHIUM_CELL_RARELY
+/* set the fault counts and their limits as after a reset */
 static void lithium_cell_clear_fault_counts(lithium_cell_state *s)
 {
     /* as after a reset */
@@ -193,7 +194,7 @@ static unsigned lithium_cell_keep_in_box(lithium_cell_state *s, const lithium_ce
         lost = !(t1 && lithium_cell_within(s->D[0], 1e+30f) && lithium_cell_within(s->D[1], 1e+30f));
     }
     if (lost) {
-        /* a value is lost: all restart */
+        /* a value is lost: restart all but the signals */
         s->z[0] = 0.03f;
         s->z[1] = 0.0f;
         status |= LITHIUM_CELL_RESTARTED;
@@ -336,6 +337,7 @@ static unsigned lithium_cell_run_predict(lithium_cell_state *s, const lithium_ce
     return status;
 }
 
+/* is the sample a number, plausible, and not absurdly far from its estimate? */
 static unsigned lithium_cell_guard_measurement_y(const lithium_cell_state *s, float *e, float *output_error,
     float reading, bool *valid)
 {
@@ -398,11 +400,12 @@ static unsigned lithium_cell_use_sample_y(lithium_cell_state *s, const lithium_c
     return status;
 }
 
+/* is the estimate out of a range or far from a sample, or does a fault count run? */
 static unsigned lithium_cell_suspect_y(const lithium_cell_state *s, float output_error, bool *suspect,
     bool valid)
 {
     unsigned status = 0u;
-    /* is the estimate where it cannot be for long? */
+    /* is the estimate out of a range or far from a sample, or does a fault count run? */
     {
         const float z1 = s->z[0];
         const bool t1 = z1 < 0.03f || z1 > 0.97f || lithium_cell_abs(s->z[1]) > 0.5f;
@@ -414,6 +417,7 @@ static unsigned lithium_cell_suspect_y(const lithium_cell_state *s, float output
     return status;
 }
 
+/* is there a plausible sample, by which the estimate can be judged? */
 static bool lithium_cell_plausible_y(float reading, bool valid)
 {
     bool sampled = false;
@@ -422,6 +426,7 @@ static bool lithium_cell_plausible_y(float reading, bool valid)
     return sampled;
 }
 
+/* is a fault count or limit out of its range, or does the checksum differ? */
 static bool lithium_cell_counts_spoiled_y(const lithium_cell_state *s)
 {
     bool spoiled = false;
@@ -442,10 +447,11 @@ static bool lithium_cell_counts_spoiled_y(const lithium_cell_state *s)
     return spoiled;
 }
 
+/* the change of the fault count of an output at this sample, and the sign of its error */
 static void lithium_cell_find_signs_y(const lithium_cell_state *s, float *moves_y, float output_error,
     float *side_y)
 {
-    /* which signs show? */
+    /* a count goes up by 1 at a large error, far down at one of the other sign, else down by 1 */
     {
         const bool t1 = lithium_cell_within(output_error, 0.1295f);
         const float fault_count_y = s->fault_count_y;
@@ -461,7 +467,7 @@ static unsigned lithium_cell_recover_y(lithium_cell_state *s, float reading)
     bool lost = false;
     bool over_range = false;
     bool over_y = false;
-    /* by which sign, and is the estimate lost? */
+    /* which fault counts are at their limits, and must the estimate restart? */
     {
         const bool t1 = s->fault_limit_y <= lithium_cell_abs(s->fault_count_y);
         const float fault_limit_range = s->fault_limit_range;
@@ -599,7 +605,7 @@ static unsigned lithium_cell_count_faults_y(lithium_cell_state *s, float output_
         s->fault_count_y = (side_y < 0.0f) ? -t1 : t1;
         s->fault_limit_y = (t1 <= 0.0f) ? 952.0f : fault_limit_y;
     }
-    /* does a guard act? */
+    /* is a fault count at its limit? */
     acts = s->fault_limit_y <= lithium_cell_abs(s->fault_count_y)
         || s->fault_limit_range <= s->fault_count_range;
     if (acts) {

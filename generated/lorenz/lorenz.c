@@ -11,7 +11,7 @@
 #error "needs sums in their order: -funsafe-math-optimizations spoils the bundled functions"
 #endif
 
-/* of what runs rarely, which is no part of what calls it */
+/* for a function that runs rarely: it is not inlined */
 #if defined(__GNUC__)
 #define LORENZ_RARELY __attribute__((noinline))
 #else
@@ -115,6 +115,7 @@ static unsigned lorenz_ready(lorenz_state *s, const lorenz_params *p)
 }
 
 LORENZ_RARELY
+/* set the fault counts and their limits as after a reset */
 static void lorenz_clear_fault_counts(lorenz_state *s)
 {
     /* as after a reset */
@@ -126,6 +127,7 @@ static void lorenz_clear_fault_counts(lorenz_state *s)
 }
 
 LORENZ_RARELY
+/* set what the observer remembers besides the estimate as after a reset */
 static void lorenz_clear_rest(lorenz_state *s)
 {
     /* as after a reset */
@@ -154,7 +156,7 @@ static unsigned lorenz_keep_in_box(lorenz_state *s, const lorenz_params *p)
         lost = !t3;
     }
     if (lost) {
-        /* a value is lost: all restart */
+        /* a value is lost: restart all but the signals */
         s->z[0] = 0.0f;
         s->z[1] = 0.0f;
         s->z[2] = 0.0f;
@@ -346,6 +348,7 @@ static unsigned lorenz_run_predict(lorenz_state *s, const lorenz_params *p)
     return status;
 }
 
+/* is the sample a number, plausible, and not absurdly far from its estimate? */
 static unsigned lorenz_guard_measurement_y(const lorenz_state *s, float *e, float *output_error,
     float reading, bool *valid)
 {
@@ -406,10 +409,11 @@ static unsigned lorenz_use_sample_y(lorenz_state *s, const lorenz_params *p, flo
     return status;
 }
 
+/* is the estimate out of a range or far from a sample, or does a fault count run? */
 static unsigned lorenz_suspect_y(const lorenz_state *s, float output_error, bool *suspect, bool valid)
 {
     unsigned status = 0u;
-    /* is the estimate where it cannot be for long? */
+    /* is the estimate out of a range or far from a sample, or does a fault count run? */
     {
         const float z3 = s->z[2];
         const bool t1 = lorenz_abs(s->z[0]) > 20.0f || lorenz_abs(s->z[1]) > 30.0f || z3 < 0.0f || z3 > 50.0f;
@@ -421,6 +425,7 @@ static unsigned lorenz_suspect_y(const lorenz_state *s, float output_error, bool
     return status;
 }
 
+/* is there a plausible sample, by which the estimate can be judged? */
 static bool lorenz_plausible_y(float reading, bool valid)
 {
     bool sampled = false;
@@ -429,6 +434,7 @@ static bool lorenz_plausible_y(float reading, bool valid)
     return sampled;
 }
 
+/* is a fault count or limit out of its range, or does the checksum differ? */
 static bool lorenz_counts_spoiled_y(const lorenz_state *s)
 {
     bool spoiled = false;
@@ -449,9 +455,10 @@ static bool lorenz_counts_spoiled_y(const lorenz_state *s)
     return spoiled;
 }
 
+/* the change of the fault count of an output at this sample, and the sign of its error */
 static void lorenz_find_signs_y(const lorenz_state *s, float *moves_y, float output_error, float *side_y)
 {
-    /* which signs show? */
+    /* a count goes up by 1 at a large error, far down at one of the other sign, else down by 1 */
     {
         const bool t1 = lorenz_within(output_error, 4.0f);
         const float fault_count_y = s->fault_count_y;
@@ -467,7 +474,7 @@ static unsigned lorenz_recover_y(lorenz_state *s, float reading)
     bool lost = false;
     bool over_range = false;
     bool over_y = false;
-    /* by which sign, and is the estimate lost? */
+    /* which fault counts are at their limits, and must the estimate restart? */
     {
         const bool t1 = s->fault_limit_y <= lorenz_abs(s->fault_count_y);
         const float fault_limit_range = s->fault_limit_range;
@@ -593,7 +600,7 @@ static unsigned lorenz_count_faults_y(lorenz_state *s, float output_error, float
         s->fault_count_y = (side_y < 0.0f) ? -t1 : t1;
         s->fault_limit_y = (t1 <= 0.0f) ? 178.0f : fault_limit_y;
     }
-    /* does a guard act? */
+    /* is a fault count at its limit? */
     acts = s->fault_limit_y <= lorenz_abs(s->fault_count_y) || s->fault_limit_range <= s->fault_count_range;
     if (acts) {
         status |= lorenz_recover_y(s, reading);

@@ -22,7 +22,7 @@ typedef struct {
     float y_; /**< temperature difference, -30 .. 30 */
     float z;  /**< distortion of the profile, 0 .. 50 */
 } lorenz_plant;
-/** parameters: change plant or gain, then call tune */
+/** parameters: change gain, then call tune */
 typedef struct {
     unsigned ready; /**< what init and PARAMS_INIT leave here; parameters without it are not used */
     struct {
@@ -30,19 +30,19 @@ typedef struct {
         float R;    /**< output noise: y [y^2 s], 1e-13 .. 0.1 */
     } gain; /**< gains of the observer */
 } lorenz_params;
-/** what a step remembers: yours to copy, save and restore; ranges are limits, which no call leaves; .. */
+/** what a step remembers: yours to copy, save and restore; a call keeps each member in its range */
 typedef struct {
     unsigned ready;          /**< what init and reset leave here; a state without it begins anew */
     float z[3];              /**< estimate in the form's coordinates: x, y_, z */
-    float L[3];              /**< unit lower factor of P, strict lower triangle by columns: L21, L31, L32 */
+    float L[3];              /**< L of P = L D L' by columns: L21, L31, L32 */
     float D[3];              /**< diagonal factor of the covariance P = L D L' */
-    float fault_count_y;     /**< samples with a fault, signed as the last error, -182272 .. 182272 */
+    float fault_count_y;     /**< faulty samples, sign of the last error, -182272 .. 182272 */
     float fault_limit_y;     /**< fault count at which a guard acts, 178 .. 182272 */
-    float fault_count_range; /**< samples with a fault, 0 .. 182272 */
+    float fault_count_range; /**< faulty samples, 0 .. 182272 */
     float fault_limit_range; /**< fault count at which a guard acts, 178 .. 182272 */
-    float fault_checksum;    /**< checks fault counts and limits: their sum beyond the start, 0 .. 728732 */
+    float fault_checksum;    /**< checksum of fault counts and limits, 0 .. 728732 */
     unsigned calls;          /**< 0 before the first call, 1 after it */
-    unsigned used_y;         /**< 1 from a sample of y that was used until the next predict */
+    unsigned used_y;         /**< 0: an update with y may come, 1: none before the next predict */
 } lorenz_state;
 
 #ifdef __cplusplus
@@ -63,7 +63,7 @@ unsigned lorenz_tune(lorenz_params *p);
  * @param[out] s the state: what a step remembers */
 void lorenz_reset(lorenz_state *s);
 
-/** @brief one sampling period: predict, update_y
+/** @brief one sampling period: predict, update_y; NaN means a missing sample; the first call advances no time
  * @param[in,out] s the state: what a step remembers
  * @param[in] p the parameters
  * @param[in] measurement the measurement now
@@ -89,16 +89,16 @@ unsigned lorenz_predict(lorenz_state *s, const lorenz_params *p);
  * @return 0, or an or of the status bits */
 unsigned lorenz_update_y(lorenz_state *s, const lorenz_params *p, const lorenz_output *measurement);
 
-/** @brief the state as LORENZ_SAVED bytes: LORENZ_LAYOUT, what lies in memory, a checksum
+/** @brief write the state as LORENZ_SAVED bytes: LORENZ_LAYOUT, the memory of the struct, a checksum
  * @param[in] s the state: what a step remembers
- * @param[out] saved NAME_SAVED bytes, which may lie anywhere */
+ * @param[out] saved LORENZ_SAVED bytes, at any address */
 void lorenz_save(const lorenz_state *s, unsigned char *saved);
 
-/** @brief the state that was saved, where it was saved by this program and no bit of it is another
+/** @brief read a state that this program saved; refuse any other, and one with another bit
  * @param[out] s the state: what a step remembers
- * @param[in] saved NAME_SAVED bytes, which may lie anywhere
- * @param[in] size how many there are
- * @return 0: restored; 1: refused, the state is as it was */
+ * @param[in] saved LORENZ_SAVED bytes, at any address
+ * @param[in] size how many bytes there are
+ * @return 0: restored; 1: refused, the state is unchanged */
 unsigned lorenz_restore(lorenz_state *s, const unsigned char *saved, size_t size);
 
 #ifdef __cplusplus
@@ -117,18 +117,19 @@ unsigned lorenz_restore(lorenz_state *s, const unsigned char *saved, size_t size
 
 /** the estimate, or a state of the plant before it is clamped to its range, is outside the declared ranges,
  * where the model is evaluated at the edge. To do: normal while the estimate peaks, do not act on it then; if
- * it stays, the declared ranges are too narrow. */
+ * it stays, the declared ranges are too narrow. The ranges are in lorenz.md. */
 #define LORENZ_OUTSIDE_BOX           0x0004u
 
 /** the estimate was projected to its outer box; the convergence theorem, where it applies, is suspended. To
- * do: none if brief; if it stays, widen the ranges. */
+ * do: none if brief; if it stays, widen the ranges. The ranges are in lorenz.md. */
 #define LORENZ_STATE_LIMITED         0x0008u
 
-/** a value was lost (not finite, or beyond 1e30), and the whole state restarted. To do: treat the estimate as
- * new; check parameters (tune was called?) and ranges. */
+/** a value was lost (not finite, or beyond 1e30): all of the state restarted but the last input and samples,
+ * and the counters of calls. To do: treat the estimate as new; check parameters (tune was called?) and
+ * ranges. */
 #define LORENZ_RESTARTED             0x0010u
 
-/** good samples did not bring the estimate back, and the state restarted from the sample. To do: treat the
+/** good samples did not bring the estimate back, and the observer restarted from the sample. To do: treat the
  * estimate as new; if it comes again without a fault, widen the ranges or check the model. */
 #define LORENZ_RESTARTED_FROM_SAMPLE 0x0020u
 
@@ -148,25 +149,25 @@ unsigned lorenz_restore(lorenz_state *s, const unsigned char *saved, size_t size
  * ranges. To do: wait for measurements; if it stays while they come, scale Q and R down together. */
 #define LORENZ_COVARIANCE_LIMITED    0x0200u
 
-/** the memory of the state was none that init or reset had made, or one of another program: it was not used,
- * the state began as before the first call. To do: call init once before all else; of a state that was
- * restored, check what was saved. */
+/** the state has no mark of init or reset, or that of another program: it was not used and began as before
+ * the first call. To do: call init once before all else; of a state that was restored, check what was
+ * saved. */
 #define LORENZ_UNINITIALISED         0x0400u
 
-/** the memory of the parameters was none that init or PARAMS_INIT had made, or of another program: tune took
- * the nominal values, any other call took no sample and left the state as before the first call. To do: call
- * init once before all else, or begin constant parameters with PARAMS_INIT. */
+/** the parameters have no mark of init or PARAMS_INIT, or that of another program: tune took the nominal
+ * values, any other call took no sample and left the state as before the first call. To do: call init once
+ * before all else, or begin constant parameters with PARAMS_INIT. */
 #define LORENZ_NO_PARAMETERS         0x0800u
 
 /** @} */
 
-#define LORENZ_VERSION "0.2.0"                      /**< of hgogen that made this file */
+#define LORENZ_VERSION "0.2.0"                      /**< of hgogen, which generated this file */
 #define LORENZ_MODEL   "fd95378622370e98"           /**< digest of the model, as in its certificate */
 #define LORENZ_LAYOUT  "2c6a5dfdccc6c2a8"           /**< digest of what a saved state needs to be the same */
-#define LORENZ_READY   0x2D6Cu                      /**< mark of what init and reset have made */
+#define LORENZ_READY   0x2D6Cu                      /**< mark that init and reset write */
 #define LORENZ_SAVED   (sizeof(lorenz_state) + 12u) /**< bytes of a saved state */
 
-/** what constant parameters begin with, which may lie in flash: nominal ones, tuned, with their mark */
+/** initial value of constant parameters, which may lie in flash: nominal ones, tuned, with their mark */
 #define LORENZ_PARAMS_INIT { \
     LORENZ_READY, \
     {{0.8f, 2.0f, 1.0f}, 1e-07f} \

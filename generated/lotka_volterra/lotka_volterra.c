@@ -11,7 +11,7 @@
 #error "needs sums in their order: -funsafe-math-optimizations spoils the bundled functions"
 #endif
 
-/* of what runs rarely, which is no part of what calls it */
+/* for a function that runs rarely: it is not inlined */
 #if defined(__GNUC__)
 #define LOTKA_VOLTERRA_RARELY __attribute__((noinline))
 #else
@@ -115,6 +115,7 @@ static unsigned lotka_volterra_ready(lotka_volterra_state *s, const lotka_volter
 }
 
 LOTKA_VOLTERRA_RARELY
+/* set the fault counts and their limits as after a reset */
 static void lotka_volterra_clear_fault_counts(lotka_volterra_state *s)
 {
     /* as after a reset */
@@ -138,7 +139,7 @@ static unsigned lotka_volterra_keep_in_box(lotka_volterra_state *s, const lotka_
         lost = !(t1 && lotka_volterra_within(s->D[0], 1e+30f) && lotka_volterra_within(s->D[1], 1e+30f));
     }
     if (lost) {
-        /* a value is lost: all restart */
+        /* a value is lost: restart all but the signals */
         s->z[0] = 1.0f;
         s->z[1] = -1.0f;
         status |= LOTKA_VOLTERRA_RESTARTED;
@@ -274,6 +275,7 @@ static unsigned lotka_volterra_run_predict(lotka_volterra_state *s, const lotka_
     return status;
 }
 
+/* is the sample a number, plausible, and not absurdly far from its estimate? */
 static unsigned lotka_volterra_guard_measurement_y(const lotka_volterra_state *s, float *e,
     float *output_error, float reading, bool *valid)
 {
@@ -331,11 +333,12 @@ static unsigned lotka_volterra_use_sample_y(lotka_volterra_state *s, const lotka
     return status;
 }
 
+/* is the estimate out of a range or far from a sample, or does a fault count run? */
 static unsigned lotka_volterra_suspect_y(const lotka_volterra_state *s, float output_error, bool *suspect,
     bool valid)
 {
     unsigned status = 0u;
-    /* is the estimate where it cannot be for long? */
+    /* is the estimate out of a range or far from a sample, or does a fault count run? */
     {
         const float z1 = s->z[0];
         const float z2 = s->z[1];
@@ -348,6 +351,7 @@ static unsigned lotka_volterra_suspect_y(const lotka_volterra_state *s, float ou
     return status;
 }
 
+/* is there a plausible sample, by which the estimate can be judged? */
 static bool lotka_volterra_plausible_y(float reading, bool valid)
 {
     bool sampled = false;
@@ -356,6 +360,7 @@ static bool lotka_volterra_plausible_y(float reading, bool valid)
     return sampled;
 }
 
+/* is a fault count or limit out of its range, or does the checksum differ? */
 static bool lotka_volterra_counts_spoiled_y(const lotka_volterra_state *s)
 {
     bool spoiled = false;
@@ -376,10 +381,11 @@ static bool lotka_volterra_counts_spoiled_y(const lotka_volterra_state *s)
     return spoiled;
 }
 
+/* the change of the fault count of an output at this sample, and the sign of its error */
 static void lotka_volterra_find_signs_y(const lotka_volterra_state *s, float *moves_y, float output_error,
     float *side_y)
 {
-    /* which signs show? */
+    /* a count goes up by 1 at a large error, far down at one of the other sign, else down by 1 */
     {
         const bool t1 = lotka_volterra_within(output_error, 7.9f);
         const float fault_count_y = s->fault_count_y;
@@ -395,7 +401,7 @@ static unsigned lotka_volterra_recover_y(lotka_volterra_state *s, float reading)
     bool lost = false;
     bool over_range = false;
     bool over_y = false;
-    /* by which sign, and is the estimate lost? */
+    /* which fault counts are at their limits, and must the estimate restart? */
     {
         const bool t1 = s->fault_limit_y <= lotka_volterra_abs(s->fault_count_y);
         const float fault_limit_range = s->fault_limit_range;
@@ -506,7 +512,7 @@ static unsigned lotka_volterra_count_faults_y(lotka_volterra_state *s, float out
         s->fault_count_y = (side_y < 0.0f) ? -t1 : t1;
         s->fault_limit_y = (t1 <= 0.0f) ? 478.0f : fault_limit_y;
     }
-    /* does a guard act? */
+    /* is a fault count at its limit? */
     acts = s->fault_limit_y <= lotka_volterra_abs(s->fault_count_y)
         || s->fault_limit_range <= s->fault_count_range;
     if (acts) {

@@ -11,7 +11,7 @@
 #error "needs sums in their order: -funsafe-math-optimizations spoils the bundled functions"
 #endif
 
-/* of what runs rarely, which is no part of what calls it */
+/* for a function that runs rarely: it is not inlined */
 #if defined(__GNUC__)
 #define MAGNETIC_LEVITATION_RARELY __attribute__((noinline))
 #else
@@ -115,6 +115,7 @@ static unsigned magnetic_levitation_ready(magnetic_levitation_state *s, const ma
 }
 
 MAGNETIC_LEVITATION_RARELY
+/* set the fault counts and their limits as after a reset */
 static void magnetic_levitation_clear_fault_counts(magnetic_levitation_state *s)
 {
     /* as after a reset */
@@ -126,6 +127,7 @@ static void magnetic_levitation_clear_fault_counts(magnetic_levitation_state *s)
 }
 
 MAGNETIC_LEVITATION_RARELY
+/* set what the observer remembers besides the estimate as after a reset */
 static void magnetic_levitation_clear_rest(magnetic_levitation_state *s)
 {
     /* as after a reset */
@@ -157,7 +159,7 @@ static unsigned magnetic_levitation_keep_in_box(magnetic_levitation_state *s,
         lost = !t4;
     }
     if (lost) {
-        /* a value is lost: all restart */
+        /* a value is lost: restart all but the signals */
         s->z[0] = 0.005f;
         s->z[1] = 0.0f;
         s->z[2] = 0.1f;
@@ -198,6 +200,7 @@ static unsigned magnetic_levitation_keep_in_box(magnetic_levitation_state *s,
     return status;
 }
 
+/* replace an input that is not finite or absurd by the last valid one, and clamp it to its range */
 static unsigned magnetic_levitation_guard_input(const magnetic_levitation_state *s,
     const magnetic_levitation_input *in, float *u)
 {
@@ -381,6 +384,7 @@ static unsigned magnetic_levitation_run_predict(magnetic_levitation_state *s,
     return status;
 }
 
+/* is the sample a number, plausible, and not absurdly far from its estimate? */
 static unsigned magnetic_levitation_guard_measurement_y(const magnetic_levitation_state *s, float *e,
     float *output_error, float reading, bool *valid)
 {
@@ -444,11 +448,12 @@ static unsigned magnetic_levitation_use_sample_y(magnetic_levitation_state *s,
     return status;
 }
 
+/* is the estimate out of a range or far from a sample, or does a fault count run? */
 static unsigned magnetic_levitation_suspect_y(const magnetic_levitation_state *s, float output_error,
     bool *suspect, bool valid)
 {
     unsigned status = 0u;
-    /* is the estimate where it cannot be for long? */
+    /* is the estimate out of a range or far from a sample, or does a fault count run? */
     {
         const float z1 = s->z[0];
         const float z3 = s->z[2];
@@ -463,6 +468,7 @@ static unsigned magnetic_levitation_suspect_y(const magnetic_levitation_state *s
     return status;
 }
 
+/* is there a plausible sample, by which the estimate can be judged? */
 static bool magnetic_levitation_plausible_y(float reading, bool valid)
 {
     bool sampled = false;
@@ -472,6 +478,7 @@ static bool magnetic_levitation_plausible_y(float reading, bool valid)
     return sampled;
 }
 
+/* is a fault count or limit out of its range, or does the checksum differ? */
 static bool magnetic_levitation_counts_spoiled_y(const magnetic_levitation_state *s)
 {
     bool spoiled = false;
@@ -492,10 +499,11 @@ static bool magnetic_levitation_counts_spoiled_y(const magnetic_levitation_state
     return spoiled;
 }
 
+/* the change of the fault count of an output at this sample, and the sign of its error */
 static void magnetic_levitation_find_signs_y(const magnetic_levitation_state *s, float *moves_y,
     float output_error, float *side_y)
 {
-    /* which signs show? */
+    /* a count goes up by 1 at a large error, far down at one of the other sign, else down by 1 */
     {
         const bool t1 = magnetic_levitation_within(output_error, 0.0025f);
         const float fault_count_y = s->fault_count_y;
@@ -511,7 +519,7 @@ static unsigned magnetic_levitation_recover_y(magnetic_levitation_state *s, floa
     bool lost = false;
     bool over_range = false;
     bool over_y = false;
-    /* by which sign, and is the estimate lost? */
+    /* which fault counts are at their limits, and must the estimate restart? */
     {
         const bool t1 = s->fault_limit_y <= magnetic_levitation_abs(s->fault_count_y);
         const float fault_limit_range = s->fault_limit_range;
@@ -642,7 +650,7 @@ static unsigned magnetic_levitation_count_faults_y(magnetic_levitation_state *s,
         s->fault_count_y = (side_y < 0.0f) ? -t1 : t1;
         s->fault_limit_y = (t1 <= 0.0f) ? 1571.0f : fault_limit_y;
     }
-    /* does a guard act? */
+    /* is a fault count at its limit? */
     acts = s->fault_limit_y <= magnetic_levitation_abs(s->fault_count_y)
         || s->fault_limit_range <= s->fault_count_range;
     if (acts) {

@@ -17,7 +17,7 @@
 #error "needs sums in their order: -funsafe-math-optimizations spoils the bundled functions"
 #endif
 
-/* of what runs rarely, which is no part of what calls it */
+/* for a function that runs rarely: it is not inlined */
 #if defined(__GNUC__)
 #define NOT_ISS_RARELY __attribute__((noinline))
 #else
@@ -213,6 +213,7 @@ static unsigned not_iss_ready(not_iss_state *s, const not_iss_params *p)
 }
 
 NOT_ISS_RARELY
+/* set the fault counts and their limits as after a reset */
 static void not_iss_clear_fault_counts(not_iss_state *s)
 {
     /* as after a reset */
@@ -238,7 +239,7 @@ static unsigned not_iss_keep_in_box(not_iss_state *s, const not_iss_params *p)
         lost = !(t1 && not_iss_within(s->P[1], 1e+30f) && not_iss_within(s->P[2], 1e+30f));
     }
     if (lost) {
-        /* a value is lost: all restart */
+        /* a value is lost: restart all but the signals */
         s->z[0] = 0.0f;
         s->z[1] = 0.0f;
         status |= NOT_ISS_RESTARTED;
@@ -282,6 +283,7 @@ static void not_iss_nominal(not_iss_params *p)
     p->gain.curvature = 5.0f;
 }
 
+/* replace an input that is not finite or absurd by the last valid one, and clamp it to its range */
 static unsigned not_iss_guard_input(const not_iss_state *s, const not_iss_input *in, float *u)
 {
     unsigned status = 0u;
@@ -301,6 +303,7 @@ static unsigned not_iss_guard_input(const not_iss_state *s, const not_iss_input 
     return status;
 }
 
+/* is each sample a number, plausible, and not absurdly far from its estimate? */
 static unsigned not_iss_guard_measurements(const not_iss_state *s, const not_iss_output *measurement,
     float *valid, float *y, float *y_last)
 {
@@ -458,11 +461,12 @@ static unsigned not_iss_advance(not_iss_state *s, const not_iss_params *p, float
     return status;
 }
 
+/* is the estimate out of a range or far from a sample, or does a fault count run? */
 static unsigned not_iss_suspect(const not_iss_state *s, const not_iss_output *measurement, bool *suspect,
     const float *valid)
 {
     unsigned status = 0u;
-    /* is the estimate where it cannot be for long? */
+    /* is the estimate out of a range or far from a sample, or does a fault count run? */
     {
         const float z1 = s->z[0];
         const float z2 = s->z[1];
@@ -482,6 +486,7 @@ static unsigned not_iss_suspect(const not_iss_state *s, const not_iss_output *me
     return status;
 }
 
+/* is there a plausible sample, by which the estimate can be judged? */
 static bool not_iss_plausible(const not_iss_output *measurement, const float *valid)
 {
     bool sampled = false;
@@ -498,6 +503,7 @@ static bool not_iss_plausible(const not_iss_output *measurement, const float *va
     return sampled;
 }
 
+/* is a fault count or limit out of its range, or does the checksum differ? */
 static bool not_iss_counts_spoiled(const not_iss_state *s)
 {
     bool spoiled = false;
@@ -522,11 +528,12 @@ static bool not_iss_counts_spoiled(const not_iss_state *s)
     return spoiled;
 }
 
+/* the change of the fault count of an output at this sample, and the sign of its error */
 static void not_iss_find_signs(const not_iss_state *s, const not_iss_params *p,
     const not_iss_output *measurement, float *moves_y_y1, float *moves_y_y2, float *side_y_y1,
         float *side_y_y2, const float *valid)
 {
-    /* which signs show? */
+    /* a count goes up by 1 at a large error, far down at one of the other sign, else down by 1 */
     {
         const float reading_y2 = measurement->y2;
         const bool t1 = valid[1] > 0.0f || (not_iss_within(reading_y2, 3e+38f) && reading_y2 >= -4.0f
@@ -556,10 +563,11 @@ static void not_iss_find_signs(const not_iss_state *s, const not_iss_params *p,
     }
 }
 
+/* which fault counts are at their limits, and must the estimate restart? */
 static void not_iss_choose_recovery(const not_iss_state *s, bool *lost, bool *over_range, bool *over_y_y1,
     bool *over_y_y2)
 {
-    /* by which sign, and is the estimate lost? */
+    /* which fault counts are at their limits, and must the estimate restart? */
     {
         const bool t1 = s->fault_limit_y_y2 <= not_iss_abs(s->fault_count_y_y2);
         const bool t2 = s->fault_limit_y_y1 <= not_iss_abs(s->fault_count_y_y1);
@@ -575,6 +583,7 @@ static void not_iss_choose_recovery(const not_iss_state *s, bool *lost, bool *ov
     }
 }
 
+/* move the estimate to the nearest one that fits the sample of y2 */
 static void not_iss_fit_y2(not_iss_state *s, const not_iss_output *measurement, const float *valid)
 {
     /* from the sample of y2 */
@@ -589,6 +598,7 @@ static void not_iss_fit_y2(not_iss_state *s, const not_iss_output *measurement, 
     }
 }
 
+/* move the estimate to the nearest one that fits the sample of y1 */
 static void not_iss_fit_y1(not_iss_state *s, const not_iss_output *measurement, const float *valid)
 {
     /* from the sample of y1 */
@@ -613,7 +623,7 @@ static void not_iss_fit_y1(not_iss_state *s, const not_iss_output *measurement, 
     }
 }
 
-/* the estimate becomes the nearest one that fits the sample, the rest as after a reset */
+/* take the nearest estimate that fits the sample, and set all else as after a reset */
 static unsigned not_iss_restart_from_sample(not_iss_state *s, const not_iss_output *measurement,
     const float *valid)
 {
@@ -747,7 +757,7 @@ static unsigned not_iss_count_faults(not_iss_state *s, const not_iss_params *p,
         s->fault_count_y_y1 = (side_y_y1 < 0.0f) ? -t1 : t1;
         s->fault_limit_y_y1 = (t1 <= 0.0f) ? 276.0f : fault_limit_y_y1;
     }
-    /* does a guard act? */
+    /* is a fault count at its limit? */
     {
         const bool t1 = s->fault_limit_y_y2 <= not_iss_abs(s->fault_count_y_y2)
             || s->fault_limit_y_y1 <= not_iss_abs(s->fault_count_y_y1);

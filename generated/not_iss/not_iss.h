@@ -26,7 +26,7 @@ typedef struct {
     float x1; /**< driven state, 0 .. 2 */
     float x2; /**< its square, 0 .. 4 */
 } not_iss_plant;
-/** parameters: change plant or gain, then call tune */
+/** parameters: change gain, then call tune */
 typedef struct {
     unsigned ready; /**< what init and PARAMS_INIT leave here; parameters without it are not used */
     struct {
@@ -38,21 +38,21 @@ typedef struct {
         float Q_inverse[2]; /**< inverse of Q, diagonal factor [z^2/s] */
     } derived; /**< what `tune` computes of the others */
 } not_iss_params;
-/** what a step remembers: yours to copy, save and restore; ranges are limits, which no call leaves; .. */
+/** what a step remembers: yours to copy, save and restore; a call keeps each member in its range */
 typedef struct {
     unsigned ready;          /**< what init and reset leave here; a state without it begins anew */
     float z[2];              /**< estimate in the form's coordinates: x1, x2 */
     float P[3];              /**< covariance, lower triangle by columns: P11, P21, P22 */
-    float fault_count_y_y2;  /**< samples with a fault, signed as the last error, -282624 .. 282624 */
+    float fault_count_y_y2;  /**< faulty samples, sign of the last error, -282624 .. 282624 */
     float fault_limit_y_y2;  /**< fault count at which a guard acts, 276 .. 282624 */
-    float fault_count_y_y1;  /**< samples with a fault, signed as the last error, -282624 .. 282624 */
+    float fault_count_y_y1;  /**< faulty samples, sign of the last error, -282624 .. 282624 */
     float fault_limit_y_y1;  /**< fault count at which a guard acts, 276 .. 282624 */
-    float fault_count_range; /**< samples with a fault, 0 .. 564224 */
+    float fault_count_range; /**< faulty samples, 0 .. 564224 */
     float fault_limit_range; /**< fault count at which a guard acts, 551 .. 564224 */
-    float fault_checksum;    /**< checks fault counts and limits: their sum beyond the start, 0 .. .. */
+    float fault_checksum;    /**< checksum of fault counts and limits, 0 .. 2.25784e+06 */
     unsigned calls;          /**< 0 before the first call, 1 after it */
     float u;                 /**< last valid input: w, 0 .. 1 */
-    float y[2];              /**< sample of the last call, or its estimate where there was none: y1, y2 */
+    float y[2];              /**< last sample, or its estimate: y1, y2 */
     float y_valid[2];        /**< 1 where the last call had a valid sample: y1, y2 */
 } not_iss_state;
 
@@ -74,7 +74,7 @@ unsigned not_iss_tune(not_iss_params *p);
  * @param[out] s the state: what a step remembers */
 void not_iss_reset(not_iss_state *s);
 
-/** @brief one sampling period: predict
+/** @brief one sampling period: predict; NaN means a missing sample; the first call advances no time
  * @param[in,out] s the state: what a step remembers
  * @param[in] p the parameters
  * @param[in] in the input now
@@ -89,16 +89,16 @@ unsigned not_iss_step(not_iss_state *s, const not_iss_params *p, const not_iss_i
  * @param[out] x the estimate of the plant's state */
 void not_iss_estimate(const not_iss_state *s, const not_iss_params *p, not_iss_plant *x);
 
-/** @brief the state as NOT_ISS_SAVED bytes: NOT_ISS_LAYOUT, what lies in memory, a checksum
+/** @brief write the state as NOT_ISS_SAVED bytes: NOT_ISS_LAYOUT, the memory of the struct, a checksum
  * @param[in] s the state: what a step remembers
- * @param[out] saved NAME_SAVED bytes, which may lie anywhere */
+ * @param[out] saved NOT_ISS_SAVED bytes, at any address */
 void not_iss_save(const not_iss_state *s, unsigned char *saved);
 
-/** @brief the state that was saved, where it was saved by this program and no bit of it is another
+/** @brief read a state that this program saved; refuse any other, and one with another bit
  * @param[out] s the state: what a step remembers
- * @param[in] saved NAME_SAVED bytes, which may lie anywhere
- * @param[in] size how many there are
- * @return 0: restored; 1: refused, the state is as it was */
+ * @param[in] saved NOT_ISS_SAVED bytes, at any address
+ * @param[in] size how many bytes there are
+ * @return 0: restored; 1: refused, the state is unchanged */
 unsigned not_iss_restore(not_iss_state *s, const unsigned char *saved, size_t size);
 
 #ifdef __cplusplus
@@ -131,18 +131,19 @@ unsigned not_iss_restore(not_iss_state *s, const unsigned char *saved, size_t si
 
 /** the estimate, or a state of the plant before it is clamped to its range, is outside the declared ranges,
  * where the model is evaluated at the edge. To do: normal while the estimate peaks, do not act on it then; if
- * it stays, the declared ranges are too narrow. */
+ * it stays, the declared ranges are too narrow. The ranges are in not_iss.md. */
 #define NOT_ISS_OUTSIDE_BOX           0x0040u
 
 /** the estimate was projected to its outer box; the convergence theorem, where it applies, is suspended. To
- * do: none if brief; if it stays, widen the ranges. */
+ * do: none if brief; if it stays, widen the ranges. The ranges are in not_iss.md. */
 #define NOT_ISS_STATE_LIMITED         0x0080u
 
-/** a value was lost (not finite, or beyond 1e30), and the whole state restarted. To do: treat the estimate as
- * new; check parameters (tune was called?) and ranges. */
+/** a value was lost (not finite, or beyond 1e30): all of the state restarted but the last input and samples,
+ * and the counters of calls. To do: treat the estimate as new; check parameters (tune was called?) and
+ * ranges. */
 #define NOT_ISS_RESTARTED             0x0100u
 
-/** good samples did not bring the estimate back, and the state restarted from the sample. To do: treat the
+/** good samples did not bring the estimate back, and the observer restarted from the sample. To do: treat the
  * estimate as new; if it comes again without a fault, widen the ranges or check the model. */
 #define NOT_ISS_RESTARTED_FROM_SAMPLE 0x0200u
 
@@ -158,25 +159,25 @@ unsigned not_iss_restore(not_iss_state *s, const unsigned char *saved, size_t si
  * rare; if it comes again, shorten dt, lower curvature or raise Q. */
 #define NOT_ISS_COVARIANCE_RESTARTED  0x1000u
 
-/** the memory of the state was none that init or reset had made, or one of another program: it was not used,
- * the state began as before the first call. To do: call init once before all else; of a state that was
- * restored, check what was saved. */
+/** the state has no mark of init or reset, or that of another program: it was not used and began as before
+ * the first call. To do: call init once before all else; of a state that was restored, check what was
+ * saved. */
 #define NOT_ISS_UNINITIALISED         0x2000u
 
-/** the memory of the parameters was none that init or PARAMS_INIT had made, or of another program: tune took
- * the nominal values, any other call took no sample and left the state as before the first call. To do: call
- * init once before all else, or begin constant parameters with PARAMS_INIT. */
+/** the parameters have no mark of init or PARAMS_INIT, or that of another program: tune took the nominal
+ * values, any other call took no sample and left the state as before the first call. To do: call init once
+ * before all else, or begin constant parameters with PARAMS_INIT. */
 #define NOT_ISS_NO_PARAMETERS         0x4000u
 
 /** @} */
 
-#define NOT_ISS_VERSION "0.2.0"                       /**< of hgogen that made this file */
+#define NOT_ISS_VERSION "0.2.0"                       /**< of hgogen, which generated this file */
 #define NOT_ISS_MODEL   "4d2111eda69b0b76"            /**< digest of the model, as in its certificate */
 #define NOT_ISS_LAYOUT  "45826bdb568dc1b4"            /**< digest of what a saved state needs to be the same */
-#define NOT_ISS_READY   0x4684u                       /**< mark of what init and reset have made */
+#define NOT_ISS_READY   0x4684u                       /**< mark that init and reset write */
 #define NOT_ISS_SAVED   (sizeof(not_iss_state) + 12u) /**< bytes of a saved state */
 
-/** what constant parameters begin with, which may lie in flash: nominal ones, tuned, with their mark */
+/** initial value of constant parameters, which may lie in flash: nominal ones, tuned, with their mark */
 #define NOT_ISS_PARAMS_INIT { \
     NOT_ISS_READY, \
     {{10.0f, 10.0f}, {100.0f, 100.0f}, 5.0f}, \

@@ -17,7 +17,7 @@
 #error "needs sums in their order: -funsafe-math-optimizations spoils the bundled functions"
 #endif
 
-/* of what runs rarely, which is no part of what calls it */
+/* for a function that runs rarely: it is not inlined */
 #if defined(__GNUC__)
 #define PENDULUM_RARELY __attribute__((noinline))
 #else
@@ -135,6 +135,7 @@ static unsigned pendulum_ready(pendulum_state *s, const pendulum_params *p)
 }
 
 PENDULUM_RARELY
+/* set the fault counts and their limits as after a reset */
 static void pendulum_clear_fault_counts(pendulum_state *s)
 {
     /* as after a reset */
@@ -154,7 +155,7 @@ static unsigned pendulum_keep_in_box(pendulum_state *s, const pendulum_params *p
     /* is a value lost? */
     lost = !(pendulum_within(s->z[0], 1e+30f) && pendulum_within(s->z[1], 1e+30f));
     if (lost) {
-        /* a value is lost: all restart */
+        /* a value is lost: restart all but the signals */
         s->z[0] = 0.0f;
         s->z[1] = 0.0f;
         status |= PENDULUM_RESTARTED;
@@ -181,6 +182,7 @@ static void pendulum_nominal(pendulum_params *p)
     p->gain.theta = 20.0f;
 }
 
+/* replace an input that is not finite or absurd by the last valid one, and clamp it to its range */
 static unsigned pendulum_guard_input(const pendulum_state *s, const pendulum_input *in, float *u)
 {
     unsigned status = 0u;
@@ -200,6 +202,7 @@ static unsigned pendulum_guard_input(const pendulum_state *s, const pendulum_inp
     return status;
 }
 
+/* is each sample a number, plausible, and not absurdly far from its estimate? */
 static unsigned pendulum_guard_measurements(const pendulum_state *s, const pendulum_output *measurement,
     float *valid, float *y, float *y_last)
 {
@@ -289,11 +292,12 @@ static unsigned pendulum_advance(pendulum_state *s, const pendulum_params *p, fl
     return status;
 }
 
+/* is the estimate out of a range or far from a sample, or does a fault count run? */
 static unsigned pendulum_suspect(const pendulum_state *s, const pendulum_output *measurement, bool *suspect,
     float valid)
 {
     unsigned status = 0u;
-    /* is the estimate where it cannot be for long? */
+    /* is the estimate out of a range or far from a sample, or does a fault count run? */
     {
         const float z1 = s->z[0];
         const bool t1 = pendulum_abs(z1) > 4.0f || pendulum_abs(s->z[1]) > 20.0f;
@@ -306,6 +310,7 @@ static unsigned pendulum_suspect(const pendulum_state *s, const pendulum_output 
     return status;
 }
 
+/* is there a plausible sample, by which the estimate can be judged? */
 static bool pendulum_plausible(const pendulum_output *measurement, float valid)
 {
     bool sampled = false;
@@ -317,6 +322,7 @@ static bool pendulum_plausible(const pendulum_output *measurement, float valid)
     return sampled;
 }
 
+/* is a fault count or limit out of its range, or does the checksum differ? */
 static bool pendulum_counts_spoiled(const pendulum_state *s)
 {
     bool spoiled = false;
@@ -338,10 +344,11 @@ static bool pendulum_counts_spoiled(const pendulum_state *s)
     return spoiled;
 }
 
+/* the change of the fault count of an output at this sample, and the sign of its error */
 static void pendulum_find_signs(const pendulum_state *s, const pendulum_output *measurement, float *moves_y,
     float *side_y)
 {
-    /* which signs show? */
+    /* a count goes up by 1 at a large error, far down at one of the other sign, else down by 1 */
     {
         const float t1 = measurement->y - s->z[0];
         const bool t2 = pendulum_within(t1, 0.8f);
@@ -358,7 +365,7 @@ static unsigned pendulum_recover(pendulum_state *s, const pendulum_output *measu
     bool lost = false;
     bool over_range = false;
     bool over_y = false;
-    /* by which sign, and is the estimate lost? */
+    /* which fault counts are at their limits, and must the estimate restart? */
     {
         const bool t1 = s->fault_limit_y <= pendulum_abs(s->fault_count_y);
         const float fault_limit_range = s->fault_limit_range;
@@ -445,7 +452,7 @@ static unsigned pendulum_count_faults(pendulum_state *s, const pendulum_output *
         s->fault_count_y = (side_y < 0.0f) ? -t1 : t1;
         s->fault_limit_y = (t1 <= 0.0f) ? 761.0f : fault_limit_y;
     }
-    /* does a guard act? */
+    /* is a fault count at its limit? */
     acts = s->fault_limit_y <= pendulum_abs(s->fault_count_y) || s->fault_limit_range <= s->fault_count_range;
     if (acts) {
         status |= pendulum_recover(s, measurement);

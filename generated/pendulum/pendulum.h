@@ -25,7 +25,7 @@ typedef struct {
     float q; /**< angle [rad], -4 .. 4 */
     float w; /**< rate [rad/s], -20 .. 20 */
 } pendulum_plant;
-/** parameters: change plant or gain, then call tune */
+/** parameters: change gain, then call tune */
 typedef struct {
     unsigned ready; /**< what init and PARAMS_INIT leave here; parameters without it are not used */
     struct {
@@ -35,18 +35,18 @@ typedef struct {
         float K[2]; /**< observer gain: theta K_1, theta^2 K_2 */
     } derived; /**< what `tune` computes of the others */
 } pendulum_params;
-/** what a step remembers: yours to copy, save and restore; ranges are limits, which no call leaves; .. */
+/** what a step remembers: yours to copy, save and restore; a call keeps each member in its range */
 typedef struct {
     unsigned ready;          /**< what init and reset leave here; a state without it begins anew */
     float z[2];              /**< estimate in the form's coordinates: q, w */
-    float fault_count_y;     /**< samples with a fault, signed as the last error, -779264 .. 779264 */
+    float fault_count_y;     /**< faulty samples, sign of the last error, -779264 .. 779264 */
     float fault_limit_y;     /**< fault count at which a guard acts, 761 .. 779264 */
-    float fault_count_range; /**< samples with a fault, 0 .. 779264 */
+    float fault_count_range; /**< faulty samples, 0 .. 779264 */
     float fault_limit_range; /**< fault count at which a guard acts, 761 .. 779264 */
-    float fault_checksum;    /**< checks fault counts and limits: their sum beyond the start, 0 .. .. */
+    float fault_checksum;    /**< checksum of fault counts and limits, 0 .. 3.11553e+06 */
     unsigned calls;          /**< 0 before the first call, 1 after it */
     float u;                 /**< last valid input: tau, -1 .. 1 */
-    float y;                 /**< sample of the last call, or its estimate where there was none: y */
+    float y;                 /**< last sample, or its estimate: y */
     float y_valid;           /**< 1 where the last call had a valid sample: y */
 } pendulum_state;
 
@@ -68,7 +68,7 @@ unsigned pendulum_tune(pendulum_params *p);
  * @param[out] s the state: what a step remembers */
 void pendulum_reset(pendulum_state *s);
 
-/** @brief one sampling period: predict
+/** @brief one sampling period: predict; NaN means a missing sample; the first call advances no time
  * @param[in,out] s the state: what a step remembers
  * @param[in] p the parameters
  * @param[in] in the input now
@@ -83,16 +83,16 @@ unsigned pendulum_step(pendulum_state *s, const pendulum_params *p, const pendul
  * @param[out] x the estimate of the plant's state */
 void pendulum_estimate(const pendulum_state *s, const pendulum_params *p, pendulum_plant *x);
 
-/** @brief the state as PENDULUM_SAVED bytes: PENDULUM_LAYOUT, what lies in memory, a checksum
+/** @brief write the state as PENDULUM_SAVED bytes: PENDULUM_LAYOUT, the memory of the struct, a checksum
  * @param[in] s the state: what a step remembers
- * @param[out] saved NAME_SAVED bytes, which may lie anywhere */
+ * @param[out] saved PENDULUM_SAVED bytes, at any address */
 void pendulum_save(const pendulum_state *s, unsigned char *saved);
 
-/** @brief the state that was saved, where it was saved by this program and no bit of it is another
+/** @brief read a state that this program saved; refuse any other, and one with another bit
  * @param[out] s the state: what a step remembers
- * @param[in] saved NAME_SAVED bytes, which may lie anywhere
- * @param[in] size how many there are
- * @return 0: restored; 1: refused, the state is as it was */
+ * @param[in] saved PENDULUM_SAVED bytes, at any address
+ * @param[in] size how many bytes there are
+ * @return 0: restored; 1: refused, the state is unchanged */
 unsigned pendulum_restore(pendulum_state *s, const unsigned char *saved, size_t size);
 
 #ifdef __cplusplus
@@ -118,18 +118,19 @@ unsigned pendulum_restore(pendulum_state *s, const unsigned char *saved, size_t 
 
 /** the estimate, or a state of the plant before it is clamped to its range, is outside the declared ranges,
  * where the model is evaluated at the edge. To do: normal while the estimate peaks, do not act on it then; if
- * it stays, the declared ranges are too narrow. */
+ * it stays, the declared ranges are too narrow. The ranges are in pendulum.md. */
 #define PENDULUM_OUTSIDE_BOX           0x0010u
 
 /** the estimate was projected to its outer box; the convergence theorem, where it applies, is suspended. To
- * do: none if brief; if it stays, widen the ranges. */
+ * do: none if brief; if it stays, widen the ranges. The ranges are in pendulum.md. */
 #define PENDULUM_STATE_LIMITED         0x0020u
 
-/** a value was lost (not finite, or beyond 1e30), and the whole state restarted. To do: treat the estimate as
- * new; check parameters (tune was called?) and ranges. */
+/** a value was lost (not finite, or beyond 1e30): all of the state restarted but the last input and samples,
+ * and the counters of calls. To do: treat the estimate as new; check parameters (tune was called?) and
+ * ranges. */
 #define PENDULUM_RESTARTED             0x0040u
 
-/** good samples did not bring the estimate back, and the state restarted from the sample. To do: treat the
+/** good samples did not bring the estimate back, and the observer restarted from the sample. To do: treat the
  * estimate as new; if it comes again without a fault, widen the ranges or check the model. */
 #define PENDULUM_RESTARTED_FROM_SAMPLE 0x0080u
 
@@ -141,25 +142,25 @@ unsigned pendulum_restore(pendulum_state *s, const unsigned char *saved, size_t 
  * do: correct the parameter and tune again. */
 #define PENDULUM_PARAMETER_LIMITED     0x0200u
 
-/** the memory of the state was none that init or reset had made, or one of another program: it was not used,
- * the state began as before the first call. To do: call init once before all else; of a state that was
- * restored, check what was saved. */
+/** the state has no mark of init or reset, or that of another program: it was not used and began as before
+ * the first call. To do: call init once before all else; of a state that was restored, check what was
+ * saved. */
 #define PENDULUM_UNINITIALISED         0x0400u
 
-/** the memory of the parameters was none that init or PARAMS_INIT had made, or of another program: tune took
- * the nominal values, any other call took no sample and left the state as before the first call. To do: call
- * init once before all else, or begin constant parameters with PARAMS_INIT. */
+/** the parameters have no mark of init or PARAMS_INIT, or that of another program: tune took the nominal
+ * values, any other call took no sample and left the state as before the first call. To do: call init once
+ * before all else, or begin constant parameters with PARAMS_INIT. */
 #define PENDULUM_NO_PARAMETERS         0x0800u
 
 /** @} */
 
-#define PENDULUM_VERSION "0.2.0"                        /**< of hgogen that made this file */
+#define PENDULUM_VERSION "0.2.0"                        /**< of hgogen, which generated this file */
 #define PENDULUM_MODEL   "e1559e21a077d4ab"             /**< digest of the model, as in its certificate */
 #define PENDULUM_LAYOUT  "9a6281fd4bc341c1"             /**< digest of what a saved state needs to be the same */
-#define PENDULUM_READY   0x9B63u                        /**< mark of what init and reset have made */
+#define PENDULUM_READY   0x9B63u                        /**< mark that init and reset write */
 #define PENDULUM_SAVED   (sizeof(pendulum_state) + 12u) /**< bytes of a saved state */
 
-/** what constant parameters begin with, which may lie in flash: nominal ones, tuned, with their mark */
+/** initial value of constant parameters, which may lie in flash: nominal ones, tuned, with their mark */
 #define PENDULUM_PARAMS_INIT { \
     PENDULUM_READY, \
     {20.0f}, \

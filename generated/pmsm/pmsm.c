@@ -11,7 +11,7 @@
 #error "needs sums in their order: -funsafe-math-optimizations spoils the bundled functions"
 #endif
 
-/* of what runs rarely, which is no part of what calls it */
+/* for a function that runs rarely: it is not inlined */
 #if defined(__GNUC__)
 #define PMSM_RARELY __attribute__((noinline))
 #else
@@ -114,6 +114,7 @@ static uint32_t pmsm_ready(pmsm_state *s, const pmsm_params *p)
 }
 
 PMSM_RARELY
+/* set the fault counts and their limits as after a reset */
 static void pmsm_clear_fault_counts(pmsm_state *s)
 {
     /* as after a reset */
@@ -127,6 +128,7 @@ static void pmsm_clear_fault_counts(pmsm_state *s)
 }
 
 PMSM_RARELY
+/* set what the observer remembers besides the estimate as after a reset */
 static void pmsm_clear_rest(pmsm_state *s)
 {
     /* as after a reset */
@@ -153,7 +155,7 @@ static uint32_t pmsm_keep_in_box(pmsm_state *s, const pmsm_params *p)
         lost = !(t2 && pmsm_within(s->D[1], 1e+30f) && pmsm_within(s->D[2], 1e+30f));
     }
     if (lost) {
-        /* a value is lost: all restart */
+        /* a value is lost: restart all but the signals */
         s->z[0] = 0.0f;
         s->z[1] = 0.0f;
         s->z[2] = 0.0f;
@@ -282,6 +284,7 @@ static uint32_t pmsm_project_onto_ranges(pmsm_state *s, const pmsm_params *p)
     return status;
 }
 
+/* replace an input that is not finite or absurd by the last valid one, and clamp it to its range */
 static uint32_t pmsm_guard_input(const pmsm_state *s, const pmsm_input *in, float *u)
 {
     uint32_t status = 0u;
@@ -479,6 +482,7 @@ static uint32_t pmsm_run_predict(pmsm_state *s, const pmsm_params *p, const pmsm
     return status;
 }
 
+/* is the sample a number, plausible, and not absurdly far from its estimate? */
 static uint32_t pmsm_guard_measurement_y1(const pmsm_state *s, float *e, float *output_error, float reading,
     bool *valid)
 {
@@ -538,10 +542,11 @@ static uint32_t pmsm_use_sample_y1(pmsm_state *s, const pmsm_params *p, float e)
     return status;
 }
 
+/* is the estimate out of a range or far from a sample, or does a fault count run? */
 static bool pmsm_suspect_y1(const pmsm_state *s, float output_error, bool valid)
 {
     bool suspect = false;
-    /* is the estimate where it cannot be for long? */
+    /* is the estimate out of a range or far from a sample, or does a fault count run? */
     {
         const bool t1 = pmsm_abs(output_error) > 4.0f || pmsm_abs(s->z[0]) > 20.0f
             || pmsm_abs(s->z[1]) > 20.0f || pmsm_abs(s->z[2]) > 300.0f;
@@ -550,6 +555,7 @@ static bool pmsm_suspect_y1(const pmsm_state *s, float output_error, bool valid)
     return suspect;
 }
 
+/* is there a plausible sample, by which the estimate can be judged? */
 static bool pmsm_plausible_y1(float reading, bool valid)
 {
     bool sampled = false;
@@ -558,9 +564,10 @@ static bool pmsm_plausible_y1(float reading, bool valid)
     return sampled;
 }
 
+/* the change of the fault count of an output at this sample, and the sign of its error */
 static void pmsm_find_signs_y1(const pmsm_state *s, float *moves_y_y1, float output_error, float *side_y_y1)
 {
-    /* which signs show? */
+    /* a count goes up by 1 at a large error, far down at one of the other sign, else down by 1 */
     {
         const bool t1 = pmsm_within(output_error, 4.0f);
         const float fault_count_y_y1 = s->fault_count_y_y1;
@@ -577,7 +584,7 @@ static uint32_t pmsm_recover_y1(pmsm_state *s, const pmsm_params *p, float readi
     bool lost = false;
     bool over_range = false;
     bool over_y_y1 = false;
-    /* by which sign, and is the estimate lost? */
+    /* which fault counts are at their limits, and must the estimate restart? */
     {
         const bool t1 = s->fault_limit_y_y1 <= pmsm_abs(s->fault_count_y_y1);
         const float fault_limit_range = s->fault_limit_range;
@@ -666,7 +673,7 @@ static uint32_t pmsm_run_update_y1(pmsm_state *s, const pmsm_params *p, const pm
                     s->fault_count_y_y1 = (side_y_y1 < 0.0f) ? -t1 : t1;
                     s->fault_limit_y_y1 = (t1 <= 0.0f) ? 126.0f : fault_limit_y_y1;
                 }
-                /* does a guard act? */
+                /* is a fault count at its limit? */
                 acts = s->fault_limit_y_y1 <= pmsm_abs(s->fault_count_y_y1)
                     || s->fault_limit_range <= s->fault_count_range;
                 if (acts) {
@@ -687,6 +694,7 @@ static uint32_t pmsm_run_update_y1(pmsm_state *s, const pmsm_params *p, const pm
     return status;
 }
 
+/* is the sample a number, plausible, and not absurdly far from its estimate? */
 static uint32_t pmsm_guard_measurement_y2(const pmsm_state *s, float *e, float *output_error, float reading,
     bool *valid)
 {
@@ -758,10 +766,11 @@ static uint32_t pmsm_use_sample_y2(pmsm_state *s, const pmsm_params *p, float e)
     return status;
 }
 
+/* is the estimate out of a range or far from a sample, or does a fault count run? */
 static uint32_t pmsm_suspect_y2(const pmsm_state *s, float output_error, bool *suspect, bool valid)
 {
     uint32_t status = 0u;
-    /* is the estimate where it cannot be for long? */
+    /* is the estimate out of a range or far from a sample, or does a fault count run? */
     {
         const bool t1 = pmsm_abs(s->z[0]) > 20.0f || pmsm_abs(s->z[1]) > 20.0f || pmsm_abs(s->z[2]) > 300.0f;
         if (t1) {
@@ -772,9 +781,10 @@ static uint32_t pmsm_suspect_y2(const pmsm_state *s, float output_error, bool *s
     return status;
 }
 
+/* the change of the fault count of an output at this sample, and the sign of its error */
 static void pmsm_find_signs_y2(const pmsm_state *s, float *moves_y_y2, float output_error, float *side_y_y2)
 {
-    /* which signs show? */
+    /* a count goes up by 1 at a large error, far down at one of the other sign, else down by 1 */
     {
         const bool t1 = pmsm_within(output_error, 4.0f);
         const float fault_count_y_y2 = s->fault_count_y_y2;
@@ -791,7 +801,7 @@ static uint32_t pmsm_recover_y2(pmsm_state *s, const pmsm_params *p, float readi
     bool lost = false;
     bool over_range = false;
     bool over_y_y2 = false;
-    /* by which sign, and is the estimate lost? */
+    /* which fault counts are at their limits, and must the estimate restart? */
     {
         const bool t1 = s->fault_limit_y_y2 <= pmsm_abs(s->fault_count_y_y2);
         const float fault_limit_range = s->fault_limit_range;
@@ -880,7 +890,7 @@ static uint32_t pmsm_run_update_y2(pmsm_state *s, const pmsm_params *p, const pm
                     s->fault_count_y_y2 = (side_y_y2 < 0.0f) ? -t1 : t1;
                     s->fault_limit_y_y2 = (t1 <= 0.0f) ? 126.0f : fault_limit_y_y2;
                 }
-                /* does a guard act? */
+                /* is a fault count at its limit? */
                 acts = s->fault_limit_y_y2 <= pmsm_abs(s->fault_count_y_y2)
                     || s->fault_limit_range <= s->fault_count_range;
                 if (acts) {

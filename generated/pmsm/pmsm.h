@@ -29,7 +29,7 @@ typedef struct {
     float i_q; /**< quadrature current [A], -20 .. 20 */
     float w;   /**< electrical speed [rad/s], -300 .. 300 */
 } pmsm_plant;
-/** parameters: change plant or gain, then call tune */
+/** parameters: change gain, then call tune */
 typedef struct {
     unsigned ready; /**< what init and PARAMS_INIT leave here; parameters without it are not used */
     struct {
@@ -37,22 +37,22 @@ typedef struct {
         float R[2]; /**< output noise: y1, y2 [y^2 s], 1e-14 .. 0.01 */
     } gain; /**< gains of the observer */
 } pmsm_params;
-/** what a step remembers: yours to copy, save and restore; ranges are limits, which no call leaves; .. */
+/** what a step remembers: yours to copy, save and restore; a call keeps each member in its range */
 typedef struct {
     unsigned ready;          /**< what init and reset leave here; a state without it begins anew */
     float z[3];              /**< estimate in the form's coordinates: i_d, i_q, w */
-    float L[3];              /**< unit lower factor of P, strict lower triangle by columns: L21, L31, L32 */
+    float L[3];              /**< L of P = L D L' by columns: L21, L31, L32 */
     float D[3];              /**< diagonal factor of the covariance P = L D L' */
-    float fault_count_y_y1;  /**< samples with a fault, signed as the last error, -129024 .. 129024 */
+    float fault_count_y_y1;  /**< faulty samples, sign of the last error, -129024 .. 129024 */
     float fault_limit_y_y1;  /**< fault count at which a guard acts, 126 .. 129024 */
-    float fault_count_y_y2;  /**< samples with a fault, signed as the last error, -129024 .. 129024 */
+    float fault_count_y_y2;  /**< faulty samples, sign of the last error, -129024 .. 129024 */
     float fault_limit_y_y2;  /**< fault count at which a guard acts, 126 .. 129024 */
-    float fault_count_range; /**< samples with a fault, 0 .. 257024 */
+    float fault_count_range; /**< faulty samples, 0 .. 257024 */
     float fault_limit_range; /**< fault count at which a guard acts, 251 .. 257024 */
-    float fault_checksum;    /**< checks fault counts and limits: their sum beyond the start, 0 .. .. */
+    float fault_checksum;    /**< checksum of fault counts and limits, 0 .. 1.02964e+06 */
     unsigned calls;          /**< 0 before the first call, 1 after it */
-    unsigned used_y1;        /**< 1 from a sample of y1 that was used until the next predict */
-    unsigned used_y2;        /**< 1 from a sample of y2 that was used until the next predict */
+    unsigned used_y1;        /**< 0: an update with y1 may come, 1: none before the next predict */
+    unsigned used_y2;        /**< 0: an update with y2 may come, 1: none before the next predict */
     float u[2];              /**< last valid input: vd, vq, -5000 .. 5000 */
 } pmsm_state;
 
@@ -74,7 +74,8 @@ uint32_t pmsm_tune(pmsm_params *p);
  * @param[out] s the state: what a step remembers */
 void pmsm_reset(pmsm_state *s);
 
-/** @brief one sampling period: predict, update_y1, update_y2
+/** @brief one sampling period: predict, update_y1, update_y2; NaN means a missing sample; the first call
+ * advances no time
  * @param[in,out] s the state: what a step remembers
  * @param[in] p the parameters
  * @param[in] in the input now
@@ -109,16 +110,16 @@ uint32_t pmsm_update_y1(pmsm_state *s, const pmsm_params *p, const pmsm_output *
  * @return 0, or an or of the status bits */
 uint32_t pmsm_update_y2(pmsm_state *s, const pmsm_params *p, const pmsm_output *measurement);
 
-/** @brief the state as PMSM_SAVED bytes: PMSM_LAYOUT, what lies in memory, a checksum
+/** @brief write the state as PMSM_SAVED bytes: PMSM_LAYOUT, the memory of the struct, a checksum
  * @param[in] s the state: what a step remembers
- * @param[out] saved NAME_SAVED bytes, which may lie anywhere */
+ * @param[out] saved PMSM_SAVED bytes, at any address */
 void pmsm_save(const pmsm_state *s, unsigned char *saved);
 
-/** @brief the state that was saved, where it was saved by this program and no bit of it is another
+/** @brief read a state that this program saved; refuse any other, and one with another bit
  * @param[out] s the state: what a step remembers
- * @param[in] saved NAME_SAVED bytes, which may lie anywhere
- * @param[in] size how many there are
- * @return 0: restored; 1: refused, the state is as it was */
+ * @param[in] saved PMSM_SAVED bytes, at any address
+ * @param[in] size how many bytes there are
+ * @return 0: restored; 1: refused, the state is unchanged */
 unsigned pmsm_restore(pmsm_state *s, const unsigned char *saved, size_t size);
 
 #ifdef __cplusplus
@@ -158,18 +159,19 @@ unsigned pmsm_restore(pmsm_state *s, const unsigned char *saved, size_t size);
 
 /** the estimate, or a state of the plant before it is clamped to its range, is outside the declared ranges,
  * where the model is evaluated at the edge. To do: normal while the estimate peaks, do not act on it then; if
- * it stays, the declared ranges are too narrow. */
+ * it stays, the declared ranges are too narrow. The ranges are in pmsm.md. */
 #define PMSM_OUTSIDE_BOX           UINT32_C(0x00000100)
 
 /** the estimate was projected to its outer box; the convergence theorem, where it applies, is suspended. To
- * do: none if brief; if it stays, widen the ranges. */
+ * do: none if brief; if it stays, widen the ranges. The ranges are in pmsm.md. */
 #define PMSM_STATE_LIMITED         UINT32_C(0x00000200)
 
-/** a value was lost (not finite, or beyond 1e30), and the whole state restarted. To do: treat the estimate as
- * new; check parameters (tune was called?) and ranges. */
+/** a value was lost (not finite, or beyond 1e30): all of the state restarted but the last input and samples,
+ * and the counters of calls. To do: treat the estimate as new; check parameters (tune was called?) and
+ * ranges. */
 #define PMSM_RESTARTED             UINT32_C(0x00000400)
 
-/** good samples did not bring the estimate back, and the state restarted from the sample. To do: treat the
+/** good samples did not bring the estimate back, and the observer restarted from the sample. To do: treat the
  * estimate as new; if it comes again without a fault, widen the ranges or check the model. */
 #define PMSM_RESTARTED_FROM_SAMPLE UINT32_C(0x00000800)
 
@@ -189,25 +191,25 @@ unsigned pmsm_restore(pmsm_state *s, const unsigned char *saved, size_t size);
  * ranges. To do: wait for measurements; if it stays while they come, scale Q and R down together. */
 #define PMSM_COVARIANCE_LIMITED    UINT32_C(0x00008000)
 
-/** the memory of the state was none that init or reset had made, or one of another program: it was not used,
- * the state began as before the first call. To do: call init once before all else; of a state that was
- * restored, check what was saved. */
+/** the state has no mark of init or reset, or that of another program: it was not used and began as before
+ * the first call. To do: call init once before all else; of a state that was restored, check what was
+ * saved. */
 #define PMSM_UNINITIALISED         UINT32_C(0x00010000)
 
-/** the memory of the parameters was none that init or PARAMS_INIT had made, or of another program: tune took
- * the nominal values, any other call took no sample and left the state as before the first call. To do: call
- * init once before all else, or begin constant parameters with PARAMS_INIT. */
+/** the parameters have no mark of init or PARAMS_INIT, or that of another program: tune took the nominal
+ * values, any other call took no sample and left the state as before the first call. To do: call init once
+ * before all else, or begin constant parameters with PARAMS_INIT. */
 #define PMSM_NO_PARAMETERS         UINT32_C(0x00020000)
 
 /** @} */
 
-#define PMSM_VERSION "0.2.0"                    /**< of hgogen that made this file */
+#define PMSM_VERSION "0.2.0"                    /**< of hgogen, which generated this file */
 #define PMSM_MODEL   "046067b40d3655ea"         /**< digest of the model, as in its certificate */
 #define PMSM_LAYOUT  "a3dfd7a612675a5b"         /**< digest of what a saved state needs to be the same */
-#define PMSM_READY   0xA4E1u                    /**< mark of what init and reset have made */
+#define PMSM_READY   0xA4E1u                    /**< mark that init and reset write */
 #define PMSM_SAVED   (sizeof(pmsm_state) + 12u) /**< bytes of a saved state */
 
-/** what constant parameters begin with, which may lie in flash: nominal ones, tuned, with their mark */
+/** initial value of constant parameters, which may lie in flash: nominal ones, tuned, with their mark */
 #define PMSM_PARAMS_INIT { \
     PMSM_READY, \
     {{8.0f, 8.0f, 2000.0f}, {1e-08f, 1e-08f}} \

@@ -11,7 +11,7 @@
 #error "needs sums in their order: -funsafe-math-optimizations spoils the bundled functions"
 #endif
 
-/* of what runs rarely, which is no part of what calls it */
+/* for a function that runs rarely: it is not inlined */
 #if defined(__GNUC__)
 #define PMSM_SENSORLESS_RARELY __attribute__((noinline))
 #else
@@ -139,6 +139,7 @@ static uint32_t pmsm_sensorless_ready(pmsm_sensorless_state *s, const pmsm_senso
 }
 
 PMSM_SENSORLESS_RARELY
+/* set the fault counts and their limits as after a reset */
 static void pmsm_sensorless_clear_fault_counts(pmsm_sensorless_state *s)
 {
     /* as after a reset */
@@ -152,6 +153,7 @@ static void pmsm_sensorless_clear_fault_counts(pmsm_sensorless_state *s)
 }
 
 PMSM_SENSORLESS_RARELY
+/* set what the observer remembers besides the estimate as after a reset */
 static void pmsm_sensorless_clear_rest(pmsm_sensorless_state *s)
 {
     /* as after a reset */
@@ -172,6 +174,7 @@ static void pmsm_sensorless_clear_rest(pmsm_sensorless_state *s)
     s->D[4] = 10000.0f;
 }
 
+/* is a number of the state not finite, or beyond 1e30? */
 static bool pmsm_sensorless_value_lost(const pmsm_sensorless_state *s)
 {
     bool lost = false;
@@ -202,7 +205,7 @@ static uint32_t pmsm_sensorless_keep_in_box(pmsm_sensorless_state *s, const pmsm
     bool lost = false;
     lost = pmsm_sensorless_value_lost(s);
     if (lost) {
-        /* a value is lost: all restart */
+        /* a value is lost: restart all but the signals */
         s->z[0] = 0.0f;
         s->z[1] = 0.0f;
         s->z[2] = 0.0f;
@@ -401,6 +404,7 @@ static uint32_t pmsm_sensorless_project_onto_ranges(pmsm_sensorless_state *s, co
     return status;
 }
 
+/* replace an input that is not finite or absurd by the last valid one, and clamp it to its range */
 static uint32_t pmsm_sensorless_guard_input(const pmsm_sensorless_state *s, const pmsm_sensorless_input *in,
     float *u)
 {
@@ -431,6 +435,7 @@ static uint32_t pmsm_sensorless_guard_input(const pmsm_sensorless_state *s, cons
     return status;
 }
 
+/* is a number of the state beyond its limits, or not a number? */
 static bool pmsm_sensorless_beyond_box(const pmsm_sensorless_state *s)
 {
     bool beyond = false;
@@ -788,6 +793,7 @@ static uint32_t pmsm_sensorless_run_predict(pmsm_sensorless_state *s, const pmsm
     return status;
 }
 
+/* is the sample a number, plausible, and not absurdly far from its estimate? */
 static uint32_t pmsm_sensorless_guard_measurement_y_a(const pmsm_sensorless_state *s, float *e,
     float *output_error, float reading, bool *valid)
 {
@@ -859,10 +865,11 @@ static uint32_t pmsm_sensorless_use_sample_y_a(pmsm_sensorless_state *s, const p
     return status;
 }
 
+/* is the estimate out of a range or far from a sample, or does a fault count run? */
 static bool pmsm_sensorless_suspect_y_a(const pmsm_sensorless_state *s, float output_error, bool valid)
 {
     bool suspect = false;
-    /* is the estimate where it cannot be for long? */
+    /* is the estimate out of a range or far from a sample, or does a fault count run? */
     {
         const bool t1 = pmsm_sensorless_abs(s->z[0]) > 20.0f || pmsm_sensorless_abs(s->z[1]) > 20.0f
             || pmsm_sensorless_abs(s->z[2]) > 0.2f;
@@ -874,6 +881,7 @@ static bool pmsm_sensorless_suspect_y_a(const pmsm_sensorless_state *s, float ou
     return suspect;
 }
 
+/* is there a plausible sample, by which the estimate can be judged? */
 static bool pmsm_sensorless_plausible_y_a(float reading, bool valid)
 {
     bool sampled = false;
@@ -882,10 +890,11 @@ static bool pmsm_sensorless_plausible_y_a(float reading, bool valid)
     return sampled;
 }
 
+/* the change of the fault count of an output at this sample, and the sign of its error */
 static void pmsm_sensorless_find_signs_y_a(const pmsm_sensorless_state *s, float *moves_y_y_a,
     float output_error, float *side_y_y_a)
 {
-    /* which signs show? */
+    /* a count goes up by 1 at a large error, far down at one of the other sign, else down by 1 */
     {
         const bool t1 = pmsm_sensorless_within(output_error, 5.0f);
         const float fault_count_y_y_a = s->fault_count_y_y_a;
@@ -903,7 +912,7 @@ static uint32_t pmsm_sensorless_recover_y_a(pmsm_sensorless_state *s, const pmsm
     bool lost = false;
     bool over_range = false;
     bool over_y_y_a = false;
-    /* by which sign, and is the estimate lost? */
+    /* which fault counts are at their limits, and must the estimate restart? */
     {
         const bool t1 = s->fault_limit_y_y_a <= pmsm_sensorless_abs(s->fault_count_y_y_a);
         const float fault_limit_range = s->fault_limit_range;
@@ -1003,7 +1012,7 @@ static uint32_t pmsm_sensorless_run_update_y_a(pmsm_sensorless_state *s, const p
                     s->fault_count_y_y_a = (side_y_y_a < 0.0f) ? -t1 : t1;
                     s->fault_limit_y_y_a = (t1 <= 0.0f) ? 140.0f : fault_limit_y_y_a;
                 }
-                /* does a guard act? */
+                /* is a fault count at its limit? */
                 acts = s->fault_limit_y_y_a <= pmsm_sensorless_abs(s->fault_count_y_y_a)
                     || s->fault_limit_range <= s->fault_count_range;
                 if (acts) {
@@ -1025,6 +1034,7 @@ static uint32_t pmsm_sensorless_run_update_y_a(pmsm_sensorless_state *s, const p
     return status;
 }
 
+/* is the sample a number, plausible, and not absurdly far from its estimate? */
 static uint32_t pmsm_sensorless_guard_measurement_y_b(const pmsm_sensorless_state *s, float *e,
     float *output_error, float reading, bool *valid)
 {
@@ -1114,11 +1124,12 @@ static uint32_t pmsm_sensorless_use_sample_y_b(pmsm_sensorless_state *s, const p
     return status;
 }
 
+/* is the estimate out of a range or far from a sample, or does a fault count run? */
 static uint32_t pmsm_sensorless_suspect_y_b(const pmsm_sensorless_state *s, float output_error,
     bool *suspect, bool valid)
 {
     uint32_t status = 0u;
-    /* is the estimate where it cannot be for long? */
+    /* is the estimate out of a range or far from a sample, or does a fault count run? */
     {
         const bool t1 = pmsm_sensorless_abs(s->z[0]) > 20.0f || pmsm_sensorless_abs(s->z[1]) > 20.0f
             || pmsm_sensorless_abs(s->z[2]) > 0.2f;
@@ -1132,10 +1143,11 @@ static uint32_t pmsm_sensorless_suspect_y_b(const pmsm_sensorless_state *s, floa
     return status;
 }
 
+/* the change of the fault count of an output at this sample, and the sign of its error */
 static void pmsm_sensorless_find_signs_y_b(const pmsm_sensorless_state *s, float *moves_y_y_b,
     float output_error, float *side_y_y_b)
 {
-    /* which signs show? */
+    /* a count goes up by 1 at a large error, far down at one of the other sign, else down by 1 */
     {
         const bool t1 = pmsm_sensorless_within(output_error, 5.0f);
         const float fault_count_y_y_b = s->fault_count_y_y_b;
@@ -1153,7 +1165,7 @@ static uint32_t pmsm_sensorless_recover_y_b(pmsm_sensorless_state *s, const pmsm
     bool lost = false;
     bool over_range = false;
     bool over_y_y_b = false;
-    /* by which sign, and is the estimate lost? */
+    /* which fault counts are at their limits, and must the estimate restart? */
     {
         const bool t1 = s->fault_limit_y_y_b <= pmsm_sensorless_abs(s->fault_count_y_y_b);
         const float fault_limit_range = s->fault_limit_range;
@@ -1253,7 +1265,7 @@ static uint32_t pmsm_sensorless_run_update_y_b(pmsm_sensorless_state *s, const p
                     s->fault_count_y_y_b = (side_y_y_b < 0.0f) ? -t1 : t1;
                     s->fault_limit_y_y_b = (t1 <= 0.0f) ? 140.0f : fault_limit_y_y_b;
                 }
-                /* does a guard act? */
+                /* is a fault count at its limit? */
                 acts = s->fault_limit_y_y_b <= pmsm_sensorless_abs(s->fault_count_y_y_b)
                     || s->fault_limit_range <= s->fault_count_range;
                 if (acts) {

@@ -31,7 +31,7 @@ typedef struct {
     float f_b; /**< flux linkage of the rotor along axis b [Wb], -0.2 .. 0.2 */
     float w;   /**< electrical speed [rad/s], 20 .. 600 */
 } pmsm_sensorless_plant;
-/** parameters: change plant or gain, then call tune */
+/** parameters: change gain, then call tune */
 typedef struct {
     unsigned ready; /**< what init and PARAMS_INIT leave here; parameters without it are not used */
     struct {
@@ -39,22 +39,22 @@ typedef struct {
         float R[2]; /**< output noise: y_a, y_b [y^2 s], 4e-14 .. 0.04 */
     } gain; /**< gains of the observer */
 } pmsm_sensorless_params;
-/** what a step remembers: yours to copy, save and restore; ranges are limits, which no call leaves; .. */
+/** what a step remembers: yours to copy, save and restore; a call keeps each member in its range */
 typedef struct {
     unsigned ready;          /**< what init and reset leave here; a state without it begins anew */
     float z[5];              /**< estimate in the form's coordinates: i_a, i_b, f_a, f_b, w */
-    float L[10];             /**< unit lower factor of P, strict lower triangle by columns: L21, L31, .. */
+    float L[10];             /**< L of P = L D L' by columns: L21 .. L54 */
     float D[5];              /**< diagonal factor of the covariance P = L D L' */
-    float fault_count_y_y_a; /**< samples with a fault, signed as the last error, -143360 .. 143360 */
+    float fault_count_y_y_a; /**< faulty samples, sign of the last error, -143360 .. 143360 */
     float fault_limit_y_y_a; /**< fault count at which a guard acts, 140 .. 143360 */
-    float fault_count_y_y_b; /**< samples with a fault, signed as the last error, -143360 .. 143360 */
+    float fault_count_y_y_b; /**< faulty samples, sign of the last error, -143360 .. 143360 */
     float fault_limit_y_y_b; /**< fault count at which a guard acts, 140 .. 143360 */
-    float fault_count_range; /**< samples with a fault, 0 .. 286720 */
+    float fault_count_range; /**< faulty samples, 0 .. 286720 */
     float fault_limit_range; /**< fault count at which a guard acts, 280 .. 286720 */
-    float fault_checksum;    /**< checks fault counts and limits: their sum beyond the start, 0 .. .. */
+    float fault_checksum;    /**< checksum of fault counts and limits, 0 .. 1.14632e+06 */
     unsigned calls;          /**< 0 before the first call, 1 after it */
-    unsigned used_y_a;       /**< 1 from a sample of y_a that was used until the next predict */
-    unsigned used_y_b;       /**< 1 from a sample of y_b that was used until the next predict */
+    unsigned used_y_a;       /**< 0: an update with y_a may come, 1: none before the next predict */
+    unsigned used_y_b;       /**< 0: an update with y_b may come, 1: none before the next predict */
     float u[2];              /**< last valid input: u_a, u_b, -60 .. 60 */
 } pmsm_sensorless_state;
 
@@ -76,7 +76,8 @@ uint32_t pmsm_sensorless_tune(pmsm_sensorless_params *p);
  * @param[out] s the state: what a step remembers */
 void pmsm_sensorless_reset(pmsm_sensorless_state *s);
 
-/** @brief one sampling period: predict, update_y_a, update_y_b
+/** @brief one sampling period: predict, update_y_a, update_y_b; NaN means a missing sample; the first call
+ * advances no time
  * @param[in,out] s the state: what a step remembers
  * @param[in] p the parameters
  * @param[in] in the input now
@@ -116,16 +117,17 @@ uint32_t pmsm_sensorless_update_y_a(pmsm_sensorless_state *s, const pmsm_sensorl
 uint32_t pmsm_sensorless_update_y_b(pmsm_sensorless_state *s, const pmsm_sensorless_params *p,
     const pmsm_sensorless_output *measurement);
 
-/** @brief the state as PMSM_SENSORLESS_SAVED bytes: PMSM_SENSORLESS_LAYOUT, what lies in memory, a checksum
+/** @brief write the state as PMSM_SENSORLESS_SAVED bytes: PMSM_SENSORLESS_LAYOUT, the memory of the struct, a
+ * checksum
  * @param[in] s the state: what a step remembers
- * @param[out] saved NAME_SAVED bytes, which may lie anywhere */
+ * @param[out] saved PMSM_SENSORLESS_SAVED bytes, at any address */
 void pmsm_sensorless_save(const pmsm_sensorless_state *s, unsigned char *saved);
 
-/** @brief the state that was saved, where it was saved by this program and no bit of it is another
+/** @brief read a state that this program saved; refuse any other, and one with another bit
  * @param[out] s the state: what a step remembers
- * @param[in] saved NAME_SAVED bytes, which may lie anywhere
- * @param[in] size how many there are
- * @return 0: restored; 1: refused, the state is as it was */
+ * @param[in] saved PMSM_SENSORLESS_SAVED bytes, at any address
+ * @param[in] size how many bytes there are
+ * @return 0: restored; 1: refused, the state is unchanged */
 unsigned pmsm_sensorless_restore(pmsm_sensorless_state *s, const unsigned char *saved, size_t size);
 
 #ifdef __cplusplus
@@ -165,18 +167,19 @@ unsigned pmsm_sensorless_restore(pmsm_sensorless_state *s, const unsigned char *
 
 /** the estimate, or a state of the plant before it is clamped to its range, is outside the declared ranges,
  * where the model is evaluated at the edge. To do: normal while the estimate peaks, do not act on it then; if
- * it stays, the declared ranges are too narrow. */
+ * it stays, the declared ranges are too narrow. The ranges are in pmsm_sensorless.md. */
 #define PMSM_SENSORLESS_OUTSIDE_BOX           UINT32_C(0x00000100)
 
 /** the estimate was projected to its outer box; the convergence theorem, where it applies, is suspended. To
- * do: none if brief; if it stays, widen the ranges. */
+ * do: none if brief; if it stays, widen the ranges. The ranges are in pmsm_sensorless.md. */
 #define PMSM_SENSORLESS_STATE_LIMITED         UINT32_C(0x00000200)
 
-/** a value was lost (not finite, or beyond 1e30), and the whole state restarted. To do: treat the estimate as
- * new; check parameters (tune was called?) and ranges. */
+/** a value was lost (not finite, or beyond 1e30): all of the state restarted but the last input and samples,
+ * and the counters of calls. To do: treat the estimate as new; check parameters (tune was called?) and
+ * ranges. */
 #define PMSM_SENSORLESS_RESTARTED             UINT32_C(0x00000400)
 
-/** good samples did not bring the estimate back, and the state restarted from the sample. To do: treat the
+/** good samples did not bring the estimate back, and the observer restarted from the sample. To do: treat the
  * estimate as new; if it comes again without a fault, widen the ranges or check the model. */
 #define PMSM_SENSORLESS_RESTARTED_FROM_SAMPLE UINT32_C(0x00000800)
 
@@ -196,25 +199,25 @@ unsigned pmsm_sensorless_restore(pmsm_sensorless_state *s, const unsigned char *
  * ranges. To do: wait for measurements; if it stays while they come, scale Q and R down together. */
 #define PMSM_SENSORLESS_COVARIANCE_LIMITED    UINT32_C(0x00008000)
 
-/** the memory of the state was none that init or reset had made, or one of another program: it was not used,
- * the state began as before the first call. To do: call init once before all else; of a state that was
- * restored, check what was saved. */
+/** the state has no mark of init or reset, or that of another program: it was not used and began as before
+ * the first call. To do: call init once before all else; of a state that was restored, check what was
+ * saved. */
 #define PMSM_SENSORLESS_UNINITIALISED         UINT32_C(0x00010000)
 
-/** the memory of the parameters was none that init or PARAMS_INIT had made, or of another program: tune took
- * the nominal values, any other call took no sample and left the state as before the first call. To do: call
- * init once before all else, or begin constant parameters with PARAMS_INIT. */
+/** the parameters have no mark of init or PARAMS_INIT, or that of another program: tune took the nominal
+ * values, any other call took no sample and left the state as before the first call. To do: call init once
+ * before all else, or begin constant parameters with PARAMS_INIT. */
 #define PMSM_SENSORLESS_NO_PARAMETERS         UINT32_C(0x00020000)
 
 /** @} */
 
-#define PMSM_SENSORLESS_VERSION "0.2.0"                               /**< of hgogen that made this file */
+#define PMSM_SENSORLESS_VERSION "0.2.0"                               /**< of hgogen, which generated this file */
 #define PMSM_SENSORLESS_MODEL   "f32ec139477915f4"                    /**< digest of the model, as in its certificate */
 #define PMSM_SENSORLESS_LAYOUT  "63f9956a24d8eaf9"                    /**< digest of what a saved state needs to be the same */
-#define PMSM_SENSORLESS_READY   0x64FBu                               /**< mark of what init and reset have made */
+#define PMSM_SENSORLESS_READY   0x64FBu                               /**< mark that init and reset write */
 #define PMSM_SENSORLESS_SAVED   (sizeof(pmsm_sensorless_state) + 12u) /**< bytes of a saved state */
 
-/** what constant parameters begin with, which may lie in flash: nominal ones, tuned, with their mark */
+/** initial value of constant parameters, which may lie in flash: nominal ones, tuned, with their mark */
 #define PMSM_SENSORLESS_PARAMS_INIT { \
     PMSM_SENSORLESS_READY, \
     {{1.0f, 1.0f, 0.0001f, 0.0001f, 1000.0f}, {4e-08f, 4e-08f}} \

@@ -17,7 +17,7 @@
 #error "needs sums in their order: -funsafe-math-optimizations spoils the bundled functions"
 #endif
 
-/* of what runs rarely, which is no part of what calls it */
+/* for a function that runs rarely: it is not inlined */
 #if defined(__GNUC__)
 #define QUADRUPLE_TANK_RARELY __attribute__((noinline))
 #else
@@ -183,6 +183,7 @@ static uint32_t quadruple_tank_ready(quadruple_tank_state *s, const quadruple_ta
 }
 
 QUADRUPLE_TANK_RARELY
+/* set the fault counts and their limits as after a reset */
 static void quadruple_tank_clear_fault_counts(quadruple_tank_state *s)
 {
     /* as after a reset */
@@ -196,6 +197,7 @@ static void quadruple_tank_clear_fault_counts(quadruple_tank_state *s)
 }
 
 QUADRUPLE_TANK_RARELY
+/* set what the observer remembers besides the estimate as after a reset */
 static void quadruple_tank_clear_rest(quadruple_tank_state *s)
 {
     /* as after a reset */
@@ -211,6 +213,7 @@ static void quadruple_tank_clear_rest(quadruple_tank_state *s)
     s->D[3] = 100.0f;
 }
 
+/* is a number of the state not finite, or beyond 1e30? */
 static bool quadruple_tank_value_lost(const quadruple_tank_state *s)
 {
     bool lost = false;
@@ -237,7 +240,7 @@ static uint32_t quadruple_tank_keep_in_box(quadruple_tank_state *s, const quadru
     bool lost = false;
     lost = quadruple_tank_value_lost(s);
     if (lost) {
-        /* a value is lost: all restart */
+        /* a value is lost: restart all but the signals */
         s->z[0] = 1.0f;
         s->z[1] = 1.0f;
         s->z[2] = 0.5f;
@@ -290,6 +293,7 @@ static uint32_t quadruple_tank_keep_in_box(quadruple_tank_state *s, const quadru
     return status;
 }
 
+/* is a fault count or limit out of its range, or does the checksum differ? */
 static bool quadruple_tank_counts_spoiled(const quadruple_tank_state *s)
 {
     bool spoiled = false;
@@ -410,6 +414,7 @@ static uint32_t quadruple_tank_project_onto_ranges(quadruple_tank_state *s, cons
     return status;
 }
 
+/* replace an input that is not finite or absurd by the last valid one, and clamp it to its range */
 static uint32_t quadruple_tank_guard_input(const quadruple_tank_state *s, const quadruple_tank_input *in,
     float *u)
 {
@@ -440,6 +445,7 @@ static uint32_t quadruple_tank_guard_input(const quadruple_tank_state *s, const 
     return status;
 }
 
+/* is a number of the state beyond its limits, or not a number? */
 static bool quadruple_tank_beyond_box(const quadruple_tank_state *s)
 {
     bool beyond = false;
@@ -679,6 +685,7 @@ static uint32_t quadruple_tank_run_predict(quadruple_tank_state *s, const quadru
     return status;
 }
 
+/* is the sample a number, plausible, and not absurdly far from its estimate? */
 static uint32_t quadruple_tank_guard_measurement_y1(const quadruple_tank_state *s, float *e,
     float *output_error, float reading, bool *valid)
 {
@@ -746,10 +753,11 @@ static uint32_t quadruple_tank_use_sample_y1(quadruple_tank_state *s, const quad
     return status;
 }
 
+/* is the estimate out of a range or far from a sample, or does a fault count run? */
 static bool quadruple_tank_suspect_y1(const quadruple_tank_state *s, float output_error, bool valid)
 {
     bool suspect = false;
-    /* is the estimate where it cannot be for long? */
+    /* is the estimate out of a range or far from a sample, or does a fault count run? */
     {
         const float z1 = s->z[0];
         const float z2 = s->z[1];
@@ -762,6 +770,7 @@ static bool quadruple_tank_suspect_y1(const quadruple_tank_state *s, float outpu
     return suspect;
 }
 
+/* is there a plausible sample, by which the estimate can be judged? */
 static bool quadruple_tank_plausible_y1(float reading, bool valid)
 {
     bool sampled = false;
@@ -770,10 +779,11 @@ static bool quadruple_tank_plausible_y1(float reading, bool valid)
     return sampled;
 }
 
+/* the change of the fault count of an output at this sample, and the sign of its error */
 static void quadruple_tank_find_signs_y1(const quadruple_tank_state *s, float *moves_y_y1,
     float output_error, float *side_y_y1)
 {
-    /* which signs show? */
+    /* a count goes up by 1 at a large error, far down at one of the other sign, else down by 1 */
     {
         const bool t1 = quadruple_tank_within(output_error, 1.9f);
         const float fault_count_y_y1 = s->fault_count_y_y1;
@@ -791,7 +801,7 @@ static uint32_t quadruple_tank_recover_y1(quadruple_tank_state *s, const quadrup
     bool lost = false;
     bool over_range = false;
     bool over_y_y1 = false;
-    /* by which sign, and is the estimate lost? */
+    /* which fault counts are at their limits, and must the estimate restart? */
     {
         const bool t1 = s->fault_limit_y_y1 <= quadruple_tank_abs(s->fault_count_y_y1);
         const float fault_limit_range = s->fault_limit_range;
@@ -889,7 +899,7 @@ static uint32_t quadruple_tank_run_update_y1(quadruple_tank_state *s, const quad
                     s->fault_count_y_y1 = (side_y_y1 < 0.0f) ? -t1 : t1;
                     s->fault_limit_y_y1 = (t1 <= 0.0f) ? 115.0f : fault_limit_y_y1;
                 }
-                /* does a guard act? */
+                /* is a fault count at its limit? */
                 acts = s->fault_limit_y_y1 <= quadruple_tank_abs(s->fault_count_y_y1)
                     || s->fault_limit_range <= s->fault_count_range;
                 if (acts) {
@@ -910,6 +920,7 @@ static uint32_t quadruple_tank_run_update_y1(quadruple_tank_state *s, const quad
     return status;
 }
 
+/* is the sample a number, plausible, and not absurdly far from its estimate? */
 static uint32_t quadruple_tank_guard_measurement_y2(const quadruple_tank_state *s, float *e,
     float *output_error, float reading, bool *valid)
 {
@@ -994,11 +1005,12 @@ static uint32_t quadruple_tank_use_sample_y2(quadruple_tank_state *s, const quad
     return status;
 }
 
+/* is the estimate out of a range or far from a sample, or does a fault count run? */
 static uint32_t quadruple_tank_suspect_y2(const quadruple_tank_state *s, float output_error, bool *suspect,
     bool valid)
 {
     uint32_t status = 0u;
-    /* is the estimate where it cannot be for long? */
+    /* is the estimate out of a range or far from a sample, or does a fault count run? */
     {
         const float z1 = s->z[0];
         const float z2 = s->z[1];
@@ -1014,10 +1026,11 @@ static uint32_t quadruple_tank_suspect_y2(const quadruple_tank_state *s, float o
     return status;
 }
 
+/* the change of the fault count of an output at this sample, and the sign of its error */
 static void quadruple_tank_find_signs_y2(const quadruple_tank_state *s, float *moves_y_y2,
     float output_error, float *side_y_y2)
 {
-    /* which signs show? */
+    /* a count goes up by 1 at a large error, far down at one of the other sign, else down by 1 */
     {
         const bool t1 = quadruple_tank_within(output_error, 1.9f);
         const float fault_count_y_y2 = s->fault_count_y_y2;
@@ -1035,7 +1048,7 @@ static uint32_t quadruple_tank_recover_y2(quadruple_tank_state *s, const quadrup
     bool lost = false;
     bool over_range = false;
     bool over_y_y2 = false;
-    /* by which sign, and is the estimate lost? */
+    /* which fault counts are at their limits, and must the estimate restart? */
     {
         const bool t1 = s->fault_limit_y_y2 <= quadruple_tank_abs(s->fault_count_y_y2);
         const float fault_limit_range = s->fault_limit_range;
@@ -1133,7 +1146,7 @@ static uint32_t quadruple_tank_run_update_y2(quadruple_tank_state *s, const quad
                     s->fault_count_y_y2 = (side_y_y2 < 0.0f) ? -t1 : t1;
                     s->fault_limit_y_y2 = (t1 <= 0.0f) ? 115.0f : fault_limit_y_y2;
                 }
-                /* does a guard act? */
+                /* is a fault count at its limit? */
                 acts = s->fault_limit_y_y2 <= quadruple_tank_abs(s->fault_count_y_y2)
                     || s->fault_limit_range <= s->fault_count_range;
                 if (acts) {

@@ -30,7 +30,7 @@ typedef struct {
     float h3; /**< level of tank 3 [cm], 0.5 .. 20 */
     float h4; /**< level of tank 4 [cm], 0.5 .. 20 */
 } quadruple_tank_plant;
-/** parameters: change plant or gain, then call tune */
+/** parameters: change gain, then call tune */
 typedef struct {
     unsigned ready; /**< what init and PARAMS_INIT leave here; parameters without it are not used */
     struct {
@@ -38,22 +38,22 @@ typedef struct {
         float R[2]; /**< output noise: y1, y2 [y^2 s], 4e-10 .. 400 */
     } gain; /**< gains of the observer */
 } quadruple_tank_params;
-/** what a step remembers: yours to copy, save and restore; ranges are limits, which no call leaves; .. */
+/** what a step remembers: yours to copy, save and restore; a call keeps each member in its range */
 typedef struct {
     unsigned ready;          /**< what init and reset leave here; a state without it begins anew */
     float z[4];              /**< estimate in the form's coordinates: h1, h2, h3, h4 */
-    float L[6];              /**< unit lower factor of P, strict lower triangle by columns: L21, L31, .. */
+    float L[6];              /**< L of P = L D L' by columns: L21 .. L43 */
     float D[4];              /**< diagonal factor of the covariance P = L D L' */
-    float fault_count_y_y1;  /**< samples with a fault, signed as the last error, -117760 .. 117760 */
+    float fault_count_y_y1;  /**< faulty samples, sign of the last error, -117760 .. 117760 */
     float fault_limit_y_y1;  /**< fault count at which a guard acts, 115 .. 117760 */
-    float fault_count_y_y2;  /**< samples with a fault, signed as the last error, -117760 .. 117760 */
+    float fault_count_y_y2;  /**< faulty samples, sign of the last error, -117760 .. 117760 */
     float fault_limit_y_y2;  /**< fault count at which a guard acts, 115 .. 117760 */
-    float fault_count_range; /**< samples with a fault, 0 .. 234496 */
+    float fault_count_range; /**< faulty samples, 0 .. 234496 */
     float fault_limit_range; /**< fault count at which a guard acts, 229 .. 234496 */
-    float fault_checksum;    /**< checks fault counts and limits: their sum beyond the start, 0 .. 939573 */
+    float fault_checksum;    /**< checksum of fault counts and limits, 0 .. 939573 */
     unsigned calls;          /**< 0 before the first call, 1 after it */
-    unsigned used_y1;        /**< 1 from a sample of y1 that was used until the next predict */
-    unsigned used_y2;        /**< 1 from a sample of y2 that was used until the next predict */
+    unsigned used_y1;        /**< 0: an update with y1 may come, 1: none before the next predict */
+    unsigned used_y2;        /**< 0: an update with y2 may come, 1: none before the next predict */
     float u[2];              /**< last valid input: v1, v2, 0 .. 6 */
 } quadruple_tank_state;
 
@@ -75,7 +75,8 @@ uint32_t quadruple_tank_tune(quadruple_tank_params *p);
  * @param[out] s the state: what a step remembers */
 void quadruple_tank_reset(quadruple_tank_state *s);
 
-/** @brief one sampling period: predict, update_y1, update_y2
+/** @brief one sampling period: predict, update_y1, update_y2; NaN means a missing sample; the first call
+ * advances no time
  * @param[in,out] s the state: what a step remembers
  * @param[in] p the parameters
  * @param[in] in the input now
@@ -115,16 +116,17 @@ uint32_t quadruple_tank_update_y1(quadruple_tank_state *s, const quadruple_tank_
 uint32_t quadruple_tank_update_y2(quadruple_tank_state *s, const quadruple_tank_params *p,
     const quadruple_tank_output *measurement);
 
-/** @brief the state as QUADRUPLE_TANK_SAVED bytes: QUADRUPLE_TANK_LAYOUT, what lies in memory, a checksum
+/** @brief write the state as QUADRUPLE_TANK_SAVED bytes: QUADRUPLE_TANK_LAYOUT, the memory of the struct, a
+ * checksum
  * @param[in] s the state: what a step remembers
- * @param[out] saved NAME_SAVED bytes, which may lie anywhere */
+ * @param[out] saved QUADRUPLE_TANK_SAVED bytes, at any address */
 void quadruple_tank_save(const quadruple_tank_state *s, unsigned char *saved);
 
-/** @brief the state that was saved, where it was saved by this program and no bit of it is another
+/** @brief read a state that this program saved; refuse any other, and one with another bit
  * @param[out] s the state: what a step remembers
- * @param[in] saved NAME_SAVED bytes, which may lie anywhere
- * @param[in] size how many there are
- * @return 0: restored; 1: refused, the state is as it was */
+ * @param[in] saved QUADRUPLE_TANK_SAVED bytes, at any address
+ * @param[in] size how many bytes there are
+ * @return 0: restored; 1: refused, the state is unchanged */
 unsigned quadruple_tank_restore(quadruple_tank_state *s, const unsigned char *saved, size_t size);
 
 #ifdef __cplusplus
@@ -164,18 +166,19 @@ unsigned quadruple_tank_restore(quadruple_tank_state *s, const unsigned char *sa
 
 /** the estimate, or a state of the plant before it is clamped to its range, is outside the declared ranges,
  * where the model is evaluated at the edge. To do: normal while the estimate peaks, do not act on it then; if
- * it stays, the declared ranges are too narrow. */
+ * it stays, the declared ranges are too narrow. The ranges are in quadruple_tank.md. */
 #define QUADRUPLE_TANK_OUTSIDE_BOX           UINT32_C(0x00000100)
 
 /** the estimate was projected to its outer box; the convergence theorem, where it applies, is suspended. To
- * do: none if brief; if it stays, widen the ranges. */
+ * do: none if brief; if it stays, widen the ranges. The ranges are in quadruple_tank.md. */
 #define QUADRUPLE_TANK_STATE_LIMITED         UINT32_C(0x00000200)
 
-/** a value was lost (not finite, or beyond 1e30), and the whole state restarted. To do: treat the estimate as
- * new; check parameters (tune was called?) and ranges. */
+/** a value was lost (not finite, or beyond 1e30): all of the state restarted but the last input and samples,
+ * and the counters of calls. To do: treat the estimate as new; check parameters (tune was called?) and
+ * ranges. */
 #define QUADRUPLE_TANK_RESTARTED             UINT32_C(0x00000400)
 
-/** good samples did not bring the estimate back, and the state restarted from the sample. To do: treat the
+/** good samples did not bring the estimate back, and the observer restarted from the sample. To do: treat the
  * estimate as new; if it comes again without a fault, widen the ranges or check the model. */
 #define QUADRUPLE_TANK_RESTARTED_FROM_SAMPLE UINT32_C(0x00000800)
 
@@ -195,25 +198,25 @@ unsigned quadruple_tank_restore(quadruple_tank_state *s, const unsigned char *sa
  * ranges. To do: wait for measurements; if it stays while they come, scale Q and R down together. */
 #define QUADRUPLE_TANK_COVARIANCE_LIMITED    UINT32_C(0x00008000)
 
-/** the memory of the state was none that init or reset had made, or one of another program: it was not used,
- * the state began as before the first call. To do: call init once before all else; of a state that was
- * restored, check what was saved. */
+/** the state has no mark of init or reset, or that of another program: it was not used and began as before
+ * the first call. To do: call init once before all else; of a state that was restored, check what was
+ * saved. */
 #define QUADRUPLE_TANK_UNINITIALISED         UINT32_C(0x00010000)
 
-/** the memory of the parameters was none that init or PARAMS_INIT had made, or of another program: tune took
- * the nominal values, any other call took no sample and left the state as before the first call. To do: call
- * init once before all else, or begin constant parameters with PARAMS_INIT. */
+/** the parameters have no mark of init or PARAMS_INIT, or that of another program: tune took the nominal
+ * values, any other call took no sample and left the state as before the first call. To do: call init once
+ * before all else, or begin constant parameters with PARAMS_INIT. */
 #define QUADRUPLE_TANK_NO_PARAMETERS         UINT32_C(0x00020000)
 
 /** @} */
 
-#define QUADRUPLE_TANK_VERSION "0.2.0"                              /**< of hgogen that made this file */
+#define QUADRUPLE_TANK_VERSION "0.2.0"                              /**< of hgogen, which generated this file */
 #define QUADRUPLE_TANK_MODEL   "5ab24eb24b4bb7d1"                   /**< digest of the model, as in its certificate */
 #define QUADRUPLE_TANK_LAYOUT  "6621ed1ed6a4c335"                   /**< digest of what a saved state needs to be the same */
-#define QUADRUPLE_TANK_READY   0x6722u                              /**< mark of what init and reset have made */
+#define QUADRUPLE_TANK_READY   0x6722u                              /**< mark that init and reset write */
 #define QUADRUPLE_TANK_SAVED   (sizeof(quadruple_tank_state) + 12u) /**< bytes of a saved state */
 
-/** what constant parameters begin with, which may lie in flash: nominal ones, tuned, with their mark */
+/** initial value of constant parameters, which may lie in flash: nominal ones, tuned, with their mark */
 #define QUADRUPLE_TANK_PARAMS_INIT { \
     QUADRUPLE_TANK_READY, \
     {{0.006f, 0.006f, 0.006f, 0.006f}, {0.0004f, 0.0004f}} \

@@ -11,7 +11,7 @@
 #error "needs sums in their order: -funsafe-math-optimizations spoils the bundled functions"
 #endif
 
-/* of what runs rarely, which is no part of what calls it */
+/* for a function that runs rarely: it is not inlined */
 #if defined(__GNUC__)
 #define ROESSLER_RARELY __attribute__((noinline))
 #else
@@ -106,6 +106,7 @@ static unsigned roessler_ready(roessler_state *s, const roessler_params *p)
 }
 
 ROESSLER_RARELY
+/* set the fault counts and their limits as after a reset */
 static void roessler_clear_fault_counts(roessler_state *s)
 {
     /* as after a reset */
@@ -129,7 +130,7 @@ static unsigned roessler_keep_in_box(roessler_state *s, const roessler_params *p
         lost = !t1;
     }
     if (lost) {
-        /* a value is lost: all restart */
+        /* a value is lost: restart all but the signals */
         s->z[0] = 0.0f;
         s->z[1] = 0.0f;
         s->z[2] = 0.0f;
@@ -159,6 +160,7 @@ static void roessler_nominal(roessler_params *p)
     p->gain.theta = 5.0f;
 }
 
+/* is each sample a number, plausible, and not absurdly far from its estimate? */
 static unsigned roessler_guard_measurements(const roessler_state *s, const roessler_output *measurement,
     float *valid, float *y, float *y_last)
 {
@@ -259,11 +261,12 @@ static unsigned roessler_advance(roessler_state *s, const roessler_params *p, fl
     return status;
 }
 
+/* is the estimate out of a range or far from a sample, or does a fault count run? */
 static unsigned roessler_suspect(const roessler_state *s, const roessler_output *measurement, bool *suspect,
     float valid)
 {
     unsigned status = 0u;
-    /* is the estimate where it cannot be for long? */
+    /* is the estimate out of a range or far from a sample, or does a fault count run? */
     {
         const float z1 = s->z[0];
         const float z3 = s->z[2];
@@ -277,6 +280,7 @@ static unsigned roessler_suspect(const roessler_state *s, const roessler_output 
     return status;
 }
 
+/* is there a plausible sample, by which the estimate can be judged? */
 static bool roessler_plausible(const roessler_output *measurement, float valid)
 {
     bool sampled = false;
@@ -288,6 +292,7 @@ static bool roessler_plausible(const roessler_output *measurement, float valid)
     return sampled;
 }
 
+/* is a fault count or limit out of its range, or does the checksum differ? */
 static bool roessler_counts_spoiled(const roessler_state *s)
 {
     bool spoiled = false;
@@ -309,10 +314,11 @@ static bool roessler_counts_spoiled(const roessler_state *s)
     return spoiled;
 }
 
+/* the change of the fault count of an output at this sample, and the sign of its error */
 static void roessler_find_signs(const roessler_state *s, const roessler_output *measurement, float *moves_y,
     float *side_y)
 {
-    /* which signs show? */
+    /* a count goes up by 1 at a large error, far down at one of the other sign, else down by 1 */
     {
         const float t1 = measurement->y - s->z[0];
         const bool t2 = roessler_within(t1, 2.4f);
@@ -329,7 +335,7 @@ static unsigned roessler_recover(roessler_state *s, const roessler_output *measu
     bool lost = false;
     bool over_range = false;
     bool over_y = false;
-    /* by which sign, and is the estimate lost? */
+    /* which fault counts are at their limits, and must the estimate restart? */
     {
         const bool t1 = s->fault_limit_y <= roessler_abs(s->fault_count_y);
         const float fault_limit_range = s->fault_limit_range;
@@ -426,7 +432,7 @@ static unsigned roessler_count_faults(roessler_state *s, const roessler_output *
         s->fault_count_y = (side_y < 0.0f) ? -t1 : t1;
         s->fault_limit_y = (t1 <= 0.0f) ? 3130.0f : fault_limit_y;
     }
-    /* does a guard act? */
+    /* is a fault count at its limit? */
     acts = s->fault_limit_y <= roessler_abs(s->fault_count_y) || s->fault_limit_range <= s->fault_count_range;
     if (acts) {
         status |= roessler_recover(s, measurement);

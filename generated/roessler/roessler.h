@@ -22,7 +22,7 @@ typedef struct {
     float x2; /**< second state, -12 .. 12 */
     float x3; /**< third state, 0 .. 25 */
 } roessler_plant;
-/** parameters: change plant or gain, then call tune */
+/** parameters: change gain, then call tune */
 typedef struct {
     unsigned ready; /**< what init and PARAMS_INIT leave here; parameters without it are not used */
     struct {
@@ -32,17 +32,17 @@ typedef struct {
         float K[3]; /**< observer gain: theta K_1, theta^2 K_2, theta^3 K_3 */
     } derived; /**< what `tune` computes of the others */
 } roessler_params;
-/** what a step remembers: yours to copy, save and restore; ranges are limits, which no call leaves; .. */
+/** what a step remembers: yours to copy, save and restore; a call keeps each member in its range */
 typedef struct {
     unsigned ready;          /**< what init and reset leave here; a state without it begins anew */
     float z[3];              /**< estimate in the form's coordinates: x2, x1, -x3 */
-    float fault_count_y;     /**< samples with a fault, signed as the last error, -3.20512e+06 .. .. */
+    float fault_count_y;     /**< faulty samples, sign of the last error, -3.20512e+06 .. 3.20512e+06 */
     float fault_limit_y;     /**< fault count at which a guard acts, 3130 .. 3.20512e+06 */
-    float fault_count_range; /**< samples with a fault, 0 .. 3.20512e+06 */
+    float fault_count_range; /**< faulty samples, 0 .. 3.20512e+06 */
     float fault_limit_range; /**< fault count at which a guard acts, 3130 .. 3.20512e+06 */
-    float fault_checksum;    /**< checks fault counts and limits: their sum beyond the start, 0 .. .. */
+    float fault_checksum;    /**< checksum of fault counts and limits, 0 .. 1.28142e+07 */
     unsigned calls;          /**< 0 before the first call, 1 after it */
-    float y;                 /**< sample of the last call, or its estimate where there was none: y */
+    float y;                 /**< last sample, or its estimate: y */
     float y_valid;           /**< 1 where the last call had a valid sample: y */
 } roessler_state;
 
@@ -64,7 +64,7 @@ unsigned roessler_tune(roessler_params *p);
  * @param[out] s the state: what a step remembers */
 void roessler_reset(roessler_state *s);
 
-/** @brief one sampling period: predict
+/** @brief one sampling period: predict; NaN means a missing sample; the first call advances no time
  * @param[in,out] s the state: what a step remembers
  * @param[in] p the parameters
  * @param[in] measurement the measurement now
@@ -77,16 +77,16 @@ unsigned roessler_step(roessler_state *s, const roessler_params *p, const roessl
  * @param[out] x the estimate of the plant's state */
 void roessler_estimate(const roessler_state *s, const roessler_params *p, roessler_plant *x);
 
-/** @brief the state as ROESSLER_SAVED bytes: ROESSLER_LAYOUT, what lies in memory, a checksum
+/** @brief write the state as ROESSLER_SAVED bytes: ROESSLER_LAYOUT, the memory of the struct, a checksum
  * @param[in] s the state: what a step remembers
- * @param[out] saved NAME_SAVED bytes, which may lie anywhere */
+ * @param[out] saved ROESSLER_SAVED bytes, at any address */
 void roessler_save(const roessler_state *s, unsigned char *saved);
 
-/** @brief the state that was saved, where it was saved by this program and no bit of it is another
+/** @brief read a state that this program saved; refuse any other, and one with another bit
  * @param[out] s the state: what a step remembers
- * @param[in] saved NAME_SAVED bytes, which may lie anywhere
- * @param[in] size how many there are
- * @return 0: restored; 1: refused, the state is as it was */
+ * @param[in] saved ROESSLER_SAVED bytes, at any address
+ * @param[in] size how many bytes there are
+ * @return 0: restored; 1: refused, the state is unchanged */
 unsigned roessler_restore(roessler_state *s, const unsigned char *saved, size_t size);
 
 #ifdef __cplusplus
@@ -105,18 +105,19 @@ unsigned roessler_restore(roessler_state *s, const unsigned char *saved, size_t 
 
 /** the estimate, or a state of the plant before it is clamped to its range, is outside the declared ranges,
  * where the model is evaluated at the edge. To do: normal while the estimate peaks, do not act on it then; if
- * it stays, the declared ranges are too narrow. */
+ * it stays, the declared ranges are too narrow. The ranges are in roessler.md. */
 #define ROESSLER_OUTSIDE_BOX           0x0004u
 
 /** the estimate was projected to its outer box; the convergence theorem, where it applies, is suspended. To
- * do: none if brief; if it stays, widen the ranges or lower theta. */
+ * do: none if brief; if it stays, widen the ranges or lower theta. The ranges are in roessler.md. */
 #define ROESSLER_STATE_LIMITED         0x0008u
 
-/** a value was lost (not finite, or beyond 1e30), and the whole state restarted. To do: treat the estimate as
- * new; check parameters (tune was called?) and ranges. */
+/** a value was lost (not finite, or beyond 1e30): all of the state restarted but the last input and samples,
+ * and the counters of calls. To do: treat the estimate as new; check parameters (tune was called?) and
+ * ranges. */
 #define ROESSLER_RESTARTED             0x0010u
 
-/** good samples did not bring the estimate back, and the state restarted from the sample. To do: treat the
+/** good samples did not bring the estimate back, and the observer restarted from the sample. To do: treat the
  * estimate as new; if it comes again without a fault, widen the ranges or lower theta or check the model. */
 #define ROESSLER_RESTARTED_FROM_SAMPLE 0x0020u
 
@@ -128,25 +129,25 @@ unsigned roessler_restore(roessler_state *s, const unsigned char *saved, size_t 
  * do: correct the parameter and tune again. */
 #define ROESSLER_PARAMETER_LIMITED     0x0080u
 
-/** the memory of the state was none that init or reset had made, or one of another program: it was not used,
- * the state began as before the first call. To do: call init once before all else; of a state that was
- * restored, check what was saved. */
+/** the state has no mark of init or reset, or that of another program: it was not used and began as before
+ * the first call. To do: call init once before all else; of a state that was restored, check what was
+ * saved. */
 #define ROESSLER_UNINITIALISED         0x0100u
 
-/** the memory of the parameters was none that init or PARAMS_INIT had made, or of another program: tune took
- * the nominal values, any other call took no sample and left the state as before the first call. To do: call
- * init once before all else, or begin constant parameters with PARAMS_INIT. */
+/** the parameters have no mark of init or PARAMS_INIT, or that of another program: tune took the nominal
+ * values, any other call took no sample and left the state as before the first call. To do: call init once
+ * before all else, or begin constant parameters with PARAMS_INIT. */
 #define ROESSLER_NO_PARAMETERS         0x0200u
 
 /** @} */
 
-#define ROESSLER_VERSION "0.2.0"                        /**< of hgogen that made this file */
+#define ROESSLER_VERSION "0.2.0"                        /**< of hgogen, which generated this file */
 #define ROESSLER_MODEL   "35c3b44b25ca4aed"             /**< digest of the model, as in its certificate */
 #define ROESSLER_LAYOUT  "d0aeba8b9c1b24df"             /**< digest of what a saved state needs to be the same */
-#define ROESSLER_READY   0xD1AFu                        /**< mark of what init and reset have made */
+#define ROESSLER_READY   0xD1AFu                        /**< mark that init and reset write */
 #define ROESSLER_SAVED   (sizeof(roessler_state) + 12u) /**< bytes of a saved state */
 
-/** what constant parameters begin with, which may lie in flash: nominal ones, tuned, with their mark */
+/** initial value of constant parameters, which may lie in flash: nominal ones, tuned, with their mark */
 #define ROESSLER_PARAMS_INIT { \
     ROESSLER_READY, \
     {5.0f}, \

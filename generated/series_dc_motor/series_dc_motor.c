@@ -11,7 +11,7 @@
 #error "needs sums in their order: -funsafe-math-optimizations spoils the bundled functions"
 #endif
 
-/* of what runs rarely, which is no part of what calls it */
+/* for a function that runs rarely: it is not inlined */
 #if defined(__GNUC__)
 #define SERIES_DC_MOTOR_RARELY __attribute__((noinline))
 #else
@@ -112,6 +112,7 @@ static unsigned series_dc_motor_ready(series_dc_motor_state *s, const series_dc_
 }
 
 SERIES_DC_MOTOR_RARELY
+/* set the fault counts and their limits as after a reset */
 static void series_dc_motor_clear_fault_counts(series_dc_motor_state *s)
 {
     /* as after a reset */
@@ -123,6 +124,7 @@ static void series_dc_motor_clear_fault_counts(series_dc_motor_state *s)
 }
 
 SERIES_DC_MOTOR_RARELY
+/* set what the observer remembers besides the estimate as after a reset */
 static void series_dc_motor_clear_rest(series_dc_motor_state *s)
 {
     /* as after a reset */
@@ -151,7 +153,7 @@ static unsigned series_dc_motor_keep_in_box(series_dc_motor_state *s, const seri
         lost = !t3;
     }
     if (lost) {
-        /* a value is lost: all restart */
+        /* a value is lost: restart all but the signals */
         s->z[0] = 1.0f;
         s->z[1] = 0.0f;
         s->z[2] = 0.0f;
@@ -192,6 +194,7 @@ static unsigned series_dc_motor_keep_in_box(series_dc_motor_state *s, const seri
     return status;
 }
 
+/* replace an input that is not finite or absurd by the last valid one, and clamp it to its range */
 static unsigned series_dc_motor_guard_input(const series_dc_motor_state *s, const series_dc_motor_input *in,
     float *u)
 {
@@ -371,6 +374,7 @@ static unsigned series_dc_motor_run_predict(series_dc_motor_state *s, const seri
     return status;
 }
 
+/* is the sample a number, plausible, and not absurdly far from its estimate? */
 static unsigned series_dc_motor_guard_measurement_y(const series_dc_motor_state *s, float *e,
     float *output_error, float reading, bool *valid)
 {
@@ -433,11 +437,12 @@ static unsigned series_dc_motor_use_sample_y(series_dc_motor_state *s, const ser
     return status;
 }
 
+/* is the estimate out of a range or far from a sample, or does a fault count run? */
 static unsigned series_dc_motor_suspect_y(const series_dc_motor_state *s, float output_error, bool *suspect,
     bool valid)
 {
     unsigned status = 0u;
-    /* is the estimate where it cannot be for long? */
+    /* is the estimate out of a range or far from a sample, or does a fault count run? */
     {
         const float z1 = s->z[0];
         const float z2 = s->z[1];
@@ -451,6 +456,7 @@ static unsigned series_dc_motor_suspect_y(const series_dc_motor_state *s, float 
     return status;
 }
 
+/* is there a plausible sample, by which the estimate can be judged? */
 static bool series_dc_motor_plausible_y(float reading, bool valid)
 {
     bool sampled = false;
@@ -459,6 +465,7 @@ static bool series_dc_motor_plausible_y(float reading, bool valid)
     return sampled;
 }
 
+/* is a fault count or limit out of its range, or does the checksum differ? */
 static bool series_dc_motor_counts_spoiled_y(const series_dc_motor_state *s)
 {
     bool spoiled = false;
@@ -479,10 +486,11 @@ static bool series_dc_motor_counts_spoiled_y(const series_dc_motor_state *s)
     return spoiled;
 }
 
+/* the change of the fault count of an output at this sample, and the sign of its error */
 static void series_dc_motor_find_signs_y(const series_dc_motor_state *s, float *moves_y, float output_error,
     float *side_y)
 {
-    /* which signs show? */
+    /* a count goes up by 1 at a large error, far down at one of the other sign, else down by 1 */
     {
         const bool t1 = series_dc_motor_within(output_error, 4.9f);
         const float fault_count_y = s->fault_count_y;
@@ -498,7 +506,7 @@ static unsigned series_dc_motor_recover_y(series_dc_motor_state *s, float readin
     bool lost = false;
     bool over_range = false;
     bool over_y = false;
-    /* by which sign, and is the estimate lost? */
+    /* which fault counts are at their limits, and must the estimate restart? */
     {
         const bool t1 = s->fault_limit_y <= series_dc_motor_abs(s->fault_count_y);
         const float fault_limit_range = s->fault_limit_range;
@@ -627,7 +635,7 @@ static unsigned series_dc_motor_count_faults_y(series_dc_motor_state *s, float o
         s->fault_count_y = (side_y < 0.0f) ? -t1 : t1;
         s->fault_limit_y = (t1 <= 0.0f) ? 603.0f : fault_limit_y;
     }
-    /* does a guard act? */
+    /* is a fault count at its limit? */
     acts = s->fault_limit_y <= series_dc_motor_abs(s->fault_count_y)
         || s->fault_limit_range <= s->fault_count_range;
     if (acts) {

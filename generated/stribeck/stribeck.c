@@ -11,7 +11,7 @@
 #error "needs sums in their order: -funsafe-math-optimizations spoils the bundled functions"
 #endif
 
-/* of what runs rarely, which is no part of what calls it */
+/* for a function that runs rarely: it is not inlined */
 #if defined(__GNUC__)
 #define STRIBECK_RARELY __attribute__((noinline))
 #else
@@ -128,6 +128,7 @@ static unsigned stribeck_ready(stribeck_state *s, const stribeck_params *p)
 }
 
 STRIBECK_RARELY
+/* set the fault counts and their limits as after a reset */
 static void stribeck_clear_fault_counts(stribeck_state *s)
 {
     /* as after a reset */
@@ -147,7 +148,7 @@ static unsigned stribeck_keep_in_box(stribeck_state *s, const stribeck_params *p
     /* is a value lost? */
     lost = !(stribeck_within(s->z[0], 1e+30f) && stribeck_within(s->z[1], 1e+30f));
     if (lost) {
-        /* a value is lost: all restart */
+        /* a value is lost: restart all but the signals */
         s->z[0] = 0.0f;
         s->z[1] = 0.0f;
         status |= STRIBECK_RESTARTED;
@@ -174,6 +175,7 @@ static void stribeck_nominal(stribeck_params *p)
     p->gain.theta = 80.0f;
 }
 
+/* replace an input that is not finite or absurd by the last valid one, and clamp it to its range */
 static unsigned stribeck_guard_input(const stribeck_state *s, const stribeck_input *in, float *u)
 {
     unsigned status = 0u;
@@ -193,6 +195,7 @@ static unsigned stribeck_guard_input(const stribeck_state *s, const stribeck_inp
     return status;
 }
 
+/* is each sample a number, plausible, and not absurdly far from its estimate? */
 static unsigned stribeck_guard_measurements(const stribeck_state *s, const stribeck_output *measurement,
     float *valid, float *y, float *y_last)
 {
@@ -282,11 +285,12 @@ static unsigned stribeck_advance(stribeck_state *s, const stribeck_params *p, fl
     return status;
 }
 
+/* is the estimate out of a range or far from a sample, or does a fault count run? */
 static unsigned stribeck_suspect(const stribeck_state *s, const stribeck_output *measurement, bool *suspect,
     float valid)
 {
     unsigned status = 0u;
-    /* is the estimate where it cannot be for long? */
+    /* is the estimate out of a range or far from a sample, or does a fault count run? */
     {
         const float z1 = s->z[0];
         const bool t1 = stribeck_abs(z1) > 2.0f || stribeck_abs(s->z[1]) > 0.8f;
@@ -299,6 +303,7 @@ static unsigned stribeck_suspect(const stribeck_state *s, const stribeck_output 
     return status;
 }
 
+/* is there a plausible sample, by which the estimate can be judged? */
 static bool stribeck_plausible(const stribeck_output *measurement, float valid)
 {
     bool sampled = false;
@@ -310,6 +315,7 @@ static bool stribeck_plausible(const stribeck_output *measurement, float valid)
     return sampled;
 }
 
+/* is a fault count or limit out of its range, or does the checksum differ? */
 static bool stribeck_counts_spoiled(const stribeck_state *s)
 {
     bool spoiled = false;
@@ -331,10 +337,11 @@ static bool stribeck_counts_spoiled(const stribeck_state *s)
     return spoiled;
 }
 
+/* the change of the fault count of an output at this sample, and the sign of its error */
 static void stribeck_find_signs(const stribeck_state *s, const stribeck_output *measurement, float *moves_y,
     float *side_y)
 {
-    /* which signs show? */
+    /* a count goes up by 1 at a large error, far down at one of the other sign, else down by 1 */
     {
         const float t1 = measurement->y - s->z[0];
         const bool t2 = stribeck_within(t1, 0.44f);
@@ -351,7 +358,7 @@ static unsigned stribeck_recover(stribeck_state *s, const stribeck_output *measu
     bool lost = false;
     bool over_range = false;
     bool over_y = false;
-    /* by which sign, and is the estimate lost? */
+    /* which fault counts are at their limits, and must the estimate restart? */
     {
         const bool t1 = s->fault_limit_y <= stribeck_abs(s->fault_count_y);
         const float fault_limit_range = s->fault_limit_range;
@@ -438,7 +445,7 @@ static unsigned stribeck_count_faults(stribeck_state *s, const stribeck_output *
         s->fault_count_y = (side_y < 0.0f) ? -t1 : t1;
         s->fault_limit_y = (t1 <= 0.0f) ? 2286.0f : fault_limit_y;
     }
-    /* does a guard act? */
+    /* is a fault count at its limit? */
     acts = s->fault_limit_y <= stribeck_abs(s->fault_count_y) || s->fault_limit_range <= s->fault_count_range;
     if (acts) {
         status |= stribeck_recover(s, measurement);

@@ -11,7 +11,7 @@
 #error "needs sums in their order: -funsafe-math-optimizations spoils the bundled functions"
 #endif
 
-/* of what runs rarely, which is no part of what calls it */
+/* for a function that runs rarely: it is not inlined */
 #if defined(__GNUC__)
 #define VAN_DER_POL_RARELY __attribute__((noinline))
 #else
@@ -105,6 +105,7 @@ static unsigned van_der_pol_ready(van_der_pol_state *s, const van_der_pol_params
 }
 
 VAN_DER_POL_RARELY
+/* set the fault counts and their limits as after a reset */
 static void van_der_pol_clear_fault_counts(van_der_pol_state *s)
 {
     /* as after a reset */
@@ -124,7 +125,7 @@ static unsigned van_der_pol_keep_in_box(van_der_pol_state *s, const van_der_pol_
     /* is a value lost? */
     lost = !(van_der_pol_within(s->z[0], 1e+30f) && van_der_pol_within(s->z[1], 1e+30f));
     if (lost) {
-        /* a value is lost: all restart */
+        /* a value is lost: restart all but the signals */
         s->z[0] = 0.0f;
         s->z[1] = 0.0f;
         status |= VAN_DER_POL_RESTARTED;
@@ -151,6 +152,7 @@ static void van_der_pol_nominal(van_der_pol_params *p)
     p->gain.theta = 5.0f;
 }
 
+/* is each sample a number, plausible, and not absurdly far from its estimate? */
 static unsigned van_der_pol_guard_measurements(const van_der_pol_state *s,
     const van_der_pol_output *measurement, float *valid, float *y, float *y_last)
 {
@@ -238,11 +240,12 @@ static unsigned van_der_pol_advance(van_der_pol_state *s, const van_der_pol_para
     return status;
 }
 
+/* is the estimate out of a range or far from a sample, or does a fault count run? */
 static unsigned van_der_pol_suspect(const van_der_pol_state *s, const van_der_pol_output *measurement,
     bool *suspect, float valid)
 {
     unsigned status = 0u;
-    /* is the estimate where it cannot be for long? */
+    /* is the estimate out of a range or far from a sample, or does a fault count run? */
     {
         const float z1 = s->z[0];
         const bool t1 = van_der_pol_abs(z1) > 3.0f || van_der_pol_abs(s->z[1]) > 6.0f;
@@ -255,6 +258,7 @@ static unsigned van_der_pol_suspect(const van_der_pol_state *s, const van_der_po
     return status;
 }
 
+/* is there a plausible sample, by which the estimate can be judged? */
 static bool van_der_pol_plausible(const van_der_pol_output *measurement, float valid)
 {
     bool sampled = false;
@@ -266,6 +270,7 @@ static bool van_der_pol_plausible(const van_der_pol_output *measurement, float v
     return sampled;
 }
 
+/* is a fault count or limit out of its range, or does the checksum differ? */
 static bool van_der_pol_counts_spoiled(const van_der_pol_state *s)
 {
     bool spoiled = false;
@@ -286,10 +291,11 @@ static bool van_der_pol_counts_spoiled(const van_der_pol_state *s)
     return spoiled;
 }
 
+/* the change of the fault count of an output at this sample, and the sign of its error */
 static void van_der_pol_find_signs(const van_der_pol_state *s, const van_der_pol_output *measurement,
     float *moves_y, float *side_y)
 {
-    /* which signs show? */
+    /* a count goes up by 1 at a large error, far down at one of the other sign, else down by 1 */
     {
         const float t1 = measurement->y - s->z[0];
         const bool t2 = van_der_pol_within(t1, 0.6f);
@@ -306,7 +312,7 @@ static unsigned van_der_pol_recover(van_der_pol_state *s, const van_der_pol_outp
     bool lost = false;
     bool over_range = false;
     bool over_y = false;
-    /* by which sign, and is the estimate lost? */
+    /* which fault counts are at their limits, and must the estimate restart? */
     {
         const bool t1 = s->fault_limit_y <= van_der_pol_abs(s->fault_count_y);
         const float fault_limit_range = s->fault_limit_range;
@@ -393,7 +399,7 @@ static unsigned van_der_pol_count_faults(van_der_pol_state *s, const van_der_pol
         s->fault_count_y = (side_y < 0.0f) ? -t1 : t1;
         s->fault_limit_y = (t1 <= 0.0f) ? 2486.0f : fault_limit_y;
     }
-    /* does a guard act? */
+    /* is a fault count at its limit? */
     acts = s->fault_limit_y <= van_der_pol_abs(s->fault_count_y)
         || s->fault_limit_range <= s->fault_count_range;
     if (acts) {

@@ -11,7 +11,7 @@
 #error "needs sums in their order: -funsafe-math-optimizations spoils the bundled functions"
 #endif
 
-/* of what runs rarely, which is no part of what calls it */
+/* for a function that runs rarely: it is not inlined */
 #if defined(__GNUC__)
 #define WARM_BEARING_RARELY __attribute__((noinline))
 #else
@@ -159,6 +159,7 @@ static unsigned warm_bearing_ready(warm_bearing_state *s, const warm_bearing_par
 }
 
 WARM_BEARING_RARELY
+/* set the fault counts and their limits as after a reset */
 static void warm_bearing_clear_fault_counts(warm_bearing_state *s)
 {
     /* as after a reset */
@@ -178,7 +179,7 @@ static unsigned warm_bearing_keep_in_box(warm_bearing_state *s, const warm_beari
     /* is a value lost? */
     lost = !(warm_bearing_within(s->z[0], 1e+30f) && warm_bearing_within(s->z[1], 1e+30f));
     if (lost) {
-        /* a value is lost: all restart */
+        /* a value is lost: restart all but the signals */
         s->z[0] = 0.0f;
         s->z[1] = 0.0f;
         status |= WARM_BEARING_RESTARTED;
@@ -205,6 +206,7 @@ static void warm_bearing_nominal(warm_bearing_params *p)
     p->gain.theta = 100.0f;
 }
 
+/* replace an input that is not finite or absurd by the last valid one, and clamp it to its range */
 static unsigned warm_bearing_guard_input(const warm_bearing_state *s, const warm_bearing_input *in, float *u)
 {
     unsigned status = 0u;
@@ -234,6 +236,7 @@ static unsigned warm_bearing_guard_input(const warm_bearing_state *s, const warm
     return status;
 }
 
+/* is each sample a number, plausible, and not absurdly far from its estimate? */
 static unsigned warm_bearing_guard_measurements(const warm_bearing_state *s,
     const warm_bearing_output *measurement, float *valid, float *y, float *y_last)
 {
@@ -324,11 +327,12 @@ static unsigned warm_bearing_advance(warm_bearing_state *s, const warm_bearing_p
     return status;
 }
 
+/* is the estimate out of a range or far from a sample, or does a fault count run? */
 static unsigned warm_bearing_suspect(const warm_bearing_state *s, const warm_bearing_output *measurement,
     bool *suspect, float valid)
 {
     unsigned status = 0u;
-    /* is the estimate where it cannot be for long? */
+    /* is the estimate out of a range or far from a sample, or does a fault count run? */
     {
         const float z1 = s->z[0];
         const bool t1 = warm_bearing_abs(z1) > 2.0f || warm_bearing_abs(s->z[1]) > 0.8f;
@@ -341,6 +345,7 @@ static unsigned warm_bearing_suspect(const warm_bearing_state *s, const warm_bea
     return status;
 }
 
+/* is there a plausible sample, by which the estimate can be judged? */
 static bool warm_bearing_plausible(const warm_bearing_output *measurement, float valid)
 {
     bool sampled = false;
@@ -353,6 +358,7 @@ static bool warm_bearing_plausible(const warm_bearing_output *measurement, float
     return sampled;
 }
 
+/* is a fault count or limit out of its range, or does the checksum differ? */
 static bool warm_bearing_counts_spoiled(const warm_bearing_state *s)
 {
     bool spoiled = false;
@@ -373,10 +379,11 @@ static bool warm_bearing_counts_spoiled(const warm_bearing_state *s)
     return spoiled;
 }
 
+/* the change of the fault count of an output at this sample, and the sign of its error */
 static void warm_bearing_find_signs(const warm_bearing_state *s, const warm_bearing_output *measurement,
     float *moves_y, float *side_y)
 {
-    /* which signs show? */
+    /* a count goes up by 1 at a large error, far down at one of the other sign, else down by 1 */
     {
         const float t1 = measurement->y - s->z[0];
         const bool t2 = warm_bearing_within(t1, 0.44f);
@@ -393,7 +400,7 @@ static unsigned warm_bearing_recover(warm_bearing_state *s, const warm_bearing_o
     bool lost = false;
     bool over_range = false;
     bool over_y = false;
-    /* by which sign, and is the estimate lost? */
+    /* which fault counts are at their limits, and must the estimate restart? */
     {
         const bool t1 = s->fault_limit_y <= warm_bearing_abs(s->fault_count_y);
         const float fault_limit_range = s->fault_limit_range;
@@ -480,7 +487,7 @@ static unsigned warm_bearing_count_faults(warm_bearing_state *s, const warm_bear
         s->fault_count_y = (side_y < 0.0f) ? -t1 : t1;
         s->fault_limit_y = (t1 <= 0.0f) ? 2391.0f : fault_limit_y;
     }
-    /* does a guard act? */
+    /* is a fault count at its limit? */
     acts = s->fault_limit_y <= warm_bearing_abs(s->fault_count_y)
         || s->fault_limit_range <= s->fault_count_range;
     if (acts) {

@@ -1,33 +1,299 @@
-"""NAME.md: the mathematics of a step, for people: its equations as LaTeX, gains, claims, hypotheses and references."""
+"""NAME.md: the manual of C, in the order of use, and the mathematics of a step in any language, for people.
 
-from collections.abc import Iterable, Sequence
+The mathematics are equations as LaTeX, gains, claims, hypotheses and references.
+"""
 
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import replace
+
+import numpy as np
 import sympy as sp
 
 from hgogen.check import Verdict
-from hgogen.emit.described import entry
-from hgogen.emit.formula import formulas, plain, table
-from hgogen.emit.manual import BETWEEN, consequence, refuted_and_accepted, said_what_for, title, verdict
-from hgogen.emit.promised import promised
+from hgogen.emit import pystep
+from hgogen.emit.code import indented
+from hgogen.emit.cost import cost
+from hgogen.emit.formula import formulas, plain, prose, table
+from hgogen.emit.interface import (
+    address,
+    described,
+    entry,
+    of_section,
+    parameters,
+    prototype,
+    prototypes,
+    status_type,
+    structs,
+)
+from hgogen.emit.manual import (
+    BETWEEN,
+    UNTIMELY,
+    calls,
+    consequence,
+    faults,
+    gains,
+    late,
+    marks,
+    names_preference,
+    parts,
+    proved_bounds,
+    rates,
+    refuted_and_accepted,
+    result,
+    state,
+    title,
+    verdict,
+)
+from hgogen.emit.naming import c_name
+from hgogen.emit.syntax import Real
 from hgogen.method import equations
-from hgogen.program import INF
+from hgogen.program import INF, Field, Place, Section, lines_of
+from hgogen.program import address as place_of
+from hgogen.registry import version
 from hgogen.sentence import same
-from hgogen.signal import pace
+from hgogen.signal import Signal, pace
 from hgogen.step import Step
+from hgogen.stepping.guards import MARK, OF_PARAMETERS
+from hgogen.stepping.machine import Reading
+from hgogen.stepping.sections import ROUND
 from hgogen.theorem import rows
 
 
 def document(step: Step, manual: Sequence[str] = ()) -> list[str]:
-    """Return its lines, with the manual of a language behind the title, where one is given."""
+    """Return its lines; the `manual` of a language follows the title."""
     first, *others = title(step, "")
-    parts = [_plant, _form, _observer, _gains, _method, _claims, _as_it_runs, _hypotheses, _references]
+    parts_ = [_plant, _form, _observer, _gains, _method, _claims, _as_it_runs, _hypotheses, _references]
     lines = [f"# {plain(first)}", "", *(f"{line}." for line in others)]
     lines += ["", *manual] if manual else []
-    for part in parts:
+    for part in parts_:
         lines += ["", *part(step)]
         while lines[-1] == "":
             lines.pop()
     return lines
+
+
+# --- the manual of C
+
+
+def manual(step: Step, real: Real, check: bool) -> list[str]:
+    """Return the manual in Markdown: how C calls a step, its members, status bits, faults, gains and saved states.
+
+    `check`: whether there is a self-check.
+    """
+    sections = {
+        "Use from C": _use(step),
+        "State, inputs, outputs": _signals(step, real),
+        "Status bits": _status(step),
+        "Missing samples and faults": [*_list(faults(step)), *_late(step, real)],
+        "Changing gains": _list(gains(step, f"{step.name}_tune")),
+        "Saving and restoring": _list([*state(step, "after init or reset and before the first call"), *marks(step)]),
+        "Self-check": _list([*[_CHECK.format(name=step.name)] * check, *_COMPILED]),
+        "Cost": _cost(step, real),
+        "Source": _list(_source(step, check)),
+    }
+    lines = [line for name, inner in sections.items() for line in (f"## {name}", "", *inner, "")]
+    return lines[:-1]
+
+
+def _list(sentences: Iterable[str]) -> list[str]:
+    return [f"- {prose(each)}" for each in sentences]
+
+
+_SHARED = (
+    "No heap, no recursion, no static data that changes, for tables are constant: one set of structs for each "
+    "instance, shared between threads only under a lock of yours."
+)
+_CHECK = "`{name}_check.c` has recorded samples: compile it with the flags of the observer, and run it."
+_COMPILED = (
+    "Compile with `-std=c99 -ffp-contract=off` for the recorded bits, where FLT_EVAL_METHOD of `<float.h>` is 0: "
+    "elsewhere intermediate results are rounded otherwise.",
+    "Never compile with `-ffast-math` or `-ffinite-math-only`, which remove the guards against NaN: the source refuses "
+    "them.",
+    "Nor with `-funsafe-math-optimizations` or `-fassociative-math`, which spoil the bundled functions: the source "
+    "refuses them with GCC 12 and later.",
+    "No macro tells of them in clang, nor of its `-fno-honor-nans`, with which the self-check fails.",
+)
+_WHOLE = (
+    "`{name}_step` is all of the calls above at once, for a period in which every output has a sample; an output "
+    "without one then needs NaN."
+)
+_TIMED = (
+    f"`{{call}}`, and the like of other outputs, is told the number of the period in which the sample was taken: 0 for "
+    f"that of the first predict after init or reset, modulo {ROUND}, which is (uint16_t)k of a counter k of 16 bits or "
+    "more.",
+    f"The counter may wrap round: differences are taken modulo {ROUND}. {UNTIMELY} A sample older by a multiple of "
+    f"{ROUND} periods cannot be told from one of now. Before the first predict every sample is early.",
+)
+
+
+def _use(step: Step) -> list[str]:
+    name, every = step.name, pace(step.dt, step.time)
+    what = "predict, and update where a sample came," if step.code.timed else "one step"
+    lines = [f"One init, then {what} a sampling period of {every}.", "", "```c"]
+    lines += [each.local for each in structs(step)]
+    lines += [f"{name}_init(&s, &p);", f"for (;;) {{                      /* every {every} */"]
+    lines += [*indented(_body(step)), f"    {name}_estimate(&s, &p, &x);", "}", "```", ""]
+    rules = [*calls(step, by_parts=bool(step.code.timed)), f"The status {result(step, 'the bits below')}.", _SHARED]
+    rules += parts(step, f"{name}_step")
+    if step.code.timed:
+        call = _call(step, step.code.timed[-1])
+        rules += [rates(step), _WHOLE.format(name=name), *(each.format(call=call) for each in _TIMED)]
+    return lines + _list(rules)
+
+
+def _body(step: Step) -> list[str]:
+    assigned = [f"in.{c_name(s.name)} = ...;" for s in step.inputs]
+    status = f"{status_type(step)} status"
+    if not step.code.timed:
+        assigned += [f"measurement.{c_name(s.name)} = ...;" for s in step.samples]
+        return [" ".join(assigned), f"{status} = {prototypes(step)['step'].call(address)};"]
+    first, *others = step.code.sections
+    lines = [*assigned, f"{status} = {_call(step, first)};"]
+    for section in others:
+        call, y = f"status |= {_call(step, section)};", section.corrects
+        lines += (
+            [f"if ({y} has a sample now) {{", f"    measurement.{c_name(y)} = ...;", f"    {call}", "}"]
+            if y
+            else [call]
+        )
+    return lines
+
+
+def _call(step: Step, section: Section) -> str:
+    return prototype(step, of_section(step, section)).call(address)
+
+
+_MARKS = {"s": MARK.meaning, "p": OF_PARAMETERS}
+_RANGES = {  # by the bit that a call raises there
+    "OUTSIDE_BOX": "Outside the declared range of a state a call raises OUTSIDE_BOX.",
+    "STATE_LIMITED": "A call keeps the state in its outer box, and raises STATE_LIMITED where it would leave it.",
+}
+_RESOLUTION = (
+    "Float resolution is the distance of two floats at the end of the declared range, else of the outer box. A change "
+    "of less than half of it in one call is lost there: a smaller rate times dt does not accumulate."
+)
+
+
+def _signals(step: Step, real: Real) -> list[str]:
+    """Return the tables of inputs, outputs, estimate, state and parameters."""
+    lines = list[str]()
+    head = ("member", "meaning", "unit", "range")
+    for title_, struct, signals in (("Inputs", "in", step.inputs), ("Outputs", "measurement", step.samples)):
+        if signals:
+            lines += [f"### {title_}", "", *table(head, (_signal(struct, s) for s in signals)), ""]
+    starts = zip(step.states, _first_estimate(step, real), strict=True)
+    estimate = ([*_signal("x", s), same(start)] for s, start in starts)
+    lines += ["### Estimate", "", *table((*head[:3], "declared range", "start"), estimate), ""]
+    coordinates, columns = _coordinates(step, real), ["member", "coordinate", "unit", "start"]
+    columns += ["declared range", "outer box", *["float resolution"] * (real == "float")]
+    lines += ["### State of the observer", "", *table(columns, coordinates), ""] if coordinates else []
+    bits = {bit.place.name for bit in step.layout.bits}
+    notes = [text for name, text in _RANGES.items() if name in bits] + [_RESOLUTION] * (real == "float")
+    lines += [*_list(notes), ""] if coordinates else []
+    mark, ready = step.layout.mark, f"`{step.name.upper()}_READY`"
+    members = [(f"`{struct}.{mark.name}`", plain(meaning), ready) for struct, meaning in _MARKS.items()] if mark else []
+    members += [(f"`{place}`", plain(described(item)), _numbers(item.initial)) for place, item in _members(step)]
+    return [*lines, "### All members of state and parameters", "", *table(("member", "meaning", "start"), members)]
+
+
+def _signal(struct: str, signal: Signal) -> list[str]:
+    name = f"`{struct}.{c_name(signal.name)}`"
+    return [name, plain(signal.meaning), plain(signal.unit), _range(*signal.interval)]
+
+
+def _range(low: float, high: float) -> str:
+    return f"{low:g} .. {high:g}" if -INF < low < high < INF else ""
+
+
+def _numbers(values: Sequence[float]) -> str:
+    """Return the initial values of a field, one for all where they are equal."""
+    return ", ".join(map(same, values if len(set(values)) > 1 else values[:1]))
+
+
+def _first_estimate(step: Step, real: Real) -> list[float]:
+    """Return the estimate (n) after init."""
+    reading = Reading(step.code.estimate, step.layout.groups, step.layout.bits)
+    values = {Place(struct, item.name): item.initial for struct, _, item in _state(step)}
+    tuned = pystep.tuned(step, real)
+    values |= {Place(kind, f.name): tuned[kind][f.name][0] for kind, fields in parameters(step) for f in fields}
+    reading.give(values)
+    reading.action(step.code.estimate)()
+    return [float(reading.memory[Place("estimate", s.name)][0]) for s in step.states]
+
+
+def _state(step: Step) -> Iterator[tuple[str, str, Field]]:
+    """Yield the fields of the state, each with its struct and the text that leads to it."""
+    yield from (("state", f"s.{item.name}", item) for item in step.layout.state)
+    for line in lines_of(step.layout.groups):
+        start = ".".join(["s", *(f"{group.name}[{k}]" for group, k in zip(line, "kj", strict=False))])
+        yield from ((line[-1].name, f"{start}.{item.name}", item) for item in line[-1].fields)
+
+
+def _members(step: Step) -> Iterator[tuple[str, Field]]:
+    """Yield the members of the state and the parameters but their marks, each with the text that leads to it."""
+    for _, place, item in _state(step):
+        yield place, replace(item, unit=step.unit(item))
+    for kind, fields in parameters(step):
+        named = ((c_name(item.name) if kind == "plant" else item.name, item) for item in fields)
+        yield from ((f"p.{kind}.{name}", replace(item, unit=step.unit(item))) for name, item in named)
+
+
+def _coordinates(step: Step, real: Real) -> list[list[str]]:
+    """Return the rows of the elements of the state that have an outer box: those of the estimate."""
+    z, declared = step.observer.z, step.observer.dynamics.box
+    boxes = {place_of(z[i])[:2]: box for i, box in enumerate(declared) if z[i].is_symbolic()}
+    units = {signal.name: signal.unit for signal in step.states}
+    lines = list[list[str]]()
+    for struct, place, item in _state(step):
+        for k, (outer, start) in enumerate(zip(item.box, item.initial, strict=True)) if item.outer else ():
+            label = item.labels[k] if item.labels else ""
+            ends = boxes.get((Place(struct, item.name), k), (-INF, INF))
+            row = [f"`{place}{f'[{k}]' * (item.size > 1)}`", plain(label), plain(units.get(label, "")), same(start)]
+            row += [_range(*ends), _range(*outer)]
+            largest = max(map(abs, ends if ends[1] < INF else outer))
+            resolution = f"{np.spacing(np.float32(largest)):.1g}" if largest < INF else ""
+            lines.append([*row, *[resolution] * (real == "float")])
+    return lines
+
+
+def _status(step: Step) -> list[str]:
+    if not step.layout.bits:
+        return ["The status is 0 in any case."]
+    numbers = "Use the macros: the number of a bit differs from one model to the next."
+    upper = step.name.upper()
+    bits = (
+        (f"`{upper}_{bit.name}`", f"`0x{1 << k:04X}`", plain(bit.meaning), plain(step.action_of(bit)))
+        for k, bit in enumerate(step.layout.bits)
+    )
+    return [numbers, "", *table(("bit", "value", "what happened", "what to do"), bits)]
+
+
+def _late(step: Step, real: Real) -> list[str]:
+    sentences = late(step, real)
+    return ["", "### Late samples", "", *_list(sentences)] if sentences else []
+
+
+def _cost(step: Step, real: Real) -> list[str]:
+    known = cost(step, real)
+    return _list(
+        [
+            f"A call takes up to {known.operations} operations and {known.functions} functions (root, sine, ..).",
+            f"RAM: {known.state} bytes of state and {known.params} bytes of parameters, where unsigned has 4 bytes.",
+            "Flash, stack and cycles depend on the compiler: `hgogen cost` measures them on a Cortex-M4F, and writes "
+            "them to `cost.json`.",
+        ]
+    )
+
+
+def _source(step: Step, check: bool) -> list[str]:
+    name, observer = step.name, step.observer
+    files = [f"`{name}{end}`" for end in (".h", ".c", *["_check.c"] * check)]
+    return [
+        f"hgogen {version()} generated {', '.join(files)} from the model.",
+        f"Observer: {observer.reference}.",
+        "The sections below have the plant, the form, the observer and the method as equations, the claims with their "
+        "evidence, and the hypotheses of the theorem.",
+    ]
 
 
 def _displayed(lines: Iterable[str]) -> list[str]:
@@ -106,9 +372,9 @@ def _method(step: Step) -> list[str]:
     between = f" Between two calls the input is taken to {BETWEEN[step.clock.between]}." if step.inputs else ""
     period = f"A step every {pace(step.dt, step.time)}, which is h.{between}"
     purpose = f"It is made for {step.clock.prefer}{f': {step.choice}' * bool(step.choice)}."
-    what_for = [purpose, ""] * said_what_for(step)
+    preference = [purpose, ""] * names_preference(step)
     equations_ = _displayed(equations(step.method, step.code.rule))
-    return [f"## Method: {plain(step.code.rule)}", "", period, "", *what_for, *equations_]
+    return [f"## Method: {plain(step.code.rule)}", "", period, "", *preference, *equations_]
 
 
 def _claims(step: Step) -> list[str]:
@@ -123,7 +389,7 @@ def _claims(step: Step) -> list[str]:
 
 
 def _as_it_runs(step: Step) -> list[str]:
-    lines = promised(step)
+    lines = proved_bounds(step)
     return ["## As it runs", "", "```text", *lines, "```"] if lines else []
 
 

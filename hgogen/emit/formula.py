@@ -126,6 +126,11 @@ def plain(text: str) -> str:
     return " ".join(text.splitlines()).translate(_MARKS)
 
 
+def prose(text: str) -> str:
+    """Return words in which Markdown reads code between backquotes, and no other mark."""
+    return "`".join(plain(part) if k % 2 == 0 else part for k, part in enumerate(text.split("`")))
+
+
 def table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> list[str]:
     """The lines of a Markdown table."""
     lines = [head, ["---"] * len(head), *rows]

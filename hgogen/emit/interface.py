@@ -1,5 +1,5 @@
-"""The functions that a caller has of a step: in no language, what each is given, whether it writes there and what it
-says; and as C, from which declarations and calls are printed.
+"""The interface of a step: its functions with their parameters, in any language and as C prototypes, and the comments
+of the members of its structs.
 
 A parameter is one of `s` (the state), `p` (the parameters), `in`, `measurement` (what a call is given), `x` (the
 estimate) and `at` (a counter).
@@ -8,11 +8,11 @@ estimate) and `at` (a counter).
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 
-from hgogen.program import Call, Place, Section, places, walk
+from hgogen.program import INF, Call, Field, Place, Section, places, scalar, walk
 from hgogen.signal import Signal
 from hgogen.step import Step
 
-REACHED = {  # the parameter of a function that a place is reached through, or is, and the member of it
+REACHED = {  # the parameter of a function that leads to a place, and the member of it
     "state": ("s", ""),
     "plant": ("p", "plant"),
     "gain": ("p", "gain"),
@@ -22,7 +22,7 @@ REACHED = {  # the parameter of a function that a place is reached through, or i
     "estimate": ("x", ""),
     "argument": ("at", ""),
 }
-MEANINGS = {  # of the parameters
+MEANINGS = {  # of the parameters of functions
     "s": "the state: what a step remembers",
     "p": "the parameters",
     "in": "the input now",
@@ -31,12 +31,18 @@ MEANINGS = {  # of the parameters
     "at": "the number of the period in which the sample was taken",
 }
 
+MEMBERS = {  # of the struct of parameters
+    "plant": "parameters of the plant",
+    "gain": "gains of the observer",
+    "derived": "what `tune` computes of the others",
+}
+
 
 @dataclass(frozen=True)
 class Entry:
-    """A function: its name, its parameters and which of them it writes, whether it returns a status, whether a caller
-    may call it; `anew`: those that it writes whatever they were; `inner`: the name of what it does once its state is
-    ready, where others do that too."""
+    """A function: its name, its parameters and those that it writes, whether it returns a status, whether a caller may
+    call it; `anew`: the parameters that it sets without reading them; `inner`: the name of the function that does its
+    work once the marks are checked, "" where it does that itself."""
 
     name: str
     parameters: tuple[str, ...]
@@ -49,12 +55,13 @@ class Entry:
 
 
 def entries(step: Step) -> dict[str, Entry]:
-    """The functions by name, in the order in which they are shown: those of every step, then the sections that it is
-    made of, which are none of the caller's where they cannot be called apart."""
-    whole = "one sampling period: " + ", ".join(section.name for section in step.code.sections)
+    """Return the functions by name, in the order of the header: those of every step, then its sections, which are
+    public where they can be called apart."""
+    whole = f"one sampling period: {', '.join(section.name for section in step.code.sections)}"
+    whole += f"{'; NaN means a missing sample' * step.clock.guarded}; the first call advances no time"
     does = ["limits them to their ranges"] * step.clock.guarded
     does += ["computes the derived ones"] * bool(step.layout.derived)
-    limits = f"after a change of parameters: {' and '.join(does) or 'nothing is left to do'}"
+    limits = f"after a change of parameters: {' and '.join(does) or 'there is nothing to do'}"
     both, nominal = ("s", "p"), "nominal parameters, tuned, and a reset state"
     every = (
         Entry("init", both, both, nominal, status=False, anew=both),
@@ -68,7 +75,7 @@ def entries(step: Step) -> dict[str, Entry]:
 
 
 def of_section(step: Step, section: Section) -> Entry:
-    """The function of a section."""
+    """Return the function of a section."""
     called = (s.section.program for s in walk(section.program) if isinstance(s, Call))
     used = reached(place for program in (section.program, *called) for place, _ in places(program))
     public = step.code.apart and section.name not in {each.name for each in step.code.inner}  # a call may hold another
@@ -78,12 +85,12 @@ def of_section(step: Step, section: Section) -> Entry:
 
 
 def reached(places: Iterable[Place]) -> set[str]:
-    """The parameters that places are reached through."""
+    """Return the parameters that lead to places."""
     return {REACHED[place.struct][0] for place in places if place.struct in REACHED}
 
 
 def direction(entry: Entry, name: str) -> str:
-    """Whether a parameter goes in, comes out, or both."""
+    """Return the direction of a parameter: "in", "out" or "in,out"."""
     return "in" if name not in entry.written else "out" if name in entry.anew else "in,out"
 
 
@@ -94,7 +101,7 @@ def _parameters(step: Step, used: set[str]) -> tuple[str, ...]:
 
 @dataclass(frozen=True)
 class Parameter:
-    """A parameter of a C function: a pointer to `type`, which is only read where `constant`, or a value."""
+    """A parameter of a C function: a pointer to `type`, to a constant where `constant`, or a value."""
 
     type: str
     name: str
@@ -106,7 +113,7 @@ class Parameter:
 
     @property
     def local(self) -> str:
-        """The declarations of a caller whose structs are named as the parameters are."""
+        """The declaration of a caller's struct of the same name."""
         return f"{self.type} {self.name};"
 
 
@@ -115,7 +122,7 @@ AT = Parameter("uint16_t", "at", pointer=False)
 
 @dataclass(frozen=True)
 class Prototype:
-    """A C function: what it `returns`, its name, its parameters; `public` in the interface, else of its file."""
+    """A C function: the type that it `returns`, its name, its parameters; static where not `public`."""
 
     returns: str
     name: str
@@ -128,63 +135,105 @@ class Prototype:
         return f"{'' if self.public else 'static '}{self.returns} {self.name}({parameters})"
 
     def call(self, argument: Callable[[Parameter], str]) -> str:
-        """A call with what `argument` makes of each parameter."""
+        """Return a call, whose arguments `argument` writes."""
         return f"{self.name}({', '.join(map(argument, self.parameters))})"
 
 
-def own(parameter: Parameter) -> str:
-    """The argument from a function that has a parameter of the same name."""
+def same_name(parameter: Parameter) -> str:
+    """Return the argument of a function that has a parameter of the same name."""
     return parameter.name
 
 
 def address(parameter: Parameter) -> str:
-    """The argument of a caller whose structs are named as the parameters are."""
+    """Return the argument of a caller whose structs have the names of the parameters."""
     return f"&{parameter.name}" if parameter.pointer else parameter.name
 
 
 def inside(step: Step, section: Section) -> Prototype:
-    """The body of a section, once its state is ready: a function of the file's own, where the entry is none."""
+    """Return the function that does the work of a section once the marks are checked."""
     entry = of_section(step, section)
     return prototype(step, replace(entry, name=entry.inner, public=False) if entry.inner else entry)
 
 
 def readied(step: Step) -> Prototype:
-    """The code that makes a state of memory that holds none, and looks for parameters."""
+    """Return the function that resets a state without its mark, or with parameters without theirs."""
     s, p = (replace(each, constant=each.name == "p") for each in structs(step)[:2])
     meaning = "memory without its mark is not used: the state begins anew, which the status says"
     return Prototype(status_type(step), f"{step.name}_ready", (s, p), meaning, public=False)
 
 
 def nominal(step: Step) -> Prototype:
-    """The code that makes memory nominal parameters, which are not tuned yet."""
+    """Return the function that sets nominal parameters, which are not tuned yet."""
     return Prototype("void", f"{step.name}_nominal", structs(step)[1:2], "nominal parameters", public=False)
 
 
 def status_type(step: Step) -> str:
-    """C type of a status: `unsigned`, 16 bits wide on the smallest targets, where that is enough."""
+    """Return the C type of a status: `unsigned`, which has 16 bits on the smallest targets, where they are enough."""
     return "unsigned" if len(step.layout.bits) <= 16 else f"{step.layout.word}_t"
 
 
 def structs(step: Step) -> tuple[Parameter, ...]:
-    """The structs that there are, as parameters: state, parameters, input, output, estimate."""
+    """Return the structs of a step as parameters: state, parameters, input, output, estimate."""
     kinds = [("state", "s"), ("params", "p"), ("input", "in"), ("output", "measurement"), ("plant", "x")]
-    return tuple(Parameter(f"{step.name}_{kind}", short) for kind, short in kinds if kind != "input" or step.inputs)
+    return tuple(Parameter(f"{step.name}_{kind}", name) for kind, name in kinds if kind != "input" or step.inputs)
 
 
 def assigned(step: Step) -> tuple[tuple[str, Signal], ...]:
-    """The signals that a call is given, each with the struct that a caller assigns it in."""
+    """Return the signals of a call, each with the struct in which a caller assigns it."""
     return (*(("in", s) for s in step.inputs), *(("measurement", s) for s in step.samples))
 
 
 def prototypes(step: Step) -> dict[str, Prototype]:
-    """The interface by names without the prefix, in the order of the header."""
+    """Return the C functions by names without the prefix, in the order of the header."""
     return {name: prototype(step, entry) for name, entry in entries(step).items()}
 
 
 def prototype(step: Step, entry: Entry) -> Prototype:
-    """The C function of an entry."""
+    """Return the C function of an entry."""
     kinds = {each.name: each for each in structs(step)} | {AT.name: AT}
     read_only = (kinds[name].pointer and name not in entry.written for name in entry.parameters)
     parameters = tuple(replace(kinds[name], constant=c) for name, c in zip(entry.parameters, read_only, strict=True))
     returns = status_type(step) if entry.status else "void"
     return Prototype(returns, f"{step.name}_{entry.name}", parameters, entry.meaning, entry.public)
+
+
+# --- the comments of members
+
+FEW = 3  # entries of a matrix that a comment lists
+
+
+def described(item: Field) -> str:
+    """Return the comment of a field: meaning, elements, unit and range."""
+    parts = [item.meaning] if item.meaning else []
+    entries = tuple(entry(item.name, each) for each in item.entries)
+    entries = (f"{entries[0]} .. {entries[-1]}",) if len(entries) > FEW else entries
+    if elements := item.labels or entries:
+        parts.append(", ".join(elements))
+    text = ": ".join(parts)
+    ranges = {(low, high) for low, high in item.box if low > -INF and high < INF}
+    if item.unit:
+        text += f" [{item.unit}]"
+    if item.kind == "real" and len(ranges) == 1 and all(low > -INF for low, _ in item.box):
+        low, high = ranges.pop()
+        text += f", {low:g} .. {high:g}" if low < high else f", fixed at {low:g}"
+    return text.strip(", ")
+
+
+def of_signal(step: Step, signal: Signal) -> Field:
+    """Return a signal as the field of one number, with the same comment."""
+    low, high = signal.interval
+    derivatives = (u.derivative(k, step.time) for u in step.inputs for k in range(1, len(step.inputs)))
+    units = {each.name: each.unit for each in derivatives}  # in the model's time
+    unit = units.get(signal.name, signal.unit)
+    return scalar(signal.name, 0, low=low, high=high, unit=unit, meaning=signal.meaning)
+
+
+def entry(name: str, place: tuple[int, int]) -> str:
+    """Return the name of an entry of a matrix, such as `L21` of row 2, column 1."""
+    return f"{name}{place[0]}{place[1]}"
+
+
+def parameters(step: Step) -> tuple[tuple[str, tuple[Field, ...]], ...]:
+    """Return the members of the parameters that a step has: kind and fields."""
+    kinds = (("plant", step.layout.plant), ("gain", step.layout.gains), ("derived", step.layout.derived))
+    return tuple((kind, fields) for kind, fields in kinds if fields)

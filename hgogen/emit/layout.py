@@ -1,14 +1,14 @@
-"""A step's memory in the layout of the C structs: numpy's aligned records are laid out as a C compiler does it here.
+"""The memory of a step in the layout of the C structs: numpy aligns records as a C compiler of this machine does.
 
-A record of `kept_type` holds all that a step works on, so that one address is enough: the state and the parameters, the
-input and the measurement of a sample, the number of its period (`at`), the estimate and the traces that come out.
+A record of `kept_type` is all memory of a step, so that one address is enough: the state and the parameters, the input
+and the measurement of a sample, the number of its period (`at`), the estimate and the traces.
 """
 
 from collections.abc import Iterable
 
 import numpy as np
 
-from hgogen.emit.described import parameters
+from hgogen.emit.interface import parameters
 from hgogen.emit.saved import mark
 from hgogen.emit.syntax import DTYPE, Real
 from hgogen.program import Field, Group, Place, lines_of
@@ -17,19 +17,19 @@ from hgogen.stepping.sections import AT
 
 
 def state_type(step: Step, real: Real = "double") -> np.dtype:
-    """The struct NAME_state."""
+    """Return the struct NAME_state."""
     return np.dtype(_members(step.layout.stored, real) + _arrays(step.layout.groups, real), align=True)
 
 
 def params_type(step: Step, real: Real = "double") -> np.dtype:
-    """The struct NAME_params."""
+    """Return the struct NAME_params."""
     kinds: list[tuple[str, np.dtype]] = [(step.layout.mark.name, np.dtype(np.uint32))] if step.layout.mark else []
     kinds += [(kind, np.dtype(_members(fields, real), align=True)) for kind, fields in parameters(step)]
     return np.dtype(kinds or [("none", np.dtype(np.uint8))], align=True)
 
 
 def kept_type(step: Step, real: Real = "double") -> np.dtype:
-    """The struct NAME_kept of `targets.record`."""
+    """Return the struct NAME_kept of `targets.record`."""
     signals = {"input": step.inputs, "output": step.samples, "estimate": step.states}
     members = [("state", state_type(step, real)), ("params", params_type(step, real))]
     members += [("at", np.dtype(np.uint32))] if step.code.timed else []
@@ -41,7 +41,7 @@ def kept_type(step: Step, real: Real = "double") -> np.dtype:
 
 
 def places(step: Step, record: np.ndarray) -> dict[Place, np.ndarray]:
-    """The position of each place of a step in a record (1) of `kept_type`."""
+    """Return the view of each place of a step in a record (1) of `kept_type`."""
     views = _stored(step, record["state"])
     for kind, fields in parameters(step):
         views |= {Place(kind, field.name): _flat(record["params"][kind], field) for field in fields}
@@ -51,8 +51,8 @@ def places(step: Step, record: np.ndarray) -> dict[Place, np.ndarray]:
 
 
 def state_places(step: Step, state: np.ndarray) -> dict[Place, np.ndarray]:
-    """The position of each place of the state in a record (1) of `state_type`: (size), (count, size) for a field of a
-    group, (count, count, size) for one of a group in a group."""
+    """Return the view of each place of the state in a record (1) of `state_type`: (size), (count, size) for a field of
+    a group, (count, count, size) for one of a group in a group."""
     views = {Place("state", field.name): _flat(state, field) for field in step.layout.state}
     for line in lines_of(step.layout.groups):
         view = state[line[0].name][0]
@@ -64,9 +64,8 @@ def state_places(step: Step, state: np.ndarray) -> dict[Place, np.ndarray]:
     return views
 
 
-def made(step: Step, real: Real = "double") -> np.ndarray:
-    """A record (1) of `kept_type` with the state as before the first call and nominal parameters, which are not tuned
-    yet."""
+def initial_record(step: Step, real: Real = "double") -> np.ndarray:
+    """Return a record (1) of `kept_type` with the state before the first call and nominal parameters, not yet tuned."""
     record = np.zeros(1, kept_type(step, real))
     record["state"] = np.frombuffer(fresh(step, real), state_type(step, real))
     views = places(step, record)
@@ -79,7 +78,7 @@ def made(step: Step, real: Real = "double") -> np.ndarray:
 
 
 def fresh(step: Step, real: Real = "double") -> bytes:
-    """The bytes of a state as before the first call."""
+    """Return the bytes of a state before the first call."""
     state = np.zeros(1, state_type(step, real))
     layout = step.layout
     members = [("state", layout.stored), *((group.name, group.fields) for *_, group in lines_of(layout.groups))]

@@ -1,10 +1,15 @@
-"""What emitted code says at its head in every language: the mathematics, its claims, how a lost estimate restarts.
+"""The texts of emitted code in every language: title, mathematics, claims, proved error bounds, and how to call a step.
 
-A claim is one line: its verdict, its id, and the number that its reason begins with.
+A claim is one line: its verdict, its id, and the number that its reason begins with. The functions on calls return
+sentences, of which the targets make paragraphs or lists; code in them is between backquotes.
+
+Numbers that a solver leads to have two digits, rounded to the safe side, so that another version of it seldom writes
+others; what a user has given is printed unchanged.
 """
 
 import numbers
-from collections.abc import Container
+from collections.abc import Callable, Container, Iterator, Mapping
+from fractions import Fraction
 from functools import lru_cache
 from typing import Any
 
@@ -14,53 +19,55 @@ from hgogen.analysis.evidence import NotCertifiable, fingerprint
 from hgogen.check import Check, Verdict
 from hgogen.emit.cost import cost
 from hgogen.emit.naming import renaming_sentence
-from hgogen.emit.promised import promised
 from hgogen.emit.syntax import Real, Syntax
 from hgogen.observer import Observer
+from hgogen.program import Place
+from hgogen.prove.questions import Each, Signed
 from hgogen.reading.given import Misfit, field_text
 from hgogen.recheck.file import DIGEST_DIGITS
 from hgogen.registry import version
-from hgogen.sentence import Down, Sentence, Up, same
-from hgogen.signal import pace
+from hgogen.sentence import Down, Sentence, Up, down, same, up
+from hgogen.signal import Signal, pace
 from hgogen.step import Step
 from hgogen.stepping.delays import MEMORY
-from hgogen.stepping.guards import NO_PARAMETERS, UNINITIALISED
+from hgogen.stepping.guards import NO_PARAMETERS, STEP_BITS, UNINITIALISED
 from hgogen.stepping.members import read_fields
 from hgogen.stepping.sections import OLDEST
 
+# --- title, mathematics and claims
+
 
 def document_name(step: Step) -> str:
-    """The file that says what the head of the code leaves out: hypotheses, evidence, equations."""
+    """Return the name of the manual, which has what the header leaves out: hypotheses, evidence, equations."""
     return f"{step.name}.md"
 
 
-def in_short(check: Check, accepted: Container[str]) -> str:
-    """The line; of a refuted claim that was accepted with what follows."""
+def claim_line(check: Check, accepted: Container[str]) -> str:
+    """Return a claim in one line, with the consequence of one that is refuted and accepted."""
     at = ", ".join(f"{name} = {value:g}" for name, value in check.witness.items())
-    parts = [_clause(str(check.reason)) if _has_number(check.reason) else "", f"at {at}" if at else ""]
-    taken = refuted_and_accepted(check, accepted)
-    parts.append(f"so {consequence(check)}" if taken else "")
-    said = "; ".join(filter(None, parts))
-    return f"{verdict(check, accepted)}: {check.id}{f': {said}' if said else ''}"
+    parts = [_first_clause(str(check.reason)) if _has_number(check.reason) else "", f"at {at}" if at else ""]
+    parts.append(f"so {consequence(check)}" if refuted_and_accepted(check, accepted) else "")
+    evidence = "; ".join(filter(None, parts))
+    return f"{verdict(check, accepted)}: {check.id}{f': {evidence}' if evidence else ''}"
 
 
 def verdict(check: Check, accepted: Container[str]) -> str:
-    """The verdict, and whether it was accepted."""
+    """Return the verdict, and whether the user accepted the claim."""
     return f"{check.verdict}{' (accepted by the user)' if refuted_and_accepted(check, accepted) else ''}"
 
 
 def refuted_and_accepted(check: Check, accepted: Container[str]) -> bool:
-    """Whether a user took a refuted claim on."""
+    """Return whether a claim is refuted and the user accepted it."""
     return check.id in accepted and check.verdict is Verdict.REFUTED
 
 
 def consequence(check: Check) -> str:
-    """The consequence for the reader."""
+    """Return what follows for the user from an accepted claim."""
     return check.consequence or "no convergence theorem is in force"
 
 
 def _has_number(value: Any) -> bool:
-    """Whether a sentence names a number, or a sentence in it does."""
+    """Return whether a sentence, or a sentence in it, names a number."""
     if isinstance(value, Sentence):
         return any(_has_number(each) for name, each in value.values if name != "boxes")  # of a search
     if isinstance(value, tuple):
@@ -68,8 +75,8 @@ def _has_number(value: Any) -> bool:
     return isinstance(value, numbers.Real | Up | Down) or (isinstance(value, sp.Expr) and value.is_number)
 
 
-def _clause(text: str) -> str:
-    """A sentence up to its first comma or semicolon outside of parentheses."""
+def _first_clause(text: str) -> str:
+    """Return a sentence up to its first comma or semicolon outside of parentheses."""
     depth = 0
     for k, sign in enumerate(text):
         depth += {"(": 1, ")": -1}.get(sign, 0)
@@ -78,200 +85,208 @@ def _clause(text: str) -> str:
     return text
 
 
-FAULTS = (
-    "An output that is not finite is missing: the step predicts. An input that is not finite reuses the last valid "
-    "one. No input, however absurd, makes the state infinite or not a number. A sensor that sticks at a plausible "
-    "value is not noticed."
-)
-UNGUARDED = (
-    "This step has no guards. Every sample is used as it comes, the model is evaluated as it is written wherever the "
-    "estimate goes, and nothing is clamped, capped or restarted: an input or a sample that is not a number, or absurd, "
-    "spoils the state until reset is called. What is proved of the observer with guards rests on clamps and is not "
-    "claimed here; the claims below are of the form alone, on the declared ranges."
-)
-MARKED = (
-    "It begins with a mark, s.{mark}, that init and reset leave there. Memory without it (zeros, what a stack held, a "
-    "page that was erased, a state of another program) is not used: the call that meets it begins as after a reset, "
-    "and says {bit}. Parameters have a mark, p.{mark}, from init or PARAMS_INIT. A call that meets parameters without "
-    "it takes no sample, leaves the state as after a reset, and says {none}; tune makes them nominal, and says it too. "
-    "Only estimate, which has no status, does not ask: call it after a step. Parameters that nothing changes may be "
-    "constant, and lie in flash: begin them with PARAMS_INIT, and call reset in place of init. The mark is no "
-    "checksum: what is kept while the power is off goes through save and restore, which have one. What is saved are "
-    "the bytes of the struct, for machines that have the same types in the same order of bytes."
-)
-_JUDGED = (
-    "Whether dt is short enough was judged with gains and parameters at their nominal values, which proves nothing: "
-    "others may ask for a shorter one."
-)
-RANGES = (
-    "or the change is neither limited nor complete. Ranges are those of the model: to widen one, generate anew. "
-    f"{_JUDGED} A gain whose largest value is its nominal one can only go down."
-)
-UNLIMITED = f"or the change is not complete; it limits nothing. {_JUDGED}"
-ORDER = (
-    "in this order, each once a period. Call them one by one, and or their statuses, where a sample comes later than "
-    "the input. Without a sample leave its update out; with NaN it raises MISSING as well, and the last one the bits "
-    "about the estimate. An update that comes again, or before a predict, does not correct, and says so."
-)
-ORDER_UNGUARDED = (
-    "in this order, each once a period. Call them one by one where a sample comes later than the input. Without a "
-    "sample leave its update out: NaN spoils the state. An update that comes again corrects again."
-)
-ORDER_OF_LATE = (
-    "in this order. Call them one by one, and or their statuses, where several samples of an output come in one "
-    "period, or none: predict once a period, an update for each sample, in any order; then adapt, once after them, "
-    "raises the bits about the estimate. Until then no sample is used. Without a sample leave its update out; with NaN "
-    "it raises MISSING."
-)
-CALL = (
-    "The call at t_k uses the samples of t_k and leaves the estimate at t_k; the first call advances no time. The "
-    "period is compiled in:"
-)
-SAMPLE = {True: "NaN for a sample that did not come", False: "a number for every sample"}
-UNTIMELY = (
-    f"A sample up to {OLDEST} periods older than the state is late, any other that is not of now is early; neither is "
-    "used."
-)
 BETWEEN = {"hold": "be held at the value now", "line": "move on a straight line from the value before to that now"}
 
 
 def title(step: Step, command: str) -> list[str]:
-    """The title: what a step is, and what made it. Raises: `Misfit` for a command that is no text."""
+    """Return the title: what a step is, and the version and command that generated it.
+
+    Raises: `Misfit` for a command that is no text.
+    """
     if not isinstance(command, str):
         raise Misfit("command=", command, "a text, what made the files")
-    made = f"hgogen {version()}" + (f": {command}" if command else "")
+    generator = f"hgogen {version()}" + (f": {command}" if command else "")
     digest = model_digest(step.observer)  # which ties the emitted code to a certificate of the same model
-    said = f"{digest}, as `hgogen recheck` prints it for the model's certificate"
-    lines = [f"{step.name}: {step.observer.name} observer, generated by {made}"]
-    lines.append(f"Model: {said if digest else 'no certificate can carry all of its functions'}")
+    certificate = f"{digest}, as `hgogen recheck` prints it for the model's certificate"
+    lines = [f"{step.name}: {step.observer.name} observer, generated by {generator}"]
+    lines.append(f"Model: {certificate if digest else 'no certificate can carry all of its functions'}")
     if step.time != "s":
         lines.append(f"Time is counted in {step.time}: call it every {pace(step.dt, step.time)}")
     return lines
 
 
+@lru_cache(maxsize=32)  # a header names it twice, and steps of one observer do
+def model_digest(observer: Observer) -> str:
+    """Return the digest that `hgogen recheck` prints of the model; "" where no certificate can carry it."""
+    try:
+        return fingerprint(observer.form, observer.checks, observer.name)[:DIGEST_DIGITS]
+    except NotCertifiable:
+        return ""
+
+
 def mathematics(step: Step, syntax: Syntax) -> list[str]:
-    """The equations of a step and its claims, and what the language calls otherwise."""
+    """Return the equations of a step and its claims, and the names that the language changes."""
     observer, form = step.observer, step.observer.form
     origin = form.system.origin
     plant = form.system.declared
-    lines = ["Plant"] + [f"  {s}' = {e}" for s, e in zip(plant.states, plant.flow, strict=True)]
-    lines += [f"  {y} = {e}" for y, e in zip(plant.outputs, plant.output, strict=True)]
+    lines = ["Plant", *(f"  {each}" for each in _equations(step))]
     fixed = [f"{p.name} = {same(float(value))}" for p, value in plant.nominal.items()]
     lines += ["  " + ", ".join(fixed)] if fixed else []
-    new = zip(form.system.states, origin.forward, strict=True) if origin else ()
-    lines += ["In the states " + ", ".join(f"{w} = {e}" for w, e in new)] if origin else []
+    recast = zip(form.system.states, origin.forward, strict=True) if origin else ()
+    lines += ["In the states " + ", ".join(f"{w} = {e}" for w, e in recast)] if origin else []
     lines += [f"Form: {form.kind}, " + ", ".join(f"{z} = {e}" for z, e in zip(form.states, form.to_form, strict=True))]
     lines += ["Observer"] + [f"  {line}" for line in observer.equations]
     lines += [f"  {field_text(f)}" for f in step.layout.gains]
-    lines += [f"Method: {step.code.rule}, dt = {pace(step.dt, step.time)}"]
-    lines += [f"Made for {step.clock.prefer}{f': {step.choice}' * bool(step.choice)}"] * said_what_for(step)
-    lines += ["Guards: none"] * (not guarded(step))
+    lines += _method(step)
     lines += [f"Between two calls the input is taken to {BETWEEN[step.clock.between]}"] * bool(step.inputs)
     lines += [f"Reference: {observer.reference}", "Claims"]
-    lines += [f"  {in_short(check, observer.accepted)}" for check in observer.checks]
-    lines += promised(step)
-    lines += [f"Hypotheses of its theorem, and the evidence of the claims: {document_name(step)}"]
-    names = renaming_sentence(step, syntax)
-    return [*lines, f"{names[0].upper()}{names[1:]}"] if names else lines
+    lines += [f"  {claim_line(check, observer.accepted)}" for check in observer.checks]
+    return [*lines, *proved_bounds(step), *_references(step, syntax)]
 
 
-SHORT = 4  # equations of a plant that are in the head of C
+FEW = 4  # equations of a plant that are in the head of C
 LINE = 100  # columns of one
 
 
 def summary(step: Step, syntax: Syntax) -> list[str]:
-    """Return what a step is in about ten lines: what of its equations is short, and the claims that are not proved."""
+    """Return a step in about ten lines: equations that are short, and the claims that are not proved."""
     observer, plant = step.observer, step.observer.form.system.declared
-    equations = [f"{s}' = {e}" for s, e in zip(plant.states, plant.flow, strict=True)]
-    equations += [f"{y} = {e}" for y, e in zip(plant.outputs, plant.output, strict=True)]
+    equations = _equations(step)
     counted = ((plant.states, "state"), (plant.inputs, "input"), (plant.outputs, "output"))
     sizes = ", ".join(f"{len(each)} {name}{'s' * (len(each) != 1)}" for each, name in counted)
-    short = len(equations) <= SHORT and max(map(len, equations)) <= LINE
-    lines = ["Plant", *(f"  {each}" for each in equations)] if short else [f"Plant: {sizes}"]
+    brief = len(equations) <= FEW and max(map(len, equations)) <= LINE
+    lines = ["Plant", *(f"  {each}" for each in equations)] if brief else [f"Plant: {sizes}"]
     lines += [f"Form: {observer.form.kind}", f"Observer: {observer.name}"]
-    own = (*observer.equations, *(field_text(f) for f in step.layout.gains))
-    lines += [f"  {each}" for each in own if len(each) <= LINE][:SHORT]
-    lines += [f"Method: {step.code.rule}, dt = {pace(step.dt, step.time)}"]
-    lines += [f"Made for {step.clock.prefer}{f': {step.choice}' * bool(step.choice)}"] * said_what_for(step)
-    lines += ["Guards: none"] * (not guarded(step))
-    left = [check for check in observer.checks if check.verdict is not Verdict.PROVED]
-    lines += [f"Claims: {len(observer.checks) - len(left)} proved"]
-    lines += [f"  {in_short(each, observer.accepted)}" for each in left]
-    lines += promised(step)[:1]
-    lines += [f"Hypotheses of its theorem, and the evidence of the claims: {document_name(step)}"]
+    laws = (*observer.equations, *(field_text(f) for f in step.layout.gains))
+    lines += [f"  {each}" for each in laws if len(each) <= LINE][:FEW]
+    lines += _method(step)
+    unproved = [check for check in observer.checks if check.verdict is not Verdict.PROVED]
+    lines += [f"Claims: {len(observer.checks) - len(unproved)} proved"]
+    lines += [f"  {claim_line(each, observer.accepted)}" for each in unproved]
+    return [*lines, *proved_bounds(step)[:1], *_references(step, syntax)]
+
+
+def _equations(step: Step) -> list[str]:
+    plant = step.observer.form.system.declared
+    equations = [f"{s}' = {e}" for s, e in zip(plant.states, plant.flow, strict=True)]
+    return equations + [f"{y} = {e}" for y, e in zip(plant.outputs, plant.output, strict=True)]
+
+
+def _method(step: Step) -> list[str]:
+    lines = [f"Method: {step.code.rule}, dt = {pace(step.dt, step.time)}"]
+    lines += [f"Made for {step.clock.prefer}{f': {step.choice}' * bool(step.choice)}"] * names_preference(step)
+    return lines + ["Guards: none"] * (not step.clock.guarded)
+
+
+def _references(step: Step, syntax: Syntax) -> list[str]:
+    lines = [f"Hypotheses of its theorem, and the evidence of the claims: {document_name(step)}"]
     names = renaming_sentence(step, syntax)
     return [*lines, f"{names[0].upper()}{names[1:]}"] if names else lines
 
 
-def said_what_for(step: Step) -> bool:
-    """Whether the manual names what a step is made for: where that is flash, or where the covariance is in loops."""
+def names_preference(step: Step) -> bool:
+    """Return whether the manual names speed or flash: for flash, or where the covariance is in loops."""
     return step.clock.prefer == "flash" or any(group.name == "column" for group in step.layout.groups)
 
 
-def guarded(step: Step) -> bool:
-    """Whether it has guards."""
-    return step.clock.guarded
+# --- how to call a step
+
+_UNGUARDED = (
+    "This step has no guards. Every sample is used as it comes, the model is evaluated wherever the estimate is, and "
+    "nothing is clamped, capped or restarted.",
+    "An input or a sample that is not a number, or absurd, spoils the state until reset is called.",
+    "The proofs of the observer with guards assume clamps and are not claimed here: the claims below are of the form "
+    "alone, on the declared ranges.",
+)
+_JUDGED = (
+    "Whether dt is short enough was judged with gains and parameters at their nominal values, which proves nothing for "
+    "others: they may need a shorter dt."
+)
+UNTIMELY = (
+    f"A sample up to {OLDEST} periods older than the state is late, any other that is not of now is early; neither is "
+    "used."
+)
 
 
-def period(step: Step, by_parts: bool = False) -> str:
-    """The paragraph on the call of a period: what it uses and leaves, and what it does with absurd signals and with an
-    estimate that is lost; `by_parts`: a caller with guards calls its parts."""
-    once = "predict for each" if by_parts and guarded(step) else f"call for each, with {SAMPLE[guarded(step)]}"
-    return f"{CALL} one {once}. {f'{FAULTS} {recovery(step)}' if guarded(step) else UNGUARDED}"
+def calls(step: Step, by_parts: bool = False) -> list[str]:
+    """Return the rules of a call: which samples it uses, and when; `by_parts`: a caller calls sections."""
+    sample = "NaN for a missing sample" if step.clock.guarded else "a number for every sample"
+    once = "predict for each" if by_parts and step.clock.guarded else f"call for each, with {sample}"
+    return [
+        "The call at t_k uses the samples of t_k and leaves the estimate at t_k; the first call advances no time.",
+        f"The period is compiled in: one {once}.",
+    ]
 
 
-def parts(step: Step, name: str, quoted: str = "{}") -> list[str]:
-    """The paragraph on calls of single sections, where they can be called.
-
-    Args: `name`, what calls all; `quoted`: {}, the name of a section in a text.
-    """
-    sections = ", ".join(quoted.format(section.name) for section in step.code.sections)
-    order = ORDER_OF_LATE if step.ages else ORDER if guarded(step) else ORDER_UNGUARDED
-    return [f"{name} is {sections}: {order}"] if step.code.apart else []
-
-
-def gains(step: Step, members: str, call: str) -> str:
-    """The paragraph on a change of gains, which are these members, and the call that completes it."""
-    return f"Change gains in {members}, then call {call}, {RANGES if guarded(step) else UNLIMITED}"
+def faults(step: Step) -> list[str]:
+    """Return the sentences on signals that are missing or absurd, and on an estimate that is lost."""
+    if not step.clock.guarded:
+        return list(_UNGUARDED)
+    return [
+        "An output that is not finite is missing: the step predicts. An input that is not finite is replaced by the "
+        "last valid one.",
+        "No input, however absurd, makes the state infinite or not a number.",
+        "A sensor that sticks at a plausible value is not noticed.",
+        *recovery(step),
+    ]
 
 
-def state(step: Step, made: str, before: str, quoted: str = "{}") -> str:
-    """The paragraph on what may be done with a state; `made`: where it comes from, or ""; `before`: the call before
-    which it may be written."""
-    read = read_fields([step.observer.z])
-    own = " and ".join(quoted.format(f"s.{field.name}") for field in step.layout.state if field.name in read)
-    sentences = (
-        "The state may be copied. What save gives of it is restored by the same program, and refused where the model, "
-        "the observer, a default gain, dt, the precision or a bit is another.",
-        made,
-        f"To start from an estimate of yours write {own}, in the coordinates that the struct names, {before}, which "
-        "takes the estimate as it stands; what else a step remembers of it starts there too.",
+def recovery(step: Step) -> list[str]:
+    """Return the sentences on the fault counts, and on the restart of an estimate that is lost."""
+    signs = step.code.signs
+    if not signs:
+        return ["No declared range says where y or the estimate can be, so nothing restarts an estimate that is lost."]
+    counts = ", and ".join(f"samples at which {sign.meaning} in `s.{sign.count}`" for sign in signs)
+    times = " or ".join(dict.fromkeys(pace(float(f"{sign.time:.3g}"), step.time) for sign in signs))
+    longest = pace(float(f"{max(sign.longest for sign in signs):.2g}"), step.time)
+    of_output = any(sign.output is not None for sign in signs)
+    of_range = any(sign.output is None for sign in signs)
+    causes = ["the count of an output reaches its limit"] * of_output
+    causes += ["that of the range does while the estimate is outside by half of a range, or does so again"] * of_range
+    memory = ["fault counts", "last input and samples", *(f"`s.{f.name}`" for f in step.layout.state if f.lasting)]
+    projected = "When the count of the range first reaches its limit, the estimate is projected onto its ranges."
+    return [
+        f"The step counts {counts}. Other samples count down, and so does each change of sign of the error, so that "
+        "noise does not add up.",
+        f"A guard acts when a count reaches its limit, after {times} of such samples at the least.",
+        *[projected] * of_range,
+        f"The observer restarts from the sample when {', and when '.join(causes)}. It keeps its {', '.join(memory)} "
+        "and counters of calls.",
+        f"The count stays and its limit doubles: a guard acts again when such samples have come for twice as long in "
+        f"all, later every {longest}, until the count is 0 again. After a long fault a restart may take as long once "
+        "more.",
+    ]
+
+
+def parts(step: Step, name: str) -> list[str]:
+    """Return the sentences on calls of single sections, none where they cannot be called; `name`: what calls all."""
+    if not step.code.apart:
+        return []
+    sections = ", ".join(f"`{section.name}`" for section in step.code.sections)
+    if step.ages:
+        return [
+            f"`{name}` is {sections}: in this order. Call them one by one, and or their statuses, where several "
+            "samples of an output come in one period, or none.",
+            "Call predict once a period, an update for each sample, in any order, and adapt once after them. Until "
+            "then no sample is used; adapt, once after them, raises the bits about the estimate.",
+            "For a missing sample leave its update out; with NaN it raises MISSING.",
+        ]
+    order = f"`{name}` is {sections}: in this order, each once a period."
+    if not step.clock.guarded:
+        return [
+            f"{order} Call them one by one where a sample comes later than the input.",
+            "For a missing sample leave its update out: NaN spoils the state. An update that comes again corrects "
+            "again.",
+        ]
+    return [
+        f"{order} Call them one by one, and or their statuses, where a sample comes later than the input.",
+        "For a missing sample leave its update out, or call it with NaN, which raises MISSING as well. The last update "
+        "raises the bits about the estimate.",
+        "An update that comes again, or before a predict, does not correct, and raises a bit.",
+    ]
+
+
+def rates(step: Step) -> str:
+    """Return the sentences on how often each output of a step has a sample."""
+    each = (f"{y} every {pace(period, step.time)}" for y, period in zip(step.outputs, step.clock.periods, strict=True))
+    return (
+        f"Sensors of different rates: {', '.join(each)}. The noise R of an output is taken for that period: give no "
+        "sample more often."
     )
-    return " ".join(filter(None, sentences))
-
-
-def result(step: Step, bits: str) -> str:
-    """The sentence on what a call returns; `bits`: where the bits of a status are."""
-    return f"is 0 for ok, else an or of {bits}" if guarded(step) else "is 0 in any case"
-
-
-def marked(step: Step) -> str:
-    """The paragraph on the mark of a state that init or reset has made; "" without guards."""
-    mark = step.layout.mark
-    return MARKED.format(mark=mark.name, bit=UNINITIALISED.name, none=NO_PARAMETERS.name) if mark else ""
-
-
-def remembered(step: Step) -> str:
-    """The meaning of the state to a caller."""
-    limits = (
-        "; ranges are limits, which no call leaves; what was restored from beyond them is limited, or begins anew, "
-        "where a call next computes with it"
-    )
-    return f"what a step remembers: yours to copy, save and restore{limits * guarded(step)}"
 
 
 def late(step: Step, real: Real) -> list[str]:
-    """The paragraph on late samples and their worst cost, where samples may be late."""
+    """Return the sentences on late samples and their worst cost, none where no sample may be late."""
     if step.plain is None:
         return []
     pairs = list(zip(step.late, step.ages, strict=True))
@@ -280,59 +295,227 @@ def late(step: Step, real: Real) -> list[str]:
     slots = next(group.count for group in step.layout.groups if group.name == MEMORY)
     once, worst = cost(step.plain, real), cost(step, real)
     return [
-        f"Late samples: {ages}, the number of periods ago in which it was taken, 0 for now, {most}. It is fused in "
-        "that period, and what follows is run again, so that the estimate becomes what it would be had the sample come "
-        "in time; what is run again has the gains of now. Samples may come in any order, one of an output for each "
-        "period; an older one, a second one of its period, and one whose age is no whole number are not used, and the "
-        "status says so. "
-        "Where adapt is left out in a period, its samples wait; a predict that makes one that waits more than "
-        f"{slots - 1} periods old drops it, and says DROPPED. MISSING is said of the call, any other bit of every "
-        f"period that the call ran, those that it ran again among them. A period takes {once.operations} operations "
-        f"and {once.functions} functions (root, sine, table, ..), a call that runs all of the {slots} that are "
-        f"remembered, as each does of a sensor that is always so late, no more than {worst.operations} and "
-        f"{worst.functions}. The state has {worst.state} bytes with them, {once.state} without delays."
+        f"Late samples: {ages}, the number of periods ago in which it was taken, 0 for now, {most}.",
+        "A late sample is fused in its period, and the step runs again from there, so that the estimate becomes what "
+        "it would be had the sample come in time. The periods that run again use the gains of now.",
+        "Samples may come in any order, one of an output for each period. An older one, a second one of its period, "
+        "and one whose age is no whole number are not used, and the status says so.",
+        f"Where adapt is left out in a period, its samples wait. A predict that makes one that waits more than "
+        f"{slots - 1} periods old drops it, and says DROPPED.",
+        "MISSING is said of the call, any other bit of every period that the call ran or ran again.",
+        f"A period takes {once.operations} operations and {once.functions} functions (root, sine, table, ..). A call "
+        f"that runs all {slots} remembered periods, as each does of a sensor that is always so late, takes no more "
+        f"than {worst.operations} and {worst.functions}.",
+        f"The state has {worst.state} bytes with them, {once.state} without delays.",
     ]
 
 
-def recovery(step: Step) -> str:
-    """When an estimate that is lost restarts."""
-    if not step.code.signs:
-        return "No declared range says where y or the estimate can be, so nothing restarts an estimate that is lost."
-    counts = ", and ".join(f"samples at which {sign.meaning} in s.{sign.count}" for sign in step.code.signs)
-    times = " or ".join(dict.fromkeys(pace(float(f"{sign.time:.3g}"), step.time) for sign in step.code.signs))
-    longest = pace(float(f"{max(sign.longest for sign in step.code.signs):.2g}"), step.time)
-    guards = [
-        "where that of y reaches its limit" if any(sign.output is not None for sign in step.code.signs) else "",
-        "where that of the range does while the estimate is outside by half of a range, or does so again"
-        if any(sign.output is None for sign in step.code.signs)
-        else "",
+_TUNABLE = {"plant": "parameters of the plant", "gain": "gains"}
+
+
+def tunable(step: Step) -> list[str]:
+    """Return the members of the parameters that a caller may change."""
+    kinds = {"plant": step.layout.plant, "gain": step.layout.gains}
+    return [kind for kind, fields in kinds.items() if fields]
+
+
+def gains(step: Step, tune: str) -> list[str]:
+    """Return the sentences on a change of gains and parameters; `tune`: the call that completes it."""
+    if not tunable(step):
+        return ["There are no gains or parameters to change."]
+    change = f"Change {' and '.join(f'{_TUNABLE[kind]} in `p.{kind}`' for kind in tunable(step))}, then call `{tune}`"
+    if not step.clock.guarded:
+        return [f"{change}, or the change is not complete; it limits nothing.", _JUDGED]
+    return [
+        f"{change}, or the change is neither limited nor complete.",
+        "Ranges are those of the model: to widen one, generate anew. A gain whose largest value is its nominal one can "
+        "only go down.",
+        _JUDGED,
     ]
-    counted = ["the fault counts", *(f"s.{field.name}" for field in step.layout.state if field.lasting)]
-    lasting = " and ".join(filter(None, (", ".join(counted[:-1]), counted[-1])))
-    projected = "Where that of the range first reaches its limit, the estimate is projected onto the declared ranges. "
-    return (
-        f"The step counts {counts}; other samples count down, and so does each change of sign of the error, so that "
-        f"noise does not add up. A guard acts where a count reaches its limit, after {times} of such samples at the "
-        f"least. {projected * bool(guards[1])}All of the state but {lasting} restarts from the sample "
-        f"{', and '.join(filter(None, guards))}. The count stays and its limit doubles, so that a guard acts again "
-        f"when such samples have come for twice as long in all, later every {longest}, until the count is 0 again: "
-        "after a fault that has lasted long, a restart may take as long once more."
-    )
 
 
-def rates(step: Step) -> str:
-    """The paragraph on how often each output of a step has a sample."""
-    each = (f"{y} every {pace(period, step.time)}" for y, period in zip(step.outputs, step.clock.periods, strict=True))
-    return (
-        f"Sensors of different rates: {', '.join(each)}. The noise R of an output is taken for that period: give no "
-        "sample more often."
-    )
+def state(step: Step, before: str) -> list[str]:
+    """Return the sentences on what may be done with a state; `before`: when it may be written."""
+    read = read_fields([step.observer.z])
+    estimate = " and ".join(f"`s.{field.name}`" for field in step.layout.state if field.name in read)
+    limits = "A call that computes with a restored number beyond its range limits it, or begins the state anew."
+    return [
+        "The state may be copied. The same program restores what `save` gave of it; a state of another model, "
+        "observer, default gain, dt or precision, or with another bit, is refused.",
+        *[limits] * step.clock.guarded,
+        f"To start from an estimate of yours, write {estimate}, in the coordinates that the struct names, {before}. "
+        "That call takes the estimate unchanged; what else a step remembers of it starts there too.",
+    ]
 
 
-@lru_cache(maxsize=32)  # a header names it twice, and steps of one observer do
-def model_digest(observer: Observer) -> str:
-    """The digest that `hgogen recheck` prints of the model; "" where no certificate can carry it."""
-    try:
-        return fingerprint(observer.form, observer.checks, observer.name)[:DIGEST_DIGITS]
-    except NotCertifiable:
-        return ""
+def marks(step: Step) -> list[str]:
+    """Return the sentences on the marks of a state and of parameters, none without guards."""
+    if not step.layout.mark:
+        return []
+    name, unmade, none = step.layout.mark.name, UNINITIALISED.name, NO_PARAMETERS.name
+    return [
+        f"The state begins with a mark, `s.{name}`, that `init` and `reset` write. Memory without it (zeros, what a "
+        "stack held, an erased page, a state of another program) is not used: the call begins as after a reset, and "
+        f"raises `{unmade}`.",
+        f"Parameters have a mark, `p.{name}`, from `init` or `PARAMS_INIT`. A call with parameters without it takes no "
+        f"sample, leaves the state as after a reset, and raises `{none}`; `tune` makes them nominal and raises it too.",
+        "`estimate` has no status and checks no mark: call it after a step.",
+        "Constant parameters may lie in flash: begin them with `PARAMS_INIT`, and call `reset` in place of `init`.",
+        "The mark is no checksum: a state that is kept while the power is off goes through `save` and `restore`, which "
+        "have one.",
+        "`save` copies the bytes of the struct: restore them on a machine with the same types in the same order of "
+        "bytes.",
+    ]
+
+
+def result(step: Step, bits: str) -> str:
+    """Return the sentence on what a call returns; `bits`: where the bits of a status are."""
+    return f"is 0 for ok, else an or of {bits}" if step.clock.guarded else "is 0 in any case"
+
+
+def remembered(step: Step) -> str:
+    """Return the comment of the struct of the state."""
+    limits = "; a call keeps each member in its range"
+    return f"what a step remembers: yours to copy, save and restore{limits * step.clock.guarded}"
+
+
+# --- the proved bounds of the error as it runs
+
+_CLOSE = Fraction(11, 10)  # of the bound, at which an error counts as settled
+_DIGITS = 2
+_UNPROVED = "nothing is proved of how far its estimate errs; `hgogen check` says why"
+_EXPECTED = "OUTSIDE_BOX"  # a bit that a proof allows
+_UNCOUNTED = "Not counted: the rounding of floating-point numbers."
+_COUNTED = (
+    "Counted: what is rounded when {real} is compiled, of samples and inputs that are such numbers, with elementary "
+    "functions that err by no more than twice what hgogen measured of them. Not counted: what the way back from z to "
+    "the plant's states rounds."
+)
+_OTHERS = "Not proved: these bounds at other gains, parameters or dt, or while a gain changes."
+_AGAIN = (
+    "This file was written from the proof itself. `hgogen check` with --certificate writes its evidence, and `hgogen "
+    "recheck` says what of it other code verifies."
+)
+_DERIVED = "The bound of {} follows from the others by outward-rounded intervals, which a certificate does not carry."
+_ALONE = "nothing else enters: no other noise, disturbance or error of a parameter, and the plant is the model"
+
+
+def proved_bounds(step: Step) -> list[str]:
+    """Return the proved error bounds of a step and all that they assume; none where no bound was requested."""
+    known = step.signed
+    if known is None:
+        return []
+    head = "As it runs"
+    if not known.bounds:
+        return [f"{head}: {_UNPROVED}"]
+    lines = [f"{head}, proved: at every call, for ever, {_settled(step, known)}"]
+    for name, most in known.bounds.items():
+        bound = _with_unit(up(_CLOSE * Fraction(most), _DIGITS), _signal(step, name))
+        lines.append(f"  |{name} - its estimate| <= {bound}")
+    lines += [f"  of {name} nothing within the width of its range;" for name in known.beyond]
+    lines += ["  provided that", *(f"    {each};" for each in _assumptions(step, known)), f"    {_ALONE}."]
+    more = [_DERIVED.format(", ".join(_derived_states(known)))] * bool(_derived_states(known))
+    rounding = _COUNTED.format(real=known.real) if known.real else _UNCOUNTED
+    return [*lines, *(f"  {each}" for each in (*_tuning_ranges(step, known), rounding, _OTHERS, _AGAIN, *more))]
+
+
+def _settled(step: Step, known: Signed) -> str:
+    if known.settles is None:
+        decayed = "once what is left of the error at its start has decayed, for which no time is proved"
+        return f"{decayed}: {known.unsettled}"
+    after = f"from {up(known.settles, _DIGITS)} {step.time} after the first call on"
+    if known.everywhere:
+        return f"{after}, wherever in its ranges the plant is then, the estimate where this file starts it"
+    most = ", ".join(f"{name} off by {down(most, _DIGITS)}" for name, most in known.begins.items())
+    return f"{after}, from an estimate with at most {most} there, which a start alone does not ensure"
+
+
+def _signal(step: Step, name: str) -> Signal:
+    """Return the state of that name, of the plant or of the form."""
+    form = step.observer.form
+    names = dict(zip(form.names, form.states, strict=True))
+    return {**names, **{signal.name: signal for signal in step.states}}[name]
+
+
+def _with_unit(value: str, signal: Signal, over: str = "") -> str:
+    """Return a size in the unit of a signal; of a rate per `over`, the unit of time."""
+    unit = signal.unit if signal.unit != "1" else ""
+    if over:
+        return f"{value} ({unit})/{over}" if unit else f"{value}/{over}"
+    return f"{value} {unit}" if unit else value
+
+
+def _assumptions(step: Step, known: Signed) -> Iterator[str]:
+    read = "samples and the exact inputs" if step.inputs else "samples"
+    yield f"a call comes every {pace(step.dt, step.time)}, with the {read} of that time"
+    yield "gains and parameters are the nominal ones of this file"
+    raised = any(bit.place == Place("status", _EXPECTED) for bit in step.layout.bits)
+    expected = f" but {_EXPECTED}" * (raised and _EXPECTED in STEP_BITS)
+    yield f"no call since the start or a reset has returned a status bit{expected}"
+    system = step.observer.form.system
+    signals = (*system.declared.states, *system.inputs, *system.outputs, *system.parameters)
+    by_name = {signal.name: signal for signal in signals}
+    for kind, each in known.assumed.items():
+        yield from (_ASSUMED[kind](step, by_name[name], size) for name, size in each.items())
+    yield from _constant_inputs(step, known.assumed.get("rates", {}))
+    inner = [_inner_range(x, _signal(step, x), most) for x, most in known.inside.items()]
+    declared = [_range(_signal(step, x)) for x in _derived_states(known) if _signal(step, x).bounded]
+    yield f"at all times the plant keeps to {', '.join([*inner, *declared])}"
+    if step.inputs:
+        yield f"so do its inputs, to {', '.join(map(_range, step.inputs))}"
+
+
+def _derived_states(known: Signed) -> list[str]:
+    return [x for x in known.bounds if x not in known.inside]
+
+
+def _inner_range(name: str, state: Signal, most: float) -> str:
+    """Return the range of a state, shorter by `most` at each end."""
+    (low, high), inner = map(Fraction, state.interval), Fraction(most)
+    return f"{up(low + inner)} <= {name} <= {down(high - inner)}"
+
+
+def _range(u: Signal) -> str:
+    low, high = u.interval
+    return f"{same(low)} <= {u} <= {same(high)}"
+
+
+def _constant_inputs(step: Step, rates: Each) -> Iterator[str]:
+    """Yield the sentences on the course of the inputs between two calls."""
+    if step.clock.between == "hold" and step.inputs:
+        yield f"between two calls {', '.join(u.name for u in step.inputs)} is held"
+        return
+    read = set().union(*(sp.sympify(row).free_symbols for row in step.observer.form.flow))
+    for u in step.inputs:
+        if u.name in rates:
+            yield f"between two calls {u} moves on a straight line"
+        elif u in read:
+            yield f"{u} never moves"
+
+
+_ASSUMED: Mapping[str, Callable[[Step, Signal, float], str]] = {
+    "noise": lambda _, y, size: f"each sample of {y} errs by at most {_with_unit(same(size), y)}, whatever its course",
+    "rounded": lambda _, y, size: f"a sample of {y} is rounded to steps of {_with_unit(same(size), y)}",
+    "late": lambda step, y, size: f"{y} is sampled within {same(size)} {step.time} of the time of its call",
+    "disturbance": lambda step, x, size: (
+        f"{x}' is within {_with_unit(same(size), x, step.time)} of what the model says"
+    ),
+    "parameters": lambda _, p, size: (
+        f"the plant's {p} is constant and within {_with_unit(same(size), p)} of its declared value"
+    ),
+    "rates": lambda step, u, size: f"{u} moves by at most {_with_unit(same(size), u, step.time)}",
+}
+
+
+def _tuning_ranges(step: Step, known: Signed) -> Iterator[str]:
+    """Yield the ranges of theta and dt for which the error decays without noise and disturbances."""
+    theta = next(gain.initial[0] for gain in step.layout.gains if gain.name == "theta")
+    least = known.least and Fraction(up(known.least, _DIGITS))
+    decays = "Without what enters the error decays"
+    if least and least < theta:
+        yield f"{decays} at every constant theta from {up(known.least or 0, _DIGITS)} to {same(theta)}."
+    else:
+        yield f"{decays} at theta = {same(theta)}; at any other theta nothing is proved."
+    longest = known.longest and Fraction(down(known.longest, _DIGITS))
+    if longest and longest > Fraction(step.dt):
+        yield f"{decays} at every dt up to {down(known.longest or 0, _DIGITS)} {step.time}, for code generated with it."

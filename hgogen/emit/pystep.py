@@ -63,7 +63,7 @@ def entries(step: Step, record: np.ndarray, real: Real) -> dict[str, Entry]:
 
 def tuned(step: Step, real: Real) -> np.ndarray:
     """The nominal parameters, tuned, as `init` leaves them: a record (1) of `params_type`."""
-    record = layout.made(step, real)
+    record = layout.initial_record(step, real)
     _Writer(step, record, real).tune()()
     return record["params"]
 
@@ -340,7 +340,7 @@ def start_state(step: Step) -> dict[Place, list[float]]:
 
 
 def _run(step: Step, real: Real, u: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    memory = layout.made(step, real)
+    memory = layout.initial_record(step, real)
     views, calls = layout.places(step, memory), entries(step, memory, real)
     calls["tune"]()
     for place, elements in start_state(step).items():

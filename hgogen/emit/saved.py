@@ -1,27 +1,33 @@
-"""A saved state: a digest of the program that it is of, its bytes, and a checksum of both.
+"""A saved state: a digest of the program that it is of, its bytes, and a checksum of both; and the code that saves it.
 
     LAYOUT    8 bytes     the digest
-    state     any         the memory of the state as it lies there
+    state     any         the memory of the state: of C unchanged, of Rust its numbers one by one, lowest byte first
     checksum  4 bytes     CRC-32 (IEEE 802.3) of all bytes before it, the lowest byte first
 
 The digest is of what must be the same for a state to mean the same: the model with the values and ranges of its
 signals and its tables, the form, the observer with its arguments, the parameters as they are generated, the method, dt,
-the precision, and the fields of the memory in their order. The name that a caller gives the code is none of it, nor is
-where an estimate begins.
+the precision, and the fields of the memory in their order. The prefix of the code, and the estimate at the start, are
+not in it. C has NAME_save and NAME_restore, Rust methods of `State`.
 """
+
+# Takes apart: templates, whose lines it makes.
 
 import hashlib
 import struct
 import zlib
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import fields, is_dataclass
+from dataclasses import fields, is_dataclass, replace
 from functools import lru_cache
 from inspect import signature
+from string import Template
 from typing import Any
 
 import numpy as np
 
+from hgogen.emit.code import Code, Uses, indented
+from hgogen.emit.interface import Parameter, Prototype, structs
 from hgogen.emit.syntax import DTYPE, Real
+from hgogen.emit.syntaxes import RUST
 from hgogen.errors import BadArgument
 from hgogen.observer import STARTS, Observer
 from hgogen.program import Field, Group
@@ -32,18 +38,18 @@ from hgogen.stepping.guards import mark_number
 from hgogen.system import System
 
 DIGEST, CHECKSUM = 8, 4  # bytes
-ADDED = DIGEST + CHECKSUM  # bytes of a saved state beside those of the state
+ADDED = DIGEST + CHECKSUM  # bytes of a saved state besides those of the state
 POLYNOMIAL = 0xEDB88320
 _IN_EQUATIONS = ("poles", "gains", "Q", "R")  # arguments that may be given in several ways
 
 
 class NotSaved(BadArgument):
-    """Bytes that are no saved state of a step."""
+    """The error for bytes that are no saved state of a step."""
 
 
-@lru_cache(maxsize=8)  # what is made of a step asks several times
+@lru_cache(maxsize=8)  # each file of a step needs it
 def layout(step: Step, real: Real, language: str = "c") -> bytes:
-    """Return the digest (8) of a step in a precision; `language`: whose memory it is, C's or another's."""
+    """Return the digest (8) of a step in a precision; `language`: that of the memory."""
     observer, form = step.observer, step.observer.form
     system = form.system.declared
     lines = [version(), language, real, system.name, form.kind, observer.name, step.code.rule]
@@ -65,16 +71,13 @@ def mark(step: Step, real: Real) -> int:
 
 
 def sealed(step: Step, real: Real, state: bytes) -> bytes:
-    """Return a state's bytes as what is saved of it."""
+    """Return the bytes of a state with their digest and checksum."""
     body = layout(step, real) + state
     return body + struct.pack("<I", zlib.crc32(body))
 
 
 def opened(step: Step, real: Real, saved: bytes, size: int) -> bytes:
-    """Return the bytes (size) of the state that was saved.
-
-    Raises: `NotSaved` for what is damaged, or of another program.
-    """
+    """Return the bytes (size) of the state in a saved one. Raises: `NotSaved` for one damaged or of another program."""
     what = f"a saved state of {len(saved)} bytes"
     if len(saved) != size + ADDED:
         raise NotSaved(what, f"is not of this step, of which {size + ADDED} are saved; give what save() gave")
@@ -88,7 +91,7 @@ def opened(step: Step, real: Real, saved: bytes, size: int) -> bytes:
 
 
 def _plant(system: System) -> Iterator[str]:
-    """Yield a plant in words: its parameters' values, the ranges of its signals, its equations and its tables."""
+    """Yield a plant as text: its parameters' values, the ranges of its signals, its equations and its tables."""
     yield from (f"{parameter.name} {parameter.nominal}" for parameter in system.parameters)
     yield from (f"{signal.name} {signal.low} {signal.high} {signal.rates}" for signal in system.signals)
     yield from (f"' {row}" for row in system.flow)
@@ -97,7 +100,7 @@ def _plant(system: System) -> Iterator[str]:
 
 
 def _observer(observer: Observer) -> Iterator[str]:
-    """Yield an observer and its members in words: the equations with their numbers, and the arguments beside them."""
+    """Yield an observer and its members as text: the equations with their numbers, and the other arguments."""
     yield from observer.equations
     if observer.made is None:
         return
@@ -106,14 +109,14 @@ def _observer(observer: Observer) -> Iterator[str]:
     (_, base), *others = bound.arguments.items()
     form = observer.form
     orders = (form.names, names_of(form.system.states), names_of(form.system.outputs))
-    left = (*STARTS, *_IN_EQUATIONS, "accept")
-    yield from (f"{name} {_text(value, orders)}" for name, value in others if name not in left)
+    excluded = (*STARTS, *_IN_EQUATIONS, "accept")
+    yield from (f"{name} {_text(value, orders)}" for name, value in others if name not in excluded)
     yield from _observer(base) if isinstance(base, Observer) else ()
 
 
 def _text(value: Any, orders: Sequence[Sequence[str]]) -> str:
-    """Return the text of an argument, which is the same for equal numbers of any type in any sequence, or by the names
-    of one of the orders."""
+    """Return the text of an argument: the same for equal numbers of any type, in any sequence or by the names of one
+    of the orders."""
     match value:
         case Mapping():
             for names in orders:
@@ -133,8 +136,232 @@ def _text(value: Any, orders: Sequence[Sequence[str]]) -> str:
 
 
 def _listed(fields: Iterable[Field], groups: Iterable[Group]) -> Iterator[str]:
-    """Yield the layout of memory in words."""
+    """Yield the layout of memory as text."""
     yield from (f"{field.kind} {field.name}[{field.size}]: {', '.join(field.labels)}" for field in fields)
     for group in groups:
         yield f"{group.name}[{group.count}]"
         yield from _listed(group.fields, group.groups)
+
+
+# --- the functions of C
+
+RETURNS = "0: restored; 1: refused, the state is unchanged"
+
+_TEXT = Template("""
+static const unsigned char ${name}_layout[$digest] = {$layout};
+
+/* CRC-32 of IEEE 802.3 */
+static uint32_t ${name}_checksum(const unsigned char *bytes, size_t size)
+{
+    uint32_t sum = 0xFFFFFFFFu;
+    for (size_t k = 0u; k < size; ++k) {
+        sum ^= (uint32_t)bytes[k];
+        for (unsigned bit = 0u; bit < 8u; ++bit) {
+            const uint32_t odd = sum & 1u;
+            sum >>= 1u;
+            sum ^= (odd != 0u) ? ${polynomial}u : 0u;
+        }
+    }
+    return sum ^ 0xFFFFFFFFu;
+}
+
+$save
+{
+    const unsigned char *const bytes = (const unsigned char *)s;
+    for (size_t k = 0u; k < ${digest}u; ++k) {
+        saved[k] = ${name}_layout[k];
+    }
+    for (size_t k = 0u; k < sizeof(*s); ++k) {
+        saved[k + ${digest}u] = bytes[k];
+    }
+    uint32_t sum = ${name}_checksum(saved, sizeof(*s) + ${digest}u);
+    for (size_t k = 0u; k < ${checksum}u; ++k) {
+        saved[k + sizeof(*s) + ${digest}u] = (unsigned char)(sum & 0xFFu);
+        sum >>= 8u;
+    }
+}
+
+$restore
+{
+    unsigned refused = 1u;
+    if (size == ${upper}_SAVED) {
+        refused = 0u;
+        uint32_t sum = ${name}_checksum(saved, sizeof(*s) + ${digest}u);
+        for (size_t k = 0u; k < ${checksum}u; ++k) {
+            refused |= (saved[k + sizeof(*s) + ${digest}u] == (unsigned char)(sum & 0xFFu)) ? 0u : 1u;
+            sum >>= 8u;
+        }
+        for (size_t k = 0u; k < ${digest}u; ++k) {
+            refused |= (saved[k] == ${name}_layout[k]) ? 0u : 1u;
+        }
+$marked
+    }
+    if (refused == 0u) {
+        unsigned char *const bytes = (unsigned char *)s;
+        for (size_t k = 0u; k < sizeof(*s); ++k) {
+            bytes[k] = saved[k + ${digest}u];
+        }
+    }
+    return refused;
+}
+""")
+_MARKED = Template("""
+        const unsigned ready = ${upper}_READY;
+        const unsigned char *const mark = (const unsigned char *)&ready;
+        for (size_t k = 0u; k < sizeof(ready); ++k) {
+            refused |= (saved[k + ${digest}u] == mark[k]) ? 0u : 1u;
+        }
+""")
+_BYTES = "unsigned char"
+
+
+def meanings(step: Step) -> dict[str, str]:
+    """Return what the parameters of save and restore are."""
+    return {"saved": f"{step.name.upper()}_SAVED bytes, at any address", "size": "how many bytes there are"}
+
+
+def prototypes(step: Step) -> tuple[Prototype, Prototype]:
+    """Return the declarations of save and restore."""
+    s, saved = structs(step)[0], Parameter(_BYTES, "saved")
+    size, upper = Parameter("size_t", "size", pointer=False), step.name.upper()
+    saves = f"write the state as {upper}_SAVED bytes: {upper}_LAYOUT, the memory of the struct, a checksum"
+    restores = "read a state that this program saved; refuse any other, and one with another bit"
+    save = Prototype("void", f"{step.name}_save", (replace(s, constant=True), saved), saves)
+    return save, Prototype("unsigned", f"{step.name}_restore", (s, replace(saved, constant=True), size), restores)
+
+
+def saving(step: Step, real: Real) -> Code:
+    """Return the definitions of save and restore."""
+    save, restore = prototypes(step)
+    values = {
+        "name": step.name,
+        "upper": step.name.upper(),
+        "digest": DIGEST,
+        "checksum": CHECKSUM,
+        "polynomial": f"0x{POLYNOMIAL:08X}",
+        "layout": ", ".join(f"0x{byte:02X}u" for byte in layout(step, real)),
+        "save": save,
+        "restore": restore,
+    }
+    marked = _MARKED.substitute(values).strip("\n") if step.layout.mark else ""
+    lines = _TEXT.substitute(values, marked=marked).strip("\n").replace("\n\n    }\n", "\n    }\n").split("\n")
+    return Code(tuple(lines), Uses(types=frozenset({"uint32_t"})))
+
+
+# --- the functions of Rust
+
+INDEX_BYTES = 4
+_FUNCTIONS = f"""
+fn put_bytes(saved: &mut [u8; SAVED], at: usize, bytes: &[u8]) -> usize {{
+    let end = at + bytes.len();
+    saved[at..end].copy_from_slice(bytes);
+    end
+}}
+
+fn take_bytes<const N: usize>(saved: &[u8], at: &mut usize) -> [u8; N] {{
+    let mut bytes = [0; N];
+    bytes.copy_from_slice(&saved[*at..*at + N]);
+    *at += N;
+    bytes
+}}
+
+/// CRC-32 of IEEE 802.3
+fn checksum(bytes: &[u8]) -> u32 {{
+    let mut sum = u32::MAX;
+    for byte in bytes.iter() {{
+        sum ^= *byte as u32;
+        for _ in 0..8 {{
+            sum = if sum & 1 != 0 {{ (sum >> 1) ^ 0x{POLYNOMIAL:08X} }} else {{ sum >> 1 }};
+        }}
+    }}
+    !sum
+}}
+"""
+RUST_FUNCTIONS = _FUNCTIONS.strip().split("\n")
+
+
+def rust_constants(step: Step, real: Real) -> list[str]:
+    """Return the lines of the constants about a saved state."""
+    size = ADDED + _size(step.layout.state, step.layout.groups, {"real": DTYPE[real]().itemsize, "index": INDEX_BYTES})
+    digest = ", ".join(f"0x{byte:02X}" for byte in layout(step, real, "rust"))
+    return [
+        "/// A digest of the model, the observer, default gains, dt, the precision and the memory of a saved state.",
+        f"pub const LAYOUT: [u8; {DIGEST}] = [{digest}];",
+        "/// How many bytes a saved state has.",
+        f"pub const SAVED: usize = {size};",
+        "",
+    ]
+
+
+def rust_save(step: Step) -> list[str]:
+    """Return the lines of the method that saves a state."""
+    return [
+        "/// the state as bytes, alike on every machine: `LAYOUT`, its numbers, a checksum",
+        "pub fn save(&self) -> [u8; SAVED] {",
+        "    let s = self;",
+        "    let mut saved = [0; SAVED];",
+        "    let mut at = put_bytes(&mut saved, 0, &LAYOUT);",
+        *indented(
+            _each(
+                "s",
+                step.layout.state,
+                step.layout.groups,
+                ".iter()",
+                "at = put_bytes(&mut saved, at, &{}.to_le_bytes());",
+            )
+        ),
+        "    let sum = checksum(&saved[..at]);",
+        "    put_bytes(&mut saved, at, &sum.to_le_bytes());",
+        "    saved",
+        "}",
+    ]
+
+
+def rust_restored(step: Step, real: Real) -> list[str]:
+    """Return the lines of the function that restores a saved state."""
+    end = f"SAVED - {CHECKSUM}"
+    read = "{} = {type}::from_le_bytes(take_bytes(saved, &mut at));"
+    types = {"real": RUST.types[real], "index": RUST.types["unsigned"]}
+    return [
+        "/// the state that was saved; `None` where it is of another program, or a bit of it is another",
+        "pub fn restored(saved: &[u8]) -> Option<State> {",
+        f"    if saved.len() != SAVED || saved[..{DIGEST}] != LAYOUT {{",
+        "        return None;",
+        "    }",
+        f"    if checksum(&saved[..{end}]).to_le_bytes() != saved[{end}..] {{",
+        "        return None;",
+        "    }",
+        "    let mut s = State::new();",
+        f"    let mut at = {DIGEST};",
+        *indented(_each("s", step.layout.state, step.layout.groups, ".iter_mut()", read, types)),
+        "    Some(s)",
+        "}",
+    ]
+
+
+def _size(fields: Iterable[Field], groups: Iterable[Group], widths: dict[str, int]) -> int:
+    inner = sum(group.count * _size(group.fields, group.groups, widths) for group in groups)
+    return inner + sum(widths[field.kind] * field.size for field in fields)
+
+
+def _each(
+    start: str,
+    fields: Iterable[Field],
+    groups: Iterable[Group],
+    through: str,
+    text: str,
+    types: dict[str, str] | None = None,
+) -> list[str]:
+    """Return the statements for each number of memory, in its order."""
+    lines = []
+    for field in fields:
+        place, kind = f"{start}.{field.name}", (types or {}).get(field.kind, "")
+        if field.size > 1:
+            element = "*v" if types else "v"
+            lines += [f"for v in {place}{through} {{", f"    {text.format(element, type=kind)}", "}"]
+        else:
+            lines.append(text.format(place, type=kind))
+    for group in groups:
+        inner = _each("m", group.fields, group.groups, through, text, types)
+        lines += [f"for m in {start}.{group.name}{through} {{", *indented(inner), "}"]
+    return lines

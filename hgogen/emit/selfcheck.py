@@ -1,4 +1,4 @@
-"""The self-checks of emitted code, NAME_check.c and NAME_check.rs: recorded samples, and what must come of them."""
+"""The self-checks of emitted code, NAME_check.c and NAME_check.rs: recorded samples with their expected results."""
 
 # Takes apart: templates, whose lines it makes.
 
@@ -18,17 +18,17 @@ from hgogen.step import Step
 
 
 def caller(syntax: Syntax, step: Step, real: Real) -> Writer:
-    """Writes what a caller does whose structs are named as the parameters are."""
+    """Return the writer of a caller whose structs have the names of the parameters."""
     return Writer(replace(syntax, reach="{}."), step, real)
 
 
 def recorded(here: Writer, row: str, across: int) -> dict[str, str]:
-    """The values for the template of a self-check; to compute it takes a while.
+    """Return the values for the template of a self-check, whose computation takes a while.
 
-    Args: `here`, that of the caller; `row`: {}, a row of a table of numbers; `across`: so many statuses are in a line.
+    Args: `here` the writer of the caller; `row` the text of a row of numbers {}; `across` the statuses of a line.
     """
     step, syntax, real = here.step, here.syntax, here.real
-    vectors, seen = record_vectors(step, real), [here.whole(place) for place in compared_places(step)]
+    vectors, results = record_vectors(step, real), [here.whole(place) for place in compared_places(step)]
     signals = [here.whole(place) for place, _ in _signals(step)]
     statuses = [f"{syntax.literal(value, 'unsigned')}," for value in vectors.status]
     starting = (
@@ -49,8 +49,8 @@ def recorded(here: Writer, row: str, across: int) -> dict[str, str]:
         "width": str(len(signals)),
         "signals": ", ".join(signals),
         "given": rows([*u, *y] for u, y in zip(vectors.u, vectors.y, strict=True)),
-        "results": str(len(seen)),
-        "seen": ", ".join(seen),
+        "results": str(len(results)),
+        "names": ", ".join(results),
         "wanted": rows(vectors.values),
         "tolerance": ", ".join(syntax.literal(float(value), real) for value in vectors.tolerance),
         "expected": block(" ".join(statuses[k : k + across]) for k in range(0, len(statuses), across)),
@@ -59,10 +59,9 @@ def recorded(here: Writer, row: str, across: int) -> dict[str, str]:
 
 
 def filled(here: Writer, text: str) -> list[str]:
-    """The code that gives a call its signals, first the inputs.
+    """Return the code that assigns the signals of a call, first the inputs.
 
-    `text`: {place}, {name}, {column}, {missing}, how one is given the number in a column of the table, and at the
-    sample `missing` what is no number.
+    `text`: how a signal {place} or {name} is assigned the number of its {column}, and NaN at the sample {missing}.
     """
     return [
         text.format(place=here.whole(place), name=here.syntax.name(place.name), column=column, missing=missing)
@@ -71,7 +70,7 @@ def filled(here: Writer, text: str) -> list[str]:
 
 
 def block(lines: Iterable[str], by: int = 4) -> str:
-    """Lines as one text, so many blanks to the right."""
+    """Return lines as one text, indented `by` blanks."""
     return "\n".join(indented(lines, by))
 
 
@@ -113,7 +112,7 @@ static const $real given[$count][$width] = { /* $signals */
 $given
 };
 
-static const $real wanted[$count][$results] = { /* $seen */
+static const $real wanted[$count][$results] = { /* $names */
 $wanted
 };
 
@@ -179,9 +178,9 @@ int main(void)
 
 
 def c_check(step: Step, real: Real) -> list[str]:
-    """The self-check's lines; computing its vectors takes a while."""
+    """Return the lines of the self-check, whose vectors take a while to compute."""
     here = caller(C, step, real)
-    seen, values = map(here.number, compared_places(step)), recorded(here, "{{{}}},", 16)
+    results, values = map(here.number, compared_places(step)), recorded(here, "{{{}}},", 16)
     text = _C_TEXT.substitute(
         values,
         faults=values["faults"].replace(", a", ",\n * a", 1),
@@ -193,7 +192,7 @@ def c_check(step: Step, real: Real) -> list[str]:
         locals=block(each.local for each in structs(step)),
         fill=block(filled(here, "{place} = (k == {missing}u) ? none : given[k][{column}];"), 8),
         call=prototypes(step)["step"].call(address),
-        compare="".join(f" || !{step.name}_near({number}, k, {i}u)" for i, number in enumerate(seen)),
+        compare="".join(f" || !{step.name}_near({number}, k, {i}u)" for i, number in enumerate(results)),
     )
     return text.strip("\n").split("\n")
 
@@ -212,7 +211,7 @@ const GIVEN: [[$real; $width]; $count] = [
 $given
 ];
 
-/// $seen
+/// $names
 const WANTED: [[$real; $results]; $count] = [
 $wanted
 ];
@@ -253,7 +252,7 @@ fn main() {
 
 
 def rust_check(step: Step, real: Real) -> list[str]:
-    """The self-check's lines; computing its vectors takes a while."""
+    """Return the lines of the self-check, whose vectors take a while to compute."""
     here, kind, many = caller(RUST, step, real), RUST.types[real], len(step.inputs)
     fill = filled(here, f"{{name}}: if k == {{missing}} {{{{ {kind}::NAN }}}} else {{{{ GIVEN[k][{{column}}] }}}},")
     inputs = ["let input = Inputs {", *indented(fill[:many]), "};"] if many else []

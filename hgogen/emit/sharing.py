@@ -8,6 +8,8 @@ A section with more than `MAX_PATHS` paths has functions for its named blocks an
 Their arguments are the work values that they share with the section, by pointer where they change them.
 """
 
+# Takes apart: names of parts.
+
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field, replace
@@ -20,7 +22,7 @@ from hgogen.discretisation import kernels
 from hgogen.emit import helpers
 from hgogen.emit.code import MAX_PATHS, Code, code, joined, paths, variables
 from hgogen.emit.elementary import POWER_OF_TWO, elementary
-from hgogen.emit.interface import AT, Parameter, Prototype, entries, own, status_type, structs
+from hgogen.emit.interface import AT, Parameter, Prototype, entries, same_name, status_type, structs
 from hgogen.emit.portable import functions_of
 from hgogen.emit.statements import Writer
 from hgogen.program import (
@@ -43,13 +45,25 @@ from hgogen.stepping.machine import Reading
 _OTHERS = {"ready", "nominal", "checksum", "save", "restore"}  # functions of the file besides its interface
 FEWEST = 4  # numbers that a repeated part writes
 SMALLEST = 3  # paths of a named block that becomes a function
-_MEANINGS = {  # of the bodies of conditions
+_MEANINGS = {  # the head comment of a function, by the name of its part
+    "guard_input": "replace an input that is not finite or absurd by the last valid one, and clamp it to its range",
+    "guard_measurement": "is the sample a number, plausible, and not absurdly far from its estimate?",
+    "guard_measurements": "is each sample a number, plausible, and not absurdly far from its estimate?",
+    "suspect": "is the estimate out of a range or far from a sample, or does a fault count run?",
+    "plausible": "is there a plausible sample, by which the estimate can be judged?",
+    "counts_spoiled": "is a fault count or limit out of its range, or does the checksum differ?",
+    "find_signs": "the change of the fault count of an output at this sample, and the sign of its error",
+    "beyond_box": "is a number of the state beyond its limits, or not a number?",
+    "value_lost": "is a number of the state not finite, or beyond 1e30?",
+    "choose_recovery": "which fault counts are at their limits, and must the estimate restart?",
+    "clear_fault_counts": "set the fault counts and their limits as after a reset",
+    "clear_rest": "set what the observer remembers besides the estimate as after a reset",
     "advance": "advance the estimate from the last call to now",
     "use_sample": "correct the estimate with a sample that can be used",
     "adapt_gain": "adapt the gain",
     "count_faults": "count the signs of a fault at a sample, and act where a count is at its limit",
     "recover": "a fault count is at its limit: restart from the sample, or project onto the ranges",
-    "restart_from_sample": "the estimate becomes the nearest one that fits the sample, the rest as after a reset",
+    "restart_from_sample": "take the nearest estimate that fits the sample, and set all else as after a reset",
 }
 
 
@@ -90,7 +104,7 @@ class Part:
     @property
     def call(self) -> Code:
         """The statement that calls it."""
-        call = self.prototype.call(own)
+        call = self.prototype.call(same_name)
         text = f"{call};" if self.prototype.returns == "void" else f"status |= {call};"
         return code(text, parameters=("s",))
 
@@ -181,7 +195,8 @@ class SharingWriter(Writer):
             pointer = size > 1 or place in changed
             parameters.append(Parameter(self._type(place, size), place.name, pointer and place not in changed, pointer))
         returns = status_type(self.step) if returns_status else self._type(result, 1) if result else "void"
-        heading = [self.syntax.comment(_MEANINGS[part])] if part in _MEANINGS else []
+        meaning = _meaning(part)
+        heading = [self.syntax.comment(meaning)] if meaning else []
         text = code(*[f"{returns} status = 0u;"] * returns_status) + text
         text += code(*["return status;"] * returns_status, *[f"return {result.name};"] if result else [])
         whole = f"{returns} ({', '.join(map(str, parameters))})", text
@@ -242,7 +257,7 @@ class SharingWriter(Writer):
         returns = status_type(self.step) if any(place.struct == "status" for place in _written(run)) else "void"
         number += _name(run) in self._function_names
         name = f"{self.prefix}_{_name(run)}" + (f"_{number}" if number > 1 else "")
-        return Prototype(returns, name, structs(self.step)[:1], public=False)
+        return Prototype(returns, name, structs(self.step)[:1], _meaning(_name(run)), False)
 
     @cached_property
     def _function_names(self) -> set[str]:
@@ -269,6 +284,12 @@ class SharingWriter(Writer):
             memory[place][...] = np.nan if place in written else initial[place]
         reading.action(run)()
         return written if all((memory[place] == initial[place]).all() for place in written) else set()
+
+
+def _meaning(part: str) -> str:
+    """The head comment of the function of a part, "" for one without."""
+    fitted = f"move the estimate to the nearest one that fits the sample of {part.removeprefix('fit_')}"
+    return fitted if part.startswith("fit_") else _MEANINGS.get(part, "")
 
 
 def _names(part: str, section: Section) -> Iterator[str]:

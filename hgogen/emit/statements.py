@@ -11,8 +11,7 @@ from typing import Literal
 
 from hgogen.discretisation.runge_kutta import MEANINGS
 from hgogen.emit.code import NOTHING, TRUTH, Code, Uses, braced, code, joined
-from hgogen.emit.described import entry
-from hgogen.emit.interface import REACHED, of_section, reached
+from hgogen.emit.interface import REACHED, entry, of_section, reached
 from hgogen.emit.node import Subprogram, subprograms
 from hgogen.emit.portable import passed
 from hgogen.emit.printer import LEAST, NEVER, Operand, Printer

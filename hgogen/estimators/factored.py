@@ -278,7 +278,7 @@ class UnitTriangular(Unrolled):
         n, deviation = self.part.dynamics.n, np.sqrt(self.part.cap)
         start, values = factor(self.part.covariance)
         ends = tuple(float(LARGEST * deviation[i] / deviation[j]) for i, j in lower(n, 1))
-        meaning = "unit lower factor of P, strict lower triangle"
+        meaning = "L of P = L D L'"
         L = packed_triangle("L", start, meaning, 1, low=tuple(-end for end in ends), high=ends)
         return (*([L] if n > 1 else []), self.diagonal(values))
 

@@ -12,9 +12,8 @@ from string import Template
 from typing import Any
 
 from hgogen.emit.code import folded, indented
-from hgogen.emit.described import described, of_signal, parameters
-from hgogen.emit.interface import address, assigned, prototypes, status_type, structs
-from hgogen.emit.manual import marked
+from hgogen.emit.interface import address, assigned, described, of_signal, parameters, prototypes, status_type, structs
+from hgogen.emit.manual import marks
 from hgogen.emit.naming import c_name
 from hgogen.emit.syntax import Real
 from hgogen.emit.syntaxes import C, comment
@@ -173,7 +172,7 @@ def _values(step: Step, real: Real) -> dict[str, Any]:
         "filled": "\n".join(f"{short}.{c_name(s.name)} = ...;" for short, s in samples),
         "order": ", ".join(f"`{each.name}`" for each in declared["step"].parameters),
         "apart": _BY_PARTS.substitute(parts=", ".join(parts)) if step.code.apart else "",
-        "marked": f"{marked(step)} ",
+        "marked": " ".join([*marks(step), ""]),
         "members": "\n".join(_members(step)),
         "bits": "\n".join(
             _row(f"`{step.name.upper()}_{bit.name}`", bit.meaning, step.action_of(bit)) for bit in step.layout.bits

@@ -257,7 +257,7 @@ def _falls(clock: Clock, chain: Integrators, w: Field, p: np.ndarray, k: Field) 
                 low=-TURNS,
                 high=TURNS,
                 lasting=True,
-                meaning="how often an error that is far changed its sign, with the sign of the last",
+                meaning="sign changes of a large error, signed as the last",
             ),
             scalar("falls", 0.0, low=0.0, high=times, lasting=True, meaning="how often the gain may still fall"),
         ),

@@ -45,7 +45,7 @@ class StepMemory:
     """
 
     def __init__(self, step: Step, real: Real) -> None:
-        self.step, self.real, self.record = step, real, layout.made(step, real)
+        self.step, self.real, self.record = step, real, layout.initial_record(step, real)
         self.places = layout.places(step, self.record)
         self._readers: dict[Engine, Mapping[str, Entry]] = {}
         self.whole = self.record.view(np.uint8).data

@@ -99,11 +99,12 @@ STEP_BITS: dict[str, tuple[str, str]] = {
         f"none if brief; if it stays, widen the ranges{OR_LOWER}",
     ),
     "RESTARTED": (
-        "a value was lost (not finite, or beyond 1e30), and the whole state restarted",
+        "a value was lost (not finite, or beyond 1e30): all of the state restarted but the last input and samples, and "
+        "the counters of calls",
         "treat the estimate as new; check parameters (tune was called?) and ranges",
     ),
     "RESTARTED_FROM_SAMPLE": (
-        "good samples did not bring the estimate back, and the state restarted from the sample",
+        "good samples did not bring the estimate back, and the observer restarted from the sample",
         f"treat the estimate as new; if it comes again without a fault, widen the ranges{OR_LOWER} or check the model",
     ),
     "PROJECTED_ONTO_RANGES": (
@@ -362,7 +363,7 @@ def boxed(fields: list[Field], state: tuple[Field, ...], others: Program = (), e
     real = {Place("state", f.name): column(f.initial) for f in state if f.kind == "real" and f.name not in SIGNALS}
     by_others = _written(others)
     fresh = {place: value for place, value in real.items() if place not in by_others}
-    restart = Block("a value is lost: all restart", {**fresh, Place("status", "RESTARTED"): ca.SX(1)})
+    restart = Block("a value is lost: restart all but the signals", {**fresh, Place("status", "RESTARTED"): ca.SX(1)})
     return (lost, When(Place("work", "lost"), (restart, *others)), *(_in_its_box(field, each) for field in fields))
 
 
@@ -481,14 +482,14 @@ def shortage(names: Sequence[str]) -> str:
 
 UNINITIALISED = Bit(
     "UNINITIALISED",
-    "the memory of the state was none that init or reset had made, or one of another program: it was not used, the "
-    "state began as before the first call",
+    "the state has no mark of init or reset, or that of another program: it was not used and began as before the first "
+    "call",
     "call init once before all else; of a state that was restored, check what was saved",
 )
 NO_PARAMETERS = Bit(
     "NO_PARAMETERS",
-    "the memory of the parameters was none that init or PARAMS_INIT had made, or of another program: tune took the "
-    "nominal values, any other call took no sample and left the state as before the first call",
+    "the parameters have no mark of init or PARAMS_INIT, or that of another program: tune took the nominal values, any "
+    "other call took no sample and left the state as before the first call",
     "call init once before all else, or begin constant parameters with PARAMS_INIT",
 )
 UNMADE = (UNINITIALISED, NO_PARAMETERS)  # bits that public functions raise, and no block

@@ -178,9 +178,9 @@ class Sign:
     def fields(self) -> tuple[Field, ...]:
         """The fields of a sign."""
         least = 0 if self.output is None else -self.most
-        signed = "" if self.output is None else ", signed as the last error"
+        signed = "" if self.output is None else ", sign of the last error"
         return (
-            scalar(self.count, 0.0, low=least, high=self.most, meaning=f"samples with a fault{signed}"),
+            scalar(self.count, 0.0, low=least, high=self.most, meaning=f"faulty samples{signed}"),
             scalar(self.limit, self.wait, low=self.wait, high=self.most, meaning="fault count at which a guard acts"),
         )
 
@@ -324,7 +324,7 @@ class Recovery:
         if not fields:
             return ()
         most = sum(2 * sign.most - sign.wait for sign in self.signs)
-        meaning = "checks fault counts and limits: their sum beyond the start"
+        meaning = "checksum of fault counts and limits"
         return (*fields, scalar("fault_checksum", 0.0, low=0.0, high=most, meaning=meaning))
 
     @property
@@ -401,13 +401,17 @@ class Recovery:
         ranges = tuple(map(Call, self._counting)) or self._counted_range(weight)
         outputs = [sign for sign in signs if sign.output is not None]
         change = {place: value for sign in outputs for place, value in self._changes(sign, samples).items()}
-        signs_ = Block("which signs show?", change, part="find_signs")
+        signs_ = Block(
+            "a count goes up by 1 at a large error, far down at one of the other sign, else down by 1",
+            change,
+            part="find_signs",
+        )
         counts = (signs_, *(sign.counted for sign in outputs)) if outputs else ()
         remember = Block("the checksum of fault counts and limits", {Place("state", "fault_checksum"): self._sum})
         judged = (*ranges, *counts, *self._guard(signs, samples), remember)
         return (
             Block(
-                "is the estimate where it cannot be for long?",
+                "is the estimate out of a range or far from a sample, or does a fault count run?",
                 {**bit, Place("work", "suspect"): suspect},
                 part="suspect",
             ),
@@ -482,12 +486,12 @@ class Recovery:
             *self.other_memory,
         )
         return (
-            Block("does a guard act?", {acts: any_of(sign.over for sign in signs)}),
+            Block("is a fault count at its limit?", {acts: any_of(sign.over for sign in signs)}),
             When(
                 acts,
                 (
                     Block(
-                        "by which sign, and is the estimate lost?",
+                        "which fault counts are at their limits, and must the estimate restart?",
                         {**writes, lost: any_of(helpless)},
                         part="choose_recovery",
                     ),

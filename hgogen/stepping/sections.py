@@ -136,7 +136,7 @@ def once(output: Signal, correct: Program) -> Program:
 def order_fields(outputs: Iterable[Signal]) -> tuple[Field, ...]:
     """Return the fields of a step whose sections may be called one by one: whether a sample of an output was used since
     predict."""
-    meaning = "1 from a sample of {} that was used until the next predict"
+    meaning = "0: an update with {} may come, 1: none before the next predict"
     return tuple(scalar(_used(s), 1, kind="index", high=1, meaning=meaning.format(s)) for s in outputs)
 
 
@@ -249,7 +249,7 @@ class Assembly:
             fields.append(Field("u", start, low=low, high=high, labels=names, meaning="last valid input"))
         if self.uses_output:
             zeros, names = (0.0,) * len(system.outputs), tuple(s.name for s in system.outputs)
-            meaning = "sample of the last call" + ", or its estimate where there was none" * self.clock.guarded
+            meaning = "last sample" + ", or its estimate" * self.clock.guarded
             fields.append(Field("y", zeros, labels=names, meaning=meaning))
             valid = Field("y_valid", zeros, labels=names, meaning="1 where the last call had a valid sample")
             fields += [valid] if self.clock.guarded else []

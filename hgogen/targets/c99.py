@@ -9,14 +9,14 @@ from collections.abc import Iterable, Iterator
 from dataclasses import replace
 
 from hgogen.emit.code import Code, Uses, braced, code, joined, spaced
-from hgogen.emit.document import document
-from hgogen.emit.heads import header, manual
-from hgogen.emit.interface import Prototype, entries, inside, nominal, of_section, own, prototypes, readied
+from hgogen.emit.document import document, manual
+from hgogen.emit.heads import header
+from hgogen.emit.interface import Prototype, entries, inside, nominal, of_section, prototypes, readied, same_name
 from hgogen.emit.manual import document_name
 from hgogen.emit.naming import demand_distinct, demand_file, sources
 from hgogen.emit.portable import c_functions, includes, kernels, tables
 from hgogen.emit.printer import LEAST, NEVER
-from hgogen.emit.saving import saving
+from hgogen.emit.saved import saving
 from hgogen.emit.selfcheck import c_check
 from hgogen.emit.sharing import SharingWriter
 from hgogen.emit.statements import called, routines
@@ -31,7 +31,7 @@ from hgogen.target import Sources
 
 
 def c99(step: Step, *, real: Real = "float", command: str = "", check: bool = True) -> Sources:
-    """The step as C99 text, by file name: header, source, self-check and manual.
+    """Return the step as C99 text, by file name: header, source, self-check and manual.
 
     Args: `real` "float" or "double"; `command` what made it, for the banner; `check` whether to add the
     self-check, whose vectors take a while to compute.
@@ -48,9 +48,9 @@ def c99(step: Step, *, real: Real = "float", command: str = "", check: bool = Tr
     demand_distinct(step, C)
     files = {f"{step.name}.h": header(step, real, command), f"{step.name}.c": _source(step, real)}
     files |= {f"{step.name}_check.c": c_check(step, real)} if check else {}
-    made = sources(step, C, files)
-    text = "\n".join(document(step, manual(step, real))).rstrip("\n") + "\n"
-    return replace(made, texts=(*made.texts, (document_name(step), text)))
+    emitted = sources(step, C, files)
+    text = "\n".join(document(step, manual(step, real, check))).rstrip("\n") + "\n"
+    return replace(emitted, texts=(*emitted.texts, (document_name(step), text)))
 
 
 _HEADERS = {"bool": "stdbool.h"}  # where C99 declares a type
@@ -65,7 +65,7 @@ _IEEE = (
     "",
 )
 _RARELY = (
-    "/* of what runs rarely, which is no part of what calls it */",
+    "/* for a function that runs rarely: it is not inlined */",
     "#if defined(__GNUC__)",
     "#define {upper}_RARELY __attribute__((noinline))",
     "#else",
@@ -96,8 +96,8 @@ def _source(step: Step, real: Real) -> list[str]:
 
 
 def _functions(writer: SharingWriter) -> Iterator[Code]:
-    """Each function: parts that sections share, the sections, what a caller has, which first asks for the marks of the
-    state and of the parameters."""
+    """Yield each function: parts that sections share, the sections, and the public functions, which check the marks of
+    the state and of the parameters."""
     step, declared = writer.step, prototypes(writer.step)
     rarely = code(f"{step.name.upper()}_RARELY")
     if step.layout.mark:
@@ -110,27 +110,28 @@ def _functions(writer: SharingWriter) -> Iterator[Code]:
         yield _function(inside(step, section), body)
     yield rarely + _function(nominal(step), _nominal(step, writer.real))
     changing = (each for each in entries(step).values() if each.public and each.status and "s" in each.written)
-    asking = {each.name for each in changing} if step.layout.mark else set[str]()
+    checking = {each.name for each in changing} if step.layout.mark else set[str]()
     bodies, functions = _bodies(writer)
     yield from functions
     for name, body in bodies.items():
-        text = _asked(step, declared[name], body) if name in asking else _function(declared[name], body)
+        text = _checking(step, declared[name], body) if name in checking else _function(declared[name], body)
         yield rarely + text if name == "reset" else text
     yield saving(step, writer.real)
 
 
-def _asked(step: Step, prototype: Prototype, body: Code) -> Code:
+def _checking(step: Step, prototype: Prototype, body: Code) -> Code:
+    """Return a function that checks the marks before its work."""
     upper, test = step.name.upper(), "({}->ready != {}_READY)"
     missing = braced(
         f"if ({' || '.join(test.format(name, upper) for name in 'sp')}) {{",
-        code(f"status = {readied(step).call(own)};", parameters="sp"),
+        code(f"status = {readied(step).call(same_name)};", parameters="sp"),
     )
     return _function(prototype, missing + braced(f"if ((status & {upper}_{NO_PARAMETERS.name}) == 0u) {{", body))
 
 
 def _readied(step: Step, mark: Field) -> Code:
-    """The function that begins anew where a mark is missing, and says so."""
-    upper, reset = step.name.upper(), prototypes(step)["reset"].call(own)
+    """Return the function that resets the state where a mark is missing, and raises a bit."""
+    upper, reset = step.name.upper(), prototypes(step)["reset"].call(same_name)
     lines = [
         (f"if ({name}->{mark.name} != {upper}_READY) {{", f"    {reset};", f"    status |= {upper}_{bit.name};", "}")
         for name, bit in (("s", UNINITIALISED), ("p", NO_PARAMETERS))
@@ -139,7 +140,7 @@ def _readied(step: Step, mark: Field) -> Code:
 
 
 def _bodies(writer: SharingWriter) -> tuple[dict[str, Code], list[Code]]:
-    """The bodies of what a caller has, by name, and the functions that parts of them have become."""
+    """Return the bodies of the public functions by name, and the functions of their parts."""
     step, functions = writer.step, list[Code]()
     inner = (section for section in step.code.sections if of_section(step, section).inner)
     bodies = {section.name: called(C, step, section) for section in inner}
@@ -149,15 +150,15 @@ def _bodies(writer: SharingWriter) -> tuple[dict[str, Code], list[Code]]:
         functions, bodies["step"] = writer.section(step.code.sections[0])
     bodies |= {section.name: writer.function(section.program) for section in step.code.timed}
     bodies["estimate"] = writer.function(step.code.estimate)
-    bodies["tune"] = _made(step) + writer.function(step.code.tuning)
+    bodies["tune"] = _nominal_unless_marked(step) + writer.function(step.code.tuning)
     bodies["reset"] = _reset(writer)
-    tune, reset = (prototypes(step)[name].call(own) for name in ("tune", "reset"))
-    bodies["init"] = code(f"{nominal(step).call(own)};", f"(void){tune};", f"{reset};", parameters="ps")
+    tune, reset = (prototypes(step)[name].call(same_name) for name in ("tune", "reset"))
+    bodies["init"] = code(f"{nominal(step).call(same_name)};", f"(void){tune};", f"{reset};", parameters="ps")
     return bodies, functions
 
 
 def _includes(step: Step, chosen: list[str], uses: Uses) -> list[str]:
-    """The standard headers that the text needs, and a guard where a counter needs more than 16 bits."""
+    """Return the standard headers that the text needs, and a guard where a counter needs more than 16 bits."""
     wide = uses.widest > 0xFFFF
     lines = ["#include <limits.h>"] if wide else []
     lines += [f"#include <{header}>" for header in sorted({_HEADERS[kind] for kind in uses.types})]
@@ -173,17 +174,17 @@ def _includes(step: Step, chosen: list[str], uses: Uses) -> list[str]:
 
 
 def _function(prototype: Prototype, body: Code, begun: str = "0u") -> Code:
-    """A function; one that returns anything returns a status, which is first what `begun` says."""
+    """Return a function; its status, where it returns one, begins with `begun`."""
     idle = [parameter.name for parameter in prototype.parameters if parameter.name not in body.uses.parameters]
     inner = code(*(f"(void){name};" for name in idle)) + body
     if prototype.returns != "void":
         inner = code(f"{prototype.returns} status = {begun};") + inner + code("return status;")
-    said = [C.comment(prototype.meaning)] if prototype.meaning and not prototype.public else []
-    return code(*said, str(prototype), "{") + inner.indented() + code("}")
+    heading = [C.comment(prototype.meaning)] if prototype.meaning and not prototype.public else []
+    return code(*heading, str(prototype), "{") + inner.indented() + code("}")
 
 
 def _assign(start: str, item: Field, real: Real, least: int) -> Code:
-    """An array that begins with one number everywhere is filled by a loop, from so many elements on."""
+    """Return the assignment of the initial values: a loop for at least `least` equal elements."""
     counts = item.kind == "index"
     texts = [C.literal(value, "unsigned" if counts else real) for value in item.initial]
     widest = int(max(item.initial)) if counts else 0
@@ -199,7 +200,7 @@ def _least(step: Step, item: Field) -> int:
 
 
 def _reset(writer: SharingWriter) -> Code:
-    """Every number of the state, those by parts that do it last, for members begin where the estimate stands."""
+    """Return the assignments of a reset; those by parts come last, because members start from the estimate."""
     step, real, done = writer.step, writer.real, writer.resetting
     marked = (f"s->{step.layout.mark.name} = {step.name.upper()}_READY;",) if step.layout.mark else ()
     lines = code(*marked, parameters="s")
@@ -214,8 +215,8 @@ def _fresh(start: str, writer: SharingWriter, groups: Iterable[Group], k: str = 
     lines = Code()
     for group in groups:
         one = f"{start}{group.name}[{k}]."
-        left = (f for f in group.fields if Place(group.name, f.name) not in writer.resetting)
-        inner = joined(_assign(one, f, writer.real, _least(writer.step, f)) for f in left)
+        fields = (f for f in group.fields if Place(group.name, f.name) not in writer.resetting)
+        inner = joined(_assign(one, f, writer.real, _least(writer.step, f)) for f in fields)
         inner += _fresh(one, writer, group.groups, "k2")
         if inner.lines:
             head = f"for (unsigned {k} = 0u; {k} < {group.count}u; ++{k}) {{"
@@ -231,10 +232,10 @@ def _nominal(step: Step, real: Real) -> Code:
     return code(*marked) + lines + code(parameters="p" if marked or lines.lines else "")
 
 
-def _made(step: Step) -> Code:
-    """The code that makes parameters of memory that holds none, and reports it."""
+def _nominal_unless_marked(step: Step) -> Code:
+    """Return the code that sets nominal parameters where the mark is missing, and raises a bit."""
     if not step.layout.mark:
         return Code()
-    upper, made = step.name.upper(), nominal(step).call(own)
+    upper, call = step.name.upper(), nominal(step).call(same_name)
     test = f"if (p->{step.layout.mark.name} != {upper}_READY) {{"
-    return braced(test, code(f"{made};", f"status = {upper}_{NO_PARAMETERS.name};", parameters="p"))
+    return braced(test, code(f"{call};", f"status = {upper}_{NO_PARAMETERS.name};", parameters="p"))

@@ -41,7 +41,7 @@ from hgogen.target import Files
 
 
 class NotInCasadi(BadArgument):
-    """A precision, or another argument, of which no CasADi function is made."""
+    """The error for a precision, or another argument, that CasADi functions do not have."""
 
 
 @dataclass(frozen=True, repr=False)
@@ -78,11 +78,11 @@ class Functions(Files):
 
     @property
     def held(self) -> tuple[str, ...]:
-        """The members of it that the differential equations hold. Raises: `NoEquation`."""
+        """The members of that state whose derivative is 0. Raises: `NoEquation`."""
         return self._flow.constant
 
     def flags(self, status: Any) -> tuple[str, ...]:
-        """The names of the bits that a status holds, a number or, of more than 32 bits, two."""
+        """Return the names of the bits of a status: one number or, of more than 32 bits, two."""
         whole = sum(int(word) << EXACT * k for k, word in enumerate(np.ravel(np.asarray(status))))
         return tuple(bit for k, bit in enumerate(self.bits) if whole >> k & 1)
 
@@ -97,7 +97,7 @@ class Functions(Files):
 
 
 def casadi(step: Step, *, real: Real = "double", bundled: bool = False) -> Functions:
-    """The functions of a step.
+    """Return the functions of a step.
 
     Args: `real` is "double", in which CasADi computes; `bundled`: sin, exp and the like by the functions of the C, for
     the same bits.
@@ -143,26 +143,27 @@ _CHOSEN: Mapping[int, Callable[[Graph, Graph], Graph]] = {
 
 
 def _block(block: Block, known: Mapping[str, Callable[..., Graph]]) -> ca.Function:
-    """A block operation by operation, without the values that only have a name in C; by the functions of `known`.
+    """Return a block operation by operation, without the values that only have a name in C; by the functions of
+    `known`.
 
-    A clamp is a choice, of which the value is taken where it is at the end: there CasADi's own have half of its slope,
-    and a gain is often first at the end of its range.
+    A clamp is a choice whose derivative at the end of the range is that of the value: CasADi's fmin and fmax have half
+    of it there, and a gain often begins at the end of its range.
     """
     inputs = block.graph.sx_in()
     return ca.Function("block", inputs, _walked(block.graph, inputs, known)[: len(block.writes)])
 
 
 def _walked(function: ca.Function, inputs: Sequence[Graph], known: Mapping[str, Callable[..., Graph]]) -> list[Graph]:
-    """The outputs of a function; what it calls stays a call, so that the order of operations does."""
+    """Return the outputs of a function; its calls remain calls, so that the order of operations is kept."""
 
     def apply(op: int, lookup: Lookup | None, *values: Graph) -> Graph:
-        own = lookup or _CHOSEN.get(op) or known.get(CALLS.get(op, ""))
-        return own(*values) if own else (ca.SX.unary if len(values) == 1 else ca.SX.binary)(op, *values)
+        function = lookup or _CHOSEN.get(op) or known.get(CALLS.get(op, ""))
+        return function(*values) if function else (ca.SX.unary if len(values) == 1 else ca.SX.binary)(op, *values)
 
     def call(routine: ca.Function, values: Sequence[Graph]) -> list[Graph]:
         symbols = routine.sx_in()
-        own = ca.Function(routine.name(), symbols, _walked(routine, symbols, known), {"never_inline": True})
-        results: list[Graph] = own.call(list(values))
+        inner = ca.Function(routine.name(), symbols, _walked(routine, symbols, known), {"never_inline": True})
+        results: list[Graph] = inner.call(list(values))
         return results
 
     return walked(function, inputs, apply, call, operations(function) if known else ())

@@ -1,11 +1,10 @@
 """C functions that run a step on many records at once: NAME_lanes.c, for GNU compilers.
 
-A register holds a number of each of several records, its lanes; `NAME_LANES` of them are in one call of
-`NAME_lanes_run`, which takes samples and gives estimates, traces and statuses with the records beside each other:
-u (count, m, width), y (count, p, width), and of what comes out (count, numbers, width), of which the call has its
-lanes. Of three widths that of u or y is 0 where all records have the same. What a step remembers and its parameters are
-in `memory`, number by number in the order of the C structs. Without contraction (`-ffp-contract=off`) the bits are
-those of the scalar C.
+A register has one number of each of several records, its lanes. A call of `NAME_lanes_run` takes `NAME_LANES` records
+side by side, as u (count, m, width) and y (count, p, width), and returns estimates, traces and statuses (count,
+numbers, width). The width of u or y is 0 where all records have the same signal. State and parameters are in `memory`,
+number by number in the order of the C structs. Without contraction (`-ffp-contract=off`) the bits are those of the
+scalar C.
 """
 
 from collections.abc import Sequence
@@ -27,7 +26,7 @@ from hgogen.target import Files
 
 
 def lanes(step: Step, *, real: Real = "double") -> Files:
-    """The step in lanes as C text.
+    """Return the step in lanes as C text.
 
     Raises: `NoStep`, `BadReal`; `StepTooShort` where a state stands still in that precision; as `c99` does for names
     and numbers; `NoLanes` for a kernel that has no such text.
@@ -66,7 +65,7 @@ _NEEDS = (  # vector types, conversions between them, and operations that round 
 
 def _section(writer: LaneWriter, name: str, program: Program) -> Code:
     status = f"{lane_prefix(writer.prefix)}_status"
-    parameters = ", ".join(f"{writer.prefix}_{kind} *{short}" for short, kind in _STRUCTS.items())
+    parameters = ", ".join(f"{writer.prefix}_{kind} *{parameter}" for parameter, kind in _STRUCTS.items())
     inner = code(f"{status} status = {{0}};") + writer.function(program) + code("return status;")
     return code(f"static {status} {writer.prefix}_{name}({parameters})") + braced("{", inner) + code("")
 
@@ -94,7 +93,7 @@ def _structs(writer: LaneWriter) -> list[str]:
 
 
 def _many(writer: LaneWriter) -> list[str]:
-    """A step for each row, and the sizes that a caller has to know."""
+    """Return the function that calls the step for each row, and the sizes that a caller needs."""
     step, p, real = writer.step, writer.prefix, writer.real
     inputs = [_loaded(p, "u", len(step.inputs), j, f"in.{c_name(each.name)}") for j, each in enumerate(step.inputs)]
     outputs = [
@@ -123,10 +122,10 @@ def _many(writer: LaneWriter) -> list[str]:
 
 
 def _loaded(p: str, array: str, size: int, j: int, place: str) -> str:
-    """A signal, which is alike in all lanes where its records have no width."""
+    """Return the statement that reads a signal: the same one in all lanes where the width is 0."""
     width, at, p = f"width[{'uy'.index(array)}]", f"{size}u*k + {j}u", lane_prefix(p)
-    beside = f"({p}_numbers)*(const {p}_row *)&{array}[({at})*{width}]"
-    return f"{place} = {width} ? {beside} : {p}_fill({array}[{at}]);"
+    by_lane = f"({p}_numbers)*(const {p}_row *)&{array}[({at})*{width}]"
+    return f"{place} = {width} ? {by_lane} : {p}_fill({array}[{at}]);"
 
 
 def _stored(p: str, array: str, size: int, j: int, value: str) -> str:

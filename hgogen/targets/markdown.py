@@ -1,6 +1,6 @@
 """The mathematics of a step for people, NAME.md: equations as LaTeX, gains, claims, hypotheses and references.
 
-It lies beside the code of any language, whose head names it for what it leaves out.
+It accompanies the code of any language. C has it with a manual.
 """
 
 from hgogen.emit.document import document
@@ -11,7 +11,7 @@ from hgogen.target import Files
 
 
 def markdown(step: Step, *, real: Real = "float") -> Files:
-    """The document of a step, the same in either precision. Raises: `NoStep`, `BadReal`."""
+    """Return the document of a step, the same in either precision. Raises: `NoStep`, `BadReal`."""
     demand_step(step, "markdown")
     demand_real(real)
     return Files(((document_name(step), "\n".join(document(step)).rstrip("\n") + "\n"),))

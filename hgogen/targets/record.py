@@ -1,8 +1,8 @@
-"""C functions that run a step on a computer: NAME_record.c beside the files of `c99`.
+"""C functions that run a step on a computer: NAME_record.c, for the files of `c99`.
 
-`NAME_record` takes a whole record: rows of u (count, m) and y (count, p) go in; rows of x (count, n), of the traces
-(count, number of traces) and the status (count) come out. NAME_kept holds all that a sample works on, and
-`NAME_kept_step`, or `NAME_kept_SECTION` for a part of it, takes a sample from it and leaves the estimate in it.
+`NAME_record` takes a whole record, rows of u (count, m) and y (count, p), and returns rows of x (count, n), of the
+traces (count, number of traces) and the status (count). NAME_kept is all memory of a sample; `NAME_kept_step`, or
+`NAME_kept_SECTION` for a part of it, takes a sample from it and writes the estimate to it.
 """
 
 from hgogen.emit.code import indented
@@ -17,7 +17,7 @@ from hgogen.target import Files
 
 
 def record(step: Step, *, real: Real = "double") -> Files:
-    """The record runner of a step as C99 text. Raises: `NoStep`, `BadReal`."""
+    """Return the record runner of a step as C99 text. Raises: `NoStep`, `BadReal`."""
     demand_step(step, "record")
     demand_real(real)
     name, writer = step.name, Writer(C, step, real)
@@ -43,10 +43,10 @@ def _runner(step: Step, real: Real) -> Prototype:
 def _run(step: Step, traces: list[str]) -> list[str]:
     name, declared, m, p, n = step.name, prototypes(step), len(step.inputs), len(step.samples), len(step.states)
     arguments = {"s": "s", "p": "p", "in": "&in", "measurement": "&measurement", "x": "&plant"}
-    steps, shown = (declared[key].call(lambda each: arguments[each.name]) for key in ("step", "estimate"))
+    steps, estimates = (declared[key].call(lambda each: arguments[each.name]) for key in ("step", "estimate"))
     inner = [f"in.{c_name(s.name)} = u[{m}u*k + {j}u];" for j, s in enumerate(step.inputs)]
     inner += [f"measurement.{c_name(s.name)} = y[{p}u*k + {j}u];" for j, s in enumerate(step.samples)]
-    inner += [f"status[k] = {steps};", f"{shown};"]
+    inner += [f"status[k] = {steps};", f"{estimates};"]
     inner += [f"x[{n}u*k + {i}u] = plant.{c_name(s.name)};" for i, s in enumerate(step.states)]
     inner += [f"traces[{len(traces)}u*k + {j}u] = {value};" for j, value in enumerate(traces)]
     unused = ([] if m else ["(void)u;"]) + ([] if traces else ["(void)traces;"])
@@ -55,7 +55,7 @@ def _run(step: Step, traces: list[str]) -> list[str]:
 
 
 def _sample(step: Step, real: Real) -> list[str]:
-    """The struct of a sample, as `layout.kept_type` has it."""
+    """Return the struct of a sample, as `layout.kept_type` has it."""
     s, p, *others = (each.local for each in structs(step))
     members = [s, p, *(["unsigned at;"] if step.code.timed else []), *others]
     members += [f"{real} traces[{len(step.observer.traces)}];"] if step.observer.traces else []
@@ -65,22 +65,25 @@ def _sample(step: Step, real: Real) -> list[str]:
 def _entries(step: Step, traces: list[str]) -> dict[Prototype, list[str]]:
     declared = prototypes(step)
     parts = [section.name for section in (*step.code.sections, *step.code.timed)] if step.code.apart else []
-    calls = {name: declared[name].call(_held) for name in ("step", *parts)} | {"estimate": "0u"}
-    shown = [f"{declared['estimate'].call(_held)};", *(f"k->traces[{j}] = {value};" for j, value in enumerate(traces))]
+    calls = {name: declared[name].call(_argument) for name in ("step", *parts)} | {"estimate": "0u"}
+    outputs = [
+        f"{declared['estimate'].call(_argument)};",
+        *(f"k->traces[{j}] = {value};" for j, value in enumerate(traces)),
+    ]
     kind, s = status_type(step), f"{step.name}_state *s = &k->s;"
     functions = {
-        _entry(step, name): [s, f"const {kind} status = {call};", *shown, "return status;"]
+        _entry(step, name): [s, f"const {kind} status = {call};", *outputs, "return status;"]
         for name, call in calls.items()
     }
-    return functions | {_entry(step, "tune"): [f"return {declared['tune'].call(_held)};"]}
+    return functions | {_entry(step, "tune"): [f"return {declared['tune'].call(_argument)};"]}
 
 
 def _entry(step: Step, name: str) -> Prototype:
     return Prototype(status_type(step), f"{step.name}_kept_{name}", (Parameter(f"{step.name}_kept", "k"),))
 
 
-def _held(parameter: Parameter) -> str:
-    """The argument from what holds all of a sample, whose state has a pointer of its own."""
+def _argument(parameter: Parameter) -> str:
+    """Return the argument from NAME_kept, whose state has a pointer `s`."""
     if not parameter.pointer:
         return f"({parameter.type})k->{parameter.name}"
     return "s" if parameter.name == "s" else f"&k->{parameter.name}"

@@ -7,7 +7,7 @@ in C, so the same bits. Its documentation is the manual. It compiles with Rust 1
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from hgogen.emit import saving
+from hgogen.emit import saved
 from hgogen.emit.code import Code, code, indented, joined, spaced
 from hgogen.emit.heads import documentation, rust_status, rust_status_type
 from hgogen.emit.interface import Entry, entries
@@ -15,7 +15,7 @@ from hgogen.emit.naming import demand_distinct, sources
 from hgogen.emit.portable import functions, kernels, tables
 from hgogen.emit.selfcheck import rust_check
 from hgogen.emit.statements import Writer, called, routines
-from hgogen.emit.structs import Struct, declared, doc, initial, structs
+from hgogen.emit.structs import Struct, doc, rust_initial, rust_structs, structs
 from hgogen.emit.syntax import Real, demand_real
 from hgogen.emit.syntaxes import RUST, keywords
 from hgogen.errors import HgogenError
@@ -38,7 +38,7 @@ _ARGUMENTS = {"p": "p: &Parameters", "in": "input: &Inputs", "measurement": "mea
 
 @dataclass(eq=False)
 class NoCrate(HgogenError):
-    """A model whose name no crate can have."""
+    """The error for a model whose name no crate can have."""
 
     name: str
 
@@ -47,7 +47,7 @@ class NoCrate(HgogenError):
 
 
 def rust(step: Step, *, real: Real = "float", command: str = "", check: bool = True) -> Sources:
-    """The step as a Rust crate and its self-check, by file name.
+    """Return the step as a Rust crate and its self-check, by file name.
 
     Args: `real` "float" or "double"; `command` what made it, for the banner; `check` whether to add the
     self-check, whose vectors take a while to compute.
@@ -86,8 +86,8 @@ def _source(step: Step, real: Real, command: str) -> list[str]:
         *_ATTRIBUTES,
         "",
         *rust_status(step),
-        *saving.constants(step, real),
-        *declared(step, memory),
+        *saved.rust_constants(step, real),
+        *rust_structs(step, memory),
         "impl Parameters {",
         *parameters.indented().lines,
         "}",
@@ -97,7 +97,7 @@ def _source(step: Step, real: Real, command: str) -> list[str]:
         "}",
         *(["", *private.lines[:-1]] if private.lines else []),  # each of them ends with an empty line
         "",
-        *saving.RUST_FUNCTIONS,
+        *saved.RUST_FUNCTIONS,
     ]
 
 
@@ -108,32 +108,32 @@ def _methods(writer: Writer, memory: Mapping[str, Struct]) -> tuple[Code, Code]:
     bodies = {section.name: writer.function(section.program) for section in functions}
     calls = joined(called(RUST, step, section) for section in step.code.parts)
     bodies["step"] = calls if step.code.parts else writer.function(step.code.sections[0].program)
-    fresh = indented(["State {", *indented(initial(memory, "state")), "}"])
+    fresh = indented(["State {", *indented(rust_initial(memory, "state")), "}"])
     of_state = [code("/// the state as before the first call", "pub const fn new() -> State {", *fresh, "}")]
     of_state.append(code(*doc(known["reset"].meaning), "pub fn reset(&mut self) {", "    *self = State::new();", "}"))
     of_state += [_method(step, known[name], body) for name, body in bodies.items()]
-    of_state += [code(*saving.save(step)), code(*saving.restored(step, writer.real))]
+    of_state += [code(*saved.rust_save(step)), code(*saved.rust_restored(step, writer.real))]
     of_state.append(_estimate(known["estimate"], memory["estimate"], writer.function(step.code.estimate)))
-    tuned = code("let mut p = Parameters {", *indented(initial(memory, "parameters")), "};", "p.tune();", "p")
+    tuned = code("let mut p = Parameters {", *indented(rust_initial(memory, "parameters")), "};", "p.tune();", "p")
     new = code("/// nominal parameters, tuned", "pub fn new() -> Parameters {") + tuned.indented() + code("}")
     of_parameters = [new, _method(step, known["tune"], writer.function(step.code.tuning))]
     return spaced(of_state), spaced(of_parameters)
 
 
 def _method(step: Step, entry: Entry, body: Code) -> Code:
-    """A method of what the entry writes, which returns a status."""
-    (own_,) = entry.written
-    others = [name for name in entry.parameters if name != own_]
+    """Return a method of the struct that the entry writes, which returns a status."""
+    (written,) = entry.written
+    others = [name for name in entry.parameters if name != written]
     parameters = ", ".join(["&mut self", *(_ARGUMENTS[name] for name in others)])
     head = f"{'pub ' if entry.public else ''}fn {entry.name}({parameters}) -> {rust_status_type(step)} {{"
-    start = [f"let {own_} = self;"] if own_ in body.uses.parameters else []
+    start = [f"let {written} = self;"] if written in body.uses.parameters else []
     inner = code(*start, *_idle(others, body), "let mut status = 0;") + body + code("status")
     return code(*doc(entry.meaning), head) + inner.indented() + code("}")
 
 
 def _estimate(entry: Entry, struct: Struct, body: Code) -> Code:
     start = ["let s = self;"] if "s" in body.uses.parameters else []
-    zeros = ", ".join(f"{member.name}: {member.begins[0]}" for member in struct.members)
+    zeros = ", ".join(f"{member.name}: {member.initial[0]}" for member in struct.members)
     inner = code(*start, *_idle(["p"], body), f"let mut x = Estimate {{ {zeros} }};") + body + code("x")
     head = "pub fn estimate(&self, p: &Parameters) -> Estimate {"
     return code(*doc(entry.meaning), head) + inner.indented() + code("}")
