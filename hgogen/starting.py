@@ -22,7 +22,7 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from hgogen.analysis.linearised import NoSight, Pace, pace, slopes
+from hgogen.analysis.linearised import NoLinearisation, Pace, pace, slopes
 from hgogen.form import Form
 from hgogen.observer import Observer
 from hgogen.reading.given import BadGain, cached, positive
@@ -217,7 +217,7 @@ def _slopes(form: Form) -> dict[int, float]:
     alone = {z: (flow[z], behind) for z, behind, beyond in links if not flow[z].free_symbols & beyond}
     try:
         values = slopes([*alone.values()], (*form.states, *form.system.inputs), form.system.nominal)
-    except NoSight:
+    except NoLinearisation:
         return {}
     one_sided = np.abs(values).min(axis=0) * (np.abs(np.sign(values).sum(axis=0)) == len(values))
     return {form.states.index(z): float(a) for z, a in zip(alone, one_sided, strict=True) if a > 0}
@@ -239,7 +239,7 @@ def _sigmas(form: Form, noise: Mapping[str, float] | None) -> Mapping[str, float
 def _pace(plant: System) -> Pace:
     try:
         return pace(plant)
-    except NoSight:  # ranges are missing: a time and a range of 1, as the first lines say
+    except NoLinearisation:  # ranges are missing: a time and a range of 1, as the first lines say
         return Pace(1.0, 1.0, 0.0)
 
 

@@ -33,7 +33,7 @@ import casadi as ca
 import numpy as np
 import sympy as sp
 
-from hgogen.analysis.linearised import NoSight, pace
+from hgogen.analysis.linearised import NoLinearisation, pace
 from hgogen.call import CallableStep
 from hgogen.errors import BadArgument, HgogenError
 from hgogen.form import Form
@@ -668,7 +668,7 @@ def proposed_trial(plant: System) -> Trial:
         raise NoTrial(f"plant {plant.name!r}", f"has no range of {', '.join(unknown)}, and no trial; declare either")
     try:
         longest = pace(first).longest
-    except NoSight as error:
+    except NoLinearisation as error:
         raise NoTrial(f"plant {plant.name!r}", str(error)) from None
     if not longest:
         raise NoTrial(f"plant {plant.name!r}", "does not move within its ranges; declare a trial")

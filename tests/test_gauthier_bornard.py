@@ -85,13 +85,13 @@ def test_without_input_the_neuron_is_lost() -> None:
 def test_a_rank_at_random_points_is_no_proof() -> None:
     """x2 + x3 alone is seen: rank 2 of 3, though every state is read."""
     observability = gauthier_bornard([x2 + x3 + u * x1, x3, x2], [x1], X, [u])
-    assert (observability.answer, observability.shown, observability.verdict) == (False, False, Verdict.UNKNOWN)
+    assert (observability.answer, observability.proved, observability.verdict) == (False, False, Verdict.UNKNOWN)
     assert "rank 2 of 3 at 3 random points, which is no proof" in str(observability.reason)
     x4 = sp.Symbol("x4")
     longer = gauthier_bornard([x2 + u * x1, x3 + x4, x4, x3], [x1], [*X, x4], [u])
-    assert (longer.answer, longer.shown) == (False, False)
+    assert (longer.answer, longer.proved) == (False, False)
     hidden = gauthier_bornard([x2 + u * x3, x1, u * x1], [x1], X, [u])
-    assert (hidden.answer, hidden.shown, hidden.verdict) == (False, True, Verdict.REFUTED)
+    assert (hidden.answer, hidden.proved, hidden.verdict) == (False, True, Verdict.REFUTED)
     assert "rank 2 of 3: u = 0 hides x3" in str(hidden.reason)
 
 

@@ -14,7 +14,7 @@ from plants import two_outputs
 from worst import Worst
 
 import hgogen as hg
-from hgogen.analysis.scaling import scaling, shown, unused
+from hgogen.analysis.scaling import redundant_outputs, scaling, unused
 from hgogen.check import Verdict
 from hgogen.modelfiles.tuning import NoFirst, first
 from hgogen.program import Place
@@ -85,7 +85,7 @@ def test_what_adds_nothing_has_no_chain(output: Any, blocks: Any, ratios: Any) -
     assert made.structured
     assert made.blocks == blocks
     assert {check.verdict for check in made.checks} == {Verdict.PROVED}
-    (chain,) = shown(made)
+    (chain,) = redundant_outputs(made)
     assert tuple((each.output, each.ratio) for each in chain) == ratios
     assert unused(made) == tuple(sorted({*range(len(output))} - {each.output for each in chain}))
 
@@ -109,7 +109,7 @@ def test_a_second_sensor_of_one_of_two_chains() -> None:
     )
     made = hg.forms.block_triangular(third, "end")
     assert made.blocks == (2, 1, 0)
-    assert [[each.output for each in chain] for chain in shown(made)] == [[0], [1, 2]]
+    assert [[each.output for each in chain] for chain in redundant_outputs(made)] == [[0], [1, 2]]
     assert scaling(made).outputs == (0, 1, 1)
     assert made.structured
 

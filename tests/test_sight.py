@@ -9,7 +9,7 @@ from plants import MODELS
 from scipy.linalg import expm, solve_continuous_lyapunov
 
 import hgogen as hg
-from hgogen.analysis.linearised import NoSight
+from hgogen.analysis.linearised import NoLinearisation
 from hgogen.model import load
 from hgogen.run.gramian import RESOLVED, Sight, sight
 from hgogen.trial import BadTrial, Jump, Trial, t
@@ -167,11 +167,11 @@ def test_a_jump_and_a_stiff_mode_are_no_obstacle() -> None:
 
 def test_what_cannot_be_measured_says_why() -> None:
     free = hg.System("free", states=(hg.Signal("x"),), outputs=(hg.Signal("y"),), flow=[0], output=[hg.Signal("x")])
-    with pytest.raises(NoSight, match="no range is declared for x"):
+    with pytest.raises(NoLinearisation, match="no range is declared for x"):
         sight(free)
     x = hg.Signal("x", low=-2, high=-1)
     nowhere = hg.System("nowhere", states=(x,), outputs=(hg.Signal("y"),), flow=[sp.log(x)], output=[x])
-    with pytest.raises(NoSight, match="no value at any of"):
+    with pytest.raises(NoLinearisation, match="no value at any of"):
         sight(nowhere)
     with pytest.raises(BadTrial):
         sight(integrator(), Trial("late", 5.0, start={"x1": 0}, inputs={}))

@@ -1,1 +1,1 @@
-"""What a plant's equations tell: observability, the structure of forms and their hypotheses, their evidence."""
+"""Analysis of a plant's equations: observability, the structure of forms and their hypotheses, their evidence."""

@@ -471,8 +471,8 @@ def connected(maker: str, hidden: Sequence[sp.Symbol], doubtful: Sequence[sp.Sym
     id = ClaimId(maker, "connected")
     claim = "every state appears in an output or in the derivative of one that counts"
     if not hidden and doubtful:
-        doubt = because("it is not shown that {states} matters where it is read", states=doubtful)
-        return Check(id, claim, Verdict.UNKNOWN, doubt)
+        reason = because("it is not shown that {states} matters where it is read", states=doubtful)
+        return Check(id, claim, Verdict.UNKNOWN, reason)
     if not hidden:
         return Check(id, claim, Verdict.PROVED, because("by following dependencies from the outputs"))
     names = ", ".join(x.name for x in hidden)

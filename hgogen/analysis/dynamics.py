@@ -409,8 +409,8 @@ class Dynamics:
         return self._saturating(self._inverse.rows, z, u)
 
     def _ranged(self, raw: Graph) -> tuple[Graph, Graph]:
-        """Return values of the states of the form's system, each clamped to its range, or at rest where it is no
-        number, and whether all are numbers. A form that does not clamp keeps the values."""
+        """Return values of the states of the form's system, each clamped to its range, or at its resting value
+        where it is no number, and whether all are numbers. A form that does not clamp keeps the values."""
         if not self.form.clamped:
             return raw, ca.SX(1)
         states = self.form.system.states

@@ -1,6 +1,6 @@
-"""The Jacobians of a form in numbers, at points of the declared box; parameters are nominal.
+"""The Jacobians of a form in numbers at points of the declared box, with nominal parameters.
 
-How fast a plant moves on its box, and its linearisation there, in shares of its ranges.
+The pace of a plant on its box, and its linearisation there, scaled by its ranges:
 
     A = S^-1 (df/dx) S,   C = R^-1 (dh/dx) S,   S: half the ranges of the states, R: half those of the outputs
 
@@ -29,7 +29,7 @@ from hgogen.system import System
 
 
 class Singular(BadArgument):
-    """A model whose Jacobian is finite at no point of the declared ranges that was tried."""
+    """A model whose Jacobian is finite at no sample point of the declared ranges."""
 
     text = (
         "the Jacobian of {what} has numbers that are not finite at {reason}, and at every other point of the declared "
@@ -38,7 +38,7 @@ class Singular(BadArgument):
 
 
 class NoDeterminant(BadArgument):
-    """A form whose det dPhi/dx is undefined wherever it was asked."""
+    """A form whose det dPhi/dx is undefined at every sample point."""
 
     text = "det dPhi/dx of {what} is a finite real number at no sample point of the box: {reason}"
 
@@ -46,8 +46,8 @@ class NoDeterminant(BadArgument):
 def jacobians_on_box(
     dynamics: Dynamics, samples: int = 64, affine: bool = False, edge: float = 0.0
 ) -> tuple[np.ndarray, np.ndarray]:
-    """F (k, n, n) and dh/dz (k, p, n) in the middle, on corners and at random points of the box of states and inputs;
-    F = A(u, z) alone where that is `affine`. `edge`: how far the corners lie inside, of each range.
+    """Return F (k, n, n) and dh/dz (k, p, n) in the middle, at corners and at random points of the box of states and
+    inputs. `affine`: F is A(u, z) alone; `edge`: the distance of the corners from the ends, as a share of each range.
 
     Where a signal has no range the sample is its nominal value, or 0.
 
@@ -57,10 +57,10 @@ def jacobians_on_box(
 
 
 def jacobians_at(dynamics: Dynamics, points: np.ndarray, affine: bool = False) -> tuple[np.ndarray, np.ndarray]:
-    """F (k, n, n) and dh/dz (k, p, n) at those of the `points` (k, n + m) of the box, each a state and an input, where
-    all of them are finite.
+    """Return F (k, n, n) and dh/dz (k, p, n) at those `points` (k, n + m), each a state and an input, where all entries
+    are finite.
 
-    Raises: `Singular` where none is left.
+    Raises: `Singular` where there is no such point.
     """
     F, H = _jacobians(dynamics, points, affine)
     finite = np.isfinite(F).all(axis=(1, 2)) & np.isfinite(H).all(axis=(1, 2))
@@ -71,8 +71,8 @@ def jacobians_at(dynamics: Dynamics, points: np.ndarray, affine: bool = False) -
 
 
 def flow_jacobians(dynamics: Dynamics) -> Callable[[np.ndarray], np.ndarray]:
-    """F (k, n, n) as a function of points (k, n + m), each a state and an input, or (k, n + m + q) with the values of
-    the q parameters that have a range; not finite where there is none."""
+    """Return F (k, n, n) as a function of points (k, n + m), each a state and an input, or (k, n + m + q) with the
+    values of the q parameters that have a range. An entry without a finite value is not finite."""
     return _evaluated(dynamics, dynamics.jacobian(*_variables(dynamics)))
 
 
@@ -83,13 +83,13 @@ def _jacobians(dynamics: Dynamics, points: np.ndarray, affine: bool = False) -> 
 
 
 def _named(dynamics: Dynamics, point: np.ndarray) -> dict[str, float]:
-    """The coordinates of a point by their names."""
+    """Return the coordinates of a point by their names."""
     names = map(str, (*dynamics.form.to_form, *dynamics.form.system.inputs))
     return dict(zip(names, point.tolist(), strict=True))
 
 
 def largest_determinant(dynamics: Dynamics) -> float:
-    """The largest |det dPhi/dx| in the middle, on corners and at random points of the box.
+    """Return the largest |det dPhi/dx| in the middle, at corners and at random points of the box.
 
     Raises: `NoDeterminant` where it is finite at none of them.
     """
@@ -106,7 +106,7 @@ def _variables(dynamics: Dynamics) -> tuple[Graph, Graph]:
 
 
 def _points(dynamics: Dynamics, samples: int, edge: float = 0.0) -> np.ndarray:
-    """Middle of the box, corners and random points, (1 + 2 samples, n + m)."""
+    """Return the middle of the box, corners and random points, (1 + 2 samples, n + m)."""
     signals = [*dynamics.form.states, *dynamics.form.system.inputs]
     rng = np.random.default_rng(1)
     corners = edge + (1 - 2 * edge) * rng.integers(0, 2, size=(samples, len(signals)))
@@ -116,8 +116,8 @@ def _points(dynamics: Dynamics, samples: int, edge: float = 0.0) -> np.ndarray:
 
 
 def _evaluated(dynamics: Dynamics, matrix: Graph) -> Callable[[np.ndarray], np.ndarray]:
-    """The matrix (r, c) of z and u as a function of points (k, n + m), (k, r, c); parameters with a range are nominal
-    where the points do not go on with their values."""
+    """Return the matrix (r, c) of z and u as a function of points (k, n + m) with the result (k, r, c). Parameters with
+    a range are nominal, unless the points are (k, n + m + q) and contain their values."""
     plant, inputs_end = dynamics.form.system.tunable, dynamics.n + len(dynamics.form.system.inputs)
     graph = ca.Function("F", [*_variables(dynamics), *(sym("plant", p.name) for p in plant)], [matrix])
 
@@ -132,10 +132,10 @@ def _evaluated(dynamics: Dynamics, matrix: Graph) -> Callable[[np.ndarray], np.n
 
 @lru_cache(maxsize=32)
 def evaluated(form: Form) -> tuple[Check, ...]:
-    """Return the checks `singular.NAME` of rows whose derivatives by the states may not be finite on the box, for an
-    observer that evaluates them at the estimate; rows whose values may not be are among the form's own checks.
+    """Return the checks `singular.NAME` of rows whose derivatives by the states may not be finite on the box. An
+    observer that evaluates them at the estimate needs these checks; the form has those of the values of rows.
 
-    Derivatives are those of the form's equations, as they are written, and, at points, of the program's.
+    Tested are the derivatives of the form's equations as they are written, and at sample points the program's.
     """
     dynamics, sampled = Dynamics(replace(form, fallback=())), {}
     points = _points(dynamics, 64)
@@ -159,8 +159,8 @@ _POINTS = 32
 
 
 @dataclass(eq=False)
-class NoSight(HgogenError):
-    """A measure of how observable the states are from the outputs is not made; `reason`: what is missing."""
+class NoLinearisation(HgogenError):
+    """A plant without a linearisation on its box; `reason`: what is missing."""
 
     reason: str
     text = "how much the outputs show is not measured: {reason}"
@@ -168,7 +168,7 @@ class NoSight(HgogenError):
 
 @dataclass(frozen=True)
 class Linear:
-    """df/dx (n, n) and dh/dx (p, n) in half ranges, each at N points."""
+    """A scaled linearisation at N points: df/dx (N, n, n) and dh/dx (N, p, n) in half ranges."""
 
     A: np.ndarray
     C: np.ndarray
@@ -176,8 +176,9 @@ class Linear:
 
 @dataclass(frozen=True)
 class Pace:
-    """The pace of a plant on its box: the shortest and the longest time that a state takes to cross its range, at its
-    fastest among fixed points, and the fastest mode of its linearisation there (1/time); 0 where nothing moves."""
+    """The time scales of a plant on its box: the shortest and the longest time in which a state crosses its range at
+    its largest rate among sample points, and the fastest mode (1/time) of its linearisation there; 0 where no state
+    moves."""
 
     shortest: float
     longest: float
@@ -185,15 +186,15 @@ class Pace:
 
 
 def pace(plant: System) -> Pace:
-    """The pace of a plant on its box.
+    """Return the pace of a plant on its box.
 
-    Raises: `NoSight` where a state or an input has no range, or the model no value; `NoGraph`.
+    Raises: `NoLinearisation` where a state or an input has no range, or the model no value; `NoGraph`.
     """
     return linearisation_on_box(plant)[-1]
 
 
 def linearisation_on_box(plant: System) -> tuple[np.ndarray, Linear, Pace]:
-    """Points of the box (N, n + m) where the model has a value, what it is linearised there, and its pace."""
+    """Return the points of the box (N, n + m) where the model has a value, its linearisation there, and its pace."""
     signals = (*plant.states, *plant.inputs)
     ranged(signals)
     points = _lattice(signals)
@@ -202,7 +203,7 @@ def linearisation_on_box(plant: System) -> tuple[np.ndarray, Linear, Pace]:
         rates, slopes = _linearised(plant, x, u)
         known = np.isfinite(rates).all(1) & np.isfinite(slopes.A).all((1, 2)) & np.isfinite(slopes.C).all((1, 2))
         if not known.any():
-            raise NoSight(f"the model has no value at any of {_POINTS} points of the box")
+            raise NoLinearisation(f"the model has no value at any of {_POINTS} points of the box")
         crossing = 2 * np.array([_half(s) for s in plant.states]) / np.abs(rates[known]).max(axis=0)
     moving = crossing[np.isfinite(crossing)]
     finite = Linear(slopes.A[known], slopes.C[known])
@@ -211,18 +212,18 @@ def linearisation_on_box(plant: System) -> tuple[np.ndarray, Linear, Pace]:
 
 
 def linear(plant: System, x: np.ndarray, u: np.ndarray) -> Linear:
-    """The linearisation at x (N, n), u (N, m)."""
+    """Return the linearisation at x (N, n), u (N, m)."""
     return _linearised(plant, x, u)[1]
 
 
 def _linearised(plant: System, x: np.ndarray, u: np.ndarray) -> tuple[np.ndarray, Linear]:
-    """f (N, n), and the linearisation, at x (N, n), u (N, m)."""
+    """Return f (N, n), and the linearisation, at x (N, n), u (N, m)."""
     f, y, F, H = (np.array(part) for part in _functions(plant)(x.T, u.T))
     S = np.array([_half(s) for s in plant.states])
     n, count = len(plant.states), len(x)
     A = F.T.reshape(count, n, n).transpose(0, 2, 1) * S / S[:, None]  # CasADi counts by columns
     C = H.T.reshape(count, n, len(plant.outputs)).transpose(0, 2, 1) * S
-    R = []  # without a range half of what an output takes on, or its size where it does not move
+    R = []  # without a declared range: half the range of the output's values, or the value where they are all equal
     for s, row in zip(plant.outputs, y, strict=True):
         if s.bounded:
             R.append(_half(s))
@@ -236,10 +237,10 @@ def _linearised(plant: System, x: np.ndarray, u: np.ndarray) -> tuple[np.ndarray
 def slopes(
     pairs: Sequence[tuple[sp.Expr, Signal]], signals: tuple[Signal, ...], nominal: Mapping[sp.Symbol, Any]
 ) -> np.ndarray:
-    """The derivative of each expression by its signal, of `signals`, at those points (N, k) of their box where all have
-    a value.
+    """Return the derivative of each expression by its signal, of `signals`, at the points (N, k) of their box where all
+    derivatives have a value.
 
-    Raises: `NoSight` where a signal has no range, or there is no such point; `NoGraph`.
+    Raises: `NoLinearisation` where a signal has no range, or there is no such point; `NoGraph`.
     """
     ranged(signals)
     x = ca.SX.sym("x", len(signals))
@@ -250,12 +251,12 @@ def slopes(
     values = np.array(function(_lattice(signals).T)).reshape(len(pairs), _POINTS).T
     known = values[np.isfinite(values).all(axis=1)]
     if not len(known):
-        raise NoSight(f"the model has no value at any of {_POINTS} points of the box")
+        raise NoLinearisation(f"the model has no value at any of {_POINTS} points of the box")
     return np.asarray(known)
 
 
 def _functions(plant: System) -> Any:
-    """f, h, df/dx and dh/dx, the latter as columns, as a function of x (n) and u (m)."""
+    """Return f, h, df/dx and dh/dx, the latter as columns, as a CasADi function of x (n) and u (m)."""
     x, u = ca.SX.sym("x", len(plant.states)), ca.SX.sym("u", len(plant.inputs))
     symbols = dict(zip(plant.states, ca.vertsplit(x), strict=True))
     symbols |= dict(zip(plant.inputs, ca.vertsplit(u), strict=True)) if plant.inputs else {}
@@ -266,10 +267,10 @@ def _functions(plant: System) -> Any:
 
 
 def ranged(signals: tuple[Signal, ...]) -> None:
-    """Raises: `NoSight` where a signal has no range, or there is none."""
+    """Raise `NoLinearisation` where a signal has no range, or there is none."""
     loose = [s.name for s in signals if not s.bounded]
     if loose or not signals:
-        raise NoSight(f"no range is declared for {', '.join(loose)}" if loose else "the plant has no states")
+        raise NoLinearisation(f"no range is declared for {', '.join(loose)}" if loose else "the plant has no states")
 
 
 def _half(signal: Signal) -> float:
@@ -278,7 +279,7 @@ def _half(signal: Signal) -> float:
 
 
 def _lattice(signals: tuple[Signal, ...]) -> np.ndarray:
-    """The middle of the box, and points of the additive recurrence of Roberts (2018), which fill it evenly."""
+    """Return the middle of the box, and points of the additive recurrence of Roberts (2018), which fill it evenly."""
     k = len(signals)
     phi = 1.5
     for _ in range(60):  # the root of phi^(k+1) = phi + 1

@@ -1,23 +1,24 @@
 """Maps between coordinates: their inverses, and derivatives along the flow of a plant.
 
-The inverse of a map z = Phi(x, u): one state after the other where a row brings in one, the rest where it is linear.
+The inverse of a map z = Phi(x, u) is solved state by state, where a row reads one unknown state, and the remaining
+states together where their rows are linear.
 
-A candidate counts only if Psi(Phi(x, u), u) = x is shown exactly, for the signs that the ranges of x and the values of
-fixed parameters give; then Phi is one to one wherever Psi(Phi) is defined, and of several branches the one that fits
-the ranges is taken.
+A candidate counts only if Psi(Phi(x, u), u) = x is proved exactly, for the signs that the ranges of x and the values of
+fixed parameters give. Then Phi is one to one wherever Psi(Phi) is defined. Of several branches the one that fits the
+ranges is chosen.
 
-As an observer evaluates it, no denominator of x = Psi(z, u) leaves the side that it has on the image (`sided`).
-z = Phi(x, u) takes the plant's ranges to a part of the box of z. A denominator d(z, u) of Psi with d(Phi(x, u), u) >=
-least > 0 on the plant's ranges may still be 0 elsewhere in the box of z: past that pole Psi has the other sign, and the
-clamp to the ranges would take the far end. There Psi is evaluated with max(d, least), or min(d, -least): on the image
-of the ranges it is unchanged, beyond it is continuous, and the clamp takes the near end.
+An observer evaluates x = Psi(z, u) with denominators whose sign is fixed (`sided`). z = Phi(x, u) maps the plant's
+ranges to a part of the box of z. A denominator d(z, u) of Psi with d(Phi(x, u), u) >= least > 0 on the plant's ranges
+may still be 0 elsewhere in the box of z. Past that pole Psi has the other sign, and the clamp to the ranges would
+return the far end. Therefore Psi is evaluated with max(d, least), or min(d, -least). On the image of the ranges it is
+unchanged. Beyond, it is continuous, and the clamp returns the near end.
 
-Derivatives along the flow of a plant: y, y', y'', ..., with the derivatives of the inputs as symbols.
+Derivatives along the flow of a plant are y, y', y'', ..., with the derivatives of the inputs as symbols.
 
     (L e)(x, u, u', ..) = de/dx f(x, u) + de/du u' + de/du' u'' + ...
 
-The derivatives of an input are Signals of their own (`Signal.derivative`), in the ranges that its `rates` declare.
-Source: M. Fliess, "Generalized controller canonical forms for linear and nonlinear dynamics", IEEE TAC 35 (1990).
+The derivatives of an input are Signals (`Signal.derivative`), in the ranges that its `rates` declare. Source: M.
+Fliess, "Generalized controller canonical forms for linear and nonlinear dynamics", IEEE TAC 35 (1990).
 """
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
@@ -43,8 +44,8 @@ from hgogen.system import System
 _SIDED = 2000  # boxes: a bound away from 0 need not be the best
 # Beyond so many nodes an expression is not simplified.
 _LIMIT = 400
-_TOGETHER = 2 * _LIMIT  # nodes times functions, each of which is a symbol more to cancel in
-_BITS, _NOTHING = 256, 1e-9  # of a value at a sample point, and what of it may be left of cancellations
+_TOGETHER = 2 * _LIMIT  # nodes times functions: each function is one more symbol for `cancel`
+_BITS, _NOTHING = 256, 1e-9  # bits of a value at a sample point, and the largest rounding error after cancellation
 EMPTY: Mapping[Signal, float] = MappingProxyType({})
 _BACK: dict[type, Callable[[sp.Expr], sp.Expr]] = {
     sp.exp: sp.log,
@@ -61,7 +62,8 @@ _BACK: dict[type, Callable[[sp.Expr], sp.Expr]] = {
 
 
 def stand_ins(signals: Iterable[Signal], fixed: Mapping[Signal, float] = EMPTY) -> dict[Signal, sp.Dummy]:
-    """Symbols that carry the sign of a signal's range, so that sqrt(w^2) can become w; of its value where `fixed`."""
+    """Return symbols with the sign of each signal's range, so that sqrt(w^2) can become w; of its value where
+    `fixed`."""
     ends = {s: (fixed[s], fixed[s]) if s in fixed else s.interval for s in signals}
     dummies = {}
     for s, (low, high) in ends.items():
@@ -89,33 +91,33 @@ def inverse(
     solved: dict[sp.Symbol, sp.Expr] = {}
     rows = dict(forward)
     while len(solved) < len(unknown):
-        left = [x for x in unknown if x not in solved]
-        new = _next(rows, left, forward) or _linear(rows, left, forward)
+        remaining = [x for x in unknown if x not in solved]
+        new = _next(rows, remaining, forward) or _linear(rows, remaining, forward)
         if not new:
             return None
         solved |= new
-        rows = {z: tidy(e.xreplace(new)) for z, e in rows.items() if e.free_symbols & set(left)}
+        rows = {z: tidy(e.xreplace(new)) for z, e in rows.items() if e.free_symbols & set(remaining)}
     back = {dummy: signal for signal, dummy in plain.items()}
     candidate = {x: solved[plain[x]].xreplace(back) for x in states}
     return candidate if _holds(candidate, images, (*states, *known), fixed) else None
 
 
 def tidy(expression: sp.Expr) -> sp.Expr:
-    """The expression with common factors cancelled, functions and roots taken as symbols of their own."""
+    """Return the expression with common factors cancelled; functions and roots are treated as symbols."""
     nodes, roots = size([expression]), {p for p in expression.atoms(sp.Pow) if not p.exp.is_Integer}
-    stands = {f: sp.Dummy() for f in sorted(roots | expression.atoms(sp.Function), key=sp.default_sort_key)}
-    if nodes > _LIMIT or nodes * len(stands) > _TOGETHER:
+    dummies = {f: sp.Dummy() for f in sorted(roots | expression.atoms(sp.Function), key=sp.default_sort_key)}
+    if nodes > _LIMIT or nodes * len(dummies) > _TOGETHER:
         return expression
-    whole = expression.xreplace(stands)
-    return sp.cancel(whole).xreplace({dummy: f for f, dummy in stands.items()})
+    whole = expression.xreplace(dummies)
+    return sp.cancel(whole).xreplace({dummy: f for f, dummy in dummies.items()})
 
 
 def _next(
-    rows: Mapping[sp.Symbol, sp.Expr], left: Sequence[sp.Symbol], forward: Mapping[sp.Symbol, sp.Expr]
+    rows: Mapping[sp.Symbol, sp.Expr], remaining: Sequence[sp.Symbol], forward: Mapping[sp.Symbol, sp.Expr]
 ) -> dict[sp.Symbol, sp.Expr]:
-    """The state of the first row that brings in only one and can be solved for it."""
+    """Return the solution for the state of the first row that reads only one unknown state and can be solved for it."""
     for z, row in rows.items():
-        read = [x for x in left if x in row.free_symbols]
+        read = [x for x in remaining if x in row.free_symbols]
         if len(read) == 1:
             for candidate in _roots(row - z, read[0]):
                 if _undoes(candidate, read[0], forward):
@@ -124,22 +126,23 @@ def _next(
 
 
 def _linear(
-    rows: Mapping[sp.Symbol, sp.Expr], left: list[sp.Symbol], forward: Mapping[sp.Symbol, sp.Expr]
+    rows: Mapping[sp.Symbol, sp.Expr], remaining: list[sp.Symbol], forward: Mapping[sp.Symbol, sp.Expr]
 ) -> dict[sp.Symbol, sp.Expr]:
-    """The remaining states at once, where the numerators of the remaining rows are linear in them together."""
-    numerators = [sp.fraction(sp.together(e - z))[0] for z, e in rows.items() if e.free_symbols & set(left)]
+    """Return the remaining states together, where the numerators of the remaining rows are linear in them."""
+    numerators = [sp.fraction(sp.together(e - z))[0] for z, e in rows.items() if e.free_symbols & set(remaining)]
     try:
-        matrix, right = sp.linear_eq_to_matrix(numerators, left)
+        matrix, right = sp.linear_eq_to_matrix(numerators, remaining)
     except (NonlinearError, ValueError):
         return {}
     if matrix.rows != matrix.cols or tidy(matrix.det()) == 0:
         return {}
-    solution = dict(zip(left, map(tidy, matrix.LUsolve(right)), strict=True))
+    solution = dict(zip(remaining, map(tidy, matrix.LUsolve(right)), strict=True))
     return solution if all(_undoes(e, x, forward) for x, e in solution.items()) else {}
 
 
 def _roots(equation: sp.Expr, x: sp.Symbol) -> Iterator[sp.Expr]:
-    """Solutions of equation = 0 for x: of a polynomial of degree 1 or 2, or behind a function that occurs alone."""
+    """Return solutions of equation = 0 for x: of a polynomial of degree 1 or 2, or inside a function that occurs
+    alone."""
     numerator = sp.fraction(sp.together(equation))[0]
     if numerator.is_polynomial(x):
         coefficients = sp.Poly(numerator, x).all_coeffs()
@@ -158,17 +161,18 @@ def _roots(equation: sp.Expr, x: sp.Symbol) -> Iterator[sp.Expr]:
     inner = {f for f in functions if x in f.free_symbols and not f.is_polynomial(x)}
     for f in sorted(inner, key=sp.default_sort_key):
         value = sp.Dummy()
-        rest = numerator.xreplace({f: value})
-        if x in rest.free_symbols or not rest.is_polynomial(value):
+        in_function = numerator.xreplace({f: value})
+        if x in in_function.free_symbols or not in_function.is_polynomial(value):
             continue
-        for root in _roots(rest, value):
-            undone = _behind(f, root)
-            if undone is not None:
-                yield from _roots(undone, x)
+        for root in _roots(in_function, value):
+            inner_equation = _behind(f, root)
+            if inner_equation is not None:
+                yield from _roots(inner_equation, x)
 
 
 def _behind(f: sp.Expr, value: sp.Expr) -> sp.Expr | None:
-    """An expression that is 0 where f = value, with the function undone; None for one without an inverse here."""
+    """Return an expression that is 0 where f = value, with the function inverted; None for one without an inverse
+    here."""
     if isinstance(f, sp.Pow):
         return f.base - value ** (1 / f.exp) if f.exp.is_Rational else None
     back = _BACK.get(type(f))
@@ -176,7 +180,7 @@ def _behind(f: sp.Expr, value: sp.Expr) -> sp.Expr | None:
 
 
 def _undoes(candidate: sp.Expr, x: sp.Symbol, forward: Mapping[sp.Symbol, sp.Expr]) -> bool:
-    """Whether the candidate, an expression of z, is x where z = Phi(x)."""
+    """Return whether the candidate, an expression of z, is x where z = Phi(x)."""
     error = tidy(candidate.xreplace(dict(forward)) - x)
     if error == 0 or size([error]) > _LIMIT:
         return bool(error == 0)
@@ -192,7 +196,8 @@ def _holds(
     signals: Sequence[Signal],
     fixed: Mapping[Signal, float],
 ) -> bool:
-    """A second test of the candidate: at no sample point of the box does a ball exclude that Psi(Phi(x)) = x."""
+    """Return whether no ball at a sample point of the box excludes Psi(Phi(x)) = x, as a second test of the
+    candidate."""
     errors = [exact(e.xreplace(dict(images)).xreplace(dict(fixed))) - x for x, e in candidate.items()]
     read = [s for s in signals if any(s in e.free_symbols for e in errors)]
     try:
@@ -208,18 +213,19 @@ def _holds(
 
 @dataclass(frozen=True)
 class Sided:
-    """The `rows` of Psi, with each denominator at its side where that is proved. `finite` tells for each row whether it
-    is proved to be a number on the whole box of z; where it is not, an observer has to look."""
+    """The `rows` of Psi with denominators of fixed sign where that sign is proved. `finite`: for each row, whether it
+    is proved to be a number on the whole box of z; where it is not, an observer has to test it."""
 
     rows: tuple[sp.Expr, ...]
     finite: tuple[bool, ...]
 
 
 def sided(form: Form) -> Sided:
-    """The form's `from_form`, x as expressions of z, with each denominator of a proved sign clamped to that sign.
+    """Return the form's `from_form`, x as expressions of z, with each denominator of a proved sign clamped to that
+    sign.
 
-    The least size of a denominator on the image is proved by outward-rounded intervals; half of it is taken, which
-    leaves room for rounding.
+    The least size of a denominator on the image is proved by outward-rounded intervals. The clamp is at half of it,
+    which leaves room for rounding.
     """
     plant = form.system
     around, ranges, images = form.box, plant.box, dict(zip(form.states, form.to_form, strict=True))
@@ -243,7 +249,7 @@ def _denominators(row: sp.Expr) -> list[sp.Expr]:
 
 
 def _least(denominator: sp.Expr, ranges: Box) -> sp.Rational:
-    """Half of a bound away from 0, with the sign that the denominator has on the ranges; 0 where none is proved."""
+    """Return half of a bound away from 0, with the sign of the denominator on the ranges; 0 where none is proved."""
     sign = nonzero(denominator, ranges, boxes=_SIDED, refute=False)
     if sign.verdict is not Verdict.PROVED:
         return sp.S.Zero
@@ -251,7 +257,7 @@ def _least(denominator: sp.Expr, ranges: Box) -> sp.Rational:
 
 
 def _bounded_away(row: sp.Expr, leasts: Mapping[sp.Expr, sp.Rational]) -> sp.Expr:
-    """The row, each denominator d of `leasts` as max(d, least), or min(d, least) where least < 0."""
+    """Return the row with each denominator d of `leasts` as max(d, least), or min(d, least) where least < 0."""
     powers = (p for p in row.atoms(sp.Pow) if p.exp.is_Integer and p.exp.is_negative and p.base in leasts)
     changed = {}
     for p in powers:
@@ -265,7 +271,7 @@ def _bounded_away(row: sp.Expr, leasts: Mapping[sp.Expr, sp.Rational]) -> sp.Exp
 
 
 def rates(plant: System, orders: int) -> dict[sp.Symbol, sp.Expr]:
-    """The rate of each state, of each input, and of the input's derivatives up to the order `orders` - 1."""
+    """Return the rate of each state, of each input, and of the input's derivatives up to the order `orders` - 1."""
     changes = {x: exact(row) for x, row in zip(plant.states, plant.flow, strict=True)}  # no product of floats is exact
     for u in plant.inputs:
         changes |= {u.derivative(k): u.derivative(k + 1) for k in range(orders)}
@@ -273,14 +279,14 @@ def rates(plant: System, orders: int) -> dict[sp.Symbol, sp.Expr]:
 
 
 def along(expression: sp.Expr, rates: Mapping[sp.Symbol, sp.Expr]) -> sp.Expr:
-    """The time derivative of an expression; symbols without a rate are constant. Polynomials come out expanded."""
+    """Return the time derivative of an expression; symbols without a rate are constant. Polynomials are expanded."""
     moving = sorted(expression.free_symbols & rates.keys(), key=str)
     result = sp.Add(*(expression.diff(symbol) * rates[symbol] for symbol in moving))
     return sp.expand(result) if result.is_polynomial() else result
 
 
 def derivatives(expression: sp.Expr, rates: Mapping[sp.Symbol, sp.Expr], count: int) -> tuple[sp.Expr, ...]:
-    """The expression and its time derivatives, `count` expressions in all."""
+    """Return the expression and its time derivatives, `count` expressions in all."""
     chain = [expression]
     while len(chain) < count:
         chain.append(along(chain[-1], rates))
@@ -288,44 +294,46 @@ def derivatives(expression: sp.Expr, rates: Mapping[sp.Symbol, sp.Expr], count: 
 
 
 def input_derivatives(expressions: Iterable[sp.Expr], plant: System, orders: int) -> tuple[Signal, ...]:
-    """The derivatives, up to the given order, of the plant's inputs that the expressions read, input by input."""
+    """Return the derivatives, up to the given order, of the plant's inputs that the expressions read, input by
+    input."""
     read = set().union(*(e.free_symbols for e in expressions))
     known = (u.derivative(k) for u in plant.inputs for k in range(1, orders + 1))
     return tuple(signal for signal in known if signal in read)
 
 
 def without_rates(plant: System) -> System:
-    """The plant without the derivatives of its inputs that it does not read itself, as a form adds them."""
+    """Return the plant without the derivatives of its inputs that only a form has added."""
     read = set().union(*(sp.sympify(e).free_symbols for e in (*plant.flow, *plant.output)))
     known = derived(plant.inputs)
     return replace(plant, inputs=tuple(u for u in plant.inputs if u in read or u.name not in known))
 
 
 def without_derivative(expressions: Iterable[sp.Expr]) -> Reason:
-    """The first function with jumps or kinks, in the alphabet, in words; `NONE` if there is none."""
+    """Return the reason that names the first function with jumps or kinks, in alphabetical order; `NONE` without
+    one."""
     node = min((node for e in expressions for node in e.atoms(*JUMPS, *KINKS)), key=str, default=None)
     return NONE if node is None else because("{part} has no derivative somewhere", part=node)
 
 
 def length(expression: sp.Expr) -> int:
-    """Number of nodes of the expression as it is written out, each part as often as it stands there."""
+    """Return the number of nodes of the expression as it is written out, with repeated parts counted each time."""
     known: dict[sp.Basic, int] = {}
 
-    def of(node: sp.Basic) -> int:
+    def count(node: sp.Basic) -> int:
         if node not in known:
-            known[node] = 1 + sum(map(of, node.args))
+            known[node] = 1 + sum(map(count, node.args))
         return known[node]
 
-    return of(expression)
+    return count(expression)
 
 
 def size(expressions: Iterable[sp.Expr]) -> int:
-    """Number of different nodes of the expressions' trees, a measure of the work they ask for."""
-    seen: set[sp.Basic] = set()
+    """Return the number of different nodes of the expressions' trees, a measure of the cost of handling them."""
+    visited: set[sp.Basic] = set()
     stack: list[sp.Basic] = list(expressions)
     while stack:
         node = stack.pop()
-        if node not in seen:
-            seen.add(node)
+        if node not in visited:
+            visited.add(node)
             stack += node.args
-    return len(seen)
+    return len(visited)

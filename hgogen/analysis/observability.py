@@ -1,20 +1,20 @@
-"""What a plant's outputs tell of its states and unknown parameters, what hides the rest, and what would show it.
+"""The observability of a plant's states and unknown parameters, the symmetries that hide some, and the missing outputs.
 
-Observable is said locally: a state nearby gives another output, a far one may not, as -x where y = x**2. Answers are
+Observability is local: a state nearby gives another output, a far one may not, as -x where y = x**2. Answers are
 generic: they hold at almost every state, parameter value and input. Full rank at one point proves full rank almost
-everywhere. A deficiency is proved by a symmetry, a vector field that no output sees; without one it is known but for
-the chance that a random point lies on a thin set, and nothing is concluded from it.
+everywhere. A deficiency is proved by a symmetry, a vector field that changes no output. Without a symmetry it could be
+an accident of the random points, and nothing is concluded from it.
 
-A plant with kinks, jumps or tables is asked on each branch that its declared ranges reach (`rigor.rank`), as long
-as it stays there: what one branch hides, as a shaft in its backlash the load, another may show.
+A plant with kinks, jumps or tables has an answer on each branch that its declared ranges reach (`rigor.rank`), as long
+as it stays there. One branch may hide a state that another does not: a shaft in its backlash hides the load.
 
-What hides a state: a vector field along which every output and all its derivatives stay as they are.
+A state is hidden by a vector field along which every output and all its derivatives are constant.
 
     v(x, p) = sum_j c_ij m_j(x, p),   O(x, p) v(x, p) = 0 at random points   ->   the coefficients c, by linear algebra
     exact proof:  L_v h = 0  and  [f, v] = 0 or along v   =>   L_v (L_f^k h) = 0 for every k
 
-The coefficients are found modulo a prime, or with balls, and read back as small fractions; then SymPy proves the two
-conditions where it can. A scaling reads x -> c x, a translation x -> x + c.
+The coefficients are found modulo a prime, or with balls, and converted to small fractions; then SymPy proves the two
+conditions where it can. A scaling is printed as x -> c x, a translation as x -> x + c.
 """
 
 from collections.abc import Iterable, Sequence
@@ -53,7 +53,7 @@ from hgogen.rigor.series import Arithmetic, Plant, Point, Undecided, first_gradi
 from hgogen.sentence import NONE, Encoded, Reason, because, joined
 from hgogen.system import System
 
-TERMS = 400  # of the vector field that is looked for
+TERMS = 400  # of the vector field in the search
 OPERATIONS = 4000  # of the model, beyond which the exact proof is left out
 _LARGEST = 1000  # numerator and denominator of a coefficient
 _SPARE = 4  # equations more than coefficients
@@ -61,7 +61,7 @@ _SPARE = 4  # equations more than coefficients
 
 @dataclass(frozen=True)
 class Symmetry:
-    """A vector field that the outputs do not see: `field`, its components other than zero, by unknown.
+    """A vector field that changes no output. `field`: its components other than zero, by unknown.
 
     `proved`: exactly, by SymPy; otherwise it holds at every random point that was tried.
     """
@@ -97,9 +97,9 @@ def symmetries(
     order: int,
     places: Places = (),
 ) -> tuple[Symmetry, ...]:
-    """Independent symmetries with polynomial components of degree 1, else 2, that move the `hidden` unknowns.
+    """Return independent symmetries with polynomial components of degree 1, else 2, that move the `hidden` unknowns.
 
-    `order`: the order of the derivatives that attain the rank; `places`: near which real points are taken. There may be
+    `order`: the order of the derivatives that attain the rank; `places`: real points are drawn near them. There may be
     fewer symmetries than the deficiency of the rank, where the search finds no more.
     """
     flow, output = tuple(map(sp.sympify, flow)), tuple(map(sp.sympify, output))
@@ -125,7 +125,8 @@ def symmetries(
 
 
 def _ladder(unknowns: Sequence[sp.Symbol], hidden: Sequence[sp.Symbol]) -> Iterable[list[tuple[int, tuple[int, ...]]]]:
-    """Terms (component, the unknowns of its monomial): scalings and translations, all of degree 1, of degree 2."""
+    """Return terms (component, the unknowns of its monomial): scalings and translations, all of degree 1, of degree
+    2."""
     at = [unknowns.index(s) for s in hidden]
     yield [(i, m) for i in at for m in ((), (i,))]
     every = range(len(unknowns))
@@ -134,7 +135,7 @@ def _ladder(unknowns: Sequence[sp.Symbol], hidden: Sequence[sp.Symbol]) -> Itera
 
 
 def _enough(plant: Plant, order: int, samples: list[_Sample], hidden: int, terms: int) -> list[_Sample]:
-    """Samples with more equations than terms, all modulo one prime; what is observable gives no equation."""
+    """Return samples with more equations than terms, all modulo one prime; an observable unknown gives no equation."""
     samples = list(samples)
     each = max(len(samples[0].rows) - (plant.wide - hidden), 1)
     k = len(samples)
@@ -159,7 +160,7 @@ def _sample(plant: Plant, order: int, k: int) -> _Sample:
 def _fields(
     samples: Sequence[_Sample], terms: Sequence[tuple[int, tuple[int, ...]]], unknowns: Sequence[sp.Symbol]
 ) -> list[list[sp.Expr]]:
-    """A basis of the fields with these terms that all the rows of all the samples annihilate."""
+    """Return a basis of the fields with these terms that all the rows of all the samples annihilate."""
     prime = samples[0].prime
     with flint.ctx.workprec(FEW_BITS):
         equations = [
@@ -185,7 +186,8 @@ def _fields(
 
 
 def _fractions(vector: Sequence[Any], prime: int) -> list[Fraction] | None:
-    """The vector as small fractions, scaled so that its first nonzero entry is 1; None where they are not small."""
+    """Return the vector as small fractions, scaled so that its first nonzero entry is 1; None where they are not
+    small."""
     lead = next((c for c in vector if c != 0), None)
     if lead is None:
         return None
@@ -196,7 +198,7 @@ def _fractions(vector: Sequence[Any], prime: int) -> list[Fraction] | None:
 
 
 def _residue(a: int, prime: int) -> Fraction | None:
-    """The small fraction that is `a` modulo the prime, by the extended Euclidean algorithm."""
+    """Return the small fraction that is `a` modulo the prime, by the extended Euclidean algorithm."""
     (r, s), (b, t) = (prime, 0), (a, 1)
     while b > _LARGEST:
         (r, s), (b, t) = (b, t), (r - r // b * b, s - r // b * t)
@@ -210,7 +212,7 @@ def _number(a: Any) -> Fraction | None:
 
 
 def _independent(fields: Sequence[Sequence[sp.Expr]], unknowns: Sequence[sp.Symbol]) -> list[list[sp.Expr]]:
-    """The simplest fields that are independent at a point, scalings and translations first."""
+    """Return the simplest fields that are independent at a point, scalings and translations first."""
     ordered = sorted(fields, key=lambda field: (sum(v != 0 for v in field), sum(v.count_ops() for v in field)))
     draw = [Fraction(3 * k + 2, 2 * k + 5) for k in range(len(unknowns))]
     point = {s: sp.Rational(c) for s, c in zip(unknowns, draw, strict=True)}
@@ -230,8 +232,8 @@ def _proved(
     output: Sequence[sp.Expr],
     unknowns: Sequence[sp.Symbol],
 ) -> list[bool]:
-    """Whether, for each field v, L_v h = 0 and [f, v] lies in the span of such fields, exactly; False where SymPy does
-    not decide it."""
+    """Return whether, for each field v, L_v h = 0 and [f, v] lies in the span of such fields, exactly; False where
+    SymPy does not decide it."""
     if sum(e.count_ops() for e in (*rates, *output)) > OPERATIONS:
         return [False] * len(fields)
 
@@ -242,13 +244,13 @@ def _proved(
         return [_together(along(v, rates) - along(f, field)) for v, f in zip(field, rates, strict=True)]
 
     def spanned(bracket: Sequence[sp.Expr], family: Sequence[Sequence[sp.Expr]]) -> bool:
-        """Whether the bracket is a combination of independent fields with functions as coefficients, exactly."""
+        """Return whether the bracket is a combination of independent fields with functions as coefficients, exactly."""
         rows = sp.Matrix([*family, bracket])
         return bool(rows.rank(iszerofunc=_vanishes, simplify=_together) == len(family))
 
-    unseen = [all(_vanishes(along(h, field)) for h in output) for field in fields]
-    brackets = [commutator(field) if ok else [] for field, ok in zip(fields, unseen, strict=True)]
-    closed = list(unseen)
+    invisible = [all(_vanishes(along(h, field)) for h in output) for field in fields]
+    brackets = [commutator(field) if ok else [] for field, ok in zip(fields, invisible, strict=True)]
+    closed = list(invisible)
     while True:  # the largest family that f maps into itself
         family = [field for field, ok in zip(fields, closed, strict=True) if ok]
         remaining = [ok and spanned(bracket, family) for bracket, ok in zip(brackets, closed, strict=True)]
@@ -271,33 +273,33 @@ def _vanishes(e: sp.Expr) -> bool:
 
 
 def _letter(field: Sequence[tuple[sp.Symbol, sp.Expr]]) -> sp.Symbol:
-    """A name for the free constant that no unknown has."""
-    taken = {s.name for x, v in field for s in {x, *v.free_symbols}}
-    return sp.Symbol(next(name for name in ("c", "s", "r", *(f"c{k}" for k in range(len(taken)))) if name not in taken))
+    """Return a name for the free constant that no unknown has."""
+    used = {s.name for x, v in field for s in {x, *v.free_symbols}}
+    return sp.Symbol(next(name for name in ("c", "s", "r", *(f"c{k}" for k in range(len(used)))) if name not in used))
 
 
 def _scaling(field: Sequence[tuple[sp.Symbol, sp.Expr]]) -> str:
-    """ "x -> c x, k -> k/c", with "z -> z + log(c)" where a component is constant; or ""."""
+    """Return "x -> c x, k -> k/c", with "z -> z + log(c)" where a component is constant; or ""."""
     powers = {s: v / s for s, v in field if not v.is_Rational}
     if not powers or not all(power.is_Rational for power in powers.values()):
         return ""
     c = _letter(field)
     whole = lcm(*(int(p.q) for p in powers.values()))
-    moves = []
+    terms = []
     for s, v in field:
         if s not in powers:
-            moves.append(f"{s} -> {s + v * whole * sp.log(c)}")
+            terms.append(f"{s} -> {s + v * whole * sp.log(c)}")
             continue
         power = int(powers[s] * whole)
         factor = f"{c}" if abs(power) == 1 else f"{c}^{abs(power)}"
-        moves.append(f"{s} -> {factor} {s}" if power > 0 else f"{s} -> {s}/{factor}")
-    return ", ".join(moves)
+        terms.append(f"{s} -> {factor} {s}" if power > 0 else f"{s} -> {s}/{factor}")
+    return ", ".join(terms)
 
 
 def _translation(field: Sequence[tuple[sp.Symbol, sp.Expr]]) -> str:
-    """ "x -> x + c v" where v is of unknowns that stay, or ""."""
-    moved = {s for s, _ in field}
-    if any(v.free_symbols & moved for _, v in field):
+    """Return "x -> x + c v" where v reads no unknown of the field, or ""."""
+    changed = {s for s, _ in field}
+    if any(v.free_symbols & changed for _, v in field):
         return ""
     c = _letter(field)
     shifts = ((s, v if v.is_Number else sp.factor(v)) for s, v in field)
@@ -308,8 +310,8 @@ def _translation(field: Sequence[tuple[sp.Symbol, sp.Expr]]) -> str:
 
 
 Exprs = Sequence[sp.Expr]
-_PROVED_BRANCHES = 8  # on which symmetries are looked for, which may take a second each
-_CONDITIONS, _SHOWN = 4, 3  # of a branch, and branches, that a sentence names
+_PROVED_BRANCHES = 8  # with a search for symmetries, which may take a second each
+_CONDITIONS, _BRANCHES = 4, 3  # conditions of a branch, and branches, in a sentence
 
 
 @dataclass(frozen=True)
@@ -344,13 +346,13 @@ class Answer(Encoded):
 
     @property
     def doubtful(self) -> tuple[sp.Symbol, ...]:
-        """The unknowns that were not found to be observable, nor proved to be unobservable."""
+        """The unknowns that were neither found to be observable nor proved to be unobservable."""
         return tuple(s for s in self.rank.unobservable if s not in self.hidden)
 
     @property
     def lost(self) -> tuple[sp.Symbol, ...]:
-        """The unknowns that are proved to be unobservable on every branch that was asked; none where the conditions of
-        a branch read what it hides, as a threshold: when the branch changes tells it."""
+        """The unknowns that are proved to be unobservable on every branch. It is empty where the conditions of a branch
+        read a hidden unknown, such as a threshold: the time of a change of branch depends on it."""
         every = (self, *self.elsewhere)
         read = sp.Tuple(*(condition for answer in every for condition in answer.where)).free_symbols
         if any(read.intersection(answer.rank.unobservable) for answer in every):
@@ -359,21 +361,22 @@ class Answer(Encoded):
 
     @property
     def advice(self) -> str:
-        """The advice what to measure as well, where something is proved to be unobservable on every branch; else ""."""
+        """The advice what to measure in addition, where an unknown is proved to be unobservable on every branch; else
+        ""."""
         if not self.lost:
             return ""
-        shown = " or ".join(s.name for s in self.repairs)
-        if not shown:
+        missing = " or ".join(s.name for s in self.repairs)
+        if not missing:
             return "measure more: no single state or parameter would do"
-        return f"measure {shown} as well" + (f", which shows all where {self.condition}" if self.elsewhere else "")
+        return f"measure {missing} as well" + (f", which shows all where {self.condition}" if self.elsewhere else "")
 
     @property
     def condition(self) -> Reason:
         """The conditions of the branch, in words; `NONE` of a plant without branches."""
         if not self.where:
             return NONE
-        shown, more = self.where[:_CONDITIONS], len(self.where[_CONDITIONS:])
-        first = because("{shown: and }", shown=shown)
+        first_conditions, more = self.where[:_CONDITIONS], len(self.where[_CONDITIONS:])
+        first = because("{shown: and }", shown=first_conditions)
         return because("{first} and {more} more conditions", first=first, more=more) if more else first
 
     @property
@@ -382,15 +385,15 @@ class Answer(Encoded):
         place = because(" where {condition}", condition=self.condition) if self.where else NONE
         are = "is" if len(self.hidden) == 1 else "are"
         hidden = because("{names} {are} not observable{place}", names=self.hidden, are=are, place=place)
-        doubt = because("whether {names} can be observed{place} is not known", names=self.doubtful, place=place)
-        return tuple(one for one, names in ((hidden, self.hidden), (doubt, self.doubtful)) if names)
+        undecided = because("whether {names} can be observed{place} is not known", names=self.doubtful, place=place)
+        return tuple(one for one, names in ((hidden, self.hidden), (undecided, self.doubtful)) if names)
 
     @property
     def exceptions(self) -> tuple[Reason, ...]:
-        """The unknowns that the other branches hide, in words, of the first of them."""
-        said = [one for answer in self.elsewhere for one in answer.unseen]
-        more = because("so on {more} other branches", more=len(said) - _SHOWN)
-        return (*said[:_SHOWN], *((more,) if len(said) > _SHOWN else ()))
+        """The unknowns that the other branches hide, in words, for the first of these branches."""
+        sentences = [one for answer in self.elsewhere for one in answer.unseen]
+        more = because("so on {more} other branches", more=len(sentences) - _BRANCHES)
+        return (*sentences[:_BRANCHES], *((more,) if len(sentences) > _BRANCHES else ()))
 
     def __str__(self) -> str:
         rank = self.rank
@@ -400,8 +403,8 @@ class Answer(Encoded):
         lines += map(str, self.unseen)
         lines += [f"not seen: {symmetry}" for symmetry in self.symmetries]
         if self.direction:
-            doubt = f"a direction in which no derivative up to order {rank.order} is known to change"
-            known = "an unobservable direction" if self.hidden == rank.unobservable else doubt
+            unchanged = f"a direction in which no derivative up to order {rank.order} is known to change"
+            known = "an unobservable direction" if self.hidden == rank.unobservable else unchanged
             lines.append(f"{known}: {_values(self.direction)}, at {_values(self.point)}")
         lines += [self.advice] if self.advice else []
         return "\n".join([*lines, *map(str, self.exceptions)])
@@ -431,7 +434,7 @@ class Observability(Encoded):
 
     @property
     def order(self) -> int:
-        """Order of the outputs' derivatives that attains it."""
+        """Order of the outputs' derivatives that attains the rank."""
         return self.known.rank.order
 
     @property
@@ -465,34 +468,35 @@ class Observability(Encoded):
 @requires_plant
 @cached
 def observability(plant: System, *, unknown: tuple[str, ...] | None = None) -> Observability:
-    """The generic observability of a plant; `unknown`: the parameters of the joint question, by default those with a
-    range. The others stand at their nominal values.
+    """Return the generic observability of a plant. `unknown`: the parameters of the joint question, by default those
+    with a range; the others have their nominal values.
 
     Raises: `BadGain` for names of no parameter; `NowhereDefined` for a plant that is nowhere defined; `NoTape` for a
     function without a rule.
     """
-    loose: tuple[sp.Symbol, ...] = plant.tunable
+    unknowns: tuple[sp.Symbol, ...] = plant.tunable
     if unknown is not None:
-        loose = signals_named(
+        unknowns = signals_named(
             "unknown",
             unknown,
             plant.parameters,
             lambda name, fix: BadGain(f"unknown names {name!r}", f"which is no parameter; {fix}"),
         )
-    reached = on_branches(plant, loose)
-    questions = [_Question(plant, branch, loose) for branch in reached.branches]
+    reached = on_branches(plant, unknowns)
+    questions = [_Question(plant, branch, unknowns) for branch in reached.branches]
     first = {one.branch.rows: one for one in reversed(questions)}  # branches with the same rows have the same ranks
     generic = {rows: one.ranks() for rows, one in first.items()}
-    asked = [(one, ranked) for one in questions if (ranked := generic[one.branch.rows]) is not None]
-    if not asked:
+    ranked = [(one, ranks_of_branch) for one in questions if (ranks_of_branch := generic[one.branch.rows]) is not None]
+    if not ranked:
         raise NowhereDefined(reached.points)
-    known = _whole([(replace(question, parameters=()), one.known) for question, one in asked])
-    joint = _whole([(question, one.joint) for question, one in asked]) if loose else None
-    return Observability(plant, known, joint, asked[0][1].method, _asked(plant, loose, reached, len(asked)))
+    known = _whole([(replace(question, parameters=()), one.known) for question, one in ranked])
+    joint = _whole([(question, one.joint) for question, one in ranked]) if unknowns else None
+    note = _branches_note(plant, unknowns, reached, len(ranked))
+    return Observability(plant, known, joint, ranked[0][1].method, note)
 
 
-def _asked(plant: System, loose: Sequence[sp.Symbol], reached: Reached, count: int) -> Reason:
-    """The branches on which it was asked, and those that were left out."""
+def _branches_note(plant: System, loose: Sequence[sp.Symbol], reached: Reached, count: int) -> Reason:
+    """Return the number of branches with an answer, and of those that were left out."""
     if not reached.bent:
         return NONE
     pattern = "asked on {count} branches, those that {points} points of the ranges reach; there may be others"
@@ -505,7 +509,7 @@ def _asked(plant: System, loose: Sequence[sp.Symbol], reached: Reached, count: i
 
 @dataclass(frozen=True)
 class _Question:
-    """The question of a branch of a plant, with unknown `parameters`."""
+    """The question about a branch of a plant, with unknown `parameters`."""
 
     plant: System
     branch: Branch
@@ -518,7 +522,7 @@ class _Question:
         return self.branch.rows[:n], self.branch.rows[n:], self.plant.states, self.plant.inputs, self.parameters
 
     def ranks(self) -> Ranks | None:
-        """The ranks on the branch; None where no point tells them."""
+        """Return the ranks on the branch; None where no point decides them."""
         try:
             return ranks(*self.rows, places=self.branch.places)
         except NowhereDefined:
@@ -531,22 +535,23 @@ class _Question:
         return tuple(one for one in self.branch.where if not enclose(one.gts - one.lts, around)[0] >= 0)
 
     def answer(self, rank: Rank, *, proofs: bool = True) -> Answer:
-        """The answer on the branch; without `proofs`, what hides the rest is not asked."""
+        """Return the answer on the branch; without `proofs`, without a search for symmetries."""
         hidden = rank.unobservable
         if not hidden or not proofs:
             return Answer(rank, self.orders(rank) if proofs else (), where=self.where if hidden else ())
         fields = symmetries(*self.rows, hidden=hidden, order=rank.order, places=self.branch.places)
         few = len(fields) < rank.dimension - rank.rank
         direction, point = self.direction(rank.order) if few else ((), ())
-        moved = {s for field in fields if field.proved for s, _ in field.field}
+        changed = {s for field in fields if field.proved for s, _ in field.field}
         if not any(e.free_symbols & {*self.plant.states} for e in self.rows[1]):
-            moved |= {*self.plant.states}
-        proved = tuple(s for s in hidden if s in moved)
+            changed |= {*self.plant.states}
+        proved = tuple(s for s in hidden if s in changed)
         repairs = self.repairs(rank) if proved else ()
         return Answer(rank, self.orders(rank), fields, direction, point, repairs, proved, self.where)
 
     def orders(self, rank: Rank) -> tuple[tuple[sp.Symbol, int], ...]:
-        """The observable unknowns, each with the order of derivatives at which its unit vector enters the row space."""
+        """Return the observable unknowns, each with the order of derivatives at which its unit vector is in the row
+        space."""
         plant, unknowns = plant_of(*self.rows, self.branch.places)
 
         def answer(numbers: Arithmetic, point: Point) -> dict[sp.Symbol, int]:
@@ -555,15 +560,16 @@ class _Question:
             for k, y in enumerate(first_gradients(plant, numbers, point, rank.order + 1)):
                 rows += matrix_rows(y)
                 basis = kernel(rows, plant.wide, modulus(numbers))
-                seen = (s for i, s in enumerate(unknowns) if all(vector[i] == 0 for vector in basis))
-                orders |= {s: k for s in seen if s not in orders}
+                observable = (s for i, s in enumerate(unknowns) if all(vector[i] == 0 for vector in basis))
+                orders |= {s: k for s in observable if s not in orders}
             return orders
 
         orders = somewhere(plant, answer)
         return tuple((s, orders[s]) for s in rank.observable if s in orders)
 
     def repairs(self, rank: Rank) -> tuple[sp.Symbol, ...]:
-        """The hidden unknowns whose measurement alone gives full rank; all measured in one run, taken one by one.
+        """Return the hidden unknowns whose measurement alone gives full rank. All are measured in one run, and each is
+        tested by itself.
 
         Each order of derivatives up to the stationary one adds to the rank, so `rank.order` and as many more as the
         deficiency suffice.
@@ -585,8 +591,8 @@ class _Question:
         return somewhere(plant, answer)
 
     def direction(self, order: int) -> tuple[Any, Any]:
-        """An unobservable direction at a random real point of the branch, largest entry 1, and the point; none where no
-        point that is tried decides it."""
+        """Return an unobservable direction at a random real point of the branch, largest entry 1, and the point; none
+        where no tried point decides it."""
         plant, unknowns = plant_of(*self.rows, self.branch.places)
 
         def answer(numbers: Arithmetic, point: Point) -> tuple[Any, Any]:
@@ -597,8 +603,8 @@ class _Question:
             vector = [float(flint.arb(e).mid()) for e in basis[0]]
             largest = max(vector, key=abs)
             values = (*point.states, *point.constants[: plant.q])
-            moved = tuple((s, v / largest) for s, v in zip(unknowns, vector, strict=True) if v)
-            return moved, tuple((s, float(v.mid())) for s, v in zip(unknowns, values, strict=True))
+            components = tuple((s, v / largest) for s, v in zip(unknowns, vector, strict=True) if v)
+            return components, tuple((s, float(v.mid())) for s, v in zip(unknowns, values, strict=True))
 
         try:
             return somewhere(plant, answer, balls=True)
@@ -606,10 +612,11 @@ class _Question:
             return (), ()
 
 
-def _whole(asked: Sequence[tuple[_Question, Rank]]) -> Answer:
-    """The answer on the branch where most is observable, with those on the others that hide something."""
-    best, rank = max(asked, key=lambda pair: pair[1].rank)
-    blind = [(question, other) for question, other in asked if other.unobservable and question is not best]
+def _whole(ranked: Sequence[tuple[_Question, Rank]]) -> Answer:
+    """Return the answer on the branch where most is observable, with the answers on the other branches that hide
+    unknowns."""
+    best, rank = max(ranked, key=lambda pair: pair[1].rank)
+    blind = [(question, other) for question, other in ranked if other.unobservable and question is not best]
     elsewhere = [question.answer(other, proofs=k < _PROVED_BRANCHES) for k, (question, other) in enumerate(blind)]
     return replace(best.answer(rank), elsewhere=tuple(elsewhere))
 

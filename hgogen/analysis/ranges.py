@@ -1,19 +1,19 @@
-"""Ranges on the declared box: of a form's a_i, of its b, and of an expression that a user asks for.
+"""Ranges on the declared box: of a form's a_i, of its b, and of an expression of the user.
 
-The a_i of a form in their ranges: what they can be on the declared box, and A, C at the ends of the ranges.
+The a_i of a form have ranges on the declared box, with A and C at the ends of these ranges.
 
-z_(i,j)' = a_(i,j+1) z_(i,j+1) + ..,  y_i = a_(i,1) z_(i,1) + ..: a chain's (A, C) is linear in its a_(i,j), so that the
-ends of their ranges are the vertices of a polytope that holds it for every input and parameter.
+z_(i,j)' = a_(i,j+1) z_(i,j+1) + .., y_i = a_(i,1) z_(i,1) + ..: a chain's (A, C) is linear in its a_(i,j). The ends of
+their ranges are therefore the vertices of a polytope that contains (A, C) for every input and parameter.
 
-b limited in value: phi_s = sat(phi) of Astolfi, Jungers, Zaccarian, ECC 2018, (3) and (7).
+b can be limited in value: phi_s = sat(phi) of Astolfi, Jungers, Zaccarian, ECC 2018, (3) and (7).
 
-    b_i taken as min(max(b_i, low_i), high_i),   its argument clamped to the declared box as well, or as it is
+    b_i is min(max(b_i, low_i), high_i),   its argument clamped to the declared box as well, or not
 
-With the argument clamped, a limit that b keeps within on the box changes nothing, and what is proved of the observer
-stays. In all other cases nothing is: a b that is cut is not the plant's, and one of an estimate outside of the box has
-slopes that no range bounds.
+With the argument clamped, a limit that b keeps on the box changes nothing, and the observer's proofs stay valid. In all
+other cases they do not: a limited b is not the plant's, and at an estimate outside of the box no range bounds the
+slopes of b.
 
-Rigorous answers about an expression that a user asks, on the declared box of a plant or on one of his own.
+The range of a user's expression is rigorous, on the declared box of a plant or on a user's box.
 """
 
 import math
@@ -46,22 +46,22 @@ VARYING = 8  # a_i of a chain that may vary: their ends have 2^8 combinations
 
 
 def chains(form: Form) -> tuple[tuple[sp.Expr, ...], ...]:
-    """a_(i,1), .., a_(i,n_i) of each output, exact, constants at their values."""
+    """Return a_(i,1), .., a_(i,n_i) of each output, exact, constants at their values."""
     return tuple(tuple(exact(sp.sympify(a).xreplace(fixed(form))) for a in chain) for chain in form.gains)
 
 
 def fixed(form: Form) -> Mapping[sp.Symbol, sp.Rational]:
-    """The parameters without a range, at their values."""
+    """Return the parameters without a range, at their values."""
     return form.system.constants
 
 
 def signals(form: Form) -> tuple[sp.Symbol, ...]:
-    """The states z, the inputs and the parameters."""
+    """Return the states z, the inputs and the parameters."""
     return (*form.states, *form.system.inputs, *form.system.parameters)
 
 
 def span(expression: sp.Expr, form: Form, boxes: int = LIMIT) -> Range | None:
-    """The range of an expression on the declared box; None where there is no rule for it."""
+    """Return the range of an expression on the declared box; None where there is no rule for it."""
     try:
         return bounds.bound(expression, box(signals(form)), boxes=boxes, relative=0.005)
     except NoTape:
@@ -69,7 +69,7 @@ def span(expression: sp.Expr, form: Form, boxes: int = LIMIT) -> Range | None:
 
 
 def extents(chain: Sequence[sp.Expr], form: Form) -> tuple[Range, ...] | Reason:
-    """The ranges of a chain's a_1..a_n on the declared box, or the reason why there are none."""
+    """Return the ranges of a chain's a_1..a_n on the declared box, or the reason why there are none."""
     ranges = []
     for i, a in enumerate(chain, 1):
         known = span(a, form)
@@ -80,7 +80,8 @@ def extents(chain: Sequence[sp.Expr], form: Form) -> tuple[Range, ...] | Reason:
 
 
 def corners(chain: Sequence[sp.Expr], form: Form) -> list[Corner] | Reason:
-    """The pairs (A, C) of a chain at the ends of the ranges of its a_1..a_n, or the reason why there are none."""
+    """Return the pairs (A, C) of a chain at the ends of the ranges of its a_1..a_n, or the reason why there are
+    none."""
     ranges = extents(chain, form)
     if isinstance(ranges, Reason):
         return ranges
@@ -101,8 +102,8 @@ def corners(chain: Sequence[sp.Expr], form: Form) -> list[Corner] | Reason:
 
 
 def several_corners(each: Sequence[Sequence[sp.Expr]], form: Form) -> list[tuple[np.ndarray, np.ndarray]] | Reason:
-    """The pairs A (n, n) and C (q, n) of q chains at the ends of the ranges of all their a_i, arrays of fractions; or
-    the reason why there are none."""
+    """Return the pairs A (n, n) and C (q, n) of q chains at the ends of the ranges of all their a_i, arrays of
+    fractions; or the reason why there are none."""
     ends = [corners(chain, form) for chain in each]
     known = [end for end in ends if not isinstance(end, Reason)]
     if len(known) < len(ends):
@@ -110,12 +111,12 @@ def several_corners(each: Sequence[Sequence[sp.Expr]], form: Form) -> list[tuple
     if prod(map(len, known)) > 2**VARYING:
         return because("more than {most} of the a_i vary, whose ranges have too many vertices", most=VARYING)
     pairs = []
-    for one in product(*known):  # a chain's A and C beside those of the others
+    for one in product(*known):  # the block-diagonal A and C of all chains
         sizes = [len(C) for _, C in one]
         A, C = (np.full((rows, sum(sizes)), Fraction(0), dtype=object) for rows in (sum(sizes), len(sizes)))
-        for k, ((inner, shown), end) in enumerate(zip(one, np.cumsum(sizes).tolist(), strict=True)):
+        for k, ((inner, row), end) in enumerate(zip(one, np.cumsum(sizes).tolist(), strict=True)):
             at = slice(end - sizes[k], end)
-            A[at, at], C[k, at] = inner, shown
+            A[at, at], C[k, at] = inner, row
         pairs.append((A, C))
     return pairs
 
@@ -128,9 +129,9 @@ Limits = float | Mapping[str, Any] | None
 
 
 def saturated(form: Form, saturate: Limits, arguments: bool) -> Form:
-    """The form for an observer that limits b in value.
+    """Return the form for an observer that limits b in value.
 
-    Args: `saturate`: a limit of |b_i|, or a pair (low, high), by the name of the state whose rate holds b_i; one number
+    Args: `saturate`: a limit of |b_i|, or a pair (low, high), by the name of the state whose rate has b_i; one number
     where b has one row; None for no limit. `arguments`: whether the argument of b is clamped as well.
 
     Raises: `BadGain`, `BadNames`.
@@ -157,7 +158,7 @@ def saturated(form: Form, saturate: Limits, arguments: bool) -> Form:
 
 
 def _ends(name: str, limit: Any, sign: int) -> tuple[float, float]:
-    """The range of a row in the form's coordinates."""
+    """Return the range of a row in the form's coordinates."""
     if limit == _ANY:
         return _ANY
     values = reals(f"saturate of {name}", limit)
@@ -174,7 +175,7 @@ def _ends(name: str, limit: Any, sign: int) -> tuple[float, float]:
 
 
 def cut(form: Form) -> Reason:
-    """Why what an observer evaluates in the place of b is not shown to be b with its argument clamped, or `NONE`."""
+    """Return why the observer's b is not proved to be b with its argument clamped, or `NONE`."""
     if not form.clamped:
         return because("without guards no argument of b is clamped, on which the proof rests")
     if form.free:
@@ -190,7 +191,7 @@ def cut(form: Form) -> Reason:
 
 
 def described(form: Form) -> tuple[str, ...]:
-    """The limits of b for the equations of an observer."""
+    """Return the limits of b for the equations of an observer."""
     if not form.limits:
         return ()
     rows = ((i, end) for i, end in enumerate(form.limits, 1) if end != _ANY)
@@ -206,21 +207,22 @@ class NotInBox(BadArgument):
 
 
 class BadRange(BadArgument):
-    """A value in the place of a box, or of one of its ranges, that is none."""
+    """A value in the place of a box, or of one of its ranges, that is no box or range."""
 
     text = "the box: {what} {reason}; give a plant, or a mapping such as {{'u': (-1, 1)}}"
 
 
 def bound(expression: Any, where: System | Box, *, boxes: int = LIMIT, relative: float = 0.02) -> Range:
-    """The range of an expression, rigorous on the whole closed box, wider than the true one by at most `relative` of
-    its width, or its `note` says why; so it does of a text from which SymPy folded away places without a value.
+    """Return the range of an expression, rigorous on the whole closed box. It is wider than the true one by at most
+    `relative` of its width, or its `note` says why not; the note also names places without a value that SymPy removed
+    from a text.
 
     Args: `expression`: SymPy, or text in the names of the box, read by the grammar of plain-text models; `where`: a
     plant, for the box of its declared ranges, parameters without a range at their values, outputs standing for their
     equations, or a mapping from symbols or names to closed ranges (low, high), exact or float, infinite if unbounded.
 
-    Raises: `BadExpression` for text outside the grammar; `Misfit` for what is no expression, and for limits out of
-    range; `NotInBox`; `BadRange`; `EmptyBox`; `NoTape` for a function without a rule.
+    Raises: `BadExpression` for text outside the grammar; `Misfit` for a value that is no expression, and for limits out
+    of range; `NotInBox`; `BadRange`; `EmptyBox`; `NoTape` for a function without a rule.
     """
     limits("bound", boxes, relative)
     resolved, box, folded = _resolved("bound", expression, where)
@@ -229,9 +231,10 @@ def bound(expression: Any, where: System | Box, *, boxes: int = LIMIT, relative:
 
 
 def nonzero(expression: Any, where: System | Box, *, boxes: int = LIMIT) -> Sign:
-    """Whether an expression is finite and has one sign on the whole closed box; arguments and errors as of `bound`.
+    """Return whether an expression is finite and has one sign on the whole closed box; arguments and errors as of
+    `bound`.
 
-    Of a text from which SymPy folded away places of the box without a value it is not proved.
+    It is not proved for a text from which SymPy removed places of the box without a value.
     """
     limits("nonzero", boxes)
     resolved, box, folded = _resolved("nonzero", expression, where)
@@ -242,7 +245,7 @@ def nonzero(expression: Any, where: System | Box, *, boxes: int = LIMIT) -> Sign
 
 
 def _resolved(what: str, source: Any, where: System | Box) -> tuple[sp.Expr, Box, Reason]:
-    """The expression, the box, and where the text has no value though its expression has one, or `NONE`."""
+    """Return the expression, the box, and where the text has no value though its expression has one, or `NONE`."""
     plant = where if isinstance(where, System) else None
     around = plant.box_with(plant.states) if plant else _ranges(where)
     equations = dict(zip(plant.outputs, plant.output, strict=True)) if plant else {}
@@ -265,7 +268,7 @@ def _resolved(what: str, source: Any, where: System | Box) -> tuple[sp.Expr, Box
 
 
 def _ranges(where: Any) -> Box:
-    """The box that a user's mapping declares. Raises: `BadRange`."""
+    """Return the box that a user's mapping declares. Raises: `BadRange`."""
     if not isinstance(where, Mapping):
         raise BadRange(str(where), "is neither a plant nor a mapping")
     ranges: dict[sp.Symbol, tuple[End, End]] = {}
@@ -280,7 +283,7 @@ def _ranges(where: Any) -> Box:
 
 
 def _end(key: Any, end: Any) -> End:
-    """A float is the number that its shortest decimal says, as in a Signal."""
+    """Return an end as a number; a float is the value of its shortest decimal, as in a Signal."""
     if isinstance(end, sp.Rational):
         return Fraction(end)
     if isinstance(end, bool) or not isinstance(end, Real):

@@ -1,9 +1,9 @@
 """A plant in other coordinates: w = w(x), x = x(w), w' = (dw/dx f)(x(w), u).
 
-The recast plant is a System of its own, whose estimates are reported in the coordinates of the plant it came from.
-Its hypotheses, on the declared ranges, parameters over theirs: `recast.inverse`, both maps are defined and smooth, and
-undo each other; `recast.range`, w maps the box of the plant's states into the range that each new state declares, so
-that no state of the plant is cut off.
+The recast plant is a System. Its estimates are reported in the coordinates of the plant it was recast from. Its
+hypotheses hold on the declared ranges, parameters over theirs. `recast.inverse`: both maps are defined and smooth, and
+inverse to each other. `recast.range`: w maps the box of the plant's states into the declared range of each new state,
+so that no state of the plant is cut off.
 """
 
 import math
@@ -29,12 +29,13 @@ from hgogen.sentence import Reason, because, down, up
 from hgogen.signal import Signal
 from hgogen.system import BadSystem, Origin, System
 
-_DIGITS, _HUGE = 5, 10**300  # of the ends that a fix proposes
+_DIGITS, _HUGE = 5, 10**300  # digits, and the largest size, of the ends in a proposed fix
 
 
 @dataclass(frozen=True)
 class Change:
-    """New states in terms of the plant's (`forward`), replaced states in terms of the new ones (`backward`)."""
+    """A change of coordinates: new states in terms of the plant's (`forward`), replaced states in terms of the new ones
+    (`backward`)."""
 
     plant: System
     forward: Mapping[Signal, sp.Expr]
@@ -42,7 +43,7 @@ class Change:
 
     @property
     def states(self) -> tuple[Signal, ...]:
-        """The states of the recast plant: the new ones in the place of the replaced, in order."""
+        """The states of the recast plant: the new ones in the place of the replaced ones, in order."""
         places = dict(zip(self.backward, self.forward, strict=True))
         return tuple(places.get(s, s) for s in self.plant.states)
 
@@ -60,11 +61,11 @@ class Change:
 
 @requires_plant
 def recast(plant: System, coordinates: Mapping[Signal, Any], inverse: Mapping[Signal, Any]) -> System:
-    """The plant with some states replaced.
+    """Return the plant with some states replaced.
 
     Args: `coordinates` maps each new state (a Signal with its own range) to an expression of the plant's states;
     `inverse` maps each replaced state of the plant to an expression of the new and the unchanged states. New states
-    stand in the place of the replaced ones, in order. A plant that is recast already is recast from where it was first
+    have the places of the replaced ones, in order. A plant that is recast already is recast from where it was first
     declared, by both changes at once.
 
     Raises: `Misfit`; `BadSystem` where the numbers differ, a map reads an input or an unknown name, or a new state has
@@ -83,14 +84,14 @@ def recast(plant: System, coordinates: Mapping[Signal, Any], inverse: Mapping[Si
     change = Change(plant, *({s: exact(sp.sympify(e)) for s, e in maps.items()} for maps in (coordinates, inverse)))
     _readable(change)
     reported = {s.name for s in (*plant.states, *plant.declared.states)}
-    for w in new:  # what is proved of a state goes by its name, new or reported
+    for w in new:  # claims name a state, new or reported
         if w.name in reported:
             raise BadSystem(plant.name, f"the new state {w} has the name of one of its states; give it another")
     return _recast(change if plant.origin is None else _at_once(change, plant.origin))
 
 
 def _at_once(change: Change, before: Origin) -> Change:
-    """The change that does both, of the plant that a recast plant was recast `before` from."""
+    """Return the composition of the change of a recast plant with the change `before`, by which it was recast."""
     first, forward = before.plant, dict(zip(change.plant.states, before.forward, strict=True))
     forward |= {w: e.xreplace(forward) for w, e in change.forward.items()}
     back = {x: e.xreplace(change.backward) for x, e in zip(first.states, before.backward, strict=True)}
@@ -99,44 +100,45 @@ def _at_once(change: Change, before: Origin) -> Change:
 
 
 def _recast(change: Change) -> System:
-    """The plant in the new states."""
+    """Return the plant in the new states."""
     plant, states = change.plant, change.states
     plain = stand_ins((*plant.states, *change.forward))
     back = {dummy: signal for signal, dummy in plain.items()}
     forward = {s: change.forward.get(s, s).xreplace(plain) for s in states}
     backward = {plain[x]: e.xreplace(plain) for x, e in change.backward.items()}
-    flow = [exact(f).xreplace(plain) for f in plant.flow]  # a product of floats is a float, and none of the decimals
+    flow = [exact(f).xreplace(plain) for f in plant.flow]  # a product of floats would be rounded
     ones = [plain[s] for s in plant.states]
     rates = [sum(sp.diff(forward[w], x) * f for x, f in zip(ones, flow, strict=True)) for w in states]
-    moved = [_moved(sp.sympify(rate), backward, back, plant, sp.powdenest) for rate in rates]
-    for w, rate in zip(states, moved, strict=True):
+    rows = [_substituted(sp.sympify(rate), backward, back, plant, sp.powdenest) for rate in rates]
+    for w, rate in zip(states, rows, strict=True):
         if rate.has(sp.DiracDelta, sp.Derivative) and w in change.forward:
             what = f"{w} = {change.forward[w]} jumps, so that it has no rate there; take one that is continuous"
             raise BadSystem(plant.name, what)
-    output = [_moved(exact(h).xreplace(plain), backward, back, plant) for h in plant.output]
-    result = replace(plant, states=states, flow=tuple(moved), output=tuple(output))
+    output = [_substituted(exact(h).xreplace(plain), backward, back, plant) for h in plant.output]
+    result = replace(plant, states=states, flow=tuple(rows), output=tuple(output))
     reported = tuple(backward.get(x, x).xreplace(back) for x in ones)
     to = tuple(forward[w].xreplace(back) for w in states)
     return replace(result, origin=Origin(plant, to, reported, checks(change)))
 
 
-def _moved(
+def _substituted(
     row: sp.Expr,
     backward: Mapping[sp.Symbol, sp.Expr],
     back: Mapping[sp.Symbol, Signal],
     plant: System,
     tidy: Callable[[sp.Expr], sp.Expr] = sp.sympify,
 ) -> sp.Expr:
-    """A row in the new states: expanded, but for one that has a value then where it may have none as it stands."""
+    """Return a row in the new states, expanded unless that removes a place without a value."""
     plain = row.subs(backward)
-    moved, expanded = plain.xreplace(back), sp.expand(tidy(plain)).xreplace(back)
-    signals = (s for s in moved.free_symbols if isinstance(s, Signal))
-    part = lost((moved,), (expanded,), box_of(signals, plant.nominal))
-    return expanded if part is None else moved
+    unexpanded, expanded = plain.xreplace(back), sp.expand(tidy(plain)).xreplace(back)
+    signals = (s for s in unexpanded.free_symbols if isinstance(s, Signal))
+    part = lost((unexpanded,), (expanded,), box_of(signals, plant.nominal))
+    return expanded if part is None else unexpanded
 
 
 def _readable(change: Change) -> None:
-    """The maps read states and parameters: an input has a derivative, which the plant does not know."""
+    """Raise `BadSystem` where a map reads a symbol other than states and parameters: the derivative of an input is not
+    known."""
     plant = change.plant
     for maps, states in ((change.forward, {*plant.states}), (change.backward, {*change.states})):
         for s, e in maps.items():
@@ -150,7 +152,7 @@ def _readable(change: Change) -> None:
 
 
 def checks(change: Change) -> tuple[Check, ...]:
-    """`recast.inverse` and `recast.range`.
+    """Return the checks `recast.inverse` and `recast.range`.
 
     proved: outward-rounded intervals, exact substitution. refuted: at a sample point. unknown: neither, or no range.
     """
@@ -170,8 +172,9 @@ def checks(change: Change) -> tuple[Check, ...]:
 
 
 def _inverse(written: Change, change: Change, signed: Mapping[Signal, sp.Dummy]) -> Check:
-    """The check `recast.inverse` of a change as it is `written`, which in its ranges is `change`: each map takes what
-    the other gives, and that may be in no range, as -1 of w = |x|, x in [0, 1], x = w, w in [-1, 1]."""
+    """Return the check `recast.inverse` of a change as it is `written`, which is `change` with the signs of the
+    declared ranges. The values of one map need not be in the range of the other: w = |x|, x in [0, 1], x = w, w in [-1,
+    1]."""
     id = ClaimId("recast", "inverse")
     claim = "the change of coordinates and its inverse are smooth and undo each other on the declared ranges"
     narrow = "Narrow the ranges so that both maps are smooth there, or correct the inverse."
@@ -189,16 +192,16 @@ def _inverse(written: Change, change: Change, signed: Mapping[Signal, sp.Dummy])
         point = _where(gap, signals, ("> 0", "< 0"))
         if point is not None:
             return Check(id, claim, Verdict.REFUTED, because("{gap} is not 0", gap=gap), witness(point), narrow)
-    left = (gap for gap, _ in gaps if sp.simplify(gap.xreplace(signed)) != 0)
-    doubt = _roughness(maps) or next((because("{gap} was not shown to be 0", gap=gap) for gap in left), None)
-    if doubt:
-        return Check(id, claim, Verdict.UNKNOWN, doubt, fix=narrow)
+    unproved = (gap for gap, _ in gaps if sp.simplify(gap.xreplace(signed)) != 0)
+    obstacle = _roughness(maps) or next((because("{gap} was not shown to be 0", gap=gap) for gap in unproved), None)
+    if obstacle:
+        return Check(id, claim, Verdict.UNKNOWN, obstacle, fix=narrow)
     reason = because("outward-rounded intervals find no singular point, exact substitution both ways")
     return Check(id, claim, Verdict.PROVED, reason, proofs=(ByForm(),))
 
 
 def _roughness(maps: list[tuple[Signal, sp.Expr, tuple[Signal, ...]]]) -> Reason | None:
-    """The reason why a map or a slope of it may be singular, jump or have a kink; None if it does nowhere."""
+    """Return the reason why a map or its slope may be singular, jump or have a kink; None if neither does."""
     for s, e, signals in maps:
         rough = sorted(e.atoms(*JUMPS, *KINKS), key=str)
         if rough:
@@ -211,7 +214,7 @@ def _roughness(maps: list[tuple[Signal, sp.Expr, tuple[Signal, ...]]]) -> Reason
 
 
 def _where(e: sp.Expr, signals: tuple[Signal, ...], kinds: tuple[str, ...]) -> RationalPoint | None:
-    """A sample point where e is of one of the kinds; none without ranges, which say what is meant."""
+    """Return a sample point where e is of one of the kinds; None without ranges, which define the sample points."""
     read = tuple(s for s in signals if s in e.free_symbols)
     if not all(s.bounded for s in read):
         return None
@@ -246,7 +249,8 @@ def _range(change: Change) -> Check:
 
 
 def image(expression: sp.Expr, signals: tuple[Signal, ...]) -> Interval:
-    """A range of the expression on the box: at the ends of each signal in which a bounded slope keeps its sign."""
+    """Return a range of the expression on the box, exact at the ends of each signal in which a bounded slope keeps its
+    sign."""
     box = box_of(signals)
     slopes = {s: expression.diff(s) for s in signals if s.bounded and s in expression.free_symbols}
     if singular([expression], box):
@@ -265,7 +269,7 @@ def image(expression: sp.Expr, signals: tuple[Signal, ...]) -> Interval:
 
 
 def _value(expression: sp.Expr, box: Box) -> Interval:
-    """The range on the box, of a number that is no rational by the digits that evalf guarantees."""
+    """Return the range on the box; for an irrational number by the digits that evalf guarantees."""
     if expression.is_number and not expression.is_Rational and expression.is_real:
         with suppress(PrecisionExhausted):
             value = Fraction(str(expression.evalf(30, strict=True)))
@@ -275,8 +279,8 @@ def _value(expression: sp.Expr, box: Box) -> Interval:
 
 
 def _at_least(e: sp.Expr, signals: tuple[Signal, ...], reached: Interval) -> str:
-    """The range that is proved where it is finite, else what the sample points reach, its ends rounded outwards to few
-    digits, as a sentence goes on; nothing where no float holds them."""
+    """Return the end of a sentence with the proved range where it is finite, else with the range of the sample points,
+    its ends rounded outwards to few digits; "" where they exceed a float."""
     if not finite(reached):
         read = tuple(s for s in signals if s in e.free_symbols)
         values = [value for point in points(read) if (value := e.xreplace(dict(point)).evalf()).is_Float]

@@ -1,4 +1,4 @@
-"""Where a plant is not observable: the zero set of the determinant of d(h, h', ..)/dx, and the next jet there.
+"""The singular set of a plant, the zero set of det d(h, h', ..)/dx, where it is not observable, and the next jet there.
 
     O(x, u, u', ..) = d(y, y', .., y^(k))/dx,   singular where n chosen rows of O have determinant 0
 
@@ -17,13 +17,14 @@ nonlinear systems", IEEE Trans. Automatic Control 26 (1981), theorem 4.
 
 The gradients come from power series at a random point, their slope along g from the same series at the point moved
 along g, in numbers modulo the square of a prime (or with balls): no Lie derivative is written out. A span that is
-left at one point is left almost everywhere; one that is invariant, or a rank below n, is tried at several points: that
-is no proof. The theorem is of every real input: it does not know of declared ranges.
+left at one point is left almost everywhere. An invariant span, or a rank below n, is tested at several points, which is
+no proof. The theorem is about every real input, regardless of declared ranges.
 """
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from fractions import Fraction
+from functools import partial
 from itertools import combinations_with_replacement
 from typing import Any
 
@@ -58,28 +59,29 @@ from hgogen.rigor.tape import NoTape
 from hgogen.sentence import NONE, Encoded, Reason, Sentence, because, equations, joined
 from hgogen.system import System
 
-# An observability matrix of more nodes is left alone: its determinant takes seconds and fills pages.
+# An observability matrix of more nodes is refused: its determinant takes seconds and fills pages.
 LIMIT = 4000
 ELIMINATION = 300_000  # products of terms, of a determinant with the inputs at 0
-# Of the derivatives of an output too, counted as they are written out: the next one has a term for each node.
+# Nodes of a derivative of an output, written out: the next derivative has a term for each node.
 _WRITTEN = 30_000
-_WITH_ROOTS = 2_000  # of one with roots or real powers, whose slopes take SymPy a millisecond for each node
-# Derivatives beyond y^(n-1) that a jet on a zero set may use, and how many zero sets one inside the other are followed.
+_WITH_ROOTS = 2_000  # of a derivative with roots or real powers: its slopes take SymPy a millisecond for each node
+# Derivatives beyond y^(n-1) that a jet on a zero set may use, and the depth of nested zero sets.
 _FURTHER, _DEPTH = 2, 2
-_BOXES = 500  # of the question whether a factor is 0
-_SHOWN = 8  # terms of a sum that are shown
+_BOXES = 500  # to decide whether a factor is 0
+_PRINTED = 8  # terms of a sum
 Where = tuple[tuple[sp.Symbol, sp.Expr], ...]
 _STATES = ClaimId("singularity", "regular")
 
 
 @dataclass(frozen=True)
 class Jet:
-    """The rows that are independent on the zero set `where` (symbol to value), and the factors of their determinant.
+    """The independent rows on the zero set `where` (symbol to value), and the factors of their determinant.
 
-    `rows`: (output, order of derivative); `factors`: empty where the determinant is never 0, itself where nothing is
-    known; None where no choice of rows up to the last order tried, `order`, has full rank; `parts`: the derivatives of
-    the outputs, the rates that they read and the entries of the Jacobian, which must be smooth for the determinant to
-    tell anything; `shown`: the determinant with its factors to be read, where that is another text.
+    `rows`: (output, order of derivative); `factors`: empty where the determinant is never 0, the determinant itself
+    where its zeros are not known, None where no choice of rows up to the last order tried, `order`, has full rank;
+    `parts`: the derivatives of the outputs, the rates that they read and the entries of the Jacobian, on whose
+    smoothness the determinant depends; `readable`: the determinant with its factors as it is printed, where that is
+    another text.
     """
 
     where: Where
@@ -88,20 +90,20 @@ class Jet:
     factors: tuple[sp.Expr, ...] | None
     order: int
     parts: tuple[sp.Expr, ...] = ()
-    shown: Determinant | None = None
+    readable: Determinant | None = None
 
     @property
     def text(self) -> sp.Expr:
-        """The determinant as it is read."""
-        return self.shown.value if self.shown else self.determinant
+        """The determinant as it is printed."""
+        return self.readable.value if self.readable else self.determinant
 
 
 @dataclass(frozen=True)
 class Singularity(Encoded):
-    """The zero sets where the plant is not observable by its first derivatives, and what the next ones show there.
+    """The zero sets where the plant is not observable by its first derivatives, and the next jets there.
 
-    `jets`: the generic one (an empty `where`), then those on its zero sets, outermost first; none where the matrix is
-    too large, or the plant jumps, as `reason` says.
+    `jets`: the generic one (an empty `where`), then the jets on its zero sets, outermost first; none where the matrix
+    is too large, or the plant jumps, as `reason` says.
     """
 
     json_keys = "factors inputs determinants checks"
@@ -133,7 +135,7 @@ class Singularity(Encoded):
 
     @property
     def checks(self) -> tuple[Check, ...]:
-        """A check for the generic jet and one for each zero set; what they claim holds where the factors are not 0."""
+        """A check for the generic jet and one for each zero set; each claim holds where the factors are not 0."""
         if not self.jets:
             return (Check(_STATES, "the state is observable", Verdict.UNKNOWN, self.reason),)
         return tuple(_check(self.plant, jet, k) for k, jet in enumerate(self.jets))
@@ -149,7 +151,7 @@ class Singularity(Encoded):
         return "\n".join([*map(str, self.head), *(f"  {check}" for check in self.checks)])
 
     def latex(self) -> str:
-        """The determinants as LaTeX, one line of an align environment a jet."""
+        """Return the determinants as LaTeX, one line of an align environment for each jet."""
         marks = (r"\dot{{{}}}", r"\ddot{{{}}}", r"\dddot{{{}}}")
         dots = {  # the inputs' derivatives, with dots or orders above
             u.derivative(k): (marks[k - 1] if k <= len(marks) else "{{{}}}^{{(" + str(k) + ")}}").format(sp.latex(u))
@@ -163,19 +165,20 @@ class Singularity(Encoded):
             at = ", ".join(
                 f"{sp.latex(s, symbol_names=dots)} = {sp.latex(value, symbol_names=dots)}" for s, value in jet.where
             )
-            left = rf"\det \frac{{\partial ({names})}}{{\partial x}}" if jet.rows else r"\operatorname{rank} O"
-            right = f"= {sp.latex(jet.text, symbol_names=dots)}" if jet.rows else f"< {len(self.plant.states)}"
-            rows.append(f"{left} &{right}" + (rf" && \text{{at }} {at}" if at else ""))
+            lhs = rf"\det \frac{{\partial ({names})}}{{\partial x}}" if jet.rows else r"\operatorname{rank} O"
+            rhs = f"= {sp.latex(jet.text, symbol_names=dots)}" if jet.rows else f"< {len(self.plant.states)}"
+            rows.append(f"{lhs} &{rhs}" + (rf" && \text{{at }} {at}" if at else ""))
         return "\\begin{align*}\n" + " \\\\\n".join(rows) + "\n\\end{align*}"
 
 
 @requires_plant
 @cached
 def singularity(plant: System, limit: int = LIMIT) -> Singularity:
-    """The plant's singular set with the derivatives of its inputs, and the next jets on it.
+    """Return the plant's singular set with the derivatives of its inputs, and the next jets on it.
 
     Parameters stay symbols. A zero set is followed where a factor is linear, with a constant slope, in one of the
-    inputs, their derivatives or the states: that symbol is put to its root. `limit` counts nodes of expressions.
+    inputs, their derivatives or the states: its root is substituted for that symbol. `limit` counts nodes of
+    expressions.
     """
     plain = on_box(plant)
     derived = _Derived(plain, rates(plain, len(plant.states) - 1 + _FURTHER), limit)
@@ -190,9 +193,8 @@ def singularity(plant: System, limit: int = LIMIT) -> Singularity:
 
 @dataclass(frozen=True)
 class _Derived:
-    """The outputs' derivatives (`chains`, one an output) and their gradients with themselves behind (`rows`), made as
-    they are asked for, because each is longer than the one before.
-    """
+    """The outputs' derivatives (`chains`, one for each output), and their gradients with the derivative appended
+    (`rows`). They are computed when they are needed, because each is longer than the one before."""
 
     plant: System
     flow: Mapping[sp.Symbol, sp.Expr]
@@ -201,28 +203,28 @@ class _Derived:
     rows: dict[Row, list[sp.Expr]] = field(default_factory=dict)
 
     def order(self, k: int) -> dict[Row, list[sp.Expr]]:
-        """The rows up to the k-th derivatives.
+        """Return the rows up to the k-th derivatives.
 
         Raises: `TooLarge` beyond `limit` nodes.
         """
         for j, h in enumerate(self.plant.output):
             chain = self.chains.get(j, (h,))
             while len(chain) <= k:
-                _short(chain[-1])
+                _check_length(chain[-1])
                 chain = (*chain, along(chain[-1], self.flow))
                 self._small(chain)
             self.chains[j] = chain
             for i, derivative in enumerate(chain[: k + 1]):
-                _short(derivative)
+                _check_length(derivative)
                 if (j, i) not in self.rows:
                     self.rows[j, i] = [*(derivative.diff(x) for x in self.plant.states), derivative]
         self._small(e for row in self.rows.values() for e in row)
         return dict(sorted((row for row in self.rows.items() if row[0][1] <= k), key=lambda row: row[0][::-1]))
 
     def behind(self, rows: Iterable[Row]) -> tuple[sp.Expr, ...]:
-        """The plant's own rows that these derivatives are made of: what has no value there may cancel in them."""
-        made = [e for j, order in rows for e in self.chains[j][:order]]
-        read = set[sp.Symbol]().union(*(e.free_symbols for e in made))
+        """Return the plant's rates that these derivatives contain: their places without a value may cancel in them."""
+        expressions = [e for j, order in rows for e in self.chains[j][:order]]
+        read = set[sp.Symbol]().union(*(e.free_symbols for e in expressions))
         return tuple(rate for x, rate in zip(self.plant.states, self.plant.flow, strict=True) if x in read)
 
     def _small(self, expressions: Iterable[sp.Expr]) -> None:
@@ -231,8 +233,8 @@ class _Derived:
             raise TooLarge(f"the observability matrix, of {nodes} nodes, more than {self.limit},")
 
 
-def _short(derivative: sp.Expr) -> None:
-    """Raise `TooLarge` where an expression is too long to take its slopes."""
+def _check_length(derivative: sp.Expr) -> None:
+    """Raise `TooLarge` where an expression is too long to compute its slopes."""
     rooted = any(not power.exp.is_Integer for power in derivative.atoms(sp.Pow))
     written, most = length(derivative), _WITH_ROOTS if rooted else _WRITTEN
     if written > most:
@@ -240,20 +242,20 @@ def _short(derivative: sp.Expr) -> None:
 
 
 def _box(plant: System) -> dict[sp.Symbol, Interval]:
-    """The box of all signals and the inputs' derivatives; a parameter without a range has its value."""
+    """Return the box of all signals and the inputs' derivatives; a parameter without a range has its value."""
     orders = range(1, len(plant.states) + _FURTHER)
     return {**plant.box, **box_of(u.derivative(k) for u in plant.inputs for k in orders)}
 
 
 def _open(plant: System, factors: Iterable[sp.Expr]) -> tuple[sp.Expr, ...]:
-    """The factors that may be 0 somewhere on the box."""
+    """Return the factors that may be 0 somewhere on the box."""
     box = _box(plant)
     return tuple(e for e in factors if not nonzero(e, box, boxes=_BOXES, refute=False).never)
 
 
 def _jet(where: Where, derived: _Derived, last: int) -> Jet:
-    """The jet of the first n rows, by order of derivative, that are independent on a zero set. A row is the gradient of
-    a derivative, followed by the derivative itself."""
+    """Return the jet of the first n rows, by order of derivative, that are independent on a zero set. A row is the
+    gradient of a derivative, followed by the derivative itself."""
     n = len(derived.plant.states)
     for order in range((n - 1) // len(derived.plant.outputs), last + 1):
         gradients = derived.order(order)
@@ -269,7 +271,8 @@ def _jet(where: Where, derived: _Derived, last: int) -> Jet:
 
 
 def _triangle(plant: System) -> Jet | None:
-    """The generic jet of a chain, without a derivative: y reads z_1 alone, the rate of z_i no state beyond z_(i+1).
+    """Return the generic jet of a chain without computing a derivative: y reads z_1 alone, the rate of z_i no state
+    beyond z_(i+1).
 
     Then y^(k) reads no state beyond z_(k+1), dy^(k)/dz_(k+1) = s_0 .. s_k with s_0 = dh/dz_1, s_i = dz_i'/dz_(i+1), and
     d(y, .., y^(n-1))/dz is triangular with the determinant prod_i s_i^(n-i). It is None for any other plant, for one
@@ -292,13 +295,13 @@ def _triangle(plant: System) -> Jet | None:
     sign = Permutation([plant.states.index(x) for x in order]).signature()
     each = [determinant([[slope]]) for slope in slopes]
     det = _powers(each, sign)
-    shown = _powers([as_written([[slope]], one) for slope, one in zip(slopes, each, strict=True)], sign)
+    readable = _powers([as_written([[slope]], one) for slope, one in zip(slopes, each, strict=True)], sign)
     factors = (det.value,) if det.factors is None else det.factors
-    return Jet((), tuple((0, k) for k in range(n)), det.value, factors, n - 1, (*rows, *slopes), shown)
+    return Jet((), tuple((0, k) for k in range(n)), det.value, factors, n - 1, (*rows, *slopes), readable)
 
 
 def _powers(each: Sequence[Determinant], sign: int) -> Determinant:
-    """The product sign prod_i s_i^(n-i) of the slopes, i = 0, .., n - 1, and its factors."""
+    """Return the product sign prod_i s_i^(n-i) of the slopes, i = 0, .., n - 1, and its factors."""
     value = sign * sp.Mul(*(one.value ** (len(each) - i) for i, one in enumerate(each)))
     known = [one.factors for one in each if one.factors is not None]
     every = tuple(sorted({e for part in known for e in part}, key=sp.default_sort_key))
@@ -306,7 +309,7 @@ def _powers(each: Sequence[Determinant], sign: int) -> Determinant:
 
 
 def _followed(jet: Jet, derived: _Derived, depth: int) -> list[Jet]:
-    """The jets on the zero sets of a jet's factors, without those that would be too large."""
+    """Return the jets on the zero sets of a jet's factors, without those that would be too large."""
     jets: list[Jet] = []
     last = len(derived.plant.states) - 1 + _FURTHER
     for factor in _open(derived.plant, jet.factors or ()) if depth else ():
@@ -321,7 +324,7 @@ def _followed(jet: Jet, derived: _Derived, depth: int) -> list[Jet]:
 
 
 def _root(factor: sp.Expr) -> tuple[sp.Symbol, sp.Expr] | None:
-    """The symbol in which the factor is linear with a constant slope, and its root."""
+    """Return the symbol in which the factor is linear with a constant slope, and its root."""
     for symbol in sorted(factor.free_symbols, key=str):
         slope = factor.diff(symbol)
         if slope.is_number and slope != 0:
@@ -339,14 +342,14 @@ def singular_set(
     inputs: Sequence[sp.Symbol] = (),
     limit: int = ELIMINATION,
 ) -> tuple[sp.Expr, ...] | str | None:
-    """Factors whose zero sets together are that of det d(h, L_f h, .., L_f^(n-1) h)/dx with the inputs at 0.
+    """Return factors whose zero sets together are that of det d(h, L_f h, .., L_f^(n-1) h)/dx with the inputs at 0.
 
-    "none": it has no zero; "all": it is 0 everywhere, at random numbers as generic ranks are. With several outputs the
-    rows are taken until they have rank n; whether all outputs come before the next derivative, or all derivatives
-    before the next output, must make no difference. Parameters are symbols, and a factor of them is one.
+    "none": it has no zero; "all": it is 0 everywhere, at random numbers as generic ranks are. With several outputs rows
+    are added until they have rank n. They are ordered by derivatives first, or by outputs first; both must give the
+    same zero set. Parameters are symbols, and a factor may be one.
 
-    None: no answer, because it does make one, for a function with kinks, roots that depend on each other, or beyond
-    `limit` products of terms.
+    None: no answer, because the order makes a difference, for a function with kinks, roots that depend on each other,
+    or beyond `limit` products of terms.
     """
     off = dict.fromkeys(inputs, sp.S.Zero)
     drift, h = ([sp.sympify(e).subs(off) for e in rows] for rows in (flow, output))
@@ -363,7 +366,7 @@ def singular_set(
         if not full:
             return "all"
         zero_sets = set()
-        for rows in {frozenset(rows): rows for rows in choices}.values():  # of those in another order one
+        for rows in {frozenset(rows): rows for rows in choices}.values():  # each set of rows once
             factors = codistribution_product(plant, rows, limit)
             if not alive(plant.field, factors):
                 return None
@@ -375,7 +378,7 @@ def singular_set(
 
 
 def _choices(flow: Sequence[sp.Expr], output: Sequence[sp.Expr], states: Sequence[sp.Symbol]) -> list[tuple[Row, ...]]:
-    """The first independent rows, by order of derivative and by output, at a random point."""
+    """Return the first independent rows, by order of derivative and by output, at a random point."""
     plant, _ = plant_of(flow, output, states, ())
     n = len(states)
     by_order = [(j, k) for k in range(n) for j in range(len(output))]
@@ -398,17 +401,18 @@ def _choices(flow: Sequence[sp.Expr], output: Sequence[sp.Expr], states: Sequenc
 
 
 def _brief(e: sp.Expr) -> sp.Expr:
-    """An expression as it is read; of a sum of many terms the first ones and their number."""
-    sums = [a for a in e.atoms(sp.Add) if len(a.args) > _SHOWN]
-    stands = {}
+    """Return an expression as it is printed: of a sum with many terms the first ones and their number."""
+    sums = [a for a in e.atoms(sp.Add) if len(a.args) > _PRINTED]
+    abbreviations = {}
     for a in sums:
         first = sp.Add(*a.as_ordered_terms()[:2], evaluate=False)
-        stands[a] = sp.Symbol(f"({first} + .., {len(a.args)} terms)")
-    return e.xreplace(stands)
+        abbreviations[a] = sp.Symbol(f"({first} + .., {len(a.args)} terms)")
+    return e.xreplace(abbreviations)
 
 
 def _check(plant: System, jet: Jet, k: int) -> Check:
-    """proved: the determinant has no zero on the box; where: it may have; unknown: no full rank was found."""
+    """Return the check of a jet. proved: the determinant has no zero on the box; where: it may have; unknown: no full
+    rank was found."""
     marks = (f"{plant.outputs[j]}" + ("'" * order if order < 4 else f"^({order})") for j, order in jet.rows)
     rows = ", ".join(marks)
     id = ClaimId("singularity", "jet", k) if k else _STATES
@@ -420,11 +424,11 @@ def _check(plant: System, jet: Jet, k: int) -> Check:
         return Check(id, claim, Verdict.UNKNOWN, because(pattern, order=jet.order, n=len(plant.states)))
     reason = because("the determinant of their Jacobian is {determinant}", determinant=_brief(jet.text))
     rough = sorted({node for part in jet.parts for node in part.atoms(*ROUGH)}, key=str)
-    doubt = because("{part} may not be smooth", part=rough[0]) if rough else plant.doubt
-    if doubt:
-        return Check(id, claim, Verdict.UNKNOWN, joined(doubt, reason))
+    obstacle = because("{part} may not be smooth", part=rough[0]) if rough else plant.doubt
+    if obstacle:
+        return Check(id, claim, Verdict.UNKNOWN, joined(obstacle, reason))
     doubtful = _open(plant, jet.factors)
-    readable = _open(plant, (jet.shown and jet.shown.factors) or ()) if doubtful else ()
+    readable = _open(plant, (jet.readable and jet.readable.factors) or ()) if doubtful else ()
     conditions = [because("{factor} != 0", factor=_brief(e)) for e in readable or doubtful]
     box = {**_box(plant), **{s: (Fraction(0),) * 2 for s, value in jet.where if value == 0}}
     smooth = singular(map(exact, jet.parts), box).values()
@@ -445,22 +449,22 @@ _INFINITE = (sp.nan, sp.zoo, sp.oo, -sp.oo)
 
 @dataclass(frozen=True)
 class UniformObservability:
-    """Whether a plant is uniformly observable: the `answer` is True or False where the test applies, and None where it
+    """The uniform observability of a plant: the `answer` is True or False where the test applies, and None where it
     does not, or where it cannot be decided; `reason` says why.
 
     It `applies` where the plant has one output, an input, a flow affine in the inputs, and an output free of them.
-    `shown` tells whether a False is more than what ranks at random points say.
+    `proved`: whether a False is proved, and not only found by ranks at random points.
     """
 
     answer: bool | None
     applies: bool
     reason: Reason
-    shown: bool = True
+    proved: bool = True
 
     @property
     def verdict(self) -> Verdict:
         """The verdict of the claim that the plant is observable for every real input, inside and outside its ranges."""
-        if self.answer is None or not (self.answer or self.shown):
+        if self.answer is None or not (self.answer or self.proved):
             return Verdict.UNKNOWN
         return Verdict.GENERIC if self.answer else Verdict.REFUTED
 
@@ -472,8 +476,8 @@ def gauthier_bornard(
     inputs: Iterable[sp.Symbol],
     places: Places = (),
 ) -> UniformObservability:
-    """The test at random points, real ones near `places`; symbols that are neither state nor input are random
-    constants.
+    """Return the result of the test at random points, real ones near `places`; symbols that are neither state nor input
+    are random constants.
 
     Raises: `NothingMeasured`, `NowhereDefined`; `NoTape` for a function without a rule.
     """
@@ -484,9 +488,9 @@ def gauthier_bornard(
         return UniformObservability(None, False, outside)
     ranks = []
     for k in range(POINTS):
-        rank, left = somewhere(plant, lambda numbers, point: _left(plant, inputs, numbers, point), first=k, power=2)
-        if left:
-            return UniformObservability(False, True, left)
+        rank, violation = somewhere(plant, partial(_span_test, plant, inputs), first=k, power=2)
+        if violation:
+            return UniformObservability(False, True, violation)
         ranks.append(rank)
     if max(ranks) < plant.n:
         return _deficient(max(ranks), flow, output[0], states, inputs)
@@ -499,8 +503,8 @@ def gauthier_bornard(
 
 
 def of_plant(plant: System) -> UniformObservability:
-    """The test of a plant, parameters generic within their ranges, those without one at their nominal values; on each
-    branch that its ranges reach.
+    """Return the result of the test for a plant on each branch that its ranges reach. Parameters are generic within
+    their ranges; those without one are at their nominal values.
 
     Raises: as `gauthier_bornard`.
     """
@@ -517,7 +521,7 @@ def of_plant(plant: System) -> UniformObservability:
             return one
         at = because("where {conditions: and }: {reason}", conditions=branch.where, reason=one.reason)
         answers.append(replace(one, reason=at))
-        if one.answer is False and one.shown:
+        if one.answer is False and one.proved:
             return answers[-1]
     doubtful = next((one for one in answers if one.answer is not True), None)
     smooth = because("it holds on the {count} branches asked, and the theorem is of smooth plants", count=len(answers))
@@ -525,15 +529,15 @@ def of_plant(plant: System) -> UniformObservability:
 
 
 def _outside(flow: Sequence[sp.Expr], output: Sequence[sp.Expr], inputs: Sequence[sp.Symbol]) -> Reason:
-    """Why the test does not apply, or that this is not known; `NONE` where it applies."""
+    """Return why the test does not apply, or that this is not known; `NONE` where it applies."""
     if len(output) != 1:
         return because("the test is for one output, and there are {count}", count=len(output))
     if not inputs:
         return because("there is no input")
     slopes = [(output[0].diff(u), because("the output depends on {input}", input=u)) for u in inputs]
     pairs = combinations_with_replacement(inputs, 2)
-    bent = [(u, v, because("the flow is not affine in {inputs}", inputs=dict.fromkeys((u, v)))) for u, v in pairs]
-    slopes += [(e.diff(u).diff(v), what) for e in flow for u, v, what in bent]
+    curvatures = [(u, v, because("the flow is not affine in {inputs}", inputs=dict.fromkeys((u, v)))) for u, v in pairs]
+    slopes += [(e.diff(u).diff(v), what) for e in flow for u, v, what in curvatures]
     for slope, what in slopes:
         zero = is_zero(slope)
         if not zero:
@@ -544,24 +548,25 @@ def _outside(flow: Sequence[sp.Expr], output: Sequence[sp.Expr], inputs: Sequenc
 def _deficient(
     rank: int, flow: Sequence[sp.Expr], output: sp.Expr, states: Sequence[sp.Symbol], inputs: Sequence[sp.Symbol]
 ) -> UniformObservability:
-    """A rank below n: shown by states that, without input, no derivative of the output reads; else by random points
-    alone."""
+    """Return the result for a rank below n. It is proved by states that, without input, no derivative of the output
+    reads; else it is found at random points alone."""
     n = len(states)
     reason = because("without input, d(h, .., L_f^{order} h) has rank {rank} of {n}", order=n - 1, rank=rank, n=n)
     drift = {x: rate.subs(dict.fromkeys(inputs, 0)) for x, rate in zip(states, flow, strict=True)}
-    seen = [x for x in states if x in output.free_symbols]
-    for x in seen:  # the list grows while it is read
-        seen += [other for other in states if other in drift[x].free_symbols and other not in seen]
-    hidden = [x for x in states if x not in seen]
+    visible = [x for x in states if x in output.free_symbols]
+    for x in visible:  # the list grows while it is read
+        visible += [other for other in states if other in drift[x].free_symbols and other not in visible]
+    hidden = [x for x in states if x not in visible]
     if not hidden or any(rate.has(*_INFINITE) for rate in drift.values()):
         random = because("{reason} at {points} random points, which is no proof", reason=reason, points=POINTS)
-        return UniformObservability(False, True, random, shown=False)
+        return UniformObservability(False, True, random, proved=False)
     hides = because("{reason}: {inputs: = } = 0 hides {states}", reason=reason, inputs=inputs, states=hidden)
     return UniformObservability(False, True, hides)
 
 
-def _left(plant: Plant, inputs: Sequence[sp.Symbol], numbers: Arithmetic, point: Point) -> tuple[int, Reason]:
-    """The rank at this point, at most n, and which span is left there where it is n; `NONE` if none is."""
+def _span_test(plant: Plant, inputs: Sequence[sp.Symbol], numbers: Arithmetic, point: Point) -> tuple[int, Reason]:
+    """Return the rank at this point, at most n, and, where it is n, the reason that names a span that is left there, or
+    `NONE`."""
     n, prime = plant.n, modulus(numbers)
     point = replace(point, inputs=lambda j, order: [0] * order)
     rows = first_gradients(plant, numbers, point, n)
@@ -570,14 +575,14 @@ def _left(plant: Plant, inputs: Sequence[sp.Symbol], numbers: Arithmetic, point:
     if rank < n:
         believe_zeros(prime)
         return rank, NONE
-    drift, bend = _field(plant, numbers, point, None)
+    drift, drift_slope = _field(plant, numbers, point, None)
     for j, u in enumerate(inputs):
-        driven, tilt = _field(plant, numbers, point, j)
-        g, slope = [a - b for a, b in zip(driven, drift, strict=True)], tilt - bend
+        driven, driven_slope = _field(plant, numbers, point, j)
+        g, slope = [a - b for a, b in zip(driven, drift, strict=True)], driven_slope - drift_slope
         states = tuple(x + numbers.nudge * v for x, v in zip(point.states, g, strict=True))
-        moved = first_gradients(plant, numbers, replace(point, states=states), n)
-        for i, (row, beside) in enumerate(zip(rows, moved, strict=True)):
-            turn = [numbers.slope(a, b) for a, b in zip(beside.entries(), row.entries(), strict=True)]
+        shifted = first_gradients(plant, numbers, replace(point, states=states), n)
+        for i, (row, shifted_row) in enumerate(zip(rows, shifted, strict=True)):
+            turn = [numbers.slope(a, b) for a, b in zip(shifted_row.entries(), row.entries(), strict=True)]
             tilted = (row * slope).entries()
             new = [numbers.reduced(a + numbers.reduced(b)) for a, b in zip(turn, tilted, strict=True)]
             if i + 1 in new_rows([*flat[: i + 1], new], prime):
@@ -588,7 +593,7 @@ def _left(plant: Plant, inputs: Sequence[sp.Symbol], numbers: Arithmetic, point:
 
 
 def _field(plant: Plant, numbers: Arithmetic, point: Point, j: int | None) -> tuple[list[Any], Any]:
-    """The flow and its slope by the states where the input j is 1 and the others 0."""
+    """Return the flow and its slope by the states where the input j is 1 and the others 0."""
     values = [numbers.series([x], 1) for x in point.states]
     values += [numbers.series([int(i == j)], 1) for i in range(plant.m)]
     values += [numbers.series([c], 1) for c in point.constants]

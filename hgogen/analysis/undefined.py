@@ -1,16 +1,15 @@
-"""Where a plant's rows, or the derivatives that an observer reads, have no finite value on the declared ranges.
+"""Rows of a plant, and derivatives for an observer, without a finite value somewhere on the declared ranges.
 
-A pole, a logarithm of 0 or a root of a negative number is looked for in each part of a row. That a part has a finite
-value everywhere is proved by outward-rounded intervals or exact algebra; that it has none somewhere, by a point: an
-exact one, a zero between two signs of what it divides by, or an enclosed argument outside of the part's domain.
+Each part of a row is searched for a pole, a logarithm of 0 or a root of a negative number. A finite value everywhere is
+proved by outward-rounded intervals or exact algebra. A place without one is proved by a point: an exact one, a zero
+between two signs of a divisor, or an enclosed argument outside of the part's domain.
 
-A signal without a declared range may have any value, and only its resting value is known to occur: a part that is
-singular at other values of it alone is refused by nobody, and `where` says which values these are.
+A signal without a declared range may have any value, and only its resting value is known to occur. A part that is
+singular at other values of it alone is not refuted, and `where` says which values these are.
 
-A plant on its declared box: what it reads as it is written, and its rows there.
-
-A form of a plant, or its rows as they stand, may no longer have what the plant reads: (u x + u)/u is x + 1 in a form,
-and has no value at u = 0. Every claim about values on the box rests on the plant's having one there.
+The rows of a plant as they are written are kept for these checks. A form, or SymPy itself, may have lost a part: (u x +
+u)/u is x + 1 in a form, and has no value at u = 0. Every claim about values on the box assumes that the plant has one
+there.
 
 The box decides on which side of a kink or jump the plant is: |x| is x where x >= 0. Where it does not decide it, the
 plant has several branches (`rigor.rank`).
@@ -46,12 +45,12 @@ from hgogen.sentence import Sentence, because
 from hgogen.signal import Signal, resting
 from hgogen.system import System
 
-MAKER = "singular"  # of these claims, whose ids are singular.NAME, of the state or the output of a row
+MAKER = "singular"  # of claims with the ids singular.NAME, NAME the state or the output of a row
 FIX = "Narrow the ranges so that it stays away from there."
 _SLOPES = "each derivative of {row} by a state"
-_LEFT_OUT = "there the step uses no sample of {name}, and raises UNDEFINED_{name}"
-_HELD = "there the step goes on with the last finite value of the rate of {name}, and raises HELD_{name}"
-_FLAT = "there the step takes the derivatives of the rate of {name} for 0, and raises HELD_{name}"
+_NO_SAMPLE = "there the step uses no sample of {name}, and raises UNDEFINED_{name}"
+_LAST_RATE = "there the step goes on with the last finite value of the rate of {name}, and raises HELD_{name}"
+_ZERO_SLOPES = "there the step takes the derivatives of the rate of {name} for 0, and raises HELD_{name}"
 _REASONS = {
     Verdict.REFUTED: "{what} has no finite value {places: or }",
     Verdict.UNKNOWN: "it is not decided whether {what} has a finite value {places: or }",
@@ -76,7 +75,7 @@ _ARGUMENT = {
 @dataclass(frozen=True)
 class Gap:
     """A place where a part of a row has no finite value, or may have none: where `condition` fails. `verdict`: refuted
-    with a point, where, or unknown."""
+    with a `point`, where, or unknown."""
 
     condition: Condition
     verdict: Verdict
@@ -85,28 +84,28 @@ class Gap:
 
 @lru_cache(maxsize=64)
 def undefined_values(plant: System) -> tuple[Check, ...]:
-    """Return the checks `singular.NAME` of the rows that are not proved to have a finite value on the whole box: the
-    rate of state NAME, or the output NAME."""
+    """Return the checks `singular.NAME` of rows that are not proved to have a finite value on the whole box: the rate
+    of state NAME, or the output NAME."""
     named = ((signal, Sentence.of("{row}", row=text), row) for signal, text, row in _rows(plant))
-    rows = ((signal, text, (bounded_logs(row),), _HELD) for signal, text, row in named)
+    rows = ((signal, text, (bounded_logs(row),), _LAST_RATE) for signal, text, row in named)
     return tuple(check for row in rows if (check := _check(plant, *row)))
 
 
 @lru_cache(maxsize=64)
 def undefined_slopes(plant: System) -> tuple[Check, ...]:
-    """Return the checks `singular.NAME` of the rows whose values are proved, and whose derivatives by the states are
-    not."""
+    """Return the checks `singular.NAME` of rows with a proved value whose derivatives by the states are not proved to
+    be finite."""
     known = {check.id.fact for check in undefined_values(plant)}
     rows = ((signal, text, resolved(row)) for signal, text, row in _rows(plant) if signal.name not in known)
     slopes = (
-        (signal, Sentence.of(_SLOPES, row=text), [slope(row, x) for x in plant.states if row.has(x)], _FLAT)
+        (signal, Sentence.of(_SLOPES, row=text), [slope(row, x) for x in plant.states if row.has(x)], _ZERO_SLOPES)
         for signal, text, row in rows
     )
     return tuple(check for row in slopes if (check := _check(plant, *row)))
 
 
 def _rows(plant: System) -> Iterator[tuple[Signal, str, sp.Expr]]:
-    """The rows, each with its signal and its name."""
+    """Return the rows, each with its signal and its name."""
     yield from ((x, f"{x.name}'", row) for x, row in zip(plant.states, plant.flow, strict=True))
     yield from ((y, y.name, row) for y, row in zip(plant.outputs, plant.output, strict=True))
 
@@ -114,8 +113,8 @@ def _rows(plant: System) -> Iterator[tuple[Signal, str, sp.Expr]]:
 def _check(
     plant: System, signal: Signal, what: Sentence, expressions: Sequence[sp.Expr], accepted: str
 ) -> Check | None:
-    """The check of `what` a row is evaluated for; None where it has a finite value on the whole box. `accepted`: what
-    follows for a rate, where it is accepted."""
+    """Return the check of `what`, a row or its derivatives; None where it has a finite value on the whole box.
+    `accepted`: the consequence for a rate whose refutation is accepted."""
     failures = gaps(expressions, plant)
     if not failures:
         return None
@@ -123,13 +122,13 @@ def _check(
     worst = next(v for v in (Verdict.REFUTED, Verdict.UNKNOWN, Verdict.WHERE) if v in verdicts)
     worse = [gap for gap in failures if gap.verdict is worst]
     read = set[sp.Symbol]().union(*(gap.condition.of.free_symbols for gap in worse))
-    loose = [s.name for s in (*plant.states, *plant.inputs) if s in read and not s.bounded]
-    reason = because(_REASONS[worst], what=what, places=[gap.condition.failure for gap in worse], names=loose)
+    unbounded = [s.name for s in (*plant.states, *plant.inputs) if s in read and not s.bounded]
+    reason = because(_REASONS[worst], what=what, places=[gap.condition.failure for gap in worse], names=unbounded)
     claim = Sentence.of("{what} has a finite value on the declared ranges", what=what)
-    follows = (_LEFT_OUT if signal in plant.outputs else accepted).format(name=signal.name)
+    follows = (_NO_SAMPLE if signal in plant.outputs else accepted).format(name=signal.name)
     check = Check(ClaimId(MAKER, signal.name), claim, worst, reason, fix=FIX, consequence=follows)
     if worst is Verdict.WHERE:
-        return replace(check, fix=f"Declare low= and high= for {', '.join(loose)}.")
+        return replace(check, fix=f"Declare low= and high= for {', '.join(unbounded)}.")
     point = worse[0].point
     return replace(check, witness={s.name: float(value) for s, value in point.items()})
 
@@ -153,7 +152,8 @@ def gaps(expressions: Iterable[sp.Expr], plant: System) -> tuple[Gap, ...]:
 
 
 def _doubtful(expressions: Iterable[sp.Expr], around: Box) -> Iterator[sp.Expr]:
-    """The parts that are not proved to be finite; a quotient without its singularity is, where all that it reads is."""
+    """Return the parts that are not proved to be finite. A quotient with a removable singularity is finite where all
+    its parts are."""
     rows = list(expressions)
     quotients = {node: sp.Piecewise(*node.args, evaluate=False) for row in rows for node in row.atoms(Resolved)}
     parts = doubtful((row.xreplace(quotients) for row in rows), around)
@@ -163,7 +163,8 @@ def _doubtful(expressions: Iterable[sp.Expr], around: Box) -> Iterator[sp.Expr]:
 
 
 def _chooses_values(part: sp.Expr, around: Box) -> bool:
-    """Whether a choice takes roots only where what is under them is not negative, and nothing else without a value."""
+    """Return whether a choice evaluates roots only where their radicand is not negative, and no other part without a
+    value."""
     if not isinstance(part, sp.Piecewise) or part.args[-1].cond != sp.true:
         return False
     needed = ((_condition(inner), cond) for branch, cond in part.args for inner in doubtful((branch,), around))
@@ -171,7 +172,7 @@ def _chooses_values(part: sp.Expr, around: Box) -> bool:
 
 
 def _condition(part: sp.Expr) -> Condition:
-    """The condition for a part to have a finite value."""
+    """Return the condition for a part to have a finite value."""
     if isinstance(part, sp.Pow):
         base, exponent = part.base, part.exp
         if exponent.is_Integer and exponent.is_negative:
@@ -189,7 +190,7 @@ def _condition(part: sp.Expr) -> Condition:
 
 
 def _holds(condition: Condition, around: Box) -> bool:
-    """Whether a condition is proved on the whole box."""
+    """Return whether a condition is proved on the whole box."""
     try:
         if condition.relation == NONZERO:
             return nonzero(condition.of, around, refute=False).never
@@ -208,10 +209,10 @@ def _holds(condition: Condition, around: Box) -> bool:
 
 
 def _failure(part: sp.Expr, condition: Condition, around: Box) -> Point | None:
-    """A point where a part has no finite value; None where none is shown."""
+    """Return a point where a part has no finite value; None where none is proved."""
     try:
         problem = problem_of(part, around)
-        if problem is None:  # at what is fixed
+        if problem is None:  # at the fixed values
             return {}
         special = special_point(problem.expression, problem.program, problem.sides, ("undefined",))
         if special:
@@ -220,7 +221,7 @@ def _failure(part: sp.Expr, condition: Condition, around: Box) -> Point | None:
             sign = nonzero(condition.of, around)
             return dict(sign.witness) if sign.cause in (Cause.ZERO, Cause.CROSSING) else None
         unknown_exponent = isinstance(part, sp.Pow) and (part.exp.is_Integer or not part.exp.is_Rational)
-        if condition.relation not in _INSIDE or unknown_exponent:  # that may have a value outside of its domain
+        if condition.relation not in _INSIDE or unknown_exponent:  # it may have a value outside of its domain
             return None
         low, high = _INSIDE[condition.relation]
         known = bound(condition.of, around)
@@ -235,9 +236,9 @@ def _failure(part: sp.Expr, condition: Condition, around: Box) -> Point | None:
 
 
 def written(plant: System) -> tuple[sp.Expr, ...]:
-    """The rows of the plant, and each part of those of the plant that it was recast from, in its own states.
+    """Return the rows of the plant, and each part of the rows of the plant that it was recast from, in the new states.
 
-    x1 - x2 over 2 x1 - 2 x2 has no value at x1 = x2; with x1 = w + x2 SymPy makes 1/2 of it.
+    (x1 - x2)/(2 x1 - 2 x2) has no value at x1 = x2; with x1 = w + x2 SymPy makes 1/2 of it.
     """
     rows = (*plant.flow, *plant.output)
     if plant.origin is None:
@@ -249,18 +250,19 @@ def written(plant: System) -> tuple[sp.Expr, ...]:
 
 @lru_cache(maxsize=16)
 def valueless(plant: System) -> sp.Expr | None:
-    """A part of the plant as it is written that is not shown to be a finite real number on the whole box, or None."""
+    """Return a part of the plant as it is written that is not proved to be a finite real number on the whole box, or
+    None."""
     return next(iter(doubtful(written(plant), plant.box)), None)
 
 
 @lru_cache(maxsize=16)
 def value_conditions(plant: System) -> tuple[Condition, ...]:
-    """The conditions for the plant as it is written to have a value, as far as they are not shown on the whole box."""
+    """Return the conditions for the plant as it is written to have a value that are not proved on the whole box."""
     return conditions(written(plant), plant.box)
 
 
 def if_valued(check: Check, plant: System) -> Check:
-    """The check of a claim about values on the box: unknown in place of proved where the plant may have none."""
+    """Return the check of a claim about values on the box, unknown in place of proved where the plant may have none."""
     part = valueless(plant) if check.verdict is Verdict.PROVED else None
     if part is None:
         return check
@@ -269,15 +271,15 @@ def if_valued(check: Check, plant: System) -> Check:
 
 
 def on_box(plant: System) -> System:
-    """The plant without kinks and jumps whose side its box decides."""
+    """Return the plant without kinks and jumps whose side its box decides."""
     around = plant.box
     flow, output = (tuple(one_sided(row, around) for row in rows) for rows in (plant.flow, plant.output))
     return plant if (flow, output) == (plant.flow, plant.output) else replace(plant, flow=flow, output=output)
 
 
 def on_branches(plant: System, loose: Iterable[sp.Symbol]) -> Reached:
-    """The branches of flow and output, in this order, that the declared box reaches: the `loose` parameters in their
-    ranges, the others at their nominal values.
+    """Return the branches of flow and output, in this order, that the declared box reaches: the `loose` parameters in
+    their ranges, the others at their nominal values.
 
     Raises: `NowhereDefined` where a comparison has no value at these; `NoTape` for a function without a rule.
     """

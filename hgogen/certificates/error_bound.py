@@ -24,7 +24,7 @@ import sympy as sp
 
 from hgogen.analysis.dynamics import linear_terms, reach, transformed
 from hgogen.analysis.maps import sided
-from hgogen.analysis.scaling import of_used
+from hgogen.analysis.scaling import sizes_of_used
 from hgogen.certificates.contraction import claimed, contraction, running
 from hgogen.certificates.rounding_share import rounding_share
 from hgogen.certificates.start_set import NO_WAY, Running, Start, restart_calls, room, start_of
@@ -169,9 +169,9 @@ def error_bound(
     demand_step(step, "error_bound")
     form, outputs = step.observer.form, names_of(step.observer.form.system.outputs)
     most = {
-        "noise": of_used(form, sizes("noise", noise, outputs)),
-        "rounded": of_used(form, sizes("rounded", rounded, outputs)),
-        "late": of_used(form, sizes("late", late, outputs)),
+        "noise": sizes_of_used(form, sizes("noise", noise, outputs)),
+        "rounded": sizes_of_used(form, sizes("rounded", rounded, outputs)),
+        "late": sizes_of_used(form, sizes("late", late, outputs)),
         "disturbance": sizes("disturbance", disturbance, names_of(form.system.declared.states)),
         "parameters": sizes("parameters", parameters, names_of(form.system.parameters)),
     }

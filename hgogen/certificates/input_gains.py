@@ -18,7 +18,7 @@ import numpy as np
 import sympy as sp
 
 from hgogen.analysis.ranges import fixed
-from hgogen.analysis.scaling import heads, of_used
+from hgogen.analysis.scaling import heads, sizes_of_used
 from hgogen.certificates.contraction import claimed, contraction, running
 from hgogen.check import Check, ClaimId, Verdict
 from hgogen.form import Form
@@ -215,7 +215,7 @@ class _Known:
 def _known(observer: Observer, noise: Each, disturbance: Each) -> _Known | Reason:
     """Return the error with its inputs, or why it is unknown. Raises: `NoSolver`, `BadNames`, `BadGain`."""
     form, system = observer.form, observer.form.system
-    noises = of_used(form, sizes("noise", noise, names_of(system.outputs)))
+    noises = sizes_of_used(form, sizes("noise", noise, names_of(system.outputs)))
     disturbed = sizes("disturbance", disturbance, names_of(system.declared.states))
     error = error_inclusion(observer)
     if isinstance(error, Nothing):

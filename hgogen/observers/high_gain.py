@@ -25,7 +25,7 @@ from hgogen.analysis.dynamics import Dynamics
 from hgogen.analysis.hypotheses import clamped
 from hgogen.analysis.linearised import largest_determinant
 from hgogen.analysis.ranges import Limits, described, saturated
-from hgogen.analysis.scaling import mean, shown, unused, weighted
+from hgogen.analysis.scaling import mean, redundant_outputs, unused, weighted
 from hgogen.check import Claims, Verdict
 from hgogen.estimators.integrators import injected_chains
 from hgogen.form import Form
@@ -146,7 +146,7 @@ def high_gain(
 def _means(form: Form, weights: Any) -> Iterator[str]:
     """Return lines on the outputs that measure the same state, and on those that are not used."""
     names, numbers = [y.name for y in form.system.outputs], weighted(form, weights)
-    for chain in (chain for chain in shown(form) if len(chain) > 1):
+    for chain in (chain for chain in redundant_outputs(form) if len(chain) > 1):
         weighed = (f"{numbers[each.output]:g} {names[each.output]}" for each in chain)
         lead = names[chain[0].output]
         yield f"y - C z of {lead}: the mean of {', '.join(weighed)}, by weight, of the samples that are there"

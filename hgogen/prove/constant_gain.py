@@ -29,7 +29,7 @@ import numpy as np
 import sympy as sp
 
 from hgogen.analysis.ranges import chains, fixed, several_corners
-from hgogen.analysis.scaling import entering, weighted
+from hgogen.analysis.scaling import error_shares, weighted
 from hgogen.estimators.gains import ScaledGain, as_matrix, coefficients, columns
 from hgogen.estimators.integrators import Integrators, companion, demand_divisor, demand_linear_rows, no_chain
 from hgogen.form import Form
@@ -74,7 +74,7 @@ def injected(error: Inclusion | Nothing, form: Form, entries: Sequence[sp.Expr])
     if len(known) < len(scaled) or not error.B.size:
         error, samples = error.without_samples, np.zeros((form.n, 0))
     else:
-        samples = as_matrix(form, known) @ entering(form, weighted(form, None))
+        samples = as_matrix(form, known) @ error_shares(form, weighted(form, None))
     slopes = list[Slope]()
     for slope in error.slopes:  # slopes of b read the argument of b, and so the samples
         at = None if slope.entry is None else slope.reads.index(1)

@@ -42,7 +42,7 @@ import sympy as sp
 
 from hgogen.analysis.evidence import Evidence, enclosure, outward
 from hgogen.analysis.ranges import chains, cut, fixed, span
-from hgogen.analysis.scaling import ALIGNED, entering, exponents, heads, sharing, weighted
+from hgogen.analysis.scaling import ALIGNED, error_shares, exponents, heads, sharing, weighted
 from hgogen.analysis.undefined import valueless
 from hgogen.check import Verdict
 from hgogen.estimators.gains import as_matrix
@@ -257,7 +257,7 @@ def on_companion(
     products = (sp.Mul(*each[: i + 1]) for each in chains(form) for i in range(len(each)))
     numbers = {"gains": tuple(sp.Rational(x) / a for x, a in zip(exactly, products, strict=True))}
     numbers |= _weights(form, weights)
-    measured = as_matrix(form, exactly) @ entering(form, weights)
+    measured = as_matrix(form, exactly) @ error_shares(form, weights)
     error = on_integrators(chain, plain(form), companions(exactly, form.blocks), measured, numbers, endless=endless)
     return (
         error
@@ -293,7 +293,7 @@ def with_gains(
     weights = weights or weighted(form, None)
     numbers = {"gains": tuple(map(sp.Rational, K)), **_weights(form, weights)}
     one, ones = [Fraction(1)] * n, [sp.S.One] * n
-    error = inclusion(form, plain(form), core, gain @ entering(form, weights), ones, one, numbers, slopes, endless)
+    error = inclusion(form, plain(form), core, gain @ error_shares(form, weights), ones, one, numbers, slopes, endless)
     if isinstance(error, Nothing):
         return error
     return replace(error, core_evidence={"ranges": ranges} if varying else {"core": fractions(error.N)})

@@ -36,7 +36,7 @@ import casadi as ca
 import numpy as np
 import sympy as sp
 
-from hgogen.analysis.linearised import NoSight, linear, linearisation_on_box, ranged
+from hgogen.analysis.linearised import NoLinearisation, linear, linearisation_on_box, ranged
 from hgogen.errors import BadArgument
 from hgogen.graph import CVODES, to_casadi
 from hgogen.reading.given import Misfit, real, requires_plant
@@ -205,8 +205,8 @@ def as_share(value: float, digits: int = 2) -> str:
 
 def sight(plant: System, trial: Trial | None = None) -> Sight:
     """The least seen direction along a trial without noise, else at fixed points of the declared box; parameters are
-    nominal. Raises: `NoSight` where a state (without a trial also an input) has no range, or the model no value;
-    `BadTrial` for a trial that cannot be integrated; `NoGraph`."""
+    nominal. Raises: `NoLinearisation` where a state (without a trial also an input) has no range, or the model no
+    value; `BadTrial` for a trial that cannot be integrated; `NoGraph`."""
     ranged((*plant.states, *(() if trial else plant.inputs)))
     with np.errstate(all="ignore"):
         if trial:
@@ -273,7 +273,7 @@ def _weakest(transitions: np.ndarray, C: np.ndarray) -> tuple[float, np.ndarray]
 def _least(plant: System, each: list[tuple[float, np.ndarray]], at: list[dict[str, float]]) -> Sight:
     known = [(value, v, where) for (value, v), where in zip(each, at, strict=True) if math.isfinite(value)]
     if not known:
-        raise NoSight("the linearised model has no finite values")
+        raise NoLinearisation("the linearised model has no finite values")
     least, v, where = min(known, key=lambda one: one[0])
     shares = {s.name: float(share) for s, share in zip(plant.states, v, strict=True)}
     direction = dict(sorted(shares.items(), key=lambda pair: -abs(pair[1])))
