@@ -27,7 +27,6 @@ from hgogen.emit.elementary import (
     SMALL,
     UNARY,
     elementary,
-    power_of_two,
 )
 from hgogen.emit.portable import functions
 from hgogen.emit.pygraph import evaluated
@@ -455,14 +454,14 @@ def test_powers_of_two_are_exact_in_every_reading(real: Real, other: tuple[str, 
     limits = np.finfo(TYPE[real])
     exponents = range(int(limits.minexp), int(limits.maxexp))
     exact = [2.0**k for k in exponents]
-    assert evaluate(power_of_two(real), real, list(exponents)).tolist() == exact
+    assert evaluate(ARITHMETIC[real].power_of_two, real, list(exponents)).tolist() == exact
     text = "\n".join(("#include <stdbool.h>", "#include <stdint.h>", "#include <stdio.h>", *_two(real)))
     source = text + PRINTED.format(least=exponents[0], most=exponents[-1], real=real)
     program = emitted.compiled(emitted.tool("gcc"), {"two.c": source}, tmp_path, *other)
     printed = subprocess.run([program], capture_output=True, text=True, check=True).stdout
     assert [float.fromhex(each) for each in printed.split()] == exact
     x = ca.SX.sym("x")
-    by_call = evaluated(ca.Function("f", [x], [power_of_two(real)(x)]), real)
+    by_call = evaluated(ca.Function("f", [x], [ARITHMETIC[real].power_of_two(x)]), real)
     assert [float(by_call([[TYPE[real](k)]])[0][0]) for k in exponents] == exact
 
 

@@ -19,7 +19,7 @@ from hgogen.call import CallableStep
 from hgogen.emit.code import COLUMNS
 from hgogen.emit.naming import OneName
 from hgogen.emit.syntax import BeyondFloat, Real
-from hgogen.emit.syntaxes import PRELUDE, keywords
+from hgogen.emit.syntaxes import KEYWORDS, PRELUDE
 from hgogen.model import load
 from hgogen.run import native
 from hgogen.targets.rust import NoCrate
@@ -301,12 +301,12 @@ def test_keywords_are_those_of_the_compiler(tmp_path: Path) -> None:
     """No other word that a signal may be called is refused."""
     words = {word for name in NAMES for s in (*step(name).states, *step(name).outputs) for word in (s.name,)}
     words |= {"union", "default", "auto", "raw", "u32", "f64", "usize", "main", "core", "std", "K1", "math", "State"}
-    lines = [f"let {word}_: u8 = 0; let _ = {word}_;" for word in sorted(keywords())]
+    lines = [f"let {word}_: u8 = 0; let _ = {word}_;" for word in sorted(KEYWORDS)]
     lines += [f"let {word}: u8 = 0; let _ = {word};" for word in sorted(words)]
     allowed = "#![allow(non_snake_case)]\n"
     hg.write({"words.rs": f"{allowed}fn main() {{\n" + "\n".join(lines) + "\n}\n"}, tmp_path)
     run([rustc(), "--edition", "2021", "-D", "warnings", "words.rs"], tmp_path)
-    for word in sorted(keywords() | PRELUDE):
+    for word in sorted(KEYWORDS | PRELUDE):
         hg.write({"word.rs": f"#![allow(unused)]\nfn main() {{ let {word}: u8 = 0; }}\n"}, tmp_path)
         command = [rustc(), "--edition", "2021", "--emit", "metadata", "word.rs"]
         assert subprocess.run(command, cwd=tmp_path, capture_output=True, check=False).returncode, word

@@ -77,11 +77,11 @@ def spaced(parts: Iterable[Code]) -> Code:
 
 def united(uses: Iterable[Uses]) -> Uses:
     """The union of several uses."""
-    every = {id(each): each for each in uses if each is not NOTHING}.values()
-    if len(every) < 2:
-        return next(iter(every), NOTHING)
-    sets: dict[str, Any] = {name: frozenset().union(*(getattr(each, name) for each in every)) for name in _SETS}
-    return Uses(**sets, widest=max(each.widest for each in every))
+    distinct = {id(each): each for each in uses if each is not NOTHING}.values()
+    if len(distinct) < 2:
+        return next(iter(distinct), NOTHING)
+    sets: dict[str, Any] = {name: frozenset().union(*(getattr(each, name) for each in distinct)) for name in _SETS}
+    return Uses(**sets, widest=max(each.widest for each in distinct))
 
 
 def indented(lines: Iterable[str], by: int = 4) -> list[str]:

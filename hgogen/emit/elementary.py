@@ -62,17 +62,6 @@ BIASED: Mapping[Real, float] = {real: rounds + BIAS[real] for real, rounds in RO
 
 
 @cache
-def nearest(real: Real) -> ca.Function:
-    """The primitive `nearest` as CasADi computes it: v + C - C, where C and its neighbours are whole numbers.
-
-    CasADi would simplify that to v; so the sum is a call, and the result goes through floor, whose derivative is 0.
-    """
-    v, C = ca.SX.sym("v"), ROUNDS[real]
-    add = ca.Function("add", [v], [v + C], {"never_inline": True})
-    return ca.Function(NEAREST, [v], [ca.floor(add(v) - C + 0.25)], {"never_inline": True})
-
-
-@cache
 def elementary(real: Real) -> Mapping[str, Any]:
     """The functions by name, each a `casadi.Function` of one scalar (`BINARY`: two).
 
@@ -123,10 +112,15 @@ class _Precision:
     atan_tail: tuple[float, ...]
     asin_tail: tuple[float, ...]
 
-    @property
+    @cached_property
     def nearest(self) -> ca.Function:
-        """The whole number nearest to a number."""
-        return nearest(self.real)
+        """The primitive `nearest` as CasADi computes it: v + C - C, where C and its neighbours are whole numbers.
+
+        CasADi would simplify that to v; so the sum is a call, and the result goes through floor, whose derivative is 0.
+        """
+        v, C = ca.SX.sym("v"), ROUNDS[self.real]
+        add = ca.Function("add", [v], [v + C], {"never_inline": True})
+        return ca.Function(NEAREST, [v], [ca.floor(add(v) - C + 0.25)], {"never_inline": True})
 
     def near(self, value: Fraction | float) -> float:
         """The nearest number of this precision."""
@@ -143,7 +137,6 @@ class _Precision:
 
     @property
     def largest(self) -> float:
-        """The largest number."""
         return float((2 - 2.0 ** (1 - self.bits)) * 2.0 ** (2**self.octaves - 1))
 
     @property
@@ -467,8 +460,3 @@ _DOUBLE = _Precision(
 )
 # fmt: on
 ARITHMETIC: Mapping[Real, _Precision] = {"float": _FLOAT, "double": _DOUBLE}
-
-
-def power_of_two(real: Real) -> ca.Function:
-    """The function `power_of_two` of a precision."""
-    return ARITHMETIC[real].power_of_two

@@ -280,27 +280,27 @@ class LaneWriter(Writer):
     def _loop(self, loop: Loop, reserved: frozenset[str]) -> Code:
         depth = len(self.kinds.groups[loop.group])
         k, i = (letter if depth == 1 else f"{letter}{depth}" for letter in "ki")
-        total, whole = self.kinds.groups[loop.group][-1].count, self.syntax.types["unsigned"]
+        total, counts = self.kinds.groups[loop.group][-1].count, self.syntax.types["unsigned"]
         at, number = f"{self.lane_prefix}_at{len(self.masks)}", self._number(k)
-        tests = [f"({number} < {self.whole(loop.active)})"] if loop.active else []
+        tests = [f"({number} < {self.place_text(loop.active)})"] if loop.active else []
         if loop.start is None:
             return self._members(loop, k, loop.count, tests, reserved)
         tests += [f"({at} == {self._number(i)})"]
         inside = self._members(loop, i, total, tests, reserved)
         once = code(f"{at} = {at} + {self._number('1')};", f"{at} = {self.within(at, total)};")
-        start = code(f"{whole} {at} = {self.within(self.whole(loop.start), total)};")
+        start = code(f"{counts} {at} = {self.within(self.place_text(loop.start), total)};")
         turns = f"for (unsigned {k} = 0u; {k} < {loop.count}u; ++{k}) {{"
         return braced("{", start + braced(turns, inside + once))
 
     def _members(self, loop: Loop, k: str, count: int, tests: list[str], reserved: frozenset[str]) -> Code:
         """The body for each member, number `k`, in the lanes that pass the tests."""
-        array = self.whole(self._array(loop.group))
+        array = self.place_text(self._array(loop.group))
         head = f"for (unsigned {k} = 0u; {k} < {count}u; ++{k}) {{"
         member = code(self._member(loop.group, array, k))
         uses = self.uses(self._array(loop.group), loop.start, loop.active, loop.index)
         with self._masked(Mask(name := self._named()) if tests else self.masks[-1]):
             if loop.index:
-                member += code(self._assigned(loop.index, self.whole(loop.index), self._number(k)))
+                member += code(self._assigned(loop.index, self.place_text(loop.index), self._number(k)))
             inner = member + self.program(loop.body, reserved)
         if tests:
             inner = self._declared(name, " & ".join(tests)) + braced(f"if ({self._any(name)}) {{", inner)
@@ -314,17 +314,17 @@ class LaneWriter(Writer):
 
     def _copy(self, copy: Copy, reserved: frozenset[str]) -> Code:
         array, total = self._array(copy.group), self.kinds.groups[copy.group][-1].count
-        numbers = [self.within(self.whole(place), total) for place in (copy.target, copy.source)]
-        whole, size = self.syntax.types["unsigned"], f"sizeof({self.real})"
-        declared = code(*(f"const {whole} {name} = {n};" for name, n in zip(("into", "from"), numbers, strict=True)))
-        ends = (f"(char *)&{self.whole(array)}[{name}[lane]] + byte" for name in ("into", "from"))
+        numbers = [self.within(self.place_text(place), total) for place in (copy.target, copy.source)]
+        counts, size = self.syntax.types["unsigned"], f"sizeof({self.real})"
+        declared = code(*(f"const {counts} {name} = {n};" for name, n in zip(("into", "from"), numbers, strict=True)))
+        ends = (f"(char *)&{self.place_text(array)}[{name}[lane]] + byte" for name in ("into", "from"))
         first, end = f"(size_t)lane * {size}", f"sizeof({self.syntax.struct(self.prefix, copy.group)})"
         head = f"for (size_t byte = {first}; byte < {end}; byte += {size} * {self.width}) {{"
         bytes_ = braced(head, code(f"__builtin_memcpy({', '.join(ends)}, {size});"))
         mask = self.masks[-1].name
         one = braced(f"if ({mask}[lane]) {{", bytes_) if mask else bytes_
-        every = braced(f"for (int lane = 0; lane < {self.width}; ++lane) {{", one)
-        return braced("{", declared + every) + Code((), self.uses(array, copy.target, copy.source))
+        loop = braced(f"for (int lane = 0; lane < {self.width}; ++lane) {{", one)
+        return braced("{", declared + loop) + Code((), self.uses(array, copy.target, copy.source))
 
     def _kernel(self, kernel: Kernel, reserved: frozenset[str]) -> Code:
         """A call for all lanes at once; arrays of the inactive lanes are restored after it."""
@@ -346,7 +346,7 @@ class LaneWriter(Writer):
         for parameter, (place, size) in zip(parameters, operands, strict=False):  # and counts
             if writes(parameter):
                 columns = place == kernel.columns
-                yield _Array(place, self.whole(self._array(place.struct) if columns else place), size, columns)
+                yield _Array(place, self.place_text(self._array(place.struct) if columns else place), size, columns)
 
 
 @dataclass(frozen=True)

@@ -372,8 +372,8 @@ class Subprogram:
 
     def columns(self, call: Node) -> Iterator[tuple[Passed, list[Node]]]:
         """The passed arguments of a call, with the elements of each."""
-        every = list(columns(call))
-        return ((each, [every[each.number][1][k] for k in each.elements]) for each in self.passed)
+        arguments = list(columns(call))
+        return ((each, [arguments[each.number][1][k] for k in each.elements]) for each in self.passed)
 
 
 @lru_cache(maxsize=8)  # every printer of a step calls it

@@ -22,7 +22,7 @@ from hgogen.discretisation import kernels as matrix_loops
 from hgogen.discretisation.notation import sizes
 from hgogen.emit import helpers
 from hgogen.emit.code import TRUTH, Code, Uses, braced, code, joined, spaced, united
-from hgogen.emit.elementary import ALL_WHOLE, BIASED, POWER_OF_TWO, ROUNDS, SHIFT, elementary, power_of_two
+from hgogen.emit.elementary import ALL_WHOLE, ARITHMETIC, BIASED, POWER_OF_TWO, ROUNDS, SHIFT, elementary
 from hgogen.emit.node import CALLS
 from hgogen.emit.printer import Operand, Printer
 from hgogen.emit.rolled import Target
@@ -194,7 +194,6 @@ class _Words:
     counts: Mapping[str, int] = field(default_factory=dict)
 
     def type(self, kind: str) -> str:
-        """The type of a kind of number."""
         return self.syntax.types[self.real if kind == "real" else kind]
 
 
@@ -283,8 +282,8 @@ class _Function:
             return self.syntax.array.format(type=self.words.type("real"), name=name, size=size, value=zero)
         text, kind = self._value(value), self._kind(value)
         self.kinds[name] = kind
-        how = self.syntax.constant if name in self.once else self.syntax.variable
-        return how.format(type=self._type(kind), name=name, value=text)
+        template = self.syntax.constant if name in self.once else self.syntax.variable
+        return template.format(type=self._type(kind), name=name, value=text)
 
     def _for(self, loop: ast.For) -> Code:
         assert isinstance(loop.iter, ast.Call)
@@ -360,12 +359,12 @@ class _Function:
     def _infix(self, kind: str, left: ast.expr, sign: ast.operator | ast.cmpop, right: ast.expr) -> Text:
         """Two values with a sign between them; a sum or product groups to the left, an operand of a comparison is no
         comparison."""
-        text, binds = _INFIX[type(sign)]
+        infix, binds = _INFIX[type(sign)]
         least = binds + 0.1 * isinstance(sign, ast.cmpop)
-        whole = f"{self._value(left, least)}{text}{self._value(right, binds + 0.1)}"
+        text = f"{self._value(left, least)}{infix}{self._value(right, binds + 0.1)}"
         if self.words.real in self.syntax.rounded and kind == "real":
-            return self.syntax.rounded[self.words.real].format(whole), ATOM
-        return whole, binds
+            return self.syntax.rounded[self.words.real].format(text), ATOM
+        return text, binds
 
     def _call(self, name: str, arguments: list[ast.expr]) -> Text:
         kinds = {"real": self.words.type("real"), **self.words.types}
@@ -423,7 +422,7 @@ def _head(syntax: Syntax, prefix: str, real: Real, name: str) -> list[str]:
 
 
 def _graph(name: str, real: Real) -> ca.Function:
-    return power_of_two(real) if name == POWER_OF_TWO else elementary(real)[name]
+    return ARITHMETIC[real].power_of_two if name == POWER_OF_TWO else elementary(real)[name]
 
 
 def _bundled(syntax: Syntax, prefix: str, real: Real, name: str) -> Code:

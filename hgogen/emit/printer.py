@@ -80,7 +80,7 @@ class Printer:
     """Prints one block.
 
     Args: `inputs` the operand for argument i, element j, and `local` its name as a local; `is_flag` whether argument i
-    is a truth value; `routines` those that the block may call, by their keys; `whole` the text of argument i as an
+    is a truth value; `routines` those that the block may call, by their keys; `array_text` the text of argument i as an
     array, and its size; `indexed` the same text if a loop can index the argument, otherwise ""; `least` the smallest
     number of passes of a loop; `interval_calls` whether tests of both ends of an interval are calls, so that a function
     has fewer paths. While it prints, `uses` collects the names that the text uses; `looping` says whether a loop is
@@ -95,7 +95,7 @@ class Printer:
     is_flag: Callable[[int], bool] = lambda _: False
     calls: Mapping[int, str] = field(default_factory=lambda: CALLS)
     routines: Mapping[str, Subprogram] = field(default_factory=dict)
-    whole: Callable[[int], tuple[str, int]] = lambda _: ("", 0)
+    array_text: Callable[[int], tuple[str, int]] = lambda _: ("", 0)
     called: Counter[str] = field(default_factory=Counter)
     uses: list[Uses] = field(default_factory=list)
     lines: list[str] = field(default_factory=list)
@@ -127,13 +127,13 @@ class Printer:
             self.arrange(call)
         statements = rolled(pairs, self.can_index, hoist, self.least)
         roots = [statement.node for statement in statements]
-        every = ordered(roots)
-        for used in chain(roots, (child for node in every for child in node.args)):
+        all_nodes = ordered(roots)
+        for used in chain(roots, (child for node in all_nodes for child in node.args)):
             used.uses += 1
-        inputs = {node.source: node for node in every if node.op == ca.OP_INPUT and node.source[0] in hoist}
+        inputs = {node.source: node for node in all_nodes if node.op == ca.OP_INPUT and node.source[0] in hoist}
         for source in sorted(inputs):
             self.declare(inputs[source], self.local(*source))
-        self._label(columns, every)
+        self._label(columns, all_nodes)
         for name, column in columns:
             self._declare_named(name, column)
         for node in roots:
@@ -145,13 +145,13 @@ class Printer:
         uses = united(self.uses)
         return Code(tuple(self.lines), uses), Code(tuple(written), united([uses, *where]))
 
-    def _label(self, columns: Iterable[tuple[str, list[Node]]], every: Iterable[Node]) -> None:
+    def _label(self, columns: Iterable[tuple[str, list[Node]]], all_nodes: Iterable[Node]) -> None:
         """Name arrays after the named values that are their elements, otherwise after the arguments for which calls
         pass them."""
         for name, column in columns:
             for node in (each for each in column if each.op == ELEMENT):
                 node.args[0].labels.setdefault(node.element[0], name)
-        for call in (each for each in every if each.routine):
+        for call in (each for each in all_nodes if each.routine):
             assert call.routine
             key = call.routine.key
             self.passed[key] += 1
@@ -379,7 +379,7 @@ class Printer:
             if not each.by_value:
                 first, _ = column[0].source
                 lies = all(n.op == ca.OP_INPUT and n.source == (first, k) for k, n in enumerate(column))
-                if lies and self.whole(first)[1] == len(column):
+                if lies and self.array_text(first)[1] == len(column):
                     columns[-1] = (Node(ARRAY, source=(first, 0)),)
         call.passed = tuple(columns)
         call.args = tuple(chain.from_iterable(call.passed))
@@ -407,7 +407,7 @@ class Printer:
         by_read = self.syntax.passed[False].format
         if first.op == ARRAY:
             self.uses.append(self.inputs(*first.source).uses)
-            return by_read(self.whole(first.source[0])[0])
+            return by_read(self.array_text(first.source[0])[0])
         if all(n.op == ELEMENT and n.args == first.args and n.element[1] == k for k, n in enumerate(column)):
             (call,), (result, _) = first.args, first.element
             size = call.routine.results[result][1] if call.routine else call.count

@@ -43,7 +43,6 @@ from hgogen.program import (
     Section,
     When,
     address,
-    lines_of,
     places,
     walk,
 )
@@ -76,17 +75,16 @@ class _Writer(Reader[list[str]]):
         self.size = {"D": DTYPE[real]().itemsize, "I": 4}
         self.places = layout.places(step, record)
         self.parameters = record["params"].ctypes.data - record.ctypes.data
-        self.groups = {line[-1].name: line for line in lines_of(step.layout.groups)}
+        self.groups = self.kinds.groups
         self.numbers = {name: number for number, name in enumerate(self.groups)}
         self.bits = {bit.place: 1 << k for k, bit in enumerate(step.layout.bits)}
         self.address = record.ctypes.data
-        whole = record.view(np.uint8)
         self.names = self.graphs.names
         self.number = "float" if real == "double" else "number"
         numbers = record.view(DTYPE[real])
         self.names |= {"D": numbers.data if real == "double" else numbers, "number": DTYPE[real]}
         self.names |= {"I": record.view(np.uint32).data}
-        self.names |= {"B": whole.data, "array": np.array, "V": list(self.places.values())}
+        self.names |= {"B": record.view(np.uint8).data, "array": np.array, "V": list(self.places.values())}
         self.names |= {name: np.errstate(all="ignore")(kernel) for name, kernel in KERNELS.items()}
         self.work: dict[Place, int] = {}
         self.filled: set[Place] = set()
@@ -128,12 +126,12 @@ class _Writer(Reader[list[str]]):
         if not mark:
             return []
         self.names["fresh"] = fresh = layout.fresh(self.step, self.real)
-        begins, ready = f"    B[:{len(fresh)}] = fresh", saved.mark(self.step, self.real)
+        restart, ready = f"    B[:{len(fresh)}] = fresh", saved.mark(self.step, self.real)
         state, parameters = (f"I[{at // self.size['I']}]" for at in (0, self.parameters))
         unmade = [f"    status |= {self.bits[bit.place]}" for bit in (UNINITIALISED, NO_PARAMETERS)]
         return [
-            *(f"if {state} != {ready}:", begins, unmade[0]),
-            *(f"if {parameters} != {ready}:", begins, unmade[1], "    shown()", "    return status"),
+            *(f"if {state} != {ready}:", restart, unmade[0]),
+            *(f"if {parameters} != {ready}:", restart, unmade[1], "    shown()", "    return status"),
         ]
 
     def _called(self, section: Section) -> str:

@@ -34,15 +34,15 @@ class Shape:
 
 @dataclass(frozen=True)
 class Shapes:
-    """Computes shapes. A value in `whole` is read as a name of its own in the shape of another value, or as no name
+    """Computes shapes. A value in `units` is read as a name of its own in the shape of another value, or as no name
     where `nameless`; `indexed`: whether a loop can index an argument."""
 
-    whole: set[int]
+    units: set[int]
     indexed: Callable[[int], bool]
     nameless: bool = False
 
-    def of(self, node: Node, *, opened: bool = True, before: tuple[int, ...] = ()) -> Shape:
-        """The shape of a value; `opened`: a value in `whole` has the shape of its computation; `before`: numbers to
+    def shape(self, node: Node, *, opened: bool = True, before: tuple[int, ...] = ()) -> Shape:
+        """The shape of a value; `opened`: a value in `units` has the shape of its computation; `before`: numbers to
         place before those of its elements."""
         reading = _Reading(self, list(before))
         return Shape(reading.key(node, opened), tuple(reading.elements), tuple(reading.constants))
@@ -68,7 +68,7 @@ class _Reading:
         if node.op == ca.OP_INPUT and self.shapes.indexed(node.source[0]):
             self.elements.append(node.source[1])
             return node.op, node.source[0]
-        if node.op in LEAVES or (id(node) in self.shapes.whole and not opened):
+        if node.op in LEAVES or (id(node) in self.shapes.units and not opened):
             return None if self.shapes.nameless else id(node)
         if id(node) in self.numbers:
             return "again", self.numbers[id(node)]
@@ -118,9 +118,9 @@ def _step(a: tuple[int, ...], b: tuple[int, ...]) -> tuple[int, ...]:
     return tuple(y - x for x, y in zip(a, b, strict=True))
 
 
-def owners(nodes: Sequence[Node], used: Iterable[Sequence[Node]], wholes: set[int]) -> dict[int, int]:
+def owners(nodes: Sequence[Node], used: Iterable[Sequence[Node]], units: set[int]) -> dict[int, int]:
     """The owner of each value, by their identities: the only value or statement that it is computed for, or the value
-    itself if it is in `wholes`, has several users, or is a call of a routine.
+    itself if it is in `units`, has several users, or is a call of a routine.
 
     Args: `nodes` every value after its arguments; `used` the values that each statement uses.
     """
@@ -131,7 +131,7 @@ def owners(nodes: Sequence[Node], used: Iterable[Sequence[Node]], wholes: set[in
     owner = dict[int, int]()
     for node in reversed(nodes):
         users = above.pop(id(node), set())
-        alone = id(node) in wholes or len(users) != 1 or bool(node.routine)
+        alone = id(node) in units or len(users) != 1 or bool(node.routine)
         owner[id(node)] = id(node) if alone else users.pop()
         for child in node.args:
             above.setdefault(id(child), set()).add(owner[id(node)])
@@ -215,12 +215,12 @@ class _Rolling:
         owner = owners(self.nodes, [[node] for node, _ in self.pairs], passed | terms)
         shapes = Shapes({node for node, root in owner.items() if node == root}, self.indexed)
         unify = _Unify()
-        for alike in self._by_height(shapes.whole - terms):
-            for run in runs([(shapes.of(node), node) for node in alike], self.least):
+        for alike in self._by_height(shapes.units - terms):
+            for run in runs([(shapes.shape(node), node) for node in alike], self.least):
                 unify.filled(run)
         for top, parts in chains:
             if top.op in FOLDED:
-                _folded(top, parts, [shapes.of(term, opened=id(term) in terms) for term in parts], unify, self.least)
+                _folded(top, parts, [shapes.shape(term, opened=id(term) in terms) for term in parts], unify, self.least)
         return self._written(shapes, unify)
 
     def _by_height(self, chosen: set[int]) -> Iterator[list[Node]]:
@@ -237,8 +237,8 @@ class _Rolling:
         owner = owners(self.nodes, [[node] for node, _ in self.pairs], passed)
         shapes = Shapes({node for node, root in owner.items() if node == root}, self.indexed, nameless=True)
         statements = [(-1 - k, node, target.array) for k, (node, target) in enumerate(self.pairs)]
-        statements += [(id(node), node, "") for node in self.nodes if id(node) in shapes.whole]
-        keys = {number: (shapes.of(node).key, array) for number, node, array in statements}
+        statements += [(id(node), node, "") for node in self.nodes if id(node) in shapes.units]
+        keys = {number: (shapes.shape(node).key, array) for number, node, array in statements}
         alike = Counter(keys.values())
         inner, chains = set[int](), list[tuple[Node, list[Node]]]()
         for node in reversed(self.nodes):
@@ -255,7 +255,7 @@ class _Rolling:
         numbers = dict[Hashable, list[tuple[Shape, int]]]()
         for k, (node, target) in enumerate(self.pairs):
             if target.each:
-                shape = shapes.of(node, opened=False, before=(target.element,))
+                shape = shapes.shape(node, opened=False, before=(target.element,))
                 numbers.setdefault(target.array, []).append((shape, k))
         first = {run[0]: run for rows in numbers.values() for run in runs(rows, self.least)}
         first = {min(run): run for run in first.values()}
@@ -275,11 +275,11 @@ def _spine(top: Node, inner: Callable[[Node], bool]) -> tuple[set[int], list[Nod
     """The nested sums of a sum, by their identities, and its terms in the order of their addition."""
     spine, terms, node = {id(top)}, list[Node](), top
     while True:
-        ways = [k for k, child in enumerate(node.args) if child.op == top.op and inner(child)]
-        if not ways:
+        positions = [k for k, child in enumerate(node.args) if child.op == top.op and inner(child)]
+        if not positions:
             return spine, [*node.args, *reversed(terms)]
-        terms.append(node.args[1 - ways[0]])
-        node = node.args[ways[0]]
+        terms.append(node.args[1 - positions[0]])
+        node = node.args[positions[0]]
         spine.add(id(node))
 
 

@@ -28,8 +28,8 @@ def recorded(here: Writer, row: str, across: int) -> dict[str, str]:
     Args: `here` the writer of the caller; `row` the text of a row of numbers {}; `across` the statuses of a line.
     """
     step, syntax, real = here.step, here.syntax, here.real
-    vectors, results = record_vectors(step, real), [here.whole(place) for place in compared_places(step)]
-    signals = [here.whole(place) for place, _ in _signals(step)]
+    vectors, results = record_vectors(step, real), [here.place_text(place) for place in compared_places(step)]
+    signals = [here.place_text(place) for place, _ in _signals(step)]
     statuses = [f"{syntax.literal(value, 'unsigned')}," for value in vectors.status]
     starting = (
         f"{here.lvalue(place, i, len(values))} = {syntax.literal(value, real)};"
@@ -64,7 +64,7 @@ def filled(here: Writer, text: str) -> list[str]:
     `text`: how a signal {place} or {name} is assigned the number of its {column}, and NaN at the sample {missing}.
     """
     return [
-        text.format(place=here.whole(place), name=here.syntax.name(place.name), column=column, missing=missing)
+        text.format(place=here.place_text(place), name=here.syntax.name(place.name), column=column, missing=missing)
         for column, (place, missing) in enumerate(_signals(here.step))
     ]
 

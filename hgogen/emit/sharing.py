@@ -36,7 +36,6 @@ from hgogen.program import (
     Statement,
     When,
     blocks,
-    lines_of,
     places,
     walk,
 )
@@ -199,9 +198,9 @@ class SharingWriter(Writer):
         heading = [self.syntax.comment(meaning)] if meaning else []
         text = code(*[f"{returns} status = 0u;"] * returns_status) + text
         text += code(*["return status;"] * returns_status, *[f"return {result.name};"] if result else [])
-        whole = f"{returns} ({', '.join(map(str, parameters))})", text
+        signature = f"{returns} ({', '.join(map(str, parameters))})", text
         present = {*self.named.values(), *self._function_names, *(_name(each.program) for each in self.parts)}
-        name = self.named.setdefault(whole, next(n for n in _names(part, section) if n not in present))
+        name = self.named.setdefault(signature, next(n for n in _names(part, section) if n not in present))
         prototype = Prototype(returns, f"{self.prefix}_{name}", tuple(parameters), public=False)
         self.functions[name] = code(*heading, str(prototype), "{") + text.indented() + code("}")
         work = tuple((place, size) for place, size in work if place == result or (place, size) in arguments)
@@ -222,17 +221,17 @@ class SharingWriter(Writer):
         arguments = [*passage.parameters, *(self._argument(*each, passage.changed) for each in work)]
         call = f"{passage.prototype.name}({', '.join(arguments)})"
         if passage.result:
-            call = self._assigned(passage.result, self.whole(passage.result), call).rstrip(";")
+            call = self._assigned(passage.result, self.place_text(passage.result), call).rstrip(";")
         return code(f"{'status |= ' * passage.returns_status}{call};", parameters=passage.parameters)
 
     def _argument(self, place: Place, size: int, changed: frozenset[Place]) -> str:
         if size > 1 or place not in changed:
-            return self.whole(place) if size == 1 else place.name
+            return self.place_text(place) if size == 1 else place.name
         return place.name if place in self.pointed else f"&{place.name}"
 
-    def whole(self, place: Place) -> str:
+    def place_text(self, place: Place) -> str:
         """The text of a place, dereferenced where it is behind a pointer."""
-        return f"(*{place.name})" if place in self.pointed else super().whole(place)
+        return f"(*{place.name})" if place in self.pointed else super().place_text(place)
 
     def _assigned(self, place: Place, target: str, text: str) -> str:
         return super()._assigned(place, f"*{place.name}" if place in self.pointed else target, text)
@@ -273,9 +272,8 @@ class SharingWriter(Writer):
 
     def _reset_places(self, run: Program) -> set[Place]:
         """The places that a part writes, if it sets all of them to their values after a reset; otherwise none."""
-        structs_ = [("state", self.step.layout.state)]
-        structs_ += [(line[-1].name, line[-1].fields) for line in lines_of(self.step.layout.groups)]
-        initial = {Place(struct, field.name): field.initial for struct, fields in structs_ for field in fields}
+        structs_ = {"state", *self.kinds.groups}
+        initial = {place: field.initial for place, field in self.kinds.fields.items() if place.struct in structs_}
         written = _written(run)
         if not written <= initial.keys():
             return set()
@@ -300,9 +298,8 @@ def _names(part: str, section: Section) -> Iterator[str]:
 
 def _everywhere(program: Program) -> Iterator[Program]:
     """The parts of a program and of the programs in it, and each other statement by itself."""
-    yield from _runs(program)
-    for body in (body for statement in program for body in statement.bodies.values()):
-        yield from _everywhere(body)
+    bodies = (body for statement in walk(program) for body in statement.bodies.values())
+    return (run for each in (program, *bodies) for run in _runs(each))
 
 
 def _runs(program: Iterable[Statement]) -> Iterator[Program]:

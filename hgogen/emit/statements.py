@@ -72,8 +72,8 @@ class Kinds:
         loops = [s for s in walk(self._all) if isinstance(s, Loop)]
         counters = {place for loop in loops for place in (loop.start, loop.active, loop.index) if place}
         counters = {place for place in counters if place.struct == "work"}
-        while more := self.work - self.flags - counters - self._reals(counters):
-            counters |= more
+        while added := self.work - self.flags - counters - self._reals(counters):
+            counters |= added
         return counters
 
     @cached_property
@@ -162,9 +162,9 @@ class Writer(Reader[Code]):
 
     def lvalue(self, place: Place, index: int, size: int) -> str:
         """The text of one element of a place."""
-        return self.whole(place) if size == 1 else f"{self.whole(place)}[{index}]"
+        return self.place_text(place) if size == 1 else f"{self.place_text(place)}[{index}]"
 
-    def whole(self, place: Place) -> str:
+    def place_text(self, place: Place) -> str:
         """The text of a place, of an array without an index."""
         if place.struct in ("work", "argument"):
             return place.name
@@ -198,15 +198,11 @@ class Writer(Reader[Code]):
 
     def _declaration(self, place: Place, size: int) -> Code:
         kind = self.kind(place, size)
-        zero = "false" if kind == "bool" else self.literal(0, kind)
+        zero = "false" if kind == "bool" else self.syntax.literal(0, kind)
         text = self.syntax.variable if size == 1 or kind == "unsigned" else self.syntax.array
-        count = self.literal(size, "unsigned")
+        count = self.syntax.literal(size, "unsigned")
         line = text.format(type=self.syntax.types[kind], name=place.name, value=zero, size=size, count=count)
         return Code((line,), TRUTH if kind == "bool" else NOTHING)
-
-    def literal(self, value: float, kind: Number) -> str:
-        """A number."""
-        return self.syntax.literal(value, kind)
 
     def joined(self, parts: Iterable[Code]) -> Code:
         """The statements one after the other."""
@@ -217,7 +213,7 @@ class Writer(Reader[Code]):
 
     def _when(self, when: When, reserved: frozenset[str]) -> Code:
         idle = when.idle and self.syntax.analysed
-        flag = f"{self.prefix}_acts({self.whole(when.flag)})" if idle else self.whole(when.flag)
+        flag = f"{self.prefix}_acts({self.place_text(when.flag)})" if idle else self.place_text(when.flag)
         head = Code((self.syntax.condition.format(flag),), Uses(helpers=frozenset({"acts"})) if idle else Uses())
         lines = head + self.program(when.body, reserved).indented()
         if when.otherwise:
@@ -225,26 +221,26 @@ class Writer(Reader[Code]):
         return lines + code("}")
 
     def _loop(self, loop: Loop, reserved: frozenset[str]) -> Code:
-        group, array = loop.group, self.whole(self._array(loop.group))
+        group, array = loop.group, self.place_text(self._array(loop.group))
         depth, total = len(self.kinds.groups[group]), self.kinds.groups[group][-1].count
         k, i = (letter if depth == 1 else f"{letter}{depth}" for letter in "ki")
         inner = self.program(loop.body, reserved)
         uses = self.uses(self._array(group), loop.start, loop.active, loop.index)
         uses |= Uses(widest=max(loop.count, total if loop.start else 0))
-        bound, active = self.literal(loop.count, "unsigned"), f"{k} < {self.whole(loop.active)}" if loop.active else ""
+        active = f"{k} < {self.place_text(loop.active)}" if loop.active else ""
         needs_k = bool(active) or loop.start is None
-        head, *first = self.syntax.loop(k, self.literal(0, "unsigned"), bound, active, needs_k)
-        number = [f"{self.whole(loop.index)} = {k if loop.start is None else i};"] if loop.index else []
+        zero, bound, end = (self.syntax.literal(number, "unsigned") for number in (0, loop.count, total))
+        head, *first = self.syntax.loop(k, zero, bound, active, needs_k)
+        number = [f"{self.place_text(loop.index)} = {k if loop.start is None else i};"] if loop.index else []
         if loop.start is None:
             before = Code((*first, self._member(group, f"{array}", k), *number), uses)
             return braced(head, before + inner)
-        start = self.whole(loop.start)
+        start = self.place_text(loop.start)
         if loop.count == 1:
             bounded = self.kinds.members.get(loop.start, total + 1) <= total
             member = self._member(group, array, start if bounded else self.within(start, total))
             return braced("{", Code((member,), uses) + inner)
-        zero = self.literal(0, "unsigned")
-        wrap = (self.syntax.condition.format(f"{i} >= {self.literal(total, 'unsigned')}"), f"    {i} = {zero};", "}")
+        wrap = (self.syntax.condition.format(f"{i} >= {end}"), f"    {i} = {zero};", "}")
         before = Code((*first, *wrap, self._member(group, array, i), *number), uses)
         declared = self.syntax.variable.format(type=self.syntax.types["unsigned"], name=i, value=start)
         return braced("{", code(declared) + braced(head, before + inner + code(self.syntax.increment.format(i))))
@@ -252,11 +248,11 @@ class Writer(Reader[Code]):
     def _repeat(self, repeat: Repeat, reserved: frozenset[str]) -> Code:
         fixed, k = code(), "r"
         for place, row in repeat.given.items():
-            values = ", ".join(self.literal(number, self.real) for number in row)
+            values = ", ".join(self.syntax.literal(number, self.real) for number in row)
             named = {"type": self.syntax.types[self.real], "name": f"each_{place.name}", "size": repeat.count}
             fixed += code(self.syntax.fixed.format(**named, values=values))
         head, *first = self.syntax.loop(k, self.syntax.number(0), self.syntax.number(repeat.count), "", True)
-        taking = [f"{self.whole(place)} = each_{place.name}[{k}];" for place in repeat.given]
+        taking = [f"{self.place_text(place)} = each_{place.name}[{k}];" for place in repeat.given]
         inner = code(*first, *taking) + self.program(repeat.body, reserved | {k})
         return braced("{", fixed + braced(head, inner))
 
@@ -267,35 +263,36 @@ class Writer(Reader[Code]):
 
     def within(self, index: str, total: int) -> str:
         """The text of an index, or of the first one where the index is beyond the last."""
-        texts = {"test": f"{index} < {self.literal(total, 'unsigned')}", "yes": index}
+        texts = {"test": f"{index} < {self.syntax.literal(total, 'unsigned')}", "yes": index}
         if self.syntax.chosen[0]:
             texts["test"] = f"({texts['test']})"
-        return self.syntax.choice.format(**texts, no=self.literal(0, "unsigned"))
+        return self.syntax.choice.format(**texts, no=self.syntax.literal(0, "unsigned"))
 
     def _copy(self, copy: Copy, reserved: frozenset[str]) -> Code:
         array, total = self._array(copy.group), self.kinds.groups[copy.group][-1].count
-        numbers = (self.within(self.whole(place), total) for place in (copy.target, copy.source))
-        target, source = (self.syntax.index(self.whole(array), number) for number in numbers)
+        numbers = (self.within(self.place_text(place), total) for place in (copy.target, copy.source))
+        target, source = (self.syntax.index(self.place_text(array), number) for number in numbers)
         text = self.syntax.copied.format(target=target, source=source)
         return Code((text,), self.uses(array, copy.target, copy.source) | Uses(widest=total))
 
     def _kernel(self, kernel: Kernel, reserved: frozenset[str]) -> Code:
         operands = [self._array(kernel.columns.struct)] if kernel.columns else []
         operands += [place for place, _ in kernel.arguments]
-        values = [*map(self.whole, operands), *map(self.syntax.number, kernel.counts)]
-        texts = (how.format(value) for value, how in zip(values, passed(self.syntax, kernel.name), strict=True))
+        values = [*map(self.place_text, operands), *map(self.syntax.number, kernel.counts)]
+        forms = passed(self.syntax, kernel.name)
+        texts = (form.format(value) for value, form in zip(values, forms, strict=True))
         call = f"{self.prefix}_{kernel.name}({', '.join(texts)})"
         uses = self.uses(*operands) | Uses(kernels=frozenset({(kernel.name, kernel.size)}))
-        result = kernel.result and self._assigned(kernel.result, self.whole(kernel.result), call)
+        result = kernel.result and self._assigned(kernel.result, self.place_text(kernel.result), call)
         return Code((result or f"{call};",), uses)
 
     def _limited(self, block: Block, limited: Callable[[Rows], Sequence[str]]) -> Code:
-        limits, text = block.limits, partial(self.literal, kind=self.real)
+        limits, text = block.limits, partial(self.syntax.literal, kind=self.real)
         (bit,) = (place for place in block.writes if place.struct == "status")
         rows = Rows(
             places=tuple(self.lvalue(each.place, each.index, each.size) for each in limits),
             rows=tuple((text(each.low), text(each.high), text(each.nominal)) for each in limits),
-            count=self.literal(len(limits), "unsigned"),
+            count=self.syntax.literal(len(limits), "unsigned"),
             largest=text(LARGEST_NUMBER),
             type=self.syntax.types[self.real],
             prefix=self.prefix,
@@ -328,7 +325,7 @@ class Writer(Reader[Code]):
             local=lambda argument, element: self._local(*reads[argument], element),
             is_flag=lambda argument: reads[argument][0] in self.kinds.flags,
             routines=self.subprograms,
-            whole=lambda argument: (self.whole(reads[argument][0]), reads[argument][1]),
+            array_text=lambda argument: (self.place_text(reads[argument][0]), reads[argument][1]),
             indexed=lambda argument: self.indexed(*reads[argument]),
             least=NEVER if block.spelled else self.least,
             reserved=set(reserved),
@@ -363,7 +360,7 @@ class Writer(Reader[Code]):
             return ""
         known = self.kinds.fields.get(place)
         triangle = known is not None and bool(known.entries)
-        return "" if triangle and self.step.clock.prefer == "speed" else self.whole(place)
+        return "" if triangle and self.step.clock.prefer == "speed" else self.place_text(place)
 
     def _local(self, place: Place, size: int, element: int) -> str:
         """The name of an element as a local: z1, L21, or the name of the scalar."""
@@ -481,7 +478,7 @@ class _RoutineFunction:
         if self.subprogram.reads_parameters:
             yield syntax.params.format(prefix=self.writer.prefix)
         for each in self.subprogram.passed:
-            how = syntax.parameter if each.by_value else syntax.array_parameter[False]
-            yield from (how.format(type=real, name=name, size=each.argument.size) for name in each.names)
+            template = syntax.parameter if each.by_value else syntax.array_parameter[False]
+            yield from (template.format(type=real, name=name, size=each.argument.size) for name in each.names)
         for name, size in self.subprogram.routine.results:
             yield syntax.array_parameter[True].format(type=real, name=name, size=size)

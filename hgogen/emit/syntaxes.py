@@ -5,7 +5,6 @@
 import re
 from collections.abc import Collection, Sequence
 from dataclasses import replace
-from functools import cache
 
 import casadi as ca
 
@@ -163,20 +162,15 @@ _KEYWORDS = """
     impl in let loop macro match mod move mut override priv pub ref return self static struct super trait true try type
     typeof unsafe unsized use virtual where while yield
 """
+KEYWORDS = frozenset(_KEYWORDS.split())  # no name can be one, not even that of a crate
 PRELUDE = frozenset({"Some", "None", "Ok", "Err"})  # values in scope everywhere, whose names no local can have
 PARAMETERS = {"in": "input"}  # `in` is a keyword
 TYPES = {"float": "f32", "double": "f64", "unsigned": "u32", "index": "usize", "bool": "bool", "void": "()"}
 
 
-@cache
-def keywords() -> frozenset[str]:
-    """Words that cannot be a name, not even of a crate."""
-    return frozenset(_KEYWORDS.split())
-
-
 def rust_name(name: str) -> str:
     """The name in Rust: `type_` for type, which is a keyword; almost always the name itself."""
-    return f"{name}_" if name in keywords() | PRELUDE else name
+    return f"{name}_" if name in KEYWORDS | PRELUDE else name
 
 
 def line(text: str) -> str:

@@ -17,7 +17,7 @@ from hgogen.emit.selfcheck import rust_check
 from hgogen.emit.statements import Writer, called, routines
 from hgogen.emit.structs import Struct, doc, rust_initial, rust_structs, structs
 from hgogen.emit.syntax import Real, demand_real
-from hgogen.emit.syntaxes import RUST, keywords
+from hgogen.emit.syntaxes import KEYWORDS, RUST
 from hgogen.errors import HgogenError
 from hgogen.reading.given import demand_switch
 from hgogen.step import Step, demand_step
@@ -60,7 +60,7 @@ def rust(step: Step, *, real: Real = "float", command: str = "", check: bool = T
     demand_switch("rust, check=", check)
     demand_real(real)
     demand_motion(step.observer.form, step.dt, real)
-    if step.name in _CRATES | keywords():
+    if step.name in _CRATES | KEYWORDS:
         raise NoCrate(step.name)
     demand_distinct(step, RUST)
     files = {f"{step.name}.rs": _source(step, real, command)}
