@@ -114,7 +114,7 @@ _MARKS = ("* ", "// ", "/// ", "//! ")  # that begin a line in a block comment, 
 _BREAK = re.compile(r"(?<=, )|(?<=\)[*/])(?=\()| (?=(?:[-+?:]|&&|\|\||else \{) )|(?<!else) (?=\{ )|(?<= = )(?=&)")
 _LIST = re.compile(r"(.*?= [{\[])(.*)([}\]];)")  # an array with its values
 _NESTED = re.compile(r"[()\[\]{}]")
-_PRODUCT = re.compile(r"(?<=[\w)\]][*/])(?=[\w(])")  # the second choice
+_PRODUCT = re.compile(r"(?<=[\w)\]][*/])(?=[\w(])")  # where `_BREAK` has no place
 
 
 def folded(lines: Iterable[str]) -> list[str]:

@@ -16,14 +16,13 @@ for 0.
 CasADi rewrites (a + b) - a to b and x - x to 0 while it builds a graph. No formula here has such a pattern: what must
 be exact is so because constants are split, never by a two-sum.
 
-The primitives are functions that each reader of a graph knows by their names and carries out in its own way, with the
-same bits:
+Each reader of a graph recognises the primitives by their names and implements them itself, with the same bits:
 
     nearest(v)        the whole number nearest to v, of two the even one
     power_of_two(k)   2^k for whole k, where that is a normal number
 
 A sum of v and 3/2 2^(n-1), n the bits of the significand, is rounded to a whole number, whose last bits are those of
-the whole number nearest to v. With the bias of the exponent added, a shift by n - 1 leaves them where 2^k has its own.
+nearest(v). If it includes the bias of the exponent, a shift by n - 1 moves them to the exponent bits of 2^k.
 """
 
 import math
@@ -104,7 +103,7 @@ class _Precision:
     octaves: int  # numbers are below 2^(2^octaves)
     pi_widths: tuple[int, ...]  # bits of the pieces of pi: times k, each but the last is exact
     ln2_widths: tuple[int, ...]
-    angle_limit: float  # a larger angle is taken as 0
+    angle_limit: float  # a larger angle is replaced by 0
     heron: int  # iterations from a relative error of 1/9
     sin_tail: tuple[float, ...]
     exp_tail: tuple[float, ...]
@@ -159,8 +158,8 @@ class _Precision:
 
     @cached_property
     def power_of_two(self) -> ca.Function:
-        """2^k for whole k, where that is a normal number; readers that know the format of a number set its bits
-        instead."""
+        """2^k for whole k, where that is a normal number; the portable definition, in place of which readers set the
+        bits."""
         k = ca.SX.sym("k")
         half, power = self.lower_unless(k >= 0, 2 ** (self.octaves - 1)), 1.0
         exponent = k + when(k < 0, 2.0**self.octaves)
@@ -269,7 +268,7 @@ class _Precision:
         return m * (1 - when(upper, 0.5)), k + when(upper, 1.0)
 
     def logarithm(self, x: Graph, f: Graph, k: Graph) -> Graph:
-        """log x for x = 2^k (1 + f); x serves the exceptional cases only."""
+        """log x for x = 2^k (1 + f); x itself decides the exceptional cases only."""
         high, low = self.pieces(LN2, self.ln2_widths)
         s, h = f / (2 + f), f * f * 0.5
         z = s * s

@@ -65,7 +65,7 @@ def _latex(text: str) -> str:
             latex, at = latex + (r",\quad" if text[at] == "," and depth == 0 else text[at]), at + 1
             continue
         kind, end = match.lastgroup, match.end()
-        if kind in ("power", "below"):  # what is in parentheses is above or below the line
+        if kind in ("power", "below"):  # parentheses hold a superscript or a subscript
             close = _close(text, end - (kind == "below"))
             inner = _latex(text[end:close] if kind == "below" else text[end : close + 1])
             latex += f"_{{{inner}}}" if kind == "below" else f"^{{{match['power'][1:]}{inner}}}"

@@ -225,7 +225,7 @@ class LaneWriter(Writer):
     def _repeat(self, repeat: Repeat, reserved: frozenset[str]) -> Code:
         return self.program(repeat.unrolled, reserved)
 
-    # --- where lanes part ways
+    # --- masks of active lanes
 
     @contextmanager
     def _masked(self, mask: Mask) -> Iterator[None]:

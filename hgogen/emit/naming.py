@@ -6,7 +6,7 @@ them, such as I of <complex.h> or SREG of an AVR, silently replaces the member's
 test compares those of the standard headers with the installed compilers' own.
 """
 
-# Takes apart: the lists of names that are taken.
+# Takes apart: the lists of reserved names.
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
@@ -22,7 +22,7 @@ from hgogen.signal import Signal, check_name
 from hgogen.step import Step
 from hgogen.target import Recipe, Sources
 
-# <NAME.h> of the C standard, of POSIX and of CMSIS-DSP, which a NAME.h of ours in the path of headers would hide
+# <NAME.h> of the C standard, of POSIX and of CMSIS-DSP, which an emitted NAME.h in the path of headers would hide
 _HEADERS = """
     arm_math assert complex ctype errno fcntl fenv float inttypes iso646 limits locale malloc math memory pthread sched
     semaphore setjmp signal stdalign stdarg stdatomic stdbit stdbool stdckdint stddef stdint stdio stdlib stdnoreturn

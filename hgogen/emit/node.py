@@ -32,7 +32,7 @@ from hgogen.program import Block, blocks
 from hgogen.rigor.lookup import Lookup, calls, folded
 from hgogen.step import Step
 
-SMALL_SIN, SMALL_COS, BOUNDED_SIN, BOUNDED_COS = -8, -9, -10, -11  # operations beside those of CasADi
+SMALL_SIN, SMALL_COS, BOUNDED_SIN, BOUNDED_COS = -8, -9, -10, -11  # operations that CasADi does not have
 _ANGLES = {
     ca.OP_SIN: ((SMALL, SMALL_SIN), (BOUNDED, BOUNDED_SIN)),
     ca.OP_COS: ((SMALL, SMALL_COS), (BOUNDED, BOUNDED_COS)),
@@ -194,7 +194,7 @@ TABLE = -24  # an array of numbers
 _PRIMITIVES = {elementary.NEAREST: NEAREST, elementary.POWER_OF_TWO: POWER_OF_TWO}
 INSIDE, OUTSIDE = -13, -14  # of an interval
 _TESTS = (WITHIN, INSIDE, OUTSIDE)
-PATTERNS: dict[int, str] = {CLAMP: "clamp", WITHIN: "within", KEEP: "keep"}  # functions of ours
+PATTERNS: dict[int, str] = {CLAMP: "clamp", WITHIN: "within", KEEP: "keep"}  # names of small functions
 PATTERNS |= {INSIDE: "inside", OUTSIDE: "outside"}
 PATTERNS |= {op: name for name, op in _PRIMITIVES.items()}
 
@@ -319,8 +319,7 @@ def opposite(low: Node, high: Node) -> bool:
 
 
 def negative(node: Node) -> bool:
-    """Whether a value is a negative number, or a product whose first factor is one: adding it prints as a
-    subtraction."""
+    """Whether a value is a negative number, or a product that begins with one: its sum prints as a difference."""
     if node.op == ca.OP_MUL and not node.name:
         return negative(node.args[0])
     return node.op == ca.OP_CONST and node.constant < 0
@@ -338,7 +337,7 @@ def boolean(node: Node) -> bool:
     return node.op in _BOOLEAN or node.op in _TESTS or (node.op == FOLD and node.fold in _BOOLEAN)
 
 
-REGISTERS = 8  # that take numbers in a call on x86-64; a Cortex-M4F has 16
+REGISTERS = 8  # for numbers passed in a call on x86-64; a Cortex-M4F has 16
 
 
 @dataclass(frozen=True)

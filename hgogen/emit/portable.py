@@ -357,8 +357,7 @@ class _Function:
         raise NotImplementedError(ast.unparse(node))
 
     def _infix(self, kind: str, left: ast.expr, sign: ast.operator | ast.cmpop, right: ast.expr) -> Text:
-        """Two values with a sign between them; a sum or product groups to the left, an operand of a comparison is no
-        comparison."""
+        """An infix expression: sums and products group to the left, operands of a comparison are no comparisons."""
         infix, binds = _INFIX[type(sign)]
         least = binds + 0.1 * isinstance(sign, ast.cmpop)
         text = f"{self._value(left, least)}{infix}{self._value(right, binds + 0.1)}"

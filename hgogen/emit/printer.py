@@ -424,33 +424,16 @@ class Printer:
     def raw(self, node: Node) -> tuple[str, float]:
         """The text of a value from its operands, and how tightly it binds."""
         op, args = node.op, node.args
-        if op == ca.OP_CONST:
-            return self.constant(node.constant)
-        if op == ca.OP_INPUT:
-            operand = self.inputs(*node.source)
-            self.uses.append(operand.uses)
-            return operand.text, operand.binds
-        if op == ELEMENT:
-            result, k = node.element
-            return f"{args[0].labels[result]}[{k}]", ATOM
-        if op == AT:
-            return self._moving(node), ATOM
+        if op in (ca.OP_CONST, ca.OP_INPUT, ELEMENT, AT):
+            return self._leaf(node)
+        if op in (CHOOSE, ca.OP_IF_ELSE_ZERO, ca.OP_NOT, *LOGIC):
+            return self._logical(node)
         if op == CLAMP and opposite(*args[1:]):
             return self.call("limit", args[0], args[2])
         if op in PATTERNS:
             return self.call(PATTERNS[op], *args)
-        if op == CHOOSE:
-            test, yes, no = args
-            return self.choice(test, yes, no)
-        if op == ca.OP_IF_ELSE_ZERO:
-            return self.choice(args[0], args[1], Node(ca.OP_CONST))
         if op == ca.OP_NEG:
             return f"-{self.value(args[0], ATOM)}", UNARY
-        if op == ca.OP_NOT:
-            return self.negation(args[0])
-        if op in LOGIC:
-            sign, binds = self.syntax.both if op == ca.OP_AND else self.syntax.either, LOGIC[op]
-            return sign.join(self.clause(arg, op) for arg in args), binds
         if op in (ca.OP_LT, ca.OP_LE) and args[0].op == ca.OP_CONST:
             sign = " > " if op == ca.OP_LT else " >= "
             return f"{self.value(args[1], ORDER + 0.1)}{sign}{self.value(args[0], ORDER + 0.1)}", ORDER
@@ -462,6 +445,30 @@ class Printer:
         if op in self.calls:
             return self.call(self.calls[op], *args)
         raise NotPrintable(op)
+
+    def _leaf(self, node: Node) -> tuple[str, float]:
+        """The text of a constant, an input, or an element."""
+        if node.op == ca.OP_CONST:
+            return self.constant(node.constant)
+        if node.op == ca.OP_INPUT:
+            operand = self.inputs(*node.source)
+            self.uses.append(operand.uses)
+            return operand.text, operand.binds
+        if node.op == AT:
+            return self._moving(node), ATOM
+        result, k = node.element
+        return f"{node.args[0].labels[result]}[{k}]", ATOM
+
+    def _logical(self, node: Node) -> tuple[str, float]:
+        """The text of a choice, a negation, a conjunction or a disjunction."""
+        op, args = node.op, node.args
+        if op == ca.OP_NOT:
+            return self.negation(args[0])
+        if op in LOGIC:
+            sign = self.syntax.both if op == ca.OP_AND else self.syntax.either
+            return sign.join(self.clause(arg, op) for arg in args), LOGIC[op]
+        test, yes, no = args if op == CHOOSE else (*args, Node(ca.OP_CONST))
+        return self.choice(test, yes, no)
 
     def _moving(self, node: Node) -> str:
         """The text of the element in a pass of a loop."""

@@ -122,22 +122,25 @@ class Writer:
         if op == ca.OP_DIV:
             return _DIVIDED.format(*values)
         if op in (CLAMP, KEEP):
-            value, low, high, *others = values
-            raised = self.fresh(_SIMPLE[ca.OP_FMAX].format(value, low))
-            clamped = _SIMPLE[ca.OP_FMIN].format(raised, high)
-            return f"({clamped}) if {_SIMPLE[WITHIN].format(value, others[1])} else {others[0]}" if others else clamped
+            return self._clamped(*values)
         if node.lookup:
-            name = node.lookup.graph.name()
-            self.names[name] = _table(node.lookup, self.real)
-            return f"{name}({', '.join(values)})"
+            return self._called(node.lookup.graph.name(), _table(node.lookup, self.real), values)
         if node.routine:
             return self._call(node, kind)
         if op == ELEMENT:
             return "{}[{}][{}]".format(node.args[0].name, *node.element)
         if op not in CALLS:
             raise NotPrintable(op)
-        self.names[CALLS[op]] = _function(CALLS[op], self.real)
-        return f"{CALLS[op]}({', '.join(values)})"
+        return self._called(CALLS[op], _function(CALLS[op], self.real), values)
+
+    def _called(self, name: str, function: Callable[..., Any], values: Sequence[str]) -> str:
+        self.names[name] = function
+        return f"{name}({', '.join(values)})"
+
+    def _clamped(self, value: str, low: str, high: str, otherwise: str = "", limit: str = "") -> str:
+        raised = self.fresh(_SIMPLE[ca.OP_FMAX].format(value, low))
+        clamped = _SIMPLE[ca.OP_FMIN].format(raised, high)
+        return f"({clamped}) if {_SIMPLE[WITHIN].format(value, limit)} else {otherwise}" if otherwise else clamped
 
     def _call(self, node: Node, kind: Number) -> str:
         """The call of a routine, whose results are lists."""

@@ -118,7 +118,7 @@ class _Writer(Reader[list[str]]):
         called = {name: self.names[local] for name, local in {"tune": "tune", **numbered}.items()}
         if self.real == "double":
             return called
-        return {name: np.errstate(all="ignore")(call) for name, call in called.items()}  # numpy warns of its numbers
+        return {name: np.errstate(all="ignore")(call) for name, call in called.items()}  # numpy warns of overflow
 
     def _ready(self) -> list[str]:
         """The code that initialises a state without its mark, and ends a call without parameters."""
@@ -356,8 +356,7 @@ def _run(step: Step, real: Real, u: np.ndarray, y: np.ndarray) -> tuple[np.ndarr
 
 
 def _ages(step: Step) -> np.ndarray:
-    """The ages of samples that may come late (N, ages): in time, too late, twice in a period, and one that is not a
-    number of periods."""
+    """The ages of late samples (N, ages): in time, too late, twice in a period, and one that is no whole number."""
     ages = np.array([[k * k % (age.interval[1] + 1) for age in step.ages] for k in range(SAMPLES)], dtype=float)
     ages[UNDATED] = 0.5
     return ages.reshape(SAMPLES, -1)

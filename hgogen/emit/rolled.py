@@ -34,8 +34,8 @@ class Shape:
 
 @dataclass(frozen=True)
 class Shapes:
-    """Computes shapes. A value in `units` is read as a name of its own in the shape of another value, or as no name
-    where `nameless`; `indexed`: whether a loop can index an argument."""
+    """Computes shapes. In the shape of another value, a value in `units` is a leaf: itself, or any leaf if `nameless`.
+    `indexed`: whether a loop can index an argument."""
 
     units: set[int]
     indexed: Callable[[int], bool]
@@ -191,8 +191,8 @@ def rolled(
 
 
 def _most_of_a_kind(nodes: Sequence[Node], pairs: Sequence[Pair]) -> int:
-    """An upper bound on the passes of a loop: by operations of one kind, of which a sum has one less than terms, and by
-    elements of one array."""
+    """An upper bound on the passes of a loop: one more than the operations of a kind, for the terms of a sum, or the
+    elements of an array."""
     operations = Counter(node.op for node in nodes if node.op not in LEAVES)
     elements = Counter(target.array for _, target in pairs if target.each)
     return max(1 + max(operations.values(), default=0), max(elements.values(), default=0))

@@ -11,7 +11,7 @@ Their arguments are the work values that they share with the section, by pointer
 # Takes apart: names of parts.
 
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cache, cached_property
 from itertools import count
@@ -169,42 +169,60 @@ class SharingWriter(Writer):
 
     def _outlined(self, part: str, body: Program, section: Section) -> Passage:
         """The call of a function for a part of a section; the function is added to `functions`."""
-        inside, statements = {id(each) for each in walk(body)}, list(walk(body))
-        around = {p for s in walk(section.program) if id(s) not in inside for p, _ in (*s.reads, *s.written)}
-        work = tuple(sorted((p, n) for p, n in places(body) if p.struct == "work" and p in around))
+        statements = list(walk(body))
+        work = self._shared(statements, section)
         written = {place for each in statements for place, _ in each.written}
         calls = any(isinstance(each, Call) for each in statements)
         changed = frozenset(place for place, _ in work if place in written)
         returns_status = calls or any(place.struct == "status" for place in written)
         result = self._result(body, work, changed) if not returns_status else None
         arguments = tuple((place, size) for place, size in work if place != result)
-        pointed = frozenset(place for place, size in arguments if size == 1 and place in changed)
-        inner = replace(self, passed=frozenset(dict(arguments)), pointed=pointed, main=self.main or self)
-        program = inner._split(body, section) if len(body) > 1 else body
-        text = inner.function(program)
-        if paths(text.lines) > MAX_PATHS:
-            text = replace(inner, interval_calls=True).function(program)
+        text = self._body(body, section, arguments, changed)
         used = variables(text.lines)  # a method may need fewer values than its blocks read
         arguments = tuple((place, size) for place, size in arguments if place.name in used)
         writes_state = calls or any(p.struct == "state" or p.struct in self.kinds.groups for p in written)
-        kinds = {each.name: replace(each, constant=each.name != "s" or not writes_state) for each in structs(self.step)}
-        structs_used = tuple(name for name in (*kinds, AT.name) if name in text.uses.parameters)
-        parameters = [kinds.get(name, AT) for name in structs_used]
-        for place, size in arguments:
-            pointer = size > 1 or place in changed
-            parameters.append(Parameter(self._type(place, size), place.name, pointer and place not in changed, pointer))
+        structs_used = self._structs(text.uses.parameters, writes_state)
+        parameters = (*structs_used, *(self._parameter(*each, changed) for each in arguments))
         returns = status_type(self.step) if returns_status else self._type(result, 1) if result else "void"
         meaning = _meaning(part)
         heading = [self.syntax.comment(meaning)] if meaning else []
         text = code(*[f"{returns} status = 0u;"] * returns_status) + text
         text += code(*["return status;"] * returns_status, *[f"return {result.name};"] if result else [])
-        signature = f"{returns} ({', '.join(map(str, parameters))})", text
-        present = {*self.named.values(), *self._function_names, *(_name(each.program) for each in self.parts)}
-        name = self.named.setdefault(signature, next(n for n in _names(part, section) if n not in present))
-        prototype = Prototype(returns, f"{self.prefix}_{name}", tuple(parameters), public=False)
+        name = self._new_name(part, section, (f"{returns} ({', '.join(map(str, parameters))})", text))
+        prototype = Prototype(returns, f"{self.prefix}_{name}", parameters, public=False)
         self.functions[name] = code(*heading, str(prototype), "{") + text.indented() + code("}")
         work = tuple((place, size) for place, size in work if place == result or (place, size) in arguments)
-        return Passage(Section(name, "", body), prototype, structs_used, work, changed, result, returns_status)
+        passed = tuple(each.name for each in structs_used)
+        return Passage(Section(name, "", body), prototype, passed, work, changed, result, returns_status)
+
+    def _shared(self, statements: Sequence[Statement], section: Section) -> Sized:
+        """The work values that these statements share with the others of a section."""
+        inside = {id(each) for each in statements}
+        around = {p for s in walk(section.program) if id(s) not in inside for p, _ in (*s.reads, *s.written)}
+        known = {each for s in statements for each in (*s.reads, *s.written)}
+        return tuple(sorted((p, n) for p, n in known if p.struct == "work" and p in around))
+
+    def _body(self, body: Program, section: Section, arguments: Sized, changed: frozenset[Place]) -> Code:
+        """The body of a function with these work values as arguments."""
+        pointed = frozenset(place for place, size in arguments if size == 1 and place in changed)
+        inner = replace(self, passed=frozenset(dict(arguments)), pointed=pointed, main=self.main or self)
+        program = inner._split(body, section) if len(body) > 1 else body
+        text = inner.function(program)
+        return replace(inner, interval_calls=True).function(program) if paths(text.lines) > MAX_PATHS else text
+
+    def _structs(self, used: Collection[str], writes_state: bool) -> list[Parameter]:
+        """The structs among the parameters of a function, and `at`."""
+        kinds = [replace(each, constant=each.name != "s" or not writes_state) for each in structs(self.step)]
+        return [each for each in (*kinds, AT) if each.name in used]
+
+    def _parameter(self, place: Place, size: int, changed: frozenset[Place]) -> Parameter:
+        pointer = size > 1 or place in changed
+        return Parameter(self._type(place, size), place.name, pointer and place not in changed, pointer)
+
+    def _new_name(self, part: str, section: Section, function: tuple[str, Code]) -> str:
+        """The name of a function, which is the same for equal functions."""
+        present = {*self.named.values(), *self._function_names, *(_name(each.program) for each in self.parts)}
+        return self.named.setdefault(function, next(n for n in _names(part, section) if n not in present))
 
     def _result(self, body: Program, work: Sized, changed: frozenset[Place]) -> Place | None:
         """The value that a function returns: of a block, the only work value that it changes."""
