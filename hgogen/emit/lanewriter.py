@@ -20,7 +20,7 @@ A work value that only one body uses is written without a blend: inactive lanes 
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, field, replace
 from itertools import chain
 
 import casadi as ca
@@ -101,7 +101,7 @@ def lanes(prefix: str, real: Real) -> Lanes:
             "power_of_two": ("", f"return ({number})(({counts})(x + {{BIASED}}) << {{SHIFT}});"),
         },
     )
-    return Lanes(**{each.name: getattr(inherited, each.name) for each in fields(Syntax)}, prefix=prefix)
+    return Lanes(**vars(inherited), prefix=prefix)
 
 
 def with_uniform_counts(prefix: str, real: Real) -> Lanes:

@@ -109,7 +109,6 @@ class _Renamed(ast.NodeTransformer):
         self.names, self.counts = names, counts
 
     def visit_Name(self, node: ast.Name) -> ast.expr:
-        """The expression in the place of a name."""
         if node.id in self.counts:
             return ast.Constant(self.counts[node.id])
         return ast.Name(self.names.get(node.id, node.id), node.ctx)
@@ -198,8 +197,6 @@ class _Words:
 
 
 class _Function:
-    """Prints one function."""
-
     def __init__(self, words: _Words, tree: ast.FunctionDef) -> None:
         self.words, self.syntax, self.tree = words, words.syntax, tree
         self.kinds = {each.arg: _kind_of(each) for each in tree.args.args}
@@ -414,7 +411,6 @@ def argument_names(name: str) -> tuple[str, ...]:
 
 
 def _head(syntax: Syntax, prefix: str, real: Real, name: str) -> list[str]:
-    """The lines that open a mathematical function."""
     parameters = ", ".join(syntax.parameter.format(type=syntax.types[real], name=each) for each in argument_names(name))
     words = {"type": syntax.types[real], "name": f"{prefix}_{name}", "parameters": parameters}
     return [line.format(**words) for line in syntax.function]

@@ -38,18 +38,7 @@ from hgogen.emit.node import (
     read,
 )
 from hgogen.emit.rolled import Statement, Target, outside, rolled
-from hgogen.emit.syntax import (
-    ATOM,
-    OR,
-    ORDER,
-    PRODUCT,
-    SELECT,
-    SUM,
-    UNARY,
-    NotPrintable,
-    Number,
-    Syntax,
-)
+from hgogen.emit.syntax import ATOM, OR, ORDER, PRODUCT, SELECT, SUM, UNARY, NotPrintable, Number, Syntax
 
 WIDTH = 92  # of the longest expression in place
 LEAST = {"speed": 10, "flash": 4}  # passes of a loop at least, by the preference of a step
@@ -161,7 +150,6 @@ class Printer:
                         node.args[0].labels.setdefault(0, f"{each.argument.label}_{self.passed[key]}")
 
     def _declare_named(self, name: str, column: list[Node]) -> None:
-        """Declare the elements of a named value."""
         for k, node in enumerate(column):
             if node.op not in (ca.OP_CONST, ca.OP_INPUT) and node.uses and not node.name:
                 self.prepare(node)

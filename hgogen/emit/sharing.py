@@ -25,20 +25,7 @@ from hgogen.emit.elementary import POWER_OF_TWO, elementary
 from hgogen.emit.interface import AT, Parameter, Prototype, entries, same_name, status_type, structs
 from hgogen.emit.portable import functions_of
 from hgogen.emit.statements import Writer
-from hgogen.program import (
-    Block,
-    Call,
-    Loop,
-    Place,
-    Program,
-    Section,
-    Sized,
-    Statement,
-    When,
-    blocks,
-    places,
-    walk,
-)
+from hgogen.program import Block, Call, Loop, Place, Program, Section, Sized, Statement, When, blocks, places, walk
 from hgogen.stepping.machine import Reading
 
 _OTHERS = {"ready", "nominal", "checksum", "save", "restore"}  # functions of the file besides its interface

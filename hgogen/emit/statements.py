@@ -421,7 +421,6 @@ class _RoutineFunction:
     subprogram: Subprogram
 
     def text(self) -> Code:
-        """The comment, the head and the statements of the function."""
         syntax, routine = self.writer.syntax, self.subprogram.routine
         head = {"type": syntax.types["void"], "name": f"{self.writer.prefix}_{self.subprogram.name}"}
         parameters = ", ".join(self._parameters())

@@ -87,14 +87,8 @@ _C_STRUCTS = {"estimate": "plant", "parameters": "params"}
 C = Syntax(
     language="C",
     reserved="a keyword or a macro",
-    types={
-        "float": "float",
-        "double": "double",
-        "unsigned": "unsigned",
-        "index": "unsigned",
-        "bool": "bool",
-        "void": "void",
-    }
+    types={kind: kind for kind in ("float", "double", "unsigned", "bool", "void")}
+    | {"index": "unsigned"}
     | {"whole float": "int32_t", "whole double": "int64_t", "word float": "uint32_t", "word double": "uint64_t"},
     suffixes={"float": "f", "double": "", "unsigned": "u"},
     truth_is_number=True,
