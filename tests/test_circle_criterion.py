@@ -124,7 +124,7 @@ def test_what_slopes_read_is_what_the_argument_is_given() -> None:
         a, head = ((Fraction(3), 0), (Fraction(1, 2), 2))[chain]
         wanted = [Fraction(int(k == j)) - (k == head) * entry * a * s[j] / s[head] for k in range(3)]
         assert list(slope.reads) == wanted
-        assert list(slope.from_y) == [(k == chain) * entry * s[j] for k in range(2)]
+        assert list(slope.takes) == [(k == chain) * entry * s[j] for k in range(2)]
 
 
 # --- what is proved ---------------------------------------------------------------------------------------------------
