@@ -1,4 +1,4 @@
-"""Calling a step from Python, sample by sample or over a whole record, by the compiled C or without a compiler."""
+"""Calls of a step from Python, sample by sample or over a whole log, by the compiled C or without a compiler."""
 
 import warnings
 from collections.abc import Callable, Mapping
@@ -36,8 +36,8 @@ from hgogen.system import System
 class CallableStep(Step):
     """A step with a memory: see `Step` for its program.
 
-    `engine`: what takes its samples, "c" the compiled step or "python" its program as Python; None: C where there is a
-    compiler. The two compute the same bits, and share the memory. `real`: the precision of both, "float" or "double".
+    `engine`: "c" for the compiled step or "python" for its program as Python; None: C where there is a compiler. The
+    two compute the same bits, and share the memory. `real`: the precision of both, "float" or "double".
     """
 
     engine: Engine | None = None
@@ -51,7 +51,7 @@ class CallableStep(Step):
     _output_bytes: Callable[[], bytes] = field(init=False)
 
     def __post_init__(self) -> None:
-        """Gives the step a memory of its own, as before the first call."""
+        """Create the memory, as before the first call."""
         memory, u = StepMemory(self, self.real), len(self.inputs)
         signals = (*self.inputs, *self.samples)
 
@@ -71,9 +71,9 @@ class CallableStep(Step):
 
     def __call__(self, u: Any = (), y: Any = ()) -> Sample:
         """Return the estimate after a sample: `u` (m) the input now, `y` (p) the measurement now (NaN or masked:
-        missing), scalars where there is one, or a mapping by the signals' names; of a step for late samples y is that
-        of `samples`: the newest that came of each output, then the ages of those that may be late.
-        The first one compiles the C, unless it was compiled before.
+        missing), scalars where there is one, or a mapping by the signals' names. For a step with late samples y has the
+        order of `samples`: the newest sample of each output, then the ages of those that may be late. The first call
+        compiles the C, unless it was compiled before.
 
         Raises: `BadShape`, `BadNames`; `CompilerFailed`; `NoCompiler` for the engine "c" without a compiler.
         """
@@ -84,7 +84,8 @@ class CallableStep(Step):
         return Sample(self._legend, self._output_bytes(), status)
 
     def predict(self, u: Any = ()) -> Sample:
-        """Only advance the estimate to now; then `update` with the sensors that have a sample, and `adapt`.
+        """Advance the estimate to now without a correction; then call `update` with the sensors that have a sample, and
+        `adapt`.
 
         Raises: `BadShape`; `CannotUpdate` for an observer that integrates with the measurement.
         """
@@ -95,11 +96,11 @@ class CallableStep(Step):
         return Sample(self._legend, self._output_bytes(), status)
 
     def update(self, at: int | None = None, /, **y: float) -> Sample:
-        """Correct with the named outputs; a step for late samples takes `y_age` with y, by default 0, and corrects when
-        `adapt` is called.
+        """Correct with the named outputs. A step for late samples also accepts `y_age` with y, by default 0, and
+        corrects when `adapt` is called.
 
-        `at`: the number of the period in which the samples were taken, counted from 0 at the first call after a reset;
-        None: now. A step made with `periods` takes it, and does not use a sample of another period.
+        `at`: the number of the period of the samples, counted from 0 at the first call after a reset; None: now. A step
+        made with `periods` needs it, and does not use a sample of another period.
 
         Raises: `BadShape`, `CannotUpdate`.
         """
@@ -126,15 +127,16 @@ class CallableStep(Step):
         return Sample(self._legend, self._output_bytes(), status)
 
     def adapt(self) -> Sample:
-        """Adapt the gain, once after the updates of a sample; nothing to do for a constant one."""
+        """Adapt the gain, once after the updates of a sample; a constant gain does not change."""
         self._demand_sections()
         status = self._entries["adapt" if "adapt" in self._entries else "estimate"]()
         return Sample(self._legend, self._output_bytes(), status)
 
     def run(self, u: Any = (), y: Any = (), engine: Engine | None = None) -> Run:
-        """A whole record from the present state on: `u` (N) or (N, m), `y` (N) or (N, p), or a column (N) for each by
-        name; NaN, or a masked entry, for a missing sample. Of a step for late samples y has the columns of `samples`,
-        (N, p + ages), and a row is what came then; `arriving` makes such rows of samples in the order of time.
+        """Return the estimates of a whole log from the present state on: `u` (N) or (N, m), `y` (N) or (N, p), or a
+        column (N) for each by name; NaN, or a masked entry, for a missing sample. For a step with late samples y has
+        the columns of `samples`, (N, p + ages), and a row has the samples that arrived then; `arriving` makes such rows
+        from samples in the order of time.
 
         `engine`: "c" the compiled step in one call, "python" sample by sample; by default the step's own, else C where
         there is a compiler, else Python with a `NoCompilerWarning`.
@@ -171,15 +173,16 @@ class CallableStep(Step):
         traces: bool = False,
         engine: Engine | None = None,
     ) -> Batch:
-        """Many records, each from the present state on, which stays as it is: the bits of `run`, several times as fast.
+        """Return the estimates of many logs, each from the present state, which does not change: the bits of `run`,
+        several times as fast.
 
-        `u` (B, N, m) and `y` (B, N, p), or as `run` takes them where all records have the same; of `parameters`, by
-        their names in `tune`, and `starts` a number, or one for each record (B): `starts` the plant's state by name, at
-        which `started` would start, or B states that `save` gave. A parameter beyond its range is limited to it, as
-        `tuned` of what is returned says. `jobs`: threads, None for one for each core;
-        `each(done, B)` is called as records are done; `traces`: whether to give them; `engine` as in `run`. With C a
-        compiler that knows vectors takes as many records at once as a register of this machine holds numbers. Beside
-        what goes in and what comes out a thread holds the signals of 64 records.
+        `u` (B, N, m) and `y` (B, N, p), or as for `run` where all logs have the same. `parameters`, by their names in
+        `tune`, are numbers, or one for each log (B). `starts`: the plant's state by name, as for `started`, with
+        numbers or one for each log (B), or B states from `save`. A parameter beyond its range is limited to it, as
+        `tuned` of the result says. `jobs`: threads, None for one for each core; `each(done, B)` is called as logs are
+        done; `traces`: whether to return them; `engine` as in `run`. In C, a compiler with vector types runs as many
+        logs at once as a register of this machine holds numbers. Besides inputs and results a thread stores the signals
+        of 64 logs.
 
         Raises: as `run`; `BadShape` for lengths that differ, `BadNames`, `BadGain` for a start.
         """
@@ -188,13 +191,13 @@ class CallableStep(Step):
         return self._many.run(records, bytes(self._kept.whole), engine, jobs, traces=traces, each=each)
 
     def reset(self) -> None:
-        """Sets the state to what it is before the first call; tuned parameters stay."""
+        """Set the state to its value before the first call; tuned parameters stay."""
         self._kept.reset()
         self._clock[0] = 0
 
     def tune(self, **values: Any) -> int:
-        """Set gains or tunable plant parameters by name, limit them to their ranges; returns the status. A gain of
-        coordinates or outputs takes a mapping by their names, too.
+        """Set gains or tunable plant parameters by name, limit them to their ranges, and return the status. A gain of
+        coordinates or outputs accepts a mapping by their names, too.
 
         Raises: `BadShape` for an unknown name or a wrong length, `BadNames`; then none of them is set.
         """
@@ -211,31 +214,32 @@ class CallableStep(Step):
 
     @property
     def tuned(self) -> dict[str, tuple[float, ...]]:
-        """The gains and the tunable parameters of the plant as they stand, by name."""
+        """The present values of the gains and of the tunable parameters of the plant, by name."""
         known = tunable(self).items()
         return {name: tuple(map(float, self._kept.places[place].ravel())) for name, (place, _) in known}
 
     def save(self) -> bytes:
-        """The state as NAME_save saves it: a digest of the program, the bytes of the C struct, a checksum."""
+        """Return the state as NAME_save saves it: a digest of the program, the bytes of the C struct, a checksum."""
         return sealed(self, self.real, bytes(self._kept.state))
 
     def restore(self, saved: bytes) -> None:
-        """The state that `save` gave; the times of `run` begin at 0 again, as after `reset`.
+        """Restore the state from `save`; the times of `run` begin at 0 again, as after `reset`.
 
-        Raises: `BadShape` for what is no bytes; `NotSaved`, which leaves the state as it is, for what is damaged, or of
-        another program.
+        Raises: `BadShape` for a value that is no bytes; `NotSaved`, without a change of the state, for a damaged state,
+        or one of another program.
         """
         self._kept.state[:] = self._kept.saved(saved)
         self._clock[0] = 0
 
     def started(self, initial: Initial) -> "CallableStep":
-        """A step of the same observer from `initial`, the plant's state by name, or from what it gives for its form.
+        """Return a step of the same observer from `initial`: the plant's state by name, or a function of its form that
+        returns it.
 
         Raises: `BadGain`.
         """
         return _quietly(self.observer.started(initial), self.method, self.dt, self._options)
 
-    def made_again(
+    def rebuilt(
         self,
         form: Callable[[System], Form] | None = None,
         method: Method | None = None,
@@ -244,8 +248,8 @@ class CallableStep(Step):
         guards: Guards | None = None,
         prefer: Prefer | None = None,
     ) -> "CallableStep":
-        """A step of the same observer with another form of its plant, another method, period or precision, other guards
-        or another preference; the same where None.
+        """Return a step of the same observer with another form of its plant, another method, period or precision, other
+        guards or another preference; the same where None.
 
         Raises: as `sample` and the observer do.
         """
@@ -255,36 +259,36 @@ class CallableStep(Step):
         return sample(observer, method or self.method, self.dt if dt is None else dt, **options)
 
     def arriving(self, y: Any) -> np.ndarray:
-        """Samples y (N) or (N, p), or a column for each output by name, in the order of time, as `run` takes them where
-        each comes as late as it may; of a step without delays as they are. Raises: `BadShape`, `BadNames`."""
+        """Return the samples for `run` from samples y (N) or (N, p), or a column for each output by name, in the order
+        of time, each as late as it may come; without delays as they are. Raises: `BadShape`, `BadNames`."""
         return arriving(self, table("y", y, self.outputs, None))
 
     def in_time(self, y: Any) -> np.ndarray:
-        """Return the samples that `run` takes as y, in the order of time (N, p): each sample in the row in which it was
-        taken, NaN where none came in time. Raises: `BadShape`, `BadNames`."""
+        """Return samples as for `run` in the order of time (N, p): each sample in the row of its time, NaN where none
+        came in time. Raises: `BadShape`, `BadNames`."""
         return in_time(self, table("y", y, self.samples, None))
 
     @cached_property
     def undelayed(self) -> "CallableStep":
-        """A step of the same observer for samples that come at once; itself without delays."""
+        """A step of the same observer for samples without delay; the step itself without delays."""
         plain = replace(self.observer, delays=())
         return _quietly(plain, self.method, self.dt, self._options) if self.ages else self
 
     def flags(self, status: int) -> tuple[str, ...]:
-        """The names of the bits that a status holds."""
+        """Return the names of the bits that are set in a status."""
         return self._legend.flags(status)
 
     def __copy__(self) -> "CallableStep":
-        """A step of the same program with a memory of its own, which goes on from the state of this one."""
+        """Return a step of the same program with a copy of the memory."""
         return replace(self)._resumed(*self._memory)
 
     def __deepcopy__(self, memo: Any) -> "CallableStep":
         return copy(self)
 
     def __reduce__(self) -> tuple[Any, ...]:
-        """Return the data that make the program again, and the memory: a pickle holds no graphs.
+        """Return the data that rebuild the program, and the memory, since a pickle holds no graphs.
 
-        Raises: `BadGain` for an observer that was not made by `hg.observers`.
+        Raises: `BadGain` for an observer that is not from `hg.observers`.
         """
         return _unpickled, (self.observer, self.method, self.dt, self._options, self._memory)
 
@@ -302,7 +306,7 @@ class CallableStep(Step):
         return bytes(self._kept.whole), self._clock[0]
 
     def _resumed(self, memory: bytes, clock: int) -> "CallableStep":
-        """Itself, with what `_memory` gave of a step of the same program."""
+        """Return the step itself, with the `_memory` of a step of the same program."""
         self._kept.whole[:] = memory
         self._clock[0] = clock
         return self
@@ -336,20 +340,19 @@ def sample(
     engine: Engine | None = None,
     real: Real = "double",
 ) -> CallableStep:
-    """The observer at the sampling period `dt` by `method` (default: `methods.continuous_discrete`).
+    """Return the step of the observer at the sampling period `dt` by `method` (default: `methods.continuous_discrete`).
 
     Times are in the unit of the model's `time`.
 
-    `between`: what u does between samples, "line" (from the last value to this one) or "hold" (the value given is the
-    one applied since the last call). `periods`: for sensors of different rates, the time between two samples of an
-    output, by name, a whole multiple of dt, by default dt: its noise R is taken for that time. Such a step counts its
-    periods and does not use a sample that `update` tells to be of another one, or gets a second time. `guards`: "none"
-    leaves out whatever is not the observer's own mathematics: no clamp, no test of a sample, no status, no restart; a
-    sample that is not a number spoils the estimate for ever, and of the observer nothing is claimed. `prefer`: "flash"
-    for a short program, where by default it is a fast one: what repeats is written once, in loops. `engine`: what
-    takes the samples, "c" or "python", which give the same bits; by default C where there is a compiler. It compiles at
-    the first sample, once: what was compiled is kept in the user's cache. `real`: the precision in which it takes them,
-    "float" as small firmware does, or "double".
+    `between`: the course of u between samples, "line" (from the last value to this one) or "hold" (the value given is
+    the one applied since the last call). `periods`: for sensors of different rates, the time between two samples of an
+    output, by name, a whole multiple of dt, by default dt: its noise R is for that time. Such a step counts its periods
+    and does not use a sample that belongs to another one according to `update`, or comes a second time. `guards`:
+    "none" leaves out everything but the observer's own mathematics: no clamp, no test of a sample, no status, no
+    restart. A sample that is not a number then destroys the estimate, and the observer has no claims. `prefer`: "flash"
+    for a short program with loops, where the default is a fast one. `engine`: "c" or "python", which give the same
+    bits; by default C where there is a compiler. It compiles at the first sample, once: the result is kept in the
+    user's cache. `real`: the precision, "float" as on small firmware, or "double".
 
     Raises: `BadStep`; `StepTooLong`, with a dt to take, where errors at a point of the box or the covariance equation
     cannot be stable; `StepTooShort` where a state stands still in this precision, or a count does not fit; `BadWindow`;
@@ -375,7 +378,7 @@ def sample(
 
 
 def _quietly(observer: Observer, method: Method, dt: float, options: Mapping[str, Any]) -> CallableStep:
-    """A step like one that there is, of which was said already that it may fail."""
+    """Return a step without the warning that it may fail, which was given for its original."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", StepMayFail)
         return sample(observer, method, dt, **options)

@@ -1,7 +1,7 @@
-"""Verdicts: mathematical failure is a value, not an exception.
+"""Verdicts of claims: a mathematical failure is a value, not an exception.
 
-`proved` needs exact or outward-rounded arithmetic; `refuted` carries a witness; `where` holds under a
-condition; `generic` holds outside a set of measure zero; `unknown` is an honest "no answer".
+`proved` needs exact or outward-rounded arithmetic; `refuted` carries a witness; `where` holds under a condition;
+`generic` holds outside a set of measure zero; `unknown` means that no proof and no witness was found.
 """
 
 import json
@@ -27,23 +27,24 @@ class Verdict(StrEnum):
 
 
 class ClaimId(str):
-    """The name of a claim, a text made of its parts: "triangular.a_3" of ("triangular", "a", 3).
+    """The name of a claim, the text of its parts: "triangular.a_3" of ("triangular", "a", 3).
 
-    `maker`: the form, observer or question that claims, "" for a name of the user's own; `fact`: what about; `at`: of
-    which of several, chain before state; `short`: the text without the maker. The text is never taken apart.
+    `maker`: the form, observer or question that claims, "" for a user's name; `fact`: the subject of the claim; `at`:
+    the indices of a repeated fact, chain before state; `unqualified`: the text without the maker. The text is never
+    parsed.
     """
 
     maker: str
     fact: str
     at: tuple[int, ...]
-    short: str
+    unqualified: str
 
     def __new__(cls, maker: str, fact: str, *at: int) -> Self:
-        """The text of the parts."""
-        short = "_".join([fact, *map(str, at)])
-        made = super().__new__(cls, f"{maker}.{short}" if maker else short)
-        made.maker, made.fact, made.at, made.short = maker, fact, at, short
-        return made
+        """Return the claim with the text of these parts."""
+        unqualified = "_".join([fact, *map(str, at)])
+        claim = super().__new__(cls, f"{maker}.{unqualified}" if maker else unqualified)
+        claim.maker, claim.fact, claim.at, claim.unqualified = maker, fact, at, unqualified
+        return claim
 
     def __reduce__(self) -> tuple[Any, ...]:
         return type(self), (self.maker, self.fact, *self.at)
@@ -51,8 +52,7 @@ class ClaimId(str):
 
 @dataclass(frozen=True)
 class Claims:
-    """The claims of a `maker` about a `fact`, of any maker and about any fact where it is "". An id may be in them; a
-    name of the user's own is in none."""
+    """The set of claims of a `maker` about a `fact`, where "" matches any; a user's own name is in no such set."""
 
     maker: str = ""
     fact: str = ""
@@ -65,9 +65,9 @@ class Claims:
 class Check(Encoded):
     """A claim with its verdict.
 
-    `fix`: what a user can do about it; `consequence`: what follows for him who accepts a refuted claim; `proofs`: what
-    proves it, and `disproof`: what refutes it, values whose evidence a certificate holds (`analysis.evidence`);
-    `subject`: the expression that the claim is about, such as a_i, where it is about one.
+    `fix`: the user's remedy; `consequence`: what follows where a refuted claim is accepted; `proofs`: the proofs, and
+    `disproof`: the refutation, values whose evidence a certificate holds (`analysis.evidence`); `subject`: the
+    expression of the claim, such as a_i, if it has one.
     """
 
     json_keys = "id claim verdict reason reason_data=reason.as_dict witness fix=advice"
@@ -84,8 +84,8 @@ class Check(Encoded):
     subject: Any = field(default=None, compare=False, repr=False)
 
     def __post_init__(self) -> None:
-        """A plain text, as of a user's own check, is a name that no maker of the package has given, and a reason
-        without values."""
+        """Convert a plain text, as in a user's own check, to a claim without a maker, and to a reason without
+        values."""
         if not isinstance(self.id, ClaimId):
             object.__setattr__(self, "id", ClaimId("", self.id))
         if not isinstance(self.reason, Reason):
@@ -110,11 +110,11 @@ class Check(Encoded):
 
 @dataclass(eq=False)
 class Refuted(HgogenError):
-    """An observer was asked for on a form with a refuted hypothesis that nobody accepted.
+    """An observer on a form with a refuted hypothesis that is not accepted.
 
-    `checks`: those refuted; `form`: the form that was refused, with all its checks, where there is one; `accepted`: the
-    ids that were accepted; `where`: the file and the key that asked; `plain`: whether it is plain text; `other`: what
-    takes the plant as it is; `never`: why the observer cannot be built even where they are accepted.
+    `checks`: the refuted ones; `form`: the refused form with all its checks, if there is one; `accepted`: the accepted
+    ids; `where`: the file and the key of the request; `plain`: whether that file is plain text; `other`: an observer or
+    form that applies to the plant as it is; `never`: why the observer cannot be built even where they are accepted.
     """
 
     status: ClassVar[int] = 1
@@ -130,10 +130,10 @@ class Refuted(HgogenError):
         head = f"{self.where}: refuted" if self.where else "refuted"
         sentences = [f"{head}: {'; '.join(check.sentence for check in self.checks)}."]
         sentences += dict.fromkeys(check.fix for check in self.checks)
-        # a form says it to whom it does not suit; which others do is not known to it
+        # a form does not know which other forms apply
         elsewhere = ELSEWHERE if self.form is not None and not self.form.structured else ""
         ids = tuple(check.id for check in self.checks)
-        option = f"accept = {json.dumps(ids)}" if self.plain else f"accept={ids!r}"  # as the model's file says it
+        option = f"accept = {json.dumps(ids)}" if self.plain else f"accept={ids!r}"  # in the syntax of the model's file
         known = "; ".join(dict.fromkeys(check.consequence for check in self.checks if check.consequence))
         offer = f"To build all the same, say {option}{f', knowing that {known}.' if known else ''}"
         sentences += [elsewhere, self.other, self.never or offer]
@@ -153,12 +153,13 @@ _FROM_WORST = (Verdict.REFUTED, Verdict.UNKNOWN, Verdict.WHERE, Verdict.GENERIC,
 
 
 def worst(checks: Iterable[Check]) -> Check:
-    """The first of those with the worst verdict: what they say together is no better."""
+    """Return the first check with the worst verdict, which is the verdict of all together."""
     return min(checks, key=lambda check: _FROM_WORST.index(check.verdict))
 
 
 def refuted(checks: Iterable[Check], accept: Iterable[str] = (), later: Iterable[ClaimId] = ()) -> tuple[Check, ...]:
-    """The refuted checks that `accept` does not name; it may name claims that are made `later`.
+    """Return the refuted checks that `accept` does not name. `accept` may also name the claims `later`, whose checks do
+    not exist yet.
 
     Raises: `UnknownCheck` for another name.
     """
@@ -173,9 +174,8 @@ def refuted(checks: Iterable[Check], accept: Iterable[str] = (), later: Iterable
 def demand(
     checks: Iterable[Check], accept: Iterable[str] = (), form: Any = None, later: Iterable[ClaimId] = ()
 ) -> None:
-    """Raise `Refuted`, of the `form` that makes the checks, if a check is refuted and not accepted; nothing else stops
-    building."""
+    """Raise `Refuted` if a check of the `form` is refuted and not accepted. Other verdicts do not stop building."""
     accept = (accept,) if isinstance(accept, str) else tuple(accept)
-    left = refuted(checks, accept, later)
-    if left:
-        raise Refuted(left, form, accept)
+    unaccepted = refuted(checks, accept, later)
+    if unaccepted:
+        raise Refuted(unaccepted, form, accept)

@@ -1,7 +1,7 @@
-"""The entry point of the command `hgogen`, and what holds from its first line on, while it imports too.
+"""The entry point of the command `hgogen`, with its handling of signals and output from the first import on.
 
 Ctrl-C ends it without a traceback, by the signal itself, so that a shell's loop around it ends as well. The standard
-output is for results alone: what a model, a library or a process that they start writes to descriptor 1 goes to the
+output is for results alone: output of a model, a library or a process that they start to descriptor 1 goes to the
 standard error stream.
 """
 
@@ -12,7 +12,7 @@ def main() -> None:
     """Run the command line of this output."""
     interruptible = signal.getsignal(signal.SIGINT) is signal.default_int_handler  # or its parent ignores Ctrl-C
     if interruptible:
-        signal.signal(signal.SIGINT, signal.SIG_DFL)  # nothing is to be put in order yet
+        signal.signal(signal.SIGINT, signal.SIG_DFL)  # there is nothing to clean up yet
     from hgogen.commands import output
     from hgogen.commands.app import app
 
@@ -35,7 +35,7 @@ def main() -> None:
 
 
 def __getattr__(name: str) -> object:
-    """`app`, what a runner of commands inside of Python takes; imported when it is asked for."""
+    """Return `app` for a runner of commands inside of Python; it is imported at the first use."""
     if name != "app":
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
     from hgogen.commands.app import app

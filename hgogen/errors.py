@@ -7,10 +7,11 @@ from typing import ClassVar
 
 
 class HgogenError(Exception):
-    """Base class; each error is a dataclass beside the code that raises it, its sentence made of its fields by `text`.
+    """The base class of errors. Each error is a dataclass in the file that raises it, and formats `text` with its
+    fields.
 
-    Not a frozen one: Python itself writes `__traceback__` and `__notes__` on exceptions. `status`: with which a command
-    ends, 2 for bad input, 1 for an answer that is no.
+    Such a dataclass is not frozen, because Python writes `__traceback__` and `__notes__` on exceptions. `status`: the
+    exit status of a command, 2 for bad input, 1 for an answer that is no.
     """
 
     status: ClassVar[int] = 2
@@ -22,13 +23,13 @@ class HgogenError(Exception):
 
 @dataclass(eq=False)
 class BadArgument(HgogenError):
-    """An error that says what was given, and what is wrong with it."""
+    """An error with the argument and its fault."""
 
     what: str
     reason: str
 
 
 def nearest(name: str, known: Iterable[str], otherwise: str) -> str:
-    """The end of a sentence on an unknown name: the known name that is nearest to it, or `otherwise`."""
+    """Return the end of a sentence on an unknown name: a hint at the nearest known name, or `otherwise`."""
     close = get_close_matches(str(name)[:60], list(known), n=1)
     return f"did you mean {close[0]}?" if close else otherwise

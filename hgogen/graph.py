@@ -1,4 +1,4 @@
-"""The one door between SymPy, the language of the plant and of proof, and CasADi, that of all that follows."""
+"""The conversion between SymPy, the language of the plant and of proofs, and CasADi, the language of programs."""
 
 import math
 import re
@@ -21,7 +21,7 @@ Graph: TypeAlias = Any  # an SX, MX or DM of any shape: one code takes all three
 
 @dataclass(eq=False)
 class NoGraph(HgogenError):
-    """An expression that has no CasADi graph: a function hgogen does not know, or an undeclared symbol."""
+    """An expression without a CasADi graph: it has a function that hgogen does not know, or an undeclared symbol."""
 
     term: str
     expression: str
@@ -32,7 +32,7 @@ class NoGraph(HgogenError):
         return f"{self.term} in {self.expression} cannot become a graph; {write}"
 
 
-# of every integration by CVODES: it may take many steps, and prints nothing of its own
+# options of every integration by CVODES: many steps, and no printing
 CVODES = {"max_num_steps": 100_000, "show_eval_warnings": False, "disable_internal_warnings": True}
 
 _FUNCTIONS: dict[type, Callable[..., Graph]] = {
@@ -72,29 +72,30 @@ _OPERATIONS = {**_FUNCTIONS, **_CONDITIONS}  # of all arguments at once
 
 
 def sx(value: Graph) -> Graph:
-    """The value as an SX, to be read only: what is one stays the same object, for a copy costs as much as a sum."""
+    """Return the value as an SX, to be read only: an SX is not copied, because a copy costs as much as a sum."""
     return value if isinstance(value, ca.SX) else ca.SX(value)
 
 
 def dense(value: Graph) -> Graph:
-    """The value as an SX whose every element is stored, to be read only."""
+    """Return the value as an SX whose every element is stored, to be read only."""
     value = sx(value)
     return value if value.is_dense() else ca.densify(value)
 
 
 def binary(operation: int, a: Graph, b: Graph) -> Graph:
-    """An operation of CasADi, one of its OP_ADD, .., on an SX and another or a number. Its operators give the same, and
-    take ten times as long to see of which kind each of them is."""
+    """Return the result of an operation of CasADi, one of its OP_ADD, .., on an SX and another or a number. CasADi's
+    operators give the same, and take ten times as long to find the type of each operand."""
     return ca.SX.binary(operation, a, b)
 
 
 def leaves(value: Graph, low: float, high: float) -> Graph:
-    """Whether a value is below its range, or above it; SX."""
+    """Return whether a value is below its range, or above it; SX."""
     return binary(ca.OP_OR, binary(ca.OP_LT, value, low), binary(ca.OP_LT, high, value))
 
 
 def to_casadi(expressions: Iterable[sp.Expr], symbols: Mapping[sp.Symbol, Graph]) -> list[Graph]:
-    """The expressions as SX graphs, one scalar each, without removable singularities; a subexpression is built once.
+    """Return the expressions as SX graphs, one scalar each, without removable singularities; a subexpression is built
+    once.
 
     Args: `symbols` maps every free symbol to an SX scalar (or a float, which is folded).
 
@@ -132,14 +133,14 @@ def _convert(node: sp.Basic, whole: sp.Basic, symbols: Mapping[sp.Symbol, Graph]
 
 
 def _step(argument: sp.Expr, at_zero: sp.Expr) -> sp.Expr:
-    """Heaviside's step as a choice."""
+    """Return Heaviside's step as a choice."""
     one = (sp.S.One, argument >= 0 if at_zero == 1 else argument > 0)
     middle = () if at_zero in (0, 1) else ((at_zero, sp.Eq(argument, 0)),)
     return sp.Piecewise(one, *middle, (sp.S.Zero, True))
 
 
 def _sum(node: sp.Add, inner: Callable[[sp.Basic], Graph]) -> Graph:
-    """a - b stays a subtraction, so that the C reads as the formula does."""
+    """Return the sum of the terms, with a - b as a subtraction, so that the C reads as the formula does."""
     total: Graph = None
     for term, negative in _signed(node):
         value = inner(term)
@@ -150,15 +151,15 @@ def _sum(node: sp.Add, inner: Callable[[sp.Basic], Graph]) -> Graph:
     return total
 
 
-@lru_cache(maxsize=1024)  # the same sums are asked for at each stage of a step
+@lru_cache(maxsize=1024)  # the same sums occur at each stage of a step
 def _signed(node: sp.Add) -> tuple[tuple[sp.Expr, bool], ...]:
-    """The terms in order, and whether each is subtracted."""
+    """Return the terms in order, and whether each is subtracted."""
     signs = [(term, term.could_extract_minus_sign()) for term in _terms(node)]
     return tuple((-term if negative else term, negative) for term, negative in signs)
 
 
 def _terms(node: sp.Add) -> list[sp.Expr]:
-    """The terms in SymPy's order, in which x10 comes after x2: of states alike, in their own order."""
+    """Return the terms in SymPy's order, but with numbers in names in numerical order: x10 after x2."""
     if not any(re.search(r"\d\d", s.name) for s in node.free_symbols):
         return list(node.as_ordered_terms())
     counted = {s: re.sub(r"\d+", lambda digits: digits[0].zfill(6), s.name) for s in node.free_symbols}
@@ -169,9 +170,9 @@ def _terms(node: sp.Add) -> list[sp.Expr]:
 
 
 def _product(node: sp.Mul, inner: Callable[[sp.Basic], Graph]) -> Graph:
-    """Number times numerator over denominator: one multiplication by the number, no division by constants."""
-    number, rest = node.as_coeff_Mul()
-    numerator, denominator = sp.fraction(rest, exact=True)
+    """Return number times numerator over denominator: one multiplication by the number, no division by constants."""
+    number, quotient = node.as_coeff_Mul()
+    numerator, denominator = sp.fraction(quotient, exact=True)
     value = reduce(partial(binary, ca.OP_MUL), map(inner, sp.Mul.make_args(numerator)))
     if denominator != 1:
         value = binary(ca.OP_DIV, value, inner(denominator))
@@ -198,7 +199,7 @@ def _power(node: sp.Pow, inner: Callable[[sp.Basic], Graph]) -> Graph:
 
 
 def _piecewise(node: sp.Piecewise, inner: Callable[[sp.Basic], Graph]) -> Graph:
-    """The first branch whose condition holds, as nested choices; NaN where none does."""
+    """Return the first branch whose condition holds, as nested choices; NaN where none does."""
     value = ca.SX.nan()
     for branch, condition in reversed(node.args):
         value = inner(branch) if condition == sp.true else ca.if_else(inner(condition), inner(branch), value)
@@ -217,7 +218,7 @@ _RULES: dict[type, Callable[[Any, Callable[[sp.Basic], Graph]], Graph]] = {
 
 
 def _repeated(base: Graph, times: int) -> Graph:
-    """base ** times by squaring: real powers are no C of ours."""
+    """Return base ** times by squaring: the emitted C has no real powers."""
     if times == 0:
         return ca.SX(1)
     half = _repeated(base, times // 2)
@@ -240,12 +241,12 @@ class NoSymbols(HgogenError):
 
 
 def _value(term: sp.Basic) -> sp.Expr:
-    """A condition as CasADi's number, 1 or 0."""
+    """Return a condition as CasADi's number, 1 or 0."""
     return term if isinstance(term, sp.Expr) else sp.Piecewise((1, term), (0, True), evaluate=False)
 
 
 def _condition(term: sp.Basic) -> sp.Basic:
-    """A number as a condition: that it is not 0."""
+    """Return a number as a condition: that it is not 0."""
     return sp.Ne(term, 0) if isinstance(term, sp.Expr) else term
 
 
@@ -257,7 +258,7 @@ def _chosen(condition: sp.Basic, value: sp.Expr) -> sp.Expr:
 
 
 def _added(a: sp.Expr, b: sp.Expr) -> sp.Expr:
-    """The sum; of CasADi's two halves of an if_else, the one Piecewise."""
+    """Return the sum; for CasADi's two halves of an if_else, one Piecewise."""
     halves = [t.args for t in (a, b) if isinstance(t, sp.Piecewise) and len(t.args) == 2 and t.args[1].expr == 0]
     if len(halves) == 2 and halves[1][0].cond == sp.Not(halves[0][0].cond):
         return sp.Piecewise(halves[0][0].args, (halves[1][0].expr, True), evaluate=False)
@@ -295,7 +296,7 @@ _LOGIC: dict[int, Callable[..., sp.Basic]] = {ca.OP_NOT: sp.Not, ca.OP_AND: sp.A
 
 
 def to_sympy(function: ca.Function, symbols: Sequence[Sequence[sp.Symbol]]) -> list[list[sp.Expr]]:
-    """Return what an SX function computes, an expression for each nonzero of each output.
+    """Return the outputs of an SX function, an expression for each nonzero of each output.
 
     Args: `symbols`: for each input its symbols, in CasADi's order (columns). A float becomes the rational of its
     shortest decimal, so 0.1 is 1/10 and pi a rational near it.

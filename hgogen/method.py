@@ -1,14 +1,14 @@
 """A method turns the differential equations of an observer into the statements of a step, and limits the step length.
 
-By the stages of a tableau, or by a sampled-data realisation of the linear core, its nonlinear residual terms by a
-scheme of order 2:
+It uses the stages of a tableau, or a sampled-data realisation of the linear core with a scheme of order 2 for the
+nonlinear residual terms:
 
     x' = M x + B v + r(x, u, y),  v = y - o(u)                 M, B constant: the core of `Ode.linear`
     a  = Phi x + Gamma_0 v_0 + Gamma_1 v_1 + Psi_0 r_0         r_0 = r(x, u_0, y_0)
     x+ = a + Psi_1 (r_1 - r_0)                                 r_1 = r(a, u_1, y_1)
 
-where 0 and 1 are the ends of a step; a method gives the matrices, which `tune` computes of the gains. Where a sample is
-missing, M and B are those of `Ode.linear` without it. The core sets no limit to the step; the residual terms do.
+where 0 and 1 are the ends of a step. A method gives the matrices, which `tune` computes from the gains. Where a sample
+is missing, M and B are those of `Ode.linear` without it. The core sets no limit to the step; the residual terms do.
 """
 
 from collections.abc import Callable, Iterator, Mapping
@@ -38,13 +38,13 @@ from hgogen.prove.method_error import CoreDeviation, LocalError, StageDeviation
 from hgogen.prove.plant_step import ErrorInput, PlantStep
 from hgogen.sentence import NONE, Reason, because
 
-POINTS = 6  # corners, and as many points inside, at which the covariance equation is judged
+POINTS = 6  # corners, and as many points inside, at which the stability of the covariance equation is tested
 Rate = Callable[[Values, float | Graph], Values]
 FACTORED = "the method continuous_discrete keeps it definite at any dt"
 
 
-MOST = 3  # outputs: each may be missing, and every pattern of samples has matrices of its own
-MEANINGS = {  # of the matrices, of which the elements are stored that are not 0 by their structure
+MOST = 3  # outputs: each may be missing, and every pattern of samples has its own matrices
+MEANINGS = {  # of the matrices, whose structurally nonzero elements are stored
     "Phi": "the core's transition over a step",
     "Gamma_0": "weight of the last sample",
     "Gamma_1": "weight of this sample",
@@ -64,7 +64,7 @@ class InfiniteCore(HgogenError):
 
 @dataclass(eq=False)
 class NoCovariance(HgogenError):
-    """A method for a covariance, asked of an observer that has none."""
+    """A method for a covariance with an observer that has none."""
 
     method: str
 
@@ -73,7 +73,7 @@ class NoCovariance(HgogenError):
 
 
 class NoRealisation(BadArgument):
-    """An observer that has no linear core with constant coefficients."""
+    """An observer without a linear core with constant coefficients."""
 
     text = "{what} realises a linear error core with constant coefficients; {reason}"
 
@@ -93,44 +93,44 @@ class Method(Protocol):
 
     @property
     def prediction(self) -> Tableau | None:
-        """The tableau by which the model moves while samples are missing; None for a method that realises a core."""
+        """The tableau that integrates the model while samples are missing; None for a method that realises a core."""
         ...
 
     def __hash__(self) -> int:
-        """Equal methods make the same step of an observer, which is remembered."""
+        """Return a hash; equal methods make the same step of an observer, which is cached."""
         ...
 
     def ode(self, part: Ode, clock: Clock) -> Pieces:
-        """The part over one step, the measurement on the line between two valid samples."""
+        """Return the part over one step, the measurement on the line between two valid samples."""
         ...
 
     def riccati(self, part: Riccati, clock: Clock) -> Pieces:
-        """The Riccati observer over one step."""
+        """Return the Riccati observer over one step."""
         ...
 
     def ode_lengths(self, part: Ode, observer: Observer, dt: float) -> Lengths:
-        """The step lengths for a part of the observer, as far as `dt` asks for them."""
+        """Return the step lengths for a part of the observer, as far as `dt` requires them."""
         ...
 
     def riccati_lengths(self, part: Riccati, dt: float) -> Lengths:
-        """The step lengths for the Riccati observer, as far as `dt` asks for them."""
+        """Return the step lengths for the Riccati observer, as far as `dt` requires them."""
         ...
 
 
 @runtime_checkable
 class OnErrors(Protocol):
-    """A method of which it is known how it moves the error of an observer, so that its step can be proved."""
+    """A method whose effect on an observer's error is known, so that its step can be proved."""
 
     def obstacle(self, error: Inclusion) -> Reason:
-        """Why it is not known for what the error obeys, or `NONE`."""
+        """Return why the effect on an error of this inclusion is not known, or `NONE`."""
         ...
 
     def error_step(self, h: Fraction, e: Uncertain) -> Inequality:
-        """A step of length h on what the error obeys; of length 0 its limit."""
+        """Return a step of length h for the inclusion of the error; for h = 0 its limit."""
         ...
 
-    def beside(self, plant: PlantStep, error: Inclusion, theta: Fraction) -> ErrorInput:
-        """The deviation of the plant from a step, as it enters the error. Raises: `Unbounded`."""
+    def plant_deviation(self, plant: PlantStep, error: Inclusion, theta: Fraction) -> ErrorInput:
+        """Return the plant's deviation from a step of the method, as an input of the error. Raises: `Unbounded`."""
         ...
 
 
@@ -142,37 +142,37 @@ class Staged:
     exact = False  # every eigenvalue of the core limits the step
 
     def obstacle(self, error: Inclusion) -> Reason:
-        """No obstacle: whatever the error obeys, the stages read it."""
+        """Return no obstacle: the stages apply to any inclusion."""
         return NONE
 
     def error_step(self, h: Fraction, e: Uncertain) -> Inequality:
-        """The stages of the tableau."""
+        """Return the stages of the tableau."""
         return stagewise(self.prediction, h, e)
 
-    def beside(self, plant: PlantStep, error: Inclusion, theta: Fraction) -> ErrorInput:
-        """The plant beside its step by the tableau, and beside the line between two samples."""
+    def plant_deviation(self, plant: PlantStep, error: Inclusion, theta: Fraction) -> ErrorInput:
+        """Return the plant's deviation from its step by the tableau, and from the line between two samples."""
         return StageDeviation(plant, self.prediction).error_input
 
     def ode(self, part: Ode, clock: Clock) -> Pieces:
-        """A step of every field of the part at once."""
+        """Return a step of every field of the part at once."""
         return self.step(part, clock)
 
     def ode_lengths(self, part: Ode, observer: Observer, dt: float) -> Lengths:
-        """The step lengths that the linear core admits, and the core with the model's Jacobian."""
+        """Return the step lengths that the linear core admits, and the core with the model's Jacobian."""
         name = self.prediction.name
         why = f"beyond it the linear error core leaves the stability region of {name}"
         return lengths(part, observer, dt, self, Limit(paced(part, observer, self.prediction), why), name)
 
     def transition(self, core: np.ndarray, M: np.ndarray, h: float) -> np.ndarray:
-        """R(h M) (k, N, N), R the stability polynomial."""
+        """Return R(h M) (k, N, N), R the stability polynomial."""
         return polynomial(h * M, self.prediction.polynomial)
 
     def refused(self, core: np.ndarray, M: np.ndarray) -> np.ndarray:
-        """The h at which h times an eigenvalue of M leaves the stability region (k)."""
+        """Return the h (k) at which h times an eigenvalue of M leaves the stability region."""
         return decay_limits(M, self.prediction.polynomial)
 
     def step(self, part: Ode, clock: Clock) -> Pieces:
-        """A step of every field of the part at once, whatever the part is of."""
+        """Return a step of every field of any part at once."""
         start = {field.name: sym("state", field.name, field.size) for field in part.fields}
 
         def equations(moving: Values) -> dict[str, Graph]:
@@ -195,8 +195,8 @@ class Staged:
         )
 
     def _blocks(self, rate: Rate, start: Values, clock: Clock) -> Iterator[Block | Repeat]:
-        """The step as one block, or where a stage needs little of those before it a loop over the stages, whose slopes
-        then need not stay in memory."""
+        """Yield the step as one block; or as a loop over the stages where a stage reads little of the stages before it,
+        so that their slopes need not stay in memory."""
         title = f"{', '.join(start)}: one step of {self.prediction.name}"
         notes = ("its tableau:", *(f"  {row}" for row in self.prediction.rows))
         if not self.prediction.chained:
@@ -209,16 +209,16 @@ class Staged:
         fraction, share, ahead = numbers = [sym("work", name) for name in ("fraction", "share", "ahead")]
         at, total = ({n: sym("work", f"{n}_{kind}", v.numel()) for n, v in start.items()} for kind in ("at", "sum"))
         slopes = rate(at, fraction)
-        left = {f"{key}_sum": total[key] + share * slopes[key] for key in start}
-        left |= {f"{key}_at": start[key] + ahead * slopes[key] for key in start}
+        sums = {f"{key}_sum": total[key] + share * slopes[key] for key in start}
+        sums |= {f"{key}_at": start[key] + ahead * slopes[key] for key in start}
         names = {f"k_{key}": slope for key, slope in slopes.items()}
-        stage = Block("a stage", {Place("work", key): value for key, value in left.items()}, names)
+        stage = Block("a stage", {Place("work", key): value for key, value in sums.items()}, names)
         rows = zip(numbers, (plan.fractions, plan.shares, plan.ahead), strict=True)
         read = {place for place, _ in stage.reads}
         first = {Place("work", f"{key}_sum"): ca.SX.zeros(value.numel()) for key, value in start.items()}
-        said = "fraction is c of a stage; share is its b over that of the first; ahead is the next stage's a times dt"
+        note = "fraction is c of a stage; share is its b over that of the first; ahead is the next stage's a times dt"
         begin = first | {Place("work", f"{key}_at"): value for key, value in start.items()}
-        yield Block(title, begin, notes=(*notes, said))
+        yield Block(title, begin, notes=(*notes, note))
         yield Repeat({place: row for number, row in rows if (place := address(number)[0]) in read}, (stage,))
         ends = {Place("state", key): value + plan.last * total[key] for key, value in start.items()}
         yield Block("the slopes of all stages", ends)
@@ -226,7 +226,7 @@ class Staged:
 
 @dataclass(frozen=True)
 class Explicit(Staged):
-    """An explicit Runge-Kutta method: of a Riccati observer it integrates (z, S) or (z, P), in the view (z, S) any
+    """An explicit Runge-Kutta method. It integrates (z, S) or (z, P) of a Riccati observer, and in the view (z, S) any
     other part too."""
 
     view: Literal["information", "covariance"] = "information"
@@ -243,17 +243,17 @@ class Explicit(Staged):
 
     @property
     def equations(self) -> tuple[str, ...]:
-        """The stages of the tableau, and what they lead to."""
+        """The stages of the tableau, and their sum."""
         return self.tableau.equations
 
     def ode(self, part: Ode, clock: Clock) -> Pieces:
-        """A step of every field of the part at once. Raises: `NoCovariance` in the view (z, P)."""
+        """Return a step of every field of the part at once. Raises: `NoCovariance` in the view (z, P)."""
         if self.view == "covariance":
             raise NoCovariance(self.name)
         return self.step(part, clock)
 
     def riccati(self, part: Riccati, clock: Clock) -> Pieces:
-        """z and S, or z and P, as one differential equation."""
+        """Return the step of z and S, or z and P, as one differential equation."""
         pieces, (covariance, limited) = (
             self.step(riccati_ode(part, self.view), clock),
             symmetric_covariance(part, self.view),
@@ -263,7 +263,7 @@ class Explicit(Staged):
         return replace(pieces, rule=self.name, covariance=covariance)
 
     def riccati_lengths(self, part: Riccati, dt: float) -> Lengths:
-        """The step lengths that the covariance equation admits; `take` also follows the model's motion."""
+        """Return the step lengths that the covariance equation admits; `take` is also within the plant's pace."""
         limits = sorted(covariance_limits(part, self.tableau, self.view), key=lambda limit: limit.dt)
         return Lengths(
             refused=limits[-1].dt,
@@ -276,13 +276,13 @@ class Explicit(Staged):
 
 
 def equations(method: Method, rule: str) -> tuple[str, ...]:
-    """The lines of what carries an observer out: the method, or classical Runge-Kutta where the method leaves a part
-    to it; none of a rule that is a part's own."""
+    """Return the lines of the rule that integrates an observer: the method, or classical Runge-Kutta for a part that
+    the method leaves to it; none for a part's own rule."""
     return {RK4.name: RK4.equations, method.name: method.equations}.get(rule, ())
 
 
 def paced(part: Ode, observer: Observer, tableau: Tableau) -> float:
-    """The largest step length at which the tableau keeps the linear error core stable.
+    """Return the largest step length at which the tableau keeps the linear error core stable.
 
     Raises: `InfiniteCore`, `stability.UnstableCore`.
     """
@@ -296,16 +296,16 @@ def paced(part: Ode, observer: Observer, tableau: Tableau) -> float:
 
 
 def covariance_limits(part: Riccati, tableau: Tableau, view: Literal["information", "covariance"]) -> list[Limit]:
-    """The step length that the covariance equation admits at each of a number of points of the declared box.
+    """Return the step length that the covariance equation admits at each of a number of points of the declared box.
 
-    Points at which the frozen model is not observable are left out where theta rises from rest: there is no covariance
-    at rest to rise from.
+    Points at which the frozen model is not observable are left out where theta rises from its resting value: without
+    observability there is no covariance at rest.
     """
     noise, variance = part.nominal
     points = list(zip(*part.linearised(POINTS), strict=True))
     if part.theta.error_free is not None:
-        shown = [np.vstack([C @ np.linalg.matrix_power(F, k) for k in range(len(F))]) for F, C in points]
-        ranks = map(np.linalg.matrix_rank, shown)
+        observability = [np.vstack([C @ np.linalg.matrix_power(F, k) for k in range(len(F))]) for F, C in points]
+        ranks = map(np.linalg.matrix_rank, observability)
         points = [(F, C) for (F, C), rank in zip(points, ranks, strict=True) if rank == len(F)] or points
     F, C = map(np.array, zip(*points, strict=True))
     return explicit_covariance.covariance_limits(
@@ -328,7 +328,8 @@ def covariance_limits(part: Riccati, tableau: Tableau, view: Literal["informatio
 
 @dataclass(frozen=True, eq=False)
 class Matrices:
-    """Phi (N, N), Gamma_0, Gamma_1 (N, p), Psi_0, Psi_1 (N, N) as SX of the places that `program` writes."""
+    """The matrices Phi (N, N), Gamma_0, Gamma_1 (N, p), Psi_0, Psi_1 (N, N) as SX of the places that `program`
+    writes."""
 
     program: Program
     Phi: Graph
@@ -355,7 +356,7 @@ class Realising:
     prediction = None
 
     def ode(self, part: Ode, clock: Clock) -> Pieces:
-        """A step of every field of the part at once.
+        """Return a step of every field of the part at once.
 
         Raises: `NoRealisation`.
         """
@@ -365,7 +366,8 @@ class Realising:
             raise NoRealisation(self.name, "this observer has none: take rk4")
         if clock.outputs > MOST:
             raise NoRealisation(self.name, f"for at most {MOST} outputs, each of which may be missing: take rk4")
-        updates = {seen: _update(self, part, clock, seen) for seen in product((False, True), repeat=clock.outputs)}
+        patterns = product((False, True), repeat=clock.outputs)
+        updates = {pattern: _update(self, part, clock, pattern) for pattern in patterns}
         names = [f"seen_{j + 1}" for j in range(clock.outputs)] if clock.outputs > 1 else ["seen"]
         flags = [Place("work", name) for name in names]
         named = Block("is there a sample?", {flag: clock.valid[j] > 0 for j, flag in enumerate(flags)})
@@ -378,71 +380,73 @@ class Realising:
         )
 
     def ode_lengths(self, part: Ode, observer: Observer, dt: float) -> Lengths:
-        """The step lengths of the nonlinear rest: the core sets no limit."""
+        """Return the step lengths of the nonlinear residual terms: the core sets no limit."""
         return lengths(part, observer, dt, self, Limit(INF, ""))
 
     def transition(self, core: np.ndarray, M: np.ndarray, h: float) -> np.ndarray:
-        """a = (Phi + Psi_0 J) e, e+ = a + Psi_1 J (a - e), J = M - core the rest's slope (k, N, N)."""
+        """Return the transition: a = (Phi + Psi_0 J) e, e+ = a + Psi_1 J (a - e), J = M - core the slope of the
+        residual (k, N, N)."""
         J, (Phi, Psi_0, Psi_1) = M - core, self.numbers(core, h)
         first = Phi + Psi_0 @ J
         return np.asarray(first + Psi_1 @ J @ (first - np.eye(len(core))))
 
     def refused(self, core: np.ndarray, M: np.ndarray) -> np.ndarray:
-        """The refused step lengths (k), by trying lengths in turn."""
+        """Return the refused step lengths (k), by trying lengths in turn."""
         return first_unstable(core, M, self)
 
     def riccati(self, part: Riccati, clock: Clock) -> Pieces:
-        """Refused. Raises: `NoRealisation`."""
+        """Refuse the observer. Raises: `NoRealisation`."""
         raise NoRealisation(self.name, "that of a Riccati observer moves with its covariance: take continuous_discrete")
 
     def riccati_lengths(self, part: Riccati, dt: float) -> Lengths:
-        """No lengths: `riccati` refuses the observer."""
+        """Return no lengths: `riccati` refuses the observer."""
         return Lengths()
 
     def obstacle(self, error: Inclusion) -> Reason:
-        """A core in which something varies, which is not realised."""
+        """Return the obstacle of a varying core, which is not realised, or `NONE`."""
         if any(slope.realised is None for slope in error.slopes):
             return because("the proof by {rule} is for a linear core that does not move", rule=self.name)
         return NONE
 
     def error_step(self, h: Fraction, e: Uncertain) -> Inequality:
-        """The core realised, and the residual terms by two stages."""
+        """Return the step of the realised core, and of the residual terms by two stages."""
         return realised(self.realisation, h, e)
 
-    def beside(self, plant: PlantStep, error: Inclusion, theta: Fraction) -> ErrorInput:
-        """The plant's own samples at both ends, its residual terms by two stages."""
+    def plant_deviation(self, plant: PlantStep, error: Inclusion, theta: Fraction) -> ErrorInput:
+        """Return the deviation of the plant's samples at both ends, with its residual terms by two stages."""
         return CoreDeviation(plant, error, theta).error_input(self.realisation, self.local_error)
 
 
 def _chosen(flags: list[Place], known: Pattern, updates: Mapping[Pattern, Pieces]) -> Program:
-    """The update for the samples that are there."""
+    """Return the update for the present samples, as nested conditions."""
     if not flags:
         return updates[known].predict
-    there, missing = (_chosen(flags[1:], (*known, value), updates) for value in (True, False))
-    return (When(flags[0], there, missing),)
+    present, missing = (_chosen(flags[1:], (*known, value), updates) for value in (True, False))
+    return (When(flags[0], present, missing),)
 
 
-def _update(method: Realising, part: Ode, clock: Clock, seen: Pattern) -> Pieces:
-    """The step for one pattern of samples: its matrices as derived values, how `tune` has them, what `predict` does."""
-    line = core(part, clock.outputs, tuple(map(float, seen)))
+def _update(method: Realising, part: Ode, clock: Clock, pattern: Pattern) -> Pieces:
+    """Return the step for one pattern of samples: its matrices as derived values, their computation in `tune`, and
+    `predict`."""
+    line = core(part, clock.outputs, tuple(map(float, pattern)))
     assert line is not None
-    (label, suffix), valid = _named(seen), ca.SX(ca.DM(list(map(float, seen))))
+    (label, suffix), valid = _named(pattern), ca.SX(ca.DM(list(map(float, pattern))))
 
-    def rest(x: Graph, c: float) -> Graph:
-        """The nonlinear rest r (N) of the fields' column (N) at an end of the step, 0 or 1."""
-        rates = part.rest(_split(part, x), clock.u(c), clock.y(c), valid)
+    def residual(x: Graph, c: float) -> Graph:
+        """Return the nonlinear residual r (N) for the column of the fields (N) at an end of the step, 0 or 1."""
+        rates = part.residual(_split(part, x), clock.u(c), clock.y(c), valid)
         return ca.densify(ca.vertcat(*(rates[field.name] for field in part.fields)))
 
-    start = rest(line.x, 0.0)
-    bent = [i for i in range(start.numel()) if not start[i].is_zero()]  # the rows that have a rest
+    start = residual(line.x, 0.0)
+    nonlinear_rows = [i for i in range(start.numel()) if not start[i].is_zero()]
     whole = method.matrices(line, clock.dt)
     matrices = {"Phi": whole.Phi, "Gamma_0": whole.Gamma_0, "Gamma_1": whole.Gamma_1}
-    matrices |= {"Psi_0": whole.Psi_0[:, bent], "Psi_1": whole.Psi_1[:, bent]}
+    matrices |= {"Psi_0": whole.Psi_0[:, nonlinear_rows], "Psi_1": whole.Psi_1[:, nonlinear_rows]}
     matrices = {name: ca.sparsify(matrix) for name, matrix in matrices.items()}
-    held = {name: _held(Place("derived", f"{name}{label}"), matrix) for name, matrix in matrices.items()}
-    guess = held["Phi"] @ line.x + held["Psi_0"] @ start[bent, :]
-    guess += held["Gamma_0"] @ _source(part, clock, 0.0) + held["Gamma_1"] @ _source(part, clock, 1.0)
-    after = guess + held["Psi_1"] @ (rest(guess, 1.0) - start)[bent, :]
+    used = {name: _stored(Place("derived", f"{name}{label}"), matrix) for name, matrix in matrices.items()}
+    guess = used["Phi"] @ line.x + used["Psi_0"] @ start[nonlinear_rows, :]
+    guess += used["Gamma_0"] @ _source(part, clock, 0.0) + used["Gamma_1"] @ _source(part, clock, 1.0)
+    after = guess + used["Psi_1"] @ (residual(guess, 1.0) - start)[nonlinear_rows, :]
     nonempty = {name: matrix for name, matrix in matrices.items() if matrix.nnz()}
     stored = {Place("derived", f"{name}{label}"): ca.vertcat(*matrix.nonzeros()) for name, matrix in nonempty.items()}
     step = Block(
@@ -461,37 +465,37 @@ def _update(method: Realising, part: Ode, clock: Clock, seen: Pattern) -> Pieces
 
 
 def _source(part: Ode, clock: Clock, c: float) -> Graph:
-    """The measurement without its offset, v (p), at an end of the step."""
+    """Return the measurement without its offset, v (p), at an end of the step."""
     return clock.y(c) if part.offset is None else clock.y(c) - part.offset(clock.u(c))
 
 
 def _split(part: Ode, x: Graph) -> dict[str, Graph]:
-    """The parts of a column (N) by the names of the fields."""
+    """Return the parts of a column (N) by the names of the fields."""
     ends = np.cumsum([0, *(field.size for field in part.fields)]).tolist()
     return dict(zip((field.name for field in part.fields), ca.vertsplit(x, ends), strict=True))
 
 
-def _held(place: Place, matrix: Graph) -> Graph:
-    """A sparse matrix whose elements lie in a place, by columns."""
+def _stored(place: Place, matrix: Graph) -> Graph:
+    """Return a sparse matrix whose elements are stored in a place, by columns."""
     return ca.SX(matrix.sparsity(), sym(*place, matrix.nnz())) if matrix.nnz() else ca.SX(*matrix.shape)
 
 
-def _named(seen: Pattern) -> tuple[str, str]:
-    """The endings of the names of values for these samples, and of a sentence on them."""
-    if all(seen):
+def _named(pattern: Pattern) -> tuple[str, str]:
+    """Return the suffix of names of values for this pattern of samples, and the end of a sentence about it."""
+    if all(pattern):
         return "", ""
-    there = ", ".join(str(j) for j, valid in enumerate(seen, 1) if valid)
-    if not there:
+    present = ", ".join(str(j) for j, valid in enumerate(pattern, 1) if valid)
+    if not present:
         return "_blind", ", without a sample"
-    return "_" + "".join("01"[valid] for valid in seen), f", with sample {there} only"
+    return "_" + "".join("01"[valid] for valid in pattern), f", with sample {present} only"
 
 
 # --- what methods compute their matrices with --------------------------------------------------------------
 
 
 def balanced(X: Graph) -> tuple[Program, int]:
-    """S^-1 X S of an SX matrix (N, N) in `work.core`, S in `work.scale`; and its size: an array of one element would be
-    no array in C, so that X of one element gets a row and a column of zeros."""
+    """Return the program for S^-1 X S of an SX matrix (N, N) in `work.core`, S in `work.scale`, and its size. C has no
+    arrays of one element here, so that a scalar X gets a row and a column of zeros."""
     size = max(2, X.shape[0])
     wide = ca.SX(size, size)
     wide[: X.shape[0], : X.shape[0]] = X
@@ -502,8 +506,8 @@ def balanced(X: Graph) -> tuple[Program, int]:
 
 
 def spread(place: Place, X: Graph, size: int) -> Graph:
-    """S F S^-1 (N, N) of a function F of S^-1 X S, which lies by rows in a place. By the structure of X some elements
-    of F are 0, and these are left out."""
+    """Return S F S^-1 (N, N) of a function F of S^-1 X S, which is stored by rows in a place. Elements of F that are 0
+    by the structure of X are left out."""
     n, scale, F = X.shape[0], sym("work", "scale", size), sym(*place, size**2)
     links = np.array(ca.DM(X.sparsity(), 1)) + np.eye(n)
     reached = np.linalg.matrix_power(links, n) > 0

@@ -1,4 +1,4 @@
-"""A model file: Python that holds `plant` and, where they apply, `step()`, `trial()` and `tuning`; or plain text."""
+"""A model file: Python that defines `plant` and, where they apply, `step()`, `trial()` and `tuning`; or plain text."""
 
 import linecache
 import sys
@@ -50,7 +50,7 @@ _PLAIN = {
 
 @dataclass(eq=False)
 class ModelFails(HgogenError):
-    """A model file, or a function in it, that raises."""
+    """A model file, or a function in it, that raises an error."""
 
     path: str
     line: int
@@ -61,7 +61,7 @@ class ModelFails(HgogenError):
 
 
 class MissingPart(BadArgument):
-    """A model file lacks what a command needs, or holds something else under its name."""
+    """A model file without a required part, or with a wrong value under its name."""
 
     text = "{what}: {reason}"
 
@@ -70,10 +70,10 @@ class MissingPart(BadArgument):
 class Model:
     """A loaded model file.
 
-    `module` holds its parts; `fixes` says, for a part that is missing, what the file should define; `default`: the
-    tuning that stands in the table `observer` of a plain-text model; `folds`: the texts of a plain-text model from
-    which SymPy folded something away; `setting`: what a user sets in the place of what the file says of its steps;
-    `tables`: tunings that a user gives, in the place of those of the same name, of which `take` is the step's own.
+    `module` has its parts; `fixes`: for a part that is missing, the definition to add; `default`: the name of the
+    tuning in the table `observer` of a plain-text model; `folds`: the texts of a plain-text model in which SymPy
+    removed a part; `setting`: the user's settings of steps, which replace those of the file; `tables`: the user's
+    tunings, which replace those of the same name; `take`: the name of the one that is the step's own.
     """
 
     name: str
@@ -87,32 +87,32 @@ class Model:
     take: str = ""
 
     def set(self, setting: Setting) -> "Model":
-        """The model with a form, a method or a period of its steps, tunings, or values of parameters, in the place of
-        what its file says, which is read again for these. Raises: `UnknownCase`; `BadFile`, `BadParameters`,
-        `BadValue`; `Misfit` for what is no setting."""
+        """Return the model with a form, a method or a period of its steps, tunings, or values of parameters, in place
+        of those in its file, which is read again for parameters. Raises: `UnknownCase`; `BadFile`, `BadParameters`,
+        `BadValue`; `Misfit` for a value that is no setting."""
         if not isinstance(setting, Setting):
             raise Misfit("set", setting, "a Setting, as of hgogen.modelfiles.setting")
         setting.demand()
         model = self if setting.parameters is None else self.valued(read_values(setting.parameters, self.plant))
-        own = (self.tables, self.take)
-        tables, take = own if setting.tuning is None else read_tunings(setting.tuning, self.plant)
+        unchanged = (self.tables, self.take)
+        tables, take = unchanged if setting.tuning is None else read_tunings(setting.tuning, self.plant)
         return replace(model, setting=setting, tables=tables, take=take)
 
     def valued(self, values: Mapping[str, float]) -> "Model":
-        """The model with other values of its plant's parameters, by name; its file is read again. Raises: `BadValue`;
-        `BadParameters` for what the file makes of the plant while it is read."""
+        """Return the model with other values of its plant's parameters, by name; its file is read again. Raises:
+        `BadValue`; `BadParameters` for parts of the file that depend on the plant while it is read."""
         fresh = load(self.path)
         names = vars(fresh.module)
         names.update(put(names, fresh.plant, values))
         return replace(fresh, setting=self.setting, tables=self.tables, take=self.take)
 
     def sampled(self, dt: float) -> "Model":
-        """The model at another period of its steps, its parameters as they are."""
+        """Return the model at another period of its steps, with its present parameters."""
         return self.set(replace(self.setting, dt=dt, parameters=None))
 
     @property
     def plain(self) -> bool:
-        """Whether it is plain text, and not Python."""
+        """Whether the file is plain text, and not Python."""
         return Path(self.path).suffix in READERS
 
     @property
@@ -135,7 +135,8 @@ class Model:
 
     @property
     def bounds(self) -> Bounds | None:
-        """The noise, disturbances and the like that the file declares; None without. Raises: `MissingPart`."""
+        """The bounds of noise, disturbances and the like that the file declares; None without. Raises:
+        `MissingPart`."""
         try:
             return bounds(self.module.bounds) if self.has("bounds") else None
         except NoBounds as error:
@@ -143,7 +144,7 @@ class Model:
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """The expressions that are read otherwise than written, on the declared box. Raises: `MissingPart`."""
+        """The notes on expressions whose reading differs from the text on the declared box. Raises: `MissingPart`."""
         around = box(self.plant.signals, self.plant.nominal) if self.folds else {}
         return tuple(str(note) for note in (fold.on(around) for fold in self.folds) if note)
 
@@ -154,7 +155,7 @@ class Model:
     @property
     def tuning(self) -> Tuning:
         """The observers that the file defines, by name; empty where it defines no `tuning`. Raises: `MissingPart`."""
-        default = "" if self.default in self.tables else self.default  # what a user gives is no table `observer`
+        default = "" if self.default in self.tables else self.default  # a user's table is not the table `observer`
         return Tuning(self.path, self.plant, self._tables, default, self.setting, lambda name: name not in self.tables)
 
     @property
@@ -172,10 +173,10 @@ class Model:
         start: Start | None = None,
         period: Callable[[], float] | None = None,
     ) -> CallableStep:
-        """The step of a tuning, or of an observer, by name, at its own period or at `dt` (s); by default what its
-        `step()` returns, else the step of the first tuning that has a period. `start` as in `Tuning.observer`, of a
-        tuning by name; `period` gives that of a tuning that has none, by default the period of the model's own step,
-        which is then built.
+        """Return the step of a tuning, or of an observer, by name, at its own period or at `dt` (s); by default the
+        result of its `step()`, else the step of the first tuning that has a period. `start` as in `Tuning.observer`,
+        for a tuning by name; `period` returns the period of a tuning that has none, by default the period of the
+        model's own step, which is then built.
 
         Raises: `MissingPart`, `ModelFails`, `BadModelFile`, `Refuted`.
         """
@@ -183,34 +184,34 @@ class Model:
             return self.setting.on(self._written_step())
         name = self._first if observer is None else observer
         tuning = self.tuned(name, dt)
-        own = period or (lambda: self._own_period)
-        return _guarded(self.path, lambda: tuning.step(name, own, dt, start))
+        default_period = period or (lambda: self._default_period)
+        return _guarded(self.path, lambda: tuning.step(name, default_period, dt, start))
 
     def tuned(self, name: str, dt: float | None = None) -> Tuning:
-        """Its observers with one of a name, which has its starting gains where the file says nothing of it: at the
-        period `dt`, else at that which is set, else at that of the model's own step. Raises: `MissingPart` for an
-        observer that there is not, or that no form of the plant admits."""
+        """Return its tunings with one for the observer `name`. An observer without a tuning gets starting gains: at the
+        period `dt`, else at the one in the setting, else at that of the model's own step. Raises: `MissingPart` for an
+        unknown observer, or one that no form of the plant admits."""
         tuning = self.tuning
         if name in tuning.tables:
             return tuning
         if name not in observers.__all__:
             raise MissingPart(self.path, self._untuned(name))
-        own = dt or self.setting.dt or (self._own_period if self.has("step") else None)
+        period = dt or self.setting.dt or (self._default_period if self.has("step") else None)
         rows = [of(self.setting.form, self.plant)] if self.setting.form else everywhere(self.plant)
-        one = first(name, rows, own)
+        one = first(name, rows, period)
         if isinstance(one, NoFirst):
             raise MissingPart(self.path, self._unstarted(name, one))
         return replace(tuning, tables={**tuning.tables, name: one.table()})
 
     @property
     def _first(self) -> str:
-        """The tuning that is the model's own step, empty if none is."""
+        """The tuning of the model's own step, empty if there is none."""
         timed = (name for name, table in self._tables.items() if isinstance(table, Mapping) and "dt" in table)
         return self.take or self.default or next(timed, "")
 
     @cached_property
-    def _own_period(self) -> float:
-        """The sampling period (s) of tunings that have none: one step is made for all of them."""
+    def _default_period(self) -> float:
+        """The sampling period (s) of tunings that have none, from one step for all of them."""
         if hasattr(self.module, "step"):
             return self._written_step().dt
         return self.tuning.period(self._first or next(iter(self.tuning.tables)))
@@ -220,12 +221,12 @@ class Model:
             return f"{self._untuned(name)}; it has no starting gains: {why.reason}"
         if why.too_long:
             return f"{name} with starting gains: {why.reason}"
-        asked = f" in the form {self.setting.form}" if self.setting.form else ""
-        return f"{name} does not take this plant{asked}: {why.reason}; `hgogen check {self.path}` names what does"
+        in_form = f" in the form {self.setting.form}" if self.setting.form else ""
+        return f"{name} does not take this plant{in_form}: {why.reason}; `hgogen check {self.path}` names what does"
 
     def _untuned(self, name: str) -> str:
-        there = ", ".join(self.tuning.tables)
-        known = f"it has tunings for {there}" if there else "it has no tuning"
+        tunings = ", ".join(self.tuning.tables)
+        known = f"it has tunings for {tunings}" if tunings else "it has no tuning"
         if name not in observers.__all__:
             listed = f"the observers are {', '.join(observers.__all__)}"
             fix = nearest(name, [*self.tuning.tables, *observers.__all__], listed)
@@ -236,14 +237,14 @@ class Model:
         return f"{known}, none for {name}; add {fix} (it also takes {besides})"
 
     def _written_step(self) -> CallableStep:
-        """Return what `step()` returns, without what is set of steps, which may be set for another observer."""
+        """Return the result of `step()`, without the setting, which may be for another observer."""
         step = self._called("step")
         if not isinstance(step, CallableStep):
             raise MissingPart(self.path, f"step() returns the type {type(step).__name__}; return hg.sample(...)")
         return step
 
     def trials(self) -> tuple[Trial, ...]:
-        """Return what its `trial()` returns, one trial or several. Raises: `MissingPart`, `ModelFails`."""
+        """Return the result of its `trial()`, one trial or several. Raises: `MissingPart`, `ModelFails`."""
         returned = self._called("trial")
         trials = (returned,) if isinstance(returned, Trial) else returned
         if not isinstance(trials, tuple | list) or not trials or not all(isinstance(t, Trial) for t in trials):
@@ -268,10 +269,10 @@ class Model:
 
 
 def load(path: str | Path) -> Model:
-    """The model at a path, or of a bare name in the folder `models` or, where nothing here is called so, among those
-    that come with hgogen.
+    """Return the model at a path, or of a bare name in the folder `models` or, where no file here has that name, among
+    those that come with hgogen.
 
-    What the file prints goes to the standard error stream; one that ends the process itself, by os._exit, ends it.
+    The file's prints go to the standard error stream. A file that ends the process by os._exit does end it.
 
     Raises: `NoModel`; `ModelFails` with file, line and error where Python cannot import it; `BadModelFile` for a name
     that cannot be part of a path, and with file, key and fix for plain text.
@@ -286,11 +287,11 @@ def load(path: str | Path) -> Model:
 
 def _plain(path: Path) -> Model:
     declared = read(path)
-    held = {name: getattr(declared, name) for name in ("plant", "known", "reference")}
-    held |= {name: value for name in ("dissipation", "bounds") if (value := getattr(declared, name))}
-    parts, default = SimpleNamespace(__doc__=declared.meaning, __name__=path.stem, **held), ""
+    contents = {name: getattr(declared, name) for name in ("plant", "known", "reference")}
+    contents |= {name: value for name in ("dissipation", "bounds") if (value := getattr(declared, name))}
+    parts, default = SimpleNamespace(__doc__=declared.meaning, __name__=path.stem, **contents), ""
     if declared.observer:
-        kind = declared.observer.get("kind")  # its observer's name is the table's, if that is free
+        kind = declared.observer.get("kind")  # the table has the name of its observer, if that is free
         default = kind if isinstance(kind, str) and kind not in declared.tuning else "observer"
     if declared.observer or declared.tuning:
         parts.tuning = {default: declared.observer} | dict(declared.tuning) if default else dict(declared.tuning)
@@ -320,8 +321,7 @@ _LOADERS: dict[str, Callable[[Path], Model]] = {PYTHON: _python, **dict.fromkeys
 
 
 def _guarded(path: str, function: Callable[[], Returned]) -> Returned:
-    """Runs `function`, code of the model file, and returns its value. Whatever it raises becomes a sentence with file
-    and line."""
+    """Return the value of `function`, code of the model file. Any error in it becomes a sentence with file and line."""
     try:
         with redirect_stdout(sys.stderr):
             return function()

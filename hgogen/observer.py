@@ -1,4 +1,4 @@
-"""An observer: the estimator's parts as CasADi graphs, with the form it stands on, its gains and its paper."""
+"""An observer: the estimator's parts as CasADi graphs, with its form, its gains and its paper."""
 
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
 from copy import deepcopy
@@ -25,12 +25,12 @@ from hgogen.system import System
 from hgogen.theorem import Theorem
 
 Initial = Mapping[str, float] | Callable[[Form], Mapping[str, float]]
-STARTS = ("initial", "start")  # the arguments of an observer that say where its estimate starts
+STARTS = ("initial", "start")  # the arguments of an observer with the start of its estimate
 _LAST = 32  # calls of each case whose observers are remembered
 
 
 def age_of(name: str) -> str:
-    """The name of the signal that tells how old a sample of an output is; two underscores are for C++."""
+    """Return the name of the signal with the age of an output's sample; two underscores are reserved by C++."""
     return f"{name.rstrip('_')}_age"
 
 
@@ -40,13 +40,13 @@ class Observer:
 
     `parts`: in the order in which they run; `gains`: tunable, at places `gain.NAME`; `z`: SX (n) of the form's state
     from places of the state, whose image under the form's `from_form` is the estimate; `traces`: scalar fields of the
-    state worth recording; `notices`: blocks that raise bits of the status at the end of a call; `claims`: what
-    proves its checks, the form's and the theorem's; `accepted`: ids of refuted checks the user took on; `theorem`: what
-    is claimed of it, under which hypotheses; `equations`: lines for the banner; `reference`: the paper; `practical`:
-    the error does not tend to 0, so that an estimate may stay outside the ranges of a state at their edge; `delays`: by
-    how many samples those of an output may come late, at most, for the outputs that do; `error`: of a constant
-    injection, the inclusion that its error obeys (`prove.inclusion`), or `Nothing`; `made`: the case of
-    `hg.observers` and the arguments that it was made by.
+    state for logs; `notices`: blocks that raise bits of the status at the end of a call; `claims`: a function that
+    proves its checks, those of the form and of the theorem; `accepted`: ids of refuted checks that the user accepts;
+    `theorem`: its conclusion and hypotheses; `equations`: lines for the banner; `reference`: the paper; `practical`:
+    the error does not tend to 0, so that an estimate may stay outside the ranges of a state at their edge; `delays`:
+    the largest number of samples by which an output may come late, for the outputs that do; `error`: for a constant
+    injection, the inclusion of its error (`prove.inclusion`), or `Nothing`; `construction`: the case of `hg.observers`
+    and its arguments.
     """
 
     form: Form
@@ -65,30 +65,32 @@ class Observer:
     notices: tuple[Block, ...] = ()
     delays: tuple[tuple[str, int], ...] = ()
     error: Any | None = None
-    made: "partial[Observer] | None" = None
+    construction: "partial[Observer] | None" = None
 
     def __post_init__(self) -> None:
-        """Make its checks by one call, for it and for copies of it."""
+        """Cache the checks, for the observer and for copies of it."""
         object.__setattr__(self, "claims", cache(partial(_claimed, self.claims)))
 
     @property
     def checks(self) -> tuple[Check, ...]:
-        """The form's and the theorem's, proved when they are first read: to prove may take longer than to build."""
+        """The checks of the form and of the theorem, proved when they are first read: a proof may take longer than
+        building."""
         return self.claims()
 
     @property
     def ages(self) -> tuple[Signal, ...]:
-        """The signal, for each output of `delays`, that tells with a sample how late it comes."""
+        """The signal, for each output of `delays`, that gives the age of a sample."""
         meaning = "periods ago in which {} was taken, a whole number"
         return tuple(
             Signal(age_of(name), "", meaning.format(name), nominal=0, low=0, high=most) for name, most in self.delays
         )
 
     def started(self, initial: Initial) -> "Observer":
-        """The observer, or one around the same member, made again to start at `initial`, the plant's state by name, or
-        at what it gives for its form.
+        """Return the observer, or one around the same member, rebuilt with the start `initial`: the plant's state by
+        name, or a function of the form that returns it.
 
-        Raises: `BadGain` for a start that its form does not take, or where it was not made by `hg.observers`.
+        Raises: `BadGain` for a start that its form does not accept, or for an observer that is not from
+        `hg.observers`.
         """
         make, base, gains = self._making
         if isinstance(base, Observer):
@@ -98,9 +100,9 @@ class Observer:
 
     @property
     def initial(self) -> dict[str, float]:
-        """The plant's state, by name, that its `initial` gives, or that of its member; empty without.
+        """The plant's state, by name, of the argument `initial`, or of the member's; empty without one.
 
-        Raises: `BadGain` where it was not made by `hg.observers`.
+        Raises: `BadGain` for an observer that is not from `hg.observers`.
         """
         _, base, gains = self._making
         if isinstance(base, Observer):
@@ -110,9 +112,9 @@ class Observer:
         return dict(initial if isinstance(initial, Mapping) else zip(names, initial, strict=True))
 
     def on(self, form: Callable[[System], Form]) -> "Observer":
-        """The observer, or one around the same member, made again on another form of its plant.
+        """Return the observer, or one around the same member, rebuilt on another form of its plant.
 
-        Raises: as the observer does of that form; `BadGain` where it was not made by `hg.observers`.
+        Raises: as the observer does for that form; `BadGain` for an observer that is not from `hg.observers`.
         """
         make, base, gains = self._making
         if isinstance(base, Observer):
@@ -120,10 +122,10 @@ class Observer:
         return make(form(without_rates(base.system.declared)), **gains)
 
     def clamping(self, clamped: bool) -> "Observer":
-        """The observer with its arguments clamped to their ranges, or with its equations as they are written; of that
-        nothing is claimed but what holds of the form.
+        """Return the observer with its arguments clamped to their ranges, or with its equations as they are written.
+        Without clamps it has no claims but those of the form.
 
-        Raises: `BadGain` where it was not made by `hg.observers`, or around a member.
+        Raises: `BadGain` for an observer that is not from `hg.observers`, or around a member.
         """
         make, base, gains = self._making
         if isinstance(base, Observer):
@@ -133,30 +135,31 @@ class Observer:
 
     @property
     def _making(self) -> "tuple[Callable[..., Observer], Any, dict[str, Any]]":
-        """The case that made the observer, the form or member that it was made on, and its other arguments.
+        """The case of the observer, its form or member, and its other arguments.
 
         Raises: `BadGain`.
         """
-        if self.made is None:
+        if self.construction is None:
             raise BadGain(self.name, "was not made by hg.observers, so that nobody knows how to make it again")
-        arguments = signature(self.made.func).bind(*self.made.args, **self.made.keywords).arguments
+        case, args, keywords = self.construction.func, self.construction.args, self.construction.keywords
+        arguments = signature(case).bind(*args, **keywords).arguments
         (_, base), *gains = arguments.items()
-        return remembered(self.made.func), base, dict(gains)
+        return remembered(case), base, dict(gains)
 
     def __repr__(self) -> str:
         return f"<{self.name} observer of {self.form.system.name} in {self.form.kind} form>"
 
     def __reduce__(self) -> tuple[Any, ...]:
-        """The call that made it, which makes it again: a pickle holds no graphs.
+        """Return the call that rebuilds the observer, since a pickle holds no graphs.
 
-        Raises: `BadGain` where it was not made by `hg.observers`.
+        Raises: `BadGain` for an observer that is not from `hg.observers`.
         """
-        if self.made is None:
+        if self.construction is None:
             raise BadGain(self.name, "was not made by hg.observers, so that nobody knows how to make it again")
-        return _again, (self.made.func, self.made.args, self.made.keywords, self.form.clamped)
+        return _again, (self.construction.func, self.construction.args, self.construction.keywords, self.form.clamped)
 
     def __copy__(self) -> "Observer":
-        """Itself, as nothing of it changes."""
+        """Return the observer itself, which is immutable."""
         return self
 
     def __deepcopy__(self, memo: Any) -> "Observer":
@@ -175,12 +178,12 @@ def _again(
     make: Callable[..., Observer], args: tuple[Any, ...], keywords: Mapping[str, Any], clamped: bool
 ) -> Observer:
     observer = remembered(make)(*args, **keywords)
-    return observer if clamped else observer.clamping(False)  # which claims less
+    return observer if clamped else observer.clamping(False)  # without the claims of the theorem
 
 
 def remembered(make: Callable[..., Observer]) -> Callable[..., Observer]:
-    """A case of `hg.observers` whose observers remember how they were made. The last ones are remembered too: the same
-    arguments on the same form give the same observer, of which nothing changes, nor do the arguments in its memory."""
+    """Return a case of `hg.observers` whose observers know their construction. The last observers are cached: equal
+    arguments on the same form give the same observer, which is immutable, as are the cached arguments."""
 
     def new(call: _Call) -> Observer:
         accepted = names("accept", call.keywords.get("accept", ()))
@@ -188,13 +191,13 @@ def remembered(make: Callable[..., Observer]) -> Callable[..., Observer]:
         keywords = {k: with_fallback(v, accepted) if isinstance(v, Form) else v for k, v in call.keywords.items()}
         with one_thread():
             observer = make(*args, **keywords)
-        return replace(observer, made=partial(make, *call.args, **call.keywords))
+        return replace(observer, construction=partial(make, *call.args, **call.keywords))
 
     last = lru_cache(maxsize=_LAST)(new)
 
     @wraps(make)
-    def made(*every: Any, **named: Any) -> Observer:
-        args, keywords = tuple(map(_as_now, every)), _as_now(named)
+    def make_cached(*every: Any, **named: Any) -> Observer:
+        args, keywords = tuple(map(_frozen, every)), _frozen(named)
         call = _Call((_comparable(args), _comparable(keywords)), args, keywords)
         try:
             hash(call)
@@ -202,26 +205,26 @@ def remembered(make: Callable[..., Observer]) -> Callable[..., Observer]:
             return new(call)
         return last(call)
 
-    return made
+    return make_cached
 
 
 @dataclass(frozen=True)
 class _Call:
-    """Arguments, which are equal where their numbers, names and forms are."""
+    """The arguments of a call, equal where their numbers, names and forms are equal."""
 
     comparable: Any
     args: tuple[Any, ...] = field(compare=False)
     keywords: Mapping[str, Any] = field(compare=False)
 
 
-def _as_now(value: Any) -> Any:
-    """An argument that stays as it is, whatever becomes of a list, an array or the like outside; an iterator's items,
-    which it gives once."""
+def _frozen(value: Any) -> Any:
+    """Return a copy of an argument that later changes of a list, an array or the like do not reach; an iterator's items
+    as a tuple."""
     match value:
         case Form():
             return value
         case Mapping():
-            return {name: _as_now(entry) for name, entry in value.items()}
+            return {name: _frozen(entry) for name, entry in value.items()}
         case Iterator():
             return tuple(value)
     try:
@@ -232,10 +235,11 @@ def _as_now(value: Any) -> Any:
 
 
 def _comparable(value: Any) -> Any:
-    """A key that equal arguments have in common; a number is not one of another type, and a form is itself alone."""
+    """Return a key that equal arguments share; numbers of different types differ, and a form is equal to itself
+    only."""
     match value:
         case Form():
-            return id(value)  # of a form that lives as long as the observer
+            return id(value)  # the form lives as long as the observer
         case Mapping():
             return "mapping", tuple((name, _comparable(entry)) for name, entry in value.items())
         case list() | tuple():
@@ -247,20 +251,21 @@ def _comparable(value: Any) -> Any:
     return value
 
 
-def founded(
+def demand_form(
     name: str,
     form: Any,
     accept: Iterable[str],
     *,
-    own: Iterable[ClaimId] = (),
-    takes: Callable[[str, Form], Any] | None = None,
+    deferred: Iterable[ClaimId] = (),
+    requires: Callable[[str, Form], Any] | None = None,
     linearises: bool = False,
 ) -> tuple[str, ...]:
-    """The ids of `accept`, after the demands of every observer: a form, and no refuted hypothesis that is not accepted.
+    """Return the ids of `accept`, after the demands of every observer: a form, and no refuted hypothesis that is not
+    accepted.
 
-    `own`: claims of the observer that can be refuted too, which are left to its own demand. `takes`: raises `BadGain`
-    for a form that the observer does not take, whatever is accepted: nothing is then offered for that. `linearises`:
-    whether it evaluates the Jacobian at the estimate, so that `evaluated` is demanded.
+    `deferred`: refutable claims of the observer, which it demands later; `requires`: a function that raises `BadGain`
+    for a form to which the observer does not apply, so that accepting a claim cannot help; `linearises`: whether it
+    evaluates the Jacobian at the estimate, so that `evaluated` is demanded.
 
     Raises: `BadGain`, `Refuted`, `UnknownCheck`.
     """
@@ -268,34 +273,35 @@ def founded(
         raise BadGain(name, f"takes a form, such as hg.forms.triangular(plant), not a {type(form).__name__}")
     accept = names("accept", accept)
     slopes = evaluated(form) if linearises or accept else ()
-    asked = replace(form, checks=(*form.checks, *slopes)) if linearises and slopes else form
-    unclamped = evaluated(replace(form, clamped=False)) if accept else ()  # what is asked of a step without guards
+    tested = replace(form, checks=(*form.checks, *slopes)) if linearises and slopes else form
+    unclamped = evaluated(replace(form, clamped=False)) if accept else ()  # the checks of a step without guards
     try:
-        demand(asked.checks, accept, asked, (*own, *(check.id for check in (*slopes, *unclamped))))
+        demand(tested.checks, accept, tested, (*deferred, *(check.id for check in (*slopes, *unclamped))))
     except Refuted as error:
-        raise replace(error, never=_never(name, form, takes, error.checks)) from None
+        raise replace(error, never=_never(name, form, requires, error.checks)) from None
     return accept
 
 
-def _never(name: str, form: Form, takes: Callable[[str, Form], Any] | None, reported: Collection[Check | None]) -> str:
-    """Why the observer does not take the form, whatever is accepted, in a sentence without the reason of a check that
-    is `reported` already; "" where it would."""
+def _never(name: str, form: Form, requires: Callable[[str, Form], Any] | None, known: Collection[Check | None]) -> str:
+    """Return a sentence why the observer does not apply to the form, whatever is accepted, without the reason of a
+    check that is `known` already; "" where it applies."""
     try:
-        if takes is not None:
-            takes(name, form)
+        if requires is not None:
+            requires(name, form)
     except BadGain as error:
-        return f"To accept it does not help: {replace(error, because=None) if error.because in reported else error}."
+        return f"To accept it does not help: {replace(error, because=None) if error.because in known else error}."
     return ""
 
 
 def state_field(form: Form, initial: Values | None, peak: float) -> Field:
-    """The field `z` (n) of an estimate in the form's coordinates.
+    """Return the field `z` (n) of an estimate in the form's coordinates.
 
     Its outer box is the declared one about its centre, half-width times peak^(i-1) (state i of a high-gain observer
-    overshoots like that; of several chains, the power of theta in Delta^-1), and at least three times the declared
-    one's. A state that `initial` does not name begins where it would without `initial`: at its nominal value, else at 0
-    or the end of its range nearest to it. By name `initial` may give inputs as well, at which the form's coordinates
-    are read in place of the resting ones: where they depend on inputs, the estimate is that state at those only.
+    overshoots by that factor; with several chains, the power of theta in Delta^-1), and at least three times the
+    declared one's. A state that `initial` does not name begins as without `initial`: at its nominal value, else at 0 or
+    the end of its range nearest to it. `initial` may also give inputs by name. The form's coordinates are then
+    evaluated at these inputs in place of the resting ones; where they depend on inputs, the estimate is that state for
+    these inputs only.
 
     Raises: `BadNames`; `BadGain` for an initial state of the wrong length, not finite, or outside its range.
     """
@@ -322,17 +328,17 @@ def state_field(form: Form, initial: Values | None, peak: float) -> Field:
 
 
 def _initial(form: Form, initial: Values | None) -> tuple[dict[Signal, float], dict[Signal, float]]:
-    """The initial values of the states of the form's system, from those of the plant as first declared, and of its
-    inputs. Raises: `BadNames`, `BadGain`."""
+    """Return the initial values of the states of the form's system, from those of the plant as first declared, and of
+    its inputs. Raises: `BadNames`, `BadGain`."""
     origin, inputs = form.system.origin, form.system.inputs
     states = form.system.declared.states
-    rest = {s.name: resting(s) for s in (*states, *inputs)}
+    defaults = {s.name: resting(s) for s in (*states, *inputs)}
     if initial is None or isinstance(initial, Mapping):
-        ordered = in_order("initial", initial or {}, tuple(rest), default=rest)
-        values = [real(f"initial {name}", value) for name, value in zip(rest, ordered, strict=True)]
+        ordered = in_order("initial", initial or {}, tuple(defaults), default=defaults)
+        values = [real(f"initial {name}", value) for name, value in zip(defaults, ordered, strict=True)]
     else:
         values = [*reals("initial", initial).reshape(-1), *map(resting, inputs)]
-    if len(values) != len(rest):
+    if len(values) != len(defaults):
         wanted = f"must have one number for each of {', '.join(names_of(states))}"
         raise BadGain(f"initial of length {len(values) - len(inputs)}", wanted)
     initial_values = dict(zip((*states, *inputs), map(float, values), strict=True))
@@ -344,12 +350,12 @@ def _initial(form: Form, initial: Values | None) -> tuple[dict[Signal, float], d
     if origin is None:
         return start, now
     numbers = start | form.system.nominal
-    moved = {s: float(e.subs(numbers)) for s, e in zip(form.system.states, origin.forward, strict=True)}
-    return moved, now
+    recast = {s: float(e.subs(numbers)) for s, e in zip(form.system.states, origin.forward, strict=True)}
+    return recast, now
 
 
 def gain(name: str, value: Iterable[float] | float, low: float, high: float, meaning: str, unit: str = "") -> Field:
-    """A tunable gain, scalar or array, with one range for all its elements, as the field of place `gain.NAME`.
+    """Return the field of place `gain.NAME` of a tunable gain, scalar or array, with one range for all its elements.
 
     Raises: `BadGain` for a value that is not finite or lies outside the range.
     """
@@ -362,7 +368,7 @@ def gain(name: str, value: Iterable[float] | float, low: float, high: float, mea
 
 
 def high_gain_parameter(theta: Any) -> Field:
-    """The gain `theta`, tunable from 1 to its declared value, at which alone step lengths are judged.
+    """Return the gain `theta`, tunable from 1 to its declared value, at which step lengths are judged.
 
     Raises: `BadGain` for theta < 1 or not finite.
     """
@@ -373,7 +379,8 @@ def high_gain_parameter(theta: Any) -> Field:
 
 
 def any_theta(theta: Any) -> Field:
-    """The gain `theta` > 0 of a constant injection, which may be below 1, then fixed; a paper's theorem begins at 1.
+    """Return the gain `theta` > 0 of a constant injection. It may be below 1, outside of the theorem, and is then
+    fixed.
 
     Raises: `BadGain`.
     """
@@ -382,7 +389,7 @@ def any_theta(theta: Any) -> Field:
 
 
 def parameter_fields(parameters: Iterable[Signal]) -> tuple[Field, ...]:
-    """The plant's parameters that have a range, as fields of places `plant.NAME`."""
+    """Return the plant's parameters that have a range, as fields of places `plant.NAME`."""
     return tuple(
         Field(s.name, (float(s.nominal or 0),), low=(low,), high=(high,), unit=s.unit, meaning=s.meaning)
         for s in parameters

@@ -1,6 +1,6 @@
-"""The parts of an observer as data: what memory a part has and what it does, in continuous time or at a sample.
+"""The parts of an observer as data: the memory of a part and its action, in continuous time or at a sample.
 
-Of the parts that are differential equations a method (`method.py`) makes statements. Places that every part may use:
+A method (`method.py`) turns the parts that are differential equations into statements. Every part may use these places:
 `state.u` the input at the last call, `work.u` the input now, `work.e` the innovation y_j - h_j(z, u) of the output
 under update.
 """
@@ -17,8 +17,8 @@ from hgogen.program import Bit, Field, Group, Program, Section, sym
 
 
 def on_line(c: float | Graph, last: Graph, now: Graph) -> Graph:
-    """A value on the line from `last` to `now`, at the fraction c of the step; the ends as they are, where c is a
-    number."""
+    """Return a value on the line from `last` to `now`, at the fraction c of the step; exactly an end for the numbers c
+    = 0 and 1."""
     if isinstance(c, ca.SX):
         return last + c * (now - last)
     return now if c == 1.0 else last if c == 0.0 else last + c * (now - last)
@@ -30,9 +30,9 @@ Prefer = Literal["speed", "flash"]
 
 @dataclass(frozen=True)
 class Clock:
-    """Sampling as a part sees it: the step length, what the input does between samples, how many inputs and outputs
-    there are, and every how many steps each output is sampled, where that is not at all of them; the `guards` of the
-    step; what a method is to `prefer` where it has a choice: "speed", or "flash", a short program."""
+    """The sampling of a step: the step length `dt`; `between`: the course of the input between samples; the numbers of
+    inputs and outputs; `every`: the number of steps between two samples of each output, empty where it is 1 for all;
+    the `guards` of the step; `prefer`: the choice of a method, "speed", or "flash" for a short program."""
 
     dt: float
     between: str
@@ -53,24 +53,25 @@ class Clock:
         return tuple(map(self.period, range(self.outputs)))
 
     def period(self, output: int) -> float:
-        """The time (s) between two samples of an output: dt, or `every` so many of them."""
+        """Return the time (s) between two samples of an output: dt, or `every` times dt."""
         return self.dt * self.every[output] if self.every else self.dt
 
     def u(self, c: float | Graph) -> Graph:
-        """The input (m) at the fraction c of the step: on the line from the last value to this one, or held."""
+        """Return the input (m) at the fraction c of the step: on the line from the last value to this one, or
+        constant."""
         return self.between_samples(c, sym("state", "u", self.inputs), sym("work", "u", self.inputs))
 
     def between_samples(self, c: float | Graph, last: Graph, now: Graph) -> Graph:
-        """The input (m) at the fraction c of a step between two samples of it."""
+        """Return the input (m) at the fraction c of a step between two samples."""
         return now if self.between == "hold" else on_line(c, last, now)
 
     def signals(self, c: float | Graph) -> dict[str, Graph]:
-        """The arguments of an equation at the fraction c of the step: the input, the measurement, its validity."""
+        """Return the arguments of an equation at the fraction c of the step: input, measurement, and its validity."""
         return {"u": self.u(c), "y": self.y(c), "valid": self.valid}
 
     @property
     def sizes(self) -> dict[str, int]:
-        """The sizes of these signals, but for constants."""
+        """The sizes of the signals that are not constant."""
         return {"u": self.inputs, "y": self.outputs} | ({"valid": self.outputs} if self.guarded else {})
 
     @property
@@ -84,18 +85,18 @@ class Clock:
         return sym("state", "u", self.inputs)
 
     def y(self, c: float | Graph) -> Graph:
-        """The measurement (p) at the fraction c of the step, on the line between two valid samples."""
+        """Return the measurement (p) at the fraction c of the step, on the line between two valid samples."""
         return on_line(c, sym("work", "y_last", self.outputs), sym("work", "y", self.outputs))
 
     @property
     def valid(self) -> Graph:
-        """1 for each output (p) whose sample can be used, else 0; without guards every one is used."""
+        """The validity (p) of each sample, 1 or 0; without guards every sample is used."""
         return sym("work", "valid", self.outputs) if self.guarded else ca.SX.ones(self.outputs)
 
     @property
     def sampled(self) -> Graph:
-        """Whether the last call had a sample of each output (p) that could be used, for the sections after `predict`
-        of a step that integrates with the measurement; without guards every one is used."""
+        """Whether the last call had a usable sample of each output (p), for the sections after `predict` of a step that
+        integrates with the measurement; without guards every sample is used."""
         return sym("state", "y_valid", self.outputs) > 0 if self.guarded else ca.SX.ones(self.outputs)
 
 
@@ -103,11 +104,11 @@ class Clock:
 class Pieces:
     """The contribution of a part to a step: memory, and statements for each section.
 
-    `update` has one program for each output, run when its sample is valid; `uses_output` says that `predict` reads
-    the measurement; `bits`: its own, or its words for the step's; `rule`: what carries the part out, where the method
-    leaves that to another; `choice`: of two programs, which one was taken, and why; `inner`: sections that they call;
-    `covariance`: P (n, n) of the estimate as an SX of its fields, where it has one; `project`: what puts the estimates
-    of members onto their ranges.
+    `update` has one program for each output, run when its sample is valid; `uses_output`: whether `predict` reads the
+    measurement; `bits`: bits of the part, or its words for the step's; `rule`: the method that integrates the part,
+    where it is another one; `choice`: the program that was selected among two, and why; `inner`: sections that they
+    call; `covariance`: P (n, n) of the estimate as an SX of its fields, if it has one; `project`: statements that
+    project the estimates of members onto their ranges.
     """
 
     fields: tuple[Field, ...] = ()
@@ -127,23 +128,22 @@ class Pieces:
 
 
 class Part:
-    """A piece of an observer: data, of which `stepping.discretise.pieces` makes memory and statements."""
+    """A piece of an observer as data; `stepping.discretise.pieces` converts it to memory and statements."""
 
 
 @dataclass(frozen=True, eq=False)
 class Ode(Part):
-    """Any continuous estimator: field' = linear(values, y - offset(u), valid) + rest(values, u, y, valid), by field
+    """Any continuous estimator: field' = linear(values, y - offset(u), valid) + residual(values, u, y, valid), by field
     name, of u (m), y (p), valid (p).
 
     `linear`: the terms linear in the fields and the measurement with coefficients free of states and inputs, the error
-    core; None where there is none. `frozen`: fields that those coefficients may hold, such as a gain that adapts, each
-    with the values at which the core is the fastest. `core`: the error core as numbers, of an estimator that has one in
-    other coordinates only, or (k, n, n) where it moves with the input. An invalid output must leave no trace in the
-    right-hand side.
+    core; None without one. `frozen`: fields in those coefficients, such as a gain that adapts, each with the values at
+    which the core is the fastest. `core`: the error core as numbers, for an estimator that has one in other coordinates
+    only, or (k, n, n) where it varies with the input. An invalid output must have no effect on the right-hand side.
     """
 
     fields: tuple[Field, ...]
-    rest: Callable[[Mapping[str, Graph], Graph, Graph, Graph], Mapping[str, Graph]]
+    residual: Callable[[Mapping[str, Graph], Graph, Graph, Graph], Mapping[str, Graph]]
     linear: Callable[[Mapping[str, Graph], Graph, Graph], Mapping[str, Graph]] | None = None
     offset: Callable[[Graph], Graph] | None = None
     frozen: Mapping[str, tuple[float, ...]] = field(default_factory=dict)
@@ -152,18 +152,18 @@ class Ode(Part):
     core: np.ndarray | None = None
 
     def rhs(self, values: Mapping[str, Graph], u: Graph, y: Graph, valid: Graph) -> dict[str, Graph]:
-        """The whole right-hand side."""
-        rest = dict(self.rest(values, u, y, valid))
+        """Return the whole right-hand side."""
+        residual = dict(self.residual(values, u, y, valid))
         if self.linear is None:
-            return rest
+            return residual
         lines = self.linear(values, y if self.offset is None else y - self.offset(u), valid)
-        return {name: lines[name] + rest[name] if name in lines else rest[name] for name in rest}
+        return {name: lines[name] + residual[name] if name in lines else residual[name] for name in residual}
 
 
 @dataclass(frozen=True, eq=False)
 class Jump(Part):
-    """An exact map per sample: its fields and the statements of `tune` and `adapt`; `flow`: the rates, SX by field
-    name, of the differential equation that it solves, if it solves one."""
+    """An exact map per sample: its fields and the statements of `tune` and `adapt`. `flow`: the rates, SX by field
+    name, of the differential equation that it solves, if there is one."""
 
     build: Callable[[Clock], Pieces]
     flow: Mapping[str, Graph] = field(default_factory=dict)

@@ -1,14 +1,14 @@
-"""The program of a step: straight-line blocks, loops over member structs, and whens.
+"""The program of a step: straight-line blocks, loops over member structs, and conditions.
 
-Every reader (Python's machine, the C printer, the operation counter) walks this one program. Memory is named by
-places, of a struct and a field in it:
+Every reader (Python's machine, the C printer, the operation counter) walks this one program. Memory is named by places,
+a struct and a field of it:
 
-    input, output     what a call is given            plant, gain, derived   parameters; derived by `tune`
-    state             what the step remembers         <group>                a member of an array of structs
-    estimate          what a call returns             work, status           values and flags of one section
+    input, output     arguments of a call             plant, gain, derived   parameters; derived by `tune`
+    state             memory between calls            <group>                a member of an array of structs
+    estimate          results of a call               work, status           values and flags of one section
     argument          a counter given to one section
 
-An expression is an SX graph over the symbols of `sym`, so a block knows what it reads.
+An expression is an SX graph over the symbols of `sym`, so that a block knows its inputs.
 """
 
 # Takes apart: the name of a symbol, which can carry nothing else.
@@ -36,7 +36,7 @@ class Place(NamedTuple):
 
 
 def sym(struct: str, name: str, size: int = 1) -> Graph:
-    """The SX column (size) that stands for a place, empty for size 0; the same symbols for the same arguments."""
+    """Return the SX column (size) of a place, empty for size 0; equal arguments give the same symbols."""
     return _column(Place(struct, name), size)
 
 
@@ -46,13 +46,13 @@ def _column(place: Place, size: int) -> Graph:
 
 
 def address(symbol: Graph) -> tuple[Place, int, int]:
-    """(place, index, size) of one scalar symbol that `sym` made, which can carry them in its name only."""
+    """Return (place, index, size) of one scalar symbol of `sym`, whose name contains them."""
     struct, name, index, size = symbol.name().split(":")
     return Place(struct, name), int(index), int(size)
 
 
 def column(values: Iterable[Graph]) -> Graph:
-    """SX column of scalars; an empty one for none."""
+    """Return the SX column of scalars, empty for none."""
     values = list(values)
     if len(values) == 1:
         return sx(values[0])
@@ -63,11 +63,11 @@ def column(values: Iterable[Graph]) -> Graph:
 class Field:
     """A named array of a step's memory; with one element, a scalar in the emitted code.
 
-    `kind`: `real`, or `index` for a counter; `initial`: its values after a reset; `low`, `high`: the box that the
-    step keeps it in; `outer`: whether that is the outer box of the estimate, whose touching suspends the theorem;
-    `lasting`: whether it outlives a restart from the sample, as what was learned of the plant, not of its state;
-    `labels`: what its elements are called in reports and in the emitted code; `entries`: row and column of
-    each, of a matrix's triangle.
+    `kind`: `real`, or `index` for a counter; `initial`: its values after a reset; `low`, `high`: the box to which the
+    step clamps it; `outer`: whether that is the outer box of the estimate, outside of which the theorem is suspended;
+    `lasting`: whether it survives a restart from the sample, as knowledge of the plant and not of its state; `labels`:
+    the names of its elements in reports and in the emitted code; `entries`: row and column of each, for a triangle of a
+    matrix.
     """
 
     name: str
@@ -93,12 +93,12 @@ class Field:
         return tuple(zip(self.low or (-INF,) * self.size, self.high or (INF,) * self.size, strict=True))
 
     def box_within(self, limit: float) -> tuple[tuple[float, float], ...]:
-        """The box, no end of which is beyond +-limit."""
+        """Return the box, cut at +-limit."""
         return tuple((max(low, -limit), min(high, limit)) for low, high in self.box)
 
 
 def scalar(name: str, initial: float, **data: Any) -> Field:
-    """A field of one element."""
+    """Return a field of one element."""
     low, high = data.pop("low", -INF), data.pop("high", INF)
     return Field(name, (float(initial),), low=(low,), high=(high,), **data)
 
@@ -115,7 +115,7 @@ class Group:
 
 
 def lines_of(groups: Iterable[Group], above: tuple[Group, ...] = ()) -> Iterator[tuple[Group, ...]]:
-    """Every group with those that it lies in, the outermost first; a group comes after the groups in it."""
+    """Yield the path to every group, the outermost first; a group follows its inner groups."""
     for group in groups:
         yield from lines_of(group.groups, (*above, group))
         yield (*above, group)
@@ -123,10 +123,10 @@ def lines_of(groups: Iterable[Group], above: tuple[Group, ...] = ()) -> Iterator
 
 @dataclass(frozen=True)
 class Bit:
-    """A bit of the status: its name for callers of every language, what it says, what it asks of the caller, which
-    `Step.asked` completes.
+    """A bit of the status: its name for callers of every language, its meaning, and the action of the caller, which
+    `Step.action_of` completes.
 
-    `raised`: the name of its place, which a block writes to, where that is another.
+    `raised`: the name of its place, which a block writes to, if it differs.
     """
 
     name: str
@@ -136,14 +136,14 @@ class Bit:
 
     @property
     def place(self) -> Place:
-        """The place of the status that raises it."""
+        """The place of the status that raises the bit."""
         return Place("status", self.raised or self.name)
 
 
 def in_capitals(bits: Iterable[Bit]) -> tuple[Bit, ...]:
-    """The bits with names in capitals, as constants have them.
+    """Return the bits with names in capitals, as constants have them.
 
-    One whose place has such a name keeps it; another that would be called as one before it has a number.
+    A name that has capitals already stays; a repeated name gets a number.
     """
     bits = tuple(bits)
     names = {bit.place.name: bit.place.name for bit in bits if bit.place.name.isupper()}
@@ -157,8 +157,8 @@ def in_capitals(bits: Iterable[Bit]) -> tuple[Bit, ...]:
 
 @dataclass(frozen=True)
 class Limit:
-    """A number that is kept in its range: element `index` of the place, whose size it names, `low` and `high`, and
-    the `nominal` value that it takes where it is not a number."""
+    """A clamped number: element `index` of the place (`size`), its ends `low` and `high`, and the `nominal` value in
+    the place of a value that is not a number."""
 
     place: Place
     index: int
@@ -172,8 +172,8 @@ Sized = tuple[tuple[Place, int], ...]  # places with their sizes
 
 
 class _Statement:
-    """The interface of every statement; the names of its members that are a place it reads, one it writes, a program in
-    it."""
+    """The interface of every statement, with the names of its members: places that it reads, places that it writes, and
+    programs in it."""
 
     _read: tuple[str, ...] = ()
     _write: tuple[str, ...] = ()
@@ -181,17 +181,17 @@ class _Statement:
 
     @property
     def reads(self) -> Sized:
-        """The places, with their sizes, whose values it needs itself."""
+        """The places, with their sizes, whose values the statement itself needs."""
         return self._scalars(self._read)
 
     @property
     def written(self) -> Sized:
-        """The places, with their sizes, that it writes itself."""
+        """The places, with their sizes, that the statement itself writes."""
         return self._scalars(self._write)
 
     @property
     def bodies(self) -> dict[str, "Program"]:
-        """The programs in it."""
+        """The programs in the statement."""
         return {name: getattr(self, name) for name in self._inner}
 
     def _scalars(self, names: Iterable[str]) -> Sized:
@@ -203,10 +203,10 @@ class Block(_Statement):
     """Straight-line code: every right-hand side is evaluated before anything is written.
 
     `writes`: place to SX column; a write to a place of `status` raises the bit of its name when the value is not 0.
-    `names`: values worth a name of their own in the emitted code. `limits`: where all that the block does is to keep
-    numbers in their ranges, those, for who writes them as rows of a table. `part`: the name of what begins with it, of
-    which the emitted code may make a function where it stands in several places, or in a function that is too long.
-    `spelled`: whether it is written out, where it runs too often for loops in it. `notes`: what is said of it.
+    `names`: values with a name of their own in the emitted code. `limits`: the clamped numbers of a block that only
+    clamps, for a printer of tables. `part`: the name of the part that begins with it, which may become a function in
+    the emitted code where it occurs several times, or in a function that is too long. `spelled`: whether it is printed
+    without loops, because it runs too often. `notes`: comments.
     """
 
     title: str
@@ -231,7 +231,7 @@ class Block(_Statement):
 
     @cached_property
     def copies(self) -> Mapping[Place, frozenset[Place]]:
-        """The places that the elements of a place are copied from, for each place that only copies."""
+        """The source places of each place whose elements are all copies."""
         elements = {place: dense(sx(value)).nonzeros() for place, value in self.writes.items()}
         return {
             place: frozenset(address(one)[0] for one in each)
@@ -241,7 +241,7 @@ class Block(_Statement):
 
     @cached_property
     def graph(self) -> ca.Function:
-        """SX function from the places read to the places written, then the named values."""
+        """The SX function from the places read to the places written, then the named values."""
         inputs = [sym(*place, size) for place, size in self.reads]
         values = [dense(value) for value in (*self.writes.values(), *self.names.values())]
         return ca.Function("block", inputs, values, {"cse": True})
@@ -251,8 +251,8 @@ class Block(_Statement):
 class Loop(_Statement):
     """Run `body` for members `start`, `start` + 1, ... of `group`, `count` of them, wrapping round.
 
-    `start` and `active` name index places: the first member (0 if none), and how many of `count` are wanted; `index`
-    is one that takes each member's number.
+    `start` and `active` name index places: the first member (0 if none), and the number of wanted members (`count` if
+    none); `index` is a place that receives each member's number.
     """
 
     group: str
@@ -269,8 +269,9 @@ class Loop(_Statement):
 class When(_Statement):
     """Run `body` if the scalar `flag` is not 0, else `otherwise`.
 
-    `idle`: where it is 0 the body changes nothing, and is left out for its cost alone; so a proof may take it to run in
-    any case. `part`: the name of the body, of which the emitted code may make a function.
+    `idle`: whether the body would change nothing where the flag is 0, and is skipped for its cost alone; a proof may
+    then assume that it runs in any case. `part`: the name of the body, of which the emitted code may make a
+    function.
     """
 
     flag: Place
@@ -284,7 +285,7 @@ class When(_Statement):
 
 @dataclass(frozen=True, eq=False)
 class Repeat(_Statement):
-    """Run `body` once for each row of numbers, which the places of `given`, scalars of work, take in turn."""
+    """Run `body` once for each row of numbers, assigned to the places of `given`, scalars of work."""
 
     given: Mapping[Place, tuple[float, ...]]
     body: tuple["Statement", ...]
@@ -293,7 +294,7 @@ class Repeat(_Statement):
 
     @property
     def written(self) -> Sized:
-        """The places that take its numbers."""
+        """The places of the numbers."""
         return tuple((place, 1) for place in self.given)
 
     @cached_property
@@ -311,7 +312,7 @@ class Repeat(_Statement):
 
 @dataclass(frozen=True, eq=False)
 class Copy(_Statement):
-    """Member number `target` of `group`, all of it, becomes what member number `source` is; both name index places."""
+    """Copy member number `source` of `group` to member number `target`; both name index places."""
 
     group: str
     source: Place
@@ -324,8 +325,8 @@ class Copy(_Statement):
 class Kernel(_Statement):
     """A matrix operation too large to unroll: `name` of `discretisation.kernels`, on places in its argument order.
 
-    The first is a group's field of columns, None for a kernel that has none, the others arrays, or numbers that are
-    only read, and after them `counts` that are compiled in; `result` is the flag that takes what the kernel returns.
+    `columns`: a group's field of columns, None for a kernel without one; `arguments`: arrays, or numbers that are only
+    read; `counts`: constants after them; `result`: the flag that receives the kernel's result.
     """
 
     name: str
@@ -337,18 +338,18 @@ class Kernel(_Statement):
 
     @property
     def reads(self) -> Sized:
-        """Its arguments."""
+        """The arguments."""
         return self.arguments
 
     @property
     def written(self) -> Sized:
-        """Its arguments, any of which it may change, and what takes its result."""
+        """The arguments, any of which the kernel may change, and the place of its result."""
         return self.arguments + (((self.result, 1),) if self.result else ())
 
 
 @dataclass(frozen=True, eq=False)
 class Call(_Statement):
-    """Run a section of the same step, whose work values are its own."""
+    """Run a section of the same step, with its own work values."""
 
     section: "Section"
 
@@ -359,7 +360,8 @@ Program = tuple[Statement, ...]
 
 @dataclass(frozen=True, eq=False)
 class Section:
-    """A program that firmware can call by itself; a step is its sections in order. `corrects`: with which output."""
+    """A program that firmware can call by itself; a step is its sections in order. `corrects`: the output that corrects
+    the estimate."""
 
     name: str
     meaning: str
@@ -368,7 +370,7 @@ class Section:
 
 
 def walk(program: Sequence[Statement]) -> Iterator[Statement]:
-    """Every statement, outer ones first."""
+    """Yield every statement, outer ones first."""
     pending = list(reversed(program))
     while pending:
         yield (statement := pending.pop())
@@ -377,28 +379,29 @@ def walk(program: Sequence[Statement]) -> Iterator[Statement]:
 
 
 def blocks(program: Sequence[Statement]) -> Iterator[Block]:
-    """Every block, also of the programs within."""
+    """Yield every block, also of the programs within."""
     return (statement for statement in walk(program) if isinstance(statement, Block))
 
 
 def places(program: Sequence[Statement]) -> set[tuple[Place, int]]:
-    """Every (place, size) that a program reads or writes, but for sections that it calls."""
+    """Return every (place, size) that a program reads or writes, without the sections that it calls."""
     return {each for statement in walk(program) for each in (*statement.reads, *statement.written)}
 
 
 def read(program: Sequence[Statement]) -> set[Place]:
-    """Every place whose value some statement needs."""
+    """Return every place whose value some statement needs."""
     return {place for statement in walk(program) for place, _ in statement.reads}
 
 
 def dangling(program: Sequence[Statement]) -> set[Place]:
-    """Work places that the program reads but never writes: another section's would not be there in the emitted code."""
+    """Return the work places that the program reads but never writes: another section's values do not exist in the
+    emitted code."""
     written = {place for statement in walk(program) for place, _ in statement.written}
     return {place for place in read(program) if place.struct == "work"} - written
 
 
 def pruned(program: Sequence[Statement]) -> Program:
-    """The program without work values that nothing reads."""
+    """Return the program without work values that no statement reads."""
     needed = read(program)
 
     def below(statements: Sequence[Statement]) -> Program:
@@ -417,7 +420,7 @@ def pruned(program: Sequence[Statement]) -> Program:
 
 
 def within(statement: Statement, change: Callable[[Program], Program]) -> Statement:
-    """The statement with other programs in it."""
+    """Return the statement with each program in it replaced by `change` of it."""
     bodies: dict[str, Any] = {name: change(body) for name, body in statement.bodies.items()}
     return replace(statement, **bodies)
 
@@ -426,9 +429,10 @@ T = TypeVar("T")
 
 
 class Reader(Generic[T]):
-    """A fold over programs: what a reader makes of each statement, by its method of that kind, joined in their order.
+    """A fold over programs: a method for each kind of statement returns its result, and `joined` combines results in
+    order.
 
-    `known`: what the statements around it tell a statement. A `Repeat` is read without its loop, unless a reader has a
+    `known`: information from the enclosing statements. A `Repeat` is read without its loop, unless a reader has a
     method for it.
     """
 

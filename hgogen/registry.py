@@ -1,6 +1,6 @@
-"""The folder is the registry: every file of a plural folder is a case and has one public name, its own.
+"""The registry of cases: every file of a plural folder is a case and has one public name, its own.
 
-What is installed beside them: libraries that few need, else a sentence that says how to install them; the version.
+Optional libraries are imported here too, with a sentence that says how to install them, and the version is read.
 """
 
 import ast
@@ -32,8 +32,8 @@ def load(package: str) -> dict[str, Any]:
     """Import every module of the package, in alphabetical order; return {case name: its public object}.
 
     Loading is eager because importing a module later would bind the package's attribute to the module in place of the
-    case. That hides the file's docstring too: a function's own follows it, so that help() shows equations and reference
-    before the arguments, and a value has it in the place of its class's.
+    case. That hides the file's docstring too. Therefore a function's docstring follows it, so that help() shows
+    equations and reference before the arguments, and a value has it in place of its class's docstring.
 
     Raises: `NoCase`.
     """
@@ -44,10 +44,10 @@ def load(package: str) -> dict[str, Any]:
             raise NoCase(module.__name__, name)
         case = loaded[name] = vars(module)[name]
         if isfunction(case) and case.__doc__ and module.__doc__:
-            file, own = cleandoc(module.__doc__), cleandoc(case.__doc__)
-            case.__doc__ = own if own.startswith(file) else f"{file}\n\n{own}"  # once
+            file, docstring = cleandoc(module.__doc__), cleandoc(case.__doc__)
+            case.__doc__ = docstring if docstring.startswith(file) else f"{file}\n\n{docstring}"  # once
         elif is_dataclass(case) and not isinstance(case, type):
-            object.__setattr__(case, "__doc__", module.__doc__)  # help() shows a value's own, else all of its class
+            object.__setattr__(case, "__doc__", module.__doc__)  # help() shows it in place of the class
     return loaded
 
 
@@ -55,8 +55,8 @@ Names = tuple[list[str], Callable[[], list[str]], Callable[[str], Any]]
 
 
 def cases_of(package: str, prepared: Callable[[Any], Any] = lambda case: case) -> Names:
-    """Bind the cases of a folder, each as it is `prepared`, to the names of its package; return what its `__init__`
-    calls `__all__`, `__dir__` and `__getattr__`, of which the last tells a type checker that there are such names.
+    """Bind the cases of a folder, each after `prepared`, to the names of its package. Return its `__all__`, `__dir__`
+    and `__getattr__`; the last declares the names to a type checker.
 
     Raises: `NoCase`.
     """
@@ -71,12 +71,12 @@ def cases_of(package: str, prepared: Callable[[Any], Any] = lambda case: case) -
 
 
 def cases(folder: str) -> list[str]:
-    """The names of the cases of a folder of the package, such as "forms", none of which is imported."""
+    """Return the names of the cases of a folder of the package, such as "forms", without importing them."""
     return sorted(info.name for info in iter_modules([str(PACKAGE / folder)]))
 
 
 def summary(folder: str, name: str) -> str:
-    """The summary of a case: the first line of its file's docstring; nothing of it is run."""
+    """Return the summary of a case, the first line of its file's docstring, without running the file."""
     tree = ast.parse((PACKAGE / folder / f"{name}.py").read_text(encoding="utf-8"))
     return (ast.get_docstring(tree) or "").partition("\n")[0].strip()
 
@@ -86,7 +86,7 @@ def summary(folder: str, name: str) -> str:
 
 @dataclass(eq=False)
 class NotInstalled(HgogenError):
-    """A library that is not installed, what it is needed for, and the extra of hgogen that brings it."""
+    """A library that is not installed, its purpose, and the extra of hgogen that contains it."""
 
     what: str
     library: str
@@ -95,7 +95,7 @@ class NotInstalled(HgogenError):
 
 
 def library(name: str, what: str, extra: str = "logs") -> Any:
-    """The module of that name. Raises: `NotInstalled`, of `what` needs it."""
+    """Return the module of that name, which `what` needs. Raises: `NotInstalled`."""
     try:
         return import_module(name)
     except ImportError:
@@ -104,5 +104,5 @@ def library(name: str, what: str, extra: str = "logs") -> Any:
 
 @cache
 def version() -> str:
-    """The version of pyproject.toml, as it was installed."""
+    """Return the version of pyproject.toml, as it was installed."""
     return metadata.version("hgogen")

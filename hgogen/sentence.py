@@ -5,13 +5,13 @@ A sentence is a constant pattern, which is the kind of sentence, and the values 
     because("|det| >= {margin} on the box, {how}", margin=Down(sign.margin), how=sign.reason)
 
 A value is a number, exact or float, `Down` or `Up` where it is a bound that is printed on the safe side, an expression,
-a name, another sentence, or several of one of these. The text is made where it is printed, so that no code reads a
-number off it.
+a name, another sentence, or several of one of these. The text is formatted only for printing, so that no code parses a
+number.
 
-A bound that is printed as proved is rounded to the safe side (`up`, `down`), a gain reads back as it is (`same`).
+A proved bound is rounded to the safe side (`up`, `down`); the text of a gain reads back as the same number (`same`).
 
-A result is a dataclass. Its keys in JSON are its fields, or those that its `json_keys` list; what a key means stands
-behind the type of the field, `dt: Annotated[float, "sampling period"]`, or in the docstring of the property.
+A result is a dataclass. Its keys in JSON are its fields, or those that its `json_keys` list; the meaning
+of a key is in the type of the field, `dt: Annotated[float, "sampling period"]`, or in the docstring of the property.
 """
 
 import math
@@ -27,8 +27,8 @@ MOST = 17  # digits in which any two floats differ
 
 
 def up(value: float | Fraction, digits: int = 4, below: float | Fraction = math.inf) -> str:
-    """The least number of so many significant digits that is not below the value; of a value that is `below` another,
-    of as many more as keep it there, up to `MOST`."""
+    """Return the least number of so many significant digits that is not below the value. A value that is `below`
+    another has as many more digits as its text needs to stay below, up to `MOST`."""
     while True:
         text = _rounded(value, digits, ROUND_CEILING)
         if digits >= MOST or not value < below or Decimal(text) < Decimal(same(float(below))):
@@ -37,19 +37,20 @@ def up(value: float | Fraction, digits: int = 4, below: float | Fraction = math.
 
 
 def down(value: float | Fraction, digits: int = 4) -> str:
-    """The largest number of so many significant digits that is not above the value."""
+    """Return the largest number of so many significant digits that is not above the value."""
     return _rounded(value, digits, ROUND_FLOOR)
 
 
 def same(value: float) -> str:
-    """A float as text that reads back as the same: in six digits where they do, else in as many as it takes."""
-    short = f"{value:g}"
-    return short if float(short) == value else repr(float(value))
+    """Return a float as text that reads back as the same float: in six digits if they suffice, else in as many as
+    needed."""
+    six_digits = f"{value:g}"
+    return six_digits if float(six_digits) == value else repr(float(value))
 
 
 @dataclass(frozen=True)
 class Up:
-    """A number that `up` writes."""
+    """A number that is printed by `up`."""
 
     value: float | Fraction
     digits: int = 4
@@ -62,7 +63,7 @@ class Up:
 
 @dataclass(frozen=True)
 class Down:
-    """A number that `down` writes."""
+    """A number that is printed by `down`."""
 
     value: float | Fraction
     digits: int = 4
@@ -83,8 +84,8 @@ def _rounded(value: float | Fraction, digits: int, rounding: str) -> str:
 
 @dataclass(frozen=True)
 class Sentence:
-    """A `pattern`, as of `str.format`, and its `values` by name. Of several values the pattern says, in the place of a
-    format, what stands between them: {conditions: and }; by default a comma. Without a pattern it is false."""
+    """A `pattern`, as of `str.format`, and its `values` by name. For several values the format in the pattern is their
+    separator: {conditions: and }; by default a comma. A sentence without a pattern is false."""
 
     json_keys: ClassVar[None] = None
     pattern: str
@@ -92,11 +93,11 @@ class Sentence:
 
     @classmethod
     def of(cls, pattern: str, /, **values: Any) -> Self:
-        """The sentence with that pattern, a constant, and the values that it names."""
+        """Return the sentence with that pattern, a constant, and its values by name."""
         return cls(pattern, tuple((name, _frozen(value)) for name, value in values.items()))
 
     def part(self, name: str) -> Any:
-        """The value of that name."""
+        """Return the value of that name."""
         return dict(self.values)[name]
 
     def __bool__(self) -> bool:
@@ -106,7 +107,7 @@ class Sentence:
         return self.written(plain)
 
     def written(self, text: Callable[[Any], str]) -> str:
-        """The sentence as text, each number, name and expression in it as `text` writes it."""
+        """Return the sentence as text, with each number, name and expression formatted by `text`."""
         return _Written(text).format(self.pattern, **dict(self.values))
 
     def as_dict(self) -> dict[str, Any]:
@@ -115,7 +116,7 @@ class Sentence:
 
 
 class Reason(Sentence):
-    """Why a verdict is what it is."""
+    """The reason of a verdict."""
 
 
 because = Reason.of
@@ -123,28 +124,28 @@ NONE = Reason("")
 
 
 def joined(*reasons: Reason) -> Reason:
-    """The reasons that say something, one after the other."""
+    """Return the nonempty reasons as one, one after the other."""
     parts = tuple(filter(None, reasons))
     return because("{parts:; }", parts=parts) if len(parts) > 1 else next(iter(parts), NONE)
 
 
 def equations(values: Mapping[Any, Any]) -> tuple[Sentence, ...]:
-    """Sentences of each name with its value, exactly: x = 1/3."""
+    """Return a sentence for each name with its exact value: x = 1/3."""
     return tuple(Sentence.of("{name} = {value}", name=name, value=value) for name, value in values.items())
 
 
 def point(values: Mapping[Any, Any]) -> tuple[Sentence, ...]:
-    """Sentences of each coordinate of a point, in few digits: x = 0.333333."""
+    """Return a sentence for each coordinate of a point, in few digits: x = 0.333333."""
     return tuple(Sentence.of("{name} = {value:g}", name=name, value=float(value)) for name, value in values.items())
 
 
 def plain(value: Any) -> str:
-    """A value as text; a float reads back as it is."""
+    """Return a value as text; a float reads back as the same float."""
     return same(value) if isinstance(value, float) else str(value)
 
 
 class _Written(Formatter):
-    """The format of a pattern whose values are those of a sentence."""
+    """A formatter of a sentence's pattern with its values."""
 
     def __init__(self, text: Callable[[Any], str]) -> None:
         self.text = text
@@ -201,7 +202,7 @@ class Key(NamedTuple):
 
 @cache
 def keys_of(result: type) -> tuple[Key, ...]:
-    """The keys of a result in JSON."""
+    """Return the keys of a result in JSON."""
     return tuple(map(_key, getattr(result, "json_keys", "").split() or [one.name for one in fields(result)]))
 
 
@@ -214,7 +215,7 @@ def _key(text: str) -> Key:
 
 
 def encoded(value: Any) -> Any:
-    """A value as plain data for JSON, which has no infinite number and none that is none: they are None."""
+    """Return a value as plain data for JSON; a number that is not finite is None."""
     if isinstance(value, Mapping):
         return {key: encoded(each) for key, each in value.items()}
     if isinstance(value, list | tuple):

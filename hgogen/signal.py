@@ -2,8 +2,8 @@
 
 One declaration of the range serves proof assumptions, clamping, the C comment and test sampling.
 
-A model's unit of time is a plain word, "s" unless its System says otherwise: rates, periods, trials and gains are all
-in it, and nothing is converted. What is printed for people and for firmware says it, and a known unit also in seconds.
+A model's unit of time is a plain word, "s" unless its System declares another. Rates, periods, trials and gains are all
+in this unit, and nothing is converted. Reports and firmware name it, and give a known unit in seconds as well.
 """
 
 import math
@@ -23,8 +23,8 @@ _DOTS = ("", "_dot", "_ddot", "_dddot")
 _WORD = re.compile(r"[A-Za-z]{1,12}\Z")
 _SECONDS = {"us": 1e-6, "ms": 1e-3, "s": 1.0, "min": 60.0, "h": 3600.0, "d": 86400.0}
 _PLURAL = {"us": "microseconds", "ms": "milliseconds", "s": "seconds", "min": "minutes", "h": "hours", "d": "days"}
-HIGHEST = 60  # order of a derivative: a form reads fewer than it has states
-LONGEST = 63  # characters of a signal's name, by which C99 promises to tell two apart
+HIGHEST = 60  # order of a derivative: a form reads derivatives of an order below its number of states
+LONGEST = 63  # characters of a signal's name, which C99 guarantees to be significant
 LOST = 1e30  # a value of the state beyond it, or none at all, is lost; no range and no gain goes beyond it
 
 
@@ -38,7 +38,7 @@ class BadName(HgogenError):
 
     @property
     def hint(self) -> str:
-        """A name that would do."""
+        """A valid name similar to this one."""
         cleaned = re.sub(r"[\W_]+", "_", str(self.name), flags=re.ASCII).strip("_")
         named = cleaned if cleaned[:1].isalpha() else f"x_{cleaned or 1}"
         named = named[: LONGEST // 2].rstrip("_") if len(named) > LONGEST else named
@@ -46,13 +46,13 @@ class BadName(HgogenError):
 
 
 class BadRange(BadArgument):
-    """A range the wrong way round, or a value that is not a finite number or lies outside its range."""
+    """A range with exchanged ends, or a value that is not a finite number or lies outside its range."""
 
     text = "signal {what!r}: {reason}"
 
 
 def check_name(name: str) -> None:
-    """Raise `BadName` unless `name` is an ASCII identifier; one that C takes otherwise has another name there."""
+    """Raise `BadName` unless `name` is an ASCII identifier. A keyword of C is renamed in the emitted code."""
     if not isinstance(name, str) or not _IDENTIFIER.match(name):
         raise BadName(str(name), "is not an identifier (a letter, then letters, digits and underscores)")
     if "__" in name:
@@ -108,13 +108,13 @@ class Signal(sp.Symbol):  # type: ignore[misc]
     parameter's value or an input's value before the first sample; `low`, `high`, the closed range, both or
     neither, with ends within 1e30. A signal without a range is never clamped. A parameter with a range can be tuned at
     run time, one without is folded into the code. `rates`: closed ranges of an input's derivatives, the first
-    derivative's first, for the forms into which they enter; of a state, the range of the rate that is taken where the
-    plant may have no finite one (`analysis.dynamics`).
+    derivative's first, for the forms into which they enter; of a state, the range of a valid
+    rate where the plant may have no finite one (`analysis.dynamics`).
 
     Raises: `BadName`, `BadRange`.
 
-    Signals of equal name but different data are different symbols (SymPy's own cache, which would hand back
-    the first, is bypassed), and signals pickle.
+    Signals of equal name but different data are different symbols (SymPy's cache, which would return the
+    first, is bypassed), and signals pickle.
     """
 
     __slots__ = ("_content", "high", "low", "meaning", "nominal", "rates", "unit")
@@ -159,7 +159,7 @@ class Signal(sp.Symbol):  # type: ignore[misc]
         """SymPy's base takes no arguments here; `__new__` has done the work."""
 
     def _hashable_content(self) -> tuple[Any, ...]:
-        return self._content  # which SymPy asks for at each comparison
+        return self._content  # needed by SymPy for each comparison
 
     def __getnewargs_ex__(self) -> tuple[tuple[Any, ...], dict[str, Any]]:
         return (self.name, self.unit, self.meaning, self.nominal, self.low, self.high, self.rates), {}
@@ -180,10 +180,11 @@ class Signal(sp.Symbol):  # type: ignore[misc]
         return self.low, self.high
 
     def derivative(self, order: int, time: str = "s") -> "Signal":
-        """The signal's time derivative of this order, a signal of its own, in the range of `rates`; order 0 is itself.
+        """Return the signal's time derivative of this order, as a signal in the range of `rates`; order 0 is the
+        signal.
 
-        Named NAME_dot, NAME_ddot, NAME_dddot, NAME_d4, ...; its unit is per `time`. As an input of a form it is that of
-        "s", whatever the model's time, which is what is printed.
+        Its name is NAME_dot, NAME_ddot, NAME_dddot, NAME_d4, ...; its unit is per `time`. The input of a form is the
+        derivative with `time` "s" for any model, and is printed in the model's unit.
         """
         if order == 0:
             return self
@@ -203,20 +204,23 @@ class Signal(sp.Symbol):  # type: ignore[misc]
 
 
 def resting(signal: Signal) -> float:
-    """A signal's value before anything is known: nominal, else 0 or the end of the range nearest to it."""
+    """Return a signal's value before anything is known: nominal, else 0 or the end of the range nearest to it."""
     low, high = signal.interval
     return signal.nominal if signal.nominal is not None else min(max(0.0, low), high)
 
 
 def spread(signal: Signal) -> tuple[float, float]:
-    """The ends between which points are tried: those of the range; a signal without one stays at rest."""
+    """Return the ends between which sample points lie: the range, or for a signal without one its resting value
+    twice."""
     return signal.interval if signal.bounded else (resting(signal),) * 2
 
 
 def derived(inputs: Sequence[Signal]) -> dict[str, tuple[str, int]]:
-    """The inputs that are derivatives of another one by their names: that one's name, and the order. Of two inputs
-    whose derivatives have one name, as u and u_, it is the one of which the signal is the derivative; of u_dot that is
-    an input too, and has a derivative, it is u of which both are."""
+    """Return the source and the order of each input that is a derivative of another input, by its name.
+
+    The derivatives of two inputs, such as u and u_, may have the same name: the source is the one whose derivative is
+    equal to the signal. The source of a derivative of u_dot, where u_dot is a derivative too, is u.
+    """
     names, rates = {u.name: u for u in inputs}, dict[str, tuple[str, int]]()
     for u, k in product(inputs if len(inputs) > 1 else (), range(1, HIGHEST + 1)):
         rate = u.derivative(k)
@@ -227,33 +231,34 @@ def derived(inputs: Sequence[Signal]) -> dict[str, tuple[str, int]]:
         source, more = rates.get(name, ("", 0))
         return root(source, order + more) if source else (name, order)
 
-    return {name: root(*of) for name, of in rates.items()}
+    return {name: root(*source) for name, source in rates.items()}
 
 
 # --- the unit of time ---------------------------------------------------------------------------------------
 
 
 def is_unit(value: object) -> bool:
-    """Whether a value can be a unit of time."""
+    """Return whether a value can be a unit of time."""
     return isinstance(value, str) and bool(_WORD.match(value))
 
 
 def seconds(time: str) -> float | None:
-    """The number of seconds that the unit has, where that is known."""
+    """Return the number of seconds in the unit; None for an unknown unit."""
     return _SECONDS.get(time)
 
 
 def plural(time: str) -> str:
-    """The unit in a sentence: "seconds" for "s"; one without a known name as it is."""
+    """Return the unit in a sentence: "seconds" for "s"; an unknown unit as it is."""
     return _PLURAL.get(time, time)
 
 
 def of_time(unit: str, time: str, declared: Iterable[str] = ()) -> str:
-    """A unit that is written with s, such as y^2 s, in the time of the model; one that a signal declares stays."""
+    """Return a unit that is written with s, such as y^2 s, in the model's time; a unit that a signal declares is not
+    changed."""
     return unit if time == "s" or unit in declared else re.sub(r"\bs(\d*)\b", rf"{time}\1", unit)
 
 
 def pace(dt: float, time: str) -> str:
-    """A period as a caller keeps it: "0.01 h (36 s)", without the seconds where they are not known."""
+    """Return a period as text: "0.01 h (36 s)", without the seconds where they are not known."""
     text = f"{same(dt)} {time}"
     return text if time == "s" or time not in _SECONDS else f"{text} ({dt * _SECONDS[time]:.6g} s)"

@@ -1,18 +1,18 @@
-"""Starting gains of an observer, from the ranges of its plant alone: a place to begin, tuned by no trial.
+"""Starting gains of an observer from the ranges of its plant alone, without a trial.
 
     T = the shortest time in which a state crosses its range,   theta = 2 n/T, at least 2,   poles at -1 (times theta)
     dt = the least of 1/(20 theta) and 1/(5 lambda), lambda the fastest mode of the plant
     Q_i = S_i^2/D,  P_i(0) = S_i^2/4,  R_j = sigma_j^2 dt,   S half of the ranges, D the longest crossing time
     Q_i <= (a_i D)^2 Q_(i+1),   a_i the least |dz_i'/dz_(i+1)|, where z_i' reads no state of its chain beyond z_(i+1)
 
-so that the error of a high gain decays some times while the plant crosses its range, a step resolves both, and a state
-may wander over its range in the time that it takes to cross it, but no farther than the state behind it moves it in
-that time: z_(i+1) shows in nothing but z_i', and its error decays at about a_i sqrt(Q_(i+1)/Q_i), whatever R is. At a
-dt that is asked for, theta is at most 1/(20 dt), and at least 1. Of a sensor whose noise sigma is not given it is taken
-to be 1 % of half its range Y, the declared one, else what the ranges of states and inputs give. Where nothing moves, or
-no range is known, T = D = 1, S = Y = 1.
+The error of a high gain decays several times while the plant crosses its range, and a step resolves both. The variance
+of a state grows by its squared range in the time that it takes to cross the range. The second line bounds this growth
+by the motion of z_(i+1), which is observed through z_i' alone: its error decays at about a_i sqrt(Q_(i+1)/Q_i),
+whatever R is. For a requested dt, theta is at most 1/(20 dt), and at least 1. The default noise sigma of a sensor is 1
+% of half its range Y, the declared one, else the range that follows from states and inputs. Where no state moves, or no
+range is known, T = D = 1, S = Y = 1.
 
-What an observer makes of these numbers is a rule beside it, in its own file, which `starts` ties to it.
+Each observer has a rule in its own file that computes its gains from these numbers, bound to it by `starts`.
 """
 
 import math
@@ -30,7 +30,7 @@ from hgogen.signal import LOST
 from hgogen.stepping.guards import readings
 from hgogen.system import System
 
-MANY = 6  # states: of more the search for a bound on a gain takes seconds
+MANY = 6  # states: with more the search for a bound on a gain takes seconds
 Gains = dict[str, Any]
 Make = TypeVar("Make", bound=Callable[..., Observer])
 
@@ -38,8 +38,9 @@ Make = TypeVar("Make", bound=Callable[..., Observer])
 @dataclass(frozen=True)
 class Scale:
     """The numbers of the rules: theta, dt and D in the plant's time, S and Q by the names of the form's states
-    (`states`, `process`), Y and sigma by those of the outputs, how many states each chain has; `spread`: how many times
-    faster the fastest pole is than the slowest, of poles about -1; `corner`: how many times theta filters are fast."""
+    (`states`, `process`), Y and sigma by those of the outputs (`outputs`, `noise`), and the lengths of the chains
+    (`blocks`). `spread`: the ratio of the fastest to the slowest pole, of poles about -1; `corner`: the speed of
+    filters over theta."""
 
     theta: float
     dt: float
@@ -59,51 +60,51 @@ class Scale:
 
     @property
     def units(self) -> dict[str, float]:
-        """S_i^2/D by name: the process noise of a state that wanders over its range while it is crossed."""
+        """The process noise S_i^2/D by name: the variance grows by S_i^2 in the time D."""
         return {name: s * s * (1 / self.longest) for name, s in self.states.items()}
 
     @property
     def poles(self) -> Any:
-        """Poles, all at -1, or of that geometric mean, a tuple for each chain where there are several."""
+        """The poles, all at -1 or with that geometric mean, as a tuple for each chain where there are several."""
         each = tuple(tuple(-whole(two(self.spread**k)) for k in evenly(size)) for size in self.blocks)
         return each[0] if len(each) == 1 else each
 
     @property
     def high(self) -> Gains:
-        """theta and the poles, as most observers with a high gain take them."""
+        """The gains theta and poles of most high-gain observers."""
         return {"theta": self.theta, "poles": self.poles}
 
     @property
     def kalman(self) -> Gains:
-        """Q, R and P(0), as Kalman filters take them."""
+        """The gains Q, R and P(0) of Kalman filters."""
         return {"Q": self.density(), "R": self.variance(), "covariance": self.start()}
 
     @property
     def reading(self) -> float:
-        """Y of the first output."""
+        """The half range Y of the first output."""
         return next(iter(self.outputs.values()))
 
     def start(self, exponent: int = 1) -> Gains:
-        """P_i(0), or its inverse, by name."""
+        """Return P_i(0), or its inverse, by name."""
         return {name: weight(two(s * s / 4) ** exponent) for name, s in self.states.items()}
 
     def density(self, exponent: int = 1) -> Gains:
-        """Q_i, or its inverse, by name."""
+        """Return Q_i, or its inverse, by name."""
         return {name: weight(two(q) ** exponent) for name, q in self.process.items()}
 
     def variance(self, exponent: int = 1) -> Any:
-        """R, or its inverse, a number for one output."""
+        """Return R, or its inverse, a number for one output."""
         each = {name: weight((sigma**2 * self.dt) ** exponent) for name, sigma in self.noise.items()}
         return each if len(each) > 1 else next(iter(each.values()))
 
 
 @dataclass(frozen=True)
 class Rule:
-    """An observer's account of itself, for pages and for whoever begins.
+    """The description of an observer for documentation and for beginners.
 
-    `where` to take it; `asks`: what it asks for, or leaves open; `state`: how many numbers it remembers of n states;
-    `gains`: its starting gains, or in a sentence why it has none; `quick`: up to how many states these are built in no
-    time, 0 where they ask a solver; `costly`: whether it takes seconds to build with any gains.
+    `where`: when to use it; `asks`: what it needs from the user; `state`: how many numbers it stores for n states;
+    `gains`: its starting gains, or a sentence why it has none; `quick`: the number of states up to which these are
+    computed at once, 0 where they need a solver; `costly`: whether it takes seconds to build with any gains.
     """
 
     where: str = ""
@@ -122,7 +123,7 @@ def starts(
     quick: float = MANY,
     costly: bool = False,
 ) -> Callable[[Make], Make]:
-    """Tie a rule to an observer, whose name then has it as `rule`."""
+    """Attach a rule to an observer, as its attribute `rule`."""
 
     def tied(make: Make) -> Make:
         vars(make)["rule"] = Rule(where, asks, state, gains, quick, costly)
@@ -132,22 +133,22 @@ def starts(
 
 
 def rule(observer: Callable[..., Observer]) -> Rule:
-    """The rule of an observer, of one without its own that which gives nothing."""
-    own: Rule = getattr(observer, "rule", Rule())
-    return own
+    """Return the rule of an observer, or the empty rule."""
+    attached: Rule = getattr(observer, "rule", Rule())
+    return attached
 
 
 @dataclass(frozen=True)
 class Starting:
-    """Starting gains by the names of the observer's arguments, with a sampling period `dt` to begin with; `none`: why
-    there are no gains, in a sentence."""
+    """Starting gains by the names of the observer's arguments, with a sampling period `dt` to start with; `none`: a
+    sentence why there are no gains."""
 
     gains: Mapping[str, Any]
     dt: float
     none: str = ""
 
     def __bool__(self) -> bool:
-        """Whether there are gains."""
+        """Return whether there are gains."""
         return not self.none
 
 
@@ -158,12 +159,12 @@ def starting_gains(
     dt: float | None = None,
     noise: Mapping[str, float] | None = None,
 ) -> Starting:
-    """Gains to begin with, on a form, of one of `hg.observers`: `observer(form, **start.gains)`, at the dt `start.dt`.
+    """Return starting gains on a form for one of `hg.observers`: `observer(form, **start.gains)`, at the dt `start.dt`.
 
-    Args: `dt` the sampling period, in the plant's time, where it is not free; `noise` the standard deviation of a
-    sample by output, as far as it is known.
+    Args: `dt` the sampling period, in the plant's time, where it is fixed; `noise` the standard deviation of a sample
+    by output, where it is known.
 
-    Raises: `BadGain` for what is no form or no observer, and for a dt or a noise that is not positive.
+    Raises: `BadGain` for a value that is no form or no observer, and for a dt or a noise that is not positive.
     """
     if not isinstance(form, Form):
         raise BadGain(
@@ -177,7 +178,7 @@ def starting_gains(
 
 
 def gains_of(observer: Callable[..., Observer], numbers: Scale) -> Gains | str:
-    """The gains by the rule of an observer at a scale, or in a sentence why there are none."""
+    """Return the gains by the rule of an observer at a scale, or a sentence why there are none."""
     try:
         return rule(observer).gains(numbers)
     except ArithmeticError:
@@ -185,7 +186,7 @@ def gains_of(observer: Callable[..., Observer], numbers: Scale) -> Gains | str:
 
 
 def scale(form: Form, dt: float | None = None, noise: Mapping[str, float] | None = None) -> Scale:
-    """The numbers that the rules take of a form and its plant.
+    """Return the numbers of the rules for a form and its plant.
 
     Raises: `BadGain`, as `starting_gains`.
     """
@@ -203,28 +204,28 @@ def scale(form: Form, dt: float | None = None, noise: Mapping[str, float] | None
     chains = tuple(filter(None, form.blocks))
     base = Scale(theta, dt, longest, states, {}, outputs, deviations, chains)
     process = dict(base.units)
-    for i, slope in reversed(_slopes(form).items()):  # from the end of each chain on
+    for i, slope in reversed(_slopes(form).items()):  # from the end of each chain
         name, behind = form.names[i], form.names[i + 1]
         process[name] = min(process[name], (slope * base.longest) ** 2 * process[behind])
     return replace(base, process=process)
 
 
 def _slopes(form: Form) -> dict[int, float]:
-    """a_i by the number of z_i, of those that have one sign at fixed points of the box."""
+    """Return a_i by the number of z_i, for the a_i with one sign at the sample points of the box."""
     chains = [form.states[head : head + size] for head, size in zip(form.heads, form.blocks, strict=True)]
     links = [(z, chain[k + 1], {*chain[k + 2 :]}) for chain in chains for k, z in enumerate(chain[:-1])]
     flow = dict(zip(form.states, form.flow, strict=True))
-    alone = {z: (flow[z], behind) for z, behind, beyond in links if not flow[z].free_symbols & beyond}
+    rows = {z: (flow[z], behind) for z, behind, beyond in links if not flow[z].free_symbols & beyond}
     try:
-        values = slopes([*alone.values()], (*form.states, *form.system.inputs), form.system.nominal)
+        values = slopes([*rows.values()], (*form.states, *form.system.inputs), form.system.nominal)
     except NoLinearisation:
         return {}
     one_sided = np.abs(values).min(axis=0) * (np.abs(np.sign(values).sum(axis=0)) == len(values))
-    return {form.states.index(z): float(a) for z, a in zip(alone, one_sided, strict=True) if a > 0}
+    return {form.states.index(z): float(a) for z, a in zip(rows, one_sided, strict=True) if a > 0}
 
 
 def _sigmas(form: Form, noise: Mapping[str, float] | None) -> Mapping[str, float]:
-    """The known deviations of the noise. Raises: `BadGain`."""
+    """Return the known standard deviations of the noise. Raises: `BadGain`."""
     if noise is not None and not isinstance(noise, Mapping):
         raise BadGain(f"noise = {noise!r}", "must be a standard deviation for each output by its name, as {'y': 0.01}")
     names = [y.name for y in form.system.outputs]
@@ -239,33 +240,33 @@ def _sigmas(form: Form, noise: Mapping[str, float] | None) -> Mapping[str, float
 def _pace(plant: System) -> Pace:
     try:
         return pace(plant)
-    except NoLinearisation:  # ranges are missing: a time and a range of 1, as the first lines say
+    except NoLinearisation:  # ranges are missing: T = D = 1
         return Pace(1.0, 1.0, 0.0)
 
 
 def evenly(count: int) -> list[float]:
-    """So many exponents from -1/2 to 1/2, of one alone 0."""
+    """Return so many exponents from -1/2 to 1/2; for one alone 0."""
     return [k / (count - 1) - 0.5 if count > 1 else 0.0 for k in range(count)]
 
 
 def whole(value: float) -> float:
-    """A number, of those that are whole as it is written."""
+    """Return a number, as an int if it is a whole one."""
     return int(value) if value == int(value) else value
 
 
 def _span(low: float, high: float) -> float:
-    """Half of what lies between two ends, 1 of ends that are not known, and of an output that stands still."""
+    """Return half the distance of two ends, 1 for unknown ends and for an output that does not vary."""
     half = (high - low) / 2
     return half if 0 < half < math.inf else 1.0
 
 
 def two(value: float) -> float:
-    """Two digits."""
+    """Return a number rounded to two significant digits."""
     return float(f"{value:.1e}")
 
 
 def weight(value: float) -> float:
-    """Two digits. Raises: `OverflowError` for more than an observer takes as a weight."""
+    """Return a weight rounded to two significant digits. Raises: `OverflowError` beyond the limit of weights."""
     if not value <= LOST:
         raise OverflowError
     return two(value)

@@ -2,8 +2,8 @@
 
 One call is the sections in order: `predict` (guard the input, advance the estimate from the last call to now),
 `update_Y` for each output (guard the sample, correct), `adapt` (theta and the like), then `estimate`. The call k
-returns the estimate at t_k using y_k; the first call advances no time. A sample that is not a number is missing:
-predict only; an input that is not a number reuses the last valid one; both are said in the status.
+returns the estimate at t_k using y_k; the first call advances no time. A sample that is not a number is missing, and
+the step only predicts. For an input that is not a number the last valid one is used. The status reports both.
 """
 
 import decimal
@@ -54,23 +54,23 @@ class NoStep(BadArgument):
 
 
 def demand_choice(name: str, value: object, choices: tuple[str | None, ...]) -> None:
-    """Raise `BadStep` for what is none of the choices of an option."""
+    """Raise `BadStep` for a value that is not among the choices of an option."""
     if not among(value, choices):
         *others, last = ("None" if each is None else f'"{each}"' for each in choices)
         raise BadStep(f"{name} = {value!r}", f"must be {', '.join(others)} or {last}")
 
 
 def demand_step(step: object, what: str) -> None:
-    """Raise `NoStep` for what a target, or a proof, was given and is none."""
+    """Raise `NoStep` for an argument of a target, or of a proof, that is no step."""
     if not isinstance(step, Step):
         raise NoStep(f"{type(step).__name__} given to {what}", "is no step; make one by hg.sample")
 
 
 @dataclass(eq=False)
 class StepTooLong(HgogenError):
-    """A step length at which the discretisation is unstable at a point of the declared box: above `limit` it is
-    refused, up to `take` advised; `basis` says on what the advice rests, `certified` who knows up to which dt there is
-    a proof."""
+    """A step length at which the discretisation is unstable at a point of the declared box. It is refused above `limit`
+    and advised up to `take`; `basis`: the basis of the advice; `certified`: how to find the dt up to which there is a
+    proof."""
 
     dt: float
     limit: float
@@ -89,13 +89,13 @@ class StepTooLong(HgogenError):
 
 
 def _time(value: float, unit: str) -> str:
-    """A time to three digits, never above it: what a sentence names as admissible is admitted."""
+    """Return a time to three digits, rounded down, so that a printed limit is admissible."""
     rounded = decimal.Context(prec=3, rounding=decimal.ROUND_FLOOR).create_decimal(value)
     return f"{float(rounded):g}" + f" {unit}" * (unit != "s")
 
 
 def _advice(take: float, unit: str, basis: str) -> str:
-    """The end of a sentence on a step that is too long."""
+    """Return the end of a sentence on a step that is too long."""
     return f"take dt <= {_time(take, unit)} ({basis}), or another method"
 
 
@@ -105,17 +105,17 @@ _CERTIFIED = (
 
 
 class StepMayFail(UserWarning):
-    """A step length that is not refused, and longer than is advised: it may fail."""
+    """A step length between the advised and the refused one: it may fail."""
 
 
-_LAST = 32  # steps that are remembered
+_LAST = 32  # cached steps
 
 
 @dataclass(frozen=True)
 class Layout:
-    """The memory of a step: `plant`, `gains`, `derived`, fields of the parameters; `state`, `groups`, what a call
-    remembers; `bits`, the status; `mark`, the field of a stored state, and of parameters, that tells them from other
-    memory, None without guards."""
+    """The memory of a step: `plant`, `gains`, `derived`, fields of the parameters; `state`, `groups`, the memory
+    between calls; `bits`, the status; `mark`, the field of a stored state, and of parameters, that identifies them,
+    None without guards."""
 
     plant: tuple[Field, ...]
     gains: tuple[Field, ...]
@@ -132,7 +132,7 @@ class Layout:
 
     @property
     def raised(self) -> tuple[Bit, ...]:
-        """The bits that the program raises: all but the last, which are of memory that nothing has made."""
+        """The bits that the program raises: all but the last, which report memory that was not initialised."""
         return self.bits[: -len(UNMADE)] if self.mark else self.bits
 
     @property
@@ -142,7 +142,7 @@ class Layout:
 
     @property
     def limited(self) -> tuple[tuple[Field, ...], tuple[Field, ...]]:
-        """The parameters of the plant, and the gains, that `tune` keeps in their ranges: none without guards."""
+        """The parameters of the plant, and the gains, that `tune` clamps to their ranges: none without guards."""
         return (self.plant, self.gains) if self.mark else ((), ())
 
 
@@ -150,10 +150,10 @@ class Layout:
 class Code:
     """The programs of a step: `tuning`, `sections`, `estimate`.
 
-    `timed`: the updates of `sections` for samples that say when they were taken, of a step for sensors of different
-    rates; `inner`: sections that a step for late samples calls; `rule`: by what the observer's equations go, which a
-    method may leave to another; `choice`: of two programs of a part, which one was taken, and why; `signs`: what the
-    law of recovery counts, by which an estimate that is lost restarts.
+    `timed`: the updates of `sections` for samples with their time, for sensors of different rates; `inner`: sections
+    that a step for late samples calls; `rule`: the method that integrates the observer, which may be another one than
+    the step's; `choice`: the program of a part that was selected among two, and why; `signs`: the fault counters of the
+    law of recovery, by which a lost estimate restarts.
     """
 
     tuning: Program
@@ -167,12 +167,12 @@ class Code:
 
     @property
     def called(self) -> tuple[Section, ...]:
-        """Every section, each after those that it calls."""
+        """Every section, each after the sections that it calls."""
         return (*self.inner, *self.sections, *self.timed)
 
     @property
     def parts(self) -> tuple[Section, ...]:
-        """The sections that are functions of their own: all, where there are several."""
+        """The sections that are functions in the emitted code: all, where there are several."""
         return self.sections if len(self.sections) > 1 else ()
 
     @cached_property
@@ -182,18 +182,19 @@ class Code:
 
     @cached_property
     def apart(self) -> bool:
-        """Whether prediction and correction can be called apart: `predict` does not integrate with the measurement."""
+        """Whether prediction and correction can be separate calls: `predict` does not integrate with the
+        measurement."""
         reads = any(place.struct == "output" for place, _ in places(self.sections[0].program))
         return not reads and any(section.corrects for section in self.sections)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Step:
-    """The program of an observer at the sampling period `dt`, in the unit of the model's time as all times are.
+    """The program of an observer at the sampling period `dt`, in the unit of the model's time like all times.
 
-    `clock`: when it is called, what the input does between samples, with which guards and for what it is made;
-    `layout`: its memory; `code`: its programs; `plain`: of a step that takes late samples, the step without delays;
-    `signed`: what is proved of its errors as it runs, where that was asked, which its code states.
+    `clock`: the sampling, the course of the input between samples, the guards and the preference; `layout`: its memory;
+    `code`: its programs; `plain`: for a step that accepts late samples, the step without delays; `signed`: proofs about
+    its errors as it runs, where they were requested, which its code states.
     """
 
     name: str
@@ -235,18 +236,17 @@ class Step:
 
     @property
     def ages(self) -> tuple[Signal, ...]:
-        """The signals that give the age of a sample with it, of a step that takes late samples."""
+        """The signals with the age of a sample, for a step that accepts late samples."""
         return self.observer.ages if self.plain else ()
 
     @property
     def samples(self) -> tuple[Signal, ...]:
-        """The signals of the outputs that a call is given: a sample of each, then the ages of those that may come
-        late."""
+        """The signals of the outputs in a call: a sample of each, then the ages of those that may come late."""
         return (*self.outputs, *self.ages)
 
     @cached_property
     def states(self) -> tuple[Signal, ...]:
-        """The plant's states: what a call estimates."""
+        """The plant's states, which a call estimates."""
         return tuple(signal for signal, _ in self.observer.form.estimates)
 
     @property
@@ -255,7 +255,7 @@ class Step:
         return self.observer.form.system.time
 
     def unit(self, item: Field) -> str:
-        """The unit of a field; one of the observer's own, which is written with s, in the model's time."""
+        """Return the unit of a field; a unit of the observer's own, which is written with s, in the model's time."""
         form = self.observer.form
         return of_time(item.unit, self.time, {s.unit for s in (*form.system.signals, *form.states)})
 
@@ -265,18 +265,18 @@ class Step:
 
     @property
     def limit(self) -> float:
-        """The dt above which it is refused."""
+        """The dt above which the step is refused."""
         return min(each.refused for each in _lengths(self.observer, self.method, self.dt))
 
     @property
     def advised(self) -> float:
-        """The dt up to which it was tried without failure."""
+        """The dt up to which no failure is expected."""
         return min(each.take for each in _lengths(self.observer, self.method, self.dt))
 
 
 @dataclass(eq=False)
 class CannotUpdate(HgogenError):
-    """Prediction and correction asked for apart, of an observer that integrates with the measurement."""
+    """Prediction and correction in separate calls, of an observer that integrates with the measurement."""
 
     observer: str
     rule: str
@@ -297,7 +297,7 @@ def plan(
     guards: Guards = "all",
     prefer: Prefer = "speed",
 ) -> Step:
-    """The step of an observer; see `hgogen.call.sample`, which also makes it callable.
+    """Return the step of an observer; see `hgogen.call.sample`, which also makes it callable.
 
     Raises: `BadStep`, `StepTooLong`, `BadWindow`, `BadRate`, `CannotUpdate`.
     """
@@ -314,7 +314,7 @@ def plan(
         dated = [str(y) for y in system.outputs] if every else dict(observer.delays)
         _demand_room(system.name, certain_bits(system.outputs, system.inputs, dated))
     clock = Clock(float(dt), between, len(system.inputs), len(system.outputs), every, guards, prefer)
-    _pieces(observer, method, clock)  # whose demands come before those of the step's length
+    _pieces(observer, method, clock)  # its errors come before those of the step's length
     _demand_length(observer, method, float(dt))
     step = _assembled(observer, method, clock)
     if every and not step.code.apart:
@@ -323,7 +323,7 @@ def plan(
 
 
 def _demand_length(observer: Observer, method: Method, dt: float) -> None:
-    """Warn of a step length beyond what is advised. Raises: `StepTooLong` beyond what is refused."""
+    """Warn of a step length above the advised one. Raises: `StepTooLong` above the limit."""
     lengths, time = _lengths(observer, method, dt), observer.form.system.time
     tightest, advised = min(lengths, key=lambda each: each.refused), min(lengths, key=lambda each: each.take)
     error, proof = observer.error, ""
@@ -344,7 +344,7 @@ def _demand_length(observer: Observer, method: Method, dt: float) -> None:
 
 
 def _demand_plain(observer: Observer, every: tuple[int, ...]) -> None:
-    """Raises: `BadStep` for what says in the status whether a sample was used."""
+    """Raise `BadStep` for an option whose samples need the status."""
     late = "samples that come late" if observer.delays else "sensors of different rates" if every else ""
     if late:
         raise BadStep('guards = "none"', f"is not for {late}, of which the status says whether they were used")
@@ -389,10 +389,10 @@ def _assembled(observer: Observer, method: Method, clock: Clock) -> Step:
 
 
 def with_bits(step: Step, extra: tuple[Bit, ...]) -> Step:
-    """The step with the status bits that some block raises, in a fixed order, of one place the last, a part's own words
-    for it; then those of memory that nothing has made.
+    """Return the step with the status bits that some block raises, in a fixed order, then those of memory that was not
+    initialised. A part's own words for a place replace the step's.
 
-    Raises: `BadStep` for more than a status has.
+    Raises: `BadStep` for more bits than a status has.
     """
     programs = (*step.code.tuning, *(s for section in step.code.called for s in section.program))
     raised = {place for place, _ in places(programs) if place.struct == "status"}
@@ -406,6 +406,6 @@ def with_bits(step: Step, extra: tuple[Bit, ...]) -> Step:
 
 
 def _demand_room(name: str, bits: Sequence[str]) -> None:
-    """Raise `BadStep` for bits of these names that no status word holds."""
+    """Raise `BadStep` for bits of these names that no status word can hold."""
     if excess := shortage(bits):
         raise BadStep(f"{name} with {len(bits)} status bits or more", excess)

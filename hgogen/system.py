@@ -29,7 +29,8 @@ class BadValue(BadArgument):
 
 @dataclass(frozen=True)
 class Origin:
-    """The origin of a recast plant: the plant, the new states in its states, its states in the new ones."""
+    """The origin of a recast plant: the plant, the new states in terms of its states, and its states in terms of the
+    new ones."""
 
     plant: "System"
     forward: tuple[sp.Expr, ...]
@@ -97,7 +98,7 @@ class System:
 
     @property
     def tables(self) -> tuple[Cells, ...]:
-        """The tables that the flow and the output read, by their names; each once, held at its ends."""
+        """The tables that the flow and the output read, by name, each once and constant beyond its ends."""
         rows = (*self.flow, *self.output)
         read = {node.cells.name: node.cells.clamping() for row in rows for node in row.atoms(Table)}
         return tuple(read[name] for name in sorted(read))
@@ -109,29 +110,30 @@ class System:
 
     @property
     def reported(self) -> tuple[tuple[Signal, sp.Expr], ...]:
-        """The values that an observer reports: each state of the plant as first declared, in the states here."""
+        """The reported estimates: each state of the plant as first declared, in terms of the states here."""
         if self.origin is None:
             return tuple((s, s) for s in self.states)
         return tuple(zip(self.origin.plant.states, self.origin.backward, strict=True))
 
     @property
     def checks(self) -> tuple[Check, ...]:
-        """Claims about the plant itself: that its recast coordinates are coordinates, and in their ranges."""
+        """The claims about a recast plant: its coordinates are coordinates, and in their ranges."""
         return () if self.origin is None else self.origin.checks
 
     @property
-    def doubt(self) -> Reason:
-        """Why what holds of it may not hold of the plant as first declared, or `NONE`."""
-        left = [check.id for check in self.checks if check.verdict is not Verdict.PROVED]
-        return because("{claims: and } of the new states is not proved", claims=left) if left else NONE
+    def caveat(self) -> Reason:
+        """Why a proof about a recast plant may not hold for the plant as first declared, or `NONE`."""
+        unproved = [check.id for check in self.checks if check.verdict is not Verdict.PROVED]
+        return because("{claims: and } of the new states is not proved", claims=unproved) if unproved else NONE
 
     @property
     def box(self) -> dict[sp.Symbol, tuple[End, End]]:
-        """The box of all signals: of those without a range the parameters at their values, the others unbounded."""
+        """The box of all signals. Without a range, a parameter is at its value, and another signal is unbounded."""
         return box(self.signals, self.nominal)
 
     def box_with(self, states: Iterable[Signal]) -> dict[sp.Symbol, tuple[End, End]]:
-        """The box of these states, the inputs and the parameters, those without a range at their values."""
+        """Return the box of these states, the inputs and the parameters; a parameter without a range is at its
+        value."""
         return box((*states, *self.inputs, *self.parameters), self.nominal)
 
     @property
@@ -141,7 +143,7 @@ class System:
 
     @property
     def nominal(self) -> dict[Signal, sp.Rational]:
-        """Parameter to nominal value, as the exact rational of its shortest decimal."""
+        """The nominal value of each parameter, as the exact rational of its shortest decimal."""
         return {p: sp.Rational(str(p.nominal)) for p in self.parameters}
 
 
@@ -184,21 +186,21 @@ def _validate(system: System) -> None:
         want, have = len(getattr(system, kind)), len(getattr(system, values))
         if want != have:
             raise BadSystem(system.name, f"has {want} {kind} but {have} expressions in {values}; give one for each")
-    seen: dict[str, Signal] = {}
+    by_name: dict[str, Signal] = {}
     for signal in system.signals:
-        if signal.name in seen:
+        if signal.name in by_name:
             raise BadSystem(system.name, f"the name {signal.name!r} is declared twice; rename one of the two")
-        seen[signal.name] = signal
+        by_name[signal.name] = signal
     flow, output = (list(enumerate(rows, 1)) for rows in (system.flow, system.output))
     places = {**{f"flow {k}": row for k, row in flow}, **{f"output {k}": row for k, row in output}}
-    _validate_tables(system, seen, places)
+    _validate_tables(system, by_name, places)
     for parameter in system.parameters:
         if parameter.nominal is None or not math.isfinite(parameter.nominal):
             raise BadSystem(system.name, f"parameter {parameter.name!r} has no value; give it nominal=")
     allowed = set(system.states + system.inputs + system.parameters)
     for place, row in places.items():
         for symbol in sorted(row.free_symbols - allowed, key=str):
-            raise BadSystem(system.name, f"{place} uses {_stranger(symbol, seen, system)}")
+            raise BadSystem(system.name, f"{place} uses {_stranger(symbol, by_name, system)}")
         try:
             tape([row], row.free_symbols)
         except NoTape as error:
@@ -206,7 +208,7 @@ def _validate(system: System) -> None:
 
 
 def _unknown(expression: sp.Expr, error: NoTape) -> str:
-    """The fault of an expression that has a function without a rule, and what to write in its place."""
+    """Return the fault of an expression with a function that has no rule, and a replacement."""
     calculus = sorted(expression.atoms(sp.Integral, sp.Derivative, sp.Sum, sp.Product), key=str)
     if calculus:
         return f"there is no rule for {calculus[0]}; write it in closed form, or make an integral a state"
@@ -215,33 +217,33 @@ def _unknown(expression: sp.Expr, error: NoTape) -> str:
     return f"there is no rule for {names[name]}; {NEAREST[name]}" if name else str(error)
 
 
-def _validate_tables(system: System, seen: Mapping[str, Signal], places: Mapping[str, sp.Expr]) -> None:
-    """Refuse a table whose name is not its own, in reports and in the emitted code, and one that jumps."""
+def _validate_tables(system: System, by_name: Mapping[str, Signal], places: Mapping[str, sp.Expr]) -> None:
+    """Refuse a table whose name is not unique, in reports and in the emitted code, and one that jumps."""
     tables = {node.cells for row in places.values() for node in row.atoms(Table)}
     named: dict[str, Cells] = {}
     for cells in sorted(tables, key=lambda each: each.name):
-        if cells.name in seen:
+        if cells.name in by_name:
             raise BadSystem(system.name, f"a signal and a table are called {cells.name!r}; rename one of the two")
         if named.setdefault(cells.name, cells).points != cells.points:
             raise BadSystem(
                 system.name, f'two tables are called {cells.name!r}; give each a name, name="{cells.name}_2"'
             )
-    for place, row in places.items():  # a program takes one of the values between which a slope jumps, a proof all
+    for place, row in places.items():  # at a jump of a slope a program has one of its values, a proof all
         for node in sorted(row.atoms(Stepped), key=str):
             fix = "write what it stands for as a table of its own"
             raise BadSystem(system.name, f"{place} has {node}, which jumps at its points; {fix}")
 
 
-def _stranger(symbol: sp.Symbol, seen: Mapping[str, Signal], system: System) -> str:
+def _stranger(symbol: sp.Symbol, by_name: Mapping[str, Signal], system: System) -> str:
     if symbol in system.outputs:
         return f"the output {symbol}; write it in states and inputs"
-    if symbol.name in seen:
+    if symbol.name in by_name:
         return f"a symbol {symbol} that is not the Signal declared with that name; use the Signal itself"
     return f"the unknown symbol {symbol}; declare it as a Signal among states, inputs or parameters"
 
 
 def valued(plant: System, values: Mapping[str, float]) -> System:
-    """The plant with other nominal values of parameters, by name.
+    """Return the plant with other nominal values of parameters, by name.
 
     Raises: `BadValue` for a name that is no parameter, a value outside of its range, and a plant that is recast.
     """
@@ -251,7 +253,7 @@ def valued(plant: System, values: Mapping[str, float]) -> System:
 
 
 def exchanged(plant: System, values: Mapping[str, float]) -> dict[Signal, Signal]:
-    """Return a mapping of each parameter of these names to the one with its new value. Raises: `BadValue`."""
+    """Return a mapping of the parameters with these names to the ones with new values. Raises: `BadValue`."""
     if plant.origin is not None:
         raise BadValue(f"plant {plant.name!r}", "is recast; give the values to the plant that it was recast from")
     known = {p.name: p for p in plant.parameters}

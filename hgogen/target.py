@@ -1,7 +1,7 @@
 """A target turns a step into files. Emission is pure; only `write` touches the disk.
 
-The folder that the user names is taken as it is, a link to one too. Below it nothing leads elsewhere: no "..", and a
-link, a device, a pipe or a socket is refused, as a folder on the way and in the place of a file.
+The folder that the user names may be a link. Below it no path leads elsewhere: "..", a link, a device, a pipe or a
+socket is refused, as a folder on the path and in the place of a file.
 """
 
 import os
@@ -17,7 +17,7 @@ from hgogen.errors import HgogenError
 from hgogen.reading.files import KINDS, name_key, quoted
 from hgogen.reading.given import requires
 
-_STAGED = ".hgogen-"  # begins the name of a file that is not whole yet
+_STAGED = ".hgogen-"  # begins the name of an incomplete file
 AT_ONCE = 1 << 16  # bytes of a file, in search of its last line
 _PRIVATE = stat.S_IRUSR | stat.S_IWUSR
 LONGEST = 255  # bytes of a name, on most file systems
@@ -58,8 +58,8 @@ Recipe = tuple[tuple[str, ...], ...]
 class Sources(Files):
     """Files of a language.
 
-    `recipe`: the commands that compile and run their self-check in a folder that holds them, where it is none of C;
-    `names`: signals that the language calls otherwise, and how; `notes`: sentences that say so.
+    `recipe`: the commands that compile and run their self-check in their folder, for a language other than C; `names`:
+    signals with another name in the language, and that name; `notes`: sentences about these.
     """
 
     recipe: Recipe = ()
@@ -69,13 +69,13 @@ class Sources(Files):
 
 @requires(Mapping, "files by name, as of hg.targets.c99(step)")
 def write(files: Mapping[str, str | bytes], folder: str | Path, private: bool = False) -> list[Path]:
-    """Write texts (UTF-8) or bytes into `folder` (made if it is not there), by name, or by a path below it; returns
-    their paths.
+    """Write texts (UTF-8) or bytes by name, or by a path below it, into `folder`, which is created if needed, and
+    return their paths.
 
-    Nothing is written unless all can be, and each file appears whole or not at all. What a killed process left
-    unfinished in these folders is removed. `private`: only this user can read and write the files.
+    Nothing is written unless all can be, and each file appears whole or not at all. Incomplete files of a killed
+    process in these folders are removed. `private`: only this user can read and write the files.
 
-    Raises: `CannotWrite`; `Misfit` for what is no mapping from names.
+    Raises: `CannotWrite`; `Misfit` for a value that is no mapping from names.
     """
     paths = demand(files, folder)
     for name, content in files.items():
@@ -107,7 +107,7 @@ def write(files: Mapping[str, str | bytes], folder: str | Path, private: bool = 
 
 
 def remove(name: str, folder: str | Path) -> None:
-    """Remove a file of `folder`, if it is there. Raises: `CannotWrite`."""
+    """Remove a file of `folder`, if it exists. Raises: `CannotWrite`."""
     (path,) = demand([name], folder)
     try:
         path.unlink(missing_ok=True)
@@ -117,8 +117,8 @@ def remove(name: str, folder: str | Path) -> None:
 
 @contextmanager
 def lines_of(name: str, folder: str | Path) -> Iterator[tuple[Iterator[str], Callable[[str], None]]]:
-    """The whole lines of a file in `folder`, which are there already, as they are read, and a function that adds one,
-    ended by a new line, in the place of one that an earlier writer left unfinished; nobody else adds lines within.
+    """Yield the complete lines of a file in `folder`, read one by one, and a function that appends a line, which has to
+    end with a new line, in place of an incomplete last one. No other process can append meanwhile.
 
     Raises: `CannotWrite`.
     """
@@ -159,7 +159,7 @@ def _lines(path: Path, end: int) -> Iterator[str]:
 
 
 def _locked(stream: IO[bytes] | int) -> bool | None:
-    """Lock a file until it is closed; returns False where another process holds it, None where there are no locks."""
+    """Lock a file until it is closed. Return False where another process holds it, None where there are no locks."""
     try:
         import fcntl
 
@@ -172,7 +172,7 @@ def _locked(stream: IO[bytes] | int) -> bool | None:
 
 
 def demand(names: Iterable[str], folder: str | Path) -> list[Path]:
-    """The paths at which `write` would put files of these names; nothing is made.
+    """Return the paths at which `write` would put files of these names, without writing.
 
     Raises: `CannotWrite` where it would refuse one of them.
     """
@@ -184,12 +184,12 @@ def demand(names: Iterable[str], folder: str | Path) -> list[Path]:
     try:
         if _kind(root, follow=True) not in (None, stat.S_IFDIR):
             raise _misplaced(root, "a folder")
-        seen: dict[str, str] = {}
+        by_key: dict[str, str] = {}
         for name in names:
-            if name_key(name) in seen:
-                reason = f"{quoted(seen[name_key(name)])} and {quoted(name)} are one name on some systems"
+            if name_key(name) in by_key:
+                reason = f"{quoted(by_key[name_key(name)])} and {quoted(name)} are one name on some systems"
                 raise CannotWrite(str(root), reason, "rename one of them")
-            seen[name_key(name)] = name
+            by_key[name_key(name)] = name
         paths = [_below(root, name) for name in names]
         for there in {next(above for above in path.parents if above.exists()) for path in paths}:
             if not os.access(there, os.W_OK | os.X_OK):
@@ -197,12 +197,12 @@ def demand(names: Iterable[str], folder: str | Path) -> list[Path]:
         return paths
     except OSError as error:
         raise _failed(error, root) from error
-    except ValueError as error:  # a null byte, or what the file system cannot encode
+    except ValueError as error:  # a null byte, or a character that the file system cannot encode
         raise CannotWrite(quoted(str(root)), f"no path is made of it and {names} ({error})", "take others") from None
 
 
 def _below(root: Path, name: str) -> Path:
-    """The path of a name below the root, on which nothing leads elsewhere."""
+    """Return the path of a name below the root, on which no link leads elsewhere."""
     pure = PurePath(name)
     if not pure.parts or pure.anchor or ".." in pure.parts:
         raise CannotWrite(quoted(name), f"it leaves the folder {root}", "take a name that stays in it")
@@ -218,8 +218,7 @@ def _below(root: Path, name: str) -> Path:
 
 
 def _kind(path: Path, follow: bool = False) -> int | None:
-    """The kind of file that is there, as `stat` calls it; None where there is nothing. A link that leads nowhere is
-    a kind."""
+    """Return the kind of an existing file, as `stat` calls it; None where there is none. A dangling link is a kind."""
     try:
         return stat.S_IFMT(path.stat(follow_symlinks=follow).st_mode)
     except FileNotFoundError:
@@ -232,7 +231,8 @@ def _misplaced(path: Path, wanted: str) -> CannotWrite:
 
 
 def _staged(folder: Path, opened: ExitStack) -> tuple[int, Path]:
-    """A new file, open and locked until `opened` is closed: no other process takes it for one that was left."""
+    """Return a new file, open and locked until `opened` is closed, so that no other process removes it as
+    incomplete."""
     while True:
         path = folder / f"{_STAGED}{secrets.token_hex(8)}"
         handle = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL | getattr(os, "O_BINARY", 0), 0o666)
@@ -242,7 +242,7 @@ def _staged(folder: Path, opened: ExitStack) -> tuple[int, Path]:
 
 
 def _clear(folder: Path) -> None:
-    """Remove the files that processes staged in a folder and, since they were killed, neither locked nor renamed."""
+    """Remove the incomplete files of killed processes in a folder, which are neither locked nor renamed."""
     for path in folder.glob(f"{_STAGED}*"):
         if _kind(path) == stat.S_IFREG:
             with suppress(OSError), open(path, "rb") as stream:

@@ -1,7 +1,7 @@
-"""The theorem behind an observer: what it concludes, what it assumes, and what is known of each hypothesis.
+"""The theorem of an observer: its conclusion, its assumptions, and the verdict on each hypothesis.
 
-An observer's case declares its theorem as data. A hypothesis is known by checks of the form, the plant or the observer,
-or by the way the observer is built; what remains is about the plant in operation, and left to the user.
+An observer's case declares its theorem as data. A hypothesis is decided by checks of the form, the plant or the
+observer, or by the construction of the observer. The others are about the plant in operation, and left to the user.
 """
 
 from collections.abc import Iterable
@@ -16,7 +16,7 @@ YOURS = "left to you"
 
 
 class Convergence(StrEnum):
-    """The knowledge of the convergence of an observer; what is proved comes first."""
+    """The knowledge of the convergence of an observer, from proved to unknown."""
 
     PROVED = "convergence proved in continuous time"
     ABOVE = "convergence proved in continuous time, for its theta"
@@ -25,8 +25,8 @@ class Convergence(StrEnum):
 
 
 def convergence(observer: str, checks: Iterable[Check]) -> Convergence:
-    """The knowledge of an observer's convergence, by its own checks: one of convergence, one of its gain theta, and one
-    of how long it holds a gain, for which a larger theta makes up."""
+    """Return the knowledge of an observer's convergence from its own checks: of convergence, of its gain theta, and of
+    how long it holds a gain, for which a larger theta compensates."""
     known = {check.id.fact: check.verdict for check in checks if check.id.maker == observer}
     if known.get("convergence") is not Verdict.PROVED:
         return Convergence.UNKNOWN
@@ -37,7 +37,7 @@ def convergence(observer: str, checks: Iterable[Check]) -> Convergence:
 
 
 class Beyond(NamedTuple):
-    """A claim of the step as it runs that, where it is proved, says more than the theorem does: `reason`, what of."""
+    """A claim about the step as it runs that, where proved, is stronger than the theorem; `reason`: its subject."""
 
     claims: Claims
     reason: str
@@ -47,11 +47,11 @@ class Beyond(NamedTuple):
 class Hypothesis:
     """A hypothesis of a theorem.
 
-    `claim`: a sentence; `checks`: which claims know it; `verdict`: what is known without a check, by construction, None
-    where only the user can know; `reason`: how, or what the user should see to, or what the checks do not say, a
-    constant text; `reference`: where the theorem says so. With `optional`, it is dropped where no check makes such a
-    claim. `beyond`: by what a proof of the step makes it needless, or shows when it holds; its reason then stands
-    in the place of the other.
+    `claim`: a sentence; `checks`: the claims that decide it; `verdict`: the verdict without a check, by construction,
+    None where only the user can know; `reason`: how it was reached, or what the user has to ensure, or what the checks
+    do not cover, a constant text; `reference`: the place in the paper. With `optional`, it is dropped where no check
+    makes such a claim. `beyond`: a proof of the step that makes it needless, or shows when it holds, and whose reason
+    then replaces the other.
     """
 
     claim: str
@@ -72,18 +72,18 @@ class Theorem:
     reference: Annotated[str, "the paper and its number"]
 
     def under(self, *more: Hypothesis) -> "Theorem":
-        """The theorem with more hypotheses."""
+        """Return the theorem with more hypotheses."""
         return replace(self, hypotheses=(*self.hypotheses, *more))
 
     def with_chains(self) -> "Theorem":
-        """The theorem of several outputs, each with its chain."""
+        """Return the theorem for several outputs, each with its chain."""
         instead = dict(zip(FORM, CHAINS, strict=False))
         return replace(self, hypotheses=tuple(instead.get(each, each) for each in self.hypotheses))
 
 
 @dataclass(frozen=True)
 class Row(Encoded):
-    """A hypothesis with what is known of it: `verdict`, None where it is left to the user."""
+    """A hypothesis with its `verdict`, None where it is left to the user."""
 
     json_keys = "claim verdict=standing reason reason_data=reason.as_dict checks reference"
 
@@ -100,14 +100,14 @@ class Row(Encoded):
 
 
 def rows(theorem: Theorem, checks: Iterable[Check]) -> tuple[Row, ...]:
-    """The theorem's hypotheses, each with the verdict of its worst check; unknown where no check knows it."""
+    """Return the theorem's hypotheses, each with the verdict of its worst check; unknown where no check decides it."""
     known = tuple(checks)
     result = []
     for hypothesis in theorem.hypotheses:
         row, beyond = _row(hypothesis, known), hypothesis.beyond
         if row is None:
             continue
-        if beyond is not None:  # what is proved of the step stands in the place of what trials and the status show
+        if beyond is not None:  # a proof about the step replaces the advice on trials and status
             ids = [check.id for check in known if check.verdict is Verdict.PROVED and check.id in beyond.claims]
             row = replace(row, reason=because(beyond.reason), checks=(*row.checks, *ids)) if ids else row
         result.append(row)
@@ -115,18 +115,18 @@ def rows(theorem: Theorem, checks: Iterable[Check]) -> tuple[Row, ...]:
 
 
 def _row(hypothesis: Hypothesis, known: Iterable[Check]) -> Row | None:
-    telling = [check for check in known if any(check.id in claims for claims in hypothesis.checks)]
+    deciding = [check for check in known if any(check.id in claims for claims in hypothesis.checks)]
     verdict, reason = hypothesis.verdict, because(hypothesis.reason)
-    if telling:
-        least = worst(telling)  # a hypothesis is as good as the worst of its checks
-        alone = len(telling) == 1 or least.verdict is Verdict.PROVED
-        which = NONE if alone else because("{verdict}: {check}", verdict=least.verdict, check=least.id)
-        verdict, reason = least.verdict, joined(which, reason)
+    if deciding:
+        least = worst(deciding)  # a hypothesis is as good as the worst of its checks
+        single = len(deciding) == 1 or least.verdict is Verdict.PROVED
+        worst_check = NONE if single else because("{verdict}: {check}", verdict=least.verdict, check=least.id)
+        verdict, reason = least.verdict, joined(worst_check, reason)
     elif hypothesis.optional:
         return None
     elif hypothesis.checks:
         verdict, reason = Verdict.UNKNOWN, because("the form makes no such check")
-    return Row(hypothesis.claim, verdict, reason, tuple(check.id for check in telling), hypothesis.reference)
+    return Row(hypothesis.claim, verdict, reason, tuple(check.id for check in deciding), hypothesis.reference)
 
 
 # Hypotheses that theorems on form (3) of Boizot, Busvelle, Gauthier 2010 have in common.
@@ -161,7 +161,7 @@ FORM = (
     ),
     Hypothesis("z is a change of coordinates, and its ranges hold the plant's", (Claims("recast"),), optional=True),
 )
-CHAINS = (  # in the place of the first two where each output has its chain
+CHAINS = (  # in place of the first two where each output has its chain
     Hypothesis(
         "z_(i,j)' = a_(i,j+1) z_(i,j+1) + b_(i,j), y_i = a_(i,1) z_(i,1), up to a known offset",
         (Claims("block_triangular", "structure"), Claims("block_triangular", "offset")),
@@ -224,6 +224,6 @@ HURWITZ = Hypothesis(
 
 
 def large_theta(observer: str) -> Hypothesis:
-    """The hypothesis that theta is above what the observer's claim of that name proves."""
+    """Return the hypothesis that theta is above the bound in the observer's claim of that name."""
     reason = "of its declared value; it can be tuned down to 1"
     return Hypothesis("theta is large enough", (Claims(observer, "theta"),), reason=reason)

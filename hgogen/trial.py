@@ -1,5 +1,4 @@
-"""A trial: the plant's truth, noise on what is measured, jumps, a wrong initial state; and what an observer
-makes of it.
+"""A trial: the plant's truth, noise on the measurements, jumps, a wrong initial state, and the response of an observer.
 
     x' = flow(x, u(t); p),  y = output(x, u(t); p) + n,  x jumps at given times
     n_{k+1} = rho n_k + sigma sqrt(1 - rho^2) g_k,  rho = exp(-dt/tau),  n_0 = sigma g_0;  or a tone, a sin(omega t)
@@ -13,8 +12,8 @@ A plant without a trial has a proposed one:
     x(0) = m + c s S,   u(t) = m + c S sin(2 pi t/D),   xhat(0) = m,   duration 10 D
 
 m: the middle and S: half of a range; D: the longest time in which a state crosses its range at its fastest; s: a sign
-for each state; c = 1/2, 1/4 or 1/10. Of these motions that one is taken which stays longest in all ranges of the
-states, the first of equals; where it leaves them, the trial ends before.
+for each state; c = 1/2, 1/4 or 1/10. The proposal is the motion that stays longest in all ranges of the states, the
+first of equals; where it leaves them, the trial ends before.
 """
 
 import ctypes
@@ -48,8 +47,8 @@ from hgogen.signal import Signal, derived, plural, resting
 from hgogen.system import System
 
 MEMORY = 1 << 30  # bytes of one seed's truth, measurements and estimates
-_TOGETHER = 1 << 20  # numbers of measurements that are made at once
-_FURTHER = 4  # numbers a sample beside states, inputs and outputs: its time, status and traces
+_TOGETHER = 1 << 20  # numbers of measurements that are computed at once
+_FURTHER = 4  # numbers of a sample besides states, inputs and outputs: its time, status and traces
 FEW = 16  # columns, up to which lists are faster than rows of an array; the numbers are the same
 t = Signal("t", "", "time")  # inputs of a trial are expressions of this
 
@@ -73,7 +72,7 @@ class OrnsteinUhlenbeck:
     tau: float = 0.0
 
     def at(self, times: np.ndarray, rngs: Sequence[np.random.Generator]) -> np.ndarray:
-        """The noise (N, k) at evenly spaced `times` (N) of each of k generators."""
+        """Return the noise (N, k) at evenly spaced `times` (N) of each of k generators."""
         normal = np.column_stack([rng.standard_normal(len(times)) for rng in rngs])
         rho = math.exp(-(times[1] - times[0]) / self.tau) if self.tau > 0 else 0.0
         scaled = self.sigma * normal
@@ -91,13 +90,13 @@ class Sine:
     omega: float
 
     def at(self, times: np.ndarray, rngs: Sequence[np.random.Generator]) -> np.ndarray:
-        """The noise (N, k) at `times` (N)."""
+        """Return the noise (N, k) at `times` (N)."""
         return np.tile(self.amplitude * np.sin(self.omega * times)[:, None], len(rngs))
 
 
 @dataclass(frozen=True)
 class Jump:
-    """At `time` the state `state` becomes `value`."""
+    """A jump of the state `state` to `value` at `time`."""
 
     time: float
     state: str
@@ -117,11 +116,11 @@ class Settled:
 class Trial:
     """A scenario, repeated over noise seeds; its times are in the unit of time of the plant's System.
 
-    `duration`; `start`: the plant's state by name; `inputs`: an expression of `hgogen.trial.t`, or a
-    number, for each input by name (not for one that is the derivative of another); `noise` by output name, or its
-    standard deviation; `jumps`: one or several; `steady`: the errors count as steady from then on, default the last
-    tenth; `seeds`: of the noise, or how many; `estimate`: the plant's state by name from which every
-    observer starts, default its own start, and in a comparison the nominal values.
+    `duration`; `start`: the plant's state by name; `inputs`: an expression of `hgogen.trial.t`, or a number, for each
+    input by name (not for one that is the derivative of another); `noise` by output name, or its standard deviation;
+    `jumps`: one or several; `steady`: the time from which errors count as steady, by default the start of the last
+    tenth; `seeds`: of the noise, or how many; `estimate`: the plant's state by name from which every observer starts,
+    by default its own start, and in a comparison the nominal values.
 
     Raises: `BadTrial` for a field of another kind.
     """
@@ -138,13 +137,13 @@ class Trial:
     estimate: Mapping[str, float] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        """Reads every field as its kind. Raises: `BadTrial`."""
+        """Convert every field to its type. Raises: `BadTrial`."""
         for key, value in vars(self).copy().items():
             object.__setattr__(self, key, read_field(self.name, key, value))
 
     def first_estimate(self, form: Form) -> dict[str, float]:
-        """The `initial` from which every observer of a form has the same plant's state at time 0: that of `estimate`,
-        read at the first inputs. Raises: `BadTrial`."""
+        """Return the `initial` with which every observer of a form starts at the plant's state `estimate`, for the
+        inputs at time 0. Raises: `BadTrial`."""
         plant = form.system.declared
         _names(self, "inputs", _inputs(form.system, self), {s.name for s in form.system.inputs}, needed=True)
         _names(self, "estimate", self.estimate, {s.name for s in plant.states})
@@ -153,7 +152,7 @@ class Trial:
         return dict(self.estimate) | {u.name: float(value) for u, value in first if u in read}
 
     def first_state(self, plant: System) -> dict[str, float]:
-        """`estimate` with every state of the plant."""
+        """Return `estimate` completed to every state of the plant."""
         return {s.name: float(self.estimate.get(s.name, resting(s))) for s in plant.states}
 
     @property
@@ -163,13 +162,14 @@ class Trial:
 
     @property
     def steady_from(self) -> float:
-        """`steady`, or where the last tenth begins."""
+        """The time `steady`, or the start of the last tenth."""
         return 0.9 * self.duration if self.steady is None else self.steady
 
 
 @dataclass(frozen=True, eq=False)
 class Truth:
-    """t (N,), x (N, n), u (N, m), y (N, p) without noise, at the samples; a jump's sample has the value after it."""
+    """The truth t (N,), x (N, n), u (N, m), y (N, p) without noise, at the samples; the sample of a jump has the value
+    after it."""
 
     t: np.ndarray
     x: np.ndarray
@@ -178,13 +178,12 @@ class Truth:
 
     @property
     def at_once(self) -> int:
-        """The number of seeds whose measurements are made at once."""
+        """The number of seeds whose measurements are computed at once."""
         return max(1, _TOGETHER // self.y.size)
 
 
 class Feed(NamedTuple):
-    """The data that a step is given in one run: trial, seed and truth, the inputs u (N, m), and what is measured, y (N,
-    p)."""
+    """The inputs of one run of a step: trial, seed and truth, the inputs u (N, m), and the measurements y (N, p)."""
 
     trial: Trial
     seed: int
@@ -195,9 +194,9 @@ class Feed(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Trajectory:
-    """A seed of a trial: the truth, what was measured, y (N, p), and what the step made of it.
+    """A seed of a trial: the truth, the measurements y (N, p), and the response of the step.
 
-    `x` (N, n) estimate; `traces` by name (N,); `status` (N,); `engine`: who ran the step.
+    `x` (N, n) estimate; `traces` by name (N,); `status` (N,); `engine`: the engine that ran the step.
     """
 
     trial: Trial
@@ -211,22 +210,22 @@ class Trajectory:
 
     @property
     def error(self) -> np.ndarray:
-        """Estimate minus truth (N, n)."""
+        """The estimate minus the truth (N, n)."""
         error: np.ndarray = self.x - self.truth.x
         return error
 
 
 def simulate(plant: System, trial: Trial, dt: float) -> Truth:
-    """The plant's truth at 0, dt, .. up to the trial's duration, parameters at their nominal values. Raises: `BadTrial`
-    for names or numbers that do not fit, or a plant that cannot be integrated that far."""
+    """Return the plant's truth at 0, dt, .. up to the trial's duration, parameters at their nominal values. Raises:
+    `BadTrial` for names or numbers that do not fit, or a plant that cannot be integrated that far."""
     return Plant(plant, trial, dt).truth(trial.start)
 
 
 class Plant:
-    """A plant along a trial, made once for several truths.
+    """A plant along a trial, prepared once for several truths.
 
-    `free`: parameters whose values differ from truth to truth; the others are nominal; `many`: whether there are so
-    many truths that it is worth compiling what integrates them.
+    `free`: parameters whose values differ from truth to truth; the others are nominal; `many`: whether there are enough
+    truths to compile their integration.
 
     Raises: `BadTrial` for names or numbers that do not fit.
     """
@@ -249,8 +248,8 @@ class Plant:
         self._marches = {one.begin: March(self._ode, [one.begin, *one.stops]) for one in moving}
 
     def truth(self, start: Mapping[str, float], parameters: Sequence[float] = ()) -> Truth:
-        """The truth from a state by name, with values of the free parameters. Raises: `BadTrial` for a plant that
-        cannot be integrated that far."""
+        """Return the truth from a state by name, with values of the free parameters. Raises: `BadTrial` for a plant
+        that cannot be integrated that far."""
         x, times = self.states(start, parameters), self.times[None, :]
         values = np.tile(np.array(parameters, dtype=float)[:, None], times.shape)
         return Truth(self.times, x, self.u, np.array(self._measure.map(times.size)(x.T, times, values)).T)
@@ -261,7 +260,7 @@ class Plant:
         return sampled(self._plant, self._trial, self.times)
 
     def states(self, start: Mapping[str, float], parameters: Sequence[float] = ()) -> np.ndarray:
-        """Return the states of the truth (N, n), from jump to jump; a jump takes effect at its very time. Raises:
+        """Return the states of the truth (N, n), from jump to jump; a jump takes effect at its exact time. Raises:
         `BadTrial`."""
         p = np.array(parameters, dtype=float)
         index = {s.name: i for i, s in enumerate(self._plant.states)}
@@ -299,8 +298,8 @@ class Plant:
 
 @dataclass(frozen=True, eq=False)
 class _Segment:
-    """The time from an event at `begin` to the next: the samples `here` at the event itself (a mask), those `inside`
-    (their numbers), and the times at which the integration stops, the next event's among them."""
+    """The time from an event at `begin` to the next: the samples `here` at the event itself (a mask), the samples
+    `inside` (their numbers), and the times at which the integration stops, including the next event."""
 
     begin: float
     here: np.ndarray
@@ -309,7 +308,7 @@ class _Segment:
 
 
 def _segments(trial: Trial, times: np.ndarray) -> Iterator[_Segment]:
-    grain = 1e-9 * times[1]  # a jump this near to a sample is on it
+    grain = 1e-9 * times[1]  # a jump this near to a sample is at the sample
     for begin, end in pairwise((*trial.events, math.inf)):
         inside = np.flatnonzero((times > begin + grain) & (times < end - grain))
         stops = [*times[inside], *([end] if end <= times[-1] + grain else [])]
@@ -317,7 +316,7 @@ def _segments(trial: Trial, times: np.ndarray) -> Iterator[_Segment]:
 
 
 def sampled(plant: System, trial: Trial, times: np.ndarray) -> np.ndarray:
-    """The plant's inputs (N, m) at `times`."""
+    """Return the plant's inputs (N, m) at `times`."""
     time, inputs = ca.SX.sym("t"), _inputs(plant, trial)
     u = to_casadi([sp.sympify(inputs[s.name]) for s in plant.inputs], {t: time})
     each = ca.Function("inputs", [time], [ca.densify(ca.SX(ca.vertcat(*u)))])
@@ -325,7 +324,7 @@ def sampled(plant: System, trial: Trial, times: np.ndarray) -> np.ndarray:
 
 
 def _inputs(plant: System, trial: Trial) -> dict[str, Any]:
-    """The trial's inputs, and the derivatives of them that are inputs of the plant as well."""
+    """Return the trial's inputs, and their derivatives that are inputs of the plant as well."""
     rates = {
         name: sp.diff(sp.sympify(trial.inputs[source]), t, order)
         for name, (source, order) in derived(plant.inputs).items()
@@ -347,8 +346,8 @@ def noisy(plant: System, truth: Truth, trial: Trial, seeds: Sequence[int]) -> np
 def try_out(
     step: CallableStep, trial: Trial, engine: Engine | None = None, seeds: Sequence[int] | None = None
 ) -> Iterator[Trajectory]:
-    """The step over the trial, one trajectory for each seed, from the trial's `estimate`, else from its reset state;
-    the step is left at the last one's end. A slower sensor has its first sample at 0.
+    """Return the response of the step in the trial, one trajectory for each seed, from the trial's `estimate`, else
+    from its reset state; the step is left at the end of the last one. A slower sensor has its first sample at 0.
 
     `engine`: as in `Step.run`, "c", "python" or None for C where there is a compiler.
 
@@ -360,8 +359,8 @@ def try_out(
 
 
 def first_memory(step: CallableStep, trial: Trial) -> bytes:
-    """The memory of a step at a trial's start: its estimate is the trial's, else its own. Raises: `BadGain` for an
-    estimate that the observer cannot start from."""
+    """Return the memory of a step at a trial's start: its estimate is the trial's, else its own. Raises: `BadGain` for
+    an estimate that the observer cannot start from."""
     if trial.estimate:
         return step.started(trial.first_estimate).save()
     step.reset()
@@ -369,7 +368,7 @@ def first_memory(step: CallableStep, trial: Trial) -> bytes:
 
 
 def tried(step: CallableStep, runs: Iterable[Feed], start: bytes, engine: Engine | None) -> Iterator[Trajectory]:
-    """The step over runs, each from the memory `start`."""
+    """Return the response of the step to runs, each from the memory `start`."""
     for one in runs:
         step.restore(start)
         run = step.run(u=one.u, y=step.arriving(one.y), engine=engine)
@@ -377,7 +376,7 @@ def tried(step: CallableStep, runs: Iterable[Feed], start: bytes, engine: Engine
 
 
 def feeds(step: CallableStep, trial: Trial, truth: Truth, seeds: Sequence[int]) -> Iterator[Feed]:
-    """The runs of seeds on a truth of the step's plant; the noise of as many as fit is made at once."""
+    """Return the runs of seeds on a truth of the step's plant; the noise of as many as fit is computed at once."""
     system = step.observer.form.system
     u = truth.u if system.inputs == system.declared.inputs else sampled(system, trial, truth.t)
     for first in range(0, len(seeds), truth.at_once):
@@ -387,7 +386,8 @@ def feeds(step: CallableStep, trial: Trial, truth: Truth, seeds: Sequence[int]) 
 
 
 def demand_trial(plant: System, trial: Trial, dt: float) -> None:
-    """Raise `BadTrial` unless every name is the plant's, every needed one is there, and every number makes sense."""
+    """Raise `BadTrial` unless every name is a name of the plant, every required one is given, and every number is
+    valid."""
     states = {s.name for s in plant.states}
     _names(trial, "start", trial.start, states, needed=True)
     _names(trial, "inputs", trial.inputs, {s.name for s in plant.inputs}, needed=True)
@@ -431,7 +431,7 @@ def _faults(trial: Trial, dt: float, unit: str, width: int) -> Iterator[str]:
 
 
 def _outside(plant: System, trial: Trial) -> Iterator[str]:
-    """Jumps out of what the plant declares of its states: no observer is made for them."""
+    """Return the faults of jumps out of the declared ranges of states: no observer covers them."""
     states = {s.name: s for s in plant.states}
     for jump in trial.jumps:
         low, high = states[jump.state].interval
@@ -440,8 +440,7 @@ def _outside(plant: System, trial: Trial) -> Iterator[str]:
 
 
 def _names(trial: Trial, what: str, names: Any, known: set[str], needed: bool = False) -> None:
-    """Demands that the names are `known`, and that all of these are among them where they are `needed`. Raises:
-    `BadTrial`."""
+    """Raise `BadTrial` for a name that is not `known`, or a known one that is missing although `needed`."""
     listed = ", ".join(sorted(known)) or "none"
     for name in names:
         if name not in known:
@@ -452,8 +451,8 @@ def _names(trial: Trial, what: str, names: Any, known: set[str], needed: bool = 
 
 
 def rows_given(step: CallableStep, trial: Trial, count: int = 300) -> np.ndarray:
-    """The first samples (count, m + p): inputs, then the columns of the step's `samples`, of the trial's first seed. A
-    trial that is shorter gives fewer. Raises: `BadTrial`."""
+    """Return the first samples (count, m + p) of the trial's first seed: inputs, then the columns of the step's
+    `samples`. A shorter trial gives fewer. Raises: `BadTrial`."""
     nominal = replace(trial, jumps=(), steady=None, settled=None, duration=min(trial.duration, count * step.dt))
     system = step.observer.form.system
     truth = simulate(system.declared, nominal, step.dt)
@@ -463,18 +462,18 @@ def rows_given(step: CallableStep, trial: Trial, count: int = 300) -> np.ndarray
 
 
 def _recursion(values: Any, rho: float) -> Any:
-    """values_k + rho values_(k-1), in place, of a list of numbers or of the rows of an array."""
+    """Return values_k + rho values_(k-1), in place, of a list of numbers or of the rows of an array."""
     for k in range(1, len(values)):
         values[k] += rho * values[k - 1]
     return values
 
 
-# --- as what a field may be given ---------------------------------------------------------------------------
+# --- conversion of fields -------------------------------------------------------------------------------------
 
 
 def read_field(trial: Any, key: str, value: Any) -> Any:
-    """A trial's field `key` of what is given for it: a count of seeds, one jump alone, and a standard deviation for a
-    noise are turned into what they stand for. Raises: `BadTrial`."""
+    """Return the value of a trial's field `key`. A count of seeds, a single jump, and a standard deviation of noise are
+    converted. Raises: `BadTrial`."""
     if key not in _FIELDS:
         return value
     reader, wanted = _FIELDS[key]
@@ -505,11 +504,12 @@ def _each(reader: Callable[[Any], Any]) -> Callable[[Any], Any]:
 
 def _noise(value: Any) -> Any:
     noise = OrnsteinUhlenbeck(_number(value)) if isinstance(value, Real) else value
-    return _of(noise, OrnsteinUhlenbeck | Sine)
+    return _instance(noise, OrnsteinUhlenbeck | Sine)
 
 
-def _of(entry: Any, kind: Any) -> Any:
-    """A value of a class above, whose fields are numbers, but for the name of a state."""
+def _instance(entry: Any, kind: Any) -> Any:
+    """Return an instance of one of the classes above, after a check that its fields are numbers, or the name of a
+    state."""
     if not isinstance(entry, kind):
         raise TypeError
     for key, value in vars(entry).items():
@@ -544,10 +544,10 @@ _FIELDS: dict[str, tuple[Callable[[Any], Any], str]] = {
     ),
     "noise": (_each(_noise), "a standard deviation, an OrnsteinUhlenbeck or a Sine for each output by name"),
     "jumps": (
-        lambda jumps: tuple(_of(one, Jump) for one in ((jumps,) if isinstance(jumps, Jump) else jumps)),
+        lambda jumps: tuple(_instance(one, Jump) for one in ((jumps,) if isinstance(jumps, Jump) else jumps)),
         "a Jump(time, state, value), or several in a tuple",
     ),
-    "settled": (_unless_none(lambda value: _of(value, Settled)), "a Settled(state, band, hold), or None"),
+    "settled": (_unless_none(lambda value: _instance(value, Settled)), "a Settled(state, band, hold), or None"),
     "steady": (_unless_none(_number), "a number, or None"),
     "seeds": (_seeds, f"a count from 1 to {SEEDS}, or whole numbers from 0 in a tuple, such as (0, 1)"),
 }
@@ -571,23 +571,23 @@ void march(long long count, long long n, double* x, double* e, const double* t, 
 
 
 class March:
-    """The motions of x' = f(x, t; p) from `times[0]` to the others, by extrapolation with given steps, compiled.
+    """The motion of x' = f(x, t; p) from `times[0]` to the others, by extrapolation with given steps, compiled.
 
         z_1 = x + h/n f(x),   z_(j+1) = z_(j-1) + 2 h/n f(z_j),   T_i1 = z_n,   n = n_i of 2, 4, 6, 8
         T_(i,k+1) = T_ik + (T_ik - T_(i-1,k))/((n_i/n_(i-k))^2 - 1),   x+ = T_44,   e = T_44 - T_43
 
-    x+ is of order 8, e the error of T_43, of order 6. A motion counts where e stays below `LOCAL` of the peak of each
-    state: what it is off by is then less than what CVODES leaves. An input may jump at a given time, where a step ends.
+    x+ is of order 8, e the error of T_43, of order 6. A motion is valid where e stays below `LOCAL` of the peak of each
+    state: its error is then below that of CVODES. An input may jump at a given time, where a step ends.
     Source: Hairer, Norsett, Wanner, Solving Ordinary Differential Equations I (1993), II.9: Gragg's rule, extrapolated.
 
-    `ode`: graphs of the state "x", the time "t", parameters "p" and the rate "ode", as CasADi's integrators take them.
+    `ode`: graphs of the state "x", the time "t", parameters "p" and the rate "ode", as for CasADi's integrators.
     """
 
     def __init__(self, ode: Mapping[str, Graph], times: Sequence[float]) -> None:
         self._ode, self._t, self._h = ode, np.asarray(times, dtype=float)[:-1], np.diff(times)
 
     def __call__(self, start: Array, p: Array) -> Array | None:
-        """The states (k, n) at the times behind the first; None where they are not known well enough, and without a
+        """Return the states (k, n) at the times after the first; None where the error is too large, and without a
         compiler."""
         if not native.compiler():
             return None
@@ -603,7 +603,7 @@ class March:
 
     @cached_property
     def _step(self) -> Any:
-        """(x, t, h, p) -> x+ and |e|."""
+        """The CasADi function (x, t, h, p) -> x+ and |e|."""
         t, h = ca.SX.sym("t"), ca.SX.sym("h")
         x, p = self._ode["x"], self._ode["p"]
         rate = ca.Function("rate", [x, self._ode["t"], p], [ca.densify(self._ode["ode"])])
@@ -631,7 +631,8 @@ class March:
 
 @contextmanager
 def deferred_interrupt() -> Iterator[list[Any]]:
-    """The Ctrl-C within, which count when it ends: CasADi takes what a handler raises for a model that has no value."""
+    """Yield a list of the Ctrl-C signals within, which take effect at the end: CasADi mistakes an exception of a
+    handler for a model without a value."""
     deferred_interrupt: list[Any] = []
     before = signal.getsignal(signal.SIGINT)
     if not callable(before) or threading.current_thread() is not threading.main_thread():  # it is ignored, or not ours
@@ -647,7 +648,7 @@ def deferred_interrupt() -> Iterator[list[Any]]:
 
 
 CROSSINGS = 10.0  # times D
-SAMPLES = 2000  # at which a motion is looked at
+SAMPLES = 2000  # of a motion
 SHARES = (0.5, 0.25, 0.1)  # c
 SIGNS = ((1,), (1, -1), (-1,))
 PARTS = tuple(0.5**k for k in range(7, -1, -1))  # of the duration
@@ -656,13 +657,13 @@ LEAST = 0.1  # of D: a shorter motion is no trial
 
 
 class NoTrial(BadArgument):
-    """A plant of which no trial can be made from its ranges."""
+    """A plant whose ranges give no trial."""
 
 
 @requires_plant
 def proposed_trial(plant: System) -> Trial:
-    """The trial, without noise, of the plant as first declared. Raises: `NoTrial` where a state or an input has no
-    range, nothing moves, or every motion leaves the ranges at once."""
+    """Return the trial, without noise, of the plant as first declared. Raises: `NoTrial` where a state or an input has
+    no range, no state moves, or every motion leaves the ranges at once."""
     first = plant.declared
     if unknown := [s.name for s in (*first.states, *first.inputs) if not s.bounded]:
         raise NoTrial(f"plant {plant.name!r}", f"has no range of {', '.join(unknown)}, and no trial; declare either")
@@ -696,8 +697,8 @@ def _motions(plant: System, longest: float) -> Iterator[Trial]:
 
 
 def _stay(plant: System, trial: Trial) -> float:
-    """Return how long the plant stays in its ranges: parts that double are integrated until it leaves them, or
-    escapes."""
+    """Return the time until the plant leaves its ranges. It is integrated over durations that double, until it leaves
+    them or escapes."""
     low, high = np.array([s.interval for s in plant.states]).T
     stayed = 0.0
     for part in PARTS:

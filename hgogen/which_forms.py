@@ -1,7 +1,8 @@
-"""Which observability forms a plant is in, on its declared box, in which order of states, and why not in the others.
+"""The survey of observability forms: which ones a plant is in, on its declared box, in which order of states, and why
+not.
 
-Every form of the folder `forms` is asked, each in its variants, and the test of Gauthier and Bornard, which is of every
-real input and does not know of the box. What one says of the plant as a whole is the worst of what its checks say.
+Every form of the folder `forms` is tried, each in its variants, and the test of Gauthier and Bornard, which is about
+every real input regardless of the box. The verdict on the whole plant is the worst verdict of the checks.
 """
 
 from collections.abc import Mapping
@@ -20,20 +21,20 @@ from hgogen.reading.given import requires_plant, requires_switches
 from hgogen.sentence import Encoded, Reason, because, encoded, point
 from hgogen.system import System
 
-NOT_ASKED = because("not asked, may take seconds; ask with --deep, or survey(plant, deep=True)")
+NOT_TRIED = because("not asked, may take seconds; ask with --deep, or survey(plant, deep=True)")
 
 
 def asking(name: str) -> Asking:
-    """The way in which the form of that name is asked, by default as one that does not say."""
+    """Return the settings by which the form of that name is tried, by default those of `Asking()`."""
     return getattr(getattr(forms, name, None), "asking", Asking())
 
 
 @dataclass(frozen=True)
 class Row(Encoded):
-    """A form, its name `kind`, and what is known of the plant in it; `options`: those with which it was asked.
+    """A form, its name `kind`, and the verdict on the plant in it; `options`: the arguments of the form.
 
-    `verdict`: the worst of the checks'; None where the form does not take the plant, or was not asked, and `why` says
-    which.
+    `verdict`: the worst verdict of the checks; None where the form does not apply to the plant, or was not tried, and
+    `why` says which.
     """
 
     json_keys = "name verdict why why_data=why.as_dict fix order witness"
@@ -61,7 +62,7 @@ class Survey:
     rows: Annotated[tuple[Row, ...], "each form in each variant, and the test of Gauthier and Bornard"]
 
     def __getitem__(self, name: str) -> Row:
-        """The row of that name, such as "triangular" or "triangular, measured=True"."""
+        """Return the row of that name, such as "triangular" or "triangular, measured=True"."""
         return {row.name: row for row in self.rows}[name]
 
     @property
@@ -77,28 +78,27 @@ class Survey:
 
     @property
     def candidates(self) -> tuple[Row, ...]:
-        """The rows of forms that say something of observability and whose structure the plant has, proved ones
-        first."""
+        """The rows of forms with a claim of observability and a structure that the plant has, proved ones first."""
         rows = [row for row in self.answered if asking(row.kind).candidate]
         shaped = [row for row in rows if row.form and row.form.structured]
         return tuple(sorted(shaped, key=lambda row: row.verdict is not Verdict.PROVED))
 
     @property
     def silent(self) -> tuple[Row, ...]:
-        """The rows of forms that say nothing of observability and whose structure the plant has."""
+        """The rows of forms without a claim of observability and with a structure that the plant has."""
         rows = [row for row in self.answered if not asking(row.kind).candidate]
         return tuple(row for row in rows if row.form and row.form.structured)
 
     @property
     def best(self) -> Form:
-        """The first form that is proved, else the first whose structure the plant has, else the first that takes it,
-        else its own coordinates."""
+        """The first form that is proved, else the first whose structure the plant has, else the first that applies to
+        it, else its own coordinates."""
         answering = [row for row in self.answered if asking(row.kind).candidate]
         rows = (*self.candidates, *answering)
         return next((row.form for row in rows if row.form), None) or forms.original(self.plant)
 
     def as_dict(self) -> list[dict[str, Any]]:
-        """The rows as plain data for JSON."""
+        """Return the rows as plain data for JSON."""
         rows: list[dict[str, Any]] = encoded(self.rows)
         return rows
 
@@ -110,7 +110,7 @@ class Survey:
 @requires_plant
 @requires_switches
 def survey(plant: System, *, deep: bool = False) -> Survey:
-    """Every form of the plant on its declared box; those that take seconds only if `deep`."""
+    """Return every form of the plant on its declared box; forms that take seconds only if `deep`."""
     names = sorted(forms.__all__, key=lambda name: asking(name).place)
     rows = []
     for name in names:
@@ -119,21 +119,21 @@ def survey(plant: System, *, deep: bool = False) -> Survey:
         if refusal:
             rows.append(Row(name, None, (), because("{refusal}", refusal=refusal)))
         elif case.costly and not deep:
-            rows.append(Row(name, None, (), NOT_ASKED))
+            rows.append(Row(name, None, (), NOT_TRIED))
         else:
             rows += [_row(name, options, plant) for options in case.options]
     return Survey(plant, (*rows, _gauthier_bornard(plant)))
 
 
 def of(name: str, plant: System) -> Row:
-    """The row of one form of the folder, without options."""
+    """Return the row of one form of the folder, without options."""
     return _row(name, {}, plant)
 
 
 def _row(name: str, options: Mapping[str, Any], plant: System) -> Row:
     try:
         form: Form = getattr(forms, name)(plant, **options)
-    except HgogenError as refusal:  # the plant is not one that the form takes
+    except HgogenError as refusal:  # the form does not apply to the plant
         return Row(name, None, (), because("{refusal}", refusal=str(refusal)), options=options)
     weakest = worst(form.checks)
     permuted = all(any(z in (x, -x) for x in form.system.states) for z in form.to_form)
@@ -145,13 +145,13 @@ def _row(name: str, options: Mapping[str, Any], plant: System) -> Row:
     if weakest.witness:
         reason = because("{reason}, at {point}", reason=reason, point=point(weakest.witness))
     of_subject = weakest.verdict is Verdict.REFUTED and weakest.subject is not None
-    if not (of_subject or weakest.id.fact == "structure" or weakest.id.maker == MAKER):  # else it names itself
-        reason = because("{check}: {reason}", check=weakest.id.short, reason=reason)
+    if not (of_subject or weakest.id.fact == "structure" or weakest.id.maker == MAKER):  # else it names it
+        reason = because("{check}: {reason}", check=weakest.id.unqualified, reason=reason)
     return Row(name, weakest.verdict, order, reason, weakest.witness, weakest.advice, form, options)
 
 
 def _gauthier_bornard(plant: System) -> Row:
-    """The row of the test of Gauthier and Bornard."""
+    """Return the row of the test of Gauthier and Bornard."""
     answer = of_plant(plant)
     if not answer.applies:
         return Row("Gauthier-Bornard", None, (), because("does not apply: {reason}", reason=answer.reason))

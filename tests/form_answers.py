@@ -8,7 +8,7 @@ from hgogen.form import Form
 
 def verdicts(form: Form) -> dict[str, str]:
     """Of the claims of the form itself, without those of rows of the plant that have no value somewhere."""
-    return {check.id.short: check.verdict.value for check in form.checks if check.id.maker != "singular"}
+    return {check.id.unqualified: check.verdict.value for check in form.checks if check.id.maker != "singular"}
 
 
 def check(form: Form, name: str) -> Check:

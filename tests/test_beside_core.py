@@ -72,7 +72,8 @@ def left(step: hg.Step) -> np.ndarray:
     error, method = step.observer.error, step.method
     assert isinstance(error, Inclusion)
     assert isinstance(method, Realising)
-    return np.array(list(map(float, method.beside(plant_step(step), error, theta_of(step.observer)).sizes.fields)))
+    deviation = method.plant_deviation(plant_step(step), error, theta_of(step.observer))
+    return np.array(list(map(float, deviation.sizes.fields)))
 
 
 class Beside:

@@ -176,7 +176,7 @@ def test_a_restored_state_is_the_saved_one(name: str, engine: str) -> None:
 @pytest.mark.parametrize("name", ["window", "high_gain", "two_outputs", "twelve"])
 def test_in_float_every_reader_has_the_bits_of_the_emitted_c(name: str) -> None:
     """With a sample beyond a float, which is none; a step of matrix kernels; and the memory of one pickled midway."""
-    step = built(name).made_again(real="float")
+    step = built(name).rebuilt(real="float")
     signals = record(step, 48)
     signals["y"][20] = 1e300
     exact = machine(step, "float")

@@ -388,8 +388,8 @@ def test_the_digest_is_of_what_the_numbers_depend_on() -> None:
         hg.campaign(made, TRIAL, 4, "x1=1%"),
         hg.campaign(made, TRIAL, 3, "x1=1%", seed=1),
         hg.campaign(made, Trial("let_go", 2.5, TRIAL.start, TRIAL.inputs), 3),
-        hg.campaign(made.made_again(dt=0.02), TRIAL, 3),
-        hg.campaign(made.made_again(real="float"), TRIAL, 3),
+        hg.campaign(made.rebuilt(dt=0.02), TRIAL, 3),
+        hg.campaign(made.rebuilt(real="float"), TRIAL, 3),
         hg.campaign(tuned, TRIAL, 3),
     ]
     assert len({one.digest for one in changed}) == len(changed)

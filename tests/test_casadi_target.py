@@ -223,7 +223,7 @@ CLIPPED = {"OUTSIDE_BOX", "STATE_LIMITED", "COVARIANCE_LIMITED"}  # bits with wh
 def by_euler(made: CallableStep, dt: float) -> CallableStep:
     """The step by Euler's method, at a share of this dt where it is too long for the covariance."""
     try:
-        return made.made_again(method=hg.methods.euler, dt=dt)
+        return made.rebuilt(method=hg.methods.euler, dt=dt)
     except StepTooLong:
         return by_euler(made, dt / 8)
 

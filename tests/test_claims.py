@@ -32,7 +32,7 @@ def test_a_name_is_the_text_of_its_parts(text: str) -> None:
     assert (id, hash(id), repr(id), f"{id}") == (text, hash(text), repr(text), text)
     assert json.loads(json.dumps([id])) == [text]
     assert (id.maker, id.fact, id.at) == (maker, fact, tuple(at))
-    assert id == (f"{maker}.{id.short}" if maker else id.short)
+    assert id == (f"{maker}.{id.unqualified}" if maker else id.unqualified)
 
 
 @pytest.mark.parametrize("protocol", range(pickle.HIGHEST_PROTOCOL + 1))

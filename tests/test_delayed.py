@@ -242,7 +242,7 @@ def test_slower_sensors_have_the_noise_of_their_own_period() -> None:
     there = y.copy()
     there[27:, 0] = NAN
     assert np.array_equal(late.run(u, late.arriving(y)).x[-1], plain.run(u, there).x[-1])
-    assert late.made_again().clock.periods == plain.clock.periods
+    assert late.rebuilt().clock.periods == plain.clock.periods
 
 
 # --- restarts -----------------------------------------------------------------------------------------------
@@ -427,7 +427,7 @@ def test_it_is_copied_pickled_and_made_again() -> None:
     u, y = signals(step, 20)
     rows, _ = posted(step, y, [1, 4, 0, 2] * 5)
     step.run(u[:10], rows[:10])
-    others = [copy.copy(step), pickle.loads(pickle.dumps(step)), step.made_again()]
+    others = [copy.copy(step), pickle.loads(pickle.dumps(step)), step.rebuilt()]
     others[2].restore(step.save())
     last = step.run(u[10:], rows[10:]).x
     for other in others:

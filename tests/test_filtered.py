@@ -200,7 +200,7 @@ def test_the_bound_on_theta_is_that_of_the_filtered_observer() -> None:
     general = {"F": -3 * np.eye(2) + np.eye(2, k=-1), "G": (1, 0), "H": np.diag((2, 1)), "N": None, "theta": 40}
     each = (filtered("chain2", theta=40, poles=(-1, -1)), injected("chain2", **general))
     for observer in each:
-        checks = {check.id.short: check for check in observer.checks}
+        checks = {check.id.unqualified: check for check in observer.checks}
         assert checks["convergence"].verdict is checks["theta"].verdict is hg.Verdict.PROVED
         assert 2.9 < checks["convergence"].proofs[0].fact.theta < 3.2
         assert {row.standing for row in rows(observer.theorem, observer.checks) if "large" in row.claim} == {"proved"}

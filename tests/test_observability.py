@@ -170,7 +170,7 @@ def test_branches_beyond_the_ranges_are_not_asked() -> None:
     p, q = hg.Signal("p", low=1, high=5), hg.Signal("q", low=-5, high=-1)
     for rate in (-sp.Max(0, p - q), sp.Min(p - q, 11), sp.sqrt(p - q - 1), sp.log(p - q - sp.Rational(3, 2))):
         analysis = hg.observability(hg.System("s", states=(p, q), outputs=(y,), flow=[rate, -q], output=[p]))
-        assert (analysis.rank, analysis.checks[0].verdict, str(analysis.asked)) == (2, Verdict.GENERIC, "")
+        assert (analysis.rank, analysis.checks[0].verdict, str(analysis.scope)) == (2, Verdict.GENERIC, "")
 
 
 def test_a_corner_of_two_conditions_is_asked() -> None:

@@ -117,7 +117,7 @@ def test_a_step_that_was_warned_of_is_not_warned_of_again():
 
 def test_an_observer_that_nobody_can_make_again_is_refused():
     with pytest.raises(BadGain, match=r"riccati was not made by hg\.observers"):
-        pickle.dumps(replace(kalman(FORMS["triangular"]()), made=None))
+        pickle.dumps(replace(kalman(FORMS["triangular"]()), construction=None))
 
 
 @pytest.mark.slow

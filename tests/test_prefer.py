@@ -103,9 +103,9 @@ def test_both_compute_the_same_but_for_rounding() -> None:
 
 def test_a_step_made_again_and_its_copies_keep_it() -> None:
     step = row(4, prefer="flash")
-    again = (step.made_again(), copy.copy(step), pickle.loads(pickle.dumps(step)), step.made_again(dt=0.02))
+    again = (step.rebuilt(), copy.copy(step), pickle.loads(pickle.dumps(step)), step.rebuilt(dt=0.02))
     assert [each.clock.prefer for each in again] == ["flash"] * 4
-    assert step.made_again(prefer="speed").clock.prefer == "speed"
+    assert step.rebuilt(prefer="speed").clock.prefer == "speed"
 
 
 def test_what_there_is_not_is_refused() -> None:

@@ -374,7 +374,7 @@ def test_where_a_state_cannot_be_without_values_there_is_no_mark() -> None:
 
 
 def test_without_guards_nothing_is_asked_and_nothing_is_remembered() -> None:
-    plain = step("pendulum").made_again(guards="none")
+    plain = step("pendulum").rebuilt(guards="none")
     text = "".join(hg.targets.c99(plain, check=False).values())
     assert plain.layout.mark is None
     assert not re.search(f"ready|{UNINITIALISED.name}|{NO_PARAMETERS.name}", text, re.IGNORECASE)

@@ -32,7 +32,7 @@ QUICK |= {("fitzhugh_nagumo", "float"), ("sin", "float")}
 @cache
 def step(name: str, real: Real = "double") -> hg.Step:
     made = emitted.step(name) if name in emitted.STEPS else load(plants.MODELS / f"{name}.py").step()
-    return made.made_again(real=real)
+    return made.rebuilt(real=real)
 
 
 @cache
@@ -226,7 +226,7 @@ def test_narrower_registers_have_the_same_bits(real: Real, monkeypatch: pytest.M
     made.run_many(u[:1], y[:1])
     wide = "__AVX__" in native._macros((native.compiler(),), native.machine_flags())
     assert (made._many.lanes.width > {"double": 2, "float": 4}[real]) == wide
-    made = made.made_again()
+    made = made.rebuilt()
     monkeypatch.setattr(native, "machine_flags", tuple)
     many = made.run_many(u, y)
     assert many.engine == "lanes"
@@ -238,7 +238,7 @@ def test_narrower_registers_have_the_same_bits(real: Real, monkeypatch: pytest.M
 
 @lanes
 def test_a_compiler_without_vectors_runs_one_by_one_and_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
-    made = step("pendulum").made_again()
+    made = step("pendulum").rebuilt()
     u, y = signals(made, 3, 50)
     monkeypatch.setattr(native, "machine_flags", lambda: ("-Dvector_size=no_such_attribute_of", "-Werror"))
     many = made.run_many(u, y)
@@ -251,7 +251,7 @@ def test_a_compiler_without_vectors_runs_one_by_one_and_says_so(monkeypatch: pyt
 @pytest.mark.full
 @lanes
 def test_a_step_with_a_kernel_that_has_no_lanes_runs_one_by_one(monkeypatch: pytest.MonkeyPatch) -> None:
-    made = step("many_states").made_again()
+    made = step("many_states").rebuilt()
     monkeypatch.setattr(lanewriter, "TOGETHER", lanewriter.TOGETHER - {"cap"})
     assert made.run_many(*signals(made, 2, 5)).engine == "c"
     with pytest.raises(lanewriter.NoLanes, match="the kernel cap goes another way in each lane"):
@@ -259,7 +259,7 @@ def test_a_step_with_a_kernel_that_has_no_lanes_runs_one_by_one(monkeypatch: pyt
 
 
 def test_without_a_compiler_it_is_python(monkeypatch: pytest.MonkeyPatch) -> None:
-    made = step("pendulum").made_again()
+    made = step("pendulum").rebuilt()
     u, y = signals(made, 2, 5)
     monkeypatch.setattr(native, "compiler", lambda: None)
     with pytest.warns(native.NoCompilerWarning):

@@ -26,11 +26,11 @@ from hgogen.run import native
 SANITIZE = ("-O1", "-g1", "-fsanitize=address,undefined", "-fno-sanitize-recover=all")
 needs_compiler = pytest.mark.skipif(native.compiler() is None, reason="there is no C compiler")
 VARIANTS: dict[str, Callable[[Any], hg.Step]] = {
-    "precision": lambda made: made.made_again(real="float"),
-    "dt": lambda made: made.made_again(dt=2e-3),
-    "preference": lambda made: made.made_again(prefer="flash"),
-    "guards": lambda made: made.made_again(guards="none"),
-    "method": lambda made: made.made_again(method=hg.methods.heun),
+    "precision": lambda made: made.rebuilt(real="float"),
+    "dt": lambda made: made.rebuilt(dt=2e-3),
+    "preference": lambda made: made.rebuilt(prefer="flash"),
+    "guards": lambda made: made.rebuilt(guards="none"),
+    "method": lambda made: made.rebuilt(method=hg.methods.heun),
     "gain": lambda made: hg.sample(hg.observers.riccati(made.observer.form, Q=[1, 1], R=2), made.method, made.dt),
     "model": lambda made: hg.sample(hg.observers.riccati(hg.forms.triangular(twice()), Q=[1, 1], R=1), dt=made.dt),
 }
@@ -93,7 +93,7 @@ def test_no_bit_of_it_may_be_another(data: Any) -> None:
 def test_a_name_and_a_first_estimate_are_no_other_program() -> None:
     made = built()
     made(y=0.5)
-    for other in (prefixed(made, "other"), made.started({"a": 1}), made.made_again()):
+    for other in (prefixed(made, "other"), made.started({"a": 1}), made.rebuilt()):
         other.restore(made.save())
         assert other.save() == made.save()
 
@@ -276,7 +276,7 @@ def test_what_c_saves_no_other_program_restores(tmp_path: Path) -> None:
 @pytest.mark.parametrize("name", ["tunable", "bank", "delayed", "two", "one_state"])
 @pytest.mark.parametrize("real", ["float", "double"])
 def test_constant_parameters_are_those_of_init(name: str, real: str) -> None:
-    made = step(name).made_again(real=real)
+    made = step(name).rebuilt(real=real)
     made._kept.entries("c")
     assert made._kept.record["params"].tobytes() == pystep.tuned(made, real).tobytes()
 

@@ -47,7 +47,7 @@ def driven(lag: int, sign: int = 1) -> tuple[np.ndarray, np.ndarray]:
 
 @pytest.fixture(scope="module")
 def step() -> CallableStep:
-    return load("pendulum").step("riccati").made_again(dt=DT)
+    return load("pendulum").step("riccati").rebuilt(dt=DT)
 
 
 def test_a_column_is_shifted_and_its_ends_are_missing() -> None:

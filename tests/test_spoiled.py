@@ -82,7 +82,7 @@ def test_nothing_is_clamped_without_guards(log: Path) -> None:
 
 
 def test_what_grows_beyond_every_number_has_no_sample_to_blame() -> None:
-    step = load("pendulum").step("high_gain").made_again(guards="none")
+    step = load("pendulum").step("high_gain").rebuilt(guards="none")
     t, y = np.arange(4) * PERIOD, np.zeros((4, 1))
     done = step.run(u=np.zeros((4, 1)), y=y, engine="python")
     assert list(loss(step, done, t, np.zeros((4, 1)), y)) == []

@@ -64,6 +64,6 @@ def test_simulate_says_what_compare_says(tmp_path: Path) -> None:
 
 def test_what_hg_observers_did_not_make_cannot_start_elsewhere() -> None:
     step = MODEL.step("riccati")
-    strange = hg.sample(replace(step.observer, made=None), step.method, step.dt)
+    strange = hg.sample(replace(step.observer, construction=None), step.method, step.dt)
     with pytest.raises(BadGain, match=r"riccati was not made by hg\.observers"):
         strange.started(TRIAL.first_estimate)

@@ -64,7 +64,7 @@ def test_what_is_counted_at_the_door_is_raised(name: str) -> None:
 @pytest.mark.parametrize("real", ["float", "double"])
 def test_the_highest_bits_are_told_by_every_reader(real: str) -> None:
     """By the compiled step, in Python, in lanes and in CasADi."""
-    made = step("wider").made_again(real=real)
+    made = step("wider").rebuilt(real=real)
     assert made.layout.word == np.uint64
     u, y = np.zeros((4, 2)), np.zeros((4, 16))
     y[1, 15], u[2, 1], y[3, 0] = NAN, 9, NAN

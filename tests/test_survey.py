@@ -11,7 +11,7 @@ import hgogen as hg
 from hgogen import forms
 from hgogen.check import Verdict
 from hgogen.model import load
-from hgogen.which_forms import NOT_ASKED, Survey, asking
+from hgogen.which_forms import NOT_TRIED, Survey, asking
 
 MODELS = Path(__file__).resolve().parents[1] / "models"
 X = tuple(hg.Signal(f"x{i}", low=-1, high=1) for i in range(1, 5))
@@ -45,7 +45,7 @@ def test_the_pendulum_is_in_every_form_for_one_output() -> None:
         }.items()
     )
     assert survey["triangular"].order == ("q", "w")
-    assert survey["phase"].why == NOT_ASKED
+    assert survey["phase"].why == NOT_TRIED
     assert str(survey["block_triangular"].why) == "for 2 outputs or more"
     assert survey.best.kind == "triangular"
 

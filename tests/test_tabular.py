@@ -45,7 +45,7 @@ def written(folder: Path, kind: str) -> Path:
 
 @pytest.fixture(scope="module")
 def step() -> CallableStep:
-    return load("pendulum").step("riccati").made_again(dt=0.01)
+    return load("pendulum").step("riccati").rebuilt(dt=0.01)
 
 
 @pytest.mark.ordinary("csv", "mat")

@@ -230,9 +230,9 @@ def test_guards_come_and_go_with_the_observer() -> None:
     assert again.observer.checks == guarded.observer.checks
     u, y = record(guarded)
     assert np.array_equal(guarded.run(u, y).x, again.run(u, y).x)
-    assert again.made_again(guards="none").clock.guards == "none"
-    assert plain.made_again(dt=2e-3).clock.guards == "none"
-    assert plain.made_again(guards="all").layout.bits == guarded.layout.bits
+    assert again.rebuilt(guards="none").clock.guards == "none"
+    assert plain.rebuilt(dt=2e-3).clock.guards == "none"
+    assert plain.rebuilt(guards="all").layout.bits == guarded.layout.bits
 
 
 @pytest.mark.parametrize("name", ["high_gain", "circle_criterion", "low_power", "peaking_free", "filtered"])

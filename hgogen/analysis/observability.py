@@ -414,13 +414,13 @@ class Answer(Encoded):
 class Observability(Encoded):
     """The generic observability of a plant."""
 
-    json_keys = "known joint method asked checks"
+    json_keys = "known joint method asked=scope checks"
 
     system: System
     known: Annotated[Answer, "with known parameters, on the branch where most is observable"]
     joint: Annotated[Answer | None, "with the parameters that have a range as unknowns; null where none has"]
     method: Annotated[str, "the arithmetic"]
-    asked: Annotated[Reason, "branches, by how many points of which ranges they were found, and what was left out"]
+    scope: Annotated[Reason, "branches, by how many points of which ranges they were found, and what was left out"]
 
     @property
     def n(self) -> int:
@@ -462,7 +462,7 @@ class Observability(Encoded):
         for title, answer in parts:
             if answer is not None:
                 lines += [f"  {title}:", *(f"    {line}" for line in str(answer).splitlines())]
-        return "\n".join(lines + ([f"  {self.asked}"] if self.asked else []))
+        return "\n".join(lines + ([f"  {self.scope}"] if self.scope else []))
 
 
 @requires_plant
@@ -491,11 +491,11 @@ def observability(plant: System, *, unknown: tuple[str, ...] | None = None) -> O
         raise NowhereDefined(reached.points)
     known = _whole([(replace(question, parameters=()), one.known) for question, one in ranked])
     joint = _whole([(question, one.joint) for question, one in ranked]) if unknowns else None
-    note = _branches_note(plant, unknowns, reached, len(ranked))
-    return Observability(plant, known, joint, ranked[0][1].method, note)
+    scope = _scope(plant, unknowns, reached, len(ranked))
+    return Observability(plant, known, joint, ranked[0][1].method, scope)
 
 
-def _branches_note(plant: System, loose: Sequence[sp.Symbol], reached: Reached, count: int) -> Reason:
+def _scope(plant: System, loose: Sequence[sp.Symbol], reached: Reached, count: int) -> Reason:
     """Return the number of branches with an answer, and of those that were left out."""
     if not reached.bent:
         return NONE
@@ -627,12 +627,12 @@ def _check(fact: str, claim: str, answer: Answer, whole: Observability) -> Check
     reason = because(pattern, rank=rank.rank, dimension=rank.dimension, method=whole.method)
     if not rank.unobservable:
         verdict = Verdict.WHERE if answer.elsewhere else Verdict.GENERIC
-        return Check(id, claim, verdict, joined(reason, *answer.exceptions, whole.asked))
+        return Check(id, claim, verdict, joined(reason, *answer.exceptions, whole.scope))
     proofs = (because("no output sees {symmetry}", symmetry=one) for one in answer.symmetries if one.proved)
     blind = not any(e.free_symbols & {*whole.system.states} for e in whole.system.output)
     why = because("no output reads a state") if blind else next(proofs, NONE)
     fix = f"{answer.advice[:1].upper()}{answer.advice[1:]}." if answer.advice else ""
-    return Check(id, claim, answer.verdict, joined(reason, *answer.unseen, whole.asked, why), fix=fix)
+    return Check(id, claim, answer.verdict, joined(reason, *answer.unseen, whole.scope, why), fix=fix)
 
 
 def _values(pairs: Sequence[tuple[sp.Symbol, float]]) -> str:

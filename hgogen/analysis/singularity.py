@@ -135,7 +135,7 @@ class Singularity(Encoded):
 
     @property
     def checks(self) -> tuple[Check, ...]:
-        """A check for the generic jet and one for each zero set; each claim holds where the factors are not 0."""
+        """A check for the generic jet and one for each zero set; what they claim holds where the factors are not 0."""
         if not self.jets:
             return (Check(_STATES, "the state is observable", Verdict.UNKNOWN, self.reason),)
         return tuple(_check(self.plant, jet, k) for k, jet in enumerate(self.jets))
@@ -424,7 +424,7 @@ def _check(plant: System, jet: Jet, k: int) -> Check:
         return Check(id, claim, Verdict.UNKNOWN, because(pattern, order=jet.order, n=len(plant.states)))
     reason = because("the determinant of their Jacobian is {determinant}", determinant=_brief(jet.text))
     rough = sorted({node for part in jet.parts for node in part.atoms(*ROUGH)}, key=str)
-    obstacle = because("{part} may not be smooth", part=rough[0]) if rough else plant.doubt
+    obstacle = because("{part} may not be smooth", part=rough[0]) if rough else plant.caveat
     if obstacle:
         return Check(id, claim, Verdict.UNKNOWN, joined(obstacle, reason))
     doubtful = _open(plant, jet.factors)

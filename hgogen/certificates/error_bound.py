@@ -253,7 +253,7 @@ def _bounded(
     scales, heads = error.scales(proof.steps.theta), heads_of(plant.form)
     if scales is None or heads is None:
         raise Unbounded(NO_SCALES)
-    method = step.method.beside(plant, error, proof.steps.theta)
+    method = step.method.plant_deviation(plant, error, proof.steps.theta)
     error_inputs |= {"method": method} if method.sizes.largest else {}
     if not (error_inputs or real):
         raise Unbounded(because("nothing enters the error: that of the start decays, to nothing"))

@@ -29,7 +29,7 @@ from hgogen.signal import Signal
 from hgogen.starting import MANY, Rule, rule
 from hgogen.system import System
 from hgogen.theorem import Convergence, convergence
-from hgogen.which_forms import NOT_ASKED, Survey, asking
+from hgogen.which_forms import NOT_TRIED, Survey, asking
 
 KNOWN = {  # the verdict on convergence in words, and its rank; None: no theorem covers the observer
     Convergence.PROVED: ("proved", 0),
@@ -226,7 +226,7 @@ def _notes(model: Model, observability: Observability, survey: Survey) -> Iterat
     known = observability.known
     if known.lost:
         names = ", ".join(s.name for s in known.lost)
-        condition = ", on the branches asked" if observability.asked else ""
+        condition = ", on the branches asked" if observability.scope else ""
         plant, hidden, alternative = survey.plant, set(known.lost), ""
         other_rates = [rate for x, rate in zip(plant.states, plant.flow, strict=True) if x not in hidden]
         if other_rates and not any(e.free_symbols & hidden for e in (*other_rates, *plant.output)):
@@ -249,7 +249,7 @@ def _advice_without_form(model: Model, survey: Survey) -> str:
     every input, an output and its derivatives are coordinates of a form."""
     plant, phase = survey.plant, survey["phase"]
     for_any_input = not plant.inputs or survey["Gauthier-Bornard"].verdict is Verdict.GENERIC
-    if len(plant.outputs) == 1 and for_any_input and phase.why == NOT_ASKED:
+    if len(plant.outputs) == 1 and for_any_input and phase.why == NOT_TRIED:
         y = plant.outputs[0].name
         ask = f"`hgogen check {model.path} --deep` asks whether they are on the whole ranges (form phase)"
         return f"Almost everywhere {y} and its derivatives are states in a form: {ask}."

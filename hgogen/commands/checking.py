@@ -397,7 +397,7 @@ def _form(form: Form, accepted: Iterable[str]) -> str:
 
 
 def _names(checks: Iterable[Check]) -> str:
-    return few((check.id if check.id.maker == MAKER else check.id.short for check in checks), 4)
+    return few((check.id if check.id.maker == MAKER else check.id.unqualified for check in checks), 4)
 
 
 def undefined_list(checks: Iterable[Check]) -> RenderableType:
@@ -427,7 +427,7 @@ def observability_table(observability: Observability, least: Sight | None = None
     if least is not None:
         table.add_row(Text("hopeless", style="red") if least.hopeless else Text("measured"), Text(str(least)))
     return Group(
-        Text(title, style="bold"), table, *([Text(str(observability.asked))] if observability.asked else []), ""
+        Text(title, style="bold"), table, *([Text(str(observability.scope))] if observability.scope else []), ""
     )
 
 

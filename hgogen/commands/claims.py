@@ -290,8 +290,9 @@ def _gathered(listed: Iterable[Check], accepted: Sequence[str]) -> Iterable[tupl
         if 1 + len(others) < _ALIKE:
             yield from ((check.id, check) for check in (first, *others))
         else:
-            alike = Sentence.of("{claim}, and so for each up to {last}", claim=first.claim, last=others[-1].id.short)
-            yield f"{first.id}..{others[-1].id.short}", replace(first, claim=alike)
+            last = others[-1].id.unqualified
+            alike = Sentence.of("{claim}, and so for each up to {last}", claim=first.claim, last=last)
+            yield f"{first.id}..{last}", replace(first, claim=alike)
 
 
 def few(names: Iterable[Any], most: int = 8) -> str:

@@ -249,7 +249,7 @@ def _over_record(
     errors = predictions(judge, judged.since(counted), u[counted:], there[counted:], ahead, bar.tick)
     bar.tick("innovations")
     wrong = rejections(judge, judged, u, y, record.operands, engine)
-    double = None if step.real == "double" else step.made_again(real="double").run(u=u, y=samples, engine=engine)
+    double = None if step.real == "double" else step.rebuilt(real="double").run(u=u, y=samples, engine=engine)
     single = () if double is None else differences(step.states, done, double)
     bar.tick("other shifts and signs")
     other = None if wrong else better(judge, u, y, counted, engine)

@@ -102,9 +102,9 @@ def _plant(system: System) -> Iterator[str]:
 def _observer(observer: Observer) -> Iterator[str]:
     """Yield an observer and its members as text: the equations with their numbers, and the other arguments."""
     yield from observer.equations
-    if observer.made is None:
+    if observer.construction is None:
         return
-    bound = signature(observer.made.func).bind(*observer.made.args, **observer.made.keywords)
+    bound = signature(observer.construction.func).bind(*observer.construction.args, **observer.construction.keywords)
     bound.apply_defaults()
     (_, base), *others = bound.arguments.items()
     form = observer.form

@@ -278,7 +278,7 @@ def structure(plant: System, free: Sequence[Signal], offset: Sequence[Signal]) -
     joint = whole.joint
     if joint is None:
         return None
-    proved = () if whole.asked else joint.lost
+    proved = () if whole.scope else joint.lost
     return Structure(
         joint.rank.rank - whole.rank,
         len(names),

@@ -57,7 +57,7 @@ class Setting:
 
         form = getattr(forms, self.form) if self.form else None
         method = getattr(methods, self.method) if self.method else None
-        return step.made_again(form, method, self.dt, self.real, self.guards, self.prefer)
+        return step.rebuilt(form, method, self.dt, self.real, self.guards, self.prefer)
 
 
 AS_WRITTEN = Setting()

@@ -30,7 +30,7 @@ from hgogen.estimators.gains import as_matrix
 from hgogen.estimators.integrators import Integrators, companion, integrators, observer_on, scaled, shifted
 from hgogen.form import Form
 from hgogen.graph import Graph
-from hgogen.observer import Observer, founded, gain
+from hgogen.observer import Observer, demand_form, gain
 from hgogen.part import Ode
 from hgogen.program import Field, scalar, sym
 from hgogen.prove.adaptive_design import adaptive_gain
@@ -139,7 +139,7 @@ def adaptive_lmi(
 
     Raises: `Refuted`, also for a P that (54) refutes; `NotHurwitz`; `BadGain`.
     """
-    accept = founded("adaptive_lmi", form, accept, own=DESIGN_CHECKS, takes=integrators)
+    accept = demand_form("adaptive_lmi", form, accept, deferred=DESIGN_CHECKS, requires=integrators)
     chain, ends = integrators("adaptive_lmi", form), reals("gamma", gamma)
     if ends.shape != (2,) or not 1 <= ends[0] < ends[1] < np.inf:
         raise BadGain(f"gamma = {gamma!r}", "must be (gamma_inf, gamma_sup) with 1 <= gamma_inf < gamma_sup, finite")

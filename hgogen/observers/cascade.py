@@ -27,7 +27,7 @@ from hgogen.estimators.gains import BadPoles, coefficients
 from hgogen.estimators.integrators import Integrators, integrators, listed, observer_on, unmodelled
 from hgogen.form import Form
 from hgogen.graph import Graph
-from hgogen.observer import Observer, founded, high_gain_parameter
+from hgogen.observer import Observer, demand_form, high_gain_parameter
 from hgogen.program import INF, Field, column, sym
 from hgogen.reading.given import BadGain, reals
 from hgogen.rigor.bounds import bound
@@ -79,7 +79,7 @@ def cascade(
     Raises: `Refuted`; `BadPoles`; `BadGain` for theta < 1, gains of another length or not positive, a state without a
     range, or a form that is no chain of at least two integrators.
     """
-    accept = founded("cascade", form, accept, takes=integrators)
+    accept = demand_form("cascade", form, accept, requires=integrators)
     high, chain = high_gain_parameter(theta), integrators("cascade", form)
     n, level = chain.n, sym("gain", "theta")
     if n < 2:

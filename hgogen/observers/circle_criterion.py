@@ -25,7 +25,7 @@ from hgogen.estimators.gains import ScaledGain, columns
 from hgogen.estimators.integrators import injected_chains
 from hgogen.form import Form
 from hgogen.graph import Graph
-from hgogen.observer import Observer, any_theta, founded, state_field
+from hgogen.observer import Observer, any_theta, demand_form, state_field
 from hgogen.part import Ode
 from hgogen.program import Field, sym
 from hgogen.prove.constant_gain import bounded, constant_gain, entries_of, injected, no_argument, sample_in_place
@@ -76,7 +76,7 @@ def circle_criterion(
     Raises: `Refuted`; `BadPoles`; `NotHurwitz`; `BadGain` for theta <= 0, gains of another length, or a form that has
     no chains or an a_i that depends on an input.
     """
-    accept = founded("circle_criterion", form, accept)
+    accept = demand_form("circle_criterion", form, accept)
     high, dynamics = any_theta(theta), Dynamics(form)
     theta = high.initial[0]
     chosen = constant_gain("circle_criterion", form, poles, gains, weighted(form, None), endless=True)

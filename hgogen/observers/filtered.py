@@ -25,7 +25,7 @@ from hgogen.estimators.gains import coefficients, demand_parabola, filtered_core
 from hgogen.estimators.integrators import integrators, listed, observer_on, shifted
 from hgogen.form import Form
 from hgogen.graph import Graph
-from hgogen.observer import Observer, any_theta, founded
+from hgogen.observer import Observer, any_theta, demand_form
 from hgogen.part import Ode
 from hgogen.program import Field, sym
 from hgogen.prove.convergence import theta_checks
@@ -91,7 +91,7 @@ def filtered(
     gains whose core does not decay; `BadGain` for other numbers that do not fit, or a form that is no chain of
     integrators.
     """
-    accept = founded("filtered", form, accept, takes=integrators)
+    accept = demand_form("filtered", form, accept, requires=integrators)
     high, chain = any_theta(theta), integrators("filtered", saturated(form, saturate, arguments))
     n, level = chain.n, sym("gain", "theta")
     a, b = positive("alpha", alpha), positive("beta", beta)

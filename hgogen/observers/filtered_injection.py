@@ -23,7 +23,7 @@ from hgogen.check import Claims, Verdict
 from hgogen.estimators.integrators import integrators, listed, observer_on, scaled, shifted
 from hgogen.form import Form
 from hgogen.graph import Graph
-from hgogen.observer import Observer, any_theta, founded
+from hgogen.observer import Observer, any_theta, demand_form
 from hgogen.part import Ode
 from hgogen.program import Field, sym
 from hgogen.prove.convergence import theta_checks
@@ -90,7 +90,7 @@ def filtered_injection(
     Raises: `Refuted`; `NotHurwitz` where Q is not; `BadGain` for theta <= 0, matrices that do not fit, or a form that
     is no chain of integrators.
     """
-    accept = founded("filtered_injection", form, accept, takes=integrators)
+    accept = demand_form("filtered_injection", form, accept, requires=integrators)
     high, chain = any_theta(theta), integrators("filtered_injection", saturated(form, saturate, arguments))
     n, level, source = chain.n, sym("gain", "theta"), reals("G", G)
     m = source.size

@@ -25,7 +25,7 @@ from hgogen.check import Check, ClaimId, Claims, Verdict
 from hgogen.estimators.riccati_part import Riccati, cap, factor, positive_numbers, spd, wide
 from hgogen.estimators.theta import KALMAN, OTHER_COORDINATES, constant
 from hgogen.form import Form
-from hgogen.observer import Observer, founded, gain, state_field
+from hgogen.observer import Observer, demand_form, gain, state_field
 from hgogen.part import Jump, Pieces
 from hgogen.program import Bit, Block, Field, Place, sym
 from hgogen.reading.given import BadGain, Matrix, Values, by_coordinate, by_output, matrix_line, names_of, real
@@ -89,7 +89,7 @@ def hamilton_jacobi(
     Raises: `Refuted`; `BadNames`; `BadGain` for weights of another shape or not positive, and a negative rate;
     `Singular` for a model whose Jacobian is finite nowhere.
     """
-    accept = founded("hamilton_jacobi", form, accept, linearises=True)
+    accept = demand_form("hamilton_jacobi", form, accept, linearises=True)
     n, outputs, dynamics = form.n, len(form.output), Dynamics(form, tangent=True)
     weight = spd("Q", by_coordinate("Q", Q, form), n)
     start = spd("P0", np.ones(n) if P0 is None else by_coordinate("P0", P0, form), n)

@@ -30,7 +30,7 @@ from hgogen.check import Claims, Verdict
 from hgogen.estimators.integrators import injected_chains
 from hgogen.form import Form
 from hgogen.graph import Graph
-from hgogen.observer import Observer, any_theta, founded, state_field
+from hgogen.observer import Observer, any_theta, demand_form, state_field
 from hgogen.part import Ode
 from hgogen.program import Block, Place, sym
 from hgogen.prove.constant_gain import ConstantGain, constant_gain
@@ -98,7 +98,7 @@ def high_gain(
     Raises: `Refuted`; `BadPoles`; `NotHurwitz` for gains that do not decay at the ends of the ranges of the a_i;
     `BadGain` for theta <= 0, gains of another length, a form that has no chains, or poles on an A(u).
     """
-    accept = founded("high_gain", form, accept)
+    accept = demand_form("high_gain", form, accept)
     form = saturated(form, saturate, arguments)
     high, dynamics = any_theta(theta), Dynamics(form)
     theta = high.initial[0]

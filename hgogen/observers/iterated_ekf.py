@@ -16,7 +16,7 @@ from hgogen.estimators.riccati_part import AtSamples, extended, is_definite
 from hgogen.estimators.square_root import LARGEST, Iterated
 from hgogen.estimators.theta import KALMAN, of_form
 from hgogen.form import Form
-from hgogen.observer import Observer, founded
+from hgogen.observer import Observer, demand_form
 from hgogen.program import sym
 from hgogen.reading.given import BadGain, Matrix, Values, count
 from hgogen.starting import starts
@@ -62,7 +62,7 @@ def iterated_ekf(
     Raises: `Refuted` for a refuted hypothesis that is not accepted; `BadGain`; `BadNames`; `Singular` for a model
     whose Jacobian is finite nowhere.
     """
-    accept = founded("iterated_ekf", form, accept, linearises=True)
+    accept = demand_form("iterated_ekf", form, accept, linearises=True)
     if form.n > LARGEST:
         raise BadGain("iterated_ekf", f"takes up to {LARGEST} states, there are {form.n}; take riccati, which loops")
     passes = count("passes", passes, 1, MOST)

@@ -48,7 +48,7 @@ from hgogen.estimators.persistence import gramian_bound, persistent, seconds
 from hgogen.estimators.riccati_part import Riccati, positive_numbers, spd, wide
 from hgogen.estimators.theta import constant
 from hgogen.form import Form
-from hgogen.observer import Observer, founded, gain, state_field
+from hgogen.observer import Observer, demand_form, gain, state_field
 from hgogen.program import Bit, sym
 from hgogen.reading.given import BadGain, Matrix, Values, by_coordinate, by_output, names_of, positive
 from hgogen.sentence import same
@@ -130,7 +130,7 @@ def kalman_like(
     """
     if isinstance(form, Form) and form.kind != "state_affine":
         raise BadGain("kalman_like", f"takes the form state_affine, not one of kind {form.kind}")
-    accept = founded("kalman_like", form, accept, own=(PERSISTENCE,))
+    accept = demand_form("kalman_like", form, accept, deferred=(PERSISTENCE,))
     check = persistent(PERSISTENCE, form, inputs, period)
     demand((*form.checks, check), accept, form)
     (rate,), n, outputs = positive_numbers("rho", rho, 1), form.n, len(form.output)

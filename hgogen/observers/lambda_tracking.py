@@ -55,7 +55,7 @@ from hgogen.estimators.integrators import (
 )
 from hgogen.form import Form
 from hgogen.graph import Graph
-from hgogen.observer import Observer, founded, gain
+from hgogen.observer import Observer, demand_form, gain
 from hgogen.part import Clock, Jump, Pieces
 from hgogen.program import INF, Block, Field, Place, When, scalar, sym
 from hgogen.reading.given import BadGain, positive, reals
@@ -169,7 +169,7 @@ def lambda_tracking(
     Raises: `Refuted`; `BadPoles`; `NotHurwitz`; `BadGain` for other numbers that do not fit, or a form that is no chain
     of integrators, or, without `model`, has nonlinear terms other than phi.
     """
-    accept = founded("lambda_tracking", form, accept, takes=integrators)
+    accept = demand_form("lambda_tracking", form, accept, requires=integrators)
     declared = integrators("lambda_tracking", form)
     chain = declared if model else integrators("lambda_tracking", _unmodelled(form))
     p = injection_gains("lambda_tracking", poles, gains, chain.n)

@@ -24,7 +24,7 @@ from hgogen.estimators.gains import errors, injected, pair_gains
 from hgogen.estimators.integrators import integrators, listed, observer_on, rows, shifted
 from hgogen.form import Form
 from hgogen.graph import Graph
-from hgogen.observer import Observer, any_theta, founded
+from hgogen.observer import Observer, any_theta, demand_form
 from hgogen.part import Ode
 from hgogen.program import sym
 from hgogen.prove.convergence import theta_checks
@@ -80,7 +80,7 @@ def low_power(
     Raises: `Refuted`; `NotHurwitz` for gains whose core does not decay; `BadPoles`; `BadGain` for theta <= 0, gains of
     another shape, or a form that is no chain of at least two integrators.
     """
-    accept = founded("low_power", form, accept, takes=integrators)
+    accept = demand_form("low_power", form, accept, requires=integrators)
     high, chain = any_theta(theta), integrators("low_power", saturated(form, saturate, arguments))
     n, pairs = chain.n, chain.n - 1
     if n < 2:

@@ -32,7 +32,7 @@ from hgogen.estimators.gains import errors, injected, pair_gains
 from hgogen.estimators.integrators import integrators, listed, observer_on, rows, shifted
 from hgogen.form import Form
 from hgogen.graph import Graph
-from hgogen.observer import Observer, any_theta, founded
+from hgogen.observer import Observer, any_theta, demand_form
 from hgogen.program import sym
 from hgogen.prove.convergence import theta_checks
 from hgogen.prove.error_models import on_integrators
@@ -97,7 +97,7 @@ def peaking_free(
     Raises: `Refuted`; `NotHurwitz` for gains whose core does not decay; `BadPoles`; `BadGain` for theta <= 0, gains of
     another shape or not positive, a state without a range, or a form that is no chain of at least two integrators.
     """
-    accept = founded("peaking_free", form, accept, takes=integrators)
+    accept = demand_form("peaking_free", form, accept, requires=integrators)
     high, chain = any_theta(theta), integrators("peaking_free", form)
     n, pairs, alpha = chain.n, chain.n - 1, positive("last", last)
     if n < 2:

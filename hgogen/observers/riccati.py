@@ -25,7 +25,7 @@ from hgogen.check import Check, ClaimId, Verdict
 from hgogen.estimators.riccati_part import extended, is_definite
 from hgogen.estimators.theta import LINEAR, Constant, Theta, constant, of_form
 from hgogen.form import Form
-from hgogen.observer import Observer, founded
+from hgogen.observer import Observer, demand_form
 from hgogen.program import sym
 from hgogen.prove.steady_filter import Linear, in_chains, linear, settles
 from hgogen.reading.given import BadGain, Matrix, Values
@@ -75,7 +75,7 @@ def riccati(
     Raises: `Refuted` for a refuted hypothesis that is not accepted; `BadGain`; `BadNames`; `Singular` for a model
     whose Jacobian is finite nowhere.
     """
-    accept = founded("riccati", form, accept, linearises=True)
+    accept = demand_form("riccati", form, accept, linearises=True)
     theta = theta if isinstance(theta, Theta) else constant(theta)
     _demand_scaled(form, theta)
     filter = extended(form, Q, R, covariance, initial, theta)

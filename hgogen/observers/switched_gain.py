@@ -25,7 +25,7 @@ from hgogen.estimators.integrators import (
     observer_on,
 )
 from hgogen.form import Form
-from hgogen.observer import Observer, founded, gain, high_gain_parameter
+from hgogen.observer import Observer, demand_form, gain, high_gain_parameter
 from hgogen.part import Clock, Jump, Pieces
 from hgogen.program import Block, Field, Place, scalar, sym
 from hgogen.prove.error_models import on_companion
@@ -102,7 +102,7 @@ def switched_gain(
     Raises: `Refuted`; `BadPoles`; `NotHurwitz`; `BadGain` for other numbers that do not fit, or a form that is no chain
     of integrators; from `sample`, `BadGain` for a hold of more than a million samples.
     """
-    accept = founded("switched_gain", form, accept, takes=integrators)
+    accept = demand_form("switched_gain", form, accept, requires=integrators)
     high, chain = high_gain_parameter(theta), integrators("switched_gain", form)
     top, low = high.initial[0], positive("theta_low", theta_low)
     if not 1 <= low < top:

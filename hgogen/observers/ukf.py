@@ -17,7 +17,7 @@ from hgogen.check import Verdict
 from hgogen.estimators.riccati_part import AtSamples, extended
 from hgogen.estimators.square_root import LARGEST, Unscented
 from hgogen.form import Form
-from hgogen.observer import Observer, founded
+from hgogen.observer import Observer, demand_form
 from hgogen.program import sym
 from hgogen.reading.given import BadGain, Matrix, Values, positive, real
 from hgogen.starting import starts
@@ -81,7 +81,7 @@ def ukf(
     Raises: `Refuted` for a refuted hypothesis that is not accepted; `BadGain`; `BadNames`; `Singular` for a model
     whose Jacobian is finite nowhere.
     """
-    accept = founded("ukf", form, accept)
+    accept = demand_form("ukf", form, accept)
     if form.n > LARGEST:
         raise BadGain("ukf", f"takes up to {LARGEST} states, there are {form.n}; take riccati, which loops")
     reach, more = _points(form.n, positive("alpha", alpha), real("beta", beta), real("kappa", kappa))

@@ -23,7 +23,7 @@ from hgogen.check import Claims
 from hgogen.estimators.integrators import companion, injection_gains, listed, scaled
 from hgogen.form import Form
 from hgogen.graph import Graph
-from hgogen.observer import Observer, any_theta, founded, state_field
+from hgogen.observer import Observer, any_theta, demand_form, state_field
 from hgogen.part import Ode
 from hgogen.program import Block, Field, Place, sym
 from hgogen.prove.convergence import theta_checks
@@ -82,7 +82,7 @@ def uniform_injection(
     length, another form, an output that is nonlinear in its state, or a partial derivative that is not proved to be
     nonzero.
     """
-    accept = founded("uniform_injection", form, accept, takes=_split)
+    accept = demand_form("uniform_injection", form, accept, requires=_split)
     high, form = any_theta(theta), _split("uniform_injection", form)
     K = injection_gains("uniform_injection", poles, gains, form.n)
     dynamics, z = Dynamics(form), state_field(form, initial, high.initial[0])

@@ -39,7 +39,7 @@ from hgogen.estimators.integrators import (
     observer_on,
 )
 from hgogen.form import Form
-from hgogen.observer import Observer, founded, gain
+from hgogen.observer import Observer, demand_form, gain
 from hgogen.part import Clock, Jump, Pieces
 from hgogen.program import Block, Field, Place, scalar, sym
 from hgogen.prove.semidefinite import STATES
@@ -135,7 +135,7 @@ def updated_gain(
     Raises: `Refuted`; `BadPoles`; `NotHurwitz`; `BadGain` where D P + P D is not positive definite, with the smallest b
     for which it is, for other numbers that do not fit, or a form that is no chain of integrators.
     """
-    accept = founded("updated_gain", form, accept, takes=integrators)
+    accept = demand_form("updated_gain", form, accept, requires=integrators)
     chain = integrators("updated_gain", form)
     if chain.n > STATES:
         raise BadGain("updated_gain", f"proves its gains for {STATES} states at most, {form.system.name} has {chain.n}")

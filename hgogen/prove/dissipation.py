@@ -194,7 +194,7 @@ def error_system(plant: System, gain: Any, G1: Any = None, G2: Any = None) -> Er
         plant.states,
         Injection(*(M.as_immutable() for M in (ell, G_1, G_2))),
         lost(written(plant), flow, around),
-        plant.doubt,
+        plant.caveat,
     )
 
 
@@ -304,7 +304,7 @@ def _error_system(plant: System, equations: Equations) -> ErrorSystem:
     pushes = sp.ImmutableDenseMatrix(len(noise), len(equations.unknown), [entry for row in noise for entry in row])
     # not of the observer's own: without a value of it there is no estimate to speak of, as of x/sqrt(y) at y = 0
     part = lost(put_apart(written(plant), on_way), (*flow, *pushes), around)
-    return ErrorSystem(plant.name, errors, tuple(flow), pushes, others, origin=equations, lost=part, doubt=plant.doubt)
+    return ErrorSystem(plant.name, errors, tuple(flow), pushes, others, origin=equations, lost=part, doubt=plant.caveat)
 
 
 def _cancelled(e: sp.Expr, plant: System) -> sp.Expr:

@@ -57,7 +57,7 @@ from hgogen.estimators.integrators import (
     shifted,
 )
 from hgogen.form import Form
-from hgogen.observer import Observer, founded, gain, high_gain_parameter
+from hgogen.observer import Observer, demand_form, gain, high_gain_parameter
 from hgogen.part import Ode
 from hgogen.program import Block, Field, Place, scalar, sym
 from hgogen.prove.convergence import CLOSE, SLOW, Falls, Flow, claims, nothing
@@ -358,7 +358,7 @@ def limited(
 
     Raises: `Refuted`; `BadPoles`; `NotHurwitz`; `BadGain`.
     """
-    accept = founded(name, form, accept, takes=integrators)
+    accept = demand_form(name, form, accept, requires=integrators)
     high, chain = high_gain_parameter(theta), integrators(name, form)
     K = injection_gains(name, poles, gains, chain.n)
     slow, fast, start = positive("decay", decay), positive("r", r), real("sigma", sigma)
