@@ -51,7 +51,6 @@ class CallableStep(Step):
     _output_bytes: Callable[[], bytes] = field(init=False)
 
     def __post_init__(self) -> None:
-        """Create the memory, as before the first call."""
         memory, u = StepMemory(self, self.real), len(self.inputs)
         signals = (*self.inputs, *self.samples)
 
@@ -85,10 +84,7 @@ class CallableStep(Step):
 
     def predict(self, u: Any = ()) -> Sample:
         """Advance the estimate to now without a correction; then call `update` with the sensors that have a sample, and
-        `adapt`.
-
-        Raises: `BadShape`; `CannotUpdate` for an observer that integrates with the measurement.
-        """
+        `adapt`. Raises: `BadShape`; `CannotUpdate` for an observer that integrates with the measurement."""
         self._demand_sections()
         self._take_u(u)
         status = self._entries["predict"]()
@@ -233,10 +229,7 @@ class CallableStep(Step):
 
     def started(self, initial: Initial) -> "CallableStep":
         """Return a step of the same observer from `initial`: the plant's state by name, or a function of its form that
-        returns it.
-
-        Raises: `BadGain`.
-        """
+        returns it. Raises: `BadGain`."""
         return _quietly(self.observer.started(initial), self.method, self.dt, self._options)
 
     def rebuilt(
@@ -249,10 +242,7 @@ class CallableStep(Step):
         prefer: Prefer | None = None,
     ) -> "CallableStep":
         """Return a step of the same observer with another form of its plant, another method, period or precision, other
-        guards or another preference; the same where None.
-
-        Raises: as `sample` and the observer do.
-        """
+        guards or another preference; the same where None. Raises: as `sample` and the observer do."""
         observer = self.observer.on(form) if form else self.observer
         requested = {"real": real, "guards": guards, "prefer": prefer}
         options = self._options | {key: value for key, value in requested.items() if value}
@@ -286,10 +276,8 @@ class CallableStep(Step):
         return copy(self)
 
     def __reduce__(self) -> tuple[Any, ...]:
-        """Return the data that rebuild the program, and the memory, since a pickle holds no graphs.
-
-        Raises: `BadGain` for an observer that is not from `hg.observers`.
-        """
+        """Return the data that rebuild the program, and the memory, since a pickle holds no graphs. Raises: `BadGain`
+        for an observer that is not from `hg.observers`."""
         return _unpickled, (self.observer, self.method, self.dt, self._options, self._memory)
 
     @property

@@ -40,7 +40,6 @@ class ClaimId(str):
     unqualified: str
 
     def __new__(cls, maker: str, fact: str, *at: int) -> Self:
-        """Return the claim with the text of these parts."""
         unqualified = "_".join([fact, *map(str, at)])
         claim = super().__new__(cls, f"{maker}.{unqualified}" if maker else unqualified)
         claim.maker, claim.fact, claim.at, claim.unqualified = maker, fact, at, unqualified
@@ -84,8 +83,7 @@ class Check(Encoded):
     subject: Any = field(default=None, compare=False, repr=False)
 
     def __post_init__(self) -> None:
-        """Convert a plain text, as in a user's own check, to a claim without a maker, and to a reason without
-        values."""
+        """Convert the plain texts of a user's own check to a claim without a maker and a reason without values."""
         if not isinstance(self.id, ClaimId):
             object.__setattr__(self, "id", ClaimId("", self.id))
         if not isinstance(self.reason, Reason):
@@ -159,10 +157,7 @@ def worst(checks: Iterable[Check]) -> Check:
 
 def refuted(checks: Iterable[Check], accept: Iterable[str] = (), later: Iterable[ClaimId] = ()) -> tuple[Check, ...]:
     """Return the refuted checks that `accept` does not name. `accept` may also name the claims `later`, whose checks do
-    not exist yet.
-
-    Raises: `UnknownCheck` for another name.
-    """
+    not exist yet. Raises: `UnknownCheck` for another name."""
     checks, accept = tuple(checks), (accept,) if isinstance(accept, str) else tuple(accept)
     known = (*(check.id for check in checks), *later)
     for name in accept:

@@ -133,8 +133,7 @@ class Form:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """The names of z_1..z_n in a gain: the name of a state where z_i is that state or minus it, else the name of
-        z_i."""
+        """The names of z_1..z_n in a gain: the name of the state x where z_i is x or -x, else the name of z_i."""
         states = {sign * x: x.name for x in self.system.states for sign in (1, -1)}
         return tuple(str(states.get(e, z.name)) for z, e in zip(self.states, self.to_form, strict=True))
 

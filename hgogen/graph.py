@@ -133,14 +133,13 @@ def _convert(node: sp.Basic, whole: sp.Basic, symbols: Mapping[sp.Symbol, Graph]
 
 
 def _step(argument: sp.Expr, at_zero: sp.Expr) -> sp.Expr:
-    """Return Heaviside's step as a choice."""
     one = (sp.S.One, argument >= 0 if at_zero == 1 else argument > 0)
     middle = () if at_zero in (0, 1) else ((at_zero, sp.Eq(argument, 0)),)
     return sp.Piecewise(one, *middle, (sp.S.Zero, True))
 
 
 def _sum(node: sp.Add, inner: Callable[[sp.Basic], Graph]) -> Graph:
-    """Return the sum of the terms, with a - b as a subtraction, so that the C reads as the formula does."""
+    """Return the sum, with a - b as a subtraction, so that the C reads as the formula does."""
     total: Graph = None
     for term, negative in _signed(node):
         value = inner(term)
@@ -153,7 +152,6 @@ def _sum(node: sp.Add, inner: Callable[[sp.Basic], Graph]) -> Graph:
 
 @lru_cache(maxsize=1024)  # the same sums occur at each stage of a step
 def _signed(node: sp.Add) -> tuple[tuple[sp.Expr, bool], ...]:
-    """Return the terms in order, and whether each is subtracted."""
     signs = [(term, term.could_extract_minus_sign()) for term in _terms(node)]
     return tuple((-term if negative else term, negative) for term, negative in signs)
 
@@ -241,12 +239,10 @@ class NoSymbols(HgogenError):
 
 
 def _value(term: sp.Basic) -> sp.Expr:
-    """Return a condition as CasADi's number, 1 or 0."""
     return term if isinstance(term, sp.Expr) else sp.Piecewise((1, term), (0, True), evaluate=False)
 
 
 def _condition(term: sp.Basic) -> sp.Basic:
-    """Return a number as a condition: that it is not 0."""
     return sp.Ne(term, 0) if isinstance(term, sp.Expr) else term
 
 

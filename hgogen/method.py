@@ -226,8 +226,7 @@ class Staged:
 
 @dataclass(frozen=True)
 class Explicit(Staged):
-    """An explicit Runge-Kutta method. It integrates (z, S) or (z, P) of a Riccati observer, and in the view (z, S) any
-    other part too."""
+    """An explicit Runge-Kutta method of (z, S), or (z, P), of a Riccati observer, and with (z, S) of any other part."""
 
     view: Literal["information", "covariance"] = "information"
 
@@ -282,10 +281,8 @@ def equations(method: Method, rule: str) -> tuple[str, ...]:
 
 
 def paced(part: Ode, observer: Observer, tableau: Tableau) -> float:
-    """Return the largest step length at which the tableau keeps the linear error core stable.
-
-    Raises: `InfiniteCore`, `stability.UnstableCore`.
-    """
+    """Return the largest step length at which the tableau keeps the linear error core stable. Raises: `InfiniteCore`,
+    `stability.UnstableCore`."""
     line = core(part, len(observer.form.system.outputs))
     matrix = part.core if line is None else numbers(line.M, nominal(observer))
     if matrix is None:
@@ -328,8 +325,7 @@ def covariance_limits(part: Riccati, tableau: Tableau, view: Literal["informatio
 
 @dataclass(frozen=True, eq=False)
 class Matrices:
-    """The matrices Phi (N, N), Gamma_0, Gamma_1 (N, p), Psi_0, Psi_1 (N, N) as SX of the places that `program`
-    writes."""
+    """The matrices Phi, Psi_0, Psi_1 (N, N), Gamma_0, Gamma_1 (N, p) as SX of the places that `program` writes."""
 
     program: Program
     Phi: Graph
@@ -356,10 +352,7 @@ class Realising:
     prediction = None
 
     def ode(self, part: Ode, clock: Clock) -> Pieces:
-        """Return a step of every field of the part at once.
-
-        Raises: `NoRealisation`.
-        """
+        """Return a step of every field of the part at once. Raises: `NoRealisation`."""
         if part.frozen:
             raise NoRealisation(self.name, f"here {min(part.frozen)} adapts, and the core with it: take rk4")
         if part.linear is None:
@@ -384,8 +377,7 @@ class Realising:
         return lengths(part, observer, dt, self, Limit(INF, ""))
 
     def transition(self, core: np.ndarray, M: np.ndarray, h: float) -> np.ndarray:
-        """Return the transition: a = (Phi + Psi_0 J) e, e+ = a + Psi_1 J (a - e), J = M - core the slope of the
-        residual (k, N, N)."""
+        """Return a = (Phi + Psi_0 J) e, e+ = a + Psi_1 J (a - e), J = M - core the residual's slope (k, N, N)."""
         J, (Phi, Psi_0, Psi_1) = M - core, self.numbers(core, h)
         first = Phi + Psi_0 @ J
         return np.asarray(first + Psi_1 @ J @ (first - np.eye(len(core))))
@@ -418,7 +410,6 @@ class Realising:
 
 
 def _chosen(flags: list[Place], known: Pattern, updates: Mapping[Pattern, Pieces]) -> Program:
-    """Return the update for the present samples, as nested conditions."""
     if not flags:
         return updates[known].predict
     present, missing = (_chosen(flags[1:], (*known, value), updates) for value in (True, False))
@@ -426,8 +417,7 @@ def _chosen(flags: list[Place], known: Pattern, updates: Mapping[Pattern, Pieces
 
 
 def _update(method: Realising, part: Ode, clock: Clock, pattern: Pattern) -> Pieces:
-    """Return the step for one pattern of samples: its matrices as derived values, their computation in `tune`, and
-    `predict`."""
+    """Return the step for one pattern of samples: derived matrices, their computation in `tune`, and `predict`."""
     line = core(part, clock.outputs, tuple(map(float, pattern)))
     assert line is not None
     (label, suffix), valid = _named(pattern), ca.SX(ca.DM(list(map(float, pattern))))
@@ -470,7 +460,6 @@ def _source(part: Ode, clock: Clock, c: float) -> Graph:
 
 
 def _split(part: Ode, x: Graph) -> dict[str, Graph]:
-    """Return the parts of a column (N) by the names of the fields."""
     ends = np.cumsum([0, *(field.size for field in part.fields)]).tolist()
     return dict(zip((field.name for field in part.fields), ca.vertsplit(x, ends), strict=True))
 
@@ -506,8 +495,7 @@ def balanced(X: Graph) -> tuple[Program, int]:
 
 
 def spread(place: Place, X: Graph, size: int) -> Graph:
-    """Return S F S^-1 (N, N) of a function F of S^-1 X S, which is stored by rows in a place. Elements of F that are 0
-    by the structure of X are left out."""
+    """Return S F S^-1 (N, N) of a function F of S^-1 X S, stored by rows, without its structural zeros."""
     n, scale, F = X.shape[0], sym("work", "scale", size), sym(*place, size**2)
     links = np.array(ca.DM(X.sparsity(), 1)) + np.eye(n)
     reached = np.linalg.matrix_power(links, n) > 0

@@ -135,8 +135,7 @@ class Model:
 
     @property
     def bounds(self) -> Bounds | None:
-        """The bounds of noise, disturbances and the like that the file declares; None without. Raises:
-        `MissingPart`."""
+        """The bounds of noise, disturbances and the like in the file; None without any. Raises: `MissingPart`."""
         try:
             return bounds(self.module.bounds) if self.has("bounds") else None
         except NoBounds as error:
@@ -205,7 +204,6 @@ class Model:
 
     @property
     def _first(self) -> str:
-        """The tuning of the model's own step, empty if there is none."""
         timed = (name for name, table in self._tables.items() if isinstance(table, Mapping) and "dt" in table)
         return self.take or self.default or next(timed, "")
 

@@ -68,13 +68,11 @@ class Observer:
     construction: "partial[Observer] | None" = None
 
     def __post_init__(self) -> None:
-        """Cache the checks, for the observer and for copies of it."""
         object.__setattr__(self, "claims", cache(partial(_claimed, self.claims)))
 
     @property
     def checks(self) -> tuple[Check, ...]:
-        """The checks of the form and of the theorem, proved when they are first read: a proof may take longer than
-        building."""
+        """The checks of the form and of the theorem, proved when first read, which may take longer than building."""
         return self.claims()
 
     @property
@@ -100,10 +98,8 @@ class Observer:
 
     @property
     def initial(self) -> dict[str, float]:
-        """The plant's state, by name, of the argument `initial`, or of the member's; empty without one.
-
-        Raises: `BadGain` for an observer that is not from `hg.observers`.
-        """
+        """The plant's state, by name, of the argument `initial`, or of the member's; empty without one. Raises:
+        `BadGain` for an observer that is not from `hg.observers`."""
         _, base, gains = self._making
         if isinstance(base, Observer):
             return base.initial
@@ -112,10 +108,8 @@ class Observer:
         return dict(initial if isinstance(initial, Mapping) else zip(names, initial, strict=True))
 
     def on(self, form: Callable[[System], Form]) -> "Observer":
-        """Return the observer, or one around the same member, rebuilt on another form of its plant.
-
-        Raises: as the observer does for that form; `BadGain` for an observer that is not from `hg.observers`.
-        """
+        """Return the observer, or one around the same member, rebuilt on another form of its plant. Raises: as the
+        observer does for that form; `BadGain` for an observer that is not from `hg.observers`."""
         make, base, gains = self._making
         if isinstance(base, Observer):
             return make(base.on(form), **gains)
@@ -135,10 +129,7 @@ class Observer:
 
     @property
     def _making(self) -> "tuple[Callable[..., Observer], Any, dict[str, Any]]":
-        """The case of the observer, its form or member, and its other arguments.
-
-        Raises: `BadGain`.
-        """
+        """The case of the observer, its form or member, and its other arguments. Raises: `BadGain`."""
         if self.construction is None:
             raise BadGain(self.name, "was not made by hg.observers, so that nobody knows how to make it again")
         case, args, keywords = self.construction.func, self.construction.args, self.construction.keywords
@@ -150,16 +141,13 @@ class Observer:
         return f"<{self.name} observer of {self.form.system.name} in {self.form.kind} form>"
 
     def __reduce__(self) -> tuple[Any, ...]:
-        """Return the call that rebuilds the observer, since a pickle holds no graphs.
-
-        Raises: `BadGain` for an observer that is not from `hg.observers`.
-        """
+        """Return the call that rebuilds the observer, since a pickle holds no graphs. Raises: `BadGain` for an observer
+        that is not from `hg.observers`."""
         if self.construction is None:
             raise BadGain(self.name, "was not made by hg.observers, so that nobody knows how to make it again")
         return _again, (self.construction.func, self.construction.args, self.construction.keywords, self.form.clamped)
 
     def __copy__(self) -> "Observer":
-        """Return the observer itself, which is immutable."""
         return self
 
     def __deepcopy__(self, memo: Any) -> "Observer":
@@ -218,8 +206,7 @@ class _Call:
 
 
 def _frozen(value: Any) -> Any:
-    """Return a copy of an argument that later changes of a list, an array or the like do not reach; an iterator's items
-    as a tuple."""
+    """Return a copy of an argument that later changes of a list, an array or an iterator do not reach."""
     match value:
         case Form():
             return value
@@ -235,8 +222,7 @@ def _frozen(value: Any) -> Any:
 
 
 def _comparable(value: Any) -> Any:
-    """Return a key that equal arguments share; numbers of different types differ, and a form is equal to itself
-    only."""
+    """Return a key that equal arguments share; numbers of different types differ, and a form equals itself only."""
     match value:
         case Form():
             return id(value)  # the form lives as long as the observer
@@ -356,9 +342,7 @@ def _initial(form: Form, initial: Values | None) -> tuple[dict[Signal, float], d
 
 def gain(name: str, value: Iterable[float] | float, low: float, high: float, meaning: str, unit: str = "") -> Field:
     """Return the field of place `gain.NAME` of a tunable gain, scalar or array, with one range for all its elements.
-
-    Raises: `BadGain` for a value that is not finite or lies outside the range.
-    """
+    Raises: `BadGain` for a value that is not finite or lies outside the range."""
     values = (float(value),) if isinstance(value, int | float) else tuple(float(v) for v in value)
     for element in values:
         if not np.isfinite(element) or not low <= element <= high:
@@ -368,10 +352,8 @@ def gain(name: str, value: Iterable[float] | float, low: float, high: float, mea
 
 
 def high_gain_parameter(theta: Any) -> Field:
-    """Return the gain `theta`, tunable from 1 to its declared value, at which step lengths are judged.
-
-    Raises: `BadGain` for theta < 1 or not finite.
-    """
+    """Return the gain `theta`, tunable from 1 to its declared value, at which step lengths are judged. Raises:
+    `BadGain` for theta < 1 or not finite."""
     value = real("theta", theta)
     if not 1 <= value < np.inf:
         raise BadGain(f"theta = {value!r}", "must be a finite number, at least 1")
@@ -380,10 +362,7 @@ def high_gain_parameter(theta: Any) -> Field:
 
 def any_theta(theta: Any) -> Field:
     """Return the gain `theta` > 0 of a constant injection. It may be below 1, outside of the theorem, and is then
-    fixed.
-
-    Raises: `BadGain`.
-    """
+    fixed. Raises: `BadGain`."""
     value = positive("theta", theta)
     return high_gain_parameter(value) if value >= 1 else gain("theta", value, value, value, "high-gain parameter")
 

@@ -17,8 +17,7 @@ from hgogen.program import Bit, Field, Group, Program, Section, sym
 
 
 def on_line(c: float | Graph, last: Graph, now: Graph) -> Graph:
-    """Return a value on the line from `last` to `now`, at the fraction c of the step; exactly an end for the numbers c
-    = 0 and 1."""
+    """Return a value on the line from `last` to `now`, at the fraction c of the step; exactly an end for c = 0 or 1."""
     if isinstance(c, ca.SX):
         return last + c * (now - last)
     return now if c == 1.0 else last if c == 0.0 else last + c * (now - last)
@@ -57,8 +56,7 @@ class Clock:
         return self.dt * self.every[output] if self.every else self.dt
 
     def u(self, c: float | Graph) -> Graph:
-        """Return the input (m) at the fraction c of the step: on the line from the last value to this one, or
-        constant."""
+        """Return the input (m) at the fraction c of the step: on the line from the last value, or constant."""
         return self.between_samples(c, sym("state", "u", self.inputs), sym("work", "u", self.inputs))
 
     def between_samples(self, c: float | Graph, last: Graph, now: Graph) -> Graph:

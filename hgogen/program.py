@@ -172,8 +172,7 @@ Sized = tuple[tuple[Place, int], ...]  # places with their sizes
 
 
 class _Statement:
-    """The interface of every statement, with the names of its members: places that it reads, places that it writes, and
-    programs in it."""
+    """The interface of every statement, with the names of its members that are places or programs."""
 
     _read: tuple[str, ...] = ()
     _write: tuple[str, ...] = ()
@@ -294,7 +293,7 @@ class Repeat(_Statement):
 
     @property
     def written(self) -> Sized:
-        """The places of the numbers."""
+        """The places that receive the numbers of a row."""
         return tuple((place, 1) for place in self.given)
 
     @cached_property
@@ -360,8 +359,7 @@ Program = tuple[Statement, ...]
 
 @dataclass(frozen=True, eq=False)
 class Section:
-    """A program that firmware can call by itself; a step is its sections in order. `corrects`: the output that corrects
-    the estimate."""
+    """A program that firmware can call by itself; `corrects`: the output whose sample corrects the estimate."""
 
     name: str
     meaning: str
@@ -394,8 +392,7 @@ def read(program: Sequence[Statement]) -> set[Place]:
 
 
 def dangling(program: Sequence[Statement]) -> set[Place]:
-    """Return the work places that the program reads but never writes: another section's values do not exist in the
-    emitted code."""
+    """Return the work places that the program reads but never writes: the emitted code does not share them."""
     written = {place for statement in walk(program) for place, _ in statement.written}
     return {place for place in read(program) if place.struct == "work"} - written
 
@@ -420,7 +417,7 @@ def pruned(program: Sequence[Statement]) -> Program:
 
 
 def within(statement: Statement, change: Callable[[Program], Program]) -> Statement:
-    """Return the statement with each program in it replaced by `change` of it."""
+    """Return the statement with its programs changed."""
     bodies: dict[str, Any] = {name: change(body) for name, body in statement.bodies.items()}
     return replace(statement, **bodies)
 

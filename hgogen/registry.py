@@ -56,10 +56,7 @@ Names = tuple[list[str], Callable[[], list[str]], Callable[[str], Any]]
 
 def cases_of(package: str, prepared: Callable[[Any], Any] = lambda case: case) -> Names:
     """Bind the cases of a folder, each after `prepared`, to the names of its package. Return its `__all__`, `__dir__`
-    and `__getattr__`; the last declares the names to a type checker.
-
-    Raises: `NoCase`.
-    """
+    and `__getattr__`; the last declares the names to a type checker. Raises: `NoCase`."""
     loaded = {name: prepared(case) for name, case in load(package).items()}
     names = list(loaded)
     vars(sys.modules[package]).update(loaded)

@@ -42,8 +42,7 @@ def down(value: float | Fraction, digits: int = 4) -> str:
 
 
 def same(value: float) -> str:
-    """Return a float as text that reads back as the same float: in six digits if they suffice, else in as many as
-    needed."""
+    """Return a float as text that reads back as the same: in six digits if they suffice, else in more."""
     six_digits = f"{value:g}"
     return six_digits if float(six_digits) == value else repr(float(value))
 

@@ -140,15 +140,14 @@ def rule(observer: Callable[..., Observer]) -> Rule:
 
 @dataclass(frozen=True)
 class Starting:
-    """Starting gains by the names of the observer's arguments, with a sampling period `dt` to start with; `none`: a
-    sentence why there are no gains."""
+    """Starting gains by argument of the observer, with a sampling period `dt`; `none`: a sentence why there are
+    none."""
 
     gains: Mapping[str, Any]
     dt: float
     none: str = ""
 
     def __bool__(self) -> bool:
-        """Return whether there are gains."""
         return not self.none
 
 
@@ -186,10 +185,7 @@ def gains_of(observer: Callable[..., Observer], numbers: Scale) -> Gains | str:
 
 
 def scale(form: Form, dt: float | None = None, noise: Mapping[str, float] | None = None) -> Scale:
-    """Return the numbers of the rules for a form and its plant.
-
-    Raises: `BadGain`, as `starting_gains`.
-    """
+    """Return the numbers of the rules for a form and its plant. Raises: `BadGain`, as `starting_gains`."""
     dt, noise = None if dt is None else positive("dt", dt), _sigmas(form, noise)
     rates = _pace(form.system)
     theta = max(2.0, two(2 * form.n / rates.shortest)) if rates.shortest else 2.0 * form.n
@@ -225,7 +221,6 @@ def _slopes(form: Form) -> dict[int, float]:
 
 
 def _sigmas(form: Form, noise: Mapping[str, float] | None) -> Mapping[str, float]:
-    """Return the known standard deviations of the noise. Raises: `BadGain`."""
     if noise is not None and not isinstance(noise, Mapping):
         raise BadGain(f"noise = {noise!r}", "must be a standard deviation for each output by its name, as {'y': 0.01}")
     names = [y.name for y in form.system.outputs]
@@ -261,12 +256,12 @@ def _span(low: float, high: float) -> float:
 
 
 def two(value: float) -> float:
-    """Return a number rounded to two significant digits."""
+    """Return a number in two digits."""
     return float(f"{value:.1e}")
 
 
 def weight(value: float) -> float:
-    """Return a weight rounded to two significant digits. Raises: `OverflowError` beyond the limit of weights."""
+    """Return a weight in two digits. Raises: `OverflowError` beyond the limit of weights."""
     if not value <= LOST:
         raise OverflowError
     return two(value)

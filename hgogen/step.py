@@ -182,8 +182,7 @@ class Code:
 
     @cached_property
     def apart(self) -> bool:
-        """Whether prediction and correction can be separate calls: `predict` does not integrate with the
-        measurement."""
+        """Whether prediction and correction can be separate calls: `predict` integrates no measurement."""
         reads = any(place.struct == "output" for place, _ in places(self.sections[0].program))
         return not reads and any(section.corrects for section in self.sections)
 
@@ -297,10 +296,8 @@ def plan(
     guards: Guards = "all",
     prefer: Prefer = "speed",
 ) -> Step:
-    """Return the step of an observer; see `hgogen.call.sample`, which also makes it callable.
-
-    Raises: `BadStep`, `StepTooLong`, `BadWindow`, `BadRate`, `CannotUpdate`.
-    """
+    """Return the step of an observer; see `hgogen.call.sample`, which also makes it callable. Raises: `BadStep`,
+    `StepTooLong`, `BadWindow`, `BadRate`, `CannotUpdate`."""
     if not isinstance(dt, int | float) or not float_info.min <= dt <= float_info.max:
         raise BadStep(f"dt = {dt!r}", f"must be a positive time in {plural(observer.form.system.time)}")
     demand_choice("between", between, ("line", "hold"))

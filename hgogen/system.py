@@ -29,8 +29,7 @@ class BadValue(BadArgument):
 
 @dataclass(frozen=True)
 class Origin:
-    """The origin of a recast plant: the plant, the new states in terms of its states, and its states in terms of the
-    new ones."""
+    """The origin of a recast plant, with new states in terms of its states (`forward`), and the reverse."""
 
     plant: "System"
     forward: tuple[sp.Expr, ...]
@@ -132,8 +131,7 @@ class System:
         return box(self.signals, self.nominal)
 
     def box_with(self, states: Iterable[Signal]) -> dict[sp.Symbol, tuple[End, End]]:
-        """Return the box of these states, the inputs and the parameters; a parameter without a range is at its
-        value."""
+        """Return the box of these states, the inputs and the parameters; constants are at their values."""
         return box((*states, *self.inputs, *self.parameters), self.nominal)
 
     @property
@@ -208,7 +206,6 @@ def _validate(system: System) -> None:
 
 
 def _unknown(expression: sp.Expr, error: NoTape) -> str:
-    """Return the fault of an expression with a function that has no rule, and a replacement."""
     calculus = sorted(expression.atoms(sp.Integral, sp.Derivative, sp.Sum, sp.Product), key=str)
     if calculus:
         return f"there is no rule for {calculus[0]}; write it in closed form, or make an integral a state"
@@ -243,10 +240,8 @@ def _stranger(symbol: sp.Symbol, by_name: Mapping[str, Signal], system: System) 
 
 
 def valued(plant: System, values: Mapping[str, float]) -> System:
-    """Return the plant with other nominal values of parameters, by name.
-
-    Raises: `BadValue` for a name that is no parameter, a value outside of its range, and a plant that is recast.
-    """
+    """Return the plant with other nominal values of parameters, by name. Raises: `BadValue` for a name that is no
+    parameter, a value outside of its range, and a plant that is recast."""
     new = exchanged(plant, values)
     flow, output = (tuple(row.xreplace(new) for row in rows) for rows in (plant.flow, plant.output))
     return replace(plant, parameters=tuple(new.get(p, p) for p in plant.parameters), flow=flow, output=output)

@@ -172,10 +172,8 @@ def _locked(stream: IO[bytes] | int) -> bool | None:
 
 
 def demand(names: Iterable[str], folder: str | Path) -> list[Path]:
-    """Return the paths at which `write` would put files of these names, without writing.
-
-    Raises: `CannotWrite` where it would refuse one of them.
-    """
+    """Return the paths at which `write` would put files of these names, without writing. Raises: `CannotWrite` where it
+    would refuse one of them."""
     if not isinstance(folder, str | os.PathLike):
         raise CannotWrite(quoted(folder), "it is no path", "give that of a folder")
     names, root = list(names), Path(folder)
@@ -231,8 +229,7 @@ def _misplaced(path: Path, wanted: str) -> CannotWrite:
 
 
 def _staged(folder: Path, opened: ExitStack) -> tuple[int, Path]:
-    """Return a new file, open and locked until `opened` is closed, so that no other process removes it as
-    incomplete."""
+    """Return a new file, locked until `opened` is closed, so that no other process removes it as incomplete."""
     while True:
         path = folder / f"{_STAGED}{secrets.token_hex(8)}"
         handle = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL | getattr(os, "O_BINARY", 0), 0o666)

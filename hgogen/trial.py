@@ -137,13 +137,11 @@ class Trial:
     estimate: Mapping[str, float] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        """Convert every field to its type. Raises: `BadTrial`."""
         for key, value in vars(self).copy().items():
             object.__setattr__(self, key, read_field(self.name, key, value))
 
     def first_estimate(self, form: Form) -> dict[str, float]:
-        """Return the `initial` with which every observer of a form starts at the plant's state `estimate`, for the
-        inputs at time 0. Raises: `BadTrial`."""
+        """Return the `initial` of a form's observers for the state `estimate` at time 0. Raises: `BadTrial`."""
         plant = form.system.declared
         _names(self, "inputs", _inputs(form.system, self), {s.name for s in form.system.inputs}, needed=True)
         _names(self, "estimate", self.estimate, {s.name for s in plant.states})
@@ -168,8 +166,7 @@ class Trial:
 
 @dataclass(frozen=True, eq=False)
 class Truth:
-    """The truth t (N,), x (N, n), u (N, m), y (N, p) without noise, at the samples; the sample of a jump has the value
-    after it."""
+    """The truth t (N,), x (N, n), u (N, m), y (N, p) without noise, at the samples; at a jump the values after it."""
 
     t: np.ndarray
     x: np.ndarray
@@ -248,8 +245,7 @@ class Plant:
         self._marches = {one.begin: March(self._ode, [one.begin, *one.stops]) for one in moving}
 
     def truth(self, start: Mapping[str, float], parameters: Sequence[float] = ()) -> Truth:
-        """Return the truth from a state by name, with values of the free parameters. Raises: `BadTrial` for a plant
-        that cannot be integrated that far."""
+        """Return the truth from a state by name, with values of the free parameters. Raises: `BadTrial`."""
         x, times = self.states(start, parameters), self.times[None, :]
         values = np.tile(np.array(parameters, dtype=float)[:, None], times.shape)
         return Truth(self.times, x, self.u, np.array(self._measure.map(times.size)(x.T, times, values)).T)
@@ -260,8 +256,7 @@ class Plant:
         return sampled(self._plant, self._trial, self.times)
 
     def states(self, start: Mapping[str, float], parameters: Sequence[float] = ()) -> np.ndarray:
-        """Return the states of the truth (N, n), from jump to jump; a jump takes effect at its exact time. Raises:
-        `BadTrial`."""
+        """Return the states of the truth (N, n); a jump takes effect at its exact time. Raises: `BadTrial`."""
         p = np.array(parameters, dtype=float)
         index = {s.name: i for i, s in enumerate(self._plant.states)}
         now = np.array([start[s.name] for s in self._plant.states], dtype=float)
@@ -334,8 +329,7 @@ def _inputs(plant: System, trial: Trial) -> dict[str, Any]:
 
 
 def noisy(plant: System, truth: Truth, trial: Trial, seeds: Sequence[int]) -> np.ndarray:
-    """Return the measurements y (k, N, p): the truth plus the noise of each of k seeds, output after output from one
-    generator a seed."""
+    """Return the measurements y (k, N, p), the truth plus the noise of k seeds, one generator for all outputs."""
     rngs, y = [np.random.default_rng(seed) for seed in seeds], np.repeat(truth.y[None], len(seeds), axis=0)
     for j, output in enumerate(plant.outputs):
         if output.name in trial.noise:
@@ -386,8 +380,7 @@ def feeds(step: CallableStep, trial: Trial, truth: Truth, seeds: Sequence[int]) 
 
 
 def demand_trial(plant: System, trial: Trial, dt: float) -> None:
-    """Raise `BadTrial` unless every name is a name of the plant, every required one is given, and every number is
-    valid."""
+    """Raise `BadTrial` unless every name is in the plant, every required one is given, and every number is valid."""
     states = {s.name for s in plant.states}
     _names(trial, "start", trial.start, states, needed=True)
     _names(trial, "inputs", trial.inputs, {s.name for s in plant.inputs}, needed=True)
@@ -431,7 +424,6 @@ def _faults(trial: Trial, dt: float, unit: str, width: int) -> Iterator[str]:
 
 
 def _outside(plant: System, trial: Trial) -> Iterator[str]:
-    """Return the faults of jumps out of the declared ranges of states: no observer covers them."""
     states = {s.name: s for s in plant.states}
     for jump in trial.jumps:
         low, high = states[jump.state].interval
@@ -472,8 +464,7 @@ def _recursion(values: Any, rho: float) -> Any:
 
 
 def read_field(trial: Any, key: str, value: Any) -> Any:
-    """Return the value of a trial's field `key`. A count of seeds, a single jump, and a standard deviation of noise are
-    converted. Raises: `BadTrial`."""
+    """Return a trial's field `key`, converted from a seed count, a single jump or a deviation. Raises: `BadTrial`."""
     if key not in _FIELDS:
         return value
     reader, wanted = _FIELDS[key]
@@ -508,8 +499,7 @@ def _noise(value: Any) -> Any:
 
 
 def _instance(entry: Any, kind: Any) -> Any:
-    """Return an instance of one of the classes above, after a check that its fields are numbers, or the name of a
-    state."""
+    """Return an instance of a class above, after a check that its fields are numbers, or the name of a state."""
     if not isinstance(entry, kind):
         raise TypeError
     for key, value in vars(entry).items():
@@ -587,8 +577,7 @@ class March:
         self._ode, self._t, self._h = ode, np.asarray(times, dtype=float)[:-1], np.diff(times)
 
     def __call__(self, start: Array, p: Array) -> Array | None:
-        """Return the states (k, n) at the times after the first; None where the error is too large, and without a
-        compiler."""
+        """Return the states (k, n) at the later times; None where the error is too large, and without a compiler."""
         if not native.compiler():
             return None
         count, n = len(self._t), len(start)
@@ -697,8 +686,7 @@ def _motions(plant: System, longest: float) -> Iterator[Trial]:
 
 
 def _stay(plant: System, trial: Trial) -> float:
-    """Return the time until the plant leaves its ranges. It is integrated over durations that double, until it leaves
-    them or escapes."""
+    """Return the time until the plant leaves its ranges, by integrations over durations that double."""
     low, high = np.array([s.interval for s in plant.states]).T
     stayed = 0.0
     for part in PARTS:

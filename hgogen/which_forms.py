@@ -91,8 +91,7 @@ class Survey:
 
     @property
     def best(self) -> Form:
-        """The first form that is proved, else the first whose structure the plant has, else the first that applies to
-        it, else its own coordinates."""
+        """The first proved form, else the first with the plant's structure, else any that applies, else `original`."""
         answering = [row for row in self.answered if asking(row.kind).candidate]
         rows = (*self.candidates, *answering)
         return next((row.form for row in rows if row.form), None) or forms.original(self.plant)
@@ -151,7 +150,6 @@ def _row(name: str, options: Mapping[str, Any], plant: System) -> Row:
 
 
 def _gauthier_bornard(plant: System) -> Row:
-    """Return the row of the test of Gauthier and Bornard."""
     answer = of_plant(plant)
     if not answer.applies:
         return Row("Gauthier-Bornard", None, (), because("does not apply: {reason}", reason=answer.reason))

@@ -148,12 +148,9 @@ def by_construction(id: ClaimId, claim: str, moving: Iterable[sp.Expr]) -> Check
 def on_image(
     maker: str, claim: str, rows: Iterable[sp.Expr], plant: System, name: str, obstacle: Reason, reason: Reason
 ) -> Check:
-    """Return the check `MAKER.lipschitz` of a function of z on the image of the plant's box. A one to one map of full
-    rank has a smooth inverse on the image of a compact box, so that a Lipschitz bound in x is enough.
-
-    `rows`: the function in the plant's states, called `name`; `obstacle`: why the map is not known to be one to one and
-    of full rank, or `NONE`; `reason`: why the claim holds where it is.
-    """
+    """Return the check `MAKER.lipschitz` of a function of z on the image of the plant's box: a one to one map of full
+    rank on a compact box has a smooth inverse. `rows`: the function in the plant's states, called `name`; `obstacle`:
+    why the map is not known to be such, or `NONE`; `reason`: why the claim holds."""
     unknown = Check(ClaimId(maker, "lipschitz"), claim, Verdict.UNKNOWN, NONE)
     unbounded = [s.name for s in (*plant.states, *plant.inputs) if not s.bounded]
     if unbounded:
@@ -184,9 +181,8 @@ def undefined(expressions: Iterable[sp.Expr], plant: System) -> sp.Expr | None:
 
 
 def full_rank(whole: Carried, det: sp.Expr, readable_det: sp.Expr) -> Check:
-    """Return the check `KIND.rank`: the determinant has no zero on the box, by rigorous bounds. The verdict is generic
-    where the determinant is not 0 identically and a zero is not excluded. `readable_det`: the determinant as it is
-    printed."""
+    """Return the check `KIND.rank`: the determinant has no zero on the box. It is generic where the determinant is not
+    0 identically but may have zeros. `readable_det`: the determinant as it is printed."""
     claim = Sentence.of("det dPhi/dx = {determinant} has no zero on the box", determinant=readable_det)
     # sign(0) is 0 in the plant's own rows; where SymPy differentiated a kink it stands for all values in [-1, 1]
     reads_signs = any(row.has(sp.sign, sp.Heaviside) for row in (*whole.before.flow, *whole.before.output))
@@ -253,8 +249,7 @@ def one_to_one(whole: Carried, back: Mapping[sp.Symbol, sp.Expr] | None, rank: C
 
 
 def _by_minors(whole: Carried, rank: Check, id: ClaimId, claim: str) -> Check:
-    """Return the check by a Jacobian whose principal minors are above zero; `rank`, where proved, says that Phi is
-    smooth."""
+    """Return the check by a Jacobian whose principal minors are above zero; a proved `rank` implies a smooth Phi."""
     none = because("no inverse was found; where the rank is n, nearby states differ")
     if rank.verdict is not Verdict.PROVED:
         return Check(id, claim, Verdict.UNKNOWN, none)
@@ -269,8 +264,7 @@ def _by_minors(whole: Carried, rank: Check, id: ClaimId, claim: str) -> Check:
 
 
 def _by_rows(whole: Carried, rank: Check, id: ClaimId, claim: str) -> Check | None:
-    """Return the check for a Phi that is lower triangular in some order of states: strictly monotone in each, where the
-    determinant has no zero. It is None for any other Phi."""
+    """Return the check for a Phi that is lower triangular in some order of states, else None."""
     visited: set[sp.Symbol] = set()
     for row in whole.jacobian.tolist():
         new = {x for x, slope in zip(whole.plant.states, row, strict=True) if slope != 0} - visited
@@ -335,7 +329,6 @@ def _enclosed(form: Form, determinant: sp.Expr) -> Evidence | None:
 
 
 def _jacobian(form: Form) -> sp.Matrix | None:
-    """Return dPhi/dx of the plant as it was declared; None for a recast plant."""
     Phi = _derivatives(form)
     return None if Phi is None else sp.Matrix([[entry.diff(x) for x in form.system.states] for entry in Phi])
 

@@ -62,7 +62,7 @@ class Rows:
 
     @cached_property
     def box(self) -> Box:
-        """The ranges, without those of states that are a point: dependence is decided by a change of the state."""
+        """The ranges, except of states with a single value: dependence is tested by changing the state."""
         return {s: (low, high) for s, (low, high) in self.ranges.items() if low != high or s not in self.states}
 
     def reads(self, row: sp.Expr, among: Iterable[sp.Symbol]) -> tuple[tuple[sp.Symbol, ...], tuple[sp.Symbol, ...]]:
@@ -75,8 +75,7 @@ class Rows:
 
 
 def of_plant(plant: System) -> Rows:
-    """Return the rows of a plant on its box, without kinks whose side the box decides; a parameter without a range has
-    its value."""
+    """Return a plant's rows on its box, without kinks whose side the box decides; constants have their values."""
     plain, around = on_box(plant), plant.box
     return Rows(plant.states, plain.flow, tuple(y.name for y in plant.outputs), plain.output, around)
 
@@ -219,8 +218,7 @@ def levelwise(rows: Rows) -> Chains:
 def _stop(
     name: str, sure: Sequence[sp.Symbol], maybe: Sequence[sp.Symbol], remaining: Sequence[sp.Symbol], must: bool
 ) -> tuple[Reason, bool] | None:
-    """Return why the order ends at a row with these new states, proved (`sure`) or possible (`maybe`), and whether that
-    is proved. `must`: whether the row has to read a new state."""
+    """Return why the order ends at a row with these new states, and whether that is proved; `must`: it needs one."""
     if len(sure) > 1:
         pattern = "{row} brings in {states} together, and each row may bring in one new state"
         return because(pattern, row=name, states=sure), True
@@ -317,7 +315,7 @@ def cascade(rows: Rows, shape: Shape = Shape.CONSTANT) -> Chains:
 
 
 def _heads(rows: Rows) -> list[Link] | Chains:
-    """Return the first link of each output, or chains with the reason why there is none."""
+    """Return the first link of each output, or chains with the reason without one."""
     heads = []
     for name, row in zip(rows.names, rows.output, strict=True):
         sure, maybe = rows.reads(row, rows.states)
@@ -336,8 +334,7 @@ def _heads(rows: Rows) -> list[Link] | Chains:
 def _path(
     head: Link, heads: set[sp.Symbol], chosen: Sequence[sp.Symbol], rows: Rows, shape: Shape
 ) -> tuple[tuple[Link, ...], Reason, bool]:
-    """Return the chain of an output through states that are not `chosen` yet, the reason why it stops early or `NONE`,
-    and whether this is proved."""
+    """Return a chain through states not `chosen` yet, why it stops early or `NONE`, and whether that is proved."""
     links = [head]
     while True:
         state = links[-1].state
@@ -382,8 +379,7 @@ def end_aligned(rows: Rows) -> Chains:
 
 
 def _too_late(chains: Chains, rows: Rows) -> Reason:
-    """Return the reason of the first row that reads, or may read, a state too close to the end of its chain; else
-    `NONE`."""
+    """Return the reason of the first row that may read a state too close to the end of its chain; else `NONE`."""
     sizes = chains.blocks
     place = {each.state: (k, i) for k, links in enumerate(chains.links) for i, each in enumerate(links, 1)}
     for state, (i, j) in place.items():
@@ -397,11 +393,8 @@ def _too_late(chains: Chains, rows: Rows) -> Reason:
 
 
 def _swept(rows: Rows, priority: Sequence[int]) -> Chains:
-    """Return the chains of sweeps over all outputs, one state each; a row that ever had several new states waits until
-    no other chain can be extended.
-
-    The rows of a long chain read states far from the ends, and so are extended first; a last row reads anything.
-    """
+    """Return the chains of sweeps over all outputs, one state each. A row with several new states waits until no other
+    chain can be extended: the rows of a long chain read states far from the ends, a last row reads anything."""
     heads = _heads(rows)
     if isinstance(heads, Chains):
         return heads
@@ -417,8 +410,7 @@ def _swept(rows: Rows, priority: Sequence[int]) -> Chains:
 
 
 def _extended(links: list[Link], remaining: list[sp.Symbol], rows: Rows, waiting: set[int], j: int) -> bool:
-    """Append the next state of a chain where its last row has exactly one new state; several make it wait. Return
-    whether it was appended."""
+    """Append the next state of a chain, if its last row has exactly one new state, and return whether it did."""
     state = links[-1].state
     sure, maybe = rows.reads(rows.rate(state), remaining)
     if len(sure) + len(maybe) > 1:
@@ -453,8 +445,7 @@ def structure(maker: str, claim: str, answer: Answer, fix: str) -> Check:
 
 
 def reached(rows: Rows, *, sure: bool = False) -> list[sp.Symbol]:
-    """Return the states that an output depends on, or may depend on, through the rates, breadth first; with `sure` only
-    the proved ones."""
+    """Return the states that reach an output through the rates, or may; with `sure` only the proved ones."""
 
     def read(row: sp.Expr) -> tuple[sp.Symbol, ...]:
         known, maybe = rows.reads(row, rows.states)
@@ -503,8 +494,7 @@ class Affine:
 
 @dataclass(frozen=True)
 class Measurement:
-    """A measured state: output number `output` is gain * (state number `state`) + offset, the gain bounded away from
-    zero; gain and offset read no state."""
+    """A measured state: output `output` is gain * state `state` + offset, both free of states, |gain| >= m > 0."""
 
     state: int
     output: int

@@ -177,8 +177,7 @@ def triangle(structure: Check, reference: str, plant: System, chains: Chains, sh
 
 
 def settled(link: Link, shape: Shape, plant: System, measured: sp.Symbol | None = None) -> Link:
-    """Return the link; where it is not proved to have the shape, with a chord for the gain and the difference for the
-    offset."""
+    """Return the link, with a chord for its gain where it is not proved to have the shape."""
     if link.answer(shape, measured)[0]:
         return link
     gain = _chord(link.row, link.state, plant)
@@ -186,8 +185,7 @@ def settled(link: Link, shape: Shape, plant: System, measured: sp.Symbol | None 
 
 
 def _chord(row: sp.Expr, state: sp.Symbol, plant: System) -> sp.Expr:
-    """Return (row(b) - row(a))/(b - a) for the first values a, b of the state at which it is finite, the other states
-    in the middle of their ranges; or 0."""
+    """Return a finite (row(b) - row(a))/(b - a), the other states in the middle of their ranges; 0 without one."""
     middle, row = dict(next(points(plant.states))), exact(row)
     values = list(dict.fromkeys(point[state] for point in islice(points((state,)), _VALUES)))
     for i, a in enumerate(values[:2]):

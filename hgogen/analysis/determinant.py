@@ -76,10 +76,8 @@ class Determinant:
 
 
 def determinant(rows: Sequence[Sequence[sp.Expr]], limit: int = LIMIT) -> Determinant:
-    """Return the determinant of n x n expressions.
-
-    Raises: `TooLarge` beyond `limit` products of terms, or where a pivot may be 0 by a relation that is not known.
-    """
+    """Return the determinant of n x n expressions. Raises: `TooLarge` beyond `limit` products of terms, or where a
+    pivot may be 0 by a relation that is not known."""
     writer = Writer()
     entries = [exact(sp.sympify(e)) for row in rows for e in row]
     for e in entries:
@@ -349,8 +347,7 @@ def _orders(sampled: np.ndarray) -> Iterator[Weights]:
 
 
 def _combined(sampled: np.ndarray) -> Iterator[Weights]:
-    """Return rounded weights near the inverse of the Jacobian at the middle, if all minors are then above 0 at the
-    sample points."""
+    """Return rounded weights near the inverse of the middle Jacobian, if all minors are then above 0 in the samples."""
     n = sampled.shape[-1]
     if np.linalg.matrix_rank(sampled[0]) == n:
         inverse = np.linalg.inv(sampled[0])
@@ -361,7 +358,6 @@ def _combined(sampled: np.ndarray) -> Iterator[Weights]:
 
 
 def _positive(matrices: np.ndarray) -> bool:
-    """Return whether all principal minors of matrices (k, n, n) of floats are above 0."""
     n = matrices.shape[-1]
     every = (np.linalg.det(matrices[np.ix_(range(len(matrices)), s, s)]) for s in map(list, subsets(n)))
     return all(bool((minor > _SMALL * np.abs(minor).max()).all()) for minor in every)
@@ -372,7 +368,6 @@ def _rational(L: np.ndarray) -> Weights:
 
 
 def _proved(matrix: sp.Matrix, box: Box, boxes: int) -> bool:
-    """Return whether all principal minors are proved to be above 0."""
     for places in subsets(matrix.rows):
         try:
             value = minor(matrix, places)

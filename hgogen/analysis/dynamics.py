@@ -249,8 +249,7 @@ class Dynamics:
         return self._graphs(self.saturated(z), u)
 
     def jacobian(self, z: Graph, u: Graph) -> Graph:
-        """Return the Jacobian d(A z + b)/dz (n, n) at (sat(z), u): A(u) + b* where A is free of states; A(u) in an
-        invalid row."""
+        """Return the Jacobian d(A z + b)/dz (n, n) at (sat(z), u): A(u) + b*, or A(u) in an invalid row."""
         whole = self._jacobian(z, u)
         if not self.fallback.rates:
             return whole
@@ -286,8 +285,7 @@ class Dynamics:
         return ca.substitute([linear + slope], [self._z, self._u], [self.saturated(z), u])[0]
 
     def output(self, z: Graph, u: Graph) -> Graph:
-        """Return C(u) z + h(z, u) (p), with the argument of the nonlinear part h clamped, or h continued by its
-        tangent."""
+        """Return C(u) z + h(z, u) (p), with the argument of h clamped, or h continued by its tangent."""
         values = self._saturating(self.form.output, z, u)
         if self.tangent and self.form.clamped:
             slopes = self._slopes([linear_terms(h, self.form.states)[1] for h in self.form.output], z, u)
@@ -299,7 +297,6 @@ class Dynamics:
 
     @staticmethod
     def _zero_invalid(slopes: Graph, valid: Mapping[int, Graph]) -> Graph:
-        """Return the rows of slopes, with 0 for the invalid ones."""
         none = ca.SX.zeros(1, slopes.shape[1])
         rows = (either(valid[j], slopes[j, :], none) if j in valid else slopes[j, :] for j in range(slopes.shape[0]))
         return ca.vertcat(*rows) if valid else slopes
@@ -340,7 +337,7 @@ class Dynamics:
 
     @cached_property
     def fallback(self) -> Fallback:
-        """The rows with a fallback."""
+        """The rows of the form that fall back to their last valid value."""
         return Fallback(self.form, HUGE)
 
     def _slopes(self, rows: Sequence[sp.Expr], z: Graph, u: Graph) -> Graph:
@@ -378,21 +375,18 @@ class Dynamics:
         return self._ranged(self._unranged(z, u))
 
     def beyond(self, z: Graph, u: Graph, margin: float = 0.0) -> list[Graph]:
-        """Return whether each recovered state leaves its range by more than `margin` of its width. A state that is a z
-        with a sign is not recovered."""
+        """Return whether each recovered state leaves its range by more than `margin` of its width."""
         raw = self._unranged(z, u)
         return [leaves(raw[i], *widened(*s.interval, margin)) for i, s in self._recovered_states]
 
     def behind_ranges(self, z: Graph, u: Graph) -> list[tuple[Graph, Graph, tuple[float, float]]]:
-        """Return the recovered states of the form's system that have a range: the value before the clamp, its gradient
-        (1, n) at sat(z), and the range."""
+        """Return each bounded recovered state before its clamp, its gradient (1, n) at sat(z), and its range."""
         raw, slopes = self._unranged(z, u), self._slopes(self._inverse.rows, z, u)
         return [(raw[i], slopes[i, :], s.interval) for i, s in self._recovered_states]
 
     @property
     def _recovered_states(self) -> list[tuple[int, Signal]]:
-        """The recovered states of the form's system that have a range, with their numbers; not those that are a z with
-        a sign."""
+        """The bounded states of the form's system that are not some z_i or -z_i, with their numbers."""
         states = enumerate(zip(self.form.system.states, self.form.from_form, strict=True))
         return [(i, s) for i, (s, e) in states if s.bounded and not (e.is_Symbol or (-e).is_Symbol)]
 
@@ -452,7 +446,6 @@ class Dynamics:
         return self.fallback.valid_gains(linear), rates
 
     def _without_fallback(self, z: Graph, u: Graph) -> tuple[Graph, Graph]:
-        """Return A and b at z without fallbacks."""
         entries, linear = self.form.A.todok(), ca.SX(self.n, self.n)
         for place, value in zip(entries, self._convert(entries.values(), z, u), strict=True):
             linear[place] = value
@@ -473,7 +466,7 @@ class Dynamics:
         return self.form.jacobian
 
     def _saturating(self, expressions: Sequence[sp.Expr], z: Graph, u: Graph) -> Graph:
-        """Return the sum of the terms linear in a state at z and the other terms at sat(z)."""
+        """Return the sum of the terms linear in a state, at z, and the others, at sat(z)."""
         linear, nonlinear = zip(*(linear_terms(e, self.form.states) for e in expressions), strict=True)
         return column(self._convert(linear, z, u)) + column(self._convert(nonlinear, self.saturated(z), u))
 
@@ -499,8 +492,7 @@ def _with_values(expression: sp.Expr, constants: tuple[tuple[sp.Symbol, Any], ..
 
 
 def linear_terms(expression: sp.Expr, states: Sequence[sp.Symbol]) -> tuple[sp.Expr, sp.Expr]:
-    """Return the sum of the terms that are linear in a state with a state-free coefficient, and the sum of the
-    others."""
+    """Return the sum of the terms linear in a state with a state-free coefficient, and the sum of the others."""
     linear: list[sp.Expr] = []
     others: list[sp.Expr] = []
     for term in sp.Add.make_args(sp.expand_mul(expression)):

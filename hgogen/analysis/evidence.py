@@ -92,8 +92,7 @@ def tree(bisection: Range | Proof, form: Form | None = None) -> str:
 
 
 def _mirrored(form: Form) -> dict[sp.Symbol, tuple[str, bool]]:
-    """Return, for each plant state that is a state of the form up to its sign, the name of that state and whether the
-    sign changes."""
+    """Return the name of the form's state, and whether the sign changes, for each plant state that is one."""
     names = {}
     for x, image in zip(form.system.states, form.from_form, strict=True):
         if image in form.states or -image in form.states:
@@ -102,7 +101,6 @@ def _mirrored(form: Form) -> dict[sp.Symbol, tuple[str, bool]]:
 
 
 def _number_text(number: Fraction) -> str:
-    """Return an exact number as text: as a decimal where it equals a float's shortest decimal."""
     decimal = repr(float(number))
     return str(number) if number.denominator == 1 or Fraction(decimal) != number else decimal
 
@@ -154,8 +152,7 @@ class Grounds:
     fact: Any = field(hash=False)
 
     def evidence(self, form: Form) -> Evidence | None:
-        """Return the evidence of the fact, None for a kind that has none; nothing where it follows from another claim's
-        fact."""
+        """Return the evidence of the fact: none for a fact of another claim, None for a kind without evidence."""
         if self.fact is None:
             return {}
         return self.fact.evidence(form) if hasattr(self.fact, "evidence") else None
@@ -180,8 +177,7 @@ LOOSE = 2.0**-10  # relative excess of a Lipschitz bound over the proof's, so th
 
 
 def enclosure(form: Form, expression: sp.Expr, bounds: Range | Proof, where: Sides | None = None) -> Evidence | None:
-    """Return the evidence of low <= expression <= high on the form's box, or on the box `where` of the plant; None
-    where the bounds are not finite."""
+    """Return the evidence of finite bounds low <= expression <= high on the form's box, or the plant's box `where`."""
     low, high = bounds.low, bounds.high
     if isinstance(bounds, Range) and not bounds.defined:
         return None
@@ -198,8 +194,7 @@ def enclosure(form: Form, expression: sp.Expr, bounds: Range | Proof, where: Sid
 
 
 def steep(form: Form, rows: Iterable[sp.Expr], proof: Proof, wider: float = 1e-9) -> Evidence | None:
-    """Return the evidence of a bound of the rows' Jacobian in the spectral norm, which an order and signs of the states
-    do not change."""
+    """Return the evidence of a bound of the rows' Jacobian in the spectral norm, the same for permuted states."""
     if proof.high is None:
         return None
     names = set().union(*(exact(sp.sympify(row)).free_symbols for row in rows))
@@ -333,10 +328,7 @@ def sealed(content: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def fingerprint(form: Form, checks: Iterable[Check], observer: str) -> str:
-    """Return the certificate's `model`, computed without its evidence.
-
-    Raises: `NotCertifiable`; `OtherNumbers`.
-    """
+    """Return the certificate's `model`, computed without its evidence. Raises: `NotCertifiable`; `OtherNumbers`."""
     content = sealed({**head(form, checks, observer), "claims": []})
     try:
         return read(json.dumps(content)).model

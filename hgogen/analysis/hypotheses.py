@@ -147,7 +147,6 @@ def _unknown(check: Check, reason: Reason, signals: tuple[Signal, ...]) -> Check
 
 
 def _unranged(check: Check, signals: tuple[Signal, ...]) -> Check | None:
-    """Return the unknown check for a missing range; None where all signals have one."""
     unbounded = [s.name for s in signals if not s.bounded]
     fix = f"Declare low= and high= for {', '.join(unbounded)}."
     reason = because("no range is declared for {names}", names=unbounded)
@@ -200,8 +199,7 @@ class Vanishing(Slope):
     """The evidence that a slope is zero somewhere, or has both signs."""
 
     def evidence(self, form: Form) -> Evidence | None:
-        """Return a point where the slope is zero, or two where it has opposite signs; None where no such point is
-        exact."""
+        """Return a point where the slope is zero, or two where it has opposite signs; None without exact ones."""
         dF = self.of(form)
         where = sides(form, dF.free_symbols)
         sign = nonzero(dF, where)
@@ -356,8 +354,7 @@ def lipschitz(maker: str, b: Iterable[sp.Expr], system: System, name: str = "b")
 
 
 def _undecided(rows: Sequence[sp.Expr], system: System, reason: Reason) -> dict[str, Any]:
-    """Return the verdict, reason and fix of rows for whose slope neither a bound nor its absence is proved, for a
-    `reason`."""
+    """Return the verdict, reason and fix of rows for whose slope neither a bound nor its absence is proved."""
     around = system.box
     jumps = sorted({node for row in rows for node in bent(row).atoms(*JUMPS) if node.has(*system.states)}, key=str)
     if jumps:

@@ -58,10 +58,7 @@ def jacobians_on_box(
 
 def jacobians_at(dynamics: Dynamics, points: np.ndarray, affine: bool = False) -> tuple[np.ndarray, np.ndarray]:
     """Return F (k, n, n) and dh/dz (k, p, n) at those `points` (k, n + m), each a state and an input, where all entries
-    are finite.
-
-    Raises: `Singular` where there is no such point.
-    """
+    are finite. Raises: `Singular` where there is no such point."""
     F, H = _jacobians(dynamics, points, affine)
     finite = np.isfinite(F).all(axis=(1, 2)) & np.isfinite(H).all(axis=(1, 2))
     if not finite.any():
@@ -83,16 +80,13 @@ def _jacobians(dynamics: Dynamics, points: np.ndarray, affine: bool = False) -> 
 
 
 def _named(dynamics: Dynamics, point: np.ndarray) -> dict[str, float]:
-    """Return the coordinates of a point by their names."""
     names = map(str, (*dynamics.form.to_form, *dynamics.form.system.inputs))
     return dict(zip(names, point.tolist(), strict=True))
 
 
 def largest_determinant(dynamics: Dynamics) -> float:
-    """Return the largest |det dPhi/dx| in the middle, at corners and at random points of the box.
-
-    Raises: `NoDeterminant` where it is finite at none of them.
-    """
+    """Return the largest |det dPhi/dx| in the middle, at corners and at random points of the box. Raises:
+    `NoDeterminant` where it is finite at none of them."""
     values = _evaluated(dynamics, dynamics.determinant(*_variables(dynamics)))(_points(dynamics, 64))
     finite = values[np.isfinite(values)]
     if not finite.size:
@@ -186,10 +180,8 @@ class Pace:
 
 
 def pace(plant: System) -> Pace:
-    """Return the pace of a plant on its box.
-
-    Raises: `NoLinearisation` where a state or an input has no range, or the model no value; `NoGraph`.
-    """
+    """Return the pace of a plant on its box. Raises: `NoLinearisation` where a state or an input has no range, or the
+    model no value; `NoGraph`."""
     return linearisation_on_box(plant)[-1]
 
 
@@ -237,11 +229,8 @@ def _linearised(plant: System, x: np.ndarray, u: np.ndarray) -> tuple[np.ndarray
 def slopes(
     pairs: Sequence[tuple[sp.Expr, Signal]], signals: tuple[Signal, ...], nominal: Mapping[sp.Symbol, Any]
 ) -> np.ndarray:
-    """Return the derivative of each expression by its signal, of `signals`, at the points (N, k) of their box where all
-    derivatives have a value.
-
-    Raises: `NoLinearisation` where a signal has no range, or there is no such point; `NoGraph`.
-    """
+    """Return the derivatives of expressions by their signals at the sample points (N, k) where all have a value.
+    Raises: `NoLinearisation` where a signal has no range, or there is no such point; `NoGraph`."""
     ranged(signals)
     x = ca.SX.sym("x", len(signals))
     symbols = dict(zip(signals, ca.vertsplit(x), strict=True)) | {p: float(value) for p, value in nominal.items()}

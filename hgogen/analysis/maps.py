@@ -62,8 +62,7 @@ _BACK: dict[type, Callable[[sp.Expr], sp.Expr]] = {
 
 
 def stand_ins(signals: Iterable[Signal], fixed: Mapping[Signal, float] = EMPTY) -> dict[Signal, sp.Dummy]:
-    """Return symbols with the sign of each signal's range, so that sqrt(w^2) can become w; of its value where
-    `fixed`."""
+    """Return symbols with the sign of each signal's range, or `fixed` value, so that sqrt(w^2) can become w."""
     ends = {s: (fixed[s], fixed[s]) if s in fixed else s.interval for s in signals}
     dummies = {}
     for s, (low, high) in ends.items():
@@ -115,7 +114,7 @@ def tidy(expression: sp.Expr) -> sp.Expr:
 def _next(
     rows: Mapping[sp.Symbol, sp.Expr], remaining: Sequence[sp.Symbol], forward: Mapping[sp.Symbol, sp.Expr]
 ) -> dict[sp.Symbol, sp.Expr]:
-    """Return the solution for the state of the first row that reads only one unknown state and can be solved for it."""
+    """Return the solution of the first row that reads only one unknown state and can be solved for it."""
     for z, row in rows.items():
         read = [x for x in remaining if x in row.free_symbols]
         if len(read) == 1:
@@ -141,8 +140,7 @@ def _linear(
 
 
 def _roots(equation: sp.Expr, x: sp.Symbol) -> Iterator[sp.Expr]:
-    """Return solutions of equation = 0 for x: of a polynomial of degree 1 or 2, or inside a function that occurs
-    alone."""
+    """Return solutions of equation = 0 for x: of degree 1 or 2, or inside a function that occurs alone."""
     numerator = sp.fraction(sp.together(equation))[0]
     if numerator.is_polynomial(x):
         coefficients = sp.Poly(numerator, x).all_coeffs()
@@ -171,8 +169,7 @@ def _roots(equation: sp.Expr, x: sp.Symbol) -> Iterator[sp.Expr]:
 
 
 def _behind(f: sp.Expr, value: sp.Expr) -> sp.Expr | None:
-    """Return an expression that is 0 where f = value, with the function inverted; None for one without an inverse
-    here."""
+    """Return an expression that is 0 where f = value, with f inverted; None for an f without an inverse here."""
     if isinstance(f, sp.Pow):
         return f.base - value ** (1 / f.exp) if f.exp.is_Rational else None
     back = _BACK.get(type(f))
@@ -196,8 +193,7 @@ def _holds(
     signals: Sequence[Signal],
     fixed: Mapping[Signal, float],
 ) -> bool:
-    """Return whether no ball at a sample point of the box excludes Psi(Phi(x)) = x, as a second test of the
-    candidate."""
+    """Return whether no ball at a sample point excludes Psi(Phi(x)) = x, as a second test of the candidate."""
     errors = [exact(e.xreplace(dict(images)).xreplace(dict(fixed))) - x for x, e in candidate.items()]
     read = [s for s in signals if any(s in e.free_symbols for e in errors)]
     try:
@@ -294,8 +290,7 @@ def derivatives(expression: sp.Expr, rates: Mapping[sp.Symbol, sp.Expr], count: 
 
 
 def input_derivatives(expressions: Iterable[sp.Expr], plant: System, orders: int) -> tuple[Signal, ...]:
-    """Return the derivatives, up to the given order, of the plant's inputs that the expressions read, input by
-    input."""
+    """Return the derivatives of the plant's inputs, up to the given order, that the expressions read."""
     read = set().union(*(e.free_symbols for e in expressions))
     known = (u.derivative(k) for u in plant.inputs for k in range(1, orders + 1))
     return tuple(signal for signal in known if signal in read)
@@ -309,8 +304,7 @@ def without_rates(plant: System) -> System:
 
 
 def without_derivative(expressions: Iterable[sp.Expr]) -> Reason:
-    """Return the reason that names the first function with jumps or kinks, in alphabetical order; `NONE` without
-    one."""
+    """Return the reason that names the alphabetically first function with jumps or kinks; `NONE` without one."""
     node = min((node for e in expressions for node in e.atoms(*JUMPS, *KINKS)), key=str, default=None)
     return NONE if node is None else because("{part} has no derivative somewhere", part=node)
 

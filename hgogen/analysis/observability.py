@@ -125,8 +125,7 @@ def symmetries(
 
 
 def _ladder(unknowns: Sequence[sp.Symbol], hidden: Sequence[sp.Symbol]) -> Iterable[list[tuple[int, tuple[int, ...]]]]:
-    """Return terms (component, the unknowns of its monomial): scalings and translations, all of degree 1, of degree
-    2."""
+    """Return terms (component, the unknowns of its monomial): scalings and translations, then of degree 1 and 2."""
     at = [unknowns.index(s) for s in hidden]
     yield [(i, m) for i in at for m in ((), (i,))]
     every = range(len(unknowns))
@@ -186,8 +185,7 @@ def _fields(
 
 
 def _fractions(vector: Sequence[Any], prime: int) -> list[Fraction] | None:
-    """Return the vector as small fractions, scaled so that its first nonzero entry is 1; None where they are not
-    small."""
+    """Return the vector as small fractions, its first nonzero entry scaled to 1; None where they are not small."""
     lead = next((c for c in vector if c != 0), None)
     if lead is None:
         return None
@@ -232,8 +230,7 @@ def _proved(
     output: Sequence[sp.Expr],
     unknowns: Sequence[sp.Symbol],
 ) -> list[bool]:
-    """Return whether, for each field v, L_v h = 0 and [f, v] lies in the span of such fields, exactly; False where
-    SymPy does not decide it."""
+    """Return for each field v whether L_v h = 0 and [f, v] in the span of such fields are proved exactly."""
     if sum(e.count_ops() for e in (*rates, *output)) > OPERATIONS:
         return [False] * len(fields)
 
@@ -273,7 +270,6 @@ def _vanishes(e: sp.Expr) -> bool:
 
 
 def _letter(field: Sequence[tuple[sp.Symbol, sp.Expr]]) -> sp.Symbol:
-    """Return a name for the free constant that no unknown has."""
     used = {s.name for x, v in field for s in {x, *v.free_symbols}}
     return sp.Symbol(next(name for name in ("c", "s", "r", *(f"c{k}" for k in range(len(used)))) if name not in used))
 
@@ -361,8 +357,7 @@ class Answer(Encoded):
 
     @property
     def advice(self) -> str:
-        """The advice what to measure in addition, where an unknown is proved to be unobservable on every branch; else
-        ""."""
+        """The advice what else to measure, where an unknown is proved unobservable on every branch; else ""."""
         if not self.lost:
             return ""
         missing = " or ".join(s.name for s in self.repairs)
@@ -550,8 +545,7 @@ class _Question:
         return Answer(rank, self.orders(rank), fields, direction, point, repairs, proved, self.where)
 
     def orders(self, rank: Rank) -> tuple[tuple[sp.Symbol, int], ...]:
-        """Return the observable unknowns, each with the order of derivatives at which its unit vector is in the row
-        space."""
+        """Return for each observable unknown the order at which its unit vector enters the row space."""
         plant, unknowns = plant_of(*self.rows, self.branch.places)
 
         def answer(numbers: Arithmetic, point: Point) -> dict[sp.Symbol, int]:
@@ -591,8 +585,7 @@ class _Question:
         return somewhere(plant, answer)
 
     def direction(self, order: int) -> tuple[Any, Any]:
-        """Return an unobservable direction at a random real point of the branch, largest entry 1, and the point; none
-        where no tried point decides it."""
+        """Return an unobservable direction (largest entry 1) at a random real point, and the point; or nothing."""
         plant, unknowns = plant_of(*self.rows, self.branch.places)
 
         def answer(numbers: Arithmetic, point: Point) -> tuple[Any, Any]:
@@ -613,8 +606,7 @@ class _Question:
 
 
 def _whole(ranked: Sequence[tuple[_Question, Rank]]) -> Answer:
-    """Return the answer on the branch where most is observable, with the answers on the other branches that hide
-    unknowns."""
+    """Return the answer on the branch where most is observable, with those of other branches that hide unknowns."""
     best, rank = max(ranked, key=lambda pair: pair[1].rank)
     blind = [(question, other) for question, other in ranked if other.unobservable and question is not best]
     elsewhere = [question.answer(other, proofs=k < _PROVED_BRANCHES) for k, (question, other) in enumerate(blind)]

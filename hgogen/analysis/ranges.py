@@ -80,8 +80,7 @@ def extents(chain: Sequence[sp.Expr], form: Form) -> tuple[Range, ...] | Reason:
 
 
 def corners(chain: Sequence[sp.Expr], form: Form) -> list[Corner] | Reason:
-    """Return the pairs (A, C) of a chain at the ends of the ranges of its a_1..a_n, or the reason why there are
-    none."""
+    """Return the pairs (A, C) of a chain at the ends of the ranges of its a_1..a_n, or why there are none."""
     ranges = extents(chain, form)
     if isinstance(ranges, Reason):
         return ranges
@@ -158,7 +157,6 @@ def saturated(form: Form, saturate: Limits, arguments: bool) -> Form:
 
 
 def _ends(name: str, limit: Any, sign: int) -> tuple[float, float]:
-    """Return the range of a row in the form's coordinates."""
     if limit == _ANY:
         return _ANY
     values = reals(f"saturate of {name}", limit)

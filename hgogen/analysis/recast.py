@@ -34,8 +34,7 @@ _DIGITS, _HUGE = 5, 10**300  # digits, and the largest size, of the ends in a pr
 
 @dataclass(frozen=True)
 class Change:
-    """A change of coordinates: new states in terms of the plant's (`forward`), replaced states in terms of the new ones
-    (`backward`)."""
+    """A change of coordinates: new states in terms of the plant's (`forward`), replaced ones in new (`backward`)."""
 
     plant: System
     forward: Mapping[Signal, sp.Expr]
@@ -91,7 +90,6 @@ def recast(plant: System, coordinates: Mapping[Signal, Any], inverse: Mapping[Si
 
 
 def _at_once(change: Change, before: Origin) -> Change:
-    """Return the composition of the change of a recast plant with the change `before`, by which it was recast."""
     first, forward = before.plant, dict(zip(change.plant.states, before.forward, strict=True))
     forward |= {w: e.xreplace(forward) for w, e in change.forward.items()}
     back = {x: e.xreplace(change.backward) for x, e in zip(first.states, before.backward, strict=True)}
@@ -100,7 +98,6 @@ def _at_once(change: Change, before: Origin) -> Change:
 
 
 def _recast(change: Change) -> System:
-    """Return the plant in the new states."""
     plant, states = change.plant, change.states
     plain = stand_ins((*plant.states, *change.forward))
     back = {dummy: signal for signal, dummy in plain.items()}
@@ -137,8 +134,7 @@ def _substituted(
 
 
 def _readable(change: Change) -> None:
-    """Raise `BadSystem` where a map reads a symbol other than states and parameters: the derivative of an input is not
-    known."""
+    """Raise `BadSystem` where a map reads an input, whose derivative is not known, or an undeclared symbol."""
     plant = change.plant
     for maps, states in ((change.forward, {*plant.states}), (change.backward, {*change.states})):
         for s, e in maps.items():
@@ -201,7 +197,6 @@ def _inverse(written: Change, change: Change, signed: Mapping[Signal, sp.Dummy])
 
 
 def _roughness(maps: list[tuple[Signal, sp.Expr, tuple[Signal, ...]]]) -> Reason | None:
-    """Return the reason why a map or its slope may be singular, jump or have a kink; None if neither does."""
     for s, e, signals in maps:
         rough = sorted(e.atoms(*JUMPS, *KINKS), key=str)
         if rough:
@@ -249,8 +244,7 @@ def _range(change: Change) -> Check:
 
 
 def image(expression: sp.Expr, signals: tuple[Signal, ...]) -> Interval:
-    """Return a range of the expression on the box, exact at the ends of each signal in which a bounded slope keeps its
-    sign."""
+    """Return a range of the expression on the box, exact at ends of signals with a bounded slope of one sign."""
     box = box_of(signals)
     slopes = {s: expression.diff(s) for s in signals if s.bounded and s in expression.free_symbols}
     if singular([expression], box):

@@ -36,7 +36,6 @@ import casadi as ca
 import numpy as np
 import sympy as sp
 
-from hgogen.analysis.ranges import fixed
 from hgogen.form import Form
 from hgogen.graph import Graph
 from hgogen.reading.given import BadGain, in_order, positive
@@ -98,8 +97,7 @@ def scaling(form: Form, scaled: Scaled = "both") -> Scaling:
 
 
 def exponents(form: Form) -> tuple[int, ...]:
-    """Return the power of a high gain with which each state may overshoot: the powers in Delta^-1, or the levels of
-    states in no aligned chains."""
+    """Return the power of theta in each state's overshoot: those in Delta^-1, or levels without aligned chains."""
     if form.alignment not in ALIGNED:
         return form.levels
     longest = max(form.blocks)
@@ -167,8 +165,7 @@ def sizes_of_used(form: Form, sizes: Sequence[Fraction]) -> list[Fraction]:
 
 
 def error_shares(form: Form, weights: Sequence[float]) -> np.ndarray:
-    """Return the coefficients of each output's error (p) in the mean error of each chain's output (q, p), where all
-    samples are present, as fractions."""
+    """Return the weights (q, p), fractions, of the outputs' errors in each chain's mean of all samples."""
     rows = np.full((len(form.leads), len(form.output)), Fraction(0), dtype=object)
     for row, chain in zip(rows, redundant_outputs(form), strict=True):
         whole = sum(Fraction(weights[each.output]) for each in chain)
@@ -193,8 +190,7 @@ def _ratio(form: Form, j: int, i: int, z: sp.Symbol) -> sp.Rational | None:
     the slopes is not enough: y_j may jump."""
     if form.output[j].free_symbols & {*form.states} != {z}:
         return None
-    known = dict(fixed(form))
-    one, other = (exact(sp.sympify(form.output[k]).xreplace(known)) for k in (i, j))
+    one, other = (exact(sp.sympify(form.output[k]).xreplace(form.system.constants)) for k in (i, j))
     ratio = sp.cancel(sp.diff(other, z) / sp.diff(one, z))
     alike = ratio.is_Rational and ratio and not sp.cancel(other - ratio * one).has(z)
     return ratio if alike else None
@@ -202,10 +198,7 @@ def _ratio(form: Form, j: int, i: int, z: sp.Symbol) -> sp.Rational | None:
 
 def weighted(form: Form, weights: Any) -> tuple[float, ...]:
     """Return the weights (p), from a mapping by the names of the outputs, 1 for one that is not named; without a
-    mapping all are 1.
-
-    Raises: `BadGain`, also where no output is in a mean; `BadNames`.
-    """
+    mapping all are 1. Raises: `BadGain`, also where no output is in a mean; `BadNames`."""
     names = tuple(y.name for y in form.system.outputs)
     if weights is None:
         return (1.0,) * len(names)
@@ -226,8 +219,7 @@ def weighted(form: Form, weights: Any) -> tuple[float, ...]:
 
 
 def mean(form: Form, weights: Sequence[float], e: Graph, valid: Graph) -> Graph:
-    """Return the error of each chain's output (q): the mean of the errors (p) of its redundant outputs with usable
-    samples; else 0."""
+    """Return the error of each chain's output (q), the mean of its usable redundant outputs' errors (p); else 0."""
     errors = []
     for chain in redundant_outputs(form):
         if len(chain) == 1:

@@ -75,13 +75,13 @@ _STATES = ClaimId("singularity", "regular")
 
 @dataclass(frozen=True)
 class Jet:
-    """The independent rows on the zero set `where` (symbol to value), and the factors of their determinant.
+    """A jet: derivatives of the outputs whose gradients are independent on the zero set `where` (symbol to value), with
+    the factors of their determinant.
 
     `rows`: (output, order of derivative); `factors`: empty where the determinant is never 0, the determinant itself
-    where its zeros are not known, None where no choice of rows up to the last order tried, `order`, has full rank;
-    `parts`: the derivatives of the outputs, the rates that they read and the entries of the Jacobian, on whose
-    smoothness the determinant depends; `readable`: the determinant with its factors as it is printed, where that is
-    another text.
+    where its zeros are not known, None where no rows up to the last order tried, `order`, have full rank; `parts`: the
+    derivatives, the rates that they read and the entries of the Jacobian, on whose smoothness the determinant depends;
+    `readable`: the determinant with its factors as it is printed, where that is another text.
     """
 
     where: Where
@@ -203,10 +203,7 @@ class _Derived:
     rows: dict[Row, list[sp.Expr]] = field(default_factory=dict)
 
     def order(self, k: int) -> dict[Row, list[sp.Expr]]:
-        """Return the rows up to the k-th derivatives.
-
-        Raises: `TooLarge` beyond `limit` nodes.
-        """
+        """Return the rows up to the k-th derivatives. Raises: `TooLarge` beyond `limit` nodes."""
         for j, h in enumerate(self.plant.output):
             chain = self.chains.get(j, (h,))
             while len(chain) <= k:
@@ -324,7 +321,6 @@ def _followed(jet: Jet, derived: _Derived, depth: int) -> list[Jet]:
 
 
 def _root(factor: sp.Expr) -> tuple[sp.Symbol, sp.Expr] | None:
-    """Return the symbol in which the factor is linear with a constant slope, and its root."""
     for symbol in sorted(factor.free_symbols, key=str):
         slope = factor.diff(symbol)
         if slope.is_number and slope != 0:
@@ -411,8 +407,7 @@ def _brief(e: sp.Expr) -> sp.Expr:
 
 
 def _check(plant: System, jet: Jet, k: int) -> Check:
-    """Return the check of a jet. proved: the determinant has no zero on the box; where: it may have; unknown: no full
-    rank was found."""
+    """Return the check of a jet. proved: no zero on the box; where: perhaps a zero; unknown: no full rank was found."""
     marks = (f"{plant.outputs[j]}" + ("'" * order if order < 4 else f"^({order})") for j, order in jet.rows)
     rows = ", ".join(marks)
     id = ClaimId("singularity", "jet", k) if k else _STATES
@@ -477,10 +472,7 @@ def gauthier_bornard(
     places: Places = (),
 ) -> UniformObservability:
     """Return the result of the test at random points, real ones near `places`; symbols that are neither state nor input
-    are random constants.
-
-    Raises: `NothingMeasured`, `NowhereDefined`; `NoTape` for a function without a rule.
-    """
+    are random constants. Raises: `NothingMeasured`, `NowhereDefined`; `NoTape` for a function without a rule."""
     flow, output, states, inputs = (tuple(map(sp.sympify, part)) for part in (flow, output, states, inputs))
     plant, _ = plant_of(flow, output, states, inputs, (), places)
     outside = _outside(flow, output, inputs)
@@ -504,10 +496,7 @@ def gauthier_bornard(
 
 def of_plant(plant: System) -> UniformObservability:
     """Return the result of the test for a plant on each branch that its ranges reach. Parameters are generic within
-    their ranges; those without one are at their nominal values.
-
-    Raises: as `gauthier_bornard`.
-    """
+    their ranges; those without one are at their nominal values. Raises: as `gauthier_bornard`."""
     reached = on_branches(plant, plant.tunable)
     n, answers = len(plant.states), []
     if not reached.branches:
@@ -529,7 +518,6 @@ def of_plant(plant: System) -> UniformObservability:
 
 
 def _outside(flow: Sequence[sp.Expr], output: Sequence[sp.Expr], inputs: Sequence[sp.Symbol]) -> Reason:
-    """Return why the test does not apply, or that this is not known; `NONE` where it applies."""
     if len(output) != 1:
         return because("the test is for one output, and there are {count}", count=len(output))
     if not inputs:
@@ -548,8 +536,8 @@ def _outside(flow: Sequence[sp.Expr], output: Sequence[sp.Expr], inputs: Sequenc
 def _deficient(
     rank: int, flow: Sequence[sp.Expr], output: sp.Expr, states: Sequence[sp.Symbol], inputs: Sequence[sp.Symbol]
 ) -> UniformObservability:
-    """Return the result for a rank below n. It is proved by states that, without input, no derivative of the output
-    reads; else it is found at random points alone."""
+    """Return the result for a rank below n, proved where states are hidden without input, else found at random
+    points."""
     n = len(states)
     reason = because("without input, d(h, .., L_f^{order} h) has rank {rank} of {n}", order=n - 1, rank=rank, n=n)
     drift = {x: rate.subs(dict.fromkeys(inputs, 0)) for x, rate in zip(states, flow, strict=True)}
@@ -565,8 +553,7 @@ def _deficient(
 
 
 def _span_test(plant: Plant, inputs: Sequence[sp.Symbol], numbers: Arithmetic, point: Point) -> tuple[int, Reason]:
-    """Return the rank at this point, at most n, and, where it is n, the reason that names a span that is left there, or
-    `NONE`."""
+    """Return the rank at this point, and at full rank n the reason that names a span that is left, or `NONE`."""
     n, prime = plant.n, modulus(numbers)
     point = replace(point, inputs=lambda j, order: [0] * order)
     rows = first_gradients(plant, numbers, point, n)

@@ -74,8 +74,7 @@ _ARGUMENT = {
 
 @dataclass(frozen=True)
 class Gap:
-    """A place where a part of a row has no finite value, or may have none: where `condition` fails. `verdict`: refuted
-    with a `point`, where, or unknown."""
+    """A failed (or undecided) `condition` of a part's value; `verdict`: refuted with a `point`, where, or unknown."""
 
     condition: Condition
     verdict: Verdict
@@ -84,8 +83,7 @@ class Gap:
 
 @lru_cache(maxsize=64)
 def undefined_values(plant: System) -> tuple[Check, ...]:
-    """Return the checks `singular.NAME` of rows that are not proved to have a finite value on the whole box: the rate
-    of state NAME, or the output NAME."""
+    """Return the checks `singular.NAME` of rows (rate of state NAME, or output NAME) not proved finite on the box."""
     named = ((signal, Sentence.of("{row}", row=text), row) for signal, text, row in _rows(plant))
     rows = ((signal, text, (bounded_logs(row),), _LAST_RATE) for signal, text, row in named)
     return tuple(check for row in rows if (check := _check(plant, *row)))
@@ -93,8 +91,7 @@ def undefined_values(plant: System) -> tuple[Check, ...]:
 
 @lru_cache(maxsize=64)
 def undefined_slopes(plant: System) -> tuple[Check, ...]:
-    """Return the checks `singular.NAME` of rows with a proved value whose derivatives by the states are not proved to
-    be finite."""
+    """Return the checks `singular.NAME` of rows with a proved value but no proved derivatives by the states."""
     known = {check.id.fact for check in undefined_values(plant)}
     rows = ((signal, text, resolved(row)) for signal, text, row in _rows(plant) if signal.name not in known)
     slopes = (
@@ -105,7 +102,6 @@ def undefined_slopes(plant: System) -> tuple[Check, ...]:
 
 
 def _rows(plant: System) -> Iterator[tuple[Signal, str, sp.Expr]]:
-    """Return the rows, each with its signal and its name."""
     yield from ((x, f"{x.name}'", row) for x, row in zip(plant.states, plant.flow, strict=True))
     yield from ((y, y.name, row) for y, row in zip(plant.outputs, plant.output, strict=True))
 
@@ -152,8 +148,7 @@ def gaps(expressions: Iterable[sp.Expr], plant: System) -> tuple[Gap, ...]:
 
 
 def _doubtful(expressions: Iterable[sp.Expr], around: Box) -> Iterator[sp.Expr]:
-    """Return the parts that are not proved to be finite. A quotient with a removable singularity is finite where all
-    its parts are."""
+    """Return the parts not proved to be finite; a quotient with a removable singularity counts by its parts."""
     rows = list(expressions)
     quotients = {node: sp.Piecewise(*node.args, evaluate=False) for row in rows for node in row.atoms(Resolved)}
     parts = doubtful((row.xreplace(quotients) for row in rows), around)
@@ -163,8 +158,7 @@ def _doubtful(expressions: Iterable[sp.Expr], around: Box) -> Iterator[sp.Expr]:
 
 
 def _chooses_values(part: sp.Expr, around: Box) -> bool:
-    """Return whether a choice evaluates roots only where their radicand is not negative, and no other part without a
-    value."""
+    """Return whether a choice evaluates roots only of radicands that are not negative, and no other doubtful part."""
     if not isinstance(part, sp.Piecewise) or part.args[-1].cond != sp.true:
         return False
     needed = ((_condition(inner), cond) for branch, cond in part.args for inner in doubtful((branch,), around))
@@ -172,7 +166,6 @@ def _chooses_values(part: sp.Expr, around: Box) -> bool:
 
 
 def _condition(part: sp.Expr) -> Condition:
-    """Return the condition for a part to have a finite value."""
     if isinstance(part, sp.Pow):
         base, exponent = part.base, part.exp
         if exponent.is_Integer and exponent.is_negative:
@@ -190,7 +183,6 @@ def _condition(part: sp.Expr) -> Condition:
 
 
 def _holds(condition: Condition, around: Box) -> bool:
-    """Return whether a condition is proved on the whole box."""
     try:
         if condition.relation == NONZERO:
             return nonzero(condition.of, around, refute=False).never
@@ -250,14 +242,13 @@ def written(plant: System) -> tuple[sp.Expr, ...]:
 
 @lru_cache(maxsize=16)
 def valueless(plant: System) -> sp.Expr | None:
-    """Return a part of the plant as it is written that is not proved to be a finite real number on the whole box, or
-    None."""
+    """Return a part of the plant as it is written that is not proved to be finite and real on the box, or None."""
     return next(iter(doubtful(written(plant), plant.box)), None)
 
 
 @lru_cache(maxsize=16)
 def value_conditions(plant: System) -> tuple[Condition, ...]:
-    """Return the conditions for the plant as it is written to have a value that are not proved on the whole box."""
+    """Return the conditions under which the plant as written has a value, without those proved on the whole box."""
     return conditions(written(plant), plant.box)
 
 
