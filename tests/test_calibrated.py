@@ -104,7 +104,7 @@ def watched(innovation: np.ndarray, tables: list[Any], errors: Any = None) -> An
     return SimpleNamespace(
         dt=DT,
         records=(Log(np.zeros((20, 1)), np.zeros((20, 1)), DT),),
-        made=made,
+        make_step=made,
         judge=SimpleNamespace(engine="python", errors=errors),
     )
 
@@ -137,7 +137,7 @@ def test_an_alarm_that_feeds_itself_is_refused() -> None:
 
     task = watched(np.ones(20), tables, lambda each: np.zeros(2))
     step = SimpleNamespace(inputs=(hg.Signal("u"),), reset=lambda: None, run=run)
-    task.made = lambda name, row, gains: (tables.append(gains["theta"]), SimpleNamespace(step=step))[1]
+    task.make_step = lambda name, row, gains: (tables.append(gains["theta"]), SimpleNamespace(step=step))[1]
     refusal = adaptive(task, tuned())
     assert isinstance(refusal, str)
     assert "an alarm feeds itself, even with theta_1 = 2 (alarm ratio 1.4)" in refusal

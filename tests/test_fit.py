@@ -17,7 +17,7 @@ from scipy.integrate import solve_ivp
 from test_cli import hgogen
 
 import hgogen as hg
-from hgogen.commands.fitting import By, HeldOutError, _verdicts, _without_offset
+from hgogen.commands.fitting import By, PredictionErrors, _verdicts, _without_offset
 from hgogen.logs.fit import CannotFit, Task, best_of, lagged, parted
 from hgogen.logs.problem import Progress, Shooting, Solution
 from hgogen.logs.records import BadLog
@@ -567,7 +567,7 @@ def test_a_sign_that_is_wrong_is_named_as_a_doubt() -> None:
 
 
 def test_what_predicts_worse_than_others_is_said() -> None:
-    row = HeldOutError(record="a.csv", output="y", ahead=5, fitted=2.0, unfitted=1.0, copying=1.0)
+    row = PredictionErrors(record="a.csv", output="y", ahead=5, fitted=2.0, unfitted=1.0, copying=1.0)
     open_loop = replace(row, ahead=None, copying=None)
     assert list(_verdicts([row, replace(row, ahead=25), open_loop])) == [
         "y is predicted worse than by copying the last value, 5, 25 samples ahead, in the rows held out",

@@ -24,7 +24,7 @@ from hgogen.commands.calibrating import _custom_forms, renamed
 from hgogen.errors import BadArgument
 from hgogen.logs import judged as judged_module
 from hgogen.logs import tune as tune_module
-from hgogen.logs.judged import DIFFERENCING, Held, Judged, coloured, judged, verdicts
+from hgogen.logs.judged import DIFFERENCING, Judged, ValidationLog, coloured, judged, verdicts
 from hgogen.logs.likelihood import STARTS, Likelihood, Noise
 from hgogen.logs.records import Ahead, BadLog, Hidden, Judge, as_good, chosen, readable
 from hgogen.logs.tune import Calibration, CannotTune, Task, Tuned
@@ -291,7 +291,7 @@ def test_gains_may_be_chosen_by_a_truth() -> None:
     blind = hg.tune(PLANT, first, observers=["high_gain"])
     made = hg.tune(PLANT, first, observers=["high_gain"], truth=[{"v": rate[:600]}])
     assert (blind.truth, made.truth) == ((), ("v",))
-    held = [Held(demanded(heard), 600, {"v": rate})]
+    held = [ValidationLog(demanded(heard), 600, {"v": rate})]
     hidden = [judged(PLANT, one, {}, held, (1,), "python")[0].hidden["v"] for one in (blind, made)]
     assert hidden[1] < 0.6 * hidden[0]
     assert made.best.error == pytest.approx(hidden[1] / rate.std(), rel=0.35)  # by another half of the record
@@ -453,7 +453,7 @@ y = {equation = "x"}
 
 def test_differencing_is_exact_on_a_line() -> None:
     record = hg.Log(np.zeros((50, 1)), 0.5 * DT * np.arange(50)[:, None], DT)
-    rows = judged(PLANT, spring(), {}, [Held(record, 10, {"v": np.full(50, 0.5)})], (1, 5), "python")
+    rows = judged(PLANT, spring(), {}, [ValidationLog(record, 10, {"v": np.full(50, 0.5)})], (1, 5), "python")
     line = next(row for row in rows if row.name == DIFFERENCING)
     assert line.errors[1]["y"] == pytest.approx(0, abs=1e-12)
     assert line.errors[5]["y"] == pytest.approx(0, abs=1e-12)
@@ -467,7 +467,7 @@ def test_differencing_goes_on_along_the_last_two_measured() -> None:
     """Of a sensor with every fifth sample."""
     y = np.where(np.arange(50) % 5 == 0, 0.5 * DT * np.arange(50), np.nan)
     record = hg.Log(np.zeros((50, 1)), y[:, None], DT)
-    line = judged(PLANT, spring(), {}, [Held(record, 20, {"v": np.full(50, 0.5)})], (1, 7), "python")[-1]
+    line = judged(PLANT, spring(), {}, [ValidationLog(record, 20, {"v": np.full(50, 0.5)})], (1, 7), "python")[-1]
     assert line.errors[1]["y"] == pytest.approx(0, abs=1e-12)
     assert line.errors[7]["y"] == pytest.approx(0, abs=1e-12)
     assert line.hidden["v"] == pytest.approx(0, abs=1e-12)
@@ -478,9 +478,13 @@ def test_missing_inputs_and_samples_leave_a_number_or_none() -> None:
     record, _ = log(7, 600)
     u = np.where(np.arange(600) % 3, np.nan, np.ravel(record.u))
     silent = np.where(np.arange(600) < 400, record.y, np.nan)
-    rows = judged(PLANT, spring(), {}, [Held(hg.Log(u[:, None], record.y[:, None], DT), 400, {})], (1,), "python")
+    rows = judged(
+        PLANT, spring(), {}, [ValidationLog(hg.Log(u[:, None], record.y[:, None], DT), 400, {})], (1,), "python"
+    )
     assert np.isfinite(rows[0].nis["y"])
-    rows = judged(PLANT, spring(), {}, [Held(hg.Log(u[:, None], silent[:, None], DT), 400, {})], (1,), "python")
+    rows = judged(
+        PLANT, spring(), {}, [ValidationLog(hg.Log(u[:, None], silent[:, None], DT), 400, {})], (1,), "python"
+    )
     assert rows[0].nis == {}
     assert np.isnan(rows[0].errors[1]["y"])
     assert "nan" not in " ".join(verdicts(spring(), rows))
@@ -503,13 +507,13 @@ def test_a_rate_of_the_other_sign_is_differenced_as_well() -> None:
     fall = hg.System("fall", states=(X, V), outputs=(Y,), flow=[-V, -X], output=[X])
     tuned = hg.tune(fall, hg.Log(np.zeros((60, 0)), np.cos(np.arange(60) * DT), DT), observers=["high_gain"])
     record = hg.Log(np.zeros((50, 0)), 0.5 * DT * np.arange(50)[:, None], DT)
-    rows = judged(fall, tuned, {}, [Held(record, 10, {"v": np.full(50, -0.5)})], (1,), "python")
+    rows = judged(fall, tuned, {}, [ValidationLog(record, 10, {"v": np.full(50, -0.5)})], (1,), "python")
     assert next(row for row in rows if row.name == DIFFERENCING).hidden["v"] == pytest.approx(0, abs=1e-12)
 
 
 def test_the_truth_judges_the_rows_held_out_alone() -> None:
     record, states = log(7, 600)
-    held = Held(demanded(record), 400, {"v": np.where(np.arange(600) < 400, np.nan, states[:, 1])})
+    held = ValidationLog(demanded(record), 400, {"v": np.where(np.arange(600) < 400, np.nan, states[:, 1])})
     rows = {row.name: row for row in judged(PLANT, spring(), {}, [held], (1,), "python")}
     step = spring()["riccati"].first.step
     step.reset()
@@ -539,7 +543,7 @@ def test_a_tone_that_the_model_lacks_is_said() -> None:
     for tone, white in ((0.0, True), (0.1, False)):
         heard = hg.Log(record.u, y + tone * np.sin(9 * DT * np.arange(len(y))), DT)
         made = hg.tune(PLANT, heard, observers=["riccati"])
-        said = verdicts(made, judged(PLANT, made, {}, [Held(demanded(heard), 500, {})], (1,), "python"))
+        said = verdicts(made, judged(PLANT, made, {}, [ValidationLog(demanded(heard), 500, {})], (1,), "python"))
         assert any("innovations of y are not white" in one for one in said) is not white
 
 
@@ -840,7 +844,7 @@ def test_an_alarm_is_not_set_by_the_beginning_of_a_record() -> None:
 def test_the_first_row_held_out_is_copied_from_the_last_that_is_not() -> None:
     """Of ten rows held out it alone is not what the sample before was."""
     y = np.where(np.arange(50) < 40, 0.0, 1.0)[:, None]
-    copied, _ = judged_module._without_a_model(PLANT, [Held(hg.Log(np.zeros((50, 1)), y, DT), 40, {})], (1,))
+    copied, _ = judged_module._without_a_model(PLANT, [ValidationLog(hg.Log(np.zeros((50, 1)), y, DT), 40, {})], (1,))
     assert copied.errors[1]["y"] == pytest.approx(10**-0.5)
 
 

@@ -71,7 +71,6 @@ def _help(file: str, name: str) -> str:
 
 
 def _version(requested: bool) -> None:
-    """Print the version and exit."""
     if requested:
         import hgogen
 

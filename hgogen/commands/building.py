@@ -241,7 +241,6 @@ def _demand_language(target: str) -> None:
 
 
 def _join_with_or(names: list[str]) -> str:
-    """Return names as a phrase: a, b or c."""
     *others, last = names
     return f"{', '.join(others)} or {last}" if others else last
 

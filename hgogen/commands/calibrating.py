@@ -40,7 +40,7 @@ from hgogen.commands.trial_runs import trials_or_proposed
 from hgogen.emit.cost import cost
 from hgogen.errors import HgogenError
 from hgogen.logs.advise import Advised, advise
-from hgogen.logs.judged import ALL, HELD_OUT, Held, Judged, judged, verdicts
+from hgogen.logs.judged import ALL, HELD_OUT, Judged, ValidationLog, judged, verdicts
 from hgogen.logs.tune import Calibration, Tuned, tune
 from hgogen.model import Model, load
 from hgogen.modelfiles.json_file import equations
@@ -55,12 +55,10 @@ from hgogen.which_forms import Row, of
 
 Named = TypeVar("Named", Tuned, Advised)  # a row of gains, which has a name
 
-
 TunedOn = Annotated[
     Literal["predictions", "truth"],
     typer.Option("--tune-on", help="Choose gains by predictions, or by the truth of --truth."),
 ]
-
 
 Names = Annotated[str | None, typer.Option("--observers", "--observer", metavar="A,B,..", help="By default all.")]
 
@@ -235,7 +233,7 @@ def _judged(
     rows are used."""
     plant = model.plant
     begins = [cut if held_out else 0 for cut in logs.cuts]
-    validation_logs = list(map(Held, logs.whole, begins, measured))
+    validation_logs = list(map(ValidationLog, logs.whole, begins, measured))
     declared = _declared(model, logs.whole[0].dt)
     rows = judged(plant, calibration, declared, validation_logs, aheads, engine_here())
     steps = (*(one.first.step for one in calibration.rows), *declared.values())

@@ -216,7 +216,6 @@ def _gains(observer: hg.Observer, model: Model) -> tuple[Check, ...]:
 
 
 def _note_without_observer(model: Model, survey: Survey, form: Form) -> str:
-    """Return the note on a model without an observer."""
     proved = ", ".join(row.kind for row in survey.proved)
     if form.structured or model.setting.form:
         return f"{model.path} has no observer: the checks are those of the {form.kind} form alone"
@@ -227,9 +226,7 @@ def _note_without_observer(model: Model, survey: Survey, form: Form) -> str:
 
 COLOURS = {Verdict.PROVED: "green", Verdict.REFUTED: "red", Verdict.UNKNOWN: "yellow"}
 
-
 _ALIKE = 4  # equal rows from which on they become one
-
 
 _ZEROS, _DIGITS = 20, 15  # trailing zeros from which on, and digits up to which, an integer has a power of ten
 
@@ -262,7 +259,6 @@ class _Tens(StrPrinter):  # type: ignore[misc]
 
 
 def _value_text(value: Any) -> str:
-    """Return the text of a sentence's value in the tables."""
     if isinstance(value, sp.Basic):
         return str(_Tens({"order": None}).doprint(value))
     return _whole(value) if isinstance(value, int) else plain(value)

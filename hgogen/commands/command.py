@@ -94,7 +94,6 @@ def _options_of(
 
 
 def _print_report(function: Callable[..., Report], as_json: bool, arguments: Mapping[str, Any]) -> None:
-    """Run a command's function and print its report."""
     token = _AS_JSON.set(as_json)
     try:
         report = function(**arguments)
@@ -253,7 +252,6 @@ class Runs:
     repeat: Annotated[int | None, typer.Option(metavar="K", min=0, help="Run number K of the campaign alone.")] = None
 
     def __bool__(self) -> bool:
-        """Return whether any option is given."""
         return any(value is not None for value in vars(self).values())
 
 

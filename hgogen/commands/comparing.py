@@ -1,27 +1,16 @@
 """The command `compare`: several observers of one model over its trials, on the same noise."""
 
-from collections.abc import Iterable, Mapping, Sequence
-from typing import TYPE_CHECKING, Any
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Annotated, Any
 
+import typer
 from rich.console import Group, RenderableType
 from rich.text import Text
 
+from hgogen import observers as every
 from hgogen.call import CallableStep
 from hgogen.certificates.error_bound import ErrorBound
-from hgogen.commands.output import filled, headed
-from hgogen.run.comparison import Measured
-from hgogen.sentence import up
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-
-from collections.abc import Iterator
-from dataclasses import dataclass
-from typing import Annotated
-
-import typer
-
-from hgogen import observers as every
 from hgogen.commands.claims import bound_of
 from hgogen.commands.command import (
     NO_RUNS,
@@ -36,18 +25,22 @@ from hgogen.commands.command import (
     engine_here,
     one_or_all,
 )
-from hgogen.commands.output import Bar, Written, folder_of, note, refusals_table, rendered
+from hgogen.commands.output import Bar, Written, filled, folder_of, headed, note, refusals_table, rendered
 from hgogen.commands.trial_runs import CampaignRow, campaigns, time_cell, trials_or_proposed
 from hgogen.errors import HgogenError
 from hgogen.model import MissingPart, Model, load
 from hgogen.modelfiles.setting import AS_WRITTEN, Setting
 from hgogen.prove.semidefinite import NoSolver
-from hgogen.run.comparison import measured
+from hgogen.run.comparison import Measured, measured
 from hgogen.run.metrics import Leaving, criterion, leaving_notes, leaving_signals
 from hgogen.run.metrics import guard_notes as guards
 from hgogen.run.samples import Engine
+from hgogen.sentence import up
 from hgogen.system import System
 from hgogen.trial import Trial
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 Names = Annotated[
     str | None,

@@ -72,7 +72,7 @@ class By(StrEnum):
 
 
 @dataclass(frozen=True)
-class HeldOutError:
+class PredictionErrors:
     """RMS errors of predictions of an output on the validation rows."""
 
     record: Annotated[str, "path of the record"]
@@ -93,7 +93,7 @@ class FitReport(ModelReport):
     result: Fit
     logs: Logs
     by: By
-    predictions: Annotated[list[HeldOutError], "errors in the rows held out"]
+    predictions: Annotated[list[PredictionErrors], "errors in the rows held out"]
     unjudged: Annotated[str, "why there are none, or empty"]
     files: Written = ()
 
@@ -284,7 +284,7 @@ class _NewModel:
         Folder(self.path.parent).write({self.path.name: to_text(result.plant, filled_tables)})
 
 
-def _judgement(model: Model, observer: str | None, result: Fit, logs: Logs) -> tuple[list[HeldOutError], str]:
+def _judgement(model: Model, observer: str | None, result: Fit, logs: Logs) -> tuple[list[PredictionErrors], str]:
     """Return the validation errors, or why there are none. An observer that refuses the plant does not make the fit
     fail."""
     try:
@@ -296,7 +296,7 @@ def _judgement(model: Model, observer: str | None, result: Fit, logs: Logs) -> t
     return judged, "" if judged else "there is no sample in the rows held out that its observer does not reject"
 
 
-def _judged(model: Model, observer: str | None, result: Fit, logs: Logs) -> Iterator[HeldOutError]:
+def _judged(model: Model, observer: str | None, result: Fit, logs: Logs) -> Iterator[PredictionErrors]:
     """Yield the prediction errors on the validation rows, from the estimates of an observer: of the fitted plant, and
     of the original plant with the same gains."""
     fitted = model.valued({p.name: float(p.nominal or 0.0) for p in result.plant.parameters})
@@ -310,10 +310,10 @@ def _judged(model: Model, observer: str | None, result: Fit, logs: Logs) -> Iter
             done = step.run(u=u, y=samples, engine=engine_here())
             errors.append(predictions(step, done.since(cut), u[cut:], samples[cut:], _AHEAD))
         for one, other in zip(*errors, strict=True):
-            yield HeldOutError(record.report.path, one.output, one.ahead, one.model, other.model, one.copying)
+            yield PredictionErrors(record.report.path, one.output, one.ahead, one.model, other.model, one.copying)
 
 
-def _verdicts(judged: Sequence[HeldOutError], by: By = By.SIMULATION) -> Iterator[str]:
+def _verdicts(judged: Sequence[PredictionErrors], by: By = By.SIMULATION) -> Iterator[str]:
     """Yield the outputs that are predicted worse than by copying or before the fit."""
     rivals = {"copying": "than by copying the last value", "unfitted": "than before the fit"}
     several = len({one.record for one in judged}) > 1

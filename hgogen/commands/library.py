@@ -51,7 +51,6 @@ _MANY = 30  # states, above which costly questions may take seconds
 _SLOW = ("observability", "singular set")
 Answer = tuple[str, Any]
 
-
 Known = bool | None
 Chain = list[str] | None
 
@@ -418,7 +417,6 @@ _QUESTIONS: dict[str, Callable[[_Forms], Iterator[Answer]]] = {
     "bounds": _bounds,
     "Lipschitz constant": _lipschitz,
 }
-
 
 MEMORY = 4 << 30  # bytes of address space of one worker
 _OVER = getattr(signal, "SIGPROF", None)  # the signal that ends a process after its processor time

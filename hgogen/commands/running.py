@@ -2,38 +2,24 @@
 observability of windows.
 """
 
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import replace
-from typing import TYPE_CHECKING, Any
-
-import numpy as np
-from rich.console import Group, RenderableType
-from rich.text import Text
-
-from hgogen.call import CallableStep
-from hgogen.commands.output import cell, filled, headed
-from hgogen.reading.measured import Record
-from hgogen.run.gramian import Gramian
-from hgogen.run.samples import Run
-from hgogen.step import Step
-
-if TYPE_CHECKING:
-    pass
-
 import csv
 import io
 import math
 import re
-from collections.abc import Iterator
-from dataclasses import dataclass
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from types import MappingProxyType
-from typing import Annotated
+from typing import Annotated, Any
 
+import numpy as np
 import typer
+from rich.console import Group, RenderableType
+from rich.text import Text
 
 import hgogen as hg
+from hgogen.call import CallableStep
 from hgogen.commands.command import (
     NO_COLUMNS,
     Columns,
@@ -51,16 +37,17 @@ from hgogen.commands.command import (
     one_or_all,
 )
 from hgogen.commands.data import log_summary, too_far, truth_name, truth_of, truth_options
-from hgogen.commands.output import Bar, Written, folder_of, rendered
+from hgogen.commands.output import Bar, Written, cell, filled, folder_of, headed, rendered
 from hgogen.commands.trial_runs import trials_or_proposed
 from hgogen.logs.records import Log, beyond
 from hgogen.model import MissingPart, Model, load
 from hgogen.modelfiles.setting import AS_WRITTEN, Setting
 from hgogen.reading.files import file_name_fault
 from hgogen.reading.log import mapping, shifts_of
-from hgogen.reading.measured import COMMAND, WINDOWS, read
+from hgogen.reading.measured import COMMAND, WINDOWS, Record, read
 from hgogen.run.comparison import Difference, coarse, differences
 from hgogen.run.consistency import Consistency, Suggestion, consistency, no_better, suggest, within_interval
+from hgogen.run.gramian import Gramian
 from hgogen.run.metrics import Interventions, before_loss, interventions, loss
 from hgogen.run.prediction import (
     Better,
@@ -74,8 +61,9 @@ from hgogen.run.prediction import (
     rejections,
     rms,
 )
-from hgogen.run.samples import Engine
+from hgogen.run.samples import Engine, Run
 from hgogen.signal import Signal, derived
+from hgogen.step import Step
 
 Data = Annotated[Path, typer.Option("--data", help="The log, a CSV file with a header, a Parquet or a MAT file.")]
 ROUNDING = 1e-12  # relative rounding of a time over a period

@@ -28,7 +28,7 @@ COMPILER, SIZE, EMULATOR = "arm-none-eabi-gcc", "arm-none-eabi-size", "qemu-syst
 M4F = ("-mcpu=cortex-m4", "-mthumb", "-mfloat-abi=hard", "-mfpu=fpv4-sp-d16")
 FLAGS = ("-O2", *M4F, "-ffp-contract=off")
 _QEMU = ("-nographic", "-icount", "shift=0", "-semihosting-config", "enable=on,target=native")
-_SECONDS = 900  # that a tool may take
+_SECONDS = 900  # time limit of a tool
 
 
 @dataclass(eq=False)
@@ -88,8 +88,8 @@ def linked(main: str, objects: Sequence[str], harness: Mapping[str, str], folder
     Raises: `NoBoard`, `BoardFailed`.
     """
     write({**harness, "main.c": main}, folder)
-    own = ["-nostartfiles", "-T", "mps2.ld", "mps2.c", "main.c"]
-    _output([COMPILER, "-std=gnu99", *flags, "-w", *own, *objects, "-o", "program", "-lm"], folder)
+    board_options = ["-nostartfiles", "-T", "mps2.ld", "mps2.c", "main.c"]
+    _output([COMPILER, "-std=gnu99", *flags, "-w", *board_options, *objects, "-o", "program", "-lm"], folder)
     return folder / "program"
 
 
@@ -112,8 +112,8 @@ def _output(command: Sequence[str], folder: Path) -> str:
     return done.stdout + done.stderr
 
 
-ROWS = 600  # of a record in the flash of the board: a calm half, and a hostile one
-COPIES = 40  # of the state, so that a tick of 40 instructions tells one of them
+ROWS = 600  # rows of the log in the board's flash: half nominal, half hostile
+COPIES = 40  # copies of the state, so that a tick of 40 instructions resolves one instruction
 _WORST = (np.nan, np.inf, -np.inf, 1e30, -1e12, 1e-40, 50.0, -3.0)
 
 
@@ -137,10 +137,10 @@ def hostile(rows: np.ndarray) -> np.ndarray:
     return rows
 
 
-def head(rows: np.ndarray, real: Real, states: int, quiet: int) -> str:
+def head(rows: np.ndarray, real: Real, states: int, nominal_rows: int) -> str:
     """Return the C of the log (N, columns) and its sizes. `nominal_rows`: how many of its rows have no faults."""
     lines = ",\n".join("    {" + ", ".join(literal(v, real) for v in row) + "}" for row in rows.tolist())
-    sizes = {"N": states, "COLUMNS": rows.shape[1], "RECORD": len(rows), "QUIET": quiet}
+    sizes = {"N": states, "COLUMNS": rows.shape[1], "RECORD": len(rows), "QUIET": nominal_rows}
     defined = f"enum {{ {', '.join(f'{name} = {value}' for name, value in sizes.items())} }};\n"  # no member is one
     includes = "#include <math.h>\n#include <stddef.h>\n"
     return f"{includes}{defined}typedef {real} real;\nstatic const real record[RECORD][COLUMNS] = {{\n{lines}\n}};\n"
@@ -156,7 +156,7 @@ def literal(value: float, real: Real) -> str:
 def driver(step: Step) -> str:
     """Return the C that calls a step: `memory`, BEGIN, `sample` and `estimate`."""
     declared, inner = prototypes(step), [each for each in structs(step) if each.name in ("in", "measurement")]
-    filled = [f"{short}.{c_name(s.name)} = row[{column}];" for column, (short, s) in enumerate(assigned(step))]
+    filled = [f"{struct}.{c_name(s.name)} = row[{column}];" for column, (struct, s) in enumerate(assigned(step))]
     states = [f"values[{i}] = x.{c_name(s.name)};" for i, s in enumerate(step.states)]
     return Template(text("step.c")).substitute(
         name=step.name,
@@ -202,14 +202,14 @@ def measured(step: Step, files: Mapping[str, str], rows: np.ndarray, real: Real)
     Raises: `NoBoard`, `BoardFailed`.
     """
     demand_board()
-    calm = rows[np.arange(ROWS // 2) % len(rows)]
-    record = np.concatenate([calm, hostile(calm)])
+    nominal = rows[np.arange(ROWS // 2) % len(rows)]
+    record = np.concatenate([nominal, hostile(nominal)])
     sources = {name: files[name] for name in (f"{step.name}.h", f"{step.name}.c")}
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         write(sources, folder)
         flash = compiled(f"{step.name}.c", folder, FLAGS)
-        main = head(record, real, len(step.states), len(calm)) + counting(driver(step))
+        main = head(record, real, len(step.states), len(nominal)) + counting(driver(step))
         numbers = ran(linked(main, [f"{step.name}.o"], harness(), folder, FLAGS))
     return Costs(
         flash=flash,

@@ -106,7 +106,7 @@ _BY_PARTS = Text(
     "\nWhere a sample comes later than the input, or not in every period, call the parts of a step: %parts.\n"
     "The header says how."
 )
-_PRINTED_STATUS = {  # how a sketch prints a status of so many bytes
+_PRINTED_STATUS = {  # the C++ with which a sketch prints a status, by its bytes
     4: ("Serial.print(status, HEX);",),
     8: (
         "Serial.print((unsigned long)(status >> 32), HEX);",
@@ -133,25 +133,24 @@ def folder(
     for each in (common(), *ecosystems):
         for path, name in each.files.items():
             text = template(name).substitute(values)
-            if path.endswith(".c"):  # in lines that are not too long
+            if path.endswith(".c"):  # fold long lines
                 text = "\n".join(folded(text.splitlines())) + "\n"
             texts[Text(path).substitute(values)] = text
     return Files(tuple(texts.items()))
 
 
 def _values(step: Step, real: Real) -> dict[str, Any]:
-    """Return the values of the templates' placeholders."""
     declared = prototypes(step)
     samples = assigned(step)
     parts = (f"`{step.name}_{section.name}`" for section in (*step.code.sections, *step.code.timed))
     called = [each.local for each in structs(step) if each.name not in ("s", "p")]
-    called += [f"{short}.{c_name(s.name)} = read_{s.name}();" for short, s in samples]
-    measured = list[str]()  # in the place of what a sketch would measure
-    for short, s in samples:
-        yours = comment(f"yours: {_said(step, s)}".rstrip(": "))
-        measured.append(f"{short}.{c_name(s.name)} = 0; {yours}")
+    called += [f"{struct}.{c_name(s.name)} = read_{s.name}();" for struct, s in samples]
+    measured = list[str]()  # a sketch measures here
+    for struct, s in samples:
+        yours = comment(f"yours: {_description(step, s)}".rstrip(": "))
+        measured.append(f"{struct}.{c_name(s.name)} = 0; {yours}")
     printed = (f"Serial.print(' '); Serial.print(x.{c_name(s.name)});" for s in step.states)
-    used = (f"(void)x.{c_name(s.name)}; {comment(_said(step, s))}".rstrip() for s in step.states)
+    used = (f"(void)x.{c_name(s.name)}; {comment(_description(step, s))}".rstrip() for s in step.states)
     release = re.match(r"\d+\.\d+\.\d+", version())
     period = (seconds(step.time) or 1.0) * step.dt
     return {
@@ -169,7 +168,7 @@ def _values(step: Step, real: Real) -> dict[str, Any]:
         "step": declared["step"].call(address),
         "estimate": declared["estimate"].call(address),
         "locals": "\n".join(each.local for each in structs(step)),
-        "filled": "\n".join(f"{short}.{c_name(s.name)} = ...;" for short, s in samples),
+        "filled": "\n".join(f"{struct}.{c_name(s.name)} = ...;" for struct, s in samples),
         "order": ", ".join(f"`{each.name}`" for each in declared["step"].parameters),
         "apart": _BY_PARTS.substitute(parts=", ".join(parts)) if step.code.apart else "",
         "marked": " ".join([*marks(step), ""]),
@@ -199,21 +198,21 @@ def _row(*cells: str) -> str:
 def _members(step: Step) -> list[str]:
     """Return the table rows of all struct members that a caller writes or reads."""
     signals = (*assigned(step), *(("x", state) for state in step.states))
-    rows = [_row(f"`{short}.{c_name(s.name)}`", _said(step, s)) for short, s in signals]
+    rows = [_row(f"`{struct}.{c_name(s.name)}`", _description(step, s)) for struct, s in signals]
     for kind, fields in (each for each in parameters(step) if each[0] != "derived"):
         named = (replace(item, name=c_name(item.name), unit=step.unit(item)) for item in fields)
         rows += [_row(f"`p.{kind}.{item.name}`", described(item)) for item in named]
     return rows
 
 
-def _said(step: Step, signal: Signal) -> str:
+def _description(step: Step, signal: Signal) -> str:
     return described(of_signal(step, signal))
 
 
 def _reader(step: Step, signal: Signal, real: Real) -> str:
-    said = comment(_said(step, signal))
+    remark = comment(_description(step, signal))
     lines = (
-        f"static {real} read_{signal.name}(void) {said}".rstrip(),
+        f"static {real} read_{signal.name}(void) {remark}".rstrip(),
         "{",
         f"    return {C.literal(resting(signal), real)};",
         "}",

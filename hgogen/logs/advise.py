@@ -32,7 +32,7 @@ from hgogen.system import System
 from hgogen.trial import OrnsteinUhlenbeck, Trial, Truth, feeds, first_memory, simulate, tried
 from hgogen.which_forms import Row
 
-LEFT = 0.01  # of a first error
+SETTLED_SHARE = 0.01  # of the initial error
 
 
 @dataclass(frozen=True)
@@ -80,17 +80,17 @@ class Advised:
         """A sentence that compares its theta with the certified and the settling ones; empty without theta."""
         if self.theta is None:
             return ""
-        said = []
+        parts = []
         if self.certified is not None:
             ratio = self.certified / self.theta
             far = f"{ratio:.2g} times below" if ratio >= 1 else "above"
-            said.append(f"is {far} what is certified, {self.certified:.3g}")
+            parts.append(f"is {far} what is certified, {self.certified:.3g}")
         if self.tried and self.own is not None and self.own.settled is None:
             first, other = self.settles, ", nor does another that was tried"
             if first is not None:
                 other = f", {first.theta:g} is the first that does, by --settling {first.settling:.4g} (settling=)"
-            said.append(f"does not settle in the trial{other}")
-        return f"theta {self.theta:g} of {self.name} {', and '.join(said)}" if said else ""
+            parts.append(f"does not settle in the trial{other}")
+        return f"theta {self.theta:g} of {self.name} {', and '.join(parts)}" if parts else ""
 
 
 class NoneAdmitted(BadArgument):
@@ -122,12 +122,12 @@ def advise(
 
     Raises: `UnknownObserver`; `NoneAdmitted`; `BadGain` for a dt, a noise or a time that is not positive; `BadTrial`.
     """
-    asked, names = tuple(everywhere(plant, deep=deep) if rows is None else rows), observers_named(observers)
-    ask = _Ask(dt, noise, None if settling is None else positive("settling", settling), trial, asked)
+    candidates, names = tuple(everywhere(plant, deep=deep) if rows is None else rows), observers_named(observers)
+    problem = _Problem(dt, noise, None if settling is None else positive("settling", settling), trial, candidates)
     done: dict[str, Advised | str] = {}
-    for _, form in ask.usable[:1]:
-        ask.scale(form)  # refuses what is no period and no noise before a process is started
-    for name, one in Workers(ask, jobs).results(_Ask.of, names):
+    for _, form in problem.usable[:1]:
+        problem.scale(form)  # raises for an invalid period or noise before any process starts
+    for name, one in Workers(problem, jobs).results(_Problem.of, names):
         done[name] = one
         each(name)
     advised = tuple(one for name in names if isinstance(one := done[name], Advised))
@@ -138,13 +138,13 @@ def advise(
 
 
 @dataclass(frozen=True)
-class _Ask:
+class _Problem:
     dt: float | None
     noise: Mapping[str, float] | None
     settling: float | None
     trial: Trial | None
     rows: tuple[Row, ...]
-    truths: dict[float, Truth] = field(default_factory=dict)  # by period: that of every theta is one
+    truths: dict[float, Truth] = field(default_factory=dict)  # the simulated plant by period, shared by all theta
 
     @property
     def usable(self) -> list[tuple[Row, Form]]:
@@ -187,8 +187,8 @@ class _Ask:
         proofs = (proof for check in first.step.observer.checks for proof in check.proofs)
         bounds = (getattr(proof.fact, "theta", None) for proof in proofs if isinstance(proof, Grounds))
         certified = next((float(bound) for bound in bounds if bound is not None), None)
-        own = base.theta if reads else None
-        return Advised(first.observer, first, own, certified, tuple(every_theta), base.noise)
+        reported_theta = base.theta if reads else None
+        return Advised(first.observer, first, reported_theta, certified, tuple(every_theta), base.noise)
 
     def _on(
         self, step: CallableStep, trial: Trial, noise: Mapping[str, float]
@@ -214,8 +214,8 @@ def tau(n: int) -> float:
     low, high = 0.0, 100.0 + 10 * n
     while high - low > 1e-9:
         middle = (low + high) / 2
-        left = math.exp(-middle) * sum(middle**k / math.factorial(k) for k in range(n))
-        low, high = (middle, high) if left > LEFT else (low, middle)
+        remaining = math.exp(-middle) * sum(middle**k / math.factorial(k) for k in range(n))
+        low, high = (middle, high) if remaining > SETTLED_SHARE else (low, middle)
     return high
 
 

@@ -37,8 +37,8 @@ from hgogen.system import System, valued
 
 Array = np.ndarray
 Place = Literal["", "low", "high"]
-FINE = 1e-4  # of the spread of an output: smaller residuals are those of the method
-SAME = 1e-2  # of the cost, or of its logarithm where it is one, by which starts may differ that ended at one minimum
+FINE = 1e-4  # of an output's spread: smaller residuals are integration errors
+SAME = 1e-2  # difference of costs, as in `above`, of starts that ended at one minimum
 _COLOURED = {
     "simulation": "the plant does more than the model, or the noise is slow, as that of a coarse encoder; where noise "
     "moves the plant, --by prediction (by=) fits it along",
@@ -48,7 +48,7 @@ _UNSETTLED = {
     "simulation": "narrower ranges, or, of a plant that is unstable or that noise moves, --by prediction",
     "prediction": "or narrower ranges",
 }
-NONE = 1e-6  # of a direction: less of it is rounding
+NONE = 1e-6  # component of a direction: less is rounding
 
 
 @dataclass(frozen=True)
@@ -176,8 +176,8 @@ class Fit(Encoded):
             if one.at and ranged[one.name]:
                 lines.append(f"{one.name} lies at the {one.at} end of its range; widen it, or leave {one.name} out")
             elif one.at:
-                doubt = "its sign, or that of a column, or a unit may be wrong"
-                lines.append(f"{one.name} went as far from {one.nominal:g} as it may without a range; {doubt}")
+                hint = "its sign, or that of a column, or a unit may be wrong"
+                lines.append(f"{one.name} went as far from {one.nominal:g} as it may without a range; {hint}")
         for one in self.lags:
             if one.at == "low":
                 lines.append(f"the records show no lag of {one.name} of half a sample or more")
@@ -187,18 +187,18 @@ class Fit(Encoded):
         lines += [
             f"{name} lies at an end of its range somewhere; if it may be beyond, widen it" for name in self.confined
         ]
-        lines += [self._not_told(parts) for parts in self.untold]
+        lines += [self._undetermined(parts) for parts in self.untold]
         lines += [line for name in self.alike for line in self._followed(name)]
         for name, part in self.outlying.items():
             if part and self.error[name] > FINE * self.spread[name]:
                 lines.append(f"{part:.2g} of the residuals of {name} lie beyond 5 times their typical size")
         return (*lines, *self._searched())
 
-    def _not_told(self, parts: Mapping[str, float]) -> str:
+    def _undetermined(self, parts: Mapping[str, float]) -> str:
         """Return a sentence on an undetermined direction of parameters: whether another log would determine it, if
         known."""
         total = " ".join(f"{part:+.2g} {name}" for name, part in parts.items())
-        what = f"tell {total}, in units of ranges: where it ended says nothing"
+        statement = f"tell {total}, in units of ranges: where it ended says nothing"
         fix = "fix one of them" if len(parts) > 1 else "fix it"
         joint, hidden = self.joint, set(self.joint.hidden if self.joint else ())
         doubtful = hidden.union(self.joint.doubtful if self.joint else ())
@@ -206,13 +206,13 @@ class Fit(Encoded):
         if joint is not None and set(parts) <= hidden and sum(inside) <= joint.count - joint.rank:
             measured = " or ".join(name for name in joint.repairs if name not in parts)
             more = f", or measure {measured} as well" if measured else ""
-            return f"no record of these outputs would {what}; {fix}{more}"
+            return f"no record of these outputs would {statement}; {fix}{more}"
         if set(parts) & doubtful:
-            unknown = f"the records do not {what}, and whether another record would is not known"
+            unknown = f"the records do not {statement}, and whether another record would is not known"
             return f"{unknown}; {fix}, or move the plant more"
         others = ", though others would," if joint is not None else ""
         more = "" if len(parts) > 1 and not others else ", or move the plant more"
-        return f"the records do not{others} {what}; {fix}{more}"
+        return f"the records do not{others} {statement}; {fix}{more}"
 
     def _followed(self, name: str) -> Iterator[str]:
         if not self.spread[name]:
@@ -269,9 +269,9 @@ def structure(plant: System, free: Sequence[Signal], offset: Sequence[Signal]) -
     """
     added = {y: Signal(f"offset_of_{y.name}", y.unit, nominal=0) for y in offset}
     shifted = tuple(h + added.get(y, 0) for y, h in zip(plant.outputs, plant.output, strict=True))
-    asked = replace(plant, parameters=(*plant.parameters, *added.values()), output=shifted)
+    extended = replace(plant, parameters=(*plant.parameters, *added.values()), output=shifted)
     try:
-        whole = observability(asked, unknown=(*(p.name for p in free), *(o.name for o in added.values())))
+        whole = observability(extended, unknown=(*(p.name for p in free), *(o.name for o in added.values())))
     except (NothingMeasured, NowhereDefined, NoTape):
         return None
     names = {p.name: p.name for p in free} | {o.name: f"offset of {y.name}" for y, o in added.items()}
@@ -299,16 +299,16 @@ def parted(V: Array, hidden: Array) -> Array:
 
 
 BETWEEN, BY = ("hold", "line"), ("simulation", "prediction")
-EQUAL = 1e-6  # of a cost, as in `above`: less is rounding, and the first start, that of the nominal values, counts
+EQUAL = 1e-6  # difference of costs, as in `above`: less is rounding, and the first start is preferred
 AGAIN = 4  # passes of a robust fit, each with the corner of the last one's residuals
-LEAST, FIRST, MOST = 0.5, 2.0, 0.25  # of tau: of a sample; of a sample; of a record
-SEGMENTS = 60  # of a record, about
-WIDE = 100.0  # times its nominal value, to which a parameter without a range may go, and the same part of it
-GROWN = 3.0  # of log growth in a segment, at most
-PART = 0.05  # of a direction: less of a parameter in it is none
-UNTOLD = 1.0  # of a unit: a direction with a larger standard error is not told by the records
-ROUNDED = 1e-10  # of the largest eigenvalue of the information: less is rounding
-AT = 1e-6  # of a unit, from the end of a range
+LEAST, FIRST, MOST = 0.5, 2.0, 0.25  # of a lag: bound and start in samples; bound in logs
+SEGMENTS = 60  # of a log, about
+WIDE = 100.0  # bounds of a parameter without a range: this factor above and below its nominal value
+GROWN = 3.0  # largest log growth of errors in a segment
+PART = 0.05  # component of a direction: a parameter with less is not involved
+UNTOLD = 1.0  # standard error in units, above which the logs do not determine a direction
+ROUNDED = 1e-10  # relative eigenvalue of the information: less is rounding
+AT = 1e-6  # distance from the end of a range that counts as at it, in units
 
 
 class CannotFit(BadLog):
@@ -396,14 +396,14 @@ class Task:
 
     @property
     def _nodes(self) -> list[float]:
-        """The initial states of the segments: measured states from the outputs, the others at rest."""
+        """The initial states of the segments: measured states from the outputs, the others at their resting values."""
         nodes: list[float] = []
         for record, segments in zip(self.records, self.problem.segments, strict=True):
             at = np.arange(segments) * self.problem.length
             rows = [np.full(segments, resting(x)) for x in self.plant.states]
-            for j, seen in enumerate(zip(self.given.output, self.plant.output, strict=True)):
+            for j, expressions in enumerate(zip(self.given.output, self.plant.output, strict=True)):
                 there = np.flatnonzero(np.isfinite(record.y[:, j]))
-                for h in set(seen) & set(self.plant.states):
+                for h in set(expressions) & set(self.plant.states):
                     rows[self.plant.states.index(h)] = np.interp(at, there, record.y[there, j])
             nodes += np.array(rows).T.ravel().tolist()
         return nodes
@@ -458,9 +458,9 @@ class Task:
         ranged = np.array([*(p.bounded for p in self.free), *[True] * len(self.offset)])[inner]
         unit = np.where(ranged, before, np.maximum(before, np.abs(unknowns[: len(inner)][inner])))
         every = np.concatenate(known.tell)
-        fitted = len(names) + self.problem.n * len(self.records)  # numbers that took a residual each
-        left = len(every) - fitted
-        noise = max(float(every @ every) / left * together, np.finfo(float).tiny) if left > 0 else math.inf
+        fitted = len(names) + self.problem.n * len(self.records)  # each costs a degree of freedom
+        freedom = len(every) - fitted
+        noise = max(float(every @ every) / freedom * together, np.finfo(float).tiny) if freedom > 0 else math.inf
         weights, V = np.linalg.eigh(known.M[np.ix_(inner, inner)] * np.outer(unit / before, unit / before) / noise)
         weights = np.where(weights > ROUNDED * weights.max(initial=0.0), weights, np.finfo(float).tiny)
         errors = 1 / np.sqrt(weights)

@@ -1,4 +1,4 @@
-"""Validation of steps on held-out rows: prediction errors at several horizons, errors of hidden states, innovations.
+"""Validation of steps on separate rows: prediction errors at several horizons, errors of hidden states, innovations.
 
     NIS = mean of e^2/s, 1 for innovations e as large as their variance s
 
@@ -23,15 +23,15 @@ from hgogen.system import System
 
 Array = np.ndarray
 COPYING, DIFFERENCING = "copying", "differencing"
-AS_WELL = 1.05  # times an error: as well
+AS_WELL = 1.05  # factor between errors that count as equal
 HELD_OUT, ALL = "in the rows held out", "in all rows"
-COLOURED = 5  # of the first correlations: more in one white record of 5,000
-CONSISTENT = 2.0  # times larger or smaller than 1: a NIS of a filter whose variances are right
+COLOURED = 5  # correlations beyond their bound; a white log has more in one case of 5,000
+CONSISTENT = 2.0  # factor by which the NIS of a consistent filter may differ from 1
 _MODELLESS = (COPYING, DIFFERENCING)
 
 
 @dataclass(frozen=True, eq=False)
-class Held:
+class ValidationLog:
     """A log whose rows from `cut` on are validation data; `truth` (N) of hidden states by name."""
 
     log: Log
@@ -57,16 +57,16 @@ def judged(
     plant: System,
     calibration: Calibration,
     others: Mapping[str, CallableStep],
-    records: Sequence[Held],
+    records: Sequence[ValidationLog],
     ahead: Iterable[int],
     engine: Engine,
 ) -> tuple[Judged, ...]:
     """Return the errors of the tuned rows, of `others` by name, and of the predictors without a model."""
     horizons = tuple(sorted(set(ahead)))
-    records = [replace(held, log=readable(plant, held.log, k)) for k, held in enumerate(records, 1)]
+    records = [replace(record, log=readable(plant, record.log, k)) for k, record in enumerate(records, 1)]
     steps = {row.name: row.first.step for row in calibration.rows} | dict(others)
-    rows_held = [(held.log, held.cut) for held in records]
-    innovations = {row.name: row.innovations(rows_held) for row in calibration.rows}
+    validation_rows = [(record.log, record.cut) for record in records]
+    innovations = {row.name: row.innovations(validation_rows) for row in calibration.rows}
     rows = [
         Judged(
             name,
@@ -87,42 +87,42 @@ def coloured(e: Array) -> int:
 
 
 def _of_step(
-    step: CallableStep, records: Sequence[Held], ahead: tuple[int, ...], engine: Engine
+    step: CallableStep, records: Sequence[ValidationLog], ahead: tuple[int, ...], engine: Engine
 ) -> tuple[dict[int, dict[str, float]], dict[str, float]]:
     squares: dict[int, list[Array]] = {h: [] for h in ahead}
     hidden: dict[str, list[Array]] = {}
     step = step.undelayed
-    for held in records:
-        log = held.log.of(step.inputs)
+    for record in records:
+        log = record.log.of(step.inputs)
         step.reset()
         run = step.run(u=log.u, y=log.y, engine=engine)
         for one in forecasts(step, run, log.u, log.y, ahead):
             if one.ahead is not None:
-                squares[one.ahead].append(np.where(one.compared, one.model, np.nan)[held.cut :])
-        for name, true in held.truth.items():
-            hidden.setdefault(name, []).append((run[name] - true)[held.cut :, None])
+                squares[one.ahead].append(np.where(one.compared, one.model, np.nan)[record.cut :])
+        for name, true in record.truth.items():
+            hidden.setdefault(name, []).append((run[name] - true)[record.cut :, None])
     names = [y.name for y in step.outputs]
     errors = {h: dict(zip(names, _rms(parts), strict=True)) for h, parts in squares.items() if parts}
     return errors, {name: _rms(parts)[0] for name, parts in hidden.items()}
 
 
-def _without_a_model(plant: System, records: Sequence[Held], ahead: tuple[int, ...]) -> tuple[Judged, ...]:
-    # the states that are by definition the rate of an output, or minus it: its number and the sign
+def _without_a_model(plant: System, records: Sequence[ValidationLog], ahead: tuple[int, ...]) -> tuple[Judged, ...]:
+    # states that are by definition the rate of an output, or its negative: the output's number and the sign
     flow = dict(zip(plant.states, plant.flow, strict=True))
     signed = [(sign * flow[x], j, sign) for j, x in enumerate(plant.output) if x in flow for sign in (1, -1)]
     rates = {str(rate): (j, sign) for rate, j, sign in signed if rate in plant.states}
     errors: dict[str, dict[int, list[Array]]] = {name: {h: [] for h in ahead} for name in (COPYING, DIFFERENCING)}
     hidden: dict[str, list[Array]] = {}
-    for held in records:
-        y = held.log.y
-        last, age, moved = _last_two(y)
+    for record in records:
+        y = record.log.y
+        last, age, change = _last_two(y)
         for h in ahead:
-            for name, guess in ((COPYING, last), (DIFFERENCING, last + (age + h) * moved)):
-                errors[name][h].append((guess[:-h] - y[h:])[max(0, held.cut - h) :])
+            for name, guess in ((COPYING, last), (DIFFERENCING, last + (age + h) * change)):
+                errors[name][h].append((guess[:-h] - y[h:])[max(0, record.cut - h) :])
         for state, (output, sign) in rates.items():
-            if state in held.truth:
-                rate = sign * moved[:, output] / held.log.dt
-                hidden.setdefault(state, []).append((rate - held.truth[state])[held.cut :, None])
+            if state in record.truth:
+                rate = sign * change[:, output] / record.log.dt
+                hidden.setdefault(state, []).append((rate - record.truth[state])[record.cut :, None])
     names = [y.name for y in plant.outputs]
     return tuple(
         Judged(
@@ -155,11 +155,11 @@ def _rms(parts: Sequence[Array]) -> list[float]:
 
 
 def verdicts(calibration: Calibration, rows: Sequence[Judged], where: str = HELD_OUT) -> tuple[str, ...]:
-    """Return the verdicts on a calibration and its validation errors, by default on held-out rows."""
+    """Return the verdicts on a calibration and its validation errors, by default on the validation rows."""
     judged = {row.name: row for row in rows}
     best = judged[calibration.best.name]
     return (
-        *_taken(calibration),
+        *_selection(calibration),
         *_other_horizons(best, judged, where),
         *_as_well_without_a_model(best, judged, where),
         *_of_hidden_states(best, judged, calibration.truth),
@@ -167,23 +167,23 @@ def verdicts(calibration: Calibration, rows: Sequence[Judged], where: str = HELD
     )
 
 
-def _taken(calibration: Calibration) -> Iterator[str]:
+def _selection(calibration: Calibration) -> Iterator[str]:
     best, first, states = calibration.best, calibration.rows[0], calibration.truth
     measure, rival = _ahead(calibration.ahead), "copying the last value"
     if states:
         measure = f"by the truth of {', '.join(states)}"
         rival = "its mean value" if len(states) == 1 else "their mean values"
-    said = (
+    sentence = (
         f"take {best.name}: {measure}, on segments that did not choose its gains, it errs {best.error:.3g} times as "
         f"much as {rival}"
     )
     if best is first:
         others = ", ".join(row.name for row in calibration.tied if row is not best)
-        yield f"{said}, the least of all" + (f"; as well, within the standard error: {others}" if others else "")
+        yield f"{sentence}, the least of all" + (f"; as well, within the standard error: {others}" if others else "")
     else:
         cheaper = "knows its noise" if first.noise is None else "costs less"
         why = "has a proof" if best.rank[0] < first.rank[0] else cheaper
-        yield f"{said}; {first.name} errs {first.error:.3g}, within the standard error, but {best.name} {why}"
+        yield f"{sentence}; {first.name} errs {first.error:.3g}, within the standard error, but {best.name} {why}"
     if best.error >= 1:
         yield (
             f"no gains of {best.name} do better than {rival}: the model does not predict "
@@ -209,13 +209,13 @@ def _as_well_without_a_model(best: Judged, judged: Mapping[str, Judged], where: 
     for name in _MODELLESS:
         for output in next(iter(best.errors.values()), {}):
             pairs = [(h, errors[output], judged[name].errors[h][output]) for h, errors in best.errors.items()]
-            as_well = [str(h) for h, own, other in pairs if other <= AS_WELL * own]
+            as_well = [str(h) for h, error, other in pairs if other <= AS_WELL * error]
             if as_well:
                 samples = f"{', '.join(as_well)} sample{'s' * (as_well != ['1'])} ahead"
                 yield f"{where}, {name} predicts {output} as well as {best.name}, {samples}"
 
 
-def _of_hidden_states(best: Judged, judged: Mapping[str, Judged], seen: Sequence[str]) -> Iterator[str]:
+def _of_hidden_states(best: Judged, judged: Mapping[str, Judged], tuned_on: Sequence[str]) -> Iterator[str]:
     """Yield what the measured truth says of the choice of gains, which used only that of the states `tuned_on`."""
     for state, error in best.hidden.items():
         others = {name: row.hidden[state] for name, row in judged.items() if state in row.hidden and row is not best}
@@ -225,7 +225,7 @@ def _of_hidden_states(best: Judged, judged: Mapping[str, Judged], seen: Sequence
         name = min(others, key=lambda each: others[each], default=None)
         if name is not None and others[name] * AS_WELL < error:
             better = f"{name} is better, {others[name]:.3g} for {error:.3g}"
-            yield f"by the truth of {state}{'' if state in seen else ', which is not tuned on'}, {better}"
+            yield f"by the truth of {state}{'' if state in tuned_on else ', which is not tuned on'}, {better}"
 
 
 def _doubts(best: Tuned, judged: Judged, where: str) -> Iterator[str]:

@@ -34,11 +34,11 @@ from hgogen.signal import resting
 from hgogen.starting import Scale
 
 Array = np.ndarray
-SURE = 1e-10  # of the unit of process noise: that of a coordinate that has none
-AT_ONCE = 50  # samples that derivatives go back over without a second way there
+SURE = 1e-10  # units of process noise for a coordinate without any
+AT_ONCE = 50  # samples between checkpoints of CasADi's reverse mode
 
 
-def moved_by_noise(names: Sequence[str], states: Sequence[sp.Symbol], flow: Iterable[sp.Expr]) -> tuple[str, ...]:
+def states_with_noise(names: Sequence[str], states: Sequence[sp.Symbol], flow: Iterable[sp.Expr]) -> tuple[str, ...]:
     """Return the names of the states with process noise of their own, or of all if there would be none. A state whose
     rate is by definition another one (x_i' = +-x_j) has none, since noise would contradict the definition."""
     by_definition = {*states, *(-x for x in states)}
@@ -83,13 +83,13 @@ class Innovations:
         now, then = (ca.SX.sym(name, *self.move.size_in(1)) for name in ("now", "then"))
         y, valid = (ca.SX.sym(name, *self.read.size_out(0)) for name in ("y", "valid"))
         entries = (memory, now, then, y, valid, theta)
-        x, P, *rest = self._corrected(memory[:n], ca.reshape(memory[n:], n, n), now, y, valid, theta)
+        x, P, *outputs = self._corrected(memory[:n], ca.reshape(memory[n:], n, n), now, y, valid, theta)
         at = ca.SX.sym("x", n)
-        moved = self.move(at, now, then, theta)
-        linear = ca.Function("linear", [at, now, then, theta], [moved, ca.jacobian(moved, at)])
-        moved, Phi = linear(x, now, then, theta)
+        advanced = self.move(at, now, then, theta)
+        linear = ca.Function("linear", [at, now, then, theta], [advanced, ca.jacobian(advanced, at)])
+        advanced, Phi = linear(x, now, then, theta)
         P = Phi @ P @ Phi.T + self.process(theta, Phi)
-        return ca.Function("filter", list(entries), [ca.vertcat(moved, ca.vec(P)), *rest])
+        return ca.Function("filter", list(entries), [ca.vertcat(advanced, ca.vec(P)), *outputs])
 
     def _corrected(self, before: Any, P: Any, u: Any, y: Any, valid: Any, theta: Any) -> tuple[Any, ...]:
         """Return the corrected x and P, the cost, e and s."""
@@ -112,10 +112,10 @@ class Innovations:
         return x, (P + P.T) / 2, cost, ca.vertcat(*errors), ca.vertcat(*variances)
 
 
-Ended = tuple[float, Array, bool]  # log L a sample, logarithms, whether it settled
-STARTS = tuple(product((-12.0, -4.0, 4.0), (-16.0, -8.0, 0.0)))  # log of process noise and of samples, in their units
-BOUND = 32.0  # of these logarithms
-SAME = 0.1  # of a logarithm: maxima no farther apart are one
+Ended = tuple[float, Array, bool]  # log L per sample, logarithms, whether the search settled
+STARTS = tuple(product((-12.0, -4.0, 4.0), (-16.0, -8.0, 0.0)))  # log of process and sample noise, in units
+BOUND = 32.0  # bound of these logarithms
+SAME = 0.1  # difference of logarithms within one maximum
 _OPTIONS: Any = {
     "print_time": False,
     "show_eval_warnings": False,
@@ -163,7 +163,7 @@ class Likelihood:
         finite = [one for one in ended if np.isfinite(one[0])]
         maxima, places = list[Noise](), list[Array]()
         for one in sorted(finite, key=lambda one: (not one[2], -one[0])):
-            place = np.maximum(one[1], -BOUND / 2)  # noise at its lower bound is none, however small
+            place = np.maximum(one[1], -BOUND / 2)  # any noise near its lower bound counts as none
             if not any(np.abs(place - other).max() < SAME for other in places):
                 places.append(place)
                 maxima.append(self._noise(*one))
@@ -187,7 +187,7 @@ class Likelihood:
     @cached_property
     def _noisy(self) -> dict[str, float]:
         """The coordinates with process noise of their own, with its unit S^2/D."""
-        names = moved_by_noise(self.form.names, self.form.states, self.form.flow)
+        names = states_with_noise(self.form.names, self.form.states, self.form.flow)
         return {name: self.scale.units[name] for name in names}
 
     @cached_property
@@ -207,16 +207,16 @@ class Likelihood:
             ca.Function("read", [z, now, g], [model.read(z, now)]),
             ca.Function("process", [g, ca.SX.sym("Phi", n, n)], [ca.diag(ca.vertcat(*process))]),
             ca.Function("sensor", [g], [ca.vertcat(*samples)]),
-            np.array([[-np.inf] * n, [np.inf] * n]),  # its dynamics are taken in the box
+            np.array([[-np.inf] * n, [np.inf] * n]),  # the form clamps the argument of its dynamics itself
         )
 
     def _start(self, record: Log) -> Array:
         """Return z and P at the first sample, which therefore corrects nothing: z from the outputs that are states of
         the plant, the others at rest."""
         system = self.form.system
-        shown = dict(zip(system.output, record.y.T, strict=True))
+        measured = dict(zip(system.output, record.y.T, strict=True))
         states = [signal for signal, _ in self.form.estimates]
-        x = [float(shown[s][np.isfinite(shown[s])][0]) if s in shown else resting(s) for s in states]
+        x = [float(measured[s][np.isfinite(measured[s])][0]) if s in measured else resting(s) for s in states]
         model = open_loop(self.form, self.records[0].dt, self.between)
         z = np.array(model.entry(x, record.u[0])).ravel()
         P = np.diag([s * s / 4 for s in self.scale.states.values()])

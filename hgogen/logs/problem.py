@@ -33,7 +33,7 @@ import numpy as np
 
 from hgogen.discretisation.runge_kutta import RK4, advance, repeated
 from hgogen.graph import Graph, to_casadi
-from hgogen.logs.likelihood import SURE, Innovations, moved_by_noise
+from hgogen.logs.likelihood import SURE, Innovations, states_with_noise
 from hgogen.logs.records import BadLog, Log
 from hgogen.part import on_line
 from hgogen.program import column
@@ -47,8 +47,8 @@ Array = np.ndarray
 SOMEWHERE = 1e-10
 POINTS = 40
 FOLLOWED = 1.0  # |h lambda| of a Runge-Kutta step, at most
-MOST_STEPS = 50  # of a sample
-_STEPS = 64  # of Runge and Kutta, in one graph of scalars
+MOST_STEPS = 50  # Runge-Kutta steps in a sample, at most
+_STEPS = 64  # Runge-Kutta steps in one graph of scalars
 PROCESS = (0.0, -24.0, 12.0)  # log of Q_i T over the squared size of the state, T a record: its start and bounds
 SAMPLE = (-4.0, -18.0, 2.0)  # log of r_j over the squared scale of the output: a deviation from a ten-thousandth on
 
@@ -109,8 +109,8 @@ class _OnRecords:
             now = u if self.between == "hold" else on_line(c, u, then)
             return {"x": h * self._of(self.plant.flow, values["x"], p, now)}
 
-        moved = advance(repeated(RK4, self.steps), rate, {"x": x}, 1.0).result["x"]  # in samples
-        return ca.Function("step", [x, p, u, then, h], [moved])
+        advanced = advance(repeated(RK4, self.steps), rate, {"x": x}, 1.0).result["x"]  # in samples
+        return ca.Function("step", [x, p, u, then, h], [advanced])
 
     @cached_property
     def reading(self) -> Any:
@@ -170,8 +170,8 @@ def eliminated(F: Any, A: Any, q: int) -> Array:
     """Return M (q, q), of the first q unknowns; F (v, v) and A (gaps, v) may be sparse."""
     F, A = ca.DM(F), ca.DM(A)
     A_p, A_s = A[:, :q], A[:, q:]
-    rest = F[q:, q:] + SOMEWHERE * ca.DM.eye(F.shape[0] - q)
-    K = ca.blockcat([[rest, A_s.T], [A_s, ca.DM(A.shape[0], A.shape[0])]])
+    F_regular = F[q:, q:] + SOMEWHERE * ca.DM.eye(F.shape[0] - q)
+    K = ca.blockcat([[F_regular, A_s.T], [A_s, ca.DM(A.shape[0], A.shape[0])]])
     side = ca.vertcat(F[q:, :q], A_p)
     M = (F[:q, :q] - side.T @ ca.solve(K, side, "qr")).full()
     return np.asarray((M + M.T) / 2)
@@ -179,15 +179,15 @@ def eliminated(F: Any, A: Any, q: int) -> Array:
 
 def tables(records: Sequence[Log], outputs: Sequence[Array]) -> tuple[Array, ...]:
     """Return the values of each output where it was measured, log after log, as tables (N, p) of the logs."""
-    made = [np.full(record.y.shape, np.nan) for record in records]
+    arrays = [np.full(record.y.shape, np.nan) for record in records]
     for j, values in enumerate(outputs):
         begin = 0
-        for record, table in zip(records, made, strict=True):
+        for record, table in zip(records, arrays, strict=True):
             there = np.isfinite(record.y[:, j])
             end = begin + int(there.sum())
             table[there, j] = values[begin:end]
             begin = end
-    return tuple(made)
+    return tuple(arrays)
 
 
 def paced(plant: System, period: float) -> tuple[int, float]:
@@ -288,9 +288,9 @@ class Shooting(_OnRecords):
         read, at, size = [], nodes, -(-L // parts)
         for k in range(0, L, size):
             inputs = (part[:, k : k + size].reshape(count, -1).T for part in (now, then))
-            seen, at = self._stretch(min(size, L - k)).map(count)(at, p, o, *inputs, record.dt)
-            read.append(seen)
-        table = ca.vec(ca.vertcat(*read))  # by segment, sample of it, and output
+            outputs, at = self._stretch(min(size, L - k)).map(count)(at, p, o, *inputs, record.dt)
+            read.append(outputs)
+        table = ca.vec(ca.vertcat(*read))  # by segment, sample and output
         place, output = np.nonzero(np.isfinite(record.y))
         errors = (table[(place * record.y.shape[1] + output).tolist()] - record.y[place, output]) / self.scale[output]
         return errors, ca.vec(nodes[:, 1:] - at[:, :-1])
@@ -333,7 +333,7 @@ class Predicting(_OnRecords):
     @property
     def noisy(self) -> tuple[str, ...]:
         """The states with process noise of their own."""
-        return moved_by_noise([x.name for x in self.plant.states], self.plant.states, self.plant.flow)
+        return states_with_noise([x.name for x in self.plant.states], self.plant.states, self.plant.flow)
 
     @property
     def levels(self) -> tuple[tuple[float, float, float], ...]:
@@ -436,8 +436,8 @@ def gathered(Phi: Any, Q: Any) -> Any:
 PULL = 1e-3
 ITERATIONS = 200
 TOLERANCE = 1e-8
-_QUIET = {"print_level": 0, "sb": "yes", "max_iter": ITERATIONS, "tol": TOLERANCE}
-_THERE = {"bound_push": 1e-8, "bound_frac": 1e-8}  # to begin where an iterate was, close to a bound too
+_OPTIONS = {"print_level": 0, "sb": "yes", "max_iter": ITERATIONS, "tol": TOLERANCE}
+_CONTINUED = {"bound_push": 1e-8, "bound_frac": 1e-8}  # to continue from an iterate close to a bound
 _OTHER = {"plant": "another plant", "records": "other records", "options": "other options"}
 
 
@@ -468,7 +468,7 @@ class Solver:
         """Return the solution from the unknowns `start` (v), to which the penalty pulls parameters and offsets, or
         continued from the unknowns `at`. `each(k, last)` is called after iteration k with its unknowns."""
         begin, first = (np.clip(v, self.low, self.high) / self.unit for v in (start, start if at is None else at))
-        watch, solver = self._watched if at is None else self._made(_QUIET | _THERE)
+        watch, solver = self._watched if at is None else self._callback_and_solver(_OPTIONS | _CONTINUED)
         watch.begin(lambda k, w: each(k, w * self.unit))
         bounds = {"lbx": self.low / self.unit, "ubx": self.high / self.unit, "lbg": 0, "ubg": 0}
         with deferred_interrupt() as watch.interrupts:
@@ -487,10 +487,9 @@ class Solver:
     def _watched(self) -> tuple["_Watch", Any]:
         """The callback and the solver that all searches from a start share, since building derivatives takes as long as
         some searches do."""
-        return self._made(_QUIET)
+        return self._callback_and_solver(_OPTIONS)
 
-    def _made(self, ipopt: dict[str, Any]) -> tuple["_Watch", Any]:
-        """Return the callback of each iteration, and IPOPT with these options."""
+    def _callback_and_solver(self, ipopt: dict[str, Any]) -> tuple["_Watch", Any]:
         watch = _Watch(self.problem.size, self._nlp["g"].numel())
         options: Any = {"print_time": False, "ipopt": ipopt, "iteration_callback": watch, "show_eval_warnings": False}
         return watch, ca.nlpsol("fit", "ipopt", self._nlp, options)
@@ -601,7 +600,6 @@ class Searches:
     resumed: Progress | None
 
     def __post_init__(self) -> None:
-        """Raise `CannotGoOn` if the progress belongs to another fit."""
         if self.resumed is None:
             return
         if others := [_OTHER[what] for what, digest in self.task.items() if self.resumed.task.get(what) != digest]:

@@ -31,7 +31,7 @@ from hgogen.signal import Signal, derived, resting
 from hgogen.stepping.guards import readings
 from hgogen.system import System
 
-LEAST = 10  # samples of an output
+LEAST = 10  # least number of samples of an output
 
 
 class BadLog(BadArgument):
@@ -66,8 +66,8 @@ def demanded(plant: System, record: Log, number: int) -> Log:
     for signal, column in zip(plant.outputs, y.T, strict=True):
         if np.isfinite(column).sum() < LEAST:
             raise BadLog(name, f"has fewer than {LEAST} samples of {signal.name}; give a longer one")
-    held = last_values(u)
-    return Log(np.where(np.isfinite(held), held, [resting(s) for s in plant.inputs]), y, float(record.dt))
+    filled = last_values(u)
+    return Log(np.where(np.isfinite(filled), filled, [resting(s) for s in plant.inputs]), y, float(record.dt))
 
 
 def beyond(plant: System, record: Log) -> Iterator[str]:
@@ -124,8 +124,8 @@ def record(
 
 Array = np.ndarray
 Key = TypeVar("Key", bound=Hashable)
-ALIKE = 2e-3  # of E: a thousandth of an error, as two filters that differ by rounding have
-BEGIN = 0.05  # of a record, in which an estimate may find its way
+ALIKE = 2e-3  # relative difference of E by rounding: a thousandth of an error
+BEGIN = 0.05  # share of a log at its beginning, in which an estimate may converge
 
 
 @dataclass(frozen=True)
@@ -138,12 +138,12 @@ class Ahead:
     def rival(self, records: Sequence[Log]) -> list[Array]:
         """Return for each log the squared errors (N, p) of copying: (y_j(k+h) - y_j(k))^2 at each sample with a last
         value."""
-        h, moves = self.samples, []
+        h, rival_squares = self.samples, []
         for record in records:
             squares = np.full(record.y.shape, np.nan)
             squares[h:] = (record.y[h:] - last_values(record.y)[: len(record.y[h:])]) ** 2
-            moves.append(squares)
-        return moves
+            rival_squares.append(squares)
+        return rival_squares
 
     def errors(self, k: int, step: CallableStep, run: Run, record: Log) -> Array:
         """Return the errors (N, p) of a run of a step along log number k: e_j(k+h|k) where the step used a sample."""
@@ -199,7 +199,7 @@ class Judge:
     @property
     def most(self) -> int:
         """The largest number of segments in a log of mean length such that none is empty."""
-        lengths = list(map(len, self._moves))
+        lengths = list(map(len, self._rival_squares))
         return min(math.floor((n - round(BEGIN * n)) * sum(lengths) / (len(lengths) * n)) for n in lengths)
 
     @property
@@ -208,23 +208,23 @@ class Judge:
         return sum(map(len, self._parts))
 
     @cached_property
-    def _moves(self) -> list[Array]:
+    def _rival_squares(self) -> list[Array]:
         return self.yardstick.rival(self.records)
 
     @cached_property
     def _scales(self) -> list[Array]:
         """The scales c_j^2 (q) over all logs, for each log; NaN for a signal that is constant there or never
         compared."""
-        whole = np.array([_mean(column) for column in np.concatenate(self._moves).T])
-        moving = [np.array([_mean(column) > 0 for column in squares.T]) for squares in self._moves]
-        return [np.where(moves, whole, np.nan) for moves in moving]
+        whole = np.array([_mean(column) for column in np.concatenate(self._rival_squares).T])
+        moving = [np.array([_mean(column) > 0 for column in squares.T]) for squares in self._rival_squares]
+        return [np.where(moving_signals, whole, np.nan) for moving_signals in moving]
 
     @cached_property
     def _parts(self) -> list[list[Array]]:
         """The sample numbers of each log's comparable segments. A log has segments in proportion to its length, at
         least one."""
-        every, mean = [], sum(map(len, self._moves)) / len(self._moves)
-        for squares, scale in zip(self._moves, self._scales, strict=True):
+        every, mean = [], sum(map(len, self._rival_squares)) / len(self._rival_squares)
+        for squares, scale in zip(self._rival_squares, self._scales, strict=True):
             there = np.isfinite(squares / scale).any(axis=1)
             count = max(1, round(self.segments * len(squares) / mean))
             parts = np.array_split(np.arange(round(BEGIN * len(squares)), len(squares)), count)

@@ -37,9 +37,9 @@ from hgogen.which_forms import Row
 
 Array = np.ndarray
 Result = TypeVar("Result")
-STEEPEST = 2.0  # 1/(theta dt), at least
+STEEPEST = 2.0  # least 1/(theta dt)
 GRID = 9  # values of theta, or of the longest time
-LONG = np.geomspace(1e-2, 1e2, GRID)  # of the longest time
+LONG = np.geomspace(1e-2, 1e2, GRID)  # factors of the longest time
 SHAPES: dict[str, tuple[float, ...]] = {"spread": (2, 4), "corner": (1.5, 6)}  # of poles, and of filters
 FASTER = (1.0, 1.4)  # times theta, with another shape
 _RANK = {Convergence.PROVED: 0, Convergence.ABOVE: 0, Convergence.BELOW: 1, Convergence.UNKNOWN: 1, None: 2}
@@ -118,7 +118,7 @@ class Task:
             self._likelihoods[row] = Likelihood(form, records, base, self.sampling["between"], steps)
         return self._likelihoods[row]
 
-    def made(self, name: str, row: Row, gains: Gains) -> First:
+    def make_step(self, name: str, row: Row, gains: Gains) -> First:
         """Return an observer's step on a form at the period of the logs. Raises: as the observer and `sample` do."""
         return first_of(name, row, gains, self.dt, self.sampling)
 
@@ -129,7 +129,7 @@ class Task:
         if isinstance(gains, str):
             return gains
         try:
-            return self.made(name, self.rows[row], gains)
+            return self.make_step(name, self.rows[row], gains)
         except HgogenError as error:
             return str(error)
 
@@ -162,7 +162,7 @@ class Attempt:
 
 
 Piece = Start | Attempt
-Asking = Generator[list[Piece], list[Any], Result]  # asks for pieces of work, is told their results, and ends with one
+Asking = Generator[list[Piece], list[Any], Result]  # yields pieces of work, receives their results, returns one
 
 
 def together(
@@ -172,14 +172,14 @@ def together(
     once."""
     answers: dict[str, Any] = dict.fromkeys(searches)
     while answers:
-        asked = {}
+        requests = {}
         for name, answer in answers.items():
             try:
-                asked[name] = searches[name].send(answer)
+                requests[name] = searches[name].send(answer)
             except StopIteration as end:
                 yield name, end.value
-        results = work(dict.fromkeys(piece for pieces in asked.values() for piece in pieces))
-        answers = {name: [results[piece] for piece in pieces] for name, pieces in asked.items()}
+        results = work(dict.fromkeys(piece for pieces in requests.values() for piece in pieces))
+        answers = {name: [results[piece] for piece in pieces] for name, pieces in requests.items()}
 
 
 class UnknownObserver(BadArgument):
@@ -210,9 +210,11 @@ def first_of(observer: str, row: Row, gains: Gains, dt: float, sampling: Mapping
     method = getattr(methods, sampling.get("method", "continuous_discrete"))
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", StepMayFail)
-        made = getattr(every, observer)(row.form, **{key: value(key, entry) for key, entry in gains.items()})
+        observer_on_form = getattr(every, observer)(
+            row.form, **{key: value(key, entry) for key, entry in gains.items()}
+        )
         options = {key: entry for key, entry in sampling.items() if key != "method"}
-        return First(observer, row, Starting(gains, dt), sample(made, method, dt, **options))
+        return First(observer, row, Starting(gains, dt), sample(observer_on_form, method, dt, **options))
 
 
 def thetas(theta: float, dt: float) -> list[float]:
@@ -264,7 +266,7 @@ class Search:
             return None
         best, judged = chosen(errors)
         first = self.task.first(self.name, self.row, self.scales[best])
-        assert isinstance(first, First)  # as where it was tried
+        assert isinstance(first, First)  # it was built before
         filters = self._reads(process={name: 2 * q for name, q in self.base.process.items()})
         noise = next((one for one in maxima if filters and one.sample is self.scales[best].noise), None)
         likelihood = self.task.likelihood(self.row) if noise else None
@@ -344,12 +346,12 @@ class Calibration:
 
 
 SEGMENTS = 5
-SAME = 1e-3  # relative: periods of one grid, as typical times between rows tell them
-FILTER, ADAPTIVE = "riccati", "adaptive"  # what the second adds to is the first
-HUGE = 1e12  # times a threshold: never reached, or passed by any innovation
+SAME = 1e-3  # relative difference of periods that count as one
+FILTER, ADAPTIVE = "riccati", "adaptive"  # the second adapts theta of the first
+HUGE = 1e12  # factor of a threshold that no innovation reaches, or each exceeds
 PREDICTORS = 4
-PEAKS = (8.0, 6.0, 4.0, 3.0, 2.0)  # theta_1
-ABOVE = 1.1  # times the largest innovation
+PEAKS = (8.0, 6.0, 4.0, 3.0, 2.0)  # candidates for theta_1
+ABOVE = 1.1  # gamma_0 over the largest innovation
 
 
 class CannotTune(BadArgument):
@@ -498,7 +500,7 @@ def adaptive(task: Task, plain: Tuned, each: Callable[[str], None] = lambda what
 
 def _first(task: Task, plain: Tuned, table: Mapping[str, Any], gamma_0: float) -> First:
     gains = {**plain.first.starting.gains, "theta": {**table, "mu": (gamma_0, 2 * gamma_0)}}
-    return task.made(FILTER, plain.first.row, gains)
+    return task.make_step(FILTER, plain.first.row, gains)
 
 
 def _innovations(task: Task, first: First) -> np.ndarray:

@@ -45,10 +45,10 @@ def stored(plant: System, declared: Any) -> Dissipation:
     that are missing or unknown, or values that do not fit; `Misfit` if it is no mapping; `BadExpression`."""
     if not isinstance(declared, Mapping):
         raise Misfit("dissipation", declared, "a mapping with the keys gain, V, mu and within")
-    own = ("system",) if "system" in declared else _SYSTEM
-    for key in declared.keys() - {*own, *_STORED}:
-        raise BadErrorSystem(f"dissipation has a key {key!r}", f"that is none of {', '.join((*own, *_STORED))}")
-    for key in (own[0], *_STORED):
+    system_keys = ("system",) if "system" in declared else _SYSTEM
+    for key in declared.keys() - {*system_keys, *_STORED}:
+        raise BadErrorSystem(f"dissipation has a key {key!r}", f"that is none of {', '.join((*system_keys, *_STORED))}")
+    for key in (system_keys[0], *_STORED):
         if key not in declared:
             raise BadErrorSystem("dissipation", f"has no key {key!r}; add it")
     signals = {s.name: s for s in plant.signals}

@@ -23,7 +23,7 @@ from hgogen.step import Step
 from hgogen.system import System, exchanged, valued
 
 LARGEST = 10_000_000  # bytes
-_MADE = (System, Form, Observer, Step)
+_BUILT_TYPES = (System, Form, Observer, Step)
 
 
 class BadFile(BadArgument):
@@ -44,10 +44,10 @@ def equations(plant: System) -> list[str]:
 
 def demand_plant(path: Path, table: dict[str, Any], plant: System) -> None:
     """Warn with `OtherPlant` if the file's equations are not those of the plant."""
-    own, others = equations(plant), table.get("equations")
-    if not isinstance(others, list) or others == own:
+    plant_equations, file_equations = equations(plant), table.get("equations")
+    if not isinstance(file_equations, list) or file_equations == plant_equations:
         return
-    lost = next((f"{row}" for row in others if row not in own), "fewer equations")
+    lost = next((f"{row}" for row in file_equations if row not in plant_equations), "fewer equations")
     warnings.warn(
         f"{path} was made for another plant, with {lost:.200}; make it again for this one", OtherPlant, stacklevel=2
     )
@@ -99,23 +99,27 @@ def put(names: Mapping[str, Any], plant: System, values: Mapping[str, float]) ->
     """Return the names of a model file that change with other values of the plant's parameters: the plant, its
     parameters, and tables and expressions that read them. Functions are unchanged, since they are called with the new
     values. Raises: `BadParameters` for an object that was built from the plant when the file was read; `BadValue`."""
-    new, moved = exchanged(plant, values), valued(plant, values)
-    made = {name: _put(name, value, plant, moved, new) for name, value in names.items() if not name.startswith("__")}
-    return {name: value for name, value in made.items() if value is not names[name]}
+    new_parameters, new_plant = exchanged(plant, values), valued(plant, values)
+    changed = {
+        name: _put(name, value, plant, new_plant, new_parameters)
+        for name, value in names.items()
+        if not name.startswith("__")
+    }
+    return {name: value for name, value in changed.items() if value is not names[name]}
 
 
-def _put(name: str, value: Any, plant: System, moved: System, new: Mapping[Signal, Signal]) -> Any:
+def _put(name: str, value: Any, plant: System, new_plant: System, new_parameters: Mapping[Signal, Signal]) -> Any:
     if value is plant:
-        return moved
-    if isinstance(value, _MADE):
+        return new_plant
+    if isinstance(value, _BUILT_TYPES):
         reason = "is made of the plant where the file is read, with the values in it; make it in a function"
         raise BadParameters(name, reason)
     if isinstance(value, sp.Basic):
-        return value.xreplace(dict(new)) if value.free_symbols & new.keys() else value
+        return value.xreplace(dict(new_parameters)) if value.free_symbols & new_parameters.keys() else value
     if isinstance(value, FunctionType) or not isinstance(value, dict | list | tuple):
         return value
     parts = value.values() if isinstance(value, dict) else value
-    changed = [_put(name, part, plant, moved, new) for part in parts]
+    changed = [_put(name, part, plant, new_plant, new_parameters) for part in parts]
     if all(one is other for one, other in zip(changed, parts, strict=True)):
         return value
     return dict(zip(value, changed, strict=True)) if isinstance(value, dict) else type(value)(changed)

@@ -45,8 +45,8 @@ def listed(folder: Path = FOLDER) -> tuple[str, ...]:
 
 def shipped(package: Path = PACKAGE) -> dict[str, Path]:
     """Return the model files that come with hgogen, by name: those in the package, else those next to it in a clone."""
-    inside, beside = package / FOLDER, package.parent / FOLDER
-    return {path.stem: path for path in sorted(_models(inside if inside.is_dir() else beside))}
+    inside, in_clone = package / FOLDER, package.parent / FOLDER
+    return {path.stem: path for path in sorted(_models(inside if inside.is_dir() else in_clone))}
 
 
 def available() -> dict[str, str]:
@@ -106,13 +106,13 @@ def summary(path: str) -> str:
         else:
             table = READERS[suffix](text.decode("utf-8-sig"))
             meaning = str(table.get("meaning", "")) if isinstance(table, dict) else ""
-    except (Unread, ValueError, SyntaxError, RecursionError, MemoryError):  # `load` tells what is wrong with it
+    except (Unread, ValueError, SyntaxError, RecursionError, MemoryError):  # `load` reports the error
         return ""
     return " ".join(meaning.partition("\n\n")[0].split()).partition(". ")[0].removesuffix(".")
 
 
 _TEXT = Path(__file__).with_name("template.txt")
-_NAME = "NAME"  # stands in the text for that of the model
+_NAME = "NAME"  # the placeholder of the model's name
 
 
 def new_model(name: str, folder: Path) -> dict[str, str]:
@@ -134,8 +134,8 @@ def sentence(error: Exception) -> str:
 def ends_python(error: BaseException) -> str:
     """Return a sentence on an error that is no `Exception` and would end Python, with the fix."""
     kind, text = type(error).__name__, _text(error)
-    said = f" ({text})" if text else ""
-    return f"raises {kind}{said}, which ends Python; leave it out, or raise an error that says what is wrong"
+    detail = f" ({text})" if text else ""
+    return f"raises {kind}{detail}, which ends Python; leave it out, or raise an error that says what is wrong"
 
 
 def _text(error: BaseException) -> str:

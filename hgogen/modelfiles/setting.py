@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from hgogen.part import Guards, Prefer
 
 
-SEEDS = 1000  # of the noise of a trial, at most
+SEEDS = 1000  # noise seeds of a trial, at most
 
 
 class UnknownCase(BadArgument):
@@ -53,7 +53,7 @@ class Setting:
         """Return the step rebuilt with the settings that concern steps. Raises: as `hg.sample` and the observer do."""
         if not self:
             return step
-        from hgogen import forms, methods  # which take a while to import
+        from hgogen import forms, methods  # slow to import
 
         form = getattr(forms, self.form) if self.form else None
         method = getattr(methods, self.method) if self.method else None

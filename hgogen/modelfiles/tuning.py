@@ -4,24 +4,24 @@
 
     [tuning.high_gain]                # plain text; a complex pole is [re, im]
     theta = 20
-    poles = [[-1, 0.5], [-1, -0.5]]   # of a form with a chain for each of several outputs, a list for each chain
+    poles = [[-1, 0.5], [-1, -0.5]]   # a list for each chain of integrators of a form with several
     form = "triangular"               # one of hg.forms, or {kind = "original", order = ["x2", "x1"]} with arguments, or
                                       # {of = "filter"}, the form of another tuning
     method = "rk4"                    # one of hg.methods
     dt = 1e-3                         # s; by default that of the model's own step
     between = "line"                  # or "hold"
-    real = "double"                   # or "float", the precision in which samples are taken
+    real = "double"                   # or "float", the precision of the step
     periods = {y = 1e-2}              # s; between two samples of a slower sensor, by default dt
-    delays = {y = 5}                  # samples of dt by which one of y may come late, see hg.delayed
+    delays = {y = 5}                  # largest delay of a sample of y in periods dt, see hg.delayed
 
-    [tuning.filter]                   # kind: one of hg.observers, where the name is none
+    [tuning.filter]                   # kind: one of hg.observers, if the name is none of them
     kind = "riccati"
     Q = {x1 = 1, x2 = 1}              # by the names of the form's coordinates, or a list in their order
     R = 1
     theta = {kind = "adaptive", theta_1 = 4, mu = [0.16, 0.32], innovation = {kind = "staggered", d = 1}}
 
     [tuning.bank]                     # an observer around another one, which has its own tuning, with its method, dt,
-                                      # between, periods and real, where it has none of its own
+                                      # between, periods and real unless it has its own
     member = "filter"
     count = 5
 
@@ -55,10 +55,10 @@ from hgogen.system import System
 from hgogen.theorem import Convergence, convergence
 from hgogen.which_forms import Row, Survey, survey
 
-_OPTIONS = ("between", "periods", "guards", "prefer", "real")  # what `sample` takes beside method and dt
+_OPTIONS = ("between", "periods", "guards", "prefer", "real")  # arguments of `sample` besides method and dt
 _SAMPLING = ("method", "dt", "delays", *_OPTIONS)
-_PLACED = ("kind", "form", "member", *_SAMPLING)  # the other keys are the observer's arguments
-Made = TypeVar("Made")
+_PLACED = ("kind", "form", "member", *_SAMPLING)  # all other keys are the observer's arguments
+Result = TypeVar("Result")
 Start = Callable[[Form], Mapping[str, float]]
 _TYPES = {"kind": TEXT, "dt": NUMBER, "between": TEXT, "guards": TEXT, "prefer": TEXT, "real": TEXT, "delays": TABLE}
 
@@ -73,11 +73,11 @@ class Tuning:
     tables: Mapping[str, Mapping[str, Any]]
     default: str = ""
     setting: Setting = AS_WRITTEN
-    own: Callable[[str], bool] = lambda name: True
+    in_file: Callable[[str], bool] = lambda name: True
 
     def where(self, name: str) -> str:
         """Return the path of keys to a table in its file."""
-        if not self.own(name):
+        if not self.in_file(name):
             return f"{self.setting.tuning}, tuning.{name}"
         return "observer" if name == self.default else f"tuning.{name}"
 
@@ -87,8 +87,8 @@ class Tuning:
         """Return the step of a tuning at the period `dt` (s), else at the table's, else at that of `default`; `start`
         as in `observer`. Raises: `BadModelFile` for an invalid table; `Refuted`."""
         where, table = self.where(name), self._sampling(name)
-        asked = self.setting.method or table.get("method", "continuous_discrete")
-        method = self._case(f"{where}.method", methods, asked)
+        method_name = self.setting.method or table.get("method", "continuous_discrete")
+        method = self._case(f"{where}.method", methods, method_name)
         observer, delays = self.observer(name, start=start), table.get("delays", {})
         if delays:
             observer = self._refusals(f"{where}.delays", lambda: delayed(observer, **delays))
@@ -193,10 +193,10 @@ class Tuning:
         return getattr(folder, name)
 
     def _arguments(self, where: str, make: Callable[..., Any], gains: Iterable[str]) -> None:
-        for key, said in faults(make, gains, _PLACED, first=1):
-            raise BadModelFile(self.file, f"{where}.{key}" if key else where, said)
+        for key, reason in faults(make, gains, _PLACED, first=1):
+            raise BadModelFile(self.file, f"{where}.{key}" if key else where, reason)
 
-    def _refusals(self, where: str, function: Callable[[], Made]) -> Made:
+    def _refusals(self, where: str, function: Callable[[], Result]) -> Result:
         """Return the result of `function`; an error of it keeps its sentence and gets the file and the key."""
         try:
             return function()
@@ -214,7 +214,7 @@ class Tuning:
         return "The plant is state-affine, which is proved: kalman_like takes its form state_affine."
 
 
-_VALUES: dict[str, tuple[Callable[..., Any], ...]] = {  # arguments that a table with `kind` makes
+_VALUES: dict[str, tuple[Callable[..., Any], ...]] = {  # the functions that a table with `kind` may name, by argument
     "theta": (theta.constant, theta.decaying, theta.adaptive),
     "mu": (theta.smoothstep, theta.logistic),
     "innovation": (innovation.staggered, innovation.window),
@@ -228,7 +228,7 @@ def arguments(make: Callable[..., Any]) -> tuple[tuple[str, ...], tuple[str, ...
 
 
 def faults(
-    make: Callable[..., Any], keys: Iterable[str], beside: Iterable[str] = (), first: int = 0
+    make: Callable[..., Any], keys: Iterable[str], other_keys: Iterable[str] = (), first: int = 0
 ) -> Iterator[tuple[str, str]]:
     """Yield each key that a function does not accept, with a sentence; then, with an empty key, a sentence for each
     missing one. `other_keys`: valid keys of the same table; `first`: the number of arguments that are passed
@@ -237,7 +237,7 @@ def faults(
     for key in keys:
         if key not in known:
             listed = f"its arguments are {', '.join(known)}" if known else "it takes none"
-            fix = nearest(key, [*known, *beside], listed)
+            fix = nearest(key, [*known, *other_keys], listed)
             yield key, f"{make.__name__} has no argument {key[:60]!r}; {fix}"
     for key in needed:
         if key not in keys:
@@ -252,8 +252,8 @@ def value(key: str, raw: Any) -> Any:
         if raw.get("kind") not in makers:
             raise BadGain(f"{key} of kind {raw.get('kind')!r}", f"is none; the kinds are {', '.join(makers)}")
         make, options = makers[raw["kind"]], {name: entry for name, entry in raw.items() if name != "kind"}
-        for _, said in faults(make, options, ("kind",)):
-            raise BadGain(f"in {key},", said)
+        for _, reason in faults(make, options, ("kind",)):
+            raise BadGain(f"in {key},", reason)
         return make(**{name: value(name, entry) for name, entry in options.items()})
     return tuple(raw) if key == "mu" and isinstance(raw, list) else raw
 
@@ -311,9 +311,9 @@ def places(survey: Survey) -> Iterator[Row]:
     """Yield the candidate forms for an observer, in order: those that imply observability, the plant in its own
     coordinates (made only when reached), and the others."""
     yield from survey.candidates
-    own = survey["original"]
-    yield own if own.form else replace(own, form=forms.original(survey.plant))
-    yield from (row for row in survey.silent if row.kind != own.kind)
+    original_row = survey["original"]
+    yield original_row if original_row.form else replace(original_row, form=forms.original(survey.plant))
+    yield from (row for row in survey.silent if row.kind != original_row.kind)
 
 
 def everywhere(plant: System, *, deep: bool = True) -> Iterator[Row]:
@@ -335,7 +335,7 @@ def first(observer: str, rows: Iterable[Row], dt: float | None = None) -> First 
     make, refusals, skipped = getattr(observers, observer), list[NoFirst](), list[NoFirst]()
     for row in rows:
         if row.form is None or refuted(row.form.checks):
-            # of a form that the survey did not ask, the first check that fails; else what the survey says of it
+            # the first refuted check of a form that the survey skipped, else the survey's reason
             failed = refuted(row.form.checks) if row.form and row.verdict is None else ()
             reasons = (f"{check.id} is refuted: {check.reason}" for check in failed)
             skipped.append(NoFirst(next(reasons, f"the plant is not in the form {row.name}: {row.why}")))
@@ -346,7 +346,7 @@ def first(observer: str, rows: Iterable[Row], dt: float | None = None) -> First 
         try:
             step = sample(make(row.form, **starting.gains), dt=starting.dt)
         except HgogenError as error:
-            # without what to take instead, such as another form: all are asked
+            # without the fix, such as another form: all forms are tried
             reason = str(replace(error, fix="") if isinstance(error, BadGain) else error)
             refusals.append(NoFirst(reason, too_long=isinstance(error, StepTooLong)))
         else:
