@@ -337,10 +337,9 @@ class Matrices:
 
 @dataclass(frozen=True)
 class Realising:
-    """A realisation of a linear core by its `matrices`, of a core and a step length (s), and `numbers`: (Phi, Psi_0,
-    Psi_1) (N, N) of h M; `equations`: lines for reports. Of it is known how it moves the error of an observer: by the
-    `realisation`, in which proofs have its matrices; and its `local_error` on a plant whose residual terms are known at
-    both ends of a step."""
+    """A method that realises the linear core. `matrices`: its matrices for a core and a step length (s); `numbers`:
+    (Phi, Psi_0, Psi_1) (N, N) for h M; `equations`: lines for reports; `realisation`: the matrices in proofs about the
+    error of an observer; `local_error`: that of a plant whose residual terms are known at both ends of a step."""
 
     name: str
     matrices: Callable[[Core, float], Matrices]
@@ -479,7 +478,7 @@ def _named(pattern: Pattern) -> tuple[str, str]:
     return "_" + "".join("01"[valid] for valid in pattern), f", with sample {present} only"
 
 
-# --- what methods compute their matrices with --------------------------------------------------------------
+# --- balanced matrices ------------------------------------------------------------------------------------
 
 
 def balanced(X: Graph) -> tuple[Program, int]:

@@ -198,7 +198,7 @@ def levelwise(rows: Rows) -> Chains:
         links: dict[int, Link] = {}
         for j, (name, row) in active.items():
             sure, maybe = rows.reads(row, remaining)
-            if single and not sure and not maybe:  # a gain that is 0 for the parameters' values: its own check says so
+            if single and not sure and not maybe:  # the gain is 0 at the parameters' values, which its check reports
                 sure = dependence(row, remaining)[0]
             if stop := _stop(name, sure, maybe, remaining, single or not chains[j]):
                 return broken(*stop)

@@ -486,7 +486,7 @@ class Dynamics:
         return to_casadi([_with_values(e, constants) for e in rows], symbols)
 
 
-@lru_cache(maxsize=512)  # the same rows are asked for at each stage of a step
+@lru_cache(maxsize=512)  # the same rows occur at each stage of a step
 def _with_values(expression: sp.Expr, constants: tuple[tuple[sp.Symbol, Any], ...]) -> sp.Expr:
     return expression.subs(dict(constants))
 

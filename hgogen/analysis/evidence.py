@@ -121,7 +121,7 @@ class _Printer(StrPrinter):  # type: ignore[misc]
         if len(node.args) == 1:
             points = zip(cells.axes[0].x, cells.values, strict=True)
             name, numbers = cells.kind.capitalize(), [number for point in points for number in point]
-        else:  # how many breakpoints the first argument has, those of both, and the values row by row
+        else:  # the number of breakpoints of the first argument, the breakpoints of both, the values by rows
             x, y = (axis.x for axis in cells.axes)
             name, numbers = f"Bi{cells.kind}", [Fraction(len(x)), *x, *y, *(z for row in cells.values for z in row)]
         parts = (*map(self.doprint, node.args), *node.order, *map(_number_text, numbers))

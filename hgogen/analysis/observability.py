@@ -545,7 +545,7 @@ class _Question:
         return Answer(rank, self.orders(rank), fields, direction, point, repairs, proved, self.where)
 
     def orders(self, rank: Rank) -> tuple[tuple[sp.Symbol, int], ...]:
-        """Return for each observable unknown the order at which its unit vector enters the row space."""
+        """Return for each observable unknown the order from which its unit vector is in the row space."""
         plant, unknowns = plant_of(*self.rows, self.branch.places)
 
         def answer(numbers: Arithmetic, point: Point) -> dict[sp.Symbol, int]:
