@@ -178,7 +178,7 @@ class Printer:
         return self.real != "unsigned" and bool(self.indexed(argument))
 
     def declare(self, node: Node, name: str) -> None:
-        """Declare a named constant for a value; the name is made unique."""
+        """Declare a constant for a value, under a unique name."""
         if node.name or node.op in (ca.OP_CONST, ELEMENT):
             return
         if node.routine:
