@@ -85,7 +85,7 @@ class Checked(Encoded):
 
     @property
     def informative(self) -> bool:
-        """Whether the checks say more than why the plant is not in the form."""
+        """True if the checks say more than why the plant is not in the form."""
         return self.demanded or self.form.structured
 
     @property

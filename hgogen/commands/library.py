@@ -218,8 +218,8 @@ class _Forms:
 
     @cached_property
     def regular_slopes(self) -> bool | None:
-        """Whether every row's partial derivative in its next state, and every output's in its first, is nonzero on the
-        box. None if a row may jump in that state or be undefined, which the derivative does not show."""
+        """True if every row's partial derivative in its next state, and every output's in its first, is nonzero on the
+        box. None if a row may jump in that state or be undefined, which the derivative does not reveal."""
         links = [link for chain in self.chains.links for link in chain]
         regular = _signed((link.gain if link.affine else link.slope for link in links), self)
         if not regular:

@@ -1,4 +1,4 @@
-"""The commands `run`, `noise` and `window`: an observer on a measured log, the noise of a log at rest, and the
+"""The commands `run`, `noise` and `window`: an observer on a measured log, the noise of a resting plant's log, and the
 observability of windows.
 """
 
@@ -108,7 +108,7 @@ class RecordRun(ModelReport):
 
     @cached_property
     def sure(self) -> Consistency:
-        """Whether innovations and errors are as large as the observer takes them to be."""
+        """The consistency of the innovations and errors with the variances of the observer."""
         true = {state: values[self.counted :] for state, values in self.truth.items()}
         return consistency(self.run.since(self.counted), true)
 

@@ -25,7 +25,7 @@
     member = "filter"
     count = 5
 
-In Python `form` may be a function of the plant, and every value may be what the text stands for.
+In Python `form` may be a function of the plant, and a value may be the object that the text names.
 """
 
 from collections.abc import Callable, Iterable, Iterator, Mapping
